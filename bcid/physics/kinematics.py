@@ -1,0 +1,64 @@
+"""Rigid-body kinematics of a vehicle with one steered front axle and one rear axle."""
+
+from __future__ import annotations
+
+import math
+
+from bcid.compiled import njit
+
+
+@njit
+def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float) -> tuple[float, float, float]:
+    """Twist of the CoG from the front wheel's velocity and the two heading angles.
+
+    Paper, extended kinematic model, with errata 1: v_y + l_f w = v_f sin(beta_f) and
+    v_y - l_r w = v_x tan(beta_r).
+
+    Returns v_x (m/s), v_y (m/s), yaw rate (rad/s).
+    """
+    v_x = math.cos(beta_f) * v_f
+    v_fy = math.sin(beta_f) * v_f
+    v_ry = v_x * math.tan(beta_r)
+    wheelbase = l_f + l_r
+    return v_x, (l_r * v_fy + l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase
+
+
+@njit
+def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta: float) -> tuple[float, float]:
+    """Velocity of a wheel's contact point along and across the wheel (m/s).
+
+    `lever` is the wheel's distance ahead of the CoG (m), `delta` its angle to the body (rad).
+    Paper, App. slip, with errata 3 (rotation by -delta).
+    """
+    v_across = v_y + lever * yaw_rate
+    cos_d, sin_d = math.cos(delta), math.sin(delta)
+    return cos_d * v_x + sin_d * v_across, cos_d * v_across - sin_d * v_x
+
+
+@njit
+def pose_rate(theta: float, v_x: float, v_y: float) -> tuple[float, float]:
+    """World velocity of the CoG (m/s) at heading `theta`: rotation by theta (errata 4 and 5)."""
+    cos_t, sin_t = math.cos(theta), math.sin(theta)
+    return cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y
+
+
+@njit
+def wrap(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return math.pi - (math.pi - angle) % (2.0 * math.pi)
+
+
+@njit
+def kinematic_state(
+    v_x: float, v_y: float, yaw_rate: float, delta: float, l_f: float, l_r: float
+) -> tuple[float, float, float]:
+    """Front wheel speed v_f >= 0 (m/s) and slip angles alpha_f, alpha_r (rad); errata 15.
+
+    alpha_r is singular at v_x = 0: mask it for |v_x| < 0.1 m/s wherever it is quoted.
+    """
+    v_fy = v_y + l_f * yaw_rate
+    v_f = math.hypot(v_x, v_fy)
+    alpha_f = wrap(math.atan2(v_fy, v_x) - delta)
+    v_ry = v_y - l_r * yaw_rate
+    alpha_r = math.atan(v_ry / v_x) if v_x != 0.0 else math.copysign(0.5 * math.pi, v_ry)
+    return v_f, alpha_f, alpha_r
