@@ -1,0 +1,1 @@
+"""Recordings: one `read_<format>` each, all returning the immutable `Recording`."""

@@ -1,0 +1,50 @@
+"""The commands file beside a Motive export: `time_s,steering_rad,throttle_mps`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bcid.errors import InputRefused
+from bcid.recording.raw import source_of
+from bcid.recording.tables import numbers, read_csv
+from bcid.recording.types import Floats, Irregularity, Source
+
+REQUIRED = ("time_s", "steering_rad", "throttle_mps")
+CHANNELS = ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
+
+
+def read_commands(
+    path: Path,
+) -> tuple[Source, Floats, Floats, dict[str, tuple[Floats, Floats]], tuple[Irregularity, ...]]:
+    """Source, times (M,), commands (M, 2), further channels, and what was odd.
+
+    Raises:
+        InputRefused: missing file or column, or a cell that is no number.
+    """
+    if not path.exists():
+        raise InputRefused(
+            path,
+            "commands file",
+            "does not exist",
+            "put the commands beside the export as NAME.commands.csv, or name them with --commands",
+        )
+    source = source_of(path, "commands-csv")
+    table = read_csv(path)
+    missing = [c for c in REQUIRED if c not in table.columns]
+    if missing:
+        raise InputRefused(
+            path,
+            "line 1",
+            f"the header lacks {', '.join(missing)} (found: {', '.join(map(str, table.columns))})",
+            f"the header must read {','.join(REQUIRED)}",
+        )
+    if table.empty:
+        raise InputRefused(path, "line 2", "holds a header and no commands", "record the commands again")
+    time_s = numbers(table, "time_s", path)
+    command = np.column_stack([numbers(table, c, path) for c in REQUIRED[1:]])
+    channels = {c: (time_s, numbers(table, c, path)) for c in CHANNELS if c in table.columns}
+    extra = [str(c) for c in table.columns if c not in (*REQUIRED, *CHANNELS)]
+    odd = Irregularity("unknown column", "warning", len(extra), f"{path.name} line 1", ", ".join(extra))
+    return source, time_s, command, channels, (odd,) if extra else ()

@@ -1,0 +1,46 @@
+"""From three-dimensional poses to the floor: position on its axes and yaw about its normal."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from bcid.recording.types import Floats
+
+_UP = {"Y": ((0, 1.0), (2, -1.0)), "Z": ((0, 1.0), (1, 1.0))}  # floor x, y as (world axis, sign)
+
+
+def on_floor(vectors: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
+    """World vectors (N, 3) as floor vectors (N, 2): Y up (X, -Z), Z up (X, Y)."""
+    (ax, sx), (ay, sy) = _UP[up_axis]
+    return np.column_stack([sx * vectors[:, ax], sy * vectors[:, ay]])
+
+
+def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
+    """Yaw (rad) of the body's X axis on the floor; NaN rows stay NaN.
+
+    The first column of the rotation matrix is the X axis; q and -q give the same.
+    """
+    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
+    forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    floor = on_floor(forward, up_axis)
+    return np.arctan2(floor[:, 1], floor[:, 0])
+
+
+def yaw_of_euler(degrees: Floats, order: str, up_axis: Literal["Y", "Z"]) -> Floats:
+    """Yaw (rad) from intrinsic Euler angles in `order` (such as "XYZ"); NaN rows stay NaN."""
+    from scipy.spatial.transform import Rotation
+
+    yaw = np.full(len(degrees), np.nan)
+    good = np.isfinite(degrees).all(axis=1)
+    rotation = Rotation.from_euler(order.upper(), degrees[good], degrees=True)
+    yaw[good] = yaw_of_quaternions(np.atleast_2d(rotation.as_quat()), up_axis)
+    return yaw
+
+
+def rotated(vectors: Floats, angle: Floats) -> Floats:
+    """Vectors (N, 2) or (2,) turned by `angle` (N,), counter-clockwise."""
+    x, y = np.asarray(vectors, dtype=float).T
+    cos_a, sin_a = np.cos(angle), np.sin(angle)
+    return np.column_stack([cos_a * x - sin_a * y, sin_a * x + cos_a * y])

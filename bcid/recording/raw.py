@@ -1,0 +1,42 @@
+"""What a reader hands on: streams as they stand in the file, before anything is judged or mended."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bcid.errors import InputRefused
+from bcid.recording.types import Floats, Irregularity, Source
+
+
+@dataclass(frozen=True)
+class RawTake:
+    """Unjudged streams in SI on the floor's axes; blank samples are NaN rows."""
+
+    name: str
+    sources: tuple[Source, ...]
+    pose_time_s: Floats  # (N,)
+    pose: Floats  # (N, 3) of the tracked body
+    command_time_s: Floats  # (M,)
+    command: Floats  # (M, 2)
+    rate_hz: float | None = None  # where the file states one
+    channels: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    irregularities: tuple[Irregularity, ...] = ()
+
+
+def source_of(path: Path, kind: str) -> Source:
+    """The file's identity.
+
+    Raises:
+        InputRefused: when there is no such file or it is none.
+    """
+    if not path.exists():
+        raise InputRefused(path, "file", "does not exist", "check the path")
+    if not path.is_file():
+        raise InputRefused(path, "file", "is not a regular file", "name a recording, not a folder or device")
+    if path.stat().st_size == 0:
+        raise InputRefused(path, "file", "is empty", "record or export the take again")
+    with path.open("rb") as file:
+        return Source(str(path), hashlib.file_digest(file, "sha256").hexdigest(), kind)

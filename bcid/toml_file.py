@@ -1,0 +1,70 @@
+"""TOML files read into checked, immutable settings: all problems of one file are told together."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bcid.errors import InputRefused
+
+
+class Settings(BaseModel):
+    """A table of a TOML file: immutable, unknown keys refused, numbers finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+S = TypeVar("S", bound=Settings)
+
+
+def read_toml(path: Path, kind: type[S], what: str) -> S:
+    """The file at `path` as a `kind`.
+
+    Raises:
+        InputRefused: not found, not TOML, or with unknown, missing or impossible entries.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        data = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputRefused(
+            path, what, f"cannot be read: {error}", "check the path, or make one with `bcid init`"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputRefused(path, what, f"not valid TOML: {error}", "mend the line named above") from None
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        problems = [_problem(dict(e), kind) for e in error.errors()]
+        places = ", ".join(place for place, _ in problems)
+        raise InputRefused(
+            path,
+            places,
+            "; ".join(text for _, text in problems),
+            f"correct the {what}; `bcid init` writes a commented one",
+        ) from None
+
+
+def _problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str, str]:
+    place = ".".join(str(part) for part in error["loc"])
+    if error["type"] != "extra_forbidden":
+        return place, f"{place}: {error['msg']}"
+    known = _keys_beside(kind, error["loc"])
+    near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else f" (known here: {', '.join(known)})"
+    return place, f"unknown key {place}{hint}"
+
+
+def _keys_beside(kind: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+    for part in loc[:-1]:
+        field = kind.model_fields.get(str(part))
+        inner = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
+        nested = [t for t in inner if isinstance(t, type) and issubclass(t, BaseModel)]
+        if not nested:
+            return []
+        kind = nested[0]
+    return sorted(f.alias or name for name, f in kind.model_fields.items())

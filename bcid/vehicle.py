@@ -1,0 +1,154 @@
+"""The vehicle file: what is known of a car and how its logs are to be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bcid.toml_file import Settings, read_toml
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Body(Settings):
+    """Rigid body and drive."""
+
+    cog_to_front_m: Positive
+    cog_to_rear_m: Positive
+    mass_kg: Positive | None = None
+    drive: Literal["front", "rear", "all"] = "front"
+    front_drive_share: Annotated[float, Field(ge=0, le=1)] | None = None
+    rear_track_m: Positive | None = None
+
+
+class Steering(Settings):
+    """The steering actuator; time constant and rate are identified where absent."""
+
+    max_angle_rad: Positive
+    max_rate_radps: Positive | None = None
+    time_constant_s: Positive | None = None
+
+
+class Motor(Settings):
+    """The motor controller (errata 13); law "force" is F_m = K (u - u_0) - K_v v_w."""
+
+    law: Literal["speed", "force"] = "speed"
+    reference_speed_mps: Positive | None = None
+
+
+class Mocap(Settings):
+    """How the tracked body sits on the car and how the export names it."""
+
+    rigid_body: str | None = None
+    up_axis: Literal["Y", "Z"] = "Y"
+    yaw_offset_rad: float | None = None
+    marker_offset_m: tuple[float, float] | None = None
+    length_unit: Literal["m", "cm", "mm"] | None = None  # only where the export's header has none
+    max_speed_mps: Positive | None = None  # a jump beyond it is a tracking failure
+
+
+class Condition(Settings):
+    """Rows in which a field equals a value."""
+
+    field: str
+    equals: float
+
+
+class Mapped(Settings):
+    """A logged field turned into SI: gain * dead_zone(raw) + offset.
+
+    `gain_negative` is the gain for raw values below the dead zone where it differs.
+    """
+
+    source: Annotated[str, Field(alias="from")]
+    gain: float = 1.0
+    gain_negative: float | None = None
+    offset: float = 0.0
+    dead_zone: Annotated[float, Field(ge=0)] = 0.0
+    zero_where: Condition | None = None
+
+
+Field_ = str | Mapped
+
+
+class PoseFields(Settings):
+    """Where a pose is found in a table's row or a message."""
+
+    x_m: Field_
+    y_m: Field_
+    yaw_rad: Field_
+    time_s: str | None = None
+
+
+class CommandFields(Settings):
+    """Where a command is found in a table's row or a message."""
+
+    steering_rad: Field_
+    throttle_mps: Field_
+    time_s: str | None = None
+
+
+class Topics(Settings):
+    """MCAP topics; fields only for messages of no known type."""
+
+    pose: str
+    command: str
+    time: Literal["auto", "header", "log"] = "auto"
+    child_frame: str | None = None  # which body of a TFMessage or RigidBodies
+    pose_fields: PoseFields | None = None
+    command_fields: CommandFields | None = None
+
+
+class Columns(PoseFields, CommandFields):
+    """A table's columns; the command columns are those of the same rows."""
+
+    time_s: str
+    comment: str | None = None
+    measured_steering_rad: Field_ | None = None
+    wheel_speed_mps: Field_ | None = None
+    yaw_rate_radps: Field_ | None = None
+
+
+class Command(Settings):
+    """How long a command value holds when no new row comes."""
+
+    max_hold_s: Positive = 0.5
+
+
+class Clock(Settings):
+    """The correction of the command clock against the pose clock; none unless stated."""
+
+    offset_s: float = 0.0
+
+
+class Vehicle(Settings):
+    """One vehicle file."""
+
+    name: str
+    body: Body
+    steering: Steering
+    motor: Motor = Motor()
+    mocap: Mocap = Mocap()
+    topics: Topics | None = None
+    columns: Columns | None = None
+    command: Command = Command()
+    clock: Clock | None = None
+
+    @property
+    def front_share(self) -> float:
+        """Share of motor force and drag at the front axle."""
+        if self.body.front_drive_share is not None and self.body.drive == "all":
+            return self.body.front_drive_share
+        return 1.0 if self.body.drive == "front" else 0.0
+
+    @property
+    def mass_kg(self) -> float:
+        """The mass; 1 kg where it is not given, so that forces read as accelerations."""
+        return self.body.mass_kg or 1.0
+
+
+def read_vehicle(path: Path) -> Vehicle:
+    """The vehicle file at `path`; raises `InputRefused` with every problem in it."""
+    return read_toml(path, Vehicle, "vehicle file")
