@@ -1,0 +1,111 @@
+"""From a recording to the filter's events: poses, commands, further channels and the output grid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.estimate.kernel import Events
+from bcid.estimate.process import DELTA, MEASURED, N_MEASURED, N_STATE, THETA, Floats
+from bcid.recording.types import Recording, Stream
+from bcid.vehicle import Vehicle
+
+P_0 = (1e-4, 1e-4, 1e-4, 0.25, 0.25, 0.04, 0.04)  # variances at a stretch's start, SI and rad
+START_S = 0.25  # poses of this length give the initial velocity
+START_SPEED_MPS = 0.05  # below, the wheel's heading is taken from the steering
+CHANNEL_OF = {"measured_steering_rad": "steering", "yaw_rate_radps": "yaw_rate", "wheel_speed_mps": "wheel_speed"}
+_TIME_DECIMALS = 7
+
+
+class Timeline(NamedTuple):
+    """The events of a recording and which of them are rows of the output grid."""
+
+    events: Events
+    grid: npt.NDArray[np.int64]  # event index of each grid row
+    segment: npt.NDArray[np.int64]  # of each grid row
+    command: Floats  # (K, 2) held at each grid row
+
+
+def held(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
+    """Commands (N, 2) held at `time_s`, and their age (s); before the first one it stands, with age inf."""
+    rows = np.searchsorted(commands.time_s, time_s + 1e-9, side="right") - 1
+    age = np.where(rows >= 0, time_s - commands.time_s[np.maximum(rows, 0)], np.inf)
+    return commands.values[np.maximum(rows, 0)], age
+
+
+def timeline(recording: Recording, vehicle: Vehicle, period_s: float, max_gap_s: float) -> Timeline:
+    """All events of `recording`, with an output grid of `period_s` from the take's time zero.
+
+    Grid rows inside pose gaps longer than `max_gap_s`, or where no command holds, are left out and
+    end a segment; the filter predicts through gaps all the same.
+    """
+    pose_s = np.round(recording.poses.time_s, _TIME_DECIMALS)
+    first, last = pose_s[0], pose_s[-1]
+    grid_s = np.round(
+        np.arange(np.ceil(first / period_s - 1e-6), np.floor(last / period_s + 1e-6) + 1) * period_s, _TIME_DECIMALS
+    )
+    extra = [np.round(s.time_s, _TIME_DECIMALS) for s in (recording.commands, *recording.channels.values())]
+    time_s = np.unique(np.concatenate([pose_s, grid_s, *extra]))
+    time_s = time_s[(time_s >= first) & (time_s <= last)]
+    z, restart = _measurements(recording, time_s, pose_s), np.zeros(len(time_s))
+    starts = np.searchsorted(time_s, np.round([first, *recording.breaks_s], _TIME_DECIMALS))
+    restart[starts] = 1.0
+    limit = vehicle.steering.max_angle_rad
+    u_s = np.clip(held(recording.commands, time_s)[0][:, 0], -limit, limit)
+    x_0 = np.zeros((len(time_s), N_STATE))
+    for k in starts:
+        x_0[k] = _initial_state(recording, vehicle, float(time_s[k]), float(u_s[k]))
+    events = Events(time_s, u_s, z, restart, x_0, np.array(P_0))
+
+    grid = np.searchsorted(time_s, grid_s)
+    command, age = held(recording.commands, grid_s)
+    usable = (age <= recording.hold_s) & ~_in_pose_gap(recording, grid_s, max_gap_s)
+    stretch = np.searchsorted(starts, grid, side="right")
+    new = np.r_[True, (np.diff(stretch) > 0) | ~usable[:-1] | ~usable[1:]]
+    clipped = np.column_stack([np.clip(command[:, 0], -limit, limit), command[:, 1]])
+    segment = np.cumsum(new)
+    return Timeline(events, grid[usable], segment[usable], clipped[usable])
+
+
+def _measurements(recording: Recording, time_s: Floats, pose_s: Floats) -> Floats:
+    z = np.full((len(time_s), N_MEASURED), np.nan)
+    z[np.searchsorted(time_s, pose_s), :3] = recording.poses.values
+    for name, stream in recording.channels.items():
+        stamps = np.round(stream.time_s, _TIME_DECIMALS)
+        inside = (stamps >= time_s[0]) & (stamps <= time_s[-1])
+        rows = np.searchsorted(time_s, stamps[inside])
+        z[rows, MEASURED.index(CHANNEL_OF[name])] = stream.values[inside, 0]
+    return z
+
+
+def _in_pose_gap(recording: Recording, time_s: Floats, max_gap_s: float) -> npt.NDArray[np.bool_]:
+    """Whether a time lies strictly between two poses further apart than `max_gap_s`, or before a jump."""
+    t = recording.poses.time_s
+    after = np.clip(np.searchsorted(t, time_s - 1e-7), 1, len(t) - 1)
+    width = t[after] - t[after - 1]
+    strictly = (time_s > t[after - 1] + 1e-7) & (time_s < t[after] - 1e-7)
+    before_jump = np.isin(t[after], recording.breaks_s)
+    return strictly & ((width > max_gap_s) | before_jump)
+
+
+def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float, u_s: float) -> Floats:
+    """The state at a stretch's start from a line through its first poses; the steering is taken as settled."""
+    t, pose = recording.poses.time_s, recording.poses.values
+    first = int(np.searchsorted(t, start_s - 1e-6))
+    stop = max(int(np.searchsorted(t, start_s + START_S)), first + 2)
+    stop = min([stop, len(t), *(int(np.searchsorted(t, b)) for b in recording.breaks_s if b > start_s + 1e-6)])
+    x = np.zeros(N_STATE)
+    x[:3] = pose[first]
+    x[4] = x[DELTA] = u_s
+    if stop - first < 2:
+        return x
+    p_x, p_y, yaw_rate = np.polyfit(t[first:stop] - t[first], pose[first:stop], 1)[0]
+    cos_t, sin_t = np.cos(x[THETA]), np.sin(x[THETA])
+    v_x, v_y = cos_t * p_x + sin_t * p_y, cos_t * p_y - sin_t * p_x
+    v_fy = v_y + vehicle.body.cog_to_front_m * yaw_rate
+    speed = float(np.hypot(v_x, v_fy))
+    if speed > START_SPEED_MPS:
+        x[3], x[4] = speed, np.arctan2(v_fy, v_x)
+    return x

@@ -1,0 +1,56 @@
+"""Estimates as Parquet and JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from bcid.estimate.consistency import Truth
+from bcid.estimate.types import Estimate
+from bcid.parquet import read_columns, write_columns
+from bcid.vehicle import Vehicle
+
+COLUMNS = {
+    "time": "s", "segment": "1", "x": "m", "y": "m", "yaw": "rad",
+    "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s",
+    "v_f": "m/s", "alpha_f": "rad", "alpha_r": "rad", "delta": "rad",
+    "u_s": "rad", "u_m": "m/s or brake share",
+    "v_x_sd": "m/s", "v_y_sd": "m/s", "yaw_rate_sd": "rad/s",
+    "v_f_sd": "m/s", "alpha_f_sd": "rad", "alpha_r_sd": "rad", "delta_sd": "rad",
+}  # fmt: skip
+TRUTH_COLUMNS = {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "delta": "rad"}
+
+
+def save_estimate(estimate: Estimate, folder: Path) -> None:
+    """Write estimate.parquet and estimate.json."""
+    e = estimate
+    table = np.column_stack([e.time_s, e.segment, e.pose, e.twist, e.kinematic, e.command, e.twist_sd, e.kinematic_sd])
+    write_columns(folder / "estimate.parquet", table, COLUMNS)
+    facts = {"name": e.name, "period_s": e.period_s, "facts": dict(e.facts)}
+    (folder / "estimate.json").write_text(json.dumps(facts, indent=1))
+
+
+def load_estimate(folder: Path) -> Estimate:
+    """The inverse of `save_estimate`."""
+    facts = json.loads((folder / "estimate.json").read_text())
+    table = read_columns(folder / "estimate.parquet", COLUMNS)
+    time_s, segment, pose, twist, kinematic, command, twist_sd, kinematic_sd = np.split(
+        table, np.cumsum([1, 1, 3, 3, 4, 2, 3]), axis=1
+    )
+    return Estimate(
+        facts["name"], facts["period_s"], time_s[:, 0], segment[:, 0].astype(np.int64), pose, twist, kinematic,
+        command, twist_sd, kinematic_sd, facts["facts"],
+    )  # fmt: skip
+
+
+def read_truth(path: Path, vehicle: Vehicle) -> Truth:
+    """The simulated truth at `path` (10 Hz from time zero) as twists and kinematic states."""
+    table = read_columns(path, TRUTH_COLUMNS)
+    v_x, v_y, yaw_rate, delta = table.T
+    v_fy = v_y + vehicle.body.cog_to_front_m * yaw_rate
+    alpha_f = np.angle(np.exp(1j * (np.arctan2(v_fy, v_x) - delta)))
+    moving = np.where(np.abs(v_x) > 1e-9, v_x, 1e-9)
+    alpha_r = np.arctan((v_y - vehicle.body.cog_to_rear_m * yaw_rate) / moving)
+    return Truth(table[:, :3], np.column_stack([np.hypot(v_x, v_fy), alpha_f, alpha_r, delta]))
