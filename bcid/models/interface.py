@@ -1,0 +1,120 @@
+"""What every model is: `init(history) -> carry`, `step(carry, command) -> (carry, twist)`.
+
+A fitted model is immutable and `fit` returns a new one, so nothing is ever "not fitted yet".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.estimate.types import Estimate
+from bcid.vehicle import Vehicle
+
+Floats = npt.NDArray[np.float64]
+Arrays = dict[str, npt.NDArray[Any]]
+Progress = Callable[[float, str], None]  # share done in [0, 1], a short text
+
+
+def no_progress(share: float, text: str) -> None:
+    """Progress that nobody watches."""
+
+
+@dataclass(frozen=True)
+class History:
+    """The motion up to and including t_k, oldest row first; the last row is the start of a rollout.
+
+    `command` holds the commands *before* t_k: one row fewer than the states.
+    """
+
+    twist: Floats  # (n, 3)
+    kinematic: Floats  # (n, 4)
+    command: Floats  # (n - 1, 2)
+
+
+def history_at(estimate: Estimate, k: int, lags: int) -> History:
+    """The `lags` rows before row `k` and the row itself; before a segment's start its first row stands."""
+    start = next(s.start for s in estimate.segments() if s.start <= k < s.stop)
+    rows = np.maximum(np.arange(k - lags, k + 1), start)
+    return History(estimate.twist[rows], estimate.kinematic[rows], estimate.command[rows[:-1]])
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """Everything a fit may look at."""
+
+    estimates: Sequence[Estimate]
+    vehicle: Vehicle
+    settings: Mapping[str, Any]
+    seed: int
+    base: Model | None = None  # the fitted model this one is derived from (`TableRow.base`)
+    progress: Progress = no_progress
+
+    @property
+    def period_s(self) -> float:
+        """The estimates' common grid period (s)."""
+        return self.estimates[0].period_s
+
+
+class Model(Protocol):
+    """One fitted vehicle model."""
+
+    name: ClassVar[str]
+    lags: ClassVar[int]
+
+    @property
+    def period_s(self) -> float:
+        """The time a step advances (s)."""
+
+    @property
+    def parameter_count(self) -> int:
+        """How many numbers the fit chose."""
+
+    @classmethod
+    def fit(cls, task: FitTask) -> Self:
+        """A new model of this kind fitted to `task`."""
+
+    def init(self, history: History) -> Floats:
+        """The carry at the history's last row."""
+
+    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
+        """The carry one period later under `command` = [u_s, u_m], and the twist there (3,)."""
+
+    def scan(self, carry: Floats, commands: Floats) -> Floats:
+        """The twists (N, 3) after each of `commands` (N, 2): the compiled loop over `step`."""
+
+    def describe(self) -> str:
+        """The fitted equations with values and units."""
+
+    def state(self) -> tuple[dict[str, Any], Arrays]:
+        """What `save` writes: a JSON object and named arrays."""
+
+    @classmethod
+    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """The inverse of `state`."""
+
+
+class Diverged(ArithmeticError):
+    """A rollout left the finite numbers; `step` says where."""
+
+    def __init__(self, name: str, step: int) -> None:
+        super().__init__(f"the rollout of {name} diverged at step {step}")
+        self.step = step
+
+
+def rollout(model: Model, history: History, commands: Floats) -> Floats:
+    """Closed-loop twists (N + 1, 3): the start, then one row after each of `commands` (N, 2).
+
+    Raises:
+        Diverged: when a value is no longer finite.
+    """
+    carry = model.init(history)
+    twists = np.vstack([history.twist[-1], model.scan(carry, np.ascontiguousarray(commands))])
+    finite = np.isfinite(twists).all(axis=1)
+    if not finite.all():
+        raise Diverged(model.name, int(np.argmin(finite)))
+    return twists

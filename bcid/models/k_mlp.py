@@ -1,0 +1,101 @@
+"""K-MLP: the kinematic state's evolution as a perceptron.
+
+[v_f alpha_f alpha_r]_{k+1} = f_MLP(v_f, alpha_f, alpha_r, delta, u_s, u_m)        (paper, f_k_mlp)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.models import mlp
+from bcid.models.interface import Arrays, FitTask, Floats, History
+from bcid.models.kinematic import Frame, frame_of, joined, twist_of
+from bcid.models.mlp import TrainingSettings, Weights, forward
+from bcid.models.samples import transitions
+from bcid.physics.steering import steering_step
+
+
+@njit
+def advance(state: Floats, command: Floats, w: Weights, c: Frame) -> Floats:
+    """[v_f, alpha_f, alpha_r, delta] one period later."""
+    after = np.empty(4)
+    after[:3] = forward(joined(state, command), w)
+    after[0] = max(after[0], 0.0)
+    after[3] = steering_step(state[3], command[0], c.T_s, c.d, c.period)
+    return after
+
+
+@njit
+def _scan(state: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
+    twists = np.empty((len(commands), 3))
+    for k in range(len(commands)):
+        state = advance(state, commands[k], w, c)
+        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(state, c)
+    return twists
+
+
+@dataclass(frozen=True)
+class KMlp:
+    """A fitted K-MLP."""
+
+    weights: Weights
+    frame: Frame
+    facts: Mapping[str, Any]
+    name: ClassVar[str] = "k-mlp"
+    lags: ClassVar[int] = 0
+
+    @property
+    def period_s(self) -> float:
+        """The time a step advances (s)."""
+        return self.frame.period
+
+    @property
+    def parameter_count(self) -> int:
+        """Weights and biases."""
+        return mlp.count(self.weights)
+
+    @classmethod
+    def fit(cls, task: FitTask) -> Self:
+        """Train on the one-step NMSE of the kinematic state."""
+        s = transitions(task.estimates)
+        x = np.column_stack([s.kinematic, s.command[:, 0]])
+        settings = TrainingSettings.of(task.settings)
+        weights, facts = mlp.train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress)
+        return cls(weights, frame_of(task), facts)
+
+    def init(self, history: History) -> Floats:
+        """[v_f, alpha_f, alpha_r, delta]."""
+        return np.array(history.kinematic[-1])
+
+    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
+        """See `Model.step`."""
+        after = advance(carry, command, self.weights, self.frame)
+        return after, np.array(twist_of(after, self.frame))
+
+    def scan(self, carry: Floats, commands: Floats) -> Floats:
+        """See `Model.scan`."""
+        twists: Floats = _scan(carry, commands, self.weights, self.frame)
+        return twists
+
+    def describe(self) -> str:
+        """The structure."""
+        a, b = self.weights.W2.shape
+        return (
+            "[v_f α_f α_r](k+1) = MLP(v_f, α_f, α_r, δ, u_s, u_m);  δ' = sat((u_s − δ)/T_s)\n"
+            f"MLP: {len(self.weights.x_mean)} inputs, hidden {a} and {b}, ReLU, {self.parameter_count} weights"
+        )
+
+    def state(self) -> tuple[dict[str, Any], Arrays]:
+        """See `Model.state`."""
+        return {"frame": self.frame._asdict(), "facts": dict(self.facts)}, mlp.to_arrays(self.weights)
+
+    @classmethod
+    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """See `Model.from_state`."""
+        return cls(mlp.from_arrays(arrays), Frame(**data["frame"]), data["facts"])

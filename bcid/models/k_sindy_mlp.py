@@ -1,0 +1,113 @@
+"""K-SINDy-MLP: K-SINDy and a smaller perceptron on what it leaves.
+
+x_{k+1} = f_SINDy(x_k, u_k) + f_RES-MLP(x_k, u_k)        (paper, grey-box modeling)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.models import mlp
+from bcid.models.interface import Arrays, FitTask, Floats, History
+from bcid.models.k_sindy import KSindy, Sparse, f_sindy
+from bcid.models.kinematic import Frame, joined, twist_of
+from bcid.models.mlp import TrainingSettings, Weights, forward
+from bcid.models.samples import transitions
+from bcid.physics.steering import steering_step
+
+
+@njit
+def advance(state: Floats, command: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
+    """[v_f, alpha_f, alpha_r, delta] one period later."""
+    x = joined(state, command)
+    after = np.empty(4)
+    after[:3] = f_sindy(x, s, c) + forward(x, w)
+    after[0] = max(after[0], 0.0)
+    after[3] = steering_step(state[3], command[0], c.T_s, c.d, c.period)
+    return after
+
+
+@njit
+def _scan(state: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
+    twists = np.empty((len(commands), 3))
+    for k in range(len(commands)):
+        state = advance(state, commands[k], s, w, c)
+        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(state, c)
+    return twists
+
+
+@njit
+def _sindy_table(x: Floats, s: Sparse, c: Frame) -> Floats:
+    out = np.empty((len(x), 3))
+    for k in range(len(x)):
+        out[k] = f_sindy(x[k], s, c)
+    return out
+
+
+@dataclass(frozen=True)
+class KSindyMlp:
+    """A fitted K-SINDy-MLP: its sparse part is the fitted K-SINDy."""
+
+    sindy: KSindy
+    weights: Weights
+    facts: Mapping[str, Any]
+    name: ClassVar[str] = "k-sindy-mlp"
+    lags: ClassVar[int] = 0
+
+    @property
+    def period_s(self) -> float:
+        """The time a step advances (s)."""
+        return self.sindy.period_s
+
+    @property
+    def parameter_count(self) -> int:
+        """Coefficients, weights and biases."""
+        return self.sindy.parameter_count + mlp.count(self.weights)
+
+    @classmethod
+    def fit(cls, task: FitTask) -> Self:
+        """Train the perceptron on the one-step residual of the fitted K-SINDy."""
+        if not isinstance(task.base, KSindy):
+            raise TypeError("k-sindy-mlp is derived from a fitted k-sindy model")
+        sindy = task.base
+        s = transitions(task.estimates)
+        x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
+        residual = s.next_kinematic[:, :3] - _sindy_table(x, sindy.sparse, sindy.frame)
+        weights, facts = mlp.train(x, residual, TrainingSettings.of(task.settings), task.seed, task.progress)
+        return cls(sindy, weights, facts)
+
+    def init(self, history: History) -> Floats:
+        """[v_f, alpha_f, alpha_r, delta]."""
+        return np.array(history.kinematic[-1])
+
+    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
+        """See `Model.step`."""
+        after = advance(carry, command, self.sindy.sparse, self.weights, self.sindy.frame)
+        return after, np.array(twist_of(after, self.sindy.frame))
+
+    def scan(self, carry: Floats, commands: Floats) -> Floats:
+        """See `Model.scan`."""
+        twists: Floats = _scan(carry, commands, self.sindy.sparse, self.weights, self.sindy.frame)
+        return twists
+
+    def describe(self) -> str:
+        """The sparse equations and the perceptron's structure."""
+        a, b = self.weights.W2.shape
+        residual = f"plus MLP(v_f, α_f, α_r, δ, u_s, u_m): hidden {a} and {b}, ReLU, {mlp.count(self.weights)} weights"
+        return f"{self.sindy.describe()}\n{residual}"
+
+    def state(self) -> tuple[dict[str, Any], Arrays]:
+        """See `Model.state`."""
+        data, arrays = self.sindy.state()
+        return {"sindy": data, "facts": dict(self.facts)}, arrays | mlp.to_arrays(self.weights)
+
+    @classmethod
+    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """See `Model.from_state`."""
+        return cls(KSindy.from_state(data["sindy"], arrays), mlp.from_arrays(arrays), data["facts"])

@@ -1,0 +1,103 @@
+"""NARX-MLP: the next twist from the last three twists and commands, with no kinematics in between.
+
+v_{k+1} = f(v_k, v_{k-1}, v_{k-2}, u_k, u_{k-1}, u_{k-2})        (paper, n_y = n_u = 2)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.models import mlp
+from bcid.models.interface import Arrays, FitTask, Floats, History
+from bcid.models.mlp import TrainingSettings, Weights, forward
+from bcid.models.samples import transitions
+
+LAGS = 2
+N_TWIST = 3 * (LAGS + 1)
+N_COMMAND = 2 * LAGS  # commands before t_k that the carry holds
+
+
+@njit
+def advance(carry: Floats, command: Floats, w: Weights) -> Floats:
+    """The carry [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}] one period later."""
+    x = np.empty(N_TWIST + N_COMMAND + 2)
+    x[:N_TWIST] = carry[:N_TWIST]
+    x[N_TWIST : N_TWIST + 2] = command
+    x[N_TWIST + 2 :] = carry[N_TWIST:]
+    after = np.empty_like(carry)
+    after[:3] = forward(x, w)
+    after[3:N_TWIST] = carry[: N_TWIST - 3]
+    after[N_TWIST : N_TWIST + 2] = command
+    after[N_TWIST + 2 :] = carry[N_TWIST:-2]
+    return after
+
+
+@njit
+def _scan(carry: Floats, commands: Floats, w: Weights) -> Floats:
+    twists = np.empty((len(commands), 3))
+    for k in range(len(commands)):
+        carry = advance(carry, commands[k], w)
+        twists[k] = carry[:3]
+    return twists
+
+
+@dataclass(frozen=True)
+class NarxMlp:
+    """A fitted NARX-MLP."""
+
+    weights: Weights
+    period_s: float
+    facts: Mapping[str, Any]
+    name: ClassVar[str] = "narx-mlp"
+    lags: ClassVar[int] = LAGS
+
+    @property
+    def parameter_count(self) -> int:
+        """Weights and biases."""
+        return mlp.count(self.weights)
+
+    @classmethod
+    def fit(cls, task: FitTask) -> Self:
+        """Train on the one-step NMSE of the twist."""
+        s = transitions(task.estimates, LAGS)
+        n = len(s.twist)
+        x = np.column_stack([s.twist.reshape(n, -1), s.command.reshape(n, -1)])
+        weights, facts = mlp.train(x, s.next_twist, TrainingSettings.of(task.settings), task.seed, task.progress)
+        return cls(weights, task.period_s, facts)
+
+    def init(self, history: History) -> Floats:
+        """The last three twists, newest first, then the two commands before t_k."""
+        return np.concatenate([history.twist[::-1].ravel(), history.command[::-1].ravel()])
+
+    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
+        """See `Model.step`."""
+        after: Floats = advance(carry, command, self.weights)
+        return after, after[:3]
+
+    def scan(self, carry: Floats, commands: Floats) -> Floats:
+        """See `Model.scan`."""
+        twists: Floats = _scan(carry, commands, self.weights)
+        return twists
+
+    def describe(self) -> str:
+        """The structure."""
+        a, b = self.weights.W2.shape
+        return (
+            "[v_x v_y w](k+1) = MLP(v(k), v(k-1), v(k-2), u(k), u(k-1), u(k-2))\n"
+            f"MLP: {len(self.weights.x_mean)} inputs, hidden {a} and {b}, ReLU, {self.parameter_count} weights"
+        )
+
+    def state(self) -> tuple[dict[str, Any], Arrays]:
+        """See `Model.state`."""
+        return {"period_s": self.period_s, "facts": dict(self.facts)}, mlp.to_arrays(self.weights)
+
+    @classmethod
+    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
+        """See `Model.from_state`."""
+        return cls(mlp.from_arrays(arrays), data["period_s"], data["facts"])
