@@ -1,0 +1,118 @@
+"""The simulated car's constants: the paper's car, extras that a real one has, and effects to conceal.
+
+Every extra and every effect has an exact zero at which it changes nothing; with all of them at zero
+the plant is the paper's Newton-Euler car, in an implementation of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Plant(NamedTuple):
+    """Constants in SI; the first block is the paper's Table `parameters` (motor and drag: errata 6, 13)."""
+
+    mass: float = 319.6
+    inertia: float = 90.85
+    front_lever: float = 0.54
+    rear_lever: float = 0.33
+    angle_limit: float = 2.012
+    servo_time: float = 0.155
+    servo_rate: float = 1.418
+    top_speed: float = 2.033
+    motor_limit: float = 423.4
+    motor_gain: float = 274.8
+    brake_gain: float = 597.0
+    front_stiffness: float = 3594.0
+    rear_stiffness: float = 7840.0
+    front_grip: float = 629.6
+    rear_grip: float = 1360.0
+    rolling_drag: float = 43.4
+    rolling_drag_2: float = 4.0  # the Table's -15.61 would drive above 2.78 m/s
+    slip_speed: float = 1.0
+
+    # extras of a real car: zero switches each off
+    rear_track: float = 0.0  # m between the two rear wheels
+    rear_bearing: float = 0.0  # N, Coulomb drag of the rear axle
+    rear_rolling: float = 0.0  # N s/m
+    softness: float = 0.0  # 0 clipped tyres, 1 tanh tyres
+    tyre_fall: float = 0.0  # share of the grip lost far past saturation
+    rough_force: float = 0.0  # N, standard deviation of the floor's random force
+    rough_moment: float = 0.0  # N m
+
+    # effects to conceal, by the id they carry in the vocabulary
+    rear_rolling_coulomb: float = 0.0
+    rear_rolling_viscous: float = 0.0
+    front_coulomb_friction: float = 0.0
+    quadratic_drag: float = 0.0
+    rear_drag_asymmetry: float = 0.0
+    asymmetry_track: float = 0.6
+    steering_drag: float = 0.0
+    rough_patch: float = 0.0
+    rough_patch_x: float = 0.0
+    rough_patch_y: float = 0.0
+    rough_patch_radius: float = 1.0
+    floor_slope_x: float = 0.0
+    floor_slope_y: float = 0.0
+    tether_pull: float = 0.0
+    tether_x: float = 0.0
+    tether_y: float = 0.0
+    tether_slack: float = 0.0
+    mass_change: float = 0.0
+    mass_change_at: float = 0.0
+    yaw_scrub: float = 0.0
+    yaw_coulomb: float = 0.0
+    drive_lateral_offset: float = 0.0
+    tyre_relaxation: float = 0.0
+    friction_circle: float = 0.0
+    tyre_soft_saturation: float = 0.0
+    load_transfer: float = 0.0
+    front_ply_steer: float = 0.0
+    rear_toe: float = 0.0
+    slippery_patch: float = 0.0
+    slippery_patch_x: float = 0.0
+    slippery_patch_y: float = 0.0
+    slippery_patch_radius: float = 1.0
+    motor_delay: float = 0.0
+    motor_lag: float = 0.0
+    motor_dead_zone: float = 0.0
+    motor_sag: float = 0.0
+    inverse_power_limit: float = 0.0  # 1/W
+    motor_regeneration: float = 0.0
+    steering_offset: float = 0.0
+    steering_backlash: float = 0.0
+    steering_dead_band: float = 0.0
+    steering_delay: float = 0.0
+    steering_lag: float = 0.0
+    steering_nonlinearity: float = 0.0
+    steering_side_gain: float = 0.0
+    steering_speed_gain: float = 0.0
+    steering_rate_asymmetry: float = 0.0
+    steering_compliance: float = 0.0
+
+
+class Sensor(NamedTuple):
+    """The motion capture: rate, noise, dropouts, and measurement effects to conceal."""
+
+    rate_hz: float = 60.0
+    position_noise: float = 5e-4  # m
+    yaw_noise: float = 1e-3  # rad
+    dropouts_per_minute: float = 1.0
+    longest_dropout: float = 0.2  # s
+    pose_latency: float = 0.0
+    clock_drift: float = 0.0
+    marker_offset_x: float = 0.0
+    marker_offset_y: float = 0.0
+    body_yaw_misalignment: float = 0.0
+    pose_scale: float = 0.0
+
+
+REAL_EXTRAS = {
+    "rear_track": 0.6,
+    "rear_bearing": 6.0,
+    "rear_rolling": 8.0,
+    "softness": 0.6,
+    "rough_force": 4.0,
+    "rough_moment": 1.5,
+}
+"""What makes the simulated car differ from every fitted model, as a real one does."""

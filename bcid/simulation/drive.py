@@ -1,0 +1,120 @@
+"""One drive: driver, plant and motion capture together."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.simulation.car import Plant, Sensor
+from bcid.simulation.driver import DRAWS, Arena, decide
+from bcid.simulation.dynamics import STEPS_PER_S, Inputs, N, fine_step
+
+Floats = npt.NDArray[np.float64]
+
+COMMAND_HZ = 20
+TRUTH_HZ = 10
+ROUGHNESS_TIME_S = 0.3
+
+
+class Drive(NamedTuple):
+    """What happened and what was seen of it."""
+
+    command_time: Floats  # (M,) s
+    command: Floats  # (M, 2) steering rad, throttle m/s or brake share
+    frame: npt.NDArray[np.int64]  # (F,) motion-capture frames, dropped ones included
+    pose: Floats  # (F, 3) measured x, y, yaw; NaN where dropped
+    truth: Floats  # (K, 8) at 10 Hz: time, x, y, yaw, v_x, v_y, yaw rate, wheel angle of the servo
+
+
+@njit
+def _held(commands: Floats, column: int, now: float, delay: float) -> float:
+    """Mean over one fine step from `now` of the command as it was `delay` earlier."""
+    h = 1.0 / STEPS_PER_S
+    start, stop = (now - delay) * COMMAND_HZ, (now + h - delay) * COMMAND_HZ
+    first, last = max(0, math.floor(start + 1e-9)), max(0, math.floor(stop - 1e-9))
+    if first == last:
+        return float(commands[first, column])
+    share = (stop - last) / (stop - start)
+    return float(share * commands[last, column] + (1.0 - share) * commands[first, column])
+
+
+@njit
+def _run(
+    p: Plant, arena: Arena, duration: float, uniform: Floats, normal: Floats, given: Floats
+) -> tuple[Floats, Floats]:
+    """Fine states (S + 1, 10) and commands (M, 2); `given` commands (M, 2) replace the driver where there are any."""
+    per_command = STEPS_PER_S // COMMAND_HZ
+    count = round(duration * COMMAND_HZ)
+    commands = np.zeros((count, 2))
+    states = np.zeros((count * per_command + 1, N))
+    s, play = states[0].copy(), 0.0
+    steer, throttle, left = 0.0, 0.0, 0.5
+    push = np.zeros(3)
+    keep = math.exp(-1.0 / (STEPS_PER_S * ROUGHNESS_TIME_S))
+    fresh = math.sqrt(1.0 - keep * keep)
+    for m in range(count):
+        if len(given):
+            commands[m] = given[m]
+        else:
+            steer, throttle, left = decide(s, steer, throttle, left, uniform[m], p, arena)
+            left -= 1.0 / COMMAND_HZ
+            commands[m, 0], commands[m, 1] = steer, throttle
+        for k in range(m * per_command, (m + 1) * per_command):
+            now = k / STEPS_PER_S
+            push = keep * push + fresh * normal[k]
+            inputs = Inputs(
+                now, duration,
+                _held(commands, 0, now, p.steering_delay), _held(commands, 1, now, p.motor_delay),
+                p.rough_force * push[0], p.rough_force * push[1], p.rough_moment * push[2],
+            )  # fmt: skip
+            s, play = fine_step(s, play, inputs, p)
+            states[k + 1] = s
+    return states, commands
+
+
+def drive(
+    plant: Plant, sensor: Sensor, duration: float, seed: int, arena: Arena | None = None, given: Floats | None = None
+) -> Drive:
+    """A drive of `duration` seconds from rest at the arena's middle.
+
+    `given` commands (duration * 20, 2) are driven instead of the driver's own.
+    """
+    rng = np.random.default_rng(seed)
+    count = round(duration * COMMAND_HZ)
+    uniform = rng.random((count, DRAWS))
+    normal = rng.standard_normal((count * (STEPS_PER_S // COMMAND_HZ), 3))
+    states, commands = _run(
+        plant, arena or Arena(), duration, uniform, normal, np.empty((0, 2)) if given is None else given
+    )
+    frame, pose = _capture(states, sensor, duration, rng)
+    rows = np.arange(0, len(states), STEPS_PER_S // TRUTH_HZ)
+    return Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, _truth(states[rows], rows / STEPS_PER_S))
+
+
+def _truth(s: Floats, time: Floats) -> Floats:
+    cos_h, sin_h = np.cos(s[:, 2]), np.sin(s[:, 2])
+    along, across = cos_h * s[:, 3] + sin_h * s[:, 4], cos_h * s[:, 4] - sin_h * s[:, 3]
+    return np.column_stack([time, s[:, :3], along, across, s[:, 5], s[:, 6]])
+
+
+def _capture(
+    states: Floats, sensor: Sensor, duration: float, rng: np.random.Generator
+) -> tuple[npt.NDArray[np.int64], Floats]:
+    frame = np.arange(math.floor(duration * sensor.rate_hz * (1.0 + sensor.clock_drift) + 1e-9) + 1)
+    seen_at = frame / sensor.rate_hz / (1.0 + sensor.clock_drift) - sensor.pose_latency
+    fine = np.arange(len(states)) / STEPS_PER_S
+    x, y, heading = (np.interp(seen_at, fine, states[:, c]) for c in range(3))
+    cos_h, sin_h = np.cos(heading), np.sin(heading)
+    x = x + cos_h * sensor.marker_offset_x - sin_h * sensor.marker_offset_y
+    y = y + sin_h * sensor.marker_offset_x + cos_h * sensor.marker_offset_y
+    grown = 1.0 + sensor.pose_scale
+    pose = np.column_stack([grown * x, grown * y, heading + sensor.body_yaw_misalignment])
+    pose += rng.standard_normal(pose.shape) * [sensor.position_noise, sensor.position_noise, sensor.yaw_noise]
+    for start in rng.uniform(0.5, duration, rng.poisson(sensor.dropouts_per_minute * duration / 60.0)):
+        length = rng.uniform(1.0 / sensor.rate_hz, sensor.longest_dropout)
+        pose[(frame >= start * sensor.rate_hz) & (frame < (start + length) * sensor.rate_hz)] = np.nan
+    return frame, pose

@@ -1,0 +1,93 @@
+"""A driver that keeps the car inside the arena with the whole of its steering.
+
+It draws a target at random, holds it for a while, and looks ahead with a rolling wheel in mind; a
+target that would come too near the wall is exchanged for the drawn candidate that stays clear longest.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.simulation.car import Plant
+
+Floats = npt.NDArray[np.float64]
+
+LOOK_S = 2.4
+LOOK_STEP_S = 0.1
+CANDIDATES = 8
+DRAWS = 4 * (CANDIDATES + 1)
+
+
+class Arena(NamedTuple):
+    """A rectangle about the origin, and how near its walls the CoG may come (m)."""
+
+    length: float = 12.0
+    width: float = 7.0
+    margin: float = 0.8
+
+
+@njit
+def draw_target(u: Floats, p: Plant) -> tuple[float, float, float]:
+    """Steering (rad), throttle (m/s or brake share) and hold (s) from four uniform draws."""
+    # Box-Muller gives the moderate angles, a fifth are near full lock
+    normal = math.sqrt(-2.0 * math.log(1.0 - u[0])) * math.cos(2.0 * math.pi * u[1])
+    steer = 0.8 * normal
+    if u[2] < 0.2:
+        steer = math.copysign(1.5 + 0.5 * u[1], normal)
+    steer = max(-0.995 * p.angle_limit, min(0.995 * p.angle_limit, steer))
+    share = (u[2] * 7.0) % 1.0
+    throttle = p.top_speed
+    if share > 0.65:
+        throttle = p.top_speed * (0.3 + 0.7 * ((share - 0.65) / 0.25)) if share < 0.9 else -0.1 - 0.7 * u[1]
+    hold = 0.8 + 2.7 * u[3] if throttle > 0.0 else 0.3 + 0.7 * u[3]
+    return steer, throttle, hold
+
+
+@njit
+def clearance(s: Floats, steer: float, throttle: float, p: Plant, arena: Arena) -> float:
+    """Smallest distance (m) that the CoG keeps from the walls' margin, looking LOOK_S ahead."""
+    x, y, heading, angle = s[0], s[1], s[2], s[6]
+    along = math.cos(heading) * s[3] + math.sin(heading) * s[4]
+    hub = math.cos(heading) * s[4] - math.sin(heading) * s[3] + p.front_lever * s[5]
+    speed = math.hypot(along, hub)
+    wheelbase = p.front_lever + p.rear_lever
+    nearest = 1e9
+    for _ in range(int(LOOK_S / LOOK_STEP_S)):
+        angle += LOOK_STEP_S * max(-p.servo_rate, min(p.servo_rate, (steer - angle) / p.servo_time))
+        gain = 0.8 if throttle > speed else (0.3 if throttle >= 0.0 else -2.0 * throttle)
+        speed += LOOK_STEP_S * gain * (max(throttle, 0.0) - speed)
+        turn = speed * math.sin(angle) / wheelbase
+        forward, sideways = speed * math.cos(angle), p.rear_lever * turn
+        x += LOOK_STEP_S * (math.cos(heading) * forward - math.sin(heading) * sideways)
+        y += LOOK_STEP_S * (math.sin(heading) * forward + math.cos(heading) * sideways)
+        heading += LOOK_STEP_S * turn
+        room = min(0.5 * arena.length - abs(x), 0.5 * arena.width - abs(y)) - arena.margin
+        nearest = min(nearest, room)
+    return nearest
+
+
+@njit
+def decide(
+    s: Floats, steer: float, throttle: float, left: float, u: Floats, p: Plant, arena: Arena
+) -> tuple[float, float, float]:
+    """The target to follow now and how long it is still to be held; `u` are DRAWS uniform numbers."""
+    if left <= 0.0:
+        steer, throttle, left = draw_target(u[:4], p)
+    room = clearance(s, steer, throttle, p, arena)
+    if room >= 0.0:
+        return steer, throttle, left
+    for c in range(CANDIDATES):
+        # the first candidates are full lock either way, which turns nearly on the spot
+        if c < 2:
+            other, push, hold = (1.0 - 2.0 * c) * 0.99 * p.angle_limit, 0.7 * p.top_speed, 0.5
+        else:
+            other, push, hold = draw_target(u[4 * c + 4 : 4 * c + 8], p)
+        there = clearance(s, other, push, p, arena)
+        if there > room:
+            room, steer, throttle, left = there, other, push, hold
+    return steer, throttle, left

@@ -1,0 +1,184 @@
+"""The plant: wheel by wheel, in world coordinates, by RK4 at a fine step.
+
+State: X, Y, heading, world velocity U, V, turn rate, servo angle, lagged wheel angle, motor force,
+lagged front slip.  Forces are found at each wheel from its own contact velocity.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.simulation.car import Plant
+
+Floats = npt.NDArray[np.float64]
+
+STEPS_PER_S = 480
+N = 10
+
+
+class Inputs(NamedTuple):
+    """What acts during one fine step."""
+
+    time: float
+    duration: float  # of the whole take, s
+    steer: float  # mean command over the step, after its delay
+    drive: float
+    push_x: float  # the floor's random force, body frame
+    push_y: float
+    push_turn: float
+
+
+@njit
+def _tyre(slip: float, stiffness: float, grip: float, shift: float, soft: float, fall: float) -> float:
+    """Side force of a tyre; `shift` is a force added before saturation."""
+    linear = shift - stiffness * slip
+    if grip <= 0.0:
+        return 0.0
+    over = max(abs(linear) / grip - 1.0, 0.0)
+    grip_there = grip * (1.0 - fall * (1.0 - math.exp(-over)))
+    hard = max(-grip_there, min(grip_there, linear))
+    if soft == 0.0:
+        return hard
+    return (1.0 - soft) * hard + soft * grip_there * math.tanh(linear / grip)
+
+
+@njit
+def _drive_force(command: float, rolling: float, time: float, duration: float, p: Plant) -> float:
+    """What the motor is asked for: it supplies up to its reference, brakes below zero command."""
+    if command < 0.0:
+        return max(-p.motor_limit, min(p.motor_limit, command * p.brake_gain * rolling))
+    lack = max(command - p.motor_dead_zone, 0.0) - rolling
+    force = min(p.motor_gain * lack, p.motor_limit) if lack > 0.0 else 0.0
+    if p.inverse_power_limit > 0.0:
+        force = min(force, 1.0 / (p.inverse_power_limit * max(abs(rolling), 0.2)))
+    force *= 1.0 - p.motor_sag * time / duration
+    if lack < 0.0 and p.motor_regeneration > 0.0:
+        force = max(p.motor_regeneration * p.motor_gain * lack, -p.motor_limit)
+    return force
+
+
+@njit
+def _inside(x: float, y: float, centre_x: float, centre_y: float, radius: float) -> bool:
+    return (x - centre_x) ** 2 + (y - centre_y) ** 2 < radius * radius
+
+
+@njit
+def _linkage(servo: float, lagged: float, play: float, speed: float, p: Plant) -> float:
+    """The angle the servo gives the wheel, before compliance."""
+    angle = lagged if p.steering_lag > 0.0 else servo
+    if p.steering_backlash > 0.0:
+        angle = max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
+    angle += p.steering_nonlinearity * angle**3
+    if angle != 0.0:
+        angle *= 1.0 + math.copysign(p.steering_side_gain, angle)
+    return angle * (1.0 - p.steering_speed_gain * speed) + p.steering_offset
+
+
+@njit
+def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
+    """Rates of the state (10,)."""
+    heading, turn = s[2], s[5]
+    cos_h, sin_h = math.cos(heading), math.sin(heading)
+    along = cos_h * s[3] + sin_h * s[4]
+    across = cos_h * s[4] - sin_h * s[3]
+    speed = math.hypot(s[3], s[4])
+    slippery = 1.0
+    if p.slippery_patch != 0.0 and _inside(s[0], s[1], p.slippery_patch_x, p.slippery_patch_y, p.slippery_patch_radius):
+        slippery = 1.0 - p.slippery_patch
+    soft = min(1.0, p.softness + p.tyre_soft_saturation)
+
+    # front wheel; its own force can bend the steering
+    base_angle = _linkage(s[6], s[7], play, speed, p)
+    angle, side = base_angle, 0.0
+    roll, slide, steady_slip, force, resist = 0.0, 0.0, 0.0, 0.0, 0.0
+    for _ in range(6 if p.steering_compliance != 0.0 else 1):
+        angle = base_angle + p.steering_compliance * side
+        hub_across = across + p.front_lever * turn
+        roll = math.cos(angle) * along + math.sin(angle) * hub_across
+        slide = math.cos(angle) * hub_across - math.sin(angle) * along
+        steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
+        slip = s[9] if p.tyre_relaxation > 0.0 else steady_slip
+        wanted = _drive_force(i.drive, roll, i.time, i.duration, p)
+        force = s[8] if p.motor_lag > 0.0 else wanted
+        resist = p.rolling_drag * roll + p.rolling_drag_2 * roll * abs(roll) + p.steering_drag * abs(angle) * roll
+        resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
+        if p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius):
+            resist += p.rough_patch * roll
+        load = 1.0 - p.load_transfer * (force - resist) * math.cos(angle) / p.mass
+        grip = p.front_grip * slippery * load
+        if p.friction_circle > 0.0 and grip > 0.0:
+            grip *= math.sqrt(max(1.0 - p.friction_circle * (force / grip) ** 2, 0.0))
+        shift = p.front_ply_steer * math.tanh(roll / 0.05)
+        side = _tyre(slip, p.front_stiffness * load, grip, shift, soft, p.tyre_fall)
+    pull = force - resist
+    front_x = math.cos(angle) * pull - math.sin(angle) * side
+    front_y = math.sin(angle) * pull + math.cos(angle) * side
+    body_x, body_y, moment = front_x, front_y, p.front_lever * front_y
+    moment += p.drive_lateral_offset * pull * math.cos(angle)
+
+    # rear wheels, left and right of the axle's middle
+    for hand in (1.0, -1.0):
+        offset = 0.5 * hand * p.rear_track
+        wheel_along = along - offset * turn
+        wheel_across = across - p.rear_lever * turn
+        slip = math.atan(wheel_across / max(abs(wheel_along), p.slip_speed))
+        slip -= p.rear_toe * wheel_along / max(abs(wheel_along), p.slip_speed)
+        side = 0.5 * _tyre(slip, p.rear_stiffness, p.rear_grip * slippery, 0.0, soft, p.tyre_fall)
+        resist = 0.5 * (p.rear_bearing * math.tanh(wheel_along / 0.05) + p.rear_rolling * wheel_along)
+        body_x -= resist
+        body_y += side
+        moment += offset * resist - p.rear_lever * side
+
+    # on the body
+    body_x -= p.rear_rolling_coulomb * math.tanh(along / 0.05) + p.rear_rolling_viscous * along
+    if p.rear_drag_asymmetry != 0.0:
+        offset = math.copysign(0.5 * p.asymmetry_track, p.rear_drag_asymmetry)
+        resist = abs(p.rear_drag_asymmetry) * (along - offset * turn)
+        body_x -= resist
+        moment += offset * resist
+    body_x -= p.quadratic_drag * speed * along
+    body_y -= p.quadratic_drag * speed * across
+    moment -= p.yaw_scrub * turn + p.yaw_coulomb * math.tanh(turn / 0.05)
+    body_x, body_y, moment = body_x + i.push_x, body_y + i.push_y, moment + i.push_turn
+    world_x, world_y = cos_h * body_x - sin_h * body_y, sin_h * body_x + cos_h * body_y
+    if p.tether_pull != 0.0:
+        gap_x, gap_y = p.tether_x - s[0], p.tether_y - s[1]
+        reach = math.hypot(gap_x, gap_y)
+        if reach > p.tether_slack and reach > 0.0:
+            world_x += p.tether_pull * (reach - p.tether_slack) * gap_x / reach
+            world_y += p.tether_pull * (reach - p.tether_slack) * gap_y / reach
+    heavier = 1.0 + p.mass_change if i.time >= p.mass_change_at else 1.0
+
+    out = np.empty(N)
+    out[0], out[1], out[2] = s[3], s[4], turn
+    out[3] = world_x / (heavier * p.mass) + p.floor_slope_x
+    out[4] = world_y / (heavier * p.mass) + p.floor_slope_y
+    out[5] = moment / (heavier * p.inertia)
+    miss = i.steer - s[6]
+    out[6] = 0.0
+    if abs(miss) >= p.steering_dead_band:
+        skew = p.steering_rate_asymmetry
+        out[6] = max(-p.servo_rate * (1.0 - skew), min(p.servo_rate * (1.0 + skew), miss / p.servo_time))
+    out[7] = (s[6] - s[7]) / p.steering_lag if p.steering_lag > 0.0 else 0.0
+    wanted = _drive_force(i.drive, roll, i.time, i.duration, p)
+    out[8] = (wanted - s[8]) / p.motor_lag if p.motor_lag > 0.0 else 0.0
+    out[9] = abs(roll) * (steady_slip - s[9]) / p.tyre_relaxation if p.tyre_relaxation > 0.0 else 0.0
+    return out
+
+
+@njit
+def fine_step(s: Floats, play: float, i: Inputs, p: Plant) -> tuple[Floats, float]:
+    """State and play after one fine step."""
+    h = 1.0 / STEPS_PER_S
+    k1 = derivative(s, play, i, p)
+    k2 = derivative(s + 0.5 * h * k1, play, i, p)
+    k3 = derivative(s + 0.5 * h * k2, play, i, p)
+    k4 = derivative(s + h * k3, play, i, p)
+    after = s + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    angle = after[7] if p.steering_lag > 0.0 else after[6]
+    return after, max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
