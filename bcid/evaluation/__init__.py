@@ -1,0 +1,1 @@
+"""Fitted models judged closed loop on takes that they have not seen."""

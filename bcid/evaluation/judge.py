@@ -1,0 +1,60 @@
+"""One model's figures on the validation take, and the rows that plots are drawn from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bcid.estimate.types import Estimate
+from bcid.evaluation.closed_loop import restarted, whole_take
+from bcid.evaluation.nmse import nmse
+from bcid.models.interface import Model
+from bcid.models.samples import scale
+from bcid.parquet import write_columns
+
+ROWS = {
+    "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s",
+    "restart_x": "m", "restart_y": "m", "restart_yaw": "rad",
+    "restart_v_x": "m/s", "restart_v_y": "m/s", "restart_yaw_rate": "rad/s", "restart": "1",
+}  # fmt: skip
+
+
+def judge(
+    model: Model, validation: Estimate, training: Sequence[Estimate], every_s: float, folder: Path
+) -> dict[str, Any]:
+    """Write evaluation.json and rows.parquet into `folder`; returns the figures.
+
+    NMSE against the smoothed estimate from the first sample on, W = 1/sigma of the training takes.
+    """
+    weights = scale(np.concatenate([e.twist for e in training]))
+    twist, again = whole_take(model, validation), restarted(model, validation, every_s)
+    size = max(2, round(every_s / validation.period_s))
+    ends = np.flatnonzero(np.r_[again.start[1:], True])
+    ends = ends[(ends % size) == size - 1]
+    miss = np.hypot(*(again.pose[ends, :2] - validation.pose[ends, :2]).T)
+    finite = bool(np.isfinite(twist).all())
+    whole = nmse(twist, validation.twist, weights, validation.period_s) if finite else None
+    short = (
+        nmse(again.twist, validation.twist, weights, validation.period_s) if np.isfinite(again.twist).all() else None
+    )
+    figures = {
+        "model": model.name,
+        "nmse": whole and whole.mean,
+        "nmse_ci95": whole and list(whole.ci95),
+        "nmse_vx": whole and whole.v_x,
+        "nmse_vy": whole and whole.v_y,
+        "nmse_yaw_rate": whole and whole.yaw_rate,
+        "nmse_restarted": short and short.mean,
+        "end_miss_m": float(np.median(miss)) if len(miss) and np.isfinite(miss).all() else None,
+        "parameters": model.parameter_count,
+        "weights": weights.tolist(),
+        "description": model.describe(),
+    }
+    (folder / "evaluation.json").write_text(json.dumps(figures, indent=1, ensure_ascii=False), encoding="utf-8")
+    rows = np.column_stack([twist, again.pose, again.twist, again.start])
+    write_columns(folder / "rows.parquet", rows, ROWS)
+    return figures

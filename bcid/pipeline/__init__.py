@@ -1,0 +1,1 @@
+"""From a pipeline file to artifacts: which stages there are, what each depends on, what is reused."""

@@ -1,0 +1,126 @@
+"""The pipeline file: which recordings, which models, with what settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from bcid.errors import InputRefused
+from bcid.models.table import MODELS
+from bcid.toml_file import Settings, read_toml
+
+DEFAULT = Path("pipelines/bumper_car.toml")
+
+
+class NoiseTable(Settings):
+    """Square roots of spectral densities and sensors' standard deviations; what is absent is identified."""
+
+    q_v_f: Annotated[float, Field(gt=0)] | None = None
+    q_beta_f: Annotated[float, Field(gt=0)] | None = None
+    q_beta_r: Annotated[float, Field(gt=0)] | None = None
+    q_delta: Annotated[float, Field(gt=0)] | None = None
+    r_position: Annotated[float, Field(gt=0)] | None = None
+    r_yaw: Annotated[float, Field(gt=0)] | None = None
+    r_steering: Annotated[float, Field(gt=0)] | None = None
+    r_yaw_rate: Annotated[float, Field(gt=0)] | None = None
+    r_wheel_speed: Annotated[float, Field(gt=0)] | None = None
+
+
+class EstimateTable(Settings):
+    """The estimator."""
+
+    period_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+    max_gap_s: Annotated[float, Field(gt=0)] = 0.3
+    engine: Literal["compiled", "filterpy"] = "compiled"
+    noise: NoiseTable = NoiseTable()
+
+
+class ReportTable(Settings):
+    """The report."""
+
+    restart_s: Annotated[float, Field(gt=0)] = 2.0
+    timing_repeats: Annotated[int, Field(ge=1)] = 21
+
+
+class PlanFile(Settings):
+    """A pipeline file as it stands; paths count from the file's folder."""
+
+    vehicle: Path
+    training: Annotated[list[Path], Field(min_length=1)]
+    validation: Path | None = None
+    truth: Path | None = None  # folder of NAME.parquet, simulated takes only
+    workspace: Path = Path("workspace")
+    seed: int = 1
+    models: list[str] = Field(default_factory=lambda: list(MODELS))
+    estimate: EstimateTable = EstimateTable()
+    fit: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    report: ReportTable = ReportTable()
+
+
+class Plan(Settings):
+    """A checked plan with paths as they are to be opened."""
+
+    source: str
+    vehicle: Path
+    training: tuple[Path, ...]
+    validation: Path | None
+    truth: Path | None
+    workspace: Path
+    seed: int
+    models: tuple[str, ...]
+    estimate: EstimateTable
+    fit: dict[str, dict[str, Any]]
+    report: ReportTable
+    commands: Path | None = None  # of a single recording named on the command line
+
+    def fit_settings(self, model: str) -> dict[str, Any]:
+        """The model's defaults with the pipeline file's changes."""
+        return {**MODELS[model].defaults, **self.fit.get(model, {})}
+
+
+def read_plan(path: Path) -> Plan:
+    """The plan in the pipeline file at `path`.
+
+    Raises:
+        InputRefused: with every problem in it.
+    """
+    if not path.exists():
+        raise InputRefused(
+            path, "pipeline file", "there is none here", "write one with `bcid init`, or name one with -p"
+        )
+    file = read_toml(path, PlanFile, "pipeline file")
+    _check_models(path, file)
+    here = path.parent
+
+    def at(p: Path | None) -> Path | None:
+        return None if p is None else Path(*_normal(here / p))
+
+    return Plan(
+        source=str(path), vehicle=at(file.vehicle) or here, training=tuple(at(p) or here for p in file.training),
+        validation=at(file.validation), truth=at(file.truth), workspace=at(file.workspace) or here,
+        seed=file.seed, models=tuple(file.models), estimate=file.estimate, fit=file.fit, report=file.report,
+    )  # fmt: skip
+
+
+def _normal(path: Path) -> list[str]:
+    """The path's parts without `x/..`."""
+    parts: list[str] = []
+    for part in path.parts:
+        if part == ".." and parts and parts[-1] not in ("..", "/"):
+            parts.pop()
+        else:
+            parts.append(part)
+    return parts
+
+
+def _check_models(path: Path, file: PlanFile) -> None:
+    unknown = [m for m in (*file.models, *file.fit) if m not in MODELS]
+    if unknown:
+        raise InputRefused(path, "models", f"unknown: {', '.join(unknown)}", f"choose from {', '.join(MODELS)}")
+    for model, settings in file.fit.items():
+        strange = [k for k in settings if k not in MODELS[model].defaults]
+        if strange:
+            known = ", ".join(MODELS[model].defaults) or "none"
+            raise InputRefused(path, f"fit.{model}", f"unknown key {', '.join(strange)}", f"known keys there: {known}")

@@ -1,0 +1,32 @@
+"""Stage `fit`: one model fitted to the training takes.  The model's own module is a further root of its key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bcid.estimate.saving import load_estimate
+from bcid.models.interface import FitTask, Progress
+from bcid.models.saving import load_model, save_model
+from bcid.models.table import row_of
+from bcid.vehicle import Vehicle
+
+
+def make(
+    folder: Path,
+    name: str,
+    estimates: Sequence[Path],
+    vehicle: Vehicle,
+    settings: Mapping[str, Any],
+    seed: int,
+    base: Path | None,
+    progress: Progress,
+) -> None:
+    """Fit and save; the description goes beside the model for people."""
+    task = FitTask(
+        [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None, progress
+    )
+    model = row_of(name).load().fit(task)
+    save_model(model, folder)
+    (folder / "description.txt").write_text(model.describe() + "\n", encoding="utf-8")

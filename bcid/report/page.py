@@ -1,0 +1,47 @@
+"""One offline HTML page: jinja2 with everything escaped, figures embedded, no script, no outside resource."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from bcid import __version__
+from bcid.report.content import PAPER_TABLE, Content, report_json
+from bcid.report.figures import all_figures
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def _thousandths(value: float | None) -> str:
+    """An NMSE as multiples of 10^-3."""
+    return "–" if value is None else (f"{1e3 * value:.2f}" if value < 1 else f"{1e3 * value:.3g}")
+
+
+def write_page(content: Content, path: Path) -> None:
+    """Write the comparison to `path`."""
+    environment = Environment(
+        loader=PackageLoader("bcid.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.filters |= {"number": _number, "thousandths": _thousandths}
+    text = environment.get_template("page.html.j2").render(
+        version=__version__,
+        content=content,
+        table=report_json(content),
+        paper=PAPER_TABLE,
+        figures=all_figures(content),
+        noise=_noise_lines(content),
+    )
+    path.write_text(text, encoding="utf-8")
+
+
+def _noise_lines(content: Content) -> list[tuple[str, Any]]:
+    noise = content.estimates[0]["facts"]["noise"]
+    units = {
+        "q_v_f": "m/s/√s", "q_beta_f": "rad/√s", "q_beta_r": "rad/√s", "q_delta": "rad/√s", "r_position": "m",
+        "r_yaw": "rad", "r_steering": "rad", "r_yaw_rate": "rad/s", "r_wheel_speed": "m/s",
+    }  # fmt: skip
+    return [(name, f"{value:.3g} {units[name]}") for name, value in noise.items()]
