@@ -1,0 +1,227 @@
+"""`bcid`: the commands.  Heavy imports happen inside the command that needs them."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bcid import __version__
+from bcid.cli.options import (
+    CommandsOption,
+    FormatOption,
+    OutOption,
+    PipelineOption,
+    Recordings,
+    VehicleOption,
+    plan_of,
+)
+from bcid.cli.sink import Format, Sink, table
+from bcid.errors import BcidError, UsageError
+from bcid.models.table import MODELS, row_of
+from bcid.pipeline.plan import DEFAULT
+from bcid.pipeline.run import Pipeline
+
+app = typer.Typer(
+    name="bcid",
+    help="From motion-capture logs of small ground vehicles to fitted planar models and a comparison.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"bcid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """From motion-capture logs of small ground vehicles to fitted planar models and a comparison."""
+
+
+@app.command()
+def run(pipeline: PipelineOption = DEFAULT, format: FormatOption = Format.human) -> None:  # noqa: A002
+    """Do everything: ingest, estimate, fit every model, evaluate, report."""
+    _report(pipeline, Sink(format))
+
+
+@app.command()
+def report(pipeline: PipelineOption = DEFAULT, format: FormatOption = Format.human) -> None:  # noqa: A002
+    """Compare the fitted models on the validation take: a page, a JSON, a table."""
+    _report(pipeline, Sink(format))
+
+
+def _report(pipeline: Path, sink: Sink) -> None:
+    from bcid.cli import show
+
+    work = Pipeline(plan_of(pipeline), sink)
+    artifact = work.report()
+    page = work.publish(artifact)
+    sink.result(artifact.json("report.json"), lambda: show.comparison(artifact.json("report.json")))
+    sink.note(f"report: {page}")
+
+
+@app.command()
+def ingest(
+    recordings: Recordings = None,
+    pipeline: PipelineOption = DEFAULT,
+    vehicle: VehicleOption = None,
+    out: OutOption = None,
+    commands: CommandsOption = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Read recordings and say what is odd about them."""
+    from bcid.cli import show
+
+    sink = Sink(format)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    made = [work.ingest(path) for path in work.takes()]
+    taken = [a.json("recording.json") | {"folder": str(a.folder)} for a in made]
+    sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recordings(taken))
+
+
+@app.command()
+def estimate(
+    recordings: Recordings = None,
+    pipeline: PipelineOption = DEFAULT,
+    vehicle: VehicleOption = None,
+    out: OutOption = None,
+    commands: CommandsOption = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Estimate velocities and slip angles by the extended Kalman filter and its smoother."""
+    from bcid.cli import show
+
+    sink = Sink(format)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    made = [work.estimate(path) for path in work.takes()]
+    estimates = [a.json("estimate.json") | {"folder": str(a.folder)} for a in made]
+    sink.result({"schema": "bcid.estimate/1", "estimates": estimates}, lambda: show.estimates(estimates))
+
+
+@app.command()
+def fit(
+    recordings: Recordings = None,
+    model: Annotated[
+        list[str] | None, typer.Option("--model", "-m", help="A model's name; repeat for several. Default: the plan's.")
+    ] = None,
+    pipeline: PipelineOption = DEFAULT,
+    vehicle: VehicleOption = None,
+    out: OutOption = None,
+    commands: CommandsOption = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Fit models to the training takes and print their equations."""
+    sink = Sink(format)
+    for name in model or []:
+        row_of(name)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    fitted: list[dict[str, Any]] = []
+    for name in model or work.plan.models:
+        artifact = work.fit(name)
+        text = (artifact.folder / "description.txt").read_text(encoding="utf-8")
+        fitted.append({"model": name, "folder": str(artifact.folder), "description": text})
+
+    def human() -> str:
+        return "\n".join(f"{f['model']}\n{f['description']}written to {f['folder']}\n" for f in fitted).rstrip()
+
+    sink.result({"schema": "bcid.fit/1", "models": fitted}, human)
+
+
+@app.command()
+def models(format: FormatOption = Format.human) -> None:  # noqa: A002
+    """List the models."""
+    rows = [{"model": n, "summary": r.summary, "base": r.base, "defaults": dict(r.defaults)} for n, r in MODELS.items()]
+    Sink(format).result(
+        {"schema": "bcid.models/1", "models": rows},
+        lambda: table("models", ["name", "what it is"], [[n, r.summary] for n, r in MODELS.items()]),
+    )
+
+
+@app.command()
+def simulate(
+    name: Annotated[str, typer.Argument(help="The take's name.")] = "simulated",
+    out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = Path(),
+    duration: Annotated[float, typer.Option(min=1.0, max=7200.0, help="Length in seconds.")] = 300.0,
+    seed: Annotated[int, typer.Option(help="Of driver, floor and noise.")] = 1,
+    recorder: Annotated[str, typer.Option(help="motive or mcap.")] = "motive",
+    rate: Annotated[float, typer.Option(min=5.0, max=240.0, help="Poses per second.")] = 60.0,
+    ideal: Annotated[bool, typer.Option("--ideal", help="The paper's car alone: none of a real car's extras.")] = False,
+    change: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="A constant of the plant or the sensor, NAME=VALUE; repeat for several."),
+    ] = None,
+    sample_logs: Annotated[Path | None, typer.Option(help="Make all of sample_logs/ in this folder instead.")] = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Drive the simulated car and write its logs as a lab would, with the truth apart."""
+    from bcid.simulation.samples import Take, write_samples, write_take
+    from bcid.simulation.settings import plant_and_sensor
+
+    sink = Sink(format)
+    with sink.stage("simulate") as progress:
+        if sample_logs is not None:
+            paths = write_samples(sample_logs, seed, lambda text: progress(0.0, text))
+        else:
+            if recorder not in ("motive", "mcap"):
+                raise UsageError(f"there is no recorder {recorder!r}\n  next: choose motive or mcap")
+            plant, sensor = plant_and_sensor(ideal, change or [], rate)
+            paths = [write_take(out, Take(name, recorder, duration), plant, sensor, seed)]
+    sink.result(
+        {"schema": "bcid.simulate/1", "recordings": [str(p) for p in paths]}, lambda: "\n".join(map(str, paths))
+    )
+
+
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(help="Where to write the two files.")] = Path(),
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Write a commented vehicle file and pipeline file to start from."""
+    templates = Path(__file__).parent / "templates"
+    targets = [folder / source.name for source in sorted(templates.glob("*.toml"))]
+    there = [str(t) for t in targets if t.exists()]
+    if there:
+        raise UsageError(f"{', '.join(there)} exists already\n  next: name another folder, or move it away")
+    folder.mkdir(parents=True, exist_ok=True)
+    for target in targets:
+        target.write_bytes((templates / target.name).read_bytes())
+    Sink(format).result(
+        {"schema": "bcid.init/1", "files": [str(t) for t in targets]},
+        lambda: "\n".join([*map(str, targets), f"next: edit both, then bcid run -p {folder / 'pipeline.toml'}"]),
+    )
+
+
+def main() -> None:
+    """Run the command line; every error is one message and one exit code."""
+    import click
+
+    try:
+        outcome = app(standalone_mode=False)
+        sys.exit(outcome if isinstance(outcome, int) else 0)
+    except BcidError as error:
+        Sink(Format.quiet).error(str(error))
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except (click.Abort, KeyboardInterrupt):
+        Sink(Format.quiet).error("stopped; finished stages stay cached, nothing half-written is left")
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get("BCID_TRACEBACK"):
+            raise
+        Sink(Format.quiet).error(
+            f"internal error, {type(error).__name__}: {error}\n  next: run again with BCID_TRACEBACK=1 and report it"
+        )
+        sys.exit(1)

@@ -1,0 +1,54 @@
+"""The options that several commands share, and the plan that they make together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bcid.cli.sink import Format
+from bcid.errors import UsageError
+from bcid.models.table import MODELS
+from bcid.pipeline.plan import DEFAULT, EstimateTable, Plan, ReportTable, read_plan
+
+PipelineOption = Annotated[Path, typer.Option("-p", "--pipeline", help="The pipeline file.", show_default=True)]
+FormatOption = Annotated[Format, typer.Option("--format", help="How results are written to stdout.")]
+Recordings = Annotated[
+    list[Path] | None, typer.Argument(help="Recordings to use instead of the pipeline file's.", show_default=False)
+]
+VehicleOption = Annotated[Path | None, typer.Option("--vehicle", help="The vehicle file, with recordings named.")]
+OutOption = Annotated[Path | None, typer.Option("--out", help="The workspace, with recordings named.")]
+CommandsOption = Annotated[
+    Path | None, typer.Option("--commands", help="A Motive export's commands file, where it is not NAME.commands.csv.")
+]
+
+
+def plan_of(
+    pipeline: Path = DEFAULT,
+    recordings: list[Path] | None = None,
+    vehicle: Path | None = None,
+    out: Path | None = None,
+    commands: Path | None = None,
+) -> Plan:
+    """The pipeline file's plan, or one made of the recordings named on the command line.
+
+    Raises:
+        UsageError: words that do not fit together.
+        InputRefused: what is wrong with the pipeline file.
+    """
+    if not recordings:
+        if vehicle or out or commands:
+            raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")
+        return read_plan(pipeline)
+    if vehicle is None or out is None:
+        raise UsageError(
+            "recordings need --vehicle VEHICLE.toml and --out DIR\n  next: `bcid init` writes a vehicle file"
+        )
+    if commands is not None and len(recordings) > 1:
+        raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
+    return Plan(
+        source="the command line", vehicle=vehicle, training=tuple(recordings), validation=None, truth=None,
+        workspace=out, seed=1, models=tuple(MODELS), estimate=EstimateTable(), fit={}, report=ReportTable(),
+        commands=commands,
+    )  # fmt: skip
