@@ -1,57 +1,41 @@
-"""Time constant and rate limit of the steering, identified where the vehicle file omits them.
+"""Time constant and rate limit of the steering, identified from the poses where the vehicle file omits them.
 
-The front wheel's heading is beta_f = delta + alpha_f, and alpha_f is to first order proportional to
-the centripetal acceleration v_f w; so beta_f is fitted by a + g delta(T_s, d) + k v_f w.
+They are those under which the commanded angle explains the yaw acceleration best.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from bcid.compiled import njit
 from bcid.estimate.types import Floats
-from bcid.physics.steering import steering_rate
+from bcid.recording.course import DEFAULT_RATE_RADPS, DEFAULT_TIME_CONSTANT_S, Course, commanded_angle, course
+from bcid.recording.types import Recording
+from bcid.recording.yaw_response import WINDOW_S, held_throttle, unexplained, usable_rows, yaw_acceleration
+from bcid.vehicle import Vehicle
 
 T_S_RANGE = (0.005, 1.5)
 RATE_RANGE = (0.1, 60.0)
-MIN_SPEED_MPS = 0.2
+MARGIN_S = 1.0
+MIN_ROWS = 200
 
 
-class Wheel(NamedTuple):
-    """What one take shows of the front wheel, event by event."""
+def identify(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, dict[str, Any]]:
+    """T_s (s), d (rad/s) and what is to be said of them; what the vehicle file gives stays.
 
-    time_s: Floats
-    u_s: Floats
-    beta_f: Floats
-    v_f: Floats
-    yaw_rate: Floats
-
-
-@njit
-def angle(time_s: Floats, u_s: Floats, T_s: float, d: float) -> Floats:
-    """Delta (rad) at `time_s` under commands held from event to event, by midpoint steps."""
-    delta = np.empty(len(time_s))
-    delta[0] = u_s[0]
-    for k in range(1, len(time_s)):
-        steps = max(1, int(4.0 * (time_s[k] - time_s[k - 1]) / T_s))
-        h = (time_s[k] - time_s[k - 1]) / steps
-        value = delta[k - 1]
-        for _ in range(steps):
-            half = value + 0.5 * h * steering_rate(u_s[k - 1], value, T_s, d)
-            value += h * steering_rate(u_s[k - 1], half, T_s, d)
-        delta[k] = value
-    return delta
-
-
-def identify(takes: Sequence[Wheel], T_s: float | None, d: float | None) -> tuple[float, float, dict[str, Any]]:
-    """T_s (s), d (rad/s) and what is to be said of them; what is given stays."""
+    Where no take moves enough the documented defaults stand, and the facts say so.
+    """
     from scipy.optimize import least_squares
 
-    free = [given is None for given in (T_s, d)]
-    start = np.log([T_s or 0.15, d or 3.0])
+    given = vehicle.steering
+    free = [given.time_constant_s is None, given.max_rate_radps is None]
+    start = np.log([given.time_constant_s or DEFAULT_TIME_CONSTANT_S, given.max_rate_radps or DEFAULT_RATE_RADPS])
+    names = [n for n, f in zip(("time_constant_s", "max_rate_radps"), free, strict=True) if f]
+    motions = [(r, m) for r in recordings if len((m := course(r, vehicle, WINDOW_S)).time_s) > MIN_ROWS]
+    if not names or not motions:
+        return float(np.exp(start[0])), float(np.exp(start[1])), {"identified": [], "defaults": names}
     low, high = np.log([T_S_RANGE, RATE_RANGE]).T[:, free]
 
     def constants(x: Floats) -> tuple[float, float]:
@@ -60,29 +44,28 @@ def identify(takes: Sequence[Wheel], T_s: float | None, d: float | None) -> tupl
         return float(np.exp(full[0])), float(np.exp(full[1]))
 
     def residuals(x: Floats) -> Floats:
-        return np.concatenate([_unexplained(take, *constants(x)) for take in takes])
+        return np.concatenate([_residuals(r, m, vehicle, *constants(x)) for r, m in motions])
 
     fits = [
-        least_squares(
-            residuals, x_0[free], bounds=(low, high), loss="soft_l1", f_scale=0.05, diff_step=[1e-3] * sum(free)
-        )
+        least_squares(residuals, x_0[free], bounds=(low, high), diff_step=[1e-2] * sum(free))
         for x_0 in (start, start + np.log([0.4, 0.5]), start + np.log([2.0, 3.0]))
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
-    T_s_hat, d_hat = constants(best.x)
-    at_bound = bool(np.any(np.isclose(best.x, low, atol=1e-2) | np.isclose(best.x, high, atol=1e-2)))
-    facts = {"identified": [n for n, f in zip(("time_constant_s", "max_rate_radps"), free, strict=True) if f]}
-    return T_s_hat, d_hat, {**facts, "at_bound": at_bound, "rate_reached": _rate_reached(takes, T_s_hat, d_hat)}
+    T_s, d = constants(best.x)
+    near = np.isclose(best.x, low, atol=1e-2) | np.isclose(best.x, high, atol=1e-2)
+    reached = any(_rate_reached(r, m, vehicle, T_s, d) for r, m in motions)
+    return T_s, d, {"identified": names, "at_bound": bool(near.any()), "rate_reached": reached}
 
 
-def _unexplained(take: Wheel, T_s: float, d: float) -> Floats:
-    use = take.v_f > MIN_SPEED_MPS
-    delta = angle(take.time_s, take.u_s, T_s, d)[use]
-    regressors = np.column_stack([np.ones(len(delta)), delta, take.v_f[use] * take.yaw_rate[use]])
-    weights, *_ = np.linalg.lstsq(regressors, take.beta_f[use], rcond=None)
-    return np.asarray(take.beta_f[use] - regressors @ weights)
+def _residuals(recording: Recording, motion: Course, vehicle: Vehicle, T_s: float, d: float) -> Floats:
+    delta = commanded_angle(recording, vehicle, motion.time_s, T_s, d)
+    margin = round(MARGIN_S / float(motion.time_s[1] - motion.time_s[0]))
+    rows = usable_rows(motion, recording, margin)
+    return unexplained(motion, delta, held_throttle(motion, recording), yaw_acceleration(motion), rows, vehicle)
 
 
-def _rate_reached(takes: Sequence[Wheel], T_s: float, d: float) -> bool:
+def _rate_reached(recording: Recording, motion: Course, vehicle: Vehicle, T_s: float, d: float) -> bool:
     """Whether the commands ever drive the steering at its rate limit; otherwise d is not identified."""
-    return any(bool(np.any(np.abs(t.u_s - angle(t.time_s, t.u_s, T_s, d)) > d * T_s)) for t in takes)
+    delta = commanded_angle(recording, vehicle, motion.time_s, T_s, d)
+    rate = np.abs(np.diff(delta) / np.diff(motion.time_s))
+    return bool(np.any(rate > 0.99 * d))

@@ -68,10 +68,15 @@ def _far_from_holes(recording: Recording, grid: Floats, margin_s: float) -> npt.
     return good
 
 
-def commanded_angle(recording: Recording, vehicle: Vehicle, time_s: Floats) -> Floats:
-    """Steering angle (rad) that the commands alone give at `time_s` (uniform grid), from rest at the first command."""
-    T_s = vehicle.steering.time_constant_s or DEFAULT_TIME_CONSTANT_S
-    d = vehicle.steering.max_rate_radps or DEFAULT_RATE_RADPS
+def commanded_angle(
+    recording: Recording, vehicle: Vehicle, time_s: Floats, T_s: float | None = None, d: float | None = None
+) -> Floats:
+    """Steering angle (rad) that the commands alone give at `time_s` (uniform grid), from rest at the first command.
+
+    Time constant `T_s` (s) and rate limit `d` (rad/s) are the vehicle file's, or documented defaults, unless given.
+    """
+    T_s = T_s or vehicle.steering.time_constant_s or DEFAULT_TIME_CONSTANT_S
+    d = d or vehicle.steering.max_rate_radps or DEFAULT_RATE_RADPS
     step_s = float(time_s[1] - time_s[0]) / SUBSTEPS
     middle_s = time_s[0] + step_s * (np.arange(SUBSTEPS * len(time_s)) + 0.5)
     rows = np.searchsorted(recording.commands.time_s, middle_s, side="right") - 1

@@ -1,0 +1,105 @@
+"""What several tests share: small simulated takes, and the real recordings where they are there."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bcid.estimate.consistency import Truth
+from bcid.estimate.noise import Noise
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.saving import read_truth
+from bcid.estimate.tuning import Tuning
+from bcid.estimate.types import Estimate
+from bcid.recording.read import read_recording
+from bcid.recording.types import Recording
+from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
+from bcid.simulation.samples import VEHICLE, Take, write_take
+from bcid.vehicle import Vehicle, read_vehicle
+
+ROOT = Path(__file__).parent.parent
+SAMPLES = ROOT / "sample_logs"
+
+
+@pytest.fixture(scope="session")
+def recordings_folder() -> Path:
+    """The real recordings, which are never committed."""
+    folder = Path(os.environ.get("BCID_RECORDINGS", ROOT.parent / "shared" / "recordings"))
+    if not folder.is_dir():
+        pytest.skip("the real recordings are not here (set BCID_RECORDINGS to their folder)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def vehicle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("vehicle") / "bumper_car.toml"
+    path.write_text(VEHICLE)
+    return path
+
+
+@pytest.fixture(scope="session")
+def vehicle(vehicle_file: Path) -> Vehicle:
+    return read_vehicle(vehicle_file)
+
+
+@pytest.fixture(scope="session")
+def takes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Short simulated takes of the real-looking car: `motive` and `mcap` are the same drive."""
+    folder = tmp_path_factory.mktemp("takes")
+    plant, sensor = Plant(**REAL_EXTRAS), Sensor()
+    return {
+        "motive": write_take(folder, Take("drive", "motive", 60.0), plant, sensor, 11),
+        "mcap": write_take(folder, Take("drive_m", "mcap", 60.0), plant, sensor, 11),
+        "other": write_take(folder, Take("other", "motive", 60.0), plant, sensor, 12),
+    }
+
+
+@pytest.fixture(scope="session")
+def recording(takes: dict[str, Path], vehicle: Vehicle) -> Recording:
+    return read_recording(takes["motive"], vehicle)
+
+
+@pytest.fixture(scope="session")
+def tuning() -> Tuning:
+    """Noise that suits the simulated takes, as `tune` finds it there."""
+    return Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
+
+
+@pytest.fixture(scope="session")
+def truth(takes: dict[str, Path], vehicle: Vehicle) -> Truth:
+    return read_truth(takes["motive"].parent / "truth" / "drive.parquet", vehicle)
+
+
+@pytest.fixture(scope="session")
+def estimates(takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> list[Estimate]:
+    """The two takes' estimates: enough to fit small models on."""
+    return [estimate_motion(read_recording(takes[n], vehicle), vehicle, tuning) for n in ("motive", "other")]
+
+
+def straight_take(
+    folder: Path, name: str = "straight", seconds: float = 20.0, rate_hz: float = 60.0, **poses: float
+) -> Path:
+    """A Motive export of a car that circles at 1 m/s with its commands file, for readers' tests."""
+    from bcid.simulation.drive import Drive
+    from bcid.simulation.writing import write_motive
+
+    frame = np.arange(int(seconds * rate_hz) + 1)
+    t = frame / rate_hz
+    omega = poses.get("yaw_rate", 0.6)
+    yaw = omega * t
+    radius = 1.0 / omega
+    pose = np.column_stack([radius * np.sin(yaw), radius * (1.0 - np.cos(yaw)), yaw])
+    command_time = np.arange(int(seconds * 20)) / 20.0
+    command = np.tile([poses.get("steering", 0.5), 1.2], (len(command_time), 1))
+    path = folder / f"{name}.csv"
+    write_motive(path, Drive(command_time, command, frame, pose, np.zeros((1, 8))), rate_hz, 0)
+    return path
+
+
+def read_json(path: Path) -> dict[str, object]:
+    data: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+    return data

@@ -1,0 +1,202 @@
+"""The EKF: its linearisation, its two engines, and its honesty on simulated takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bcid.estimate import kernel, reference
+from bcid.estimate.consistency import Truth
+from bcid.estimate.events import held, timeline
+from bcid.estimate.noise import Noise, identify
+from bcid.estimate.process import DELTA, N_STATE, THETA, Chassis, F, H, f, h
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.saving import load_estimate, save_estimate
+from bcid.estimate.steering import identify as identify_steering
+from bcid.estimate.tuning import Tuning, tune
+from bcid.recording.types import Recording, Stream
+from bcid.vehicle import Vehicle
+
+CHASSIS = Chassis(0.54, 0.33, 0.155, 1.418, True)
+
+
+def random_states(n: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    x = rng.normal(0.0, 0.4, (n, N_STATE))
+    x[:, 3] = rng.uniform(0.05, 2.0, n)
+    x[:, DELTA] = rng.uniform(-2.0, 2.0, n)
+    return x
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_jacobians_agree_with_differences(driven: bool) -> None:
+    chassis = CHASSIS._replace(front_driven=driven)
+    for x in random_states(20):
+        for function, jacobian in (
+            (lambda z: f(z, 0.5, chassis), F(x, 0.5, chassis)),
+            (lambda z: h(z, chassis), H(x, chassis)),
+        ):
+            step = 1e-6
+            numeric = np.column_stack(
+                [(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(N_STATE)]
+            )
+            np.testing.assert_allclose(jacobian, numeric, atol=2e-6)
+
+
+def test_both_engines_agree(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    """Compiled kernel and filterpy, filter and smoother, through gaps and a restart."""
+    broken = replace(recording, breaks_s=(float(recording.poses.time_s[500]),))
+    events = timeline(broken, vehicle, 0.1, 0.3).events
+    cut = kernel.Events(*(a[:1200] for a in events[:5]), events.P_0)
+    Q, R = tuning.noise.Q(), tuning.noise.R()
+    compiled, plain = kernel.run_filter(cut, CHASSIS, Q, R), reference.run_filter(cut, CHASSIS, Q, R)
+    np.testing.assert_allclose(compiled.x, plain.x, atol=1e-9)
+    np.testing.assert_allclose(compiled.P, plain.P, atol=1e-9)
+    np.testing.assert_allclose(compiled.nis, plain.nis, rtol=1e-6, atol=1e-6)
+    assert compiled.log_likelihood == pytest.approx(plain.log_likelihood, rel=1e-9)
+    for ours, theirs in zip(
+        kernel.run_smoother(compiled, cut.restart), reference.run_smoother(plain, cut.restart), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
+def test_engines_agree_with_further_channels(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(0.013, 20.0, 0.05)
+    channels = {
+        "measured_steering_rad": Stream(t, 0.1 * rng.standard_normal((len(t), 1))),
+        "yaw_rate_radps": Stream(t, 0.3 * rng.standard_normal((len(t), 1))),
+        "wheel_speed_mps": Stream(t, np.abs(rng.standard_normal((len(t), 1)))),
+    }
+    events = timeline(replace(recording, channels=channels), vehicle, 0.1, 0.3).events
+    cut = kernel.Events(*(a[:500] for a in events[:5]), events.P_0)
+    assert (np.isfinite(cut.z).sum(axis=0) > 50).all()
+    Q, R = tuning.noise.Q(), tuning.noise.R()
+    compiled, plain = kernel.run_filter(cut, CHASSIS, Q, R), reference.run_filter(cut, CHASSIS, Q, R)
+    np.testing.assert_allclose(compiled.x, plain.x, atol=1e-8)
+    np.testing.assert_allclose(compiled.dof, plain.dof)
+
+
+def test_a_measured_steering_angle_is_used(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    t = np.arange(0.0, 59.0, 0.05)
+    lying = replace(recording, channels={"measured_steering_rad": Stream(t, np.full((len(t), 1), 0.7))})
+    precise = replace(tuning, noise=replace(tuning.noise, r_steering=1e-4))
+    delta = estimate_motion(lying, vehicle, precise).kinematic[50:500, 3]
+    assert np.median(np.abs(delta - 0.7)) < 0.05
+
+
+def test_velocities_match_the_truth(recording: Recording, vehicle: Vehicle, tuning: Tuning, truth: Truth) -> None:
+    """RMSE far below the motion's own size, NIS near its band, NEES not above its expectation."""
+    estimate = estimate_motion(recording, vehicle, tuning, truth=truth)
+    rmse = estimate.facts["truth"]["rmse"]
+    assert max(rmse[n] for n in ("v_x", "v_y", "v_f")) < 0.015
+    assert rmse["yaw_rate"] < 0.02
+    assert max(rmse[n] for n in ("alpha_f", "alpha_r")) < 0.015
+    assert 0.9 < estimate.facts["nis"]["mean_per_dof"] < 1.1
+    # three values with this covariance: an honest filter gives 3, an overconfident one much more
+    assert 0.3 < estimate.facts["truth"]["nees_mean"] < 4.0
+
+
+def test_the_smoother_beats_the_filter(recording: Recording, vehicle: Vehicle, tuning: Tuning, truth: Truth) -> None:
+    line = timeline(recording, vehicle, 0.1, 0.3)
+    chassis = tuning.chassis(vehicle)
+    filtered = kernel.run_filter(line.events, chassis, tuning.noise.Q(), tuning.noise.R())
+    smoothed, _ = kernel.run_smoother(filtered, line.events.restart)
+    rows = np.rint(line.events.time_s[line.grid] / 0.1).astype(int)
+    v_f = truth.kinematic[rows, 0]
+    error = [float(np.sqrt(np.mean((x[line.grid, 3] - v_f) ** 2))) for x in (filtered.x, smoothed)]
+    assert error[1] < 0.8 * error[0]
+
+
+def test_the_smoothed_heading_moves_the_pose(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    """Errata 4 and 5: the estimated twist, turned into the world, is the smoothed pose's derivative."""
+    e = estimate_motion(recording, vehicle, tuning)
+    yaw = e.pose[:, 2]
+    world = np.column_stack(
+        [
+            np.cos(yaw) * e.twist[:, 0] - np.sin(yaw) * e.twist[:, 1],
+            np.sin(yaw) * e.twist[:, 0] + np.cos(yaw) * e.twist[:, 1],
+        ]
+    )
+    inside = (np.diff(e.segment) == 0)[1:] & (np.diff(e.segment) == 0)[:-1]
+    numeric = (e.pose[2:, :2] - e.pose[:-2, :2]) / 0.2
+    assert np.sqrt(np.mean((numeric - world[1:-1])[inside] ** 2)) < 0.02
+
+
+def test_gaps_are_predicted_through_and_end_segments(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    keep = (recording.poses.time_s < 20.0) | (recording.poses.time_s > 21.0)
+    holed = replace(recording, poses=Stream(recording.poses.time_s[keep], recording.poses.values[keep]))
+    whole, cut = (estimate_motion(r, vehicle, tuning) for r in (recording, holed))
+    assert not ((cut.time_s > 20.05) & (cut.time_s < 20.95)).any()
+    assert len(cut.segments()) == len(whole.segments()) + 1
+    late = cut.time_s > 22.0
+    np.testing.assert_allclose(cut.twist[late], whole.twist[np.isin(whole.time_s, cut.time_s[late])], atol=0.02)
+
+
+def test_a_jump_restarts_the_filter(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    moved = recording.poses.values.copy()
+    later = recording.poses.time_s >= 30.0
+    moved[later, :2] += [3.0, -4.0]
+    jumped = replace(recording, poses=Stream(recording.poses.time_s, moved), breaks_s=(30.0,))
+    whole, cut = (estimate_motion(r, vehicle, tuning) for r in (recording, jumped))
+    assert len(cut.segments()) == len(whole.segments()) + 1
+    shared = np.isin(whole.time_s, cut.time_s) & (np.abs(whole.time_s - 30.0) > 1.0)
+    np.testing.assert_allclose(cut.twist[np.abs(cut.time_s - 30.0) > 1.0], whole.twist[shared], atol=0.02)
+
+
+def test_yaw_may_wind_up(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
+    wound = recording.poses.values + np.array([0.0, 0.0, 20.0 * np.pi])
+    again = replace(recording, poses=Stream(recording.poses.time_s, wound))
+    one, other = (estimate_motion(r, vehicle, tuning) for r in (recording, again))
+    np.testing.assert_allclose(one.twist, other.twist, atol=1e-7)
+
+
+def test_a_command_is_held_and_grows_old() -> None:
+    commands = Stream(np.array([0.0, 1.0]), np.array([[0.1, 1.0], [0.2, 2.0]]))
+    values, age = held(commands, np.array([-0.5, 0.0, 0.99, 1.0, 3.0]))
+    np.testing.assert_array_equal(values[:, 0], [0.1, 0.1, 0.1, 0.2, 0.2])
+    np.testing.assert_allclose(age, [np.inf, 0.0, 0.99, 0.0, 2.0])
+
+
+def test_noise_is_found_by_likelihood(recording: Recording, vehicle: Vehicle) -> None:
+    """The simulated motion capture has 0.5 mm and 1 mrad."""
+    events = timeline(recording, vehicle, 0.1, 0.3).events
+    noise = identify([events], CHASSIS, Noise(), [])
+    assert noise.r_position == pytest.approx(5e-4, rel=0.1)
+    assert noise.r_yaw == pytest.approx(1e-3, rel=0.1)
+    assert identify([events], CHASSIS, Noise(), list(Noise.__dataclass_fields__)) == Noise()
+
+
+def test_steering_constants_are_identified_where_absent(recording: Recording, vehicle: Vehicle) -> None:
+    steering = vehicle.steering.model_copy(update={"time_constant_s": None, "max_rate_radps": None})
+    tuning = tune([recording], vehicle.model_copy(update={"steering": steering}), 0.1, 0.3, {})
+    assert tuning.facts["identified"] == ["time_constant_s", "max_rate_radps"]
+    assert tuning.facts["rate_reached"]
+    assert tuning.d == pytest.approx(1.418, rel=0.1)
+    assert tuning.T_s == pytest.approx(0.155, abs=0.05)
+
+
+def test_what_the_vehicle_file_gives_is_not_identified(recording: Recording, vehicle: Vehicle) -> None:
+    assert identify_steering([recording], vehicle)[:2] == pytest.approx((0.155, 1.418))
+
+
+def test_an_estimate_survives_the_disk(recording: Recording, vehicle: Vehicle, tuning: Tuning, tmp_path: Path) -> None:
+    e = estimate_motion(recording, vehicle, tuning)
+    save_estimate(e, tmp_path)
+    again = load_estimate(tmp_path)
+    for name in ("time_s", "segment", "pose", "twist", "kinematic", "command", "twist_sd", "kinematic_sd"):
+        np.testing.assert_array_equal(getattr(e, name), getattr(again, name))
+    assert again.facts == e.facts
+
+
+def test_the_heading_of_a_long_gap_stays_finite(vehicle: Vehicle, tuning: Tuning, recording: Recording) -> None:
+    """Half a minute without a pose: the prediction must not run away."""
+    keep = (recording.poses.time_s < 10.0) | (recording.poses.time_s > 40.0)
+    holed = replace(recording, poses=Stream(recording.poses.time_s[keep], recording.poses.values[keep]))
+    e = estimate_motion(holed, vehicle, tuning)
+    assert np.isfinite(e.twist).all()
+    assert np.abs(e.pose[:, :2]).max() < 20.0
+    assert THETA == 2

@@ -1,0 +1,134 @@
+"""The equations against closed forms, symmetries and limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bcid.physics.kinematics import body_twist, kinematic_state, pose_rate, wheel_velocity, wrap
+from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
+from bcid.physics.steering import steering_rate, steering_step
+from bcid.physics.tyres import lateral_force, slip_angle
+
+speeds = st.floats(-5.0, 5.0)
+forward = st.floats(0.05, 5.0)
+angles = st.floats(-2.0, 2.0)
+small = st.floats(-0.5, 0.5)
+L_F, L_R = 0.54, 0.33
+
+
+@given(forward, angles, small)
+def test_rigid_body_holds_at_both_axles(v_f: float, beta_f: float, beta_r: float) -> None:
+    """Errata 1: v_y + l_f w = v_f sin(beta_f), v_y - l_r w = v_x tan(beta_r)."""
+    v_x, v_y, omega = body_twist(v_f, beta_f, beta_r, L_F, L_R)
+    assert v_x == pytest.approx(v_f * math.cos(beta_f), abs=1e-12)
+    assert v_y + L_F * omega == pytest.approx(v_f * math.sin(beta_f), abs=1e-12)
+    assert v_y - L_R * omega == pytest.approx(v_x * math.tan(beta_r), abs=1e-12)
+
+
+@given(forward, st.floats(-1.4, 1.4), small, angles)
+def test_kinematic_state_inverts_body_twist(v_f: float, beta_f: float, beta_r: float, delta: float) -> None:
+    v, alpha_f, alpha_r = kinematic_state(*body_twist(v_f, beta_f, beta_r, L_F, L_R), delta, L_F, L_R)
+    assert v == pytest.approx(v_f, rel=1e-9)
+    assert wrap(alpha_f + delta - beta_f) == pytest.approx(0.0, abs=1e-9)
+    assert alpha_r == pytest.approx(beta_r, abs=1e-8)
+
+
+@given(speeds, speeds, speeds, angles)
+def test_a_wheel_sees_the_same_speed_in_every_frame(v_x: float, v_y: float, omega: float, delta: float) -> None:
+    """Errata 3: a rotation keeps lengths, and undoing it gives the contact velocity back."""
+    along, across = wheel_velocity(v_x, v_y, omega, L_F, delta)
+    assert math.hypot(along, across) == pytest.approx(math.hypot(v_x, v_y + L_F * omega), abs=1e-12)
+    back_x = math.cos(delta) * along - math.sin(delta) * across
+    assert back_x == pytest.approx(v_x, abs=1e-12)
+
+
+def test_pose_rate_is_the_derivative_of_a_circle() -> None:
+    """Errata 4 and 5: a car that circles with slip moves as its pose's numerical derivative says."""
+    radius, omega, beta = 2.0, 0.7, 0.2  # the velocity points beta left of the nose
+    step = 1e-6
+
+    def pose(t: float) -> tuple[float, float, float]:
+        course = omega * t
+        return radius * math.sin(course), -radius * math.cos(course), course - beta
+
+    for t in (0.0, 1.3, 4.0):
+        x_0, y_0, theta = pose(t)
+        x_1, y_1, _ = pose(t + step)
+        speed = radius * omega
+        rate = pose_rate(theta, speed * math.cos(beta), speed * math.sin(beta))
+        assert rate == pytest.approx(((x_1 - x_0) / step, (y_1 - y_0) / step), abs=1e-5)
+
+
+@given(st.floats(-50.0, 50.0))
+def test_wrap_keeps_the_angle(angle: float) -> None:
+    wrapped = wrap(angle)
+    assert -math.pi < wrapped <= math.pi + 1e-12
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+
+
+def test_steering_follows_the_closed_form() -> None:
+    """Unsaturated: an exponential; saturated: a ramp."""
+    assert steering_step(0.0, 0.1, 0.155, 1.418, 0.1) == pytest.approx(0.1 * (1 - math.exp(-0.1 / 0.155)), rel=2e-4)
+    assert steering_step(0.0, 2.0, 0.155, 1.418, 0.1) == pytest.approx(0.1418, rel=1e-12)
+    assert steering_rate(-2.0, 0.0, 0.155, 1.418) == -1.418
+
+
+def test_steering_converges_with_the_order_of_rk4() -> None:
+    exact = 0.1 * (1 - math.exp(-0.2 / 0.155))
+
+    def error(steps: int) -> float:
+        delta = 0.0
+        for _ in range(steps):
+            delta = steering_step(delta, 0.1, 0.155, 10.0, 0.2 / steps)
+        return abs(delta - exact)
+
+    order = math.log2(error(2) / error(4))
+    assert 3.5 < order < 4.5
+
+
+@given(speeds, st.floats(-1.0, 2.0))
+def test_the_motor_only_supplies_and_the_brake_only_dissipates(v_w: float, u_m: float) -> None:
+    """Errata 13: no force above the reference; below zero the power is never positive."""
+    force = speed_controlled_force(u_m, v_w, 274.8, 597.0, 423.4)
+    assert abs(force) <= 423.4
+    if u_m >= 0:
+        assert force >= 0.0
+        assert force == 0.0 or u_m > v_w
+    else:
+        assert force * v_w <= 0.0
+
+
+def test_force_law_has_a_dead_zone() -> None:
+    """Contracts: F_m = K (u - u_0) - K_v v above u_0, nothing below."""
+    assert force_controlled_force(0.16, 1.0, 25.4, 0.164, 4.8, 0.0, 100.0) == 0.0
+    assert force_controlled_force(0.3, 0.5, 25.4, 0.164, 4.8, 0.0, 100.0) == pytest.approx(25.4 * 0.136 - 2.4)
+
+
+@given(speeds)
+def test_drag_is_odd_and_dissipates(v: float) -> None:
+    """Errata 6: with R_1 v + R_2 v^2 a car rolling backwards would be driven."""
+    assert drag(-v, 40.0, 5.0) == -drag(v, 40.0, 5.0)
+    assert drag(v, 40.0, 5.0) * v >= 0.0
+
+
+@given(small, st.floats(1.0, 1e4), st.floats(1.0, 1e4))
+def test_tyre_force_is_odd_bounded_and_linear_at_small_slip(alpha: float, C: float, F_max: float) -> None:
+    force = lateral_force(alpha, C, F_max)
+    assert force == -lateral_force(-alpha, C, F_max)
+    assert abs(force) <= F_max
+    if abs(C * alpha) < F_max:
+        assert force == -C * alpha
+
+
+@given(speeds, speeds)
+def test_slip_angle_does_not_ask_which_way_the_wheel_rolls(along: float, across: float) -> None:
+    """Errata 15, and the bound v_0 makes it vanish with the speed."""
+    assert slip_angle(along, across, 1.0) == slip_angle(-along, across, 1.0)
+    assert abs(slip_angle(along, across, 1.0)) <= abs(across) + 1e-12
+    assert np.sign(slip_angle(along, across, 1.0)) == np.sign(across)
