@@ -57,7 +57,7 @@ class Condition(Settings):
 
 
 class Mapped(Settings):
-    """A logged field turned into SI: gain * dead_zone(raw) + offset.
+    """A logged field turned into SI: gain * dead_zone(raw) + offset, within [low, high].
 
     `gain_negative` is the gain for raw values below the dead zone where it differs.
     """
@@ -67,6 +67,8 @@ class Mapped(Settings):
     gain_negative: float | None = None
     offset: float = 0.0
     dead_zone: Annotated[float, Field(ge=0)] = 0.0
+    low: float | None = None
+    high: float | None = None
     zero_where: Condition | None = None
 
 

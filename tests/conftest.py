@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from bcid.estimate.consistency import Truth
@@ -78,28 +76,3 @@ def truth(takes: dict[str, Path], vehicle: Vehicle) -> Truth:
 def estimates(takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> list[Estimate]:
     """The two takes' estimates: enough to fit small models on."""
     return [estimate_motion(read_recording(takes[n], vehicle), vehicle, tuning) for n in ("motive", "other")]
-
-
-def straight_take(
-    folder: Path, name: str = "straight", seconds: float = 20.0, rate_hz: float = 60.0, **poses: float
-) -> Path:
-    """A Motive export of a car that circles at 1 m/s with its commands file, for readers' tests."""
-    from bcid.simulation.drive import Drive
-    from bcid.simulation.writing import write_motive
-
-    frame = np.arange(int(seconds * rate_hz) + 1)
-    t = frame / rate_hz
-    omega = poses.get("yaw_rate", 0.6)
-    yaw = omega * t
-    radius = 1.0 / omega
-    pose = np.column_stack([radius * np.sin(yaw), radius * (1.0 - np.cos(yaw)), yaw])
-    command_time = np.arange(int(seconds * 20)) / 20.0
-    command = np.tile([poses.get("steering", 0.5), 1.2], (len(command_time), 1))
-    path = folder / f"{name}.csv"
-    write_motive(path, Drive(command_time, command, frame, pose, np.zeros((1, 8))), rate_hz, 0)
-    return path
-
-
-def read_json(path: Path) -> dict[str, object]:
-    data: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-    return data

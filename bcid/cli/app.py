@@ -204,20 +204,11 @@ def init(
 
 def main() -> None:
     """Run the command line; every error is one message and one exit code."""
-    import click
-
     try:
-        outcome = app(standalone_mode=False)
-        sys.exit(outcome if isinstance(outcome, int) else 0)
+        app()  # ends by SystemExit; wrong words exit with 2
     except BcidError as error:
         Sink(Format.quiet).error(str(error))
         sys.exit(error.exit_code)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(2)
-    except (click.Abort, KeyboardInterrupt):
-        Sink(Format.quiet).error("stopped; finished stages stay cached, nothing half-written is left")
-        sys.exit(1)
     except Exception as error:
         if os.environ.get("BCID_TRACEBACK"):
             raise

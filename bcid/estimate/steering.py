@@ -20,6 +20,7 @@ T_S_RANGE = (0.005, 1.5)
 RATE_RANGE = (0.1, 60.0)
 MARGIN_S = 1.0
 MIN_ROWS = 200
+MIN_EXCITATION_RAD = 0.02
 
 
 def identify(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, dict[str, Any]]:
@@ -33,7 +34,8 @@ def identify(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, 
     free = [given.time_constant_s is None, given.max_rate_radps is None]
     start = np.log([given.time_constant_s or DEFAULT_TIME_CONSTANT_S, given.max_rate_radps or DEFAULT_RATE_RADPS])
     names = [n for n, f in zip(("time_constant_s", "max_rate_radps"), free, strict=True) if f]
-    motions = [(r, m) for r in recordings if len((m := course(r, vehicle, WINDOW_S)).time_s) > MIN_ROWS]
+    steered = [r for r in recordings if np.std(r.commands.values[:, 0]) > MIN_EXCITATION_RAD]
+    motions = [(r, m) for r in steered if len((m := course(r, vehicle, WINDOW_S)).time_s) > MIN_ROWS]
     if not names or not motions:
         return float(np.exp(start[0])), float(np.exp(start[1])), {"identified": [], "defaults": names}
     low, high = np.log([T_S_RANGE, RATE_RANGE]).T[:, free]

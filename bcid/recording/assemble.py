@@ -18,6 +18,7 @@ from bcid.vehicle import Vehicle
 
 MAX_SPEED_MPS = 100.0
 MAX_NON_FINITE = 0.05
+MAX_JUMPS = 0.05  # share of the pose steps; more is no tracking failure but a wrong unit
 
 
 class _Cleaned(NamedTuple):
@@ -46,11 +47,8 @@ def _clean(time_s: Floats, values: Floats, what: str, source: str) -> _Cleaned:
     if blank.all():
         raise InputRefused(source, what, "holds no finite sample", "export the take again")
     if blank.any():
-        odd.append(
-            Irregularity(
-                f"{what} dropout", "excluded", int(blank.sum()), _where(time_s, blank), "blank samples are gaps"
-            )
-        )
+        text = f"blank samples in {int(np.sum(np.diff(np.r_[0, blank]) == 1))} runs: gaps"
+        odd.append(Irregularity(f"{what} dropout", "excluded", int(blank.sum()), _where(time_s, blank), text))
     time_s, values = time_s[~blank], values[~blank]
     if np.any(np.diff(time_s) < 0):
         late = np.r_[False, np.diff(time_s) < 0]
@@ -131,7 +129,14 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     yaw = np.unwrap(poses.values[:, 2])
     pose = _to_cog(np.column_stack([poses.values[:, :2], yaw]), vehicle)
     rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
-    breaks, jumps = _breaks(poses.time_s, pose, vehicle.mocap.max_speed_mps or MAX_SPEED_MPS)
+    limit = vehicle.mocap.max_speed_mps or MAX_SPEED_MPS
+    breaks, jumps = _breaks(poses.time_s, pose, limit)
+    if len(breaks) > MAX_JUMPS * len(pose):
+        raise InputRefused(
+            source, "pose", f"{len(breaks)} of {len(pose)} pose steps are faster than {limit:g} m/s: "
+            "lengths in mm or cm?",
+            "set the unit (mocap.length_unit, or a gain in [columns]), or mocap.max_speed_mps",
+        )  # fmt: skip
     offset = vehicle.clock.offset_s if vehicle.clock else 0.0
     recording = Recording(
         name=raw.name,

@@ -13,7 +13,7 @@ from bcid.vehicle import Mapped
 def mapped(field: str | Mapped, column: Callable[[str], Floats]) -> Floats:
     """The SI values of `field`; `column` looks a raw field up by its name.
 
-    value = gain * dead_zone(raw) + offset, where the dead zone swallows |raw| < dead_zone.
+    value = gain * dead_zone(raw) + offset within [low, high], where the dead zone swallows |raw| < dead_zone.
     """
     if isinstance(field, str):
         return column(field)
@@ -21,6 +21,7 @@ def mapped(field: str | Mapped, column: Callable[[str], Floats]) -> Floats:
     raw = np.sign(raw) * np.maximum(np.abs(raw) - field.dead_zone, 0.0)
     gain_negative = field.gain if field.gain_negative is None else field.gain_negative
     values: Floats = np.where(raw < 0.0, gain_negative, field.gain) * raw + field.offset
+    values = np.clip(values, field.low, field.high)
     if field.zero_where is not None:
         values = np.where(column(field.zero_where.field) == field.zero_where.equals, 0.0, values)
     return values

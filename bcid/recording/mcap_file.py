@@ -39,19 +39,22 @@ class Track(NamedTuple):
     values: Floats  # (N, n)
 
 
+def _reading_errors() -> tuple[type[Exception], ...]:
+    """What the libraries raise on broken data: format, decompression, decoding, missing fields.
+
+    lz4 knows no better than RuntimeError.
+    """
+    from zstandard import ZstdError
+
+    broken = (McapError, ZstdError, RuntimeError, struct.error, EOFError)
+    return (*broken, json.JSONDecodeError, UnicodeDecodeError, KeyError, AssertionError, TypeError, ValueError)
+
+
 @contextmanager
 def _refusing(path: Path) -> Iterator[None]:
     try:
         yield
-    except (
-        McapError,
-        struct.error,
-        EOFError,
-        json.JSONDecodeError,
-        UnicodeDecodeError,
-        KeyError,
-        AssertionError,
-    ) as error:
+    except _reading_errors() as error:
         cause = f"a field is missing: {error}" if isinstance(error, KeyError) else f"{type(error).__name__}: {error}"
         raise InputRefused(
             path, "MCAP data", f"cannot be read: {cause}", "record again, or repair a copy with `mcap recover`"

@@ -24,6 +24,7 @@ def save_recording(recording: Recording, folder: Path) -> None:
     facts = {
         "name": recording.name,
         "sources": [asdict(s) for s in recording.sources],
+        "duration_s": recording.duration_s,
         "rate_hz": recording.rate_hz,
         "hold_s": recording.hold_s,
         "breaks_s": list(recording.breaks_s),

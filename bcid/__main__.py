@@ -1,0 +1,5 @@
+"""`python -m bcid`."""
+
+from bcid.cli.app import main
+
+main()

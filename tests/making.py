@@ -1,0 +1,22 @@
+"""Recordings made for single tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bcid.simulation.drive import Drive
+from bcid.simulation.writing import write_motive
+
+
+def circling_take(folder: Path, name: str = "circle", seconds: float = 20.0, rate_hz: float = 60.0) -> Path:
+    """A Motive export, with its commands, of a car that circles at 1 m/s and 0.6 rad/s."""
+    frame = np.arange(int(seconds * rate_hz) + 1)
+    yaw = 0.6 * frame / rate_hz
+    pose = np.column_stack([np.sin(yaw) / 0.6, (1.0 - np.cos(yaw)) / 0.6, yaw])
+    command_time = np.arange(int(seconds * 20)) / 20.0
+    command = np.tile([0.5, 1.2], (len(command_time), 1))
+    path = folder / f"{name}.csv"
+    write_motive(path, Drive(command_time, command, frame, pose, np.zeros((1, 8))), rate_hz, 0)
+    return path

@@ -1,0 +1,129 @@
+"""The command line as a person or a script meets it: help, formats, exit codes, one error at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from making import circling_take
+from typer.main import get_command
+
+from bcid.cli.app import app
+
+ROOT = Path(__file__).parent.parent
+COMMANDS = sorted(get_command(app).commands)  # type: ignore[attr-defined]
+
+
+def bcid(*words: str | Path, cwd: Path | None = None, **env: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "bcid", *map(str, words)],
+        capture_output=True, text=True, cwd=cwd or ROOT, env={**os.environ, **env}, timeout=300, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_and_option_has_help_and_documentation(command: str) -> None:
+    registered = get_command(app).commands[command]  # type: ignore[attr-defined]
+    assert registered.help
+    assert f"bcid {command}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    for option in registered.params:
+        assert getattr(option, "help", None), option.name
+
+
+def test_help_costs_no_heavy_import() -> None:
+    heavy = ("torch", "numba", "pysindy", "pandas", "scipy", "matplotlib", "sklearn")
+    program = f"import sys, bcid.cli.app; print([m for m in {heavy} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert out.stdout.strip() == "[]"
+
+
+def test_models_in_three_formats() -> None:
+    human = bcid("models")
+    assert human.returncode == 0
+    assert "k-sindy-mlp" in human.stdout
+    assert "\x1b" not in human.stdout + human.stderr
+    listed = json.loads(bcid("models", "--format", "json").stdout)
+    assert listed["models"][0]["model"] == "newton-euler"
+    assert bcid("models", "--format", "quiet").stdout == ""
+
+
+def refused(result: subprocess.CompletedProcess[str], code: int, *texts: str) -> None:
+    assert result.returncode == code, result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+    for text in texts:
+        assert text in result.stderr
+
+
+def test_errors_have_a_place_a_cause_and_a_next_step(tmp_path: Path, vehicle_file: Path) -> None:
+    out = ("--out", tmp_path / "w")
+    take = circling_take(tmp_path)
+    refused(bcid("run", cwd=tmp_path), 4, "pipelines/bumper_car.toml", "next: ", "bcid init")
+    refused(
+        bcid("estimate", tmp_path / "none.csv", "--vehicle", vehicle_file, *out),
+        4,
+        "none.csv",
+        "does not exist",
+        "next: ",
+    )
+    refused(bcid("estimate", take, "--vehicle", tmp_path / "no.toml", *out), 4, "no.toml", "next: ")
+    bad = tmp_path / "bad.toml"
+    bad.write_text(vehicle_file.read_text().replace("mass_kg", "mass"))
+    refused(
+        bcid("estimate", take, "--vehicle", bad, *out), 4, "bad.toml", "body.mass", "did you mean mass_kg", "next: "
+    )
+    refused(bcid("estimate", take), 2, "--vehicle", "next: ")
+    refused(bcid("fit", "--model", "bicycle"), 2, "bicycle", "next: ")
+    refused(bcid("estimate", "--bogus"), 2)
+    refused(bcid("simulate", "--set", "gravity=9"), 2, "gravity", "next: ")
+    refused(bcid("ingest", take, "--vehicle", vehicle_file, *out, "--format", "xml"), 2)
+
+
+def test_init_writes_files_that_can_be_read(tmp_path: Path) -> None:
+    from bcid.pipeline.plan import read_plan
+    from bcid.vehicle import read_vehicle
+
+    made = bcid("init", tmp_path / "new")
+    assert made.returncode == 0
+    assert read_vehicle(tmp_path / "new" / "vehicle.toml").name == "my-car"
+    assert len(read_plan(tmp_path / "new" / "pipeline.toml").models) == 6
+    refused(bcid("init", tmp_path / "new"), 2, "exists already", "next: ")
+
+
+def test_the_contract_s_own_vehicle_file_is_read(tmp_path: Path) -> None:
+    """The example of the specification, word for word."""
+    from bcid.vehicle import read_vehicle
+
+    path = tmp_path / "v.toml"
+    path.write_text(
+        'name = "bumper-car"\n[body]\nmass_kg = 319.6\ncog_to_front_m = 0.54\ncog_to_rear_m = 0.33\n'
+        'drive = "front"\nrear_track_m = 0.60\n[steering]\nmax_angle_rad = 2.012\nmax_rate_radps = 1.418\n'
+        'time_constant_s = 0.155\n[motor]\nreference_speed_mps = 2.033\n[mocap]\nrigid_body = "bumper_car"\n'
+        'up_axis = "Y"\n[topics]\npose = "/mocap/bumper_car/pose"\ncommand = "/bumper_car/command"\n'
+    )
+    assert read_vehicle(path).steering.max_rate_radps == 1.418
+
+
+def test_recordings_may_be_named_directly(tmp_path: Path, takes: dict[str, Path], vehicle_file: Path) -> None:
+    where = ("--vehicle", vehicle_file, "--out", tmp_path / "w")
+    taken = bcid("ingest", takes["motive"], *where, "--format", "json")
+    assert taken.returncode == 0
+    assert taken.stderr == ""
+    assert json.loads(taken.stdout)["recordings"][0]["name"] == "drive"
+    estimated = json.loads(bcid("estimate", takes["motive"], *where, "--format", "json").stdout)
+    folder = Path(estimated["estimates"][0]["folder"])
+    assert {p.name for p in folder.iterdir()} == {"estimate.parquet", "estimate.json", "manifest.json"}
+    fit = bcid("fit", takes["motive"], "--model", "k-sindy", *where)
+    assert fit.returncode == 0
+    assert "v_f(k+1) =" in fit.stdout
+
+
+def test_hostile_names_are_inert(tmp_path: Path, vehicle_file: Path) -> None:
+    take = circling_take(tmp_path, name="[red]<script>x")
+    done = bcid("ingest", take, "--vehicle", vehicle_file, "--out", tmp_path / "w")
+    assert done.returncode == 0
+    assert "[red]<script>x" in done.stdout

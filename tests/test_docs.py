@@ -1,0 +1,27 @@
+"""The figures in the docs are those of the committed JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+
+def table(report: dict[str, object]) -> str:
+    rows = [
+        "| model | NMSE × 10³ | 95 % interval | v_x | v_y | yaw rate | rollout (ms) | parameters |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for m in report["models"]:  # type: ignore[attr-defined]
+        low, high = m["nmse_ci95"]
+        mean, v_x, v_y, yaw_rate = (f"{1e3 * m[k]:.2f}" for k in ("nmse", "nmse_vx", "nmse_vy", "nmse_yaw_rate"))
+        interval = f"{1e3 * low:.2f} – {1e3 * high:.2f}"
+        cells = [m["model"], mean, interval, v_x, v_y, yaw_rate, f"{m['rollout_ms']:.2f}", str(m["parameters"])]
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def test_the_readme_s_table_is_the_committed_report() -> None:
+    report = json.loads((ROOT / "docs" / "results" / "report.json").read_text())
+    assert table(report) in (ROOT / "README.md").read_text(encoding="utf-8")

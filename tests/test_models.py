@@ -1,0 +1,352 @@
+"""One contract for all models of the table, and what each must do by itself."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.errors import InputRefused, UsageError
+from bcid.estimate.types import Estimate
+from bcid.evaluation.closed_loop import whole_take
+from bcid.models import k_mlp, k_sindy, k_sindy_mlp, library, narx_mlp, newton_euler, newton_euler_linear, published
+from bcid.models.genetic import minimise
+from bcid.models.interface import Diverged, FitTask, History, Model, history_at, no_progress, rollout
+from bcid.models.newton_euler import Car, NewtonEuler
+from bcid.models.samples import scale, transitions
+from bcid.models.saving import load_model, save_model
+from bcid.models.table import MODELS, row_of
+from bcid.vehicle import Vehicle
+
+QUICK: dict[str, dict[str, Any]] = {
+    "newton-euler": {"population": 60, "generations": 40},
+    **dict.fromkeys(
+        ("narx-mlp", "k-mlp", "k-sindy-mlp"),
+        {"epochs": 60, "learning_rate": 2e-3, "decay_epochs": 15, "hidden": [48, 32]},
+    ),
+}
+
+
+def fitted(name: str, estimates: list[Estimate], vehicle: Vehicle, seed: int = 1, **more: Any) -> Model:
+    row = row_of(name)
+    base = fitted(row.base, estimates, vehicle, seed) if row.base else None
+    settings = {**row.defaults, **QUICK.get(name, {}), **more}
+    return row.load().fit(FitTask(estimates, vehicle, settings, seed, base))
+
+
+@pytest.fixture(scope="session")
+def models(estimates: list[Estimate], vehicle: Vehicle) -> dict[str, Model]:
+    return {name: fitted(name, estimates, vehicle) for name in MODELS}
+
+
+every_model = pytest.mark.parametrize("name", list(MODELS))
+
+
+@every_model
+def test_closed_loop_follows_the_take(name: str, models: dict[str, Model], estimates: list[Estimate]) -> None:
+    """Even small fits follow the motion far better than its mean does (NMSE 1); the linear one need not."""
+    take = estimates[0]
+    weights = scale(take.twist)
+    error = (((whole_take(models[name], take) - take.twist) * weights) ** 2).mean()
+    assert np.isfinite(error)
+    assert error < (20.0 if name == "newton-euler-linear" else 0.15)
+
+
+@every_model
+def test_moving_the_start_moves_the_whole_rollout(
+    name: str, models: dict[str, Model], estimates: list[Estimate]
+) -> None:
+    """Rollouts know nothing of where the car is: two starts of the same history are the same rollout."""
+    model, take = models[name], estimates[0]
+    here = rollout(model, history_at(take, 100, model.lags), take.command[100:150])
+    rows = np.arange(100 - model.lags, 101)
+    there = rollout(
+        model, History(take.twist[rows], take.kinematic[rows], take.command[rows[:-1]]), take.command[100:150]
+    )
+    np.testing.assert_array_equal(here, there)
+
+
+@every_model
+def test_the_past_never_sees_the_future(name: str, models: dict[str, Model], estimates: list[Estimate]) -> None:
+    model, take = models[name], estimates[0]
+    changed = take.command[:200].copy()
+    changed[120:] = [-0.5, 0.3]
+    one, other = (rollout(model, history_at(take, 0, model.lags), c) for c in (take.command[:200], changed))
+    np.testing.assert_array_equal(one[:121], other[:121])
+    assert not np.allclose(one[121:], other[121:])
+
+
+@every_model
+def test_steps_are_the_rollout(name: str, models: dict[str, Model], estimates: list[Estimate]) -> None:
+    model, take = models[name], estimates[0]
+    history = history_at(take, 50, model.lags)
+    carry, twists = model.init(history), [history.twist[-1]]
+    for command in take.command[50:80]:
+        carry, twist = model.step(carry, command)
+        twists.append(twist)
+    np.testing.assert_allclose(rollout(model, history, take.command[50:80]), twists, atol=1e-12)
+
+
+@every_model
+def test_saving_and_loading_gives_the_identical_rollout(
+    name: str, models: dict[str, Model], estimates: list[Estimate], tmp_path: Path
+) -> None:
+    model, take = models[name], estimates[0]
+    save_model(model, tmp_path)
+    again = load_model(tmp_path)
+    history = history_at(take, 10, model.lags)
+    one, other = (rollout(m, history, take.command[10:200]) for m in (model, again))
+    np.testing.assert_array_equal(one, other)
+    assert again.describe() == model.describe()
+    assert again.parameter_count == model.parameter_count > 0
+
+
+@every_model
+def test_the_same_seed_gives_the_same_model(
+    name: str, models: dict[str, Model], estimates: list[Estimate], vehicle: Vehicle
+) -> None:
+    again = fitted(name, estimates, vehicle)
+    data, arrays = models[name].state()
+    data_again, arrays_again = again.state()
+    assert json.dumps(data) == json.dumps(data_again)
+    for key, values in arrays.items():
+        np.testing.assert_array_equal(values, arrays_again[key])
+
+
+@every_model
+def test_the_description_prints_equations(name: str, models: dict[str, Model]) -> None:
+    text = models[name].describe()
+    assert "=" in text
+    assert len(text.splitlines()) >= 2
+
+
+@every_model
+def test_a_model_is_immutable(name: str, models: dict[str, Model]) -> None:
+    with pytest.raises(AttributeError):
+        models[name].facts = {}  # type: ignore[attr-defined]
+
+
+def test_compiled_steps_are_the_plain_ones(
+    models: dict[str, Any], estimates: list[Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The compiled `advance` of every kinematic and autoregressive model against its Python body."""
+    state, command = estimates[0].kinematic[40], estimates[0].command[40]
+    sindy, k, res, narx = (models[n] for n in ("k-sindy", "k-mlp", "k-sindy-mlp", "narx-mlp"))
+    carry = narx.init(history_at(estimates[0], 40, 2))
+    cases = [
+        (k_sindy.advance, (state, command, sindy.sparse, sindy.frame)),
+        (k_mlp.advance, (state, command, k.weights, k.frame)),
+        (k_sindy_mlp.advance, (state, command, res.sindy.sparse, res.weights, res.sindy.frame)),
+        (narx_mlp.advance, (carry, command, narx.weights)),
+    ]
+    for compiled, arguments in cases:
+        result = compiled(*arguments)
+        np.testing.assert_allclose(compiled.py_func(*arguments), result, atol=1e-9)
+
+
+# --- Newton-Euler ------------------------------------------------------------------------------------------------
+
+
+def clean_estimates(model: Model, count: int = 2, rows: int = 1200) -> list[Estimate]:
+    """Noise-free estimates of a take that `model` itself drives."""
+    out = []
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        command = np.repeat(
+            np.column_stack([rng.uniform(-1.9, 1.9, rows // 15), rng.choice([2.033, 2.033, 1.2, -0.4], rows // 15)]),
+            15,
+            axis=0,
+        )
+        carry = np.zeros(4)
+        twist, angle = [np.zeros(3)], [0.0]
+        for u in command[:-1]:
+            carry, v = model.step(carry, u)
+            twist.append(v)
+            angle.append(float(carry[3]))
+        twists, delta = np.array(twist), np.array(angle)
+        v_fy = twists[:, 1] + 0.54 * twists[:, 2]
+        kinematic = np.column_stack(
+            [np.hypot(twists[:, 0], v_fy), np.arctan2(v_fy, twists[:, 0]) - delta, np.zeros(rows), delta]
+        )
+        zero = np.zeros((rows, 3))
+        out.append(
+            Estimate(
+                f"made {seed}", 0.1, 0.1 * np.arange(rows), np.ones(rows, dtype=np.int64), zero, twists, kinematic,
+                command, zero, np.zeros((rows, 4)), {"T_s": 0.155, "d": 1.418},
+            )
+        )  # fmt: skip
+    return out
+
+
+def car_of(**changes: float) -> Car:
+    return published.newton_euler().car._replace(R_1=30.0, R_2=5.0, **changes)
+
+
+def test_newton_euler_finds_its_own_constants(vehicle: Vehicle) -> None:
+    truth = NewtonEuler(car_of(), 0.1, {})
+    model = fitted("newton-euler", clean_estimates(truth), vehicle, population=150, generations=150)
+    car = model.car  # type: ignore[attr-defined]
+    assert model.facts["one_step_nmse"] < 3e-5  # type: ignore[attr-defined]
+    for symbol in ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max"):
+        assert getattr(car, symbol) == pytest.approx(getattr(truth.car, symbol), rel=0.1), symbol
+
+
+def test_fitted_drag_dissipates_at_every_speed_driven(models: dict[str, Any]) -> None:
+    """Errata 6: the Table's R_2 would drive above 2.78 m/s."""
+    car, top = models["newton-euler"].car, models["newton-euler"].facts["top_speed_mps"]
+    speeds = np.linspace(0.0, top, 50)
+    assert (speeds * (car.R_1 * speeds + car.R_2 * speeds * np.abs(speeds)) >= 0.0).all()
+    table = published.newton_euler().car
+    assert 3.0 * (table.R_1 + table.R_2 * 3.0) < 0.0
+
+
+@pytest.mark.parametrize(("share", "drive"), [(1.0, "front"), (0.0, "rear"), (0.5, "all")])
+def test_straight_driving_does_not_care_which_axle_drives(share: float, drive: str) -> None:
+    car = car_of()._replace(front_share=share)
+    F_x, F_y, M_z = newton_euler.wrench(1.0, 0.0, 0.0, 0.0, 1.8, car)
+    assert F_x == pytest.approx(car.K_t * 0.8 - 30.0 - 5.0)
+    assert (F_y, M_z) == (0.0, 0.0)
+
+
+def test_rear_drive_pushes_along_the_body() -> None:
+    """The two drives differ by where F_m - F_d acts, and at which wheel's speed."""
+    v_x, delta = 1.0, 0.5
+    front, rear = (newton_euler.wrench(v_x, 0.0, 0.0, delta, 1.8, car_of()._replace(front_share=s)) for s in (1.0, 0.0))
+
+    def force(v_w: float) -> float:
+        return 274.8 * (1.8 - v_w) - 30.0 * v_w - 5.0 * v_w * v_w
+
+    at_front = force(v_x * np.cos(delta))
+    assert rear[0] - front[0] == pytest.approx(force(v_x) - np.cos(delta) * at_front)
+    assert rear[1] - front[1] == pytest.approx(-np.sin(delta) * at_front)
+    assert rear[2] - front[2] == pytest.approx(-0.54 * np.sin(delta) * at_front)
+
+
+def test_force_law_uses_its_dead_zone() -> None:
+    car = car_of()._replace(sets_force=1.0, K_t=25.0, u_0=0.16, K_v=5.0, F_m_max=1e5)
+    assert newton_euler.motor_force(0.1, 1.0, car) == 0.0
+    assert newton_euler.motor_force(0.36, 0.5, car) == pytest.approx(2.5)
+
+
+def test_newton_euler_is_mirror_symmetric(models: dict[str, Any]) -> None:
+    car = models["newton-euler"].car
+    left = newton_euler.advance((1.0, 0.2, 0.5, 0.4), 0.8, 1.5, car, 0.1)
+    right = newton_euler.advance((1.0, -0.2, -0.5, -0.4), -0.8, 1.5, car, 0.1)
+    assert left == pytest.approx((right[0], -right[1], -right[2], -right[3]), abs=1e-14)
+
+
+def test_the_linear_model_is_the_jacobian() -> None:
+    """About straight driving at v, with linear tyres and a motor that follows both ways."""
+    car, v = car_of(v_0=1e-9, F_f_max=1e9, F_r_max=1e9, F_m_max=1e9), 1.1
+    lin = newton_euler_linear.linearise(car, v)
+
+    # the throttle is one-sided: a reference above v keeps the motor on its proportional branch
+    def rate(x: np.ndarray, delta: float) -> np.ndarray:
+        return np.array(newton_euler.rate(x[0], x[1], x[2], delta, delta, 1.8, car)[:3])
+
+    x, step = np.array([v, 0.0, 0.0]), 1e-6
+    A = np.column_stack([(rate(x + step * e, 0.0) - rate(x - step * e, 0.0)) / (2 * step) for e in np.eye(3)])
+    b = (rate(x, step) - rate(x, -step)) / (2 * step)
+    np.testing.assert_allclose(lin.A[1:, 1:], A[1:, 1:], rtol=1e-6)
+    np.testing.assert_allclose(lin.A[0, 0], A[0, 0], rtol=1e-6)
+    # F_m - F_d turns with the wheel: a lateral force that the linear model leaves out, small beside C_f
+    np.testing.assert_allclose(lin.b_delta[1:], b[1:], rtol=0.06)
+    drive = lin.A @ x + np.array([lin.b_throttle * 1.8 + lin.offset, 0.0, 0.0])
+    np.testing.assert_allclose(drive, rate(x, 0.0), atol=1e-9)
+
+
+# --- the genetic algorithm, the library, the samples -------------------------------------------------------------
+
+
+def test_the_genetic_algorithm_leaves_the_global_random_state_alone() -> None:
+    import random
+
+    random.seed(5)
+    before = random.getstate()
+    best = minimise(lambda x: ((x - 0.3) ** 2).sum(axis=1), 4, 40, 60, 1, no_progress)
+    assert random.getstate() == before
+    assert best.x == pytest.approx(np.full(4, 0.3), abs=0.02)
+    assert best.history == sorted(best.history, reverse=True)
+
+
+def test_every_speed_term_but_the_throttle_vanishes_with_the_speed() -> None:
+    """Errata 9: with v_f = 0 only q_v,1 may be left; the published library keeps alpha_f^2 as well."""
+    frame = published.k_sindy().frame
+    x = np.array([0.0, 0.3, 0.1, 0.7, -0.4, 1.5])
+    names = [
+        library.name_of(e) for e, q in zip(library.SPEED, library.theta(x, library.SPEED, frame), strict=True) if q
+    ]
+    assert names == ["max(0,u_m−v)"]
+    kept = library.theta(x, library.SPEED_PUBLISHED, frame)
+    names = [library.name_of(e) for e, q in zip(library.SPEED_PUBLISHED, kept, strict=True) if q]
+    assert names == ["max(0,u_m−v)", "α_f²"]
+
+
+def test_slip_terms_are_odd_and_speed_terms_even() -> None:
+    """Left and right are alike: mirrored, the slip terms change sign and the speed terms do not."""
+    frame = published.k_sindy().frame
+    x, mirrored = np.array([0.8, 0.3, 0.1, 0.7, -0.4, 1.5]), np.array([0.8, -0.3, -0.1, -0.7, 0.4, 1.5])
+    np.testing.assert_allclose(library.theta(x, library.SLIP, frame), -library.theta(mirrored, library.SLIP, frame))
+    np.testing.assert_allclose(library.theta(x, library.SPEED, frame), library.theta(mirrored, library.SPEED, frame))
+
+
+def test_the_published_equations_print_as_published() -> None:
+    text = published.k_sindy().describe()
+    assert "0.968 v + 0.0379 v² − 0.0155 v³ − 0.475 α_f²" in text
+    assert "α_f(k+1) = 0.777 α_f + 0.00718 v δ |δ| − 0.0117 v² δ + 0.0259 v δ̇" in text
+    assert "α_r(k+1) = −0.0485 α_f + 0.0147 v δ" in text.replace("− 0.0485", "−0.0485")
+
+
+def test_no_sample_straddles_segments_or_recordings(estimates: list[Estimate]) -> None:
+    one, other = estimates
+    cut = np.ones(len(one), dtype=np.int64)
+    cut[300:] = 2
+    from dataclasses import replace
+
+    for lags in (0, 2):
+        parts = transitions([replace(one, segment=cut), other], lags)
+        assert len(parts.twist) == len(one) + len(other) - 3 * (lags + 1)
+        np.testing.assert_array_equal(parts.next_twist[298 - lags], one.twist[299])
+        np.testing.assert_array_equal(parts.twist[299 - lags, -1], one.twist[300])
+        np.testing.assert_array_equal(parts.twist[299 - lags, 0], one.twist[300 + lags])
+
+
+def test_too_short_a_take_is_refused(estimates: list[Estimate]) -> None:
+    from dataclasses import replace
+
+    tiny = replace(estimates[0], segment=np.arange(len(estimates[0])))
+    with pytest.raises(InputRefused, match="uninterrupted"):
+        transitions([tiny])
+
+
+def test_history_before_a_segment_is_its_first_row(estimates: list[Estimate]) -> None:
+    history = history_at(estimates[0], 1, 2)
+    np.testing.assert_array_equal(history.twist, estimates[0].twist[[0, 0, 1]])
+    assert len(history.command) == 2
+
+
+def test_a_divergence_is_reported_with_its_step() -> None:
+    car = car_of(C_f=1e7, C_r=1e7, F_f_max=1e12, F_r_max=1e12)
+    with pytest.raises(Diverged) as caught:
+        rollout(
+            NewtonEuler(car, 0.1, {}),
+            History(np.ones((1, 3)), np.zeros((1, 4)), np.zeros((0, 2))),
+            np.tile([0.5, 2.0], (2000, 1)),
+        )
+    assert caught.value.step > 0
+
+
+def test_an_unknown_model_is_a_usage_error() -> None:
+    with pytest.raises(UsageError, match="k-sindy-mlp"):
+        row_of("pacejka")
+
+
+def test_a_folder_without_a_model_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="no fitted model"):
+        load_model(tmp_path)
+    (tmp_path / "model.json").write_text('{"schema": "bcid.model/9", "model": "k-mlp"}')
+    with pytest.raises(InputRefused, match=r"bcid\.model/9"):
+        load_model(tmp_path)

@@ -1,0 +1,175 @@
+"""The pipeline end to end on short takes: what is made, what is reused, what is invalidated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from bcid.errors import InputRefused
+from bcid.pipeline.plan import read_plan
+from bcid.pipeline.run import Pipeline, Progress
+from bcid.store import code as code_module
+
+PLAN = """
+vehicle = "{vehicle}"
+training = ["{training}"]
+validation = "{validation}"
+truth = "{truth}"
+workspace = "{workspace}"
+models = ["newton-euler", "newton-euler-linear", "narx-mlp", "k-mlp", "k-sindy", "k-sindy-mlp"]
+[fit.newton-euler]
+population = 20
+generations = 5
+[fit.narx-mlp]
+epochs = {narx_epochs}
+hidden = [16, 8]
+[fit.k-mlp]
+epochs = 4
+learning_rate = 1e-3
+hidden = [16, 8]
+[fit.k-sindy-mlp]
+epochs = 4
+hidden = [16, 8]
+[report]
+timing_repeats = 2
+"""
+
+
+class Record:
+    """A watcher that remembers what was made and what was reused."""
+
+    def __init__(self) -> None:
+        self.made: list[str] = []
+        self.known: list[str] = []
+
+    @contextmanager
+    def stage(self, title: str) -> Iterator[Progress]:
+        self.made.append(title)
+        yield lambda share, text: None
+
+    def reused(self, title: str) -> None:
+        self.known.append(title)
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory: pytest.TempPathFactory, takes: dict[str, Path], vehicle_file: Path) -> Path:
+    path = tmp_path_factory.mktemp("plan") / "pipeline.toml"
+    write(path, takes, vehicle_file)
+    return path
+
+
+def write(path: Path, takes: dict[str, Path], vehicle_file: Path, narx_epochs: int = 4) -> None:
+    path.write_text(
+        PLAN.format(
+            vehicle=vehicle_file, training=takes["mcap"], validation=takes["other"],
+            truth=takes["mcap"].parent / "truth",
+            workspace=path.parent / "workspace", narx_epochs=narx_epochs,
+        )
+    )  # fmt: skip
+
+
+def run(plan_file: Path) -> tuple[Record, Path]:
+    record = Record()
+    work = Pipeline(read_plan(plan_file), record)
+    return record, work.publish(work.report())
+
+
+@pytest.fixture(scope="module")
+def first(plan_file: Path) -> tuple[Record, Path]:
+    return run(plan_file)
+
+
+def test_everything_is_made_once(first: tuple[Record, Path], plan_file: Path) -> None:
+    record, page = first
+    assert len(record.made) == len(set(record.made)) == 2 + 1 + 2 + 6 + 6 + 1
+    assert page == plan_file.parent / "workspace" / "report" / "index.html"
+    again, _ = run(plan_file)
+    assert again.made == []
+    assert sorted(again.known) == sorted(record.made)
+
+
+def test_the_report_is_complete_and_offline(first: tuple[Record, Path]) -> None:
+    page = first[1].read_text(encoding="utf-8")
+    for model in ("newton-euler", "newton-euler-linear", "narx-mlp", "k-mlp", "k-sindy", "k-sindy-mlp"):
+        assert f"<td>{model}</td>" in page
+    assert page.count("data:image/png;base64,") == 3
+    assert "Content-Security-Policy" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "https://" not in page
+    assert "<script" not in page
+    report = json.loads((first[1].parent / "report.json").read_text())
+    assert report["schema"] == "bcid.report/1"
+    assert len(report["models"]) == 6
+    for row in report["models"]:
+        assert {"model", "nmse", "nmse_vx", "nmse_vy", "nmse_yaw_rate", "rollout_ms", "parameters"} <= set(row)
+        if row["nmse"] is not None:
+            mean = (row["nmse_vx"] + row["nmse_vy"] + row["nmse_yaw_rate"]) / 3
+            assert row["nmse"] == pytest.approx(mean)
+            assert row["nmse_ci95"][0] <= row["nmse"] <= row["nmse_ci95"][1]
+
+
+def test_epochs_of_one_model_refit_that_model_and_the_report_only(
+    first: tuple[Record, Path], plan_file: Path, takes: dict[str, Path], vehicle_file: Path
+) -> None:
+    write(plan_file, takes, vehicle_file, narx_epochs=5)
+    record, _ = run(plan_file)
+    assert record.made == ["fit narx-mlp", "evaluate narx-mlp", "report"]
+    write(plan_file, takes, vehicle_file)
+    assert run(plan_file)[0].made == []
+
+
+def test_editing_the_tyre_refits_what_runs_it(
+    first: tuple[Record, Path], plan_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A callee three imports away from the fit stage; keys are computed from an edited copy of the sources."""
+    import shutil
+
+    copy = tmp_path / "src"
+    shutil.copytree(code_module._ROOT / "bcid", copy / "bcid", ignore=shutil.ignore_patterns("__pycache__"))
+    tyres = copy / "bcid" / "physics" / "tyres.py"
+    tyres.write_text(tyres.read_text().replace("-C * alpha", "-1.01 * C * alpha"))
+    monkeypatch.setattr(code_module, "_ROOT", copy)
+    code_module.forget()
+    work = Pipeline(read_plan(plan_file), Record())
+    stale = [work.plan.workspace / "fit" / _key(work, model) for model in ("newton-euler", "k-mlp")]
+    code_module.forget()
+    assert [folder.exists() for folder in stale] == [False, True]
+
+
+def _key(work: Pipeline, model: str) -> str:
+    """The key that `model`'s fit would have, without making anything."""
+    keys: list[str] = []
+
+    def note(recipe, make):  # type: ignore[no-untyped-def]
+        keys.append(recipe.key)
+        folder = work.plan.workspace / recipe.stage / recipe.key
+        from bcid.store.artifact import Artifact
+
+        return Artifact(folder, recipe.key, reused=True)
+
+    work.store.get = note  # type: ignore[method-assign]
+    work._known.clear()
+    return work.fit(model).key
+
+
+def test_a_plan_with_problems_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "p.toml"
+    with pytest.raises(InputRefused, match="bcid init"):
+        read_plan(path)
+    path.write_text('vehicle = "v.toml"\ntraining = []\ntrainings = ["x"]\n[estimate]\nperiod = 0.1\n')
+    with pytest.raises(InputRefused, match=r"did you mean training") as caught:
+        read_plan(path)
+    assert "period_s" in str(caught.value)
+    path.write_text('vehicle = "v.toml"\ntraining = ["a"]\n[fit.k-mlp]\nepoch = 3\n')
+    with pytest.raises(InputRefused, match="epochs"):
+        read_plan(path)
+    path.write_text('vehicle = "v.toml"\ntraining = ["a"]\nmodels = ["k-nn"]\n')
+    with pytest.raises(InputRefused, match="k-nn"):
+        read_plan(path)
+    path.write_text("vehicle = ")
+    with pytest.raises(InputRefused, match="not valid TOML"):
+        read_plan(path)

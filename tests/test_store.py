@@ -1,0 +1,122 @@
+"""Artifacts: keys cover what they must, folders appear whole or not at all, damage is noticed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from bcid.store import code as code_module
+from bcid.store.artifact import Recipe, Store
+from bcid.store.code import Code, closure, code_of
+
+CODE = Code("c0de", {"numpy": "2"})
+
+
+def recipe(**changes: object) -> Recipe:
+    given = {"stage": "fit", "inputs": {"a": "1"}, "settings": {"epochs": 3}, "code": CODE, "seed": 1}
+    return Recipe(**{**given, **changes})  # type: ignore[arg-type]
+
+
+def maker(text: str = "x") -> Callable[[Path], None]:
+    def make(folder: Path) -> None:
+        (folder / "sub").mkdir()
+        (folder / "sub" / "data.txt").write_text(text)
+
+    return make
+
+
+def never(folder: Path) -> None:
+    raise AssertionError("made again")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"stage": "tune"}, {"inputs": {"a": "2"}}, {"settings": {"epochs": 4}}, {"seed": 2},
+        {"code": Code("other", {"numpy": "2"})}, {"code": Code("c0de", {"numpy": "3"})},
+    ],
+)  # fmt: skip
+def test_every_part_of_a_recipe_is_in_its_key(changes: dict[str, object]) -> None:
+    assert recipe(**changes).key != recipe().key
+    assert recipe().key == recipe().key
+
+
+def test_an_artifact_is_made_once(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    first = store.get(recipe(), maker())
+    assert not first.reused
+    again = store.get(recipe(), never)
+    assert again.reused
+    assert (again.folder / "sub" / "data.txt").read_text() == "x"
+    manifest = json.loads((again.folder / "manifest.json").read_text())
+    assert set(manifest["files"]) == {"sub/data.txt"}
+    assert manifest["packages"] == {"numpy": "2"}
+
+
+def test_a_stage_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    def fails(folder: Path) -> None:
+        (folder / "half.txt").write_text("half")
+        raise KeyboardInterrupt
+
+    store = Store(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        store.get(recipe(), fails)
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+    assert not store.get(recipe(), maker()).reused
+
+
+@pytest.mark.parametrize("damage", ["flip", "remove", "manifest", "add key"])
+def test_damage_is_noticed_and_made_good(damage: str, tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    folder = store.get(recipe(), maker()).folder
+    target = folder / "sub" / "data.txt"
+    if damage == "flip":
+        target.write_bytes(bytes([target.read_bytes()[0] ^ 1]))
+    elif damage == "remove":
+        target.unlink()
+    elif damage == "manifest":
+        (folder / "manifest.json").write_text("{")
+    else:
+        manifest = json.loads((folder / "manifest.json").read_text())
+        (folder / "manifest.json").write_text(json.dumps({**manifest, "seed": 7}))
+    again = store.get(recipe(), maker())
+    assert not again.reused
+    assert target.read_text() == "x"
+    assert store.get(recipe(), never).reused
+
+
+def test_the_closure_reaches_what_is_called_from_afar() -> None:
+    """The fit of a kinematic model runs the steering law, which it imports only through others."""
+    modules = closure(["bcid.models.k_mlp"])
+    assert {"bcid.physics.steering", "bcid.physics.kinematics", "bcid.models.mlp", "bcid.compiled"} <= modules
+    assert "bcid.models.narx_mlp" not in modules
+    assert not any(m.startswith(("bcid.cli", "bcid.report", "bcid.simulation")) for m in modules)
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A small package in place of bcid's own: stage -> far -> law, with a comment to change."""
+    root = tmp_path / "src"
+    (root / "bcid").mkdir(parents=True)
+    (root / "bcid" / "__init__.py").write_text("")
+    (root / "bcid" / "stage.py").write_text("def make():\n    from bcid.far import f\n    return f()\n")
+    (root / "bcid" / "far.py").write_text("from bcid import law\nimport numpy\n\ndef f():\n    return law.g()\n")
+    (root / "bcid" / "law.py").write_text("def g():\n    return 1  # one\n")
+    monkeypatch.setattr(code_module, "_ROOT", root)
+    code_module.forget()
+    yield root / "bcid"
+    code_module.forget()
+
+
+def test_editing_a_callee_changes_the_code_and_a_comment_does_not(package: Path) -> None:
+    before = code_of("bcid.stage")
+    assert "numpy" in before.packages
+    code_module.forget()
+    (package / "law.py").write_text("def g():\n    return 1  # still one\n")
+    assert code_of("bcid.stage") == before
+    code_module.forget()
+    (package / "law.py").write_text("def g():\n    return 2\n")
+    assert code_of("bcid.stage").digest != before.digest
