@@ -15,7 +15,7 @@ from bcid.errors import InputRefused
 class Settings(BaseModel):
     """A table of a TOML file: immutable, unknown keys refused, numbers finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
 S = TypeVar("S", bound=Settings)
@@ -61,10 +61,15 @@ def _problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str, str]:
 
 def _keys_beside(kind: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
     for part in loc[:-1]:
-        field = kind.model_fields.get(str(part))
+        field = next((f for n, f in kind.model_fields.items() if str(part) in (n, f.alias)), None)
         inner = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
-        nested = [t for t in inner if isinstance(t, type) and issubclass(t, BaseModel)]
+        nested = [t for t in map(_bare, inner) if isinstance(t, type) and issubclass(t, BaseModel)]
         if not nested:
             return []
         kind = nested[0]
     return sorted(f.alias or name for name, f in kind.model_fields.items())
+
+
+def _bare(annotation: Any) -> Any:
+    """The type inside an `Annotated`."""
+    return getattr(annotation, "__origin__", annotation) if hasattr(annotation, "__metadata__") else annotation

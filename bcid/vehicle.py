@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from bcid.toml_file import Settings, read_toml
 
@@ -28,7 +28,7 @@ class Steering(Settings):
 
     max_angle_rad: Positive
     max_rate_radps: Positive | None = None
-    time_constant_s: Positive | None = None
+    time_constant_s: Annotated[float, Field(ge=0.02)] | None = None  # RK4 at 0.05 s is unstable below
 
 
 class Motor(Settings):
@@ -44,7 +44,7 @@ class Mocap(Settings):
     rigid_body: str | None = None
     up_axis: Literal["Y", "Z"] = "Y"
     yaw_offset_rad: float | None = None
-    marker_offset_m: tuple[float, float] | None = None
+    marker_offset_m: Annotated[tuple[float, float], Field(strict=False)] | None = None
     length_unit: Literal["m", "cm", "mm"] | None = None  # only where the export's header has none
     max_speed_mps: Positive | None = None  # a jump beyond it is a tracking failure
 
@@ -72,24 +72,35 @@ class Mapped(Settings):
     zero_where: Condition | None = None
 
 
-Field_ = str | Mapped
+def _bare(value: object) -> object:
+    """A bare name is a mapping of gain 1."""
+    return {"from": value} if isinstance(value, str) else value
+
+
+Logged = Annotated[Mapped, BeforeValidator(_bare)]
+
+CHANNELS = ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
+"""Optional quantities that may be logged beside pose and command."""
 
 
 class PoseFields(Settings):
     """Where a pose is found in a table's row or a message."""
 
-    x_m: Field_
-    y_m: Field_
-    yaw_rad: Field_
+    x_m: Logged
+    y_m: Logged
+    yaw_rad: Logged
     time_s: str | None = None
 
 
 class CommandFields(Settings):
     """Where a command is found in a table's row or a message."""
 
-    steering_rad: Field_
-    throttle_mps: Field_
+    steering_rad: Logged
+    throttle_mps: Logged
     time_s: str | None = None
+    measured_steering_rad: Logged | None = None
+    wheel_speed_mps: Logged | None = None
+    yaw_rate_radps: Logged | None = None
 
 
 class Topics(Settings):
@@ -107,10 +118,7 @@ class Columns(PoseFields, CommandFields):
     """A table's columns; the command columns are those of the same rows."""
 
     time_s: str
-    comment: str | None = None
-    measured_steering_rad: Field_ | None = None
-    wheel_speed_mps: Field_ | None = None
-    yaw_rate_radps: Field_ | None = None
+    comment: Annotated[str, Field(min_length=1, max_length=1)] | None = None
 
 
 class Command(Settings):

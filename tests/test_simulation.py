@@ -113,6 +113,25 @@ def test_every_switch_acts(name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    "name", ["steering_side_gain", "rear_drag_asymmetry", "steering_compliance", "front_ply_steer"]
+)
+def test_signs_matter(name: str) -> None:
+    one, other = (circle(Plant(**{name: s * ACTING[name]})) for s in (1.0, -1.0))
+    assert np.abs(one.truth - other.truth).max() > 1e-4
+
+
+def test_lags_reach_their_limit() -> None:
+    """Ever smaller lags come ever closer to none."""
+    for name, sizes in {
+        "tyre_relaxation": (0.02, 0.001),
+        "steering_lag": (0.01, 7e-4),
+        "motor_lag": (0.03, 7e-4),
+    }.items():
+        far, near = (np.abs(circle(Plant(**{name: s})).truth - circle(BASE).truth).max() for s in sizes)
+        assert near < 0.2 * far, name
+
+
+@pytest.mark.parametrize(
     "name", ["pose_latency", "clock_drift", "marker_offset_x", "marker_offset_y", "body_yaw_misalignment", "pose_scale"]
 )
 def test_measurement_switches_touch_the_pose_only(name: str) -> None:

@@ -120,3 +120,33 @@ def test_editing_a_callee_changes_the_code_and_a_comment_does_not(package: Path)
     code_module.forget()
     (package / "law.py").write_text("def g():\n    return 2\n")
     assert code_of("bcid.stage").digest != before.digest
+
+
+def test_a_template_beside_a_package_is_part_of_its_code(package: Path) -> None:
+    before = code_of("bcid.stage")
+    code_module.forget()
+    (package / "page.html.j2").write_text("<p>")
+    assert code_of("bcid.stage").digest != before.digest
+
+
+def test_the_faster_of_two_runs_wins_and_the_other_uses_its_artifact(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+
+    def beaten(folder: Path) -> None:
+        store.get(recipe(), maker("first"))
+        maker("second")(folder)
+
+    folder = store.get(recipe(), beaten).folder
+    assert (folder / "sub" / "data.txt").read_text() == "first"
+    assert store.get(recipe(), never).reused
+
+
+def test_what_killed_runs_left_is_swept(tmp_path: Path) -> None:
+    import os
+    import time
+
+    left = tmp_path / ".unfinished" / "fit-old"
+    left.mkdir(parents=True)
+    os.utime(left, (time.time() - 1e6, time.time() - 1e6))
+    Store(tmp_path).get(recipe(), maker())
+    assert not left.exists()

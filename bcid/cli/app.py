@@ -22,7 +22,6 @@ from bcid.cli.options import (
 from bcid.cli.sink import Format, Sink, table
 from bcid.errors import BcidError, UsageError
 from bcid.models.table import MODELS, row_of
-from bcid.pipeline.plan import DEFAULT
 from bcid.pipeline.run import Pipeline
 
 app = typer.Typer(
@@ -50,18 +49,18 @@ def options(
 
 
 @app.command()
-def run(pipeline: PipelineOption = DEFAULT, format: FormatOption = Format.human) -> None:  # noqa: A002
+def run(pipeline: PipelineOption = None, format: FormatOption = Format.human) -> None:  # noqa: A002
     """Do everything: ingest, estimate, fit every model, evaluate, report."""
     _report(pipeline, Sink(format))
 
 
 @app.command()
-def report(pipeline: PipelineOption = DEFAULT, format: FormatOption = Format.human) -> None:  # noqa: A002
+def report(pipeline: PipelineOption = None, format: FormatOption = Format.human) -> None:  # noqa: A002
     """Compare the fitted models on the validation take: a page, a JSON, a table."""
     _report(pipeline, Sink(format))
 
 
-def _report(pipeline: Path, sink: Sink) -> None:
+def _report(pipeline: Path | None, sink: Sink) -> None:
     from bcid.cli import show
 
     work = Pipeline(plan_of(pipeline), sink)
@@ -74,7 +73,7 @@ def _report(pipeline: Path, sink: Sink) -> None:
 @app.command()
 def ingest(
     recordings: Recordings = None,
-    pipeline: PipelineOption = DEFAULT,
+    pipeline: PipelineOption = None,
     vehicle: VehicleOption = None,
     out: OutOption = None,
     commands: CommandsOption = None,
@@ -93,7 +92,7 @@ def ingest(
 @app.command()
 def estimate(
     recordings: Recordings = None,
-    pipeline: PipelineOption = DEFAULT,
+    pipeline: PipelineOption = None,
     vehicle: VehicleOption = None,
     out: OutOption = None,
     commands: CommandsOption = None,
@@ -104,8 +103,11 @@ def estimate(
 
     sink = Sink(format)
     work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
-    made = [work.estimate(path) for path in work.takes()]
-    estimates = [a.json("estimate.json") | {"folder": str(a.folder)} for a in made]
+    estimates = []
+    for path in work.takes():
+        made, check = work.estimate(path), work.check(path)
+        more = {"folder": str(made.folder), "check": check.json("check.json") if check else None}
+        estimates.append(made.json("estimate.json") | more)
     sink.result({"schema": "bcid.estimate/1", "estimates": estimates}, lambda: show.estimates(estimates))
 
 
@@ -115,7 +117,7 @@ def fit(
     model: Annotated[
         list[str] | None, typer.Option("--model", "-m", help="A model's name; repeat for several. Default: the plan's.")
     ] = None,
-    pipeline: PipelineOption = DEFAULT,
+    pipeline: PipelineOption = None,
     vehicle: VehicleOption = None,
     out: OutOption = None,
     commands: CommandsOption = None,
@@ -173,6 +175,8 @@ def simulate(
         if sample_logs is not None:
             paths = write_samples(sample_logs, seed, lambda text: progress(0.0, text))
         else:
+            if Path(name).name != name:
+                raise UsageError(f"{name!r} is no plain name\n  next: name the folder with --out")
             if recorder not in ("motive", "mcap"):
                 raise UsageError(f"there is no recorder {recorder!r}\n  next: choose motive or mcap")
             plant, sensor = plant_and_sensor(ideal, change or [], rate)
@@ -209,6 +213,11 @@ def main() -> None:
     except BcidError as error:
         Sink(Format.quiet).error(str(error))
         sys.exit(error.exit_code)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        Sink(Format.quiet).error(f"{error.filename}: {error.strerror}\n  next: check the path and its permissions")
+        sys.exit(4)
     except Exception as error:
         if os.environ.get("BCID_TRACEBACK"):
             raise

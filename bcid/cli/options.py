@@ -12,7 +12,13 @@ from bcid.errors import UsageError
 from bcid.models.table import MODELS
 from bcid.pipeline.plan import DEFAULT, EstimateTable, Plan, ReportTable, read_plan
 
-PipelineOption = Annotated[Path, typer.Option("-p", "--pipeline", help="The pipeline file.", show_default=True)]
+PipelineOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-p", "--pipeline", show_default=str(DEFAULT),
+        help="The pipeline file; with recordings named, its settings are used for them.",
+    ),
+]  # fmt: skip
 FormatOption = Annotated[Format, typer.Option("--format", help="How results are written to stdout.")]
 Recordings = Annotated[
     list[Path] | None, typer.Argument(help="Recordings to use instead of the pipeline file's.", show_default=False)
@@ -25,13 +31,13 @@ CommandsOption = Annotated[
 
 
 def plan_of(
-    pipeline: Path = DEFAULT,
+    pipeline: Path | None = None,
     recordings: list[Path] | None = None,
     vehicle: Path | None = None,
     out: Path | None = None,
     commands: Path | None = None,
 ) -> Plan:
-    """The pipeline file's plan, or one made of the recordings named on the command line.
+    """The pipeline file's plan, or one of the recordings named on the command line with its or default settings.
 
     Raises:
         UsageError: words that do not fit together.
@@ -40,15 +46,19 @@ def plan_of(
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")
-        return read_plan(pipeline)
-    if vehicle is None or out is None:
+        return read_plan(pipeline or DEFAULT)
+    if commands is not None and len(recordings) > 1:
+        raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
+    if out is None or (vehicle is None and pipeline is None):
         raise UsageError(
             "recordings need --vehicle VEHICLE.toml and --out DIR\n  next: `bcid init` writes a vehicle file"
         )
-    if commands is not None and len(recordings) > 1:
-        raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
-    return Plan(
-        source="the command line", vehicle=vehicle, training=tuple(recordings), validation=None, truth=None,
-        workspace=out, seed=1, models=tuple(MODELS), estimate=EstimateTable(), fit={}, report=ReportTable(),
-        commands=commands,
-    )  # fmt: skip
+    if pipeline is not None:
+        plan = read_plan(pipeline)
+    else:
+        plan = Plan(
+            source="the command line", vehicle=Path(), training=(), validation=None, truth=None, workspace=out, seed=1,
+            models=tuple(MODELS), estimate=EstimateTable(), fit={}, report=ReportTable(),
+        )  # fmt: skip
+    takes = {"training": tuple(recordings), "validation": None, "truth": None, "commands": commands}
+    return plan.model_copy(update={**takes, "workspace": out, "vehicle": vehicle or plan.vehicle})

@@ -8,11 +8,11 @@ from typing import Any
 from rich.console import Group
 from rich.table import Table
 
-from bcid.cli.sink import table
+from bcid.cli.sink import table, thousandths
+from bcid.report.steering import steering_lines
 
-
-def _thousandths(value: float | None) -> str:
-    return "diverged" if value is None else (f"{1e3 * value:.2f}" if value < 1 else f"{1e3 * value:.3g}")
+NIS_RANGE = (0.7, 1.4)  # beyond, the noise model is wrong for the take
+NEES = ("nees_filter", "nees_smoother")
 
 
 def comparison(report: Mapping[str, Any]) -> Table:
@@ -20,15 +20,21 @@ def comparison(report: Mapping[str, Any]) -> Table:
     take = report["validation"]
     rows = [
         [
-            m["model"], _thousandths(m["nmse"]),
-            "–" if m["nmse_ci95"] is None else " – ".join(_thousandths(v) for v in m["nmse_ci95"]),
-            _thousandths(m["nmse_vx"]), _thousandths(m["nmse_vy"]), _thousandths(m["nmse_yaw_rate"]),
+            m["model"], thousandths(m["nmse"]),
+            "–" if m["nmse_ci95"] is None else " – ".join(thousandths(v) for v in m["nmse_ci95"]),
+            thousandths(m["nmse_vx"]), thousandths(m["nmse_vy"]), thousandths(m["nmse_yaw_rate"]),
             f"{m['rollout_ms']:.3g}", str(m["parameters"]),
         ]
         for m in report["models"]
     ]  # fmt: skip
+    weights, machine = report["weights"], report["machine"]
+    caption = (
+        f"W = diag({weights['v_x']:.3g} s/m, {weights['v_y']:.3g} s/m, {weights['yaw_rate']:.3g} s/rad); "
+        f"rollout of the whole take on {machine['processor']}, {machine['cores']} cores"
+    )
     title = f"closed loop on {take['name']} ({take['duration_s']:.0f} s), NMSE × 10³"
-    return table(title, ["model", "NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"], rows)
+    columns = ["model", "NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"]
+    return table(title, columns, rows, caption)
 
 
 def recordings(taken: Sequence[Mapping[str, Any]]) -> Group:
@@ -55,13 +61,29 @@ def _clock(clock: Mapping[str, Any]) -> str:
     return f"{1e3 * clock['offset_s']:.1f} ms ({1e3 * low:.1f} … {1e3 * high:.1f})"
 
 
-def estimates(made: Sequence[Mapping[str, Any]]) -> Table:
-    """The estimator's consistency."""
+def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
+    """The estimator's constants and consistency, and its error where a truth is known."""
     rows = []
     for e in made:
-        nis, truth = e["facts"]["nis"], e["facts"].get("truth")
+        facts, nis = e["facts"], e["facts"]["nis"]
+        told = dict(steering_lines(facts))
         band = " … ".join(f"{v:.3f}" for v in nis["band95"])
-        rmse = "–" if truth is None else ", ".join(f"{v:.3g}" for v in list(truth["rmse"].values())[:3])
-        rows.append([e["name"], f"{nis['mean_per_dof']:.3f}", band, rmse, e["folder"]])
-    columns = ["take", "NIS per quantity", "95 % band", "RMSE v_x, v_y, yaw rate", "written to"]
-    return table("estimates", columns, rows)
+        honest = "" if NIS_RANGE[0] < nis["mean_per_dof"] < NIS_RANGE[1] else "  (!)"
+        rows.append([e["name"], f"{nis['mean_per_dof']:.3f}{honest}", band, told["T_s"], told["d"], e["folder"]])
+    columns = ["take", "NIS per quantity", "95 % band", "T_s", "d", "written to"]
+    far = "(!) far from 1: the noise found on the liveliest excerpts does not fit this take" if _any_far(rows) else ""
+    tables = [table("estimates", columns, rows, far)]
+    checked = [e["check"] for e in made if e.get("check")]
+    if checked:
+        names = list(checked[0]["rmse"])
+        errors = [
+            [c["name"], *(f"{c['rmse'][n]:.2g}" for n in names), *(f"{c[k]['mean']:.2f}" for k in NEES)]
+            for c in checked
+        ]
+        title = "RMSE against the simulation's truth (SI); NEES is 3 when the stated covariance is right"
+        tables.append(table(title, ["take", *names, "NEES filter", "NEES smoother"], errors))
+    return Group(*tables)
+
+
+def _any_far(rows: list[list[str]]) -> bool:
+    return any("(!)" in row[1] for row in rows)

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.estimate.kernel import Events
-from bcid.estimate.process import DELTA, MEASURED, N_MEASURED, N_STATE, THETA, Floats
+from bcid.estimate.process import BETAF, DELTA, MEASURED, N_MEASURED, N_STATE, THETA, VF, Floats
+from bcid.physics.steering import steering_step
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
@@ -30,16 +31,19 @@ class Timeline(NamedTuple):
 
 def held(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
     """Commands (N, 2) held at `time_s`, and their age (s); before the first one it stands, with age inf."""
-    rows = np.searchsorted(commands.time_s, time_s + 1e-9, side="right") - 1
-    age = np.where(rows >= 0, time_s - commands.time_s[np.maximum(rows, 0)], np.inf)
+    stamps = np.round(commands.time_s, _TIME_DECIMALS)  # as the events' times are
+    rows = np.searchsorted(stamps, np.round(time_s, _TIME_DECIMALS), side="right") - 1
+    age = np.where(rows >= 0, time_s - stamps[np.maximum(rows, 0)], np.inf)
     return commands.values[np.maximum(rows, 0)], age
 
 
-def timeline(recording: Recording, vehicle: Vehicle, period_s: float, max_gap_s: float) -> Timeline:
+def timeline(
+    recording: Recording, vehicle: Vehicle, period_s: float, max_gap_s: float, T_s: float, d: float
+) -> Timeline:
     """All events of `recording`, with an output grid of `period_s` from the take's time zero.
 
     Grid rows inside pose gaps longer than `max_gap_s`, or where no command holds, are left out and
-    end a segment; the filter predicts through gaps all the same.
+    end a segment; the filter predicts through gaps all the same.  `T_s` and `d` are the steering's.
     """
     pose_s = np.round(recording.poses.time_s, _TIME_DECIMALS)
     first, last = pose_s[0], pose_s[-1]
@@ -56,7 +60,11 @@ def timeline(recording: Recording, vehicle: Vehicle, period_s: float, max_gap_s:
     u_s = np.clip(held(recording.commands, time_s)[0][:, 0], -limit, limit)
     x_0 = np.zeros((len(time_s), N_STATE))
     for k in starts:
-        x_0[k] = _initial_state(recording, vehicle, float(time_s[k]), float(u_s[k]))
+        x_0[k] = _initial_state(recording, vehicle, float(time_s[k]))
+    x_0[starts, DELTA] = u_s[starts]
+    x_0[starts[0], DELTA] = _angle_before(recording, vehicle, float(first), T_s, d)
+    slow = x_0[starts, VF] <= START_SPEED_MPS
+    x_0[starts[slow], BETAF] = x_0[starts[slow], DELTA]  # at rest the wheel heads where it is steered
     events = Events(time_s, u_s, z, restart, x_0, np.array(P_0))
 
     grid = np.searchsorted(time_s, grid_s)
@@ -90,15 +98,26 @@ def _in_pose_gap(recording: Recording, time_s: Floats, max_gap_s: float) -> npt.
     return strictly & ((width > max_gap_s) | before_jump)
 
 
-def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float, u_s: float) -> Floats:
-    """The state at a stretch's start from a line through its first poses; the steering is taken as settled."""
+def _angle_before(recording: Recording, vehicle: Vehicle, start_s: float, T_s: float, d: float) -> float:
+    """The steering angle at `start_s` under the commands before it, settled at the first of them."""
+    stamps, limit = recording.commands.time_s, vehicle.steering.max_angle_rad
+    u_s = np.clip(recording.commands.values[:, 0], -limit, limit)
+    before = stamps < start_s
+    edges = np.append(stamps[before], start_s)
+    delta = float(u_s[0])
+    for u, dt in zip(u_s[before], np.diff(edges), strict=True):
+        delta = steering_step(delta, u, T_s, d, dt)
+    return delta
+
+
+def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float) -> Floats:
+    """The state at a stretch's start from a line through its first poses; delta is found elsewhere."""
     t, pose = recording.poses.time_s, recording.poses.values
     first = int(np.searchsorted(t, start_s - 1e-6))
     stop = max(int(np.searchsorted(t, start_s + START_S)), first + 2)
     stop = min([stop, len(t), *(int(np.searchsorted(t, b)) for b in recording.breaks_s if b > start_s + 1e-6)])
     x = np.zeros(N_STATE)
     x[:3] = pose[first]
-    x[4] = x[DELTA] = u_s
     if stop - first < 2:
         return x
     p_x, p_y, yaw_rate = np.polyfit(t[first:stop] - t[first], pose[first:stop], 1)[0]
@@ -107,5 +126,5 @@ def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float, u_s: 
     v_fy = v_y + vehicle.body.cog_to_front_m * yaw_rate
     speed = float(np.hypot(v_x, v_fy))
     if speed > START_SPEED_MPS:
-        x[3], x[4] = speed, np.arctan2(v_fy, v_x)
+        x[VF], x[BETAF] = speed, np.arctan2(v_fy, v_x)
     return x

@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.compiled import njit
-from bcid.estimate.process import N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
 from bcid.physics.kinematics import wrap
+from bcid.physics.steering import steering_step
 
 MAX_STEP_S = 0.02
 
@@ -113,7 +114,13 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
     x, P = events.x_0[0].copy(), np.diag(events.P_0)
     for k in range(M):
         if events.restart[k] > 0.0:
+            # the steering knows nothing of a lost pose: delta goes on, the rest starts anew
+            delta, variance = events.x_0[k, DELTA], events.P_0[DELTA]
+            if k > 0:
+                dt = events.time_s[k] - events.time_s[k - 1]
+                delta, variance = steering_step(x[DELTA], events.u_s[k - 1], c.T_s, c.d, dt), P[DELTA, DELTA]
             x, P = events.x_0[k].copy(), np.diag(events.P_0)
+            x[DELTA], P[DELTA, DELTA] = delta, variance
             Phi = np.eye(N_STATE)
         else:
             dt = events.time_s[k] - events.time_s[k - 1]

@@ -12,7 +12,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from bcid.estimate.kernel import MAX_STEP_S, Events, Filtered
-from bcid.estimate.process import N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
+from bcid.physics.steering import steering_step
 
 
 class _Ekf(ExtendedKalmanFilter):  # type: ignore[misc]  # filterpy carries no types
@@ -61,7 +62,12 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
     total = 0.0
     for k in range(len(events.time_s)):
         if events.restart[k]:
+            delta, variance = events.x_0[k, DELTA], events.P_0[DELTA]
+            if k > 0:
+                dt = float(events.time_s[k] - events.time_s[k - 1])
+                delta, variance = steering_step(ekf.x[DELTA], events.u_s[k - 1], c.T_s, c.d, dt), ekf.P[DELTA, DELTA]
             ekf.x, ekf.P, Phi = events.x_0[k].copy(), np.diag(events.P_0), np.eye(N_STATE)
+            ekf.x[DELTA], ekf.P[DELTA, DELTA] = delta, variance
         else:
             Phi = ekf.predict_moments(float(events.u_s[k - 1]), float(events.time_s[k] - events.time_s[k - 1]))
         prior = ekf.x.copy(), ekf.P.copy()

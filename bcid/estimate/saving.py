@@ -10,6 +10,7 @@ import numpy as np
 from bcid.estimate.consistency import Truth
 from bcid.estimate.types import Estimate
 from bcid.parquet import read_columns, write_columns
+from bcid.physics.kinematics import kinematic_state
 from bcid.vehicle import Vehicle
 
 COLUMNS = {
@@ -20,7 +21,7 @@ COLUMNS = {
     "v_x_sd": "m/s", "v_y_sd": "m/s", "yaw_rate_sd": "rad/s",
     "v_f_sd": "m/s", "alpha_f_sd": "rad", "alpha_r_sd": "rad", "delta_sd": "rad",
 }  # fmt: skip
-TRUTH_COLUMNS = {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "delta": "rad"}
+TRUTH_COLUMNS = {"time": "s", "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "delta": "rad"}
 
 
 def save_estimate(estimate: Estimate, folder: Path) -> None:
@@ -46,11 +47,8 @@ def load_estimate(folder: Path) -> Estimate:
 
 
 def read_truth(path: Path, vehicle: Vehicle) -> Truth:
-    """The simulated truth at `path` (10 Hz from time zero) as twists and kinematic states."""
+    """The simulated truth at `path` as twists and kinematic states."""
     table = read_columns(path, TRUTH_COLUMNS)
-    v_x, v_y, yaw_rate, delta = table.T
-    v_fy = v_y + vehicle.body.cog_to_front_m * yaw_rate
-    alpha_f = np.angle(np.exp(1j * (np.arctan2(v_fy, v_x) - delta)))
-    moving = np.where(np.abs(v_x) > 1e-9, v_x, 1e-9)
-    alpha_r = np.arctan((v_y - vehicle.body.cog_to_rear_m * yaw_rate) / moving)
-    return Truth(table[:, :3], np.column_stack([np.hypot(v_x, v_fy), alpha_f, alpha_r, delta]))
+    l_f, l_r = vehicle.body.cog_to_front_m, vehicle.body.cog_to_rear_m
+    states = [(*kinematic_state(v_x, v_y, omega, delta, l_f, l_r), delta) for _, v_x, v_y, omega, delta in table]
+    return Truth(table[:, 0], table[:, 1:4], np.array(states))

@@ -16,7 +16,7 @@ from bcid.recording.types import Recording
 from bcid.recording.yaw_response import WINDOW_S, held_throttle, unexplained, usable_rows, yaw_acceleration
 from bcid.vehicle import Vehicle
 
-T_S_RANGE = (0.005, 1.5)
+T_S_RANGE = (0.02, 1.5)
 RATE_RANGE = (0.1, 60.0)
 MARGIN_S = 1.0
 MIN_ROWS = 200

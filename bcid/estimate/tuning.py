@@ -43,8 +43,8 @@ def tune(
     recordings: Sequence[Recording], vehicle: Vehicle, period_s: float, max_gap_s: float, given: Mapping[str, float]
 ) -> Tuning:
     """Noise by likelihood (except what is `given`); steering constants first where the vehicle file omits them."""
-    events = [timeline(r, vehicle, period_s, max_gap_s).events for r in recordings]
     T_s, d, facts = steering.identify(recordings, vehicle)
     tuning = Tuning(Noise(**given), T_s, d, facts)
-    noise = noises.identify(events, tuning.chassis(vehicle), tuning.noise, list(given))
-    return Tuning(noise, T_s, d, facts)
+    events = [timeline(r, vehicle, period_s, max_gap_s, T_s, d).events for r in recordings]
+    noise, edge = noises.identify(events, tuning.chassis(vehicle), tuning.noise, list(given))
+    return Tuning(noise, T_s, d, {**facts, "noise_at_bound": edge})

@@ -25,7 +25,7 @@ class Restarted(NamedTuple):
 def whole_take(model: Model, estimate: Estimate) -> Floats:
     """Twists (K, 3) predicted from the take's first sample with its commands.
 
-    Where the take has several segments each starts anew.  Rows after a divergence are NaN.
+    Where the take has several segments each starts anew.  A stretch that diverges is NaN after its start.
     """
     return _from_starts(model, estimate, [s.start for s in estimate.segments()])
 
@@ -51,6 +51,22 @@ def restarted(model: Model, estimate: Estimate, every_s: float) -> Restarted:
     marks = np.zeros(len(estimate), dtype=bool)
     marks[starts] = True
     return Restarted(pose, twist, marks)
+
+
+def misses(model: Model, estimate: Estimate, after_s: float) -> Floats:
+    """Distances (m) between predicted and measured position `after_s` after each start, as `restarted` starts."""
+    size = max(2, round(after_s / estimate.period_s))
+    found = []
+    for segment in estimate.segments():
+        for k in range(segment.start, segment.stop - size, size):
+            try:
+                twist = rollout(model, history_at(estimate, k, model.lags), estimate.command[k : k + size])
+            except Diverged:
+                found.append(np.inf)
+                continue
+            end = integrate(estimate.pose[k], twist, estimate.period_s)[-1]
+            found.append(float(np.hypot(*(end[:2] - estimate.pose[k + size, :2]))))
+    return np.array(found)
 
 
 def integrate(start: Floats, twist: Floats, period_s: float) -> Floats:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import restarted, whole_take
+from bcid.evaluation.closed_loop import misses, restarted, whole_take
 from bcid.evaluation.nmse import nmse
 from bcid.models.interface import Model
 from bcid.models.samples import scale
@@ -32,10 +32,7 @@ def judge(
     """
     weights = scale(np.concatenate([e.twist for e in training]))
     twist, again = whole_take(model, validation), restarted(model, validation, every_s)
-    size = max(2, round(every_s / validation.period_s))
-    ends = np.flatnonzero(np.r_[again.start[1:], True])
-    ends = ends[(ends % size) == size - 1]
-    miss = np.hypot(*(again.pose[ends, :2] - validation.pose[ends, :2]).T)
+    miss = misses(model, validation, every_s)
     finite = bool(np.isfinite(twist).all())
     whole = nmse(twist, validation.twist, weights, validation.period_s) if finite else None
     short = (
@@ -49,7 +46,7 @@ def judge(
         "nmse_vy": whole and whole.v_y,
         "nmse_yaw_rate": whole and whole.yaw_rate,
         "nmse_restarted": short and short.mean,
-        "end_miss_m": float(np.median(miss)) if len(miss) and np.isfinite(miss).all() else None,
+        "end_miss_m": float(np.median(miss)) if len(miss) and np.isfinite(np.median(miss)) else None,
         "parameters": model.parameter_count,
         "weights": weights.tolist(),
         "description": model.describe(),

@@ -16,8 +16,9 @@ from bcid.compiled import njit
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, frame_of, joined, twist_of
-from bcid.models.mlp import TrainingSettings, Weights, forward
+from bcid.models.mlp import Weights, forward
 from bcid.models.samples import transitions
+from bcid.models.settings import TrainingSettings
 from bcid.physics.steering import steering_step
 
 
@@ -65,7 +66,7 @@ class KMlp:
         """Train on the one-step NMSE of the kinematic state."""
         s = transitions(task.estimates)
         x = np.column_stack([s.kinematic, s.command[:, 0]])
-        settings = TrainingSettings.of(task.settings)
+        settings = TrainingSettings.model_validate(task.settings)
         weights, facts = mlp.train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress)
         return cls(weights, frame_of(task), facts)
 

@@ -98,7 +98,7 @@ class KSindy:
     def fit(cls, task: FitTask) -> Self:
         """Sequentially thresholded least squares on the one-step predictions.
 
-        Settings: threshold (of terms scaled to unit RMS), ridge, library ("dissipative" or "published").
+        Settings: `SparseSettings`.
         """
         s, frame = transitions(task.estimates), frame_of(task)
         speed = library.SPEED_PUBLISHED if task.settings["library"] == "published" else library.SPEED
@@ -130,14 +130,16 @@ class KSindy:
     def describe(self) -> str:
         """The three equations (SI: v m/s, angles rad, δ̇ rad/s; u_m m/s, or a brake share below zero)."""
         s = self.sparse
-        return "\n".join(
+        text = "\n".join(
             [
+                "v = v_f in m/s, angles in rad, rates in rad/s; u_m in m/s (a brake share below zero); k is the period",
                 library.equation("v_f(k+1)", s.xi_v, s.speed),
                 library.equation("α_f(k+1)", s.xi_f, s.slip),
                 library.equation("α_r(k+1)", s.xi_r, s.slip),
                 f"δ' = sat((u_s − δ)/{self.frame.T_s:g} s) within ±{self.frame.d:g} rad/s;  period {self.period_s:g} s",
             ]
         )
+        return text if self.frame.follow else text.replace("max(0,u_m−v)", "max(0,u_m)")
 
     def state(self) -> tuple[dict[str, Any], Arrays]:
         """See `Model.state`."""

@@ -17,8 +17,9 @@ from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.k_sindy import KSindy, Sparse, f_sindy
 from bcid.models.kinematic import Frame, joined, twist_of
-from bcid.models.mlp import TrainingSettings, Weights, forward
+from bcid.models.mlp import Weights, forward
 from bcid.models.samples import transitions
+from bcid.models.settings import TrainingSettings
 from bcid.physics.steering import steering_step
 
 
@@ -79,7 +80,9 @@ class KSindyMlp:
         s = transitions(task.estimates)
         x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
         residual = s.next_kinematic[:, :3] - _sindy_table(x, sindy.sparse, sindy.frame)
-        weights, facts = mlp.train(x, residual, TrainingSettings.of(task.settings), task.seed, task.progress)
+        weights, facts = mlp.train(
+            x, residual, TrainingSettings.model_validate(task.settings), task.seed, task.progress
+        )
         return cls(sindy, weights, facts)
 
     def init(self, history: History) -> Floats:

@@ -26,12 +26,14 @@ class Frame(NamedTuple):
     T_s: float
     d: float
     period: float
+    follow: float = 1.0  # 1 where the throttle is a reference speed, 0 where it sets a force
 
 
 def frame_of(task: FitTask) -> Frame:
     """The vehicle's geometry, and the steering constants that the estimates were made with."""
     facts, body = task.estimates[0].facts, task.vehicle.body
-    return Frame(body.cog_to_front_m, body.cog_to_rear_m, facts["T_s"], facts["d"], task.period_s)
+    follow = 1.0 if task.vehicle.motor.law == "speed" else 0.0
+    return Frame(body.cog_to_front_m, body.cog_to_rear_m, facts["T_s"], facts["d"], task.period_s, follow)
 
 
 @njit

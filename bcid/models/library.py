@@ -29,7 +29,7 @@ def factors(x: Floats, c: Frame) -> Floats:
     out[0], out[1], out[2], out[3], out[4] = x[0], x[1], x[2], x[3], rate
     out[5], out[6], out[7] = abs(x[1]), abs(x[3]), abs(rate)
     # one convention for the throttle (errata 8): a reference speed above zero, a brake share below
-    out[8] = max(0.0, x[5] - x[0])
+    out[8] = max(0.0, x[5] - c.follow * x[0])
     out[9] = min(0.0, x[5])
     return out
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy.typing as npt
 
 from bcid.compiled import njit
 from bcid.models.interface import Arrays, Progress
+from bcid.models.settings import TrainingSettings
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,26 +54,6 @@ def forward(x: Floats, w: Weights) -> Floats:
             for j in range(len(out)):
                 out[j] += hidden[i] * w.W3[i, j]
     return w.y_mean + w.y_sd * out
-
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """The paper's choices (App. mlp) by default; epochs and dropout rate are not printed there (errata 18)."""
-
-    hidden: tuple[int, int] = (256, 128)
-    epochs: int = 200
-    batch_size: int = 256
-    learning_rate: float = 5e-5
-    weight_decay: float = 1e-5
-    decay_factor: float = 0.6
-    decay_epochs: int = 40
-    dropout: float = 0.02
-
-    @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> TrainingSettings:
-        """From a pipeline file's table."""
-        known = {k: settings[k] for k in cls.__dataclass_fields__ if k in settings}
-        return cls(**{**known, "hidden": tuple(known.get("hidden", cls.hidden))})
 
 
 def count(w: Weights) -> int:

@@ -15,8 +15,9 @@ import numpy.typing as npt
 from bcid.compiled import njit
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.mlp import TrainingSettings, Weights, forward
+from bcid.models.mlp import Weights, forward
 from bcid.models.samples import transitions
+from bcid.models.settings import TrainingSettings
 
 LAGS = 2
 N_TWIST = 3 * (LAGS + 1)
@@ -68,7 +69,9 @@ class NarxMlp:
         s = transitions(task.estimates, LAGS)
         n = len(s.twist)
         x = np.column_stack([s.twist.reshape(n, -1), s.command.reshape(n, -1)])
-        weights, facts = mlp.train(x, s.next_twist, TrainingSettings.of(task.settings), task.seed, task.progress)
+        weights, facts = mlp.train(
+            x, s.next_twist, TrainingSettings.model_validate(task.settings), task.seed, task.progress
+        )
         return cls(weights, task.period_s, facts)
 
     def init(self, history: History) -> Floats:

@@ -162,12 +162,21 @@ class NewtonEuler:
         """The equations and the table of constants, fitted ones marked with *."""
         from bcid.models.newton_euler_fit import parameter_lines
 
+        motor = (
+            "F_m = K_t (u_m - u_0) - K_v v_w for u_m > u_0, u_m K_b v_w for u_m < 0"
+            if self.car.sets_force
+            else "F_m = clip(K_t (u_m - v_w), 0, F_m_max) for u_m >= 0, clip(u_m K_b v_w, +-F_m_max) for u_m < 0"
+        )
         return "\n".join(
             [
-                "v_x' = F_x/m + w v_y,  v_y' = F_y/m - w v_x,  w' = M_z/I_z,  delta' = sat((u_s - delta)/T_s)",
+                "v_x' = F_x/m + w v_y,  v_y' = F_y/m - w v_x,  w' = M_z/I_z",
+                "delta' = sat((u_s - delta)/T_s) within +-d",
                 "F_x = cos(delta) (F_m - F_d) - sin(delta) F_af",
                 "F_y = sin(delta) (F_m - F_d) + cos(delta) F_af + F_ar",
                 "M_z = l_f (sin(delta) (F_m - F_d) + cos(delta) F_af) - l_r F_ar",
+                f"{motor},  F_d = R_1 v_w + R_2 v_w |v_w|",
+                "F_ai = clip(-C_i a_i, +-F_i_max),  a_i = arctan(v_iy / max(|v_ix|, v_0)),  i = f, r",
+                f"w: yaw rate; v_w: rolling speed of the driven wheel; front share {self.car.front_share:g}",
                 *parameter_lines(self.car, self.facts),
             ]
         )

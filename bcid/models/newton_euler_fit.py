@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.models.genetic import minimise
+from bcid.models.genetic import Optimum, minimise
 from bcid.models.interface import FitTask, Floats
 from bcid.models.newton_euler import Car, advance
 from bcid.models.samples import Transitions, scale, transitions
 from bcid.vehicle import Vehicle
 
 GRAVITY = 9.81
+UNIDENTIFIED = 0.5  # relative standard error
 NEAR_BOUND = 0.01  # share of the (logarithmic) range
 
 
@@ -49,7 +50,7 @@ def parameters(vehicle: Vehicle, top_speed_mps: float) -> tuple[Parameter, ...]:
     return (
         *(speed if vehicle.motor.law == "speed" else force),
         Parameter("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain"),
-        Parameter("I_z", "kg m^2", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
+        Parameter("I_z", "kg m²", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
         Parameter("C_f", "N/rad", 0.5 * m, 200.0 * m, "front cornering stiffness"),
         Parameter("C_r", "N/rad", 0.5 * m, 200.0 * m, "rear cornering stiffness"),
         Parameter("F_f_max", "N", 0.02 * m * GRAVITY, 1.0 * m * GRAVITY, "maximum front side force"),
@@ -74,6 +75,16 @@ def _one_step_cost(
         e_w = weight[2] * (omega - after[k, 2])
         total += e_x * e_x + e_y * e_y + e_w * e_w
     return total / (3 * len(twist))
+
+
+@njit
+def _predictions(p: Car, twist: Floats, delta: Floats, command: Floats, period: float) -> Floats:
+    """Twists (N, 3) one period ahead."""
+    out = np.empty((len(twist), 3))
+    for k in range(len(twist)):
+        start = (twist[k, 0], twist[k, 1], twist[k, 2], delta[k])
+        out[k, 0], out[k, 1], out[k, 2], _ = advance(start, command[k, 0], command[k, 1], p, period)
+    return out
 
 
 @njit_parallel
@@ -102,7 +113,7 @@ def car_from(values: Mapping[str, float], vehicle: Vehicle, T_s: float, d: float
 def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     """The car whose one-step predictions are best, and how it was found.
 
-    Settings: population, generations, v_0_mps.
+    Settings: `GeneticSettings`.
     """
     samples: Transitions = transitions(task.estimates)
     weight = scale(samples.twist[:, 0])
@@ -129,12 +140,20 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
         costs, len(table), int(task.settings["population"]), int(task.settings["generations"]), task.seed, task.progress
     )
     car = car_at(best.x)
+
+    def weighted(genes: Floats) -> Floats:
+        return np.asarray(weight * _predictions(car_at(genes), twist, delta, command, task.period_s)).ravel()
+
+    relative_se = _relative_errors(weighted, best, high - low)
     edge = [p.symbol for p, gene in zip(table, best.x, strict=True) if min(gene, 1 - gene) < NEAR_BOUND]
     facts = {
         "optimiser": f"genetic algorithm, {task.settings['population']} individuals, {len(best.history)} generations",
         "one_step_nmse": best.cost,
         "history": best.history,
-        "fitted": {p.symbol: {"unit": p.unit, "low": p.low, "high": p.high, "meaning": p.meaning} for p in table},
+        "fitted": {
+            p.symbol: {"unit": p.unit, "low": p.low, "high": p.high, "meaning": p.meaning, "relative_se": se}
+            for p, se in zip(table, relative_se, strict=True)
+        },
         "at_bound": edge,
         "top_speed_mps": top_speed,
         "mass_given": task.vehicle.body.mass_kg is not None,
@@ -142,15 +161,44 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     return car, facts
 
 
+def _relative_errors(weighted: Callable[[Floats], Floats], best: Optimum, log_range: Floats) -> list[float | None]:
+    """Relative standard error of each constant by the Jacobian at the optimum; None where it has no effect.
+
+    The residuals are taken as independent, which smoothed velocities are not: the errors are the least.
+    """
+    n, step = len(best.x), 1e-4
+    columns = []
+    for i in range(n):
+        ahead, behind = best.x.copy(), best.x.copy()
+        ahead[i] += step
+        behind[i] -= step
+        columns.append((weighted(ahead) - weighted(behind)) / (2.0 * step))
+    J = np.column_stack(columns)
+    acting = np.sqrt((J**2).mean(axis=0)) > 1e-6
+    spread = np.full(n, np.nan)
+    normal = J[:, acting].T @ J[:, acting]
+    spread[acting] = np.sqrt(np.diag(np.linalg.pinv(normal)) * best.cost)
+    return [float(s) if np.isfinite(s) else None for s in spread * log_range]
+
+
+def _told(name: str, value: float, fitted: Mapping[str, Any], at_bound: Sequence[str]) -> str:
+    """One line of the table of constants."""
+    error = fitted["relative_se"]
+    if error is None or error > UNIDENTIFIED or name in at_bound:
+        why = "at its bound" if name in at_bound else "the takes do not show it"
+        return f"  {name:10}* not identified       {fitted['unit']:7} {fitted['meaning']} ({why})"
+    return f"  {name:10}* = {value:<10.4g} ±{100 * error:<5.2g}% {fitted['unit']:7} {fitted['meaning']}"
+
+
 def parameter_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
-    """The table of constants, one per line: value, unit, meaning; fitted ones carry a *."""
+    """The table of constants, one per line: value, least standard error, unit, meaning; fitted ones carry a *."""
     fitted = facts.get("fitted", {})
     values = car._asdict() | {"R_v": car.R_1 + car.R_2 * facts.get("top_speed_mps", 0.0)}
-    lines = [f"  {s:8}* = {values[s]:<10.4g} {p['unit']:7} {p['meaning']}" for s, p in fitted.items()]
-    given = {"m": "kg", "l_f": "m", "l_r": "m", "T_s": "s", "d": "rad/s", "v_0": "m/s"}
-    lines += [f"  {s:8}  = {values[s]:<10.4g} {unit:7} held" for s, unit in given.items()]
-    if facts.get("at_bound"):
-        lines.append(f"  at its bound, so not identified: {', '.join(facts['at_bound'])}")
+    lines = [_told(s, values[s], p, facts["at_bound"]) for s, p in fitted.items()]
+    lines.append(f"  {'R_2':11} = {car.R_2:<10.4g}        N s²/m² from R_1 and R_v, so that the drag dissipates")
+    given = {"m": "kg", "l_f": "m", "l_r": "m", "T_s": "s", "d": "rad/s", "v_0": "m/s", "front_share": "-"}
+    lines += [f"  {s:11} = {values[s]:<10.4g}        {unit:7} held" for s, unit in given.items()]
+    lines.append("  m, I_z and all forces scale together: m is held")
     if not facts.get("mass_given", True):
         lines.append("  the mass is not given: m = 1 kg, forces read as accelerations")
     return lines

@@ -1,11 +1,12 @@
 """The linearised Newton-Euler model: small angles, constant forward speed (paper, fig. original_newton_euler).
 
     v_x' = (K_t (u_m - v_x) - R v_x)/m
-    v_y' = -(C_f + C_r)/(m v) v_y + ((C_r l_r - C_f l_f)/(m v) - v) w + C_f/m delta
-    w'   = (C_r l_r - C_f l_f)/(I_z v) v_y - (C_f l_f^2 + C_r l_r^2)/(I_z v) w + C_f l_f/I_z delta
+    v_y' = -(C_f + C_r)/(m s) v_y + ((C_r l_r - C_f l_f)/(m s) - v) w + C_f v/(m s) delta
+    w'   = (C_r l_r - C_f l_f)/(I_z s) v_y - (C_f l_f^2 + C_r l_r^2)/(I_z s) w + C_f l_f v/(I_z s) delta
 
-with v the mean forward speed driven and R = R_1 + 2 R_2 v the drag's slope there; below zero u_m
-brakes with u_m K_b v.  Its constants are those of the fitted Newton-Euler model.
+with v the mean forward speed driven, s = max(v, v_0) by the advanced slip ratio, and R = R_1 + R_2 v, so
+that rest stays rest.  Below zero u_m brakes: v_x' = (u_m K_b - R) v_x/m.  The constants are those of the
+fitted Newton-Euler model.
 """
 
 from __future__ import annotations
@@ -25,45 +26,48 @@ from bcid.physics.steering import steering_step
 
 
 class Linear(NamedTuple):
-    """x' = A x + B [drive, delta] + a, x = [v_x, v_y, w]; drive is u_m above zero and below."""
+    """[v_y, w]' = A [v_y, w] + b delta, and the constants of v_x'."""
 
-    A: Floats  # (3, 3)
-    b_throttle: float  # v_x' per u_m >= 0
-    b_brake: float  # v_x' per u_m < 0
-    b_delta: Floats  # (3,)
-    offset: float  # v_x' with everything at zero
+    A: Floats  # (2, 2)
+    b: Floats  # (2,)
+    throttle: float  # 1/s, v_x' per u_m above u_0
+    follow: float  # 1/s, v_x' per -v_x while the throttle is on
+    brake: float  # 1/s, v_x' per u_m v_x below zero
+    drag: float  # 1/s, v_x' per -v_x
+    u_0: float
     T_s: float
     d: float
 
 
 def linearise(p: Car, v: float) -> Linear:
     """The linear model of car `p` about straight driving at `v` (m/s)."""
+    s = max(v, p.v_0)
     C, moment = p.C_f + p.C_r, p.C_r * p.l_r - p.C_f * p.l_f
-    A = np.zeros((3, 3))
-    R = p.R_1 + 2.0 * p.R_2 * v
-    gain = p.K_v if p.sets_force else p.K_t
-    A[0, 0] = -(gain + R) / p.m
-    A[1, 1], A[1, 2] = -C / (p.m * v), moment / (p.m * v) - v
-    A[2, 1], A[2, 2] = moment / (p.I_z * v), -(p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / (p.I_z * v)
-    b_delta = np.array([0.0, p.C_f / p.m, p.C_f * p.l_f / p.I_z])
-    offset = (p.R_2 * v * v - (p.K_t * p.u_0 if p.sets_force else 0.0)) / p.m
-    return Linear(A, p.K_t / p.m, p.K_b * v / p.m, b_delta, offset, p.T_s, p.d)
+    damping = p.C_f * p.l_f**2 + p.C_r * p.l_r**2
+    A = np.array([[-C / (p.m * s), moment / (p.m * s) - v], [moment / (p.I_z * s), -damping / (p.I_z * s)]])
+    b = p.C_f * v / s * np.array([1.0 / p.m, p.l_f / p.I_z])
+    follow = p.K_v if p.sets_force else p.K_t
+    return Linear(A, b, p.K_t / p.m, follow / p.m, p.K_b / p.m, (p.R_1 + p.R_2 * v) / p.m, p.u_0, p.T_s, p.d)
 
 
 @njit
 def advance(x: Floats, delta: float, u_s: float, u_m: float, lin: Linear, period: float) -> tuple[Floats, float]:
     """Twist and steering angle one period later: RK4 in two substeps, as the full model."""
     after = steering_step(delta, u_s, lin.T_s, lin.d, period)
-    drive = lin.b_throttle * u_m if u_m >= 0.0 else lin.b_brake * u_m
+    gain, push = lin.brake * min(u_m, 0.0) - lin.drag, 0.0
+    if u_m > lin.u_0 or (u_m >= 0.0 and lin.u_0 == 0.0):
+        gain, push = gain - lin.follow, lin.throttle * (u_m - lin.u_0)
+    M = np.zeros((3, 3))
+    M[0, 0] = gain
+    M[1:, 1:] = lin.A
     h = 0.5 * period
     for half in range(2):
         angle = delta + (0.25 + 0.5 * half) * (after - delta)
-        push = lin.b_delta * angle
-        push[0] += drive + lin.offset
-        k1 = np.dot(lin.A, x) + push
-        k2 = np.dot(lin.A, x + 0.5 * h * k1) + push
-        k3 = np.dot(lin.A, x + 0.5 * h * k2) + push
-        k4 = np.dot(lin.A, x + h * k3) + push
+        c = np.array([push, lin.b[0] * angle, lin.b[1] * angle])
+        k1 = np.dot(M, x) + c
+        k2 = np.dot(M, x + 0.5 * h * k1) + c
+        k3 = np.dot(M, x + 0.5 * h * k2) + c
+        k4 = np.dot(M, x + h * k3) + c
         x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     return x, after
 
@@ -122,14 +126,19 @@ class NewtonEulerLinear:
         return twists
 
     def describe(self) -> str:
-        """The matrices with their units."""
+        """The equations with their values (SI)."""
         lin = self.linear
-        rows = "\n".join("  [" + "  ".join(f"{a:9.4f}" for a in row) + "]" for row in lin.A)
-        return (
-            f"[v_x v_y w]' = A [v_x v_y w] + b_delta delta + b_m u_m, about {self.speed_mps:.3f} m/s (SI)\n"
-            f"A =\n{rows}\n"
-            f"b_delta = {np.array2string(lin.b_delta, precision=4)}\n"
-            f"v_x' gains {lin.b_throttle:.4f} 1/s per u_m >= 0, {lin.b_brake:.4f} m/s^2 per u_m < 0"
+        (a, b), (c, d) = lin.A
+        start = f" - {lin.u_0:.3g}" if lin.u_0 else ""
+        return "\n".join(
+            [
+                f"about straight driving at {self.speed_mps:.3f} m/s (v in m/s, w in rad/s, delta in rad, rates per s)",
+                f"v_x' = {lin.throttle:.4g} (u_m{start}) - {lin.follow + lin.drag:.4g} v_x   throttle on",
+                f"v_x' = ({lin.brake:.4g} min(0, u_m) - {lin.drag:.4g}) v_x   otherwise",
+                f"v_y' = {a:.4g} v_y {b:+.4g} w {lin.b[0]:+.4g} delta",
+                f"w'   = {c:.4g} v_y {d:+.4g} w {lin.b[1]:+.4g} delta",
+                f"delta' = sat((u_s - delta)/{lin.T_s:g} s) within +-{lin.d:g} rad/s",
+            ]
         )
 
     def state(self) -> tuple[dict[str, Any], Arrays]:

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from bcid.errors import UsageError
 from bcid.models.interface import Model
+from bcid.models.settings import (
+    GeneticSettings,
+    NoSettings,
+    ResidualTrainingSettings,
+    SparseSettings,
+    TrainingSettings,
+)
+from bcid.toml_file import Settings
 
 
 @dataclass(frozen=True)
@@ -17,43 +24,42 @@ class TableRow:
 
     module: str
     kind: str
+    settings: type[Settings]  # of [fit.NAME] in the pipeline file
     summary: str
     base: str | None = None  # the model whose fit it starts from
-    defaults: Mapping[str, Any] = field(default_factory=dict)  # of [fit.NAME] in the pipeline file
 
     def load(self) -> type[Model]:
         """The model's class."""
         kind: type[Model] = getattr(importlib.import_module(self.module), self.kind)
         return kind
 
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """The settings' defaults."""
+        return self.settings().model_dump(mode="json")
 
-_TRAINING: dict[str, Any] = {
-    "hidden": [256, 128], "epochs": 200, "batch_size": 256, "learning_rate": 5e-5, "weight_decay": 1e-5,
-    "decay_factor": 0.6, "decay_epochs": 40, "dropout": 0.02,
-}  # fmt: skip
 
 MODELS: dict[str, TableRow] = {
     "newton-euler": TableRow(
-        "bcid.models.newton_euler", "NewtonEuler", "rigid body, motor, drag and saturating tyres; genetic algorithm",
-        defaults={"population": 150, "generations": 100, "v_0_mps": 1.0},
+        "bcid.models.newton_euler", "NewtonEuler", GeneticSettings,
+        "rigid body, motor, drag and saturating tyres; genetic algorithm",
     ),
     "newton-euler-linear": TableRow(
-        "bcid.models.newton_euler_linear", "NewtonEulerLinear", "its linearisation about straight driving",
-        base="newton-euler",
+        "bcid.models.newton_euler_linear", "NewtonEulerLinear", NoSettings,
+        "its linearisation about straight driving", base="newton-euler",
     ),
     "narx-mlp": TableRow(
-        "bcid.models.narx_mlp", "NarxMlp", "the next twist from the last three twists and commands", defaults=_TRAINING
+        "bcid.models.narx_mlp", "NarxMlp", TrainingSettings, "the next twist from the last three twists and commands"
     ),
     "k-mlp": TableRow(
-        "bcid.models.k_mlp", "KMlp", "the kinematic state's evolution as a perceptron", defaults=_TRAINING
+        "bcid.models.k_mlp", "KMlp", TrainingSettings, "the kinematic state's evolution as a perceptron"
     ),
     "k-sindy": TableRow(
-        "bcid.models.k_sindy", "KSindy", "the kinematic state's evolution as a sparse sum",
-        defaults={"threshold": 0.02, "ridge": 1e-6, "library": "dissipative"},
+        "bcid.models.k_sindy", "KSindy", SparseSettings, "the kinematic state's evolution as a sparse sum"
     ),
     "k-sindy-mlp": TableRow(
-        "bcid.models.k_sindy_mlp", "KSindyMlp", "the sparse sum and a smaller perceptron on its residual",
-        base="k-sindy", defaults=_TRAINING | {"hidden": [128, 64]},
+        "bcid.models.k_sindy_mlp", "KSindyMlp", ResidualTrainingSettings,
+        "the sparse sum and a smaller perceptron on its residual", base="k-sindy",
     ),
 }  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bcid.compiled import njit
 
 
@@ -13,12 +15,11 @@ def steering_rate(u_s: float, delta: float, T_s: float, d: float) -> float:
 
 @njit
 def steering_step(delta: float, u_s: float, T_s: float, d: float, h: float) -> float:
-    """The steering angle (rad) after `h` seconds (two RK4 substeps, as the Newton-Euler model)."""
-    half = 0.5 * h
-    for _ in range(2):
-        k1 = steering_rate(u_s, delta, T_s, d)
-        k2 = steering_rate(u_s, delta + 0.5 * half * k1, T_s, d)
-        k3 = steering_rate(u_s, delta + 0.5 * half * k2, T_s, d)
-        k4 = steering_rate(u_s, delta + half * k3, T_s, d)
-        delta += half / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return delta
+    """The steering angle (rad) after `h` seconds of constant command, in closed form.
+
+    A ramp at the rate limit until |u_s - delta| = d T_s, then an exponential.
+    """
+    miss = u_s - delta
+    ramp = min(max(abs(miss) / d - T_s, 0.0), h)
+    miss -= math.copysign(d * ramp, miss)
+    return u_s - miss * math.exp(-(h - ramp) / T_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, create_model
 
 from bcid.errors import InputRefused
 from bcid.models.table import MODELS
@@ -44,18 +44,35 @@ class ReportTable(Settings):
     timing_repeats: Annotated[int, Field(ge=1)] = 21
 
 
+_FIELDS: dict[str, Any] = {
+    name.replace("-", "_"): (row.settings, Field(default_factory=row.settings, alias=name))
+    for name, row in MODELS.items()
+}
+FitTables = create_model("FitTables", __base__=Settings, **_FIELDS)
+"""One table of settings for each model, `[fit.NAME]`."""
+
+
+def _known_model(name: str) -> str:
+    if name not in MODELS:
+        raise ValueError(f"there is no model {name!r}; choose from {', '.join(MODELS)}")
+    return name
+
+
+LoosePath = Annotated[Path, Field(strict=False)]
+
+
 class PlanFile(Settings):
     """A pipeline file as it stands; paths count from the file's folder."""
 
-    vehicle: Path
-    training: Annotated[list[Path], Field(min_length=1)]
-    validation: Path | None = None
-    truth: Path | None = None  # folder of NAME.parquet, simulated takes only
-    workspace: Path = Path("workspace")
+    vehicle: LoosePath
+    training: Annotated[list[LoosePath], Field(min_length=1)]
+    validation: LoosePath | None = None
+    truth: LoosePath | None = None  # folder of NAME.parquet, simulated takes only
+    workspace: LoosePath = Path("workspace")
     seed: int = 1
-    models: list[str] = Field(default_factory=lambda: list(MODELS))
+    models: list[Annotated[str, AfterValidator(_known_model)]] = Field(default_factory=lambda: list(MODELS))
     estimate: EstimateTable = EstimateTable()
-    fit: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    fit: FitTables = Field(default_factory=FitTables)
     report: ReportTable = ReportTable()
 
 
@@ -71,13 +88,13 @@ class Plan(Settings):
     seed: int
     models: tuple[str, ...]
     estimate: EstimateTable
-    fit: dict[str, dict[str, Any]]
+    fit: dict[str, dict[str, Any]]  # settings by model
     report: ReportTable
     commands: Path | None = None  # of a single recording named on the command line
 
     def fit_settings(self, model: str) -> dict[str, Any]:
-        """The model's defaults with the pipeline file's changes."""
-        return {**MODELS[model].defaults, **self.fit.get(model, {})}
+        """The pipeline file's settings of a model, or its defaults."""
+        return self.fit.get(model) or MODELS[model].defaults
 
 
 def read_plan(path: Path) -> Plan:
@@ -91,7 +108,6 @@ def read_plan(path: Path) -> Plan:
             path, "pipeline file", "there is none here", "write one with `bcid init`, or name one with -p"
         )
     file = read_toml(path, PlanFile, "pipeline file")
-    _check_models(path, file)
     here = path.parent
 
     def at(p: Path | None) -> Path | None:
@@ -100,7 +116,8 @@ def read_plan(path: Path) -> Plan:
     return Plan(
         source=str(path), vehicle=at(file.vehicle) or here, training=tuple(at(p) or here for p in file.training),
         validation=at(file.validation), truth=at(file.truth), workspace=at(file.workspace) or here,
-        seed=file.seed, models=tuple(file.models), estimate=file.estimate, fit=file.fit, report=file.report,
+        seed=file.seed, models=tuple(file.models), estimate=file.estimate, report=file.report,
+        fit=file.fit.model_dump(mode="json", by_alias=True),
     )  # fmt: skip
 
 
@@ -113,14 +130,3 @@ def _normal(path: Path) -> list[str]:
         else:
             parts.append(part)
     return parts
-
-
-def _check_models(path: Path, file: PlanFile) -> None:
-    unknown = [m for m in (*file.models, *file.fit) if m not in MODELS]
-    if unknown:
-        raise InputRefused(path, "models", f"unknown: {', '.join(unknown)}", f"choose from {', '.join(MODELS)}")
-    for model, settings in file.fit.items():
-        strange = [k for k in settings if k not in MODELS[model].defaults]
-        if strange:
-            known = ", ".join(MODELS[model].defaults) or "none"
-            raise InputRefused(path, f"fit.{model}", f"unknown key {', '.join(strange)}", f"known keys there: {known}")

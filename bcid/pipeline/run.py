@@ -11,12 +11,15 @@ from typing import Any, Protocol
 from bcid.errors import InputRefused, UsageError
 from bcid.models.table import row_of
 from bcid.pipeline.plan import Plan
+from bcid.recording.formats import commands_of, format_of
 from bcid.store.artifact import Artifact, Recipe, Store, sha256_of
 from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
 
 Progress = Callable[[float, str], None]
 _STAGES = "bcid.pipeline.stages"
+GEOMETRY = ("body.cog_to_front_m", "body.cog_to_rear_m")
+DRIVEN = (*GEOMETRY, "body.drive", "body.front_drive_share")
 
 
 class Watcher(Protocol):
@@ -50,7 +53,6 @@ class Pipeline:
         self.store = Store(plan.workspace)
         self.watcher = watcher or Silent()
         self._known: dict[str, Artifact] = {}
-        self._vehicle = self.vehicle.model_dump(mode="json", by_alias=True)
 
     def _get(self, title: str, recipe: Recipe, make: Callable[[Path, Progress], None]) -> Artifact:
         if recipe.key in self._known:
@@ -71,36 +73,39 @@ class Pipeline:
         plan = self.plan
         return [*plan.training, *([plan.validation] if plan.validation else [])]
 
+    def _of_vehicle(self, *parts: str) -> dict[str, Any]:
+        """Those parts of the vehicle file that a stage looks at (`body.mass_kg`, or a whole table)."""
+        whole = self.vehicle.model_dump(mode="json", by_alias=True)
+        picked = {}
+        for part in parts:
+            table, _, key = part.partition(".")
+            picked[part] = whole[table][key] if key else whole[table]
+        return picked
+
     def ingest(self, recording: Path) -> Artifact:
         """One recording."""
-        commands = self._commands_of(recording)
-        if not recording.is_file():
-            from bcid.recording.raw import source_of
-
-            source_of(recording, "")  # says what is wrong with it
-        inputs: dict[str, Any] = {"recording": sha256_of(recording), "name": recording.name, "vehicle": self._vehicle}
-        if commands is not None and commands.is_file():
-            inputs["commands"] = sha256_of(commands)
-        code = code_of(f"{_STAGES}.ingest")
+        kind, commands = format_of(recording), commands_of(recording, self.plan.commands)
+        tables = {"mcap": ("topics",), "motive": (), "table": ("columns",)}[kind]
+        inputs: dict[str, Any] = {
+            "recording": sha256_of(recording),
+            "name": recording.name,
+            "commands": sha256_of(commands) if commands is not None and commands.is_file() else None,
+            "vehicle": self._of_vehicle(*GEOMETRY, "steering", "motor", "mocap", "command", "clock", *tables),
+        }
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import ingest
 
             ingest.make(folder, recording, commands, self.vehicle)
 
-        return self._get(f"ingest {recording.name}", Recipe("ingest", inputs, {}, code), make)
-
-    def _commands_of(self, recording: Path) -> Path | None:
-        if recording.suffix.lower() != ".csv":
-            return None
-        return self.plan.commands or recording.with_suffix(".commands.csv")
+        return self._get(f"ingest {recording.name}", Recipe("ingest", inputs, {}, code_of(f"{_STAGES}.ingest")), make)
 
     def tune(self) -> Artifact:
         """The estimator's constants, from the training takes."""
         takes = [self.ingest(p) for p in self.plan.training]
         table = self.plan.estimate
         noise = {k: v for k, v in table.noise.model_dump().items() if v is not None}
-        inputs = {"recordings": [a.key for a in takes], "vehicle": self._vehicle}
+        inputs = {"recordings": [a.content for a in takes], "vehicle": self._of_vehicle(*DRIVEN, "steering")}
         settings = {"period_s": table.period_s, "max_gap_s": table.max_gap_s, "noise": noise}
 
         def make(folder: Path, progress: Progress) -> None:
@@ -114,22 +119,41 @@ class Pipeline:
     def estimate(self, recording: Path) -> Artifact:
         """The smoothed motion of one recording."""
         taken, tuned, table = self.ingest(recording), self.tune(), self.plan.estimate
-        truth = self.plan.truth / f"{recording.stem}.parquet" if self.plan.truth else None
-        truth = truth if truth and truth.exists() else None
-        inputs = {
-            "recording": taken.key, "tuning": tuned.key, "vehicle": self._vehicle, "truth": truth and sha256_of(truth),
-        }  # fmt: skip
+        vehicle = self._of_vehicle(*DRIVEN, "steering")
+        inputs = {"recording": taken.content, "tuning": tuned.content, "vehicle": vehicle}
         settings = {"period_s": table.period_s, "max_gap_s": table.max_gap_s, "engine": table.engine}
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import estimate
 
-            estimate.make(
-                folder, taken.folder, tuned.folder, self.vehicle, table.period_s, table.max_gap_s, table.engine, truth
-            )  # fmt: skip
+            where = (taken.folder, tuned.folder)
+            estimate.make(folder, *where, self.vehicle, table.period_s, table.max_gap_s, table.engine)
 
         code = code_of(f"{_STAGES}.estimate")
         return self._get(f"estimate {recording.name}", Recipe("estimate", inputs, settings, code), make)
+
+    def check(self, recording: Path) -> Artifact | None:
+        """The estimator against the truth of a simulated take; None where the plan names no truth for it."""
+        if self.plan.truth is None:
+            return None
+        if not self.plan.truth.is_dir():
+            raise InputRefused(self.plan.source, "truth", f"{self.plan.truth} is no folder", "correct or remove it")
+        truth, table = self.plan.truth / f"{recording.stem}.parquet", self.plan.estimate
+        if not truth.exists():
+            return None
+        taken, tuned = self.ingest(recording), self.tune()
+        vehicle = self._of_vehicle(*DRIVEN, "steering")
+        content = {"recording": taken.content, "tuning": tuned.content}
+        inputs = {**content, "vehicle": vehicle, "truth": sha256_of(truth)}
+        settings = {"period_s": table.period_s, "max_gap_s": table.max_gap_s}
+
+        def make(folder: Path, progress: Progress) -> None:
+            from bcid.pipeline.stages import check
+
+            check.make(folder, taken.folder, tuned.folder, self.vehicle, table.period_s, table.max_gap_s, truth)
+
+        code = code_of(f"{_STAGES}.check")
+        return self._get(f"check {recording.name}", Recipe("check", inputs, settings, code), make)
 
     def fit(self, model: str) -> Artifact:
         """One fitted model."""
@@ -139,9 +163,9 @@ class Pipeline:
         settings = self.plan.fit_settings(model)
         inputs = {
             "model": model,
-            "estimates": [a.key for a in estimates],
-            "vehicle": self._vehicle,
-            "base": base.key if base else None,
+            "estimates": [a.content for a in estimates],
+            "vehicle": self._of_vehicle("body", "steering", "motor"),
+            "base": base.content if base else None,
         }
         recipe = Recipe("fit", inputs, settings, code_of(f"{_STAGES}.fit", row.module), self.plan.seed)
 
@@ -159,7 +183,11 @@ class Pipeline:
         fitted, validation = self.fit(model), self.estimate(self._validation())
         training = [self.estimate(p) for p in self.plan.training]
         settings = {"restart_s": self.plan.report.restart_s}
-        inputs = {"fit": fitted.key, "validation": validation.key, "training": [a.key for a in training]}
+        inputs = {
+            "fit": fitted.content,
+            "validation": validation.content,
+            "training": [a.content for a in training],
+        }
         recipe = Recipe("evaluate", inputs, settings, code_of(f"{_STAGES}.evaluate", row_of(model).module))
 
         def make(folder: Path, progress: Progress) -> None:
@@ -186,11 +214,10 @@ class Pipeline:
         if not judged:
             raise UsageError("the plan names no models\n  next: list some in the pipeline file")
         settings = self.plan.report.model_dump()
-        estimates = [self.estimate(p) for p in self.takes()]
-        recordings = [self.ingest(p) for p in self.takes()]
+        takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.takes()]
         inputs = {
-            "models": [[f.key, e.key] for f, e in judged],
-            "estimates": [a.key for a in estimates],
+            "models": [[f.content, e.content] for f, e in judged],
+            "takes": [[a.content if a else None for a in take] for take in takes],
             "vehicle": self.vehicle.name,
         }
         roots = [row_of(m).module for m in self.plan.models]
@@ -198,10 +225,9 @@ class Pipeline:
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import report
 
-            report.make(
-                folder, [(f.folder, e.folder) for f, e in judged], validation.folder, [a.folder for a in estimates],
-                [a.folder for a in recordings], settings, self.vehicle.name,
-            )  # fmt: skip
+            models = [(f.folder, e.folder) for f, e in judged]
+            folders = [tuple(a.folder if a else None for a in take) for take in takes]
+            report.make(folder, models, validation.folder, folders, settings, self.vehicle.name)
 
         return self._get("report", Recipe("report", inputs, settings, code_of(f"{_STAGES}.report", *roots)), make)
 

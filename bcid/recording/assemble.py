@@ -18,6 +18,9 @@ from bcid.vehicle import Vehicle
 
 MAX_SPEED_MPS = 100.0
 MAX_NON_FINITE = 0.05
+MIN_RATE_HZ, MAX_RATE_HZ = 2.0, 2000.0
+LONGEST_HOLE_S = 600.0
+MAX_YAW_RATE = 40.0  # rad/s
 MAX_JUMPS = 0.05  # share of the pose steps; more is no tracking failure but a wrong unit
 
 
@@ -106,6 +109,33 @@ def _breaks(time_s: Floats, pose: Floats, limit_mps: float) -> tuple[list[float]
     return [float(time_s[j]) for j in jumps], odd
 
 
+def _check_times(pose_s: Floats, command_s: Floats, hold_s: float, source: str) -> None:
+    """Raise `InputRefused` where the stamps cannot be seconds of one take."""
+    step = float(np.median(np.diff(pose_s)))
+    if not MIN_RATE_HZ < 1.0 / step < MAX_RATE_HZ:
+        cause = f"poses come every {step:.3g} s: are the times in seconds?"
+        raise InputRefused(source, "time", cause, "map the time column in seconds")
+    span = float(pose_s[-1] - pose_s[0])
+    if span > LONGEST_HOLE_S + 10.0 * step * len(pose_s):
+        widest = int(np.argmax(np.diff(pose_s)))
+        cause = (
+            f"{len(pose_s)} poses spread over {span:.3g} s: a clock jump or a zero stamp near {pose_s[widest]:.3f} s"
+        )
+        raise InputRefused(source, "time", cause, "cut the take there, or correct its stamps")
+    if len(command_s) > 1 and np.median(np.diff(command_s)) > hold_s:
+        cause = f"commands come every {np.median(np.diff(command_s)):.3g} s, but hold for {hold_s:g} s only"
+        raise InputRefused(source, "command times", cause, "log them in seconds, or set command.max_hold_s")
+
+
+def _check_yaw(time_s: Floats, yaw: Floats, source: str) -> None:
+    """Raise `InputRefused` where the yaw wraps at 360 or turns as no car does."""
+    step = np.abs(np.diff(yaw))
+    usual = float(np.quantile(step / np.diff(time_s), 0.9))
+    if np.any((step > 350.0) & (step < 370.0)) or usual > MAX_YAW_RATE:
+        cause = f"the yaw turns by up to {step.max():.3g} at once, usually {usual:.3g} a second: degrees?"
+        raise InputRefused(source, "yaw", cause, "log it in rad, or map it with gain = 0.017453")
+
+
 def _gaps(time_s: Floats, longest_s: float, what: str) -> list[Irregularity]:
     steps = np.diff(time_s)
     wide = np.r_[False, steps > longest_s]
@@ -126,6 +156,8 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     commands = _clean(raw.command_time_s, raw.command, "command", raw.sources[-1].path)
     if len(poses.time_s) < 10:
         raise InputRefused(source, "pose", f"only {len(poses.time_s)} poses remain", "record a longer take")
+    _check_times(poses.time_s, commands.time_s, vehicle.command.max_hold_s, source)
+    _check_yaw(poses.time_s, poses.values[:, 2], source)
     yaw = np.unwrap(poses.values[:, 2])
     pose = _to_cog(np.column_stack([poses.values[:, :2], yaw]), vehicle)
     rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))

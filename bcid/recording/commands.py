@@ -10,9 +10,9 @@ from bcid.errors import InputRefused
 from bcid.recording.raw import source_of
 from bcid.recording.tables import numbers, read_csv
 from bcid.recording.types import Floats, Irregularity, Source
+from bcid.vehicle import CHANNELS
 
 REQUIRED = ("time_s", "steering_rad", "throttle_mps")
-CHANNELS = ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
 
 
 def read_commands(

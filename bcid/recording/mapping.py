@@ -10,13 +10,11 @@ from bcid.recording.types import Floats
 from bcid.vehicle import Mapped
 
 
-def mapped(field: str | Mapped, column: Callable[[str], Floats]) -> Floats:
+def mapped(field: Mapped, column: Callable[[str], Floats]) -> Floats:
     """The SI values of `field`; `column` looks a raw field up by its name.
 
     value = gain * dead_zone(raw) + offset within [low, high], where the dead zone swallows |raw| < dead_zone.
     """
-    if isinstance(field, str):
-        return column(field)
     raw = column(field.source)
     raw = np.sign(raw) * np.maximum(np.abs(raw) - field.dead_zone, 0.0)
     gain_negative = field.gain if field.gain_negative is None else field.gain_negative

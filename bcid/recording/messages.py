@@ -70,6 +70,21 @@ def _at(path: str) -> Callable[[Any, str | None], Pose3 | None]:
     return lambda message, body: _pose(get(message, path), stamp_of(message))
 
 
+class SeveralBodies(Exception):
+    """Messages hold several bodies and none was named."""
+
+
+def _chosen(items: Any, name: str, body: str | None) -> Any:
+    """The item whose field `name` is `body`; None where there is none.
+
+    Raises:
+        SeveralBodies: when no body is named and there are several.
+    """
+    if body is None and len(items) > 1:
+        raise SeveralBodies(", ".join(str(get(item, name)) for item in items))
+    return next((item for item in items if body is None or get(item, name) == body), None)
+
+
 def _transform_stamped(message: Any, body: str | None) -> Pose3 | None:
     if body is not None and get(message, "child_frame_id", body) != body:
         return None
@@ -77,14 +92,13 @@ def _transform_stamped(message: Any, body: str | None) -> Pose3 | None:
 
 
 def _tf_message(message: Any, body: str | None) -> Pose3 | None:
-    poses = (_transform_stamped(t, body) for t in get(message, "transforms"))
-    return next((p for p in poses if p is not None), None)
+    chosen = _chosen(get(message, "transforms"), "child_frame_id", body)
+    return None if chosen is None else _transform_stamped(chosen, body)
 
 
 def _rigid_bodies(message: Any, body: str | None) -> Pose3 | None:
-    bodies = get(message, "rigidbodies")
-    chosen = [b for b in bodies if body is None or get(b, "rigid_body_name") == body]
-    return _pose(get(chosen[0], "pose"), stamp_of(message)) if chosen else None
+    chosen = _chosen(get(message, "rigidbodies"), "rigid_body_name", body)
+    return None if chosen is None else _pose(get(chosen, "pose"), stamp_of(message))
 
 
 POSES: dict[str, Callable[[Any, str | None], Pose3 | None]] = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import difflib
-import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,12 +54,6 @@ class Header:
         }
 
 
-def is_motive(path: Path) -> bool:
-    """Whether the file begins as a Motive export does."""
-    with path.open("rb") as file:
-        return file.read(64).lstrip(b"\xef\xbb\xbf").startswith(b"Format Version")
-
-
 def read_header(path: Path) -> Header:
     """The export's header, found by content.
 
@@ -82,7 +76,7 @@ def read_header(path: Path) -> Header:
     table = next((i for i, row in enumerate(rows) if row and row[0].strip() == "Frame"), None)
     if table is None:
         raise InputRefused(path, "header", "no row begins with Frame", "export the take with its table")
-    kinds = next((i for i, row in enumerate(rows[:table]) if "Rigid Body" in row), None)
+    kinds = next((i for i, row in enumerate(rows[:table]) if i > 0 and "Rigid Body" in row), None)
     if kinds is None:
         raise InputRefused(
             path,
@@ -126,9 +120,9 @@ def _metres(header: Header, vehicle: Vehicle, path: Path) -> float:
 def _rate(header: Header, path: Path) -> tuple[float, tuple[Irregularity, ...]]:
     try:
         rate = float(header.keys["Export Frame Rate"])
+        capture = float(header.keys.get("Capture Frame Rate", rate))
     except (KeyError, ValueError):
-        raise InputRefused(path, "line 1", "states no Export Frame Rate", "export the take again") from None
-    capture = float(header.keys.get("Capture Frame Rate", rate))
+        raise InputRefused(path, "line 1", "states no frame rate that is a number", "export the take again") from None
     if rate <= 0:
         raise InputRefused(path, "line 1", f"Export Frame Rate is {rate:g}", "export the take again")
     if rate == capture:
@@ -138,13 +132,19 @@ def _rate(header: Header, path: Path) -> tuple[float, tuple[Irregularity, ...]]:
 
 
 def _table(path: Path, header: Header) -> pd.DataFrame:
+    """The rows after the header; blank lines at the end are no rows."""
     try:
-        return pd.read_csv(
-            path, skiprows=header.table_row + 1, header=None, names=list(range(len(header.axes))),
-            index_col=False, encoding="utf-8-sig", low_memory=False, skip_blank_lines=True,
-        )  # fmt: skip
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            table = pd.read_csv(
+                path, skiprows=header.table_row + 1, header=None, names=list(range(len(header.axes))),
+                index_col=False, encoding="utf-8-sig", low_memory=False, skip_blank_lines=False,
+            )  # fmt: skip
+    except pd.errors.EmptyDataError:
+        return pd.DataFrame()
+    except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
         raise InputRefused(path, "table", f"cannot be read: {error}", "export the take again") from None
+    return table.dropna(how="all")
 
 
 def _numbers(table: pd.DataFrame, columns: list[int], header: Header, path: Path) -> Floats:
@@ -152,7 +152,7 @@ def _numbers(table: pd.DataFrame, columns: list[int], header: Header, path: Path
     bad = part.isna().to_numpy() & table[columns].notna().to_numpy()
     if bad.any():
         row, col = np.argwhere(bad)[0]
-        line = header.table_row + 2 + int(row)
+        line = header.table_row + 2 + int(table.index[row])
         cell = table[columns[col]].iloc[row]
         raise InputRefused(
             path, f"line {line}, column {columns[col] + 1}", f"{cell!r} is no number", "export the take again"
@@ -198,26 +198,28 @@ def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
     table = _table(path, header)
     if table.empty:
         raise InputRefused(path, f"line {header.table_row + 2}", "no frame follows the header", "export the take again")
-    frames, stated = _numbers(table, [0, 1], header, path).T if header.axes[1].startswith("Time (") else (None, None)
-    if frames is None or stated is None:
-        time_column = next(i for i, a in enumerate(header.axes) if a.startswith("Time ("))
-        frames, stated = _numbers(table, [0, time_column], header, path).T
+    time_column = next((i for i, a in enumerate(header.axes) if a.startswith("Time (")), None)
+    if time_column is None:
+        raise InputRefused(path, f"line {header.table_row + 1}", "has no Time column", "export the take again")
+    frames, stated = _numbers(table, [0, time_column], header, path).T
     time_s = _times(frames, stated, rate, path, header)
     floor = on_floor(metres * _numbers(table, [position[a] for a in "XYZ"], header, path), vehicle.mocap.up_axis)
     turn = _numbers(table, [rotation[a] for a in ("XYZW" if "W" in rotation else "XYZ")], header, path)
     if "W" in rotation:
         yaw = yaw_of_quaternions(turn, vehicle.mocap.up_axis)
     else:
-        order = header.keys.get("Rotation Type", "XYZ")
-        yaw = yaw_of_euler(turn, order if re.fullmatch("[XYZxyz]{3}", order) else "XYZ", vehicle.mocap.up_axis)
+        order = header.keys.get("Rotation Type", "XYZ").upper()
+        if sorted(order) != ["X", "Y", "Z"]:
+            raise InputRefused(path, "line 1", f"Rotation Type {order!r} is no order of X, Y, Z", "export quaternions")
+        yaw = yaw_of_euler(turn, order, vehicle.mocap.up_axis)
     empty = np.empty(0)
     return RawTake(path.stem, (source,), time_s, np.column_stack([floor, yaw]), empty, np.empty((0, 2)), rate, {}, odd)
 
 
-def read_motive(path: Path, vehicle: Vehicle, commands: Path | None = None) -> RawTake:
-    """A Motive export with its commands file (`NAME.commands.csv` unless named)."""
+def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
+    """A Motive export with its commands file."""
     poses = read_poses(path, vehicle)
-    source, time_s, command, channels, odd = read_commands(commands or path.with_suffix(".commands.csv"))
+    source, time_s, command, channels, odd = read_commands(commands)
     return RawTake(
         poses.name, (*poses.sources, source), poses.pose_time_s, poses.pose, time_s, command,
         poses.rate_hz, channels, (*poses.irregularities, *odd),

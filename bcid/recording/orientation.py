@@ -8,6 +8,7 @@ import numpy as np
 
 from bcid.recording.types import Floats
 
+MIN_NORM = 1e-6
 _UP = {"Y": ((0, 1.0), (2, -1.0)), "Z": ((0, 1.0), (1, 1.0))}  # floor x, y as (world axis, sign)
 
 
@@ -18,23 +19,28 @@ def on_floor(vectors: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
 
 
 def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Yaw (rad) of the body's X axis on the floor; NaN rows stay NaN.
+    """Yaw (rad) of the body's X axis on the floor; NaN rows stay NaN, and zero quaternions become it.
 
     The first column of the rotation matrix is the X axis; q and -q give the same.
     """
-    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
+    norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
+    x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
     forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
     floor = on_floor(forward, up_axis)
     return np.arctan2(floor[:, 1], floor[:, 0])
 
 
 def yaw_of_euler(degrees: Floats, order: str, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Yaw (rad) from intrinsic Euler angles in `order` (such as "XYZ"); NaN rows stay NaN."""
+    """Yaw (rad) from intrinsic Euler angles; NaN rows stay NaN.
+
+    The columns of `degrees` (N, 3) are the turns about X, Y, Z; `order` (such as "YXZ") says which comes first.
+    """
     from scipy.spatial.transform import Rotation
 
     yaw = np.full(len(degrees), np.nan)
     good = np.isfinite(degrees).all(axis=1)
-    rotation = Rotation.from_euler(order.upper(), degrees[good], degrees=True)
+    turns = degrees[good][:, ["XYZ".index(axis) for axis in order]]
+    rotation = Rotation.from_euler(order, turns, degrees=True)
     yaw[good] = yaw_of_quaternions(np.atleast_2d(rotation.as_quat()), up_axis)
     return yaw
 

@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from bcid.errors import InputRefused
 from bcid.recording.course import commanded_angle, course
-from bcid.recording.types import Irregularity, Recording
+from bcid.recording.types import Irregularity, Recording, Stream
 from bcid.vehicle import Vehicle
 
 DEGREES_FACTOR = 3.0
 WHEELBASE_FACTOR = 4.0
 MIN_CORRELATION = 0.5
-MIN_SPEED_MPS = 0.1
+THROTTLE_FACTOR = 3.0
+SLOW_SHARE = 0.1  # of the take's top speed
+MIN_YAW_RATE = 1e-3
+MIN_HEADING, CLEAR_HEADING = 0.6, 0.8
 MIN_SAMPLES = 100
+MISREADINGS = {
+    "an axis is mirrored (x)": (-1.0, 1.0, 1.0),
+    "an axis is mirrored (y)": (1.0, -1.0, 1.0),
+    "yaw is clockwise": (1.0, 1.0, -1.0),
+}
+"""Other ways in which the pose may have been written: factors of x, y, yaw."""
 
 
 def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
@@ -24,8 +34,7 @@ def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
     Raises:
         InputRefused: steering in degrees or inverted, lengths or yaw in other units, brake shares below -1.
     """
-    odd = _check_commands(recording, vehicle)
-    _check_turning(recording, vehicle)
+    odd = _check_commands(recording, vehicle) + _check_turning(recording, vehicle)
     return replace(recording, irregularities=(*recording.irregularities, *odd))
 
 
@@ -37,12 +46,18 @@ def _check_commands(recording: Recording, vehicle: Vehicle) -> list[Irregularity
     if high > DEGREES_FACTOR * limit:
         raise InputRefused(
             source, "steering_rad", f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?",
-            "log the command in rad, or map it with gain = 0.017453 in the vehicle file",
+            "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)",
         )  # fmt: skip
     if u_m.min() < -1.05 and vehicle.motor.law == "speed":
         raise InputRefused(
             source, "throttle_mps", f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant",
-            "map the throttle with gain and offset in the vehicle file",
+            "log it so, or map a table's or MCAP's field with gain, offset and low",
+        )  # fmt: skip
+    top = vehicle.motor.reference_speed_mps
+    if top is not None and vehicle.motor.law == "speed" and u_m.max() > THROTTLE_FACTOR * top:
+        raise InputRefused(
+            source, "throttle_mps", f"reaches {u_m.max():.3g}, the largest reference speed is {top:g} m/s: percent?",
+            "log the throttle in m/s, or map it with a gain",
         )  # fmt: skip
     beyond = np.abs(u_s) > limit * (1 + 1e-9)
     if not beyond.any():
@@ -51,30 +66,66 @@ def _check_commands(recording: Recording, vehicle: Vehicle) -> list[Irregularity
     return [Irregularity("steering command", "warning", int(beyond.sum()), source, text)]
 
 
-def _check_turning(recording: Recording, vehicle: Vehicle) -> None:
-    """Without slip, yaw rate * wheelbase = v_f sin(delta): the slope shows units, the sign the steering's."""
+class _Turning(NamedTuple):
+    correlation: float  # of yaw rate and commanded turning
+    heading: float  # 1 where the front wheel heads where it is steered up to a constant, 0 where it does not
+    wheelbase_m: float  # as the motion shows it
+
+
+def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
+    """Yaw rate * wheelbase is about speed * sin(delta); None where too little moves to tell."""
     motion = course(recording, vehicle)
     if len(motion.time_s) < 2:
-        return
+        return None
     angle = commanded_angle(recording, vehicle, motion.time_s)
-    use = motion.good & (motion.v_f > MIN_SPEED_MPS)
-    turn = motion.v_f[use] * np.sin(angle[use])
-    if use.sum() < MIN_SAMPLES or np.std(turn) < 1e-6 or np.std(motion.yaw_rate[use]) < 1e-6:
-        return
-    correlation = float(np.corrcoef(turn, motion.yaw_rate[use])[0, 1])
+    # the CoG's speed: the front axle's holds yaw rate * l_f, whatever the unit of lengths
+    v_x = motion.v_f * np.cos(motion.beta_f)
+    speed = np.hypot(v_x, motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate)
+    use = motion.good & (speed > SLOW_SHARE * np.quantile(speed, 0.95))
+    turn, yaw_rate = speed[use] * np.sin(angle[use]), motion.yaw_rate[use]
+    if use.sum() < MIN_SAMPLES or np.std(turn) < 1e-3 * np.max(speed) or np.std(yaw_rate) < MIN_YAW_RATE:
+        return None
+    heading = abs(np.mean(np.exp(1j * (motion.beta_f - angle)[use])))
+    correlation = float(np.corrcoef(turn, yaw_rate)[0, 1])
+    return _Turning(correlation, float(heading), float(turn @ turn / (turn @ yaw_rate)))
+
+
+def _misread(recording: Recording, scale: tuple[float, float, float]) -> Recording:
+    """The recording as if x, y and yaw had been written with other units or axes."""
+    values = recording.poses.values * np.array(scale)
+    return replace(recording, poses=Stream(recording.poses.time_s, np.column_stack([values[:, :2], values[:, 2]])))
+
+
+def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
+    """The slope shows units, the sign the steering's; what explains the motion only when misread is refused."""
+    seen = _turning(recording, vehicle)
+    if seen is None:
+        return []
     source = recording.sources[0].path
-    if correlation < -MIN_CORRELATION:
+    if seen.correlation < -MIN_CORRELATION:
         raise InputRefused(
-            source, "steering", f"the car turns right where the command says left (correlation {correlation:.2f})",
-            "positive steering turns left: map the command with a negative gain, or correct up_axis",
+            source, "steering", f"the car turns right where the command says left (correlation {seen.correlation:.2f})",
+            "positive steering turns left: log or map the command with the other sign, or correct up_axis",
         )  # fmt: skip
-    if correlation < MIN_CORRELATION:
-        return
-    seen = float(turn @ turn / (turn @ motion.yaw_rate[use]))
+    if seen.heading < MIN_HEADING:
+        for name, scale in MISREADINGS.items():
+            other = _turning(_misread(recording, scale), vehicle)
+            if other is not None and other.heading > CLEAR_HEADING:
+                raise InputRefused(
+                    source, "pose", f"the car moves where it is steered only if {name} (agreement {seen.heading:.2f}, "
+                    f"then {other.heading:.2f})", "correct up_axis, or the axes of the pose",
+                )  # fmt: skip
+    if seen.correlation < MIN_CORRELATION or seen.heading < MIN_HEADING:
+        text = (
+            f"the commands explain little of the motion (turning {seen.correlation:.2f}, heading {seen.heading:.2f}): "
+            "check axes and units"
+        )
+        return [Irregularity("steering response", "warning", 1, source, text)]
     stated = vehicle.body.cog_to_front_m + vehicle.body.cog_to_rear_m
-    if not stated / WHEELBASE_FACTOR < seen < stated * WHEELBASE_FACTOR:
+    if not stated / WHEELBASE_FACTOR < seen.wheelbase_m < stated * WHEELBASE_FACTOR:
         raise InputRefused(
-            source, "pose", f"the car turns as if its wheelbase were {seen:.3g} m, the vehicle file says "
+            source, "pose", f"the car turns as if its wheelbase were {seen.wheelbase_m:.3g} m, the vehicle file says "
             f"{stated:.3g} m: lengths in mm or cm, or yaw in degrees?",
             "set the unit (mocap.length_unit, or a gain in [columns]) or correct the vehicle file",
         )  # fmt: skip
+    return []

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bcid.errors import InputRefused
+from bcid.recording.formats import check_file
 from bcid.recording.types import Floats, Irregularity, Source
 
 
@@ -32,11 +32,6 @@ def source_of(path: Path, kind: str) -> Source:
     Raises:
         InputRefused: when there is no such file or it is none.
     """
-    if not path.exists():
-        raise InputRefused(path, "file", "does not exist", "check the path")
-    if not path.is_file():
-        raise InputRefused(path, "file", "is not a regular file", "name a recording, not a folder or device")
-    if path.stat().st_size == 0:
-        raise InputRefused(path, "file", "is empty", "record or export the take again")
+    check_file(path)
     with path.open("rb") as file:
         return Source(str(path), hashlib.file_digest(file, "sha256").hexdigest(), kind)

@@ -23,7 +23,7 @@ def save_recording(recording: Recording, folder: Path) -> None:
         write_columns(folder / f"channel_{name}.parquet", _stacked(stream), {"time": "s", "value": "SI"})
     facts = {
         "name": recording.name,
-        "sources": [asdict(s) for s in recording.sources],
+        "sources": [asdict(s) | {"path": Path(s.path).name} for s in recording.sources],
         "duration_s": recording.duration_s,
         "rate_hz": recording.rate_hz,
         "hold_s": recording.hold_s,

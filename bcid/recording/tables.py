@@ -11,7 +11,7 @@ from bcid.errors import InputRefused
 from bcid.recording.mapping import mapped
 from bcid.recording.raw import RawTake, source_of
 from bcid.recording.types import Floats
-from bcid.vehicle import Vehicle
+from bcid.vehicle import CHANNELS, Vehicle
 
 
 def read_csv(path: Path, comment: str | None = None) -> pd.DataFrame:
@@ -47,6 +47,15 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
     return values
 
 
+def _parquet(path: Path) -> pd.DataFrame:
+    from pyarrow.lib import ArrowException
+
+    try:
+        return pd.read_parquet(path)
+    except (ArrowException, OSError, ValueError) as error:
+        raise InputRefused(path, "Parquet data", f"cannot be read: {error}", "export the table again") from None
+
+
 def read_table(path: Path, vehicle: Vehicle) -> RawTake:
     """A CSV or Parquet table whose columns the vehicle file's `[columns]` names.
 
@@ -62,7 +71,7 @@ def read_table(path: Path, vehicle: Vehicle) -> RawTake:
             "map the table's columns in the vehicle file, as `bcid init` shows",
         )
     source = source_of(path, "table-" + path.suffix.lstrip(".").lower())
-    table = pd.read_parquet(path) if path.suffix == ".parquet" else read_csv(path, columns.comment)
+    table = _parquet(path) if path.suffix.lower() == ".parquet" else read_csv(path, columns.comment)
     if table.empty:
         raise InputRefused(path, "table", "holds a header and no rows", "export the take again")
 
@@ -75,8 +84,6 @@ def read_table(path: Path, vehicle: Vehicle) -> RawTake:
     pose = np.column_stack([mapped(f, column) for f in (columns.x_m, columns.y_m, columns.yaw_rad)])
     command = np.column_stack([mapped(f, column) for f in (columns.steering_rad, columns.throttle_mps)])
     extra = {
-        name: (time_s, mapped(field, column))
-        for name in ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
-        if (field := getattr(columns, name)) is not None
+        name: (time_s, mapped(field, column)) for name in CHANNELS if (field := getattr(columns, name)) is not None
     }
     return RawTake(path.stem, (source,), time_s, pose, time_s, command, None, extra)

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -50,6 +50,14 @@ class ModelResult:
         return cls(figures, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5)
 
 
+class TakeFacts(NamedTuple):
+    """What is told of one take: its recording, its estimate, and the check where there is a truth."""
+
+    recording: Mapping[str, Any]
+    estimate: Mapping[str, Any]
+    check: Mapping[str, Any] | None
+
+
 @dataclass(frozen=True)
 class Content:
     """All that the page is made of."""
@@ -57,8 +65,7 @@ class Content:
     vehicle: str
     validation: Estimate
     models: Sequence[ModelResult]
-    estimates: Sequence[Mapping[str, Any]]
-    recordings: Sequence[Mapping[str, Any]]
+    takes: Sequence[TakeFacts]
     restart_s: float
 
     def ranked(self) -> list[ModelResult]:

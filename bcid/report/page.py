@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bcid import __version__
 from bcid.report.content import PAPER_TABLE, Content, report_json
 from bcid.report.figures import all_figures
+from bcid.report.steering import steering_lines
 
 
 def _number(value: float | None, digits: int = 3) -> str:
@@ -38,10 +38,12 @@ def write_page(content: Content, path: Path) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _noise_lines(content: Content) -> list[tuple[str, Any]]:
-    noise = content.estimates[0]["facts"]["noise"]
+def _noise_lines(content: Content) -> list[tuple[str, str]]:
+    """The estimator's constants, and how they came about."""
+    facts = content.takes[0].estimate["facts"]
     units = {
         "q_v_f": "m/s/√s", "q_beta_f": "rad/√s", "q_beta_r": "rad/√s", "q_delta": "rad/√s", "r_position": "m",
         "r_yaw": "rad", "r_steering": "rad", "r_yaw_rate": "rad/s", "r_wheel_speed": "m/s",
     }  # fmt: skip
-    return [(name, f"{value:.3g} {units[name]}") for name, value in noise.items()]
+    lines = [(name, f"{value:.3g} {units[name]}") for name, value in facts["noise"].items()]
+    return lines + steering_lines(facts)

@@ -18,6 +18,7 @@ from bcid.simulation.car import Plant
 Floats = npt.NDArray[np.float64]
 
 STEPS_PER_S = 480
+MAX_STEPS = 400
 N = 10
 
 
@@ -75,8 +76,56 @@ def _linkage(servo: float, lagged: float, play: float, speed: float, p: Plant) -
         angle = max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
     angle += p.steering_nonlinearity * angle**3
     if angle != 0.0:
-        angle *= 1.0 + math.copysign(p.steering_side_gain, angle)
+        angle *= 1.0 + p.steering_side_gain * math.copysign(1.0, angle)
     return angle * (1.0 - p.steering_speed_gain * speed) + p.steering_offset
+
+
+class Hub(NamedTuple):
+    """What the front wheel's hub meets, body frame."""
+
+    along: float
+    across: float
+    lagged_slip: float
+    lagged_force: float
+    rough: bool  # on the rough patch
+    slippery: float  # share of the grip that is there
+    soft: float
+
+
+@njit
+def _front_wheel(angle: float, hub: Hub, i: Inputs, p: Plant) -> tuple[float, float, float, float, float]:
+    """Rolling speed, steady slip, wanted motor force, pull along the wheel and side force across it."""
+    roll = math.cos(angle) * hub.along + math.sin(angle) * hub.across
+    slide = math.cos(angle) * hub.across - math.sin(angle) * hub.along
+    steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
+    slip = hub.lagged_slip if p.tyre_relaxation > 0.0 else steady_slip
+    wanted = _drive_force(i.drive, roll, i.time, i.duration, p)
+    force = hub.lagged_force if p.motor_lag > 0.0 else wanted
+    resist = p.rolling_drag * roll + p.rolling_drag_2 * roll * abs(roll) + p.steering_drag * abs(angle) * roll
+    resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
+    if hub.rough:
+        resist += p.rough_patch * roll
+    load = 1.0 - p.load_transfer * (force - resist) * math.cos(angle) / p.mass
+    grip = p.front_grip * hub.slippery * load
+    if p.friction_circle > 0.0 and grip > 0.0:
+        grip *= math.sqrt(max(1.0 - p.friction_circle * (force / grip) ** 2, 0.0))
+    shift = p.front_ply_steer * math.tanh(roll / 0.05)
+    side = _tyre(slip, p.front_stiffness * load, grip, shift, hub.soft, p.tyre_fall)
+    return roll, steady_slip, wanted, force - resist, side
+
+
+@njit
+def _bent_angle(base: float, hub: Hub, i: Inputs, p: Plant) -> float:
+    """The wheel's angle when its own side force bends the steering: base + k side(angle), by bisection."""
+    reach = abs(p.steering_compliance) * 2.0 * p.front_grip
+    low, high = base - reach, base + reach
+    for _ in range(45):
+        middle = 0.5 * (low + high)
+        if base + p.steering_compliance * _front_wheel(middle, hub, i, p)[4] > middle:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
 
 
 @njit
@@ -90,32 +139,14 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
     slippery = 1.0
     if p.slippery_patch != 0.0 and _inside(s[0], s[1], p.slippery_patch_x, p.slippery_patch_y, p.slippery_patch_radius):
         slippery = 1.0 - p.slippery_patch
-    soft = min(1.0, p.softness + p.tyre_soft_saturation)
+    rough = p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius)
+    soft = 1.0 - (1.0 - p.softness) * (1.0 - p.tyre_soft_saturation)
 
-    # front wheel; its own force can bend the steering
-    base_angle = _linkage(s[6], s[7], play, speed, p)
-    angle, side = base_angle, 0.0
-    roll, slide, steady_slip, force, resist = 0.0, 0.0, 0.0, 0.0, 0.0
-    for _ in range(6 if p.steering_compliance != 0.0 else 1):
-        angle = base_angle + p.steering_compliance * side
-        hub_across = across + p.front_lever * turn
-        roll = math.cos(angle) * along + math.sin(angle) * hub_across
-        slide = math.cos(angle) * hub_across - math.sin(angle) * along
-        steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
-        slip = s[9] if p.tyre_relaxation > 0.0 else steady_slip
-        wanted = _drive_force(i.drive, roll, i.time, i.duration, p)
-        force = s[8] if p.motor_lag > 0.0 else wanted
-        resist = p.rolling_drag * roll + p.rolling_drag_2 * roll * abs(roll) + p.steering_drag * abs(angle) * roll
-        resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
-        if p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius):
-            resist += p.rough_patch * roll
-        load = 1.0 - p.load_transfer * (force - resist) * math.cos(angle) / p.mass
-        grip = p.front_grip * slippery * load
-        if p.friction_circle > 0.0 and grip > 0.0:
-            grip *= math.sqrt(max(1.0 - p.friction_circle * (force / grip) ** 2, 0.0))
-        shift = p.front_ply_steer * math.tanh(roll / 0.05)
-        side = _tyre(slip, p.front_stiffness * load, grip, shift, soft, p.tyre_fall)
-    pull = force - resist
+    hub = Hub(along, across + p.front_lever * turn, s[9], s[8], rough, slippery, soft)
+    angle = _linkage(s[6], s[7], play, speed, p)
+    if p.steering_compliance != 0.0:
+        angle = _bent_angle(angle, hub, i, p)
+    roll, steady_slip, wanted, pull, side = _front_wheel(angle, hub, i, p)
     front_x = math.cos(angle) * pull - math.sin(angle) * side
     front_y = math.sin(angle) * pull + math.cos(angle) * side
     body_x, body_y, moment = front_x, front_y, p.front_lever * front_y
@@ -165,7 +196,6 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
         skew = p.steering_rate_asymmetry
         out[6] = max(-p.servo_rate * (1.0 - skew), min(p.servo_rate * (1.0 + skew), miss / p.servo_time))
     out[7] = (s[6] - s[7]) / p.steering_lag if p.steering_lag > 0.0 else 0.0
-    wanted = _drive_force(i.drive, roll, i.time, i.duration, p)
     out[8] = (wanted - s[8]) / p.motor_lag if p.motor_lag > 0.0 else 0.0
     out[9] = abs(roll) * (steady_slip - s[9]) / p.tyre_relaxation if p.tyre_relaxation > 0.0 else 0.0
     return out
@@ -173,12 +203,21 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
 
 @njit
 def fine_step(s: Floats, play: float, i: Inputs, p: Plant) -> tuple[Floats, float]:
-    """State and play after one fine step."""
-    h = 1.0 / STEPS_PER_S
-    k1 = derivative(s, play, i, p)
-    k2 = derivative(s + 0.5 * h * k1, play, i, p)
-    k3 = derivative(s + 0.5 * h * k2, play, i, p)
-    k4 = derivative(s + h * k3, play, i, p)
-    after = s + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    angle = after[7] if p.steering_lag > 0.0 else after[6]
-    return after, max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
+    """State and play after one fine step, in as many RK4 steps as the fastest lag needs."""
+    fastest = 1.0
+    if p.steering_lag > 0.0:
+        fastest = max(fastest, 1.0 / p.steering_lag)
+    if p.motor_lag > 0.0:
+        fastest = max(fastest, 1.0 / p.motor_lag)
+    if p.tyre_relaxation > 0.0:
+        fastest = max(fastest, (math.hypot(s[3], s[4]) + p.front_lever * abs(s[5])) / p.tyre_relaxation)
+    steps = min(MAX_STEPS, math.ceil(fastest / STEPS_PER_S))
+    h = 1.0 / (STEPS_PER_S * steps)
+    for _ in range(steps):
+        k1 = derivative(s, play, i, p)
+        k2 = derivative(s + 0.5 * h * k1, play, i, p)
+        k3 = derivative(s + 0.5 * h * k2, play, i, p)
+        k4 = derivative(s + h * k3, play, i, p)
+        s = s + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    angle = s[7] if p.steering_lag > 0.0 else s[6]
+    return s, max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))

@@ -7,16 +7,20 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bcid.errors import InputRefused
 from bcid.store.code import Code
 
 MANIFEST = "manifest.json"
 _WORK = ".unfinished"
+STALE_S = 24 * 3600.0  # no stage takes a day
+PUBLISH_TRIES = 3
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,12 @@ class Artifact:
     key: str
     reused: bool
 
+    @property
+    def content(self) -> str:
+        """A digest of its files, whatever made them: what depends on it is keyed by this."""
+        files = self.json(MANIFEST)["files"]
+        return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()[:20]
+
     def json(self, name: str) -> Any:
         """The content of one of its JSON files."""
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
@@ -83,16 +93,25 @@ class Store:
             return Artifact(folder, recipe.key, reused=True)
         unfinished = self.workspace / _WORK
         unfinished.mkdir(parents=True, exist_ok=True)
+        _sweep(unfinished)
         work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
-            make(work)
-            _write_manifest(work, recipe)
-            _publish(work, folder)
+            made = work / "made"
+            made.mkdir()
+            make(made)
+            _write_manifest(made, recipe)
+            _publish(made, folder, work / "replaced", recipe)
         finally:
             shutil.rmtree(work, ignore_errors=True)
-            with suppress(OSError):
-                unfinished.rmdir()
         return Artifact(folder, recipe.key, reused=False)
+
+
+def _sweep(unfinished: Path) -> None:
+    """Remove what runs that were killed left behind."""
+    for work in unfinished.iterdir():
+        with suppress(OSError):
+            if time.time() - work.stat().st_mtime > STALE_S:
+                shutil.rmtree(work, ignore_errors=True)
 
 
 def is_whole(folder: Path, recipe: Recipe) -> bool:
@@ -103,7 +122,7 @@ def is_whole(folder: Path, recipe: Recipe) -> bool:
         return manifest == json.loads(json.dumps(recipe.as_json())) and all(
             sha256_of(folder / name) == digest for name, digest in listed.items()
         )
-    except (OSError, ValueError, KeyError, AttributeError):
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return False
 
 
@@ -113,13 +132,24 @@ def _write_manifest(work: Path, recipe: Recipe) -> None:
     (work / MANIFEST).write_text(json.dumps({**recipe.as_json(), "files": digests}, indent=1), encoding="utf-8")
 
 
-def _publish(work: Path, folder: Path) -> None:
-    """Put the finished folder in its place in one step; a broken or stale one makes way."""
-    for path in work.rglob("*"):
+def _publish(made: Path, folder: Path, aside: Path, recipe: Recipe) -> None:
+    """Put the finished folder in its place in one step.
+
+    A broken one there is moved aside first; where another run was faster, its whole folder stays.
+    """
+    for path in made.rglob("*"):
         if path.is_file():
-            with path.open("rb") as file:
+            with path.open("r+b") as file:
                 os.fsync(file.fileno())
     folder.parent.mkdir(parents=True, exist_ok=True)
-    if folder.exists():
-        shutil.rmtree(folder)
-    work.replace(folder)
+    for _ in range(PUBLISH_TRIES):
+        with suppress(FileNotFoundError):
+            if folder.exists() and not is_whole(folder, recipe):
+                folder.replace(aside)
+        try:
+            made.replace(folder)
+            return
+        except OSError:
+            if is_whole(folder, recipe):
+                return
+    raise InputRefused(folder, "workspace", "cannot be written to", "check its permissions and free space")

@@ -36,7 +36,10 @@ def _file_of(module: str) -> Path | None:
 
 @cache
 def _module(name: str) -> _Module:
-    """Digest and imports of one module, wherever in the file they stand; comments do not count."""
+    """Digest and imports of one module, wherever in the file they stand.
+
+    Comments and docstrings do not count; the templates beside a package's `__init__` do.
+    """
     path = _file_of(name)
     if path is None:
         raise ModuleNotFoundError(name)
@@ -54,7 +57,19 @@ def _module(name: str) -> _Module:
                 outside.add(imported.split(".")[0])
             elif _file_of(imported) is not None:
                 inside.add(imported)
-    return _Module(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), frozenset(inside), frozenset(outside))
+    parents = {name.rpartition(".")[0]} - {""}
+    return _Module(_digest(tree, path), frozenset(inside | parents), frozenset(outside))
+
+
+def _digest(tree: ast.Module, path: Path) -> str:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            node.body[0] = ast.Pass()
+    digest = hashlib.sha256(ast.dump(tree).encode())
+    if path.name == "__init__.py":
+        for template in sorted(path.parent.glob("*.j2")):
+            digest.update(template.read_bytes())
+    return digest.hexdigest()
 
 
 def closure(roots: Iterable[str]) -> set[str]:

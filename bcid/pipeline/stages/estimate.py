@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from bcid.estimate.run import estimate_motion
-from bcid.estimate.saving import read_truth, save_estimate
+from bcid.estimate.saving import save_estimate
 from bcid.estimate.tuning import Tuning
 from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
@@ -21,10 +21,8 @@ def make(
     period_s: float,
     max_gap_s: float,
     engine: Literal["compiled", "filterpy"],
-    truth: Path | None,
 ) -> None:
-    """Filter and smooth one ingested recording; compare with the truth where there is one."""
+    """Filter and smooth one ingested recording."""
     tuned = Tuning.from_json(json.loads((tuning / "tuning.json").read_text()))
-    known = read_truth(truth, vehicle) if truth else None
-    estimate = estimate_motion(load_recording(recording), vehicle, tuned, period_s, max_gap_s, engine, known)
+    estimate = estimate_motion(load_recording(recording), vehicle, tuned, period_s, max_gap_s, engine)
     save_estimate(estimate, folder)

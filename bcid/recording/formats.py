@@ -1,0 +1,71 @@
+"""Which format a file has, by its content, and which files a recording consists of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from bcid.errors import InputRefused, UsageError
+
+Format = Literal["mcap", "motive", "table"]
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+PARQUET_MAGIC = b"PAR1"
+_HEAD = 4096
+
+
+def check_file(path: Path) -> None:
+    """Raise `InputRefused` unless `path` is a file with something in it."""
+    if not path.exists():
+        raise InputRefused(path, "file", "does not exist", "check the path")
+    if not path.is_file():
+        raise InputRefused(path, "file", "is not a regular file", "name a recording, not a folder or device")
+    if path.stat().st_size == 0:
+        raise InputRefused(path, "file", "is empty", "record or export the take again")
+
+
+def format_of(path: Path) -> Format:
+    """The file's format.
+
+    Raises:
+        InputRefused: no such file, or none of the known formats.
+    """
+    check_file(path)
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    if head.startswith(MCAP_MAGIC):
+        return "mcap"
+    if head.startswith(PARQUET_MAGIC):
+        return "table"
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputRefused(path, "byte 0", "is UTF-16", "save the file as UTF-8")
+    if b"\0" in head:
+        raise InputRefused(
+            path,
+            f"byte {head.index(0)}",
+            "is no MCAP file, Motive CSV or table",
+            "name a .mcap, a Motive .csv or a table",
+        )
+    if head.lstrip(b"\xef\xbb\xbf").startswith(b"Format Version"):
+        return "motive"
+    if path.suffix.lower() in (".csv", ".txt", ".tsv"):
+        return "table"
+    raise InputRefused(
+        path,
+        "byte 0",
+        "is no MCAP file, Motive CSV or table",
+        "name a .mcap, a Motive .csv or a mapped .csv or .parquet",
+    )
+
+
+def commands_of(path: Path, named: Path | None) -> Path | None:
+    """The commands file that goes with the recording at `path`; None where the recording holds its own.
+
+    Raises:
+        UsageError: a commands file was named for a recording that holds its own.
+    """
+    if format_of(path) == "motive":
+        return named or path.with_suffix(".commands.csv")
+    if named is not None:
+        raise UsageError(f"--commands {named}: {path.name} holds its own commands\n  next: leave --commands out")
+    return None
