@@ -41,13 +41,14 @@ def trajectories(content: Content) -> str:
     """One panel a model: its path, started anew every few seconds, over the measured one."""
     take = content.validation
     ranked = content.ranked()
-    rows = -(-len(ranked) // 2)
+    columns = min(3, len(ranked))
+    rows = -(-len(ranked) // columns)
     shown = _hardest(content)
     x, y = take.pose[shown, 0], take.pose[shown, 1]
+    height = 0.6 + rows * (11.0 / columns) * (np.ptp(y) + 1.2) / (np.ptp(x) + 1.2)
     figure, axes = plt.subplots(
-        rows, 2, figsize=(11, 0.6 + rows * 5.2 * np.ptp(y) / np.ptp(x)), sharex=True, sharey=True, squeeze=False,
-        layout="constrained",
-    )  # fmt: skip
+        rows, columns, figsize=(11, height), sharex=True, sharey=True, squeeze=False, layout="constrained"
+    )
     for ax, model in zip(axes.flat, ranked, strict=False):
         segments = np.flatnonzero(np.diff(take.segment[shown])) + 1
         ax.plot(*_with_breaks(take.pose[shown, :2], segments).T, color="black", lw=1.0, label="measured")
