@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.models import newton_euler, published
+from bcid.models import published
 from bcid.models.interface import History, rollout
 from bcid.models.k_sindy import KSindy
-from bcid.models.newton_euler import Car, NewtonEuler
+from bcid.models.newton_euler import NewtonEuler
+from bcid.physics import car as equations
+from bcid.physics.car import Car
 
 STEPS, SEEDS = 3000, range(5)
 REST = History(np.zeros((1, 3)), np.zeros((1, 4)), np.zeros((0, 2)))
@@ -77,7 +79,7 @@ def plain_rollout(commands: np.ndarray) -> np.ndarray:
     car = published.newton_euler().car
     state, out = (0.0, 0.0, 0.0, 0.0), [(0.0, 0.0, 0.0)]
     for u_s, u_m in commands.tolist():
-        state = newton_euler.advance(state, u_s, u_m, car, 0.1)
+        state = equations.advance(state, u_s, u_m, car, 0.1)
         out.append(state[:3])
     return np.array(out)
 
@@ -90,11 +92,11 @@ def row_1_undone(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: floa
 
 
 def row_2_undone(v_x: float, v_y: float, w: float, delta: float, u_m: float, p: Car) -> tuple[float, float, float]:
-    v_fx, v_fy = newton_euler.wheel_velocity(v_x, v_y, w, p.l_f, delta)
-    v_rx, v_ry = newton_euler.wheel_velocity(v_x, v_y, w, -p.l_r, 0.0)
-    F_af = newton_euler.lateral_force(newton_euler.slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
-    F_ar = newton_euler.lateral_force(newton_euler.slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
-    F = newton_euler.motor_force(u_m, v_fx, p) - newton_euler.drag(v_fx, p.R_1, p.R_2)
+    v_fx, v_fy = equations.wheel_velocity(v_x, v_y, w, p.l_f, delta)
+    v_rx, v_ry = equations.wheel_velocity(v_x, v_y, w, -p.l_r, 0.0)
+    F_af = equations.lateral_force(equations.slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
+    F_ar = equations.lateral_force(equations.slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
+    F = equations.motor_force(u_m, v_fx, p) - equations.drag(v_fx, p.R_1, p.R_2)
     s, c = math.sin(delta), math.cos(delta)
     return s * F_af + c * F, s * F + c * F_af + F_ar, p.l_f * (s * F + c * F_af) - p.l_r * F_ar
 
@@ -119,7 +121,7 @@ def score(commands: np.ndarray, twists: np.ndarray) -> np.ndarray:
 def test_the_plain_functions_are_the_compiled_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     commands = random_commands(0)[:500]
     compiled = rollout(published.newton_euler(), REST, commands)
-    plain(newton_euler, monkeypatch)
+    plain(equations, monkeypatch)
     np.testing.assert_allclose(plain_rollout(commands), compiled, atol=1e-9)
 
 
@@ -131,8 +133,8 @@ def test_the_plain_functions_are_the_compiled_ones(monkeypatch: pytest.MonkeyPat
 def test_a_misprint_put_back_fails_the_cross_check(
     function: str, undone: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plain(newton_euler, monkeypatch)
-    monkeypatch.setattr(newton_euler, function, undone)
+    plain(equations, monkeypatch)
+    monkeypatch.setattr(equations, function, undone)
     scores = []
     for seed in SEEDS:
         commands = random_commands(seed)

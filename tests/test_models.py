@@ -12,13 +12,15 @@ import pytest
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import whole_take
-from bcid.models import k_mlp, k_sindy, k_sindy_mlp, library, narx_mlp, newton_euler, newton_euler_linear, published
+from bcid.models import k_mlp, k_sindy, k_sindy_mlp, library, narx_mlp, newton_euler_linear, published
 from bcid.models.genetic import minimise
 from bcid.models.interface import Diverged, FitTask, History, Model, history_at, no_progress, rollout
-from bcid.models.newton_euler import Car, NewtonEuler
+from bcid.models.newton_euler import NewtonEuler
 from bcid.models.samples import scale, transitions
 from bcid.models.saving import load_model, save_model
 from bcid.models.table import MODELS, row_of
+from bcid.physics import car as equations
+from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
 
 QUICK: dict[str, dict[str, Any]] = {
@@ -207,7 +209,7 @@ def test_fitted_drag_dissipates_at_every_speed_driven(models: dict[str, Any]) ->
 @pytest.mark.parametrize(("share", "drive"), [(1.0, "front"), (0.0, "rear"), (0.5, "all")])
 def test_straight_driving_does_not_care_which_axle_drives(share: float, drive: str) -> None:
     car = car_of()._replace(front_share=share)
-    F_x, F_y, M_z = newton_euler.wrench(1.0, 0.0, 0.0, 0.0, 1.8, car)
+    F_x, F_y, M_z = equations.wrench(1.0, 0.0, 0.0, 0.0, 1.8, car)
     assert F_x == pytest.approx(car.K_t * 0.8 - 30.0 - 5.0)
     assert (F_y, M_z) == (0.0, 0.0)
 
@@ -215,7 +217,7 @@ def test_straight_driving_does_not_care_which_axle_drives(share: float, drive: s
 def test_rear_drive_pushes_along_the_body() -> None:
     """The two drives differ by where F_m - F_d acts, and at which wheel's speed."""
     v_x, delta = 1.0, 0.5
-    front, rear = (newton_euler.wrench(v_x, 0.0, 0.0, delta, 1.8, car_of()._replace(front_share=s)) for s in (1.0, 0.0))
+    front, rear = (equations.wrench(v_x, 0.0, 0.0, delta, 1.8, car_of()._replace(front_share=s)) for s in (1.0, 0.0))
 
     def force(v_w: float) -> float:
         return 274.8 * (1.8 - v_w) - 30.0 * v_w - 5.0 * v_w * v_w
@@ -228,14 +230,14 @@ def test_rear_drive_pushes_along_the_body() -> None:
 
 def test_force_law_uses_its_dead_zone() -> None:
     car = car_of()._replace(sets_force=1.0, K_t=25.0, u_0=0.16, K_v=5.0, F_m_max=1e5)
-    assert newton_euler.motor_force(0.1, 1.0, car) == 0.0
-    assert newton_euler.motor_force(0.36, 0.5, car) == pytest.approx(2.5)
+    assert equations.motor_force(0.1, 1.0, car) == 0.0
+    assert equations.motor_force(0.36, 0.5, car) == pytest.approx(2.5)
 
 
 def test_newton_euler_is_mirror_symmetric(models: dict[str, Any]) -> None:
     car = models["newton-euler"].car
-    left = newton_euler.advance((1.0, 0.2, 0.5, 0.4), 0.8, 1.5, car, 0.1)
-    right = newton_euler.advance((1.0, -0.2, -0.5, -0.4), -0.8, 1.5, car, 0.1)
+    left = equations.advance((1.0, 0.2, 0.5, 0.4), 0.8, 1.5, car, 0.1)
+    right = equations.advance((1.0, -0.2, -0.5, -0.4), -0.8, 1.5, car, 0.1)
     assert left == pytest.approx((right[0], -right[1], -right[2], -right[3]), abs=1e-14)
 
 
@@ -247,7 +249,7 @@ def test_the_linear_model_is_the_jacobian(v: float) -> None:
     u_m = v + (30.0 * v + 5.0 * v * v) / car.K_t  # the motor balances the drag
 
     def rate(x: np.ndarray, delta: float) -> np.ndarray:
-        return np.array(newton_euler.rate(x[0], x[1], x[2], delta, delta, u_m, car)[:3])
+        return np.array(equations.rate(x[0], x[1], x[2], delta, delta, u_m, car)[:3])
 
     x, step = np.array([v, 0.0, 0.0]), 1e-6
     np.testing.assert_allclose(rate(x, 0.0), 0.0, atol=1e-12)

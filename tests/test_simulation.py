@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bcid.models import newton_euler, published
+from bcid.models import published
 from bcid.parquet import read_columns
+from bcid.physics import car as equations
 from bcid.recording.motive import read_poses
 from bcid.recording.read import read_raw
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
@@ -30,7 +31,7 @@ def test_with_every_extra_at_zero_it_is_the_newton_euler_car() -> None:
     state, twists = (0.0, 0.0, 0.0, 0.0), [(0.0, 0.0, 0.0)]
     for k, (u_s, u_m) in enumerate(run.command.tolist()):
         for _ in range(per_command):
-            state = newton_euler.rk4_step(state, u_s, u_m, car, h)
+            state = equations.rk4_step(state, u_s, u_m, car, h)
         if k % 2:
             twists.append(state[:3])
     np.testing.assert_allclose(np.array(twists), run.truth[: len(twists), 4:7], atol=2e-4)

@@ -1,113 +1,17 @@
-"""Newton-Euler: a rigid body whose twist rate comes from motor, drag and tyre forces.
-
-    v_x' = F_x/m + w v_y,   v_y' = F_y/m - w v_x,   w' = M_z/I_z          (paper, force balance)
-
-State [v_x, v_y, w, delta]; RK4 with two substeps per period (paper, fnewtoneuler).
-"""
+"""Newton-Euler, fitted: the car of `bcid.physics.car` with the constants that predict best."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from bcid.compiled import njit
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.physics.kinematics import wheel_velocity
-from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
-from bcid.physics.steering import steering_rate
-from bcid.physics.tyres import lateral_force, slip_angle
-
-
-class Car(NamedTuple):
-    """All constants of the model, SI; the symbols are the paper's."""
-
-    m: float  # kg
-    I_z: float  # kg m^2
-    l_f: float  # m
-    l_r: float  # m
-    T_s: float  # s, steering time constant
-    d: float  # rad/s, steering rate limit
-    F_m_max: float  # N
-    K_t: float  # N s/m; force law: N per unit throttle
-    K_b: float  # N s/m
-    C_f: float  # N/rad
-    C_r: float  # N/rad
-    F_f_max: float  # N
-    F_r_max: float  # N
-    R_1: float  # N s/m
-    R_2: float  # N s^2/m^2
-    v_0: float  # m/s, errata 14
-    front_share: float = 1.0  # share of F_m - F_d at the front axle: 1 front drive, 0 rear
-    sets_force: float = 0.0  # 1 where the throttle sets a force (law "force"), 0 for a speed
-    u_0: float = 0.0  # force law: dead zone
-    K_v: float = 0.0  # force law: N s/m
-
-
-@njit
-def motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """F_m (N) at wheel speed `v_w` (m/s) by the vehicle's motor law."""
-    if p.sets_force > 0.0:
-        return force_controlled_force(u_m, v_w, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
-    return speed_controlled_force(u_m, v_w, p.K_t, p.K_b, p.F_m_max)
-
-
-@njit
-def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p: Car) -> tuple[float, float, float]:
-    """F_x (N), F_y (N), M_z (N m) on the body (paper, second equation, with errata 2)."""
-    v_fx, v_fy = wheel_velocity(v_x, v_y, yaw_rate, p.l_f, delta)
-    v_rx, v_ry = wheel_velocity(v_x, v_y, yaw_rate, -p.l_r, 0.0)
-    F_af = lateral_force(slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
-    F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
-    F_lf = p.front_share * (motor_force(u_m, v_fx, p) - drag(v_fx, p.R_1, p.R_2))
-    F_lr = (1.0 - p.front_share) * (motor_force(u_m, v_rx, p) - drag(v_rx, p.R_1, p.R_2))
-    sin_d, cos_d = math.sin(delta), math.cos(delta)
-    F_x = cos_d * F_lf - sin_d * F_af + F_lr
-    F_fy = sin_d * F_lf + cos_d * F_af
-    return F_x, F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
-
-
-@njit
-def rate(
-    v_x: float, v_y: float, yaw_rate: float, delta: float, u_s: float, u_m: float, p: Car
-) -> tuple[float, float, float, float]:
-    """Time derivative of [v_x, v_y, w, delta] (paper, force balance and deltaDot)."""
-    F_x, F_y, M_z = wrench(v_x, v_y, yaw_rate, delta, u_m, p)
-    delta_rate = steering_rate(u_s, delta, p.T_s, p.d)
-    return F_x / p.m + yaw_rate * v_y, F_y / p.m - yaw_rate * v_x, M_z / p.I_z, delta_rate
-
-
-@njit
-def rk4_step(
-    state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, h: float
-) -> tuple[float, float, float, float]:
-    """[v_x, v_y, w, delta] after `h` seconds of constant command, one classical RK4 step."""
-    x, y, w, s = state
-    a1, b1, c1, d1 = rate(x, y, w, s, u_s, u_m, p)
-    g = 0.5 * h
-    a2, b2, c2, d2 = rate(x + g * a1, y + g * b1, w + g * c1, s + g * d1, u_s, u_m, p)
-    a3, b3, c3, d3 = rate(x + g * a2, y + g * b2, w + g * c2, s + g * d2, u_s, u_m, p)
-    a4, b4, c4, d4 = rate(x + h * a3, y + h * b3, w + h * c3, s + h * d3, u_s, u_m, p)
-    e = h / 6.0
-    return (
-        x + e * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
-        y + e * (b1 + 2.0 * b2 + 2.0 * b3 + b4),
-        w + e * (c1 + 2.0 * c2 + 2.0 * c3 + c4),
-        s + e * (d1 + 2.0 * d2 + 2.0 * d3 + d4),
-    )
-
-
-@njit
-def advance(
-    state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, period: float
-) -> tuple[float, float, float, float]:
-    """One period in two RK4 substeps: f_NE of the paper."""
-    half = 0.5 * period
-    return rk4_step(rk4_step(state, u_s, u_m, p, half), u_s, u_m, p, half)
+from bcid.physics.car import Car, advance
 
 
 @njit

@@ -11,8 +11,8 @@ import numpy as np
 from bcid.compiled import njit, njit_parallel
 from bcid.models.genetic import Optimum, minimise
 from bcid.models.interface import FitTask, Floats
-from bcid.models.newton_euler import Car, advance
 from bcid.models.samples import Transitions, scale, transitions
+from bcid.physics.car import Car, advance
 from bcid.vehicle import Vehicle
 
 GRAVITY = 9.81

@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from bcid.compiled import njit
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.newton_euler import Car, NewtonEuler
+from bcid.models.newton_euler import NewtonEuler
 from bcid.models.samples import transitions
+from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
 
 

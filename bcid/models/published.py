@@ -7,7 +7,8 @@ import numpy as np
 from bcid.models.k_sindy import KSindy, Sparse
 from bcid.models.kinematic import Frame
 from bcid.models.library import SLIP, SPEED_PUBLISHED
-from bcid.models.newton_euler import Car, NewtonEuler
+from bcid.models.newton_euler import NewtonEuler
+from bcid.physics.car import Car
 
 REFERENCE_SPEED_MPS = 2.033  # c
 

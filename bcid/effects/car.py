@@ -1,0 +1,178 @@
+"""The Newton-Euler car with every effect in its place; with all switches off it is the base model to the last bit.
+
+Order on the way from command to force: delay, servo (dead band, rate asymmetry), lag, play - these need the
+commands alone and run ahead of the body (`steering_chain`) - then, at the body's speed, linkage, compliance,
+tyres, motor, drag, floor.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.effects import forces, measurement, motor, steering, tyres
+from bcid.effects.constants import Constants
+from bcid.physics.car import Car, motor_force
+from bcid.physics.kinematics import wheel_velocity
+from bcid.physics.motor import drag
+from bcid.physics.tyres import slip_angle
+
+Floats = npt.NDArray[np.float64]
+
+COMPLIANCE_STEPS = 40
+
+
+class Body(NamedTuple):
+    """Pose and twist of the CoG."""
+
+    p_x: float
+    p_y: float
+    theta: float
+    v_x: float
+    v_y: float
+    omega: float
+
+
+class Drive(NamedTuple):
+    """What the actuators and the clock give at an instant."""
+
+    t: float  # s since the recording began
+    T: float  # its length, s
+    delta: float  # angle at the end of the steering chain (rad)
+    u_m: float  # throttle after its delay
+
+
+class Lagged(NamedTuple):
+    """Quantities that may lag: front slip angle (rad), motor force at the front and rear wheels (N)."""
+
+    alpha_f: float
+    F_mf: float
+    F_mr: float
+
+
+class Wrench(NamedTuple):
+    """On the body, and what the lagging quantities would be at once."""
+
+    F_x: float
+    F_y: float
+    M_z: float
+    heavier: float
+    steady: Lagged
+    v_fx: float
+
+
+class _Front(NamedTuple):
+    F_l: float
+    F_a: float
+    alpha_s: float
+    F_m: float
+    v_fx: float
+
+
+@njit
+def throttle_force(u_m: float, v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> float:
+    """F_m (N) at one wheel with the motor's effects."""
+    u_m = motor.dead_zone(u_m, e.motor_dead_zone__width)
+    F = motor_force(u_m, v_w, p)
+    if u_m >= 0.0:
+        F = motor.power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
+        F = motor.sag(F, drive.t, drive.T, e.motor_sag__s)
+        F += motor.regeneration(u_m, v_w, p.K_t, p.F_m_max, e.motor_regeneration__r)
+    return F
+
+
+@njit
+def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> _Front:
+    """Force along and across the front wheel at the angle `delta_w`."""
+    v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta_w)
+    F_m = throttle_force(drive.u_m, v_fx, drive, p, e, c)
+    pull = lagged.F_mf if e.motor_lag__tau > 0.0 else F_m
+    F_d = drag(v_fx, p.R_1, p.R_2)
+    F_d += forces.front_coulomb_friction(v_fx, e.front_coulomb_friction__c, c.v_c)
+    F_d += forces.steering_drag(delta_w, v_fx, e.steering_drag__k)
+    if e.rough_patch__b != 0.0 and forces.inside(
+        b.p_x, b.p_y, e.rough_patch__x, e.rough_patch__y, e.rough_patch__radius
+    ):
+        F_d += e.rough_patch__b * v_fx
+    F_l = p.front_share * (pull - drag(v_fx, p.R_1, p.R_2)) - (F_d - drag(v_fx, p.R_1, p.R_2))
+    alpha_s = slip_angle(v_fx, v_fy, p.v_0)
+    alpha = lagged.alpha_f if e.tyre_relaxation__sigma > 0.0 else alpha_s
+    load = tyres.load_factor(F_l, delta_w, p.m, e.load_transfer__k)
+    F_max = tyres.friction_circle(p.F_f_max * grip * load, p.front_share * pull, e.friction_circle__kappa)
+    shift = tyres.ply_steer(v_fx, e.front_ply_steer__f, c.v_c)
+    F_a = tyres.side_force(alpha, p.C_f * load, F_max, shift, e.tyre_soft_saturation__s)
+    return _Front(F_l, F_a, alpha_s, F_m, v_fx)
+
+
+@njit
+def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> float:
+    """delta_w: linkage, then compliance with the wheel's own side force, solved together by bisection."""
+    base: float = steering.linkage(
+        drive.delta, math.hypot(b.v_x, b.v_y), e.steering_nonlinearity__k, e.steering_side_gain__a,
+        e.steering_speed_gain__k, e.steering_offset__o,
+    )  # fmt: skip
+    k: float = e.steering_compliance__k
+    if k == 0.0:
+        return base
+    reach = 2.0 * abs(k) * p.F_f_max
+    low: float = base - reach
+    high: float = base + reach
+    for _ in range(COMPLIANCE_STEPS):
+        middle = 0.5 * (low + high)
+        if base + k * _front(middle, b, drive, lagged, grip, p, e, c).F_a > middle:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@njit
+def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) -> Wrench:
+    """Forces and moment on the body with every effect in its place."""
+    grip = 1.0
+    if e.slippery_patch__D != 0.0 and forces.inside(
+        b.p_x, b.p_y, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius
+    ):
+        grip = 1.0 - e.slippery_patch__D
+    delta_w = _wheel_angle(b, drive, lagged, grip, p, e, c)
+    front = _front(delta_w, b, drive, lagged, grip, p, e, c)
+    v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
+    alpha_r = slip_angle(v_rx, v_ry, p.v_0) + tyres.rear_toe(v_rx, e.rear_toe__epsilon, p.v_0)
+    F_ar = tyres.side_force(alpha_r, p.C_r, p.F_r_max * grip, 0.0, e.tyre_soft_saturation__s)
+    F_mr = throttle_force(drive.u_m, v_rx, drive, p, e, c)
+    pull_r = lagged.F_mr if e.motor_lag__tau > 0.0 else F_mr
+    F_lr = (1.0 - p.front_share) * (pull_r - drag(v_rx, p.R_1, p.R_2))
+    sin_d, cos_d = math.sin(delta_w), math.cos(delta_w)
+    F_x = cos_d * front.F_l - sin_d * front.F_a + F_lr
+    F_fy = sin_d * front.F_l + cos_d * front.F_a
+    F_y, M_z = F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
+
+    M_z += forces.drive_lateral_offset(front.F_l, delta_w, e.drive_lateral_offset__a)
+    F_x += forces.rear_rolling_coulomb(b.v_x, e.rear_rolling_coulomb__c, c.v_c)
+    F_x += forces.rear_rolling_viscous(b.v_x, e.rear_rolling_viscous__b)
+    air_x, air_y = forces.quadratic_drag(b.v_x, b.v_y, e.quadratic_drag__k)
+    one_x, one_m = forces.rear_drag_asymmetry(b.v_x, b.omega, e.rear_drag_asymmetry__b, c.track)
+    cable_x, cable_y = forces.tether(
+        b.p_x, b.p_y, e.tether_pull__k, e.tether_pull__x, e.tether_pull__y, e.tether_pull__r_0
+    )
+    heavier = measurement.heavier(drive.t, e.mass_change__d, e.mass_change__t_s)
+    world_x = cable_x + heavier * p.m * e.floor_slope__g_x
+    world_y = cable_y + heavier * p.m * e.floor_slope__g_y
+    sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
+    F_x += air_x + one_x + (cos_t * world_x + sin_t * world_y)
+    F_y += air_y + (cos_t * world_y - sin_t * world_x)
+    M_z += one_m + forces.yaw_scrub(b.omega, e.yaw_scrub__c) + forces.yaw_coulomb(b.omega, e.yaw_coulomb__c, c.w_c)
+    return Wrench(F_x, F_y, M_z, heavier, Lagged(front.alpha_s, front.F_m, F_mr), front.v_fx)
+
+
+@njit
+def lag_after(start: float, steady_0: float, steady: float, ratio: float) -> float:
+    """A first-order lag after `ratio` time constants, exactly where its input runs linearly from steady_0 to steady."""
+    E = math.exp(-ratio)
+    if ratio == 0.0:
+        return start
+    return steady - (steady - steady_0) * (1.0 - E) / ratio + (start - steady_0) * E

@@ -1,0 +1,163 @@
+"""Forces and moments on the body that the base model leaves out: rolling, air, scrub, ground.
+
+Each function returns what is added to F_x, F_y (N) or M_z (N m), or to the drag F_d of the front wheel.
+"""
+
+from __future__ import annotations
+
+import math
+
+from bcid.compiled import njit
+from bcid.effects.entry import Effect, Parameter
+
+N = "kg m s^-2"
+N_S_PER_M = "kg s^-1"
+
+
+@njit
+def rear_rolling_coulomb(v_x: float, c: float, v_c: float) -> float:
+    """F_x -= c tanh(v_x / 0.05 m/s)."""
+    return -c * math.tanh(v_x / v_c)
+
+
+@njit
+def rear_rolling_viscous(v_x: float, b: float) -> float:
+    """F_x -= b v_x."""
+    return -b * v_x
+
+
+@njit
+def front_coulomb_friction(v_fx: float, c: float, v_c: float) -> float:
+    """F_d += c tanh(v_fx / 0.05 m/s)."""
+    return c * math.tanh(v_fx / v_c)
+
+
+@njit
+def quadratic_drag(v_x: float, v_y: float, k: float) -> tuple[float, float]:
+    """F -= k |V| V."""
+    drag = -k * math.hypot(v_x, v_y)
+    return drag * v_x, drag * v_y
+
+
+@njit
+def rear_drag_asymmetry(v_x: float, omega: float, b: float, track: float) -> tuple[float, float]:
+    """Drag |b| on the left rear wheel (b > 0) or the right one: F_x = -|b| (v_x -+ omega track/2), and its moment."""
+    lever = math.copysign(0.5 * track, b)
+    F_x = -abs(b) * (v_x - lever * omega)
+    return F_x, -lever * F_x
+
+
+@njit
+def steering_drag(delta_w: float, v_fx: float, k: float) -> float:
+    """F_d += k |delta_w| v_fx."""
+    return k * abs(delta_w) * v_fx
+
+
+@njit
+def inside(p_x: float, p_y: float, x: float, y: float, radius: float) -> bool:
+    """Whether the CoG is in the circle."""
+    return (p_x - x) ** 2 + (p_y - y) ** 2 < radius * radius
+
+
+@njit
+def tether(p_x: float, p_y: float, k: float, x: float, y: float, r_0: float) -> tuple[float, float]:
+    """World force k (r - r_0) toward (x, y) beyond r_0."""
+    r = math.hypot(x - p_x, y - p_y)
+    if k == 0.0 or r <= r_0 or r == 0.0:
+        return 0.0, 0.0
+    pull = k * (r - r_0) / r
+    return pull * (x - p_x), pull * (y - p_y)
+
+
+@njit
+def yaw_scrub(omega: float, c: float) -> float:
+    """M_z -= c omega."""
+    return -c * omega
+
+
+@njit
+def yaw_coulomb(omega: float, c: float, w_c: float) -> float:
+    """M_z -= c tanh(omega / 0.05 rad/s)."""
+    return -c * math.tanh(omega / w_c)
+
+
+@njit
+def drive_lateral_offset(F_l: float, delta_w: float, a: float) -> float:
+    """M_z += a (F_m - F_d) cos(delta_w)."""
+    return a * F_l * math.cos(delta_w)
+
+
+_PLACE = (
+    Parameter("x", "m", -50.0, 50.0, 0.0, "centre", places=True),
+    Parameter("y", "m", -50.0, 50.0, 0.0, "centre", places=True),
+)
+RADIUS = Parameter("radius", "m", 0.3, 5.0, 1.2, "radius of the circle", 1.0, places=True)
+
+EFFECTS = (
+    Effect(
+        "rear_rolling_coulomb", "F_x −= c·tanh(v_x/0.05)",
+        (Parameter("c", N, 0.0, 2000.0, 20.0, "Coulomb rolling resistance of the rear wheels"),),
+        "fx", looks_like=("rear_rolling_viscous",), depends_on=("v_x",),
+    ),
+    Effect(
+        "rear_rolling_viscous", "F_x −= b·v_x",
+        (Parameter("b", N_S_PER_M, 0.0, 2000.0, 17.0, "viscous rolling resistance of the rear wheels"),),
+        "fx", looks_like=("quadratic_drag", "yaw_scrub"), depends_on=("v_x",),
+    ),
+    Effect(
+        "front_coulomb_friction", "F_d += c·tanh(v_fx/0.05)",
+        (Parameter("c", N, 0.0, 2000.0, 60.0, "Coulomb rolling resistance of the front wheel"),),
+        "fx", looks_like=("rear_rolling_coulomb",), depends_on=("v_x", "steering"),
+    ),
+    Effect(
+        "quadratic_drag", "F −= k·abs(V)·V",
+        (Parameter("k", "kg m^-1", 0.0, 500.0, 11.0, "drag per squared speed"),),
+        "fx", looks_like=("rear_rolling_viscous", "yaw_scrub"), depends_on=("speed",),
+    ),
+    Effect(
+        "rear_drag_asymmetry", "F = −abs(b)(v_x ∓ ω·track/2) at the left (b > 0) or right rear wheel",
+        (Parameter("b", N_S_PER_M, -500.0, 500.0, 13.0, "drag of one rear wheel"),),
+        "fx", looks_like=("rear_rolling_viscous",), depends_on=("v_x", "yaw_rate"),
+    ),
+    Effect(
+        "steering_drag", "F_d += k·abs(δ_w)·v_fx",
+        (Parameter("k", "kg s^-1 rad^-1", 0.0, 1000.0, 23.0, "drag of the steered wheel per angle"),),
+        "fx", looks_like=("quadratic_drag",), depends_on=("steering", "v_x"),
+    ),
+    Effect(
+        "rough_patch", "F_d += b·v_fx while the CoG is in the circle",
+        (Parameter("b", N_S_PER_M, 0.0, 1000.0, 28.0, "drag there"), *_PLACE, RADIUS),
+        "fx", "environment", depends_on=("place",),
+    ),
+    Effect(
+        "floor_slope", "world acceleration (g_x, g_y)",
+        (
+            Parameter("g_x", "m s^-2", -1.0, 1.0, 0.035, "along the floor's x"),
+            Parameter("g_y", "m s^-2", -1.0, 1.0, 0.035, "along the floor's y"),
+        ),
+        "fx", "environment", ("tether_pull",), ("heading",),
+    ),
+    Effect(
+        "tether_pull", "pull k(r − r_0) toward (x, y) beyond r_0",
+        (
+            Parameter("k", N_S_PER_M.replace("s^-1", "s^-2"), 0.0, 500.0, 9.0, "stiffness of the cable"),
+            *_PLACE, Parameter("r_0", "m", 0.0, 20.0, 1.0, "slack", places=True),
+        ),
+        "fx", "environment", ("floor_slope",), ("place", "heading"),
+    ),
+    Effect(
+        "yaw_scrub", "M_z −= c·ω",
+        (Parameter("c", "kg m^2 s^-1 rad^-1", 0.0, 1000.0, 13.0, "yaw damping"),),
+        "mz", looks_like=("rear_rolling_viscous", "marker_offset"), depends_on=("yaw_rate",),
+    ),
+    Effect(
+        "yaw_coulomb", "M_z −= c·tanh(ω/0.05)",
+        (Parameter("c", "kg m^2 s^-2", 0.0, 500.0, 17.0, "Coulomb yaw friction"),),
+        "mz", looks_like=("yaw_scrub",), depends_on=("yaw_rate",),
+    ),
+    Effect(
+        "drive_lateral_offset", "M_z += a·(F_m − F_d)·cos δ_w",
+        (Parameter("a", "m", -1.0, 1.0, 0.15, "the driven wheel's offset to the right"),),
+        "mz", looks_like=("steering_offset",), depends_on=("throttle", "steering"),
+    ),
+)  # fmt: skip

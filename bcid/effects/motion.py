@@ -1,0 +1,176 @@
+"""The car with effects in motion: the steering chain ahead of it, RK4 for the body, exact lags, the seen pose.
+
+One fixed step `h` throughout; the steering chain is known at every half step, as RK4 asks for it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.compiled import njit
+from bcid.effects import steering
+from bcid.effects.car import Body, Drive, Lagged, Wrench, lag_after, wrench
+from bcid.effects.constants import Constants
+from bcid.physics.car import Car
+from bcid.physics.steering import steering_step
+
+Floats = npt.NDArray[np.float64]
+
+
+class Chain(NamedTuple):
+    """What the actuators give at every half step: angle (2 n + 1,) and throttle (2 n + 1,) from t_0 on."""
+
+    t_0: float
+    h: float
+    delta: Floats
+    u_m: Floats
+
+
+@njit
+def mean_held(times: Floats, values: Floats, integral: Floats, a: float, b: float) -> float:
+    """Mean over [a, b] of commands held from row to row; before the first row it stands.
+
+    `integral` is the commands' running integral at `times`; the mean is a continuous function of a and b,
+    so a delay has a gradient.
+    """
+    return (_integral(times, values, integral, b) - _integral(times, values, integral, a)) / (b - a)
+
+
+@njit
+def _integral(times: Floats, values: Floats, integral: Floats, t: float) -> float:
+    k = max(int(np.searchsorted(times, t, side="right")) - 1, 0)
+    return float(integral[k] + (t - times[k]) * values[k])
+
+
+@njit
+def servo_step(delta: float, u_s: float, T_s: float, d: float, band: float, skew: float, h: float) -> float:
+    """The servo's angle after `h` seconds of constant command, with dead band and rate asymmetry, in closed form."""
+    if band == 0.0 and skew == 0.0:
+        return steering_step(delta, u_s, T_s, d, h)
+    miss = u_s - delta
+    if abs(miss) <= band:
+        return delta
+    limit = d * (1.0 + skew) if miss > 0.0 else d * (1.0 - skew)
+    after = steering_step(delta, u_s, T_s, limit, h)
+    if abs(u_s - after) < band:  # it stops where the band begins
+        after = u_s - math.copysign(band, miss)
+    return after
+
+
+@njit
+def steering_chain(
+    times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
+) -> Chain:
+    """Delay, servo, lag and play over `n` steps from `t_0`, from rest at the first command."""
+    u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
+    steps = np.diff(times)
+    area_s, area_m = np.zeros(len(times)), np.zeros(len(times))
+    area_s[1:], area_m[1:] = np.cumsum(u_s[:-1] * steps), np.cumsum(u_m[:-1] * steps)
+    half = 0.5 * h
+    delta_out, throttle = np.empty(2 * n + 1), np.empty(2 * n + 1)
+    servo, lagged, behind = u_s[0], u_s[0], u_s[0]
+    for k in range(2 * n + 1):
+        t = t_0 + k * half
+        lagging = lagged if e.steering_lag__tau > 0.0 else servo
+        behind = steering.play(behind, lagging, e.steering_backlash__b) if e.steering_backlash__b > 0.0 else lagging
+        delta_out[k] = behind
+        throttle[k] = mean_held(times, u_m, area_m, t - e.motor_delay__tau, t + half - e.motor_delay__tau)
+        u = mean_held(times, u_s, area_s, t - e.steering_delay__tau, t + half - e.steering_delay__tau)
+        after = servo_step(
+            servo, u, p.T_s, p.d, e.steering_dead_band__b, e.steering_rate_asymmetry__a, half
+        )  # fmt: skip
+        if e.steering_lag__tau > 0.0:
+            lagged = lag_after(lagged, servo, after, half / e.steering_lag__tau)
+        servo = after
+    return Chain(t_0, h, delta_out, throttle)
+
+
+@njit
+def _lagged_at(start: Lagged, first: Wrench, now: Wrench, ahead: float, p: Car, e: Any) -> Lagged:
+    """The lagging quantities `ahead` seconds into a step that began with `start` and the wrench `first`."""
+    alpha, F_f, F_r = now.steady.alpha_f, now.steady.F_mf, now.steady.F_mr
+    if e.tyre_relaxation__sigma > 0.0:
+        ratio = 0.5 * (abs(first.v_fx) + abs(now.v_fx)) * ahead / e.tyre_relaxation__sigma
+        alpha = lag_after(start.alpha_f, first.steady.alpha_f, alpha, ratio)
+    if e.motor_lag__tau > 0.0:
+        ratio = ahead / e.motor_lag__tau
+        F_f = lag_after(start.F_mf, first.steady.F_mf, F_f, ratio)
+        F_r = lag_after(start.F_mr, first.steady.F_mr, F_r, ratio)
+    return Lagged(alpha, F_f, F_r)
+
+
+@njit
+def _rates(b: Body, w: Wrench, push_x: float, push_y: float, push_m: float, p: Car) -> Body:
+    """Rates of pose and twist under the wrench and a further push on the body."""
+    sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
+    return Body(
+        cos_t * b.v_x - sin_t * b.v_y, sin_t * b.v_x + cos_t * b.v_y, b.omega,
+        (w.F_x + push_x) / (w.heavier * p.m) + b.omega * b.v_y,
+        (w.F_y + push_y) / (w.heavier * p.m) - b.omega * b.v_x,
+        (w.M_z + push_m) / (w.heavier * p.I_z),
+    )  # fmt: skip
+
+
+@njit
+def _moved(b: Body, r: Body, h: float) -> Body:
+    return Body(
+        b.p_x + h * r.p_x, b.p_y + h * r.p_y, b.theta + h * r.theta,
+        b.v_x + h * r.v_x, b.v_y + h * r.v_y, b.omega + h * r.omega,
+    )  # fmt: skip
+
+
+@njit
+def body_step(
+    b: Body, lagged: Lagged, k: int, chain: Chain, T: float, push: Floats, p: Car, e: Any, c: Constants
+) -> tuple[Body, Lagged]:
+    """Pose, twist and lags after step `k` of the chain, one RK4 step; `push` (3,) is a constant further wrench."""
+    h, t = chain.h, chain.t_0 + k * chain.h
+    start = Drive(t, T, chain.delta[2 * k], chain.u_m[2 * k])
+    middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], chain.u_m[2 * k + 1])
+    # commands jump at most between steps: the end sees the throttle that was held during the step
+    end = Drive(t + h, T, chain.delta[2 * k + 2], chain.u_m[2 * k + 1])
+    first = wrench(b, start, lagged, p, e, c)
+    k1 = _rates(b, first, push[0], push[1], push[2], p)
+    b2 = _moved(b, k1, 0.5 * h)
+    w2 = wrench(b2, middle, lagged, p, e, c)
+    w2 = wrench(b2, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
+    k2 = _rates(b2, w2, push[0], push[1], push[2], p)
+    b3 = _moved(b, k2, 0.5 * h)
+    w3 = wrench(b3, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
+    k3 = _rates(b3, w3, push[0], push[1], push[2], p)
+    b4 = _moved(b, k3, h)
+    w4 = wrench(b4, end, lagged, p, e, c)
+    after = _lagged_at(lagged, first, w4, h, p, e)
+    w4 = wrench(b4, end, after, p, e, c)
+    k4 = _rates(b4, w4, push[0], push[1], push[2], p)
+    total = Body(
+        k1.p_x + 2.0 * k2.p_x + 2.0 * k3.p_x + k4.p_x, k1.p_y + 2.0 * k2.p_y + 2.0 * k3.p_y + k4.p_y,
+        k1.theta + 2.0 * k2.theta + 2.0 * k3.theta + k4.theta, k1.v_x + 2.0 * k2.v_x + 2.0 * k3.v_x + k4.v_x,
+        k1.v_y + 2.0 * k2.v_y + 2.0 * k3.v_y + k4.v_y, k1.omega + 2.0 * k2.omega + 2.0 * k3.omega + k4.omega,
+    )  # fmt: skip
+    return _moved(b, total, h / 6.0), after
+
+
+@njit
+def settled(b: Body, k: int, chain: Chain, T: float, p: Car, e: Any, c: Constants) -> Lagged:
+    """The lagging quantities at step `k` as if nothing had changed for long."""
+    drive = Drive(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[2 * k])
+    return wrench(b, drive, Lagged(0.0, 0.0, 0.0), p, e, c).steady
+
+
+@njit
+def drive_on(b: Body, k: int, n: int, chain: Chain, T: float, p: Car, e: Any, c: Constants) -> Floats:
+    """States (n + 1, 6) at steps k to k + n, [p_x, p_y, theta, v_x, v_y, omega]; lags start settled."""
+    out = np.empty((n + 1, 6))
+    push = np.zeros(3)
+    lagged = settled(b, k, chain, T, p, e, c)
+    for i in range(n + 1):
+        out[i, 0], out[i, 1], out[i, 2] = b.p_x, b.p_y, b.theta
+        out[i, 3], out[i, 4], out[i, 5] = b.v_x, b.v_y, b.omega
+        if i < n:
+            b, lagged = body_step(b, lagged, k + i, chain, T, push, p, e, c)
+    return out

@@ -1,0 +1,63 @@
+"""How the motor's force differs from the base model's law."""
+
+from __future__ import annotations
+
+from bcid.compiled import njit
+from bcid.effects.entry import Effect, Parameter
+
+
+@njit
+def dead_zone(u_m: float, w: float) -> float:
+    """A throttle reference reduced by w, not below 0; braking is untouched."""
+    return u_m if u_m < 0.0 or w == 0.0 else max(u_m - w, 0.0)
+
+
+@njit
+def sag(F: float, t: float, T: float, s: float) -> float:
+    """Throttle force times (1 - s t/T)."""
+    return F * (1.0 - s * t / T)
+
+
+@njit
+def power_limit(F: float, v_w: float, inverse_P: float, v_p: float) -> float:
+    """Throttle force at most P / max(|v_w|, 0.2 m/s); off at P = infinity, so 1/P is the parameter."""
+    return F if inverse_P == 0.0 else min(F, 1.0 / (inverse_P * max(abs(v_w), v_p)))
+
+
+@njit
+def regeneration(u_m: float, v_w: float, K_t: float, F_max: float, r: float) -> float:
+    """Above its reference the throttle brakes with the share r of K_t."""
+    if u_m < 0.0 or v_w <= u_m or r == 0.0:
+        return 0.0
+    return max(r * K_t * (u_m - v_w), -F_max)
+
+
+EFFECTS = (
+    Effect(
+        "motor_delay", "u_m(t − τ)", (Parameter("tau", "s", 0.0, 0.5, 0.065, "delay"),),
+        "motor", looks_like=("motor_lag",), depends_on=("throttle",),
+    ),
+    Effect(
+        "motor_lag", "Ḟ_m = (F_cmd − F_m)/τ", (Parameter("tau", "s", 0.0, 1.0, 0.06, "time constant"),),
+        "motor", looks_like=("motor_delay",), depends_on=("throttle",),
+    ),
+    Effect(
+        "motor_dead_zone", "throttle reference reduced by w, not below 0",
+        (Parameter("width", "m s^-1", 0.0, 1.0, 0.13, "width"),),
+        "motor", depends_on=("throttle",), held="the throttle's zero (c in the vehicle file)",
+    ),
+    Effect(
+        "motor_sag", "throttle force × (1 − s·t/T)", (Parameter("s", "1", -1.0, 0.95, 0.27, "share lost at the end"),),
+        "motor", looks_like=("mass_change",), depends_on=("time", "throttle"),
+    ),
+    Effect(
+        "motor_power_limit", "throttle force ≤ P/max(abs(v_fx), 0.2)",
+        (Parameter("inverse_P", "kg^-1 m^-2 s^3", 0.0, 0.1, 0.0055, "inverse of the largest power"),),
+        "motor", depends_on=("throttle", "v_x"),
+    ),
+    Effect(
+        "motor_regeneration", "throttle brakes above its reference with the share r of K_t",
+        (Parameter("r", "1", 0.0, 1.0, 0.22, "share of K_t"),),
+        "motor", looks_like=("front_coulomb_friction",), depends_on=("throttle", "v_x"),
+    ),
+)  # fmt: skip

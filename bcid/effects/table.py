@@ -1,0 +1,39 @@
+"""All effects by id, in the specification's order of families."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, NamedTuple
+
+from bcid.effects import forces, measurement, motor, steering, tyres
+from bcid.effects.entry import Effect
+from bcid.errors import UsageError
+
+EFFECTS: dict[str, Effect] = {
+    e.id: e for module in (forces, tyres, motor, steering, measurement) for e in module.EFFECTS
+}
+"""The vocabulary."""
+
+
+OFF: dict[str, float] = {name: p.off for e in EFFECTS.values() for name, p in zip(e.fields, e.parameters, strict=True)}
+"""Every parameter's value at which nothing changes."""
+
+Switches: Any = NamedTuple("Switches", [(name, float) for name in OFF])  # type: ignore[misc]
+"""One number for every parameter of every effect; `off()` has them all at rest."""
+
+
+def off() -> Any:
+    """`Switches` at which nothing changes to the last bit."""
+    return Switches(**OFF)
+
+
+def effect_of(name: str) -> Effect:
+    """The effect with this id.
+
+    Raises:
+        UsageError: an unknown id, with near ones.
+    """
+    if name not in EFFECTS:
+        near = ", ".join(difflib.get_close_matches(name, EFFECTS, n=3)) or "see `bcid effects`"
+        raise UsageError(f"there is no effect {name!r}\n  next: {near}")
+    return EFFECTS[name]

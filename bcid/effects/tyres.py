@@ -1,0 +1,94 @@
+"""How the tyres' side force differs from the base model's piecewise-linear law, and the floor under them."""
+
+from __future__ import annotations
+
+import math
+
+from bcid.compiled import njit
+from bcid.effects.entry import Effect, Parameter
+from bcid.effects.forces import RADIUS
+
+
+@njit
+def relaxed(alpha: float, alpha_s: float, v_fx: float, sigma: float, h: float) -> float:
+    """The slip angle after `h` seconds of alpha' = |v_fx| (alpha_s - alpha)/sigma, exactly."""
+    return alpha_s + (alpha - alpha_s) * math.exp(-abs(v_fx) * h / sigma)
+
+
+@njit
+def friction_circle(F_max: float, F_m: float, kappa: float) -> float:
+    """F_max sqrt(1 - kappa (F_m/F_max)^2)."""
+    if kappa == 0.0 or F_max <= 0.0:
+        return F_max
+    return F_max * math.sqrt(max(1.0 - kappa * (F_m / F_max) ** 2, 0.0))
+
+
+@njit
+def side_force(alpha: float, C: float, F_max: float, shift: float, s: float) -> float:
+    """-C alpha + shift, limited: the blend (1 - s) clip + s F_max tanh(. / F_max)."""
+    linear = -C * alpha + shift
+    clipped = min(max(linear, -F_max), F_max)
+    if s == 0.0 or F_max <= 0.0:
+        return clipped
+    return (1.0 - s) * clipped + s * F_max * math.tanh(linear / F_max)
+
+
+@njit
+def load_factor(F_l: float, delta_w: float, m: float, k: float) -> float:
+    """1 - k a_x with a_x = (F_m - F_d) cos(delta_w)/m: the front axle unloads when the car speeds up."""
+    return 1.0 - k * F_l * math.cos(delta_w) / m
+
+
+@njit
+def ply_steer(v_fx: float, f: float, v_c: float) -> float:
+    """F_af += f tanh(v_fx / 0.05 m/s), before saturation."""
+    return f * math.tanh(v_fx / v_c)
+
+
+@njit
+def rear_toe(v_x: float, epsilon: float, v_0: float) -> float:
+    """alpha_r -= epsilon v_x / max(|v_x|, v_0)."""
+    return -epsilon * v_x / max(abs(v_x), v_0)
+
+
+EFFECTS = (
+    Effect(
+        "tyre_relaxation", "front slip lags: α̇ = abs(v_fx)(α_s − α)/σ",
+        (Parameter("sigma", "m", 0.0, 2.0, 0.045, "relaxation length"),),
+        "fy", looks_like=("steering_delay", "steering_lag"), depends_on=("steering_rate", "alpha_f"),
+    ),
+    Effect(
+        "friction_circle", "F̂_f → F̂_f·√(1 − κ(F_m/F̂_f)²)",
+        (Parameter("kappa", "1", 0.0, 4.0, 1.9, "share of the grip that the motor force takes"),),
+        "fy", looks_like=("load_transfer",), depends_on=("throttle", "alpha_f"),
+    ),
+    Effect(
+        "tyre_soft_saturation", "blend s of clip with F̂·tanh(Cα/F̂), front and rear",
+        (Parameter("s", "1", 0.0, 1.0, 0.8, "softness"),),
+        "fy", depends_on=("alpha_f", "alpha_r"),
+    ),
+    Effect(
+        "load_transfer", "C_f, F̂_f × (1 − k·a_x), a_x = (F_m − F_d) cos δ_w/m",
+        (Parameter("k", "m^-1 s^2", -1.0, 1.0, 0.13, "unloading of the front axle per acceleration"),),
+        "fy", looks_like=("friction_circle",), depends_on=("throttle", "alpha_f"),
+    ),
+    Effect(
+        "front_ply_steer", "F_αf += f·tanh(v_fx/0.05), before saturation",
+        (Parameter("f", "kg m s^-2", -500.0, 500.0, 18.0, "side force of a rolling wheel without slip"),),
+        "fy", looks_like=("steering_offset",), depends_on=("v_x",),
+    ),
+    Effect(
+        "rear_toe", "α_r −= ε·v_x/max(abs(v_x), v_0)",
+        (Parameter("epsilon", "rad", -0.2, 0.2, 0.01, "thrust angle of both rear wheels"),),
+        "fy", looks_like=("body_yaw_misalignment",), depends_on=("v_x",),
+    ),
+    Effect(
+        "slippery_patch", "F̂_f, F̂_r × (1 − D) while the CoG is in the circle",
+        (
+            Parameter("D", "1", 0.0, 0.95, 0.3, "share of the grip that is missing"),
+            Parameter("x", "m", -50.0, 50.0, 0.0, "centre", places=True),
+            Parameter("y", "m", -50.0, 50.0, 0.0, "centre", places=True), RADIUS,
+        ),
+        "fy", "environment", depends_on=("place", "alpha_f"),
+    ),
+)  # fmt: skip

@@ -1,0 +1,274 @@
+"""One contract for every effect: off is nothing, on acts, units are right, two implementations agree."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.effects import measurement
+from bcid.effects.car import Body, Drive, Lagged, lag_after, wrench
+from bcid.effects.constants import UNITS, Constants
+from bcid.effects.motion import Chain, body_step, drive_on, mean_held, servo_step, steering_chain
+from bcid.effects.table import EFFECTS, OFF, Switches, off
+from bcid.physics import car as base
+from bcid.physics.car import Car
+from bcid.simulation.car import Plant, Sensor
+from bcid.simulation.drive import COMMAND_HZ, drive
+
+VOCABULARY = (
+    "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag", "rear_drag_asymmetry",
+    "steering_drag", "rough_patch", "floor_slope", "tether_pull", "mass_change", "yaw_scrub", "yaw_coulomb",
+    "drive_lateral_offset", "tyre_relaxation", "friction_circle", "tyre_soft_saturation", "load_transfer",
+    "front_ply_steer", "rear_toe", "slippery_patch", "motor_delay", "motor_lag", "motor_dead_zone", "motor_sag",
+    "motor_power_limit", "motor_regeneration", "steering_offset", "steering_backlash", "steering_dead_band",
+    "steering_delay", "steering_lag", "steering_nonlinearity", "steering_side_gain", "steering_speed_gain",
+    "steering_rate_asymmetry", "steering_compliance", "pose_latency", "clock_drift", "marker_offset",
+    "body_yaw_misalignment", "pose_scale",
+)  # fmt: skip  # the specification's
+
+REST = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+CAR = Car(
+    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
+    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
+)  # fmt: skip
+SECONDS, H = 20.0, 1.0 / 240.0
+SENSED = ("pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale")
+MOVING = [name for name in VOCABULARY if name not in SENSED]
+every_moving = pytest.mark.parametrize("name", MOVING)
+# where an effect is: the middle of what the test drive covers, and half its length
+PLACES = {"x": 4.5, "y": 1.5, "radius": 1.0, "r_0": 0.5, "t_s": 8.0}
+
+
+def switched(name: str, share: float = 1.0) -> Any:
+    """`Switches` with one effect at `share` of its size."""
+    effect = EFFECTS[name]
+    values = {
+        f: PLACES[p.symbol] if p.places else share * p.size
+        for f, p in zip(effect.fields, effect.parameters, strict=True)
+    }
+    return Switches(**{**OFF, **values})
+
+
+def commands() -> tuple[np.ndarray, np.ndarray]:
+    """A drive that wakes every effect: fast into full lock, side changes, lifting, braking."""
+    u = np.tile([0.1, 2.0], (int(COMMAND_HZ * SECONDS), 1))
+    u[:10] = 0.0
+    u[80:130] = [2.0, 2.0]
+    u[130:200] = [-0.4, 2.0]
+    u[200:230] = [0.25, 0.3]
+    u[230:270] = [1.0, -0.4]
+    u[270:330] = [-1.9, 2.0]
+    u[330:] = [0.05, 1.6]
+    return np.arange(len(u)) / COMMAND_HZ, u
+
+
+def moved(e: Any, car: Car = CAR, constants: Constants | None = None) -> np.ndarray:
+    """States (n + 1, 6) of the test drive from rest."""
+    times, u = commands()
+    n = round(SECONDS / H)
+    chain = steering_chain(times, u, 0.0, n, H, car, 2.012, e)
+    return np.asarray(drive_on(REST, 0, n, chain, SECONDS, car, e, constants or Constants()))
+
+
+@pytest.fixture(scope="module")
+def base_drive() -> np.ndarray:
+    return moved(off())
+
+
+def test_the_vocabulary_is_the_specification_s() -> None:
+    assert sorted(EFFECTS) == sorted(VOCABULARY)
+    assert len(VOCABULARY) == 41
+
+
+@pytest.mark.parametrize("name", VOCABULARY)
+def test_an_entry_is_complete(name: str) -> None:
+    effect = EFFECTS[name]
+    assert effect.equation
+    assert effect.depends_on
+    assert set(effect.looks_like) <= set(VOCABULARY) - {name}
+    for p in effect.parameters:
+        assert p.meaning
+        assert p.unit
+        assert p.places or p.low <= p.off <= p.high
+        assert p.places or (p.size != 0.0 and p.low <= p.size <= p.high)
+    assert any(not p.places for p in effect.parameters)
+
+
+def random_body(rng: np.random.Generator) -> tuple[Body, Drive]:
+    x, y, theta = rng.uniform(-6, 6, 3)
+    v_x, v_y, omega = rng.normal(0, 1, 3)
+    return Body(x, y, theta, v_x, v_y, omega), Drive(3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2))
+
+
+@pytest.mark.parametrize("share", [1.0, 0.0, 0.4])
+def test_off_is_the_base_model_to_the_last_bit(share: float) -> None:
+    rng = np.random.default_rng(0)
+    car = CAR._replace(front_share=share)
+    for _ in range(300):
+        b, drive_now = random_body(rng)
+        w = wrench(b, drive_now, Lagged(0.3, 5.0, 5.0), car, off(), Constants())
+        expected = base.wrench(b.v_x, b.v_y, b.omega, drive_now.delta, drive_now.u_m, car)
+        assert (w.F_x, w.F_y, w.M_z) == expected
+        assert w.heavier == 1.0
+
+
+@every_moving
+def test_places_of_an_effect_that_is_off_do_not_matter(name: str, base_drive: np.ndarray) -> None:
+    np.testing.assert_array_equal(moved(switched(name, 0.0)), base_drive)
+
+
+@every_moving
+def test_an_effect_acts_and_reaches_its_limit(name: str, base_drive: np.ndarray) -> None:
+    """On, the drive is another one; ever smaller, it comes back to the base."""
+    apart = [np.abs(moved(switched(name, share)) - base_drive).max() for share in (1.0, 1e-3)]
+    assert apart[0] > 2e-3
+    assert apart[1] < 0.05 * apart[0]
+
+
+# --- two implementations -----------------------------------------------------------------------------------------
+
+PLANT_NAMES = {
+    "motor_power_limit__inverse_P": "inverse_power_limit", "rear_drag_asymmetry__b": "rear_drag_asymmetry",
+    "rough_patch__b": "rough_patch", "slippery_patch__D": "slippery_patch", "tether_pull__k": "tether_pull",
+    "tether_pull__r_0": "tether_slack", "tether_pull__x": "tether_x", "tether_pull__y": "tether_y",
+    "floor_slope__g_x": "floor_slope_x", "floor_slope__g_y": "floor_slope_y", "mass_change__d": "mass_change",
+    "mass_change__t_s": "mass_change_at",
+}  # fmt: skip
+
+
+def plant(name: str) -> Plant:
+    """The simulation's car with the same effect at the same size, by its own names."""
+    values = {}
+    effect, e = EFFECTS[name], switched(name)
+    for field, parameter in zip(effect.fields, effect.parameters, strict=True):
+        known = PLANT_NAMES.get(field) or (f"{name}_{parameter.symbol}" if parameter.places else name)
+        values[known] = getattr(e, field)
+    return Plant(**values)
+
+
+@every_moving
+def test_the_simulation_has_the_same_effect(name: str, base_drive: np.ndarray) -> None:
+    """Two implementations that share no code: the difference the effect makes is the same in both."""
+    _, u = commands()
+    quiet = Sensor(position_noise=0.0, yaw_noise=0.0, dropouts_per_minute=0.0)
+    truth = drive(plant(name), quiet, SECONDS, 1, given=u).truth[:, 1:7]
+    rows = np.rint(np.arange(len(truth)) / 10.0 / H).astype(int)
+    ours, without = moved(switched(name))[rows], base_drive[rows]
+    change = np.abs(truth - without).max(axis=0)
+    assert (np.abs(ours - truth).max(axis=0) < 0.03 * change + 2e-3).all(), np.abs(ours - truth).max(axis=0) / change
+
+
+# --- units -------------------------------------------------------------------------------------------------------
+
+CAR_UNITS = {
+    "m": "kg", "I_z": "kg m^2", "l_f": "m", "l_r": "m", "T_s": "s", "d": "s^-1", "F_m_max": "kg m s^-2",
+    "K_t": "kg s^-1", "K_b": "kg s^-1", "C_f": "kg m s^-2", "C_r": "kg m s^-2", "F_f_max": "kg m s^-2",
+    "F_r_max": "kg m s^-2", "R_1": "kg s^-1", "R_2": "kg m^-1", "v_0": "m s^-1",
+}  # fmt: skip
+
+
+def factor(unit: str, scale: dict[str, float]) -> float:
+    """What a number in `unit` is multiplied by when kg, m and s become `scale`; rad is a number."""
+    out = 1.0
+    for part in unit.split():
+        symbol, _, power = part.partition("^")
+        out *= scale.get(symbol, 1.0) ** int(power or 1)
+    return out
+
+
+@every_moving
+def test_units_are_homogeneous(name: str) -> None:
+    """In other units of mass, length and time the same car drives the same way."""
+    rng = np.random.default_rng(VOCABULARY.index(name))
+    scale = dict(zip(("kg", "m", "s"), np.exp(rng.uniform(-0.7, 0.7, 3)), strict=True))
+    car = CAR._replace(**{n: getattr(CAR, n) * factor(u, scale) for n, u in CAR_UNITS.items()})
+    constants = Constants(**{n: getattr(Constants(), n) * factor(u, scale) for n, u in UNITS.items()})
+    effect, e = EFFECTS[name], switched(name)
+    scaled = {f: getattr(e, f) * factor(p.unit, scale) for f, p in zip(effect.fields, effect.parameters, strict=True)}
+    e_scaled = e._replace(**scaled)
+    times, u = commands()
+    n = round(8.0 / H)
+    ours = drive_on(REST, 0, n, steering_chain(times, u, 0.0, n, H, CAR, 2.012, e), SECONDS, CAR, e, Constants())
+    speed = scale["m"] / scale["s"]
+    u_scaled = np.column_stack([u[:, 0], np.where(u[:, 1] > 0, u[:, 1] * speed, u[:, 1])])
+    chain = steering_chain(times * scale["s"], u_scaled, 0.0, n, H * scale["s"], car, 2.012, e_scaled)
+    other = drive_on(REST, 0, n, chain, SECONDS * scale["s"], car, e_scaled, constants)
+    back = np.array([scale["m"], scale["m"], 1.0, speed, speed, 1.0 / scale["s"]])
+    np.testing.assert_allclose(other / back, ours, atol=1e-7)
+
+
+# --- signs and parts ---------------------------------------------------------------------------------------------
+
+DISSIPATING = (
+    "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag", "rear_drag_asymmetry",
+    "steering_drag", "rough_patch", "yaw_scrub", "yaw_coulomb", "motor_regeneration",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DISSIPATING)
+def test_resistances_take_energy(name: str) -> None:
+    """The power that the effect adds is never positive, wherever the car is and however it moves."""
+    rng = np.random.default_rng(1)
+    taken = 0.0
+    for _ in range(400):
+        b, now = random_body(rng)
+        now = now._replace(u_m=abs(now.u_m))
+        with_it, without = (wrench(b, now, Lagged(0.0, 0.0, 0.0), CAR, e, Constants()) for e in (switched(name), off()))
+        power = (
+            (with_it.F_x - without.F_x) * b.v_x
+            + (with_it.F_y - without.F_y) * b.v_y
+            + (with_it.M_z - without.M_z) * b.omega
+        )
+        assert power <= 1e-9
+        taken += power
+    assert taken < -1.0
+
+
+def test_a_lag_of_a_ramp_is_exact() -> None:
+    tau, h = 0.3, 0.2
+    t = np.linspace(0.0, h, 20001)
+    s = 1.0 + 2.0 * t
+    value = 0.4
+    for k in range(len(t) - 1):
+        mean = 0.5 * (s[k] + s[k + 1])
+        value = mean + (value - mean) * math.exp(-(t[1] - t[0]) / tau)
+    assert lag_after(0.4, s[0], s[-1], h / tau) == pytest.approx(value, abs=1e-7)
+    assert lag_after(0.4, 1.0, 1.4, 0.0) == 0.4
+    assert lag_after(0.4, 1.0, 1.4, 1e9) == pytest.approx(1.4)
+
+
+def test_a_delay_has_a_gradient() -> None:
+    """The mean of a held command over a step is continuous in the delay, where an index shift jumps."""
+    times, values = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, -1.0])
+    integral = np.array([0.0, 0.0, 1.0])
+    means = [mean_held(times, values, integral, 0.9 - tau, 1.1 - tau) for tau in np.linspace(-0.2, 0.2, 41)]
+    assert np.abs(np.diff(means)).max() < 0.06
+    assert means[0] == pytest.approx(1.0)
+    assert means[-1] == pytest.approx(0.0)
+
+
+def test_a_servo_rests_inside_its_dead_band_and_stops_at_its_edge() -> None:
+    assert servo_step(0.1, 0.12, 0.155, 1.4, 0.05, 0.0, 0.1) == 0.1
+    assert servo_step(0.0, 0.3, 0.155, 1.4, 0.05, 0.0, 10.0) == pytest.approx(0.25)
+    left, right = (servo_step(0.0, s, 0.155, 1.0, 0.0, 0.1, 0.1) for s in (2.0, -2.0))
+    assert (left, right) == pytest.approx((0.11, -0.09))
+
+
+def test_a_further_push_moves_the_body() -> None:
+    times, u = commands()
+    chain = steering_chain(times, u, 0.0, 4, H, CAR, 2.012, off())
+    assert isinstance(chain, Chain)
+    b, _ = body_step(REST, Lagged(0.0, 0.0, 0.0), 0, chain, 20.0, np.array([319.6, 0.0, 0.0]), CAR, off(), Constants())
+    assert b.v_x == pytest.approx(H, rel=0.01)
+
+
+def test_the_seen_pose_turns_the_lever_with_the_car() -> None:
+    x, y, yaw = measurement.seen_pose(1.0, 2.0, math.pi / 2, 0.3, 0.1, 0.02, 0.5)
+    assert (x, y) == pytest.approx((1.5 * (1.0 - 0.1), 1.5 * 2.3))
+    assert yaw == pytest.approx(math.pi / 2 + 0.02)
+    assert measurement.seen_pose(1.0, 2.0, 0.7, 0.0, 0.0, 0.0, 0.0) == (1.0, 2.0, 0.7)
+    assert measurement.true_time(10.0, 0.0, 0.0) == 10.0
+    assert measurement.true_time(10.0, 0.01, 0.0) == pytest.approx(9.99)
