@@ -51,6 +51,14 @@ def test_models_in_three_formats() -> None:
     assert bcid("models", "--format", "quiet").stdout == ""
 
 
+def test_effects_are_listed_and_looked_up() -> None:
+    listed = json.loads(bcid("effects", "--format", "json").stdout)
+    assert len(listed["effects"]) == 41
+    one = bcid("effects", "yaw_scrub")
+    assert "M_z −= c·ω" in one.stdout
+    refused(bcid("effects", "yaw_scrup"), 2, "yaw_scrub", "next: ")
+
+
 def refused(result: subprocess.CompletedProcess[str], code: int, *texts: str) -> None:
     assert result.returncode == code, result.stderr
     assert "Traceback" not in result.stderr

@@ -25,3 +25,13 @@ def table(report: dict[str, object]) -> str:
 def test_the_readme_s_table_is_the_committed_report() -> None:
     report = json.loads((ROOT / "docs" / "results" / "report.json").read_text())
     assert table(report) in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_effects_is_what_the_command_makes() -> None:
+    from bcid.effects.listing import as_markdown
+    from bcid.effects.table import EFFECTS
+
+    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert page == as_markdown(list(EFFECTS.values())) + "\n"
+    for effect in EFFECTS.values():
+        assert f"`{effect.id}`" in page

@@ -151,6 +151,28 @@ def models(format: FormatOption = Format.human) -> None:  # noqa: A002
 
 
 @app.command()
+def effects(
+    name: Annotated[str | None, typer.Argument(help="One effect's id; all of them where none is named.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="As the page docs/effects.md.")] = False,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """List the vocabulary of missing physics."""
+    from bcid.effects.listing import as_json, as_markdown, details
+    from bcid.effects.table import EFFECTS, effect_of
+
+    chosen = [effect_of(name)] if name else list(EFFECTS.values())
+
+    def human() -> Any:
+        if markdown:
+            return as_markdown(chosen)
+        if name:
+            return details(chosen[0])
+        return table("effects", ["id", "equation", "channel"], [[e.id, e.equation, e.channel] for e in chosen])
+
+    Sink(format).result({"schema": "bcid.effects/1", "effects": [as_json(e) for e in chosen]}, human)
+
+
+@app.command()
 def simulate(
     name: Annotated[str, typer.Argument(help="The take's name.")] = "simulated",
     out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = Path(),

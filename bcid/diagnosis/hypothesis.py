@@ -1,0 +1,104 @@
+"""A hypothesis: which effects are there; and its parameters as one vector beside the base model's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bcid.diagnosis.segments import half_steps
+from bcid.diagnosis.take import STEP_S, Floats, Take
+from bcid.effects.constants import Constants
+from bcid.effects.entry import Parameter
+from bcid.effects.motion import Chain, steering_chain
+from bcid.effects.table import EFFECTS, OFF, Switches
+from bcid.physics.car import Car
+
+BASE = ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max", "F_r_max")
+"""Refitted with every effect, as logarithms (specification); m, l_f, l_r, c and v_0 are held."""
+
+DRAG = ("R_1", "R_2")
+"""Refitted too, in units of DRAG_UNIT times the mass, since they may have either sign."""
+
+DRAG_UNIT = 0.1
+PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
+
+
+class Setting(NamedTuple):
+    """All that a prediction needs beside initial states."""
+
+    car: Car
+    switches: Any
+    chain: Chain
+    constants: Constants
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """The base model and some effects.
+
+    The vector phi holds the logarithms of BASE, DRAG in its units, then the effects' parameters in units
+    of their sizes (places and times in metres and seconds).
+    """
+
+    effects: tuple[str, ...]
+    nominal: Car
+    angle_limit: float
+    constants: Constants
+
+    @property
+    def parameters(self) -> list[tuple[str, Parameter]]:
+        """Field in `Switches` and declaration of each effect parameter."""
+        return [
+            pair for name in self.effects for pair in zip(EFFECTS[name].fields, EFFECTS[name].parameters, strict=True)
+        ]
+
+    @property
+    def size(self) -> int:
+        """Length of phi."""
+        return len(BASE) + len(DRAG) + len(self.parameters)
+
+    def units(self) -> Floats:
+        """What one unit of each effect parameter in phi is."""
+        return np.array([1.0 if p.places else p.size for _, p in self.parameters])
+
+    def start(self, car: Car, values: Sequence[float] = ()) -> Floats:
+        """Phi of `car` with the effects' parameters at `values` (off unless given)."""
+        given = list(values) or [p.off for _, p in self.parameters]
+        logs = [np.log(getattr(car, s)) for s in BASE]
+        drags = [getattr(car, s) / (DRAG_UNIT * car.m) for s in DRAG]
+        return np.array([*logs, *drags, *(np.array(given) / self.units())])
+
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest phi."""
+        n = len(BASE) + len(DRAG)
+        low = [p.low / u for (_, p), u in zip(self.parameters, self.units(), strict=True)]
+        high = [p.high / u for (_, p), u in zip(self.parameters, self.units(), strict=True)]
+        return np.r_[np.full(n, -np.inf), low], np.r_[np.full(n, np.inf), high]
+
+    def values(self, phi: Floats) -> dict[str, float]:
+        """The effects' parameters by field."""
+        raw = phi[len(BASE) + len(DRAG) :] * self.units()
+        return dict(zip((f for f, _ in self.parameters), raw.tolist(), strict=True))
+
+    def car(self, phi: Floats) -> Car:
+        """The base parameters."""
+        logs = dict(zip(BASE, np.exp(phi[: len(BASE)]).tolist(), strict=True))
+        drags = phi[len(BASE) : len(BASE) + len(DRAG)] * DRAG_UNIT * self.nominal.m
+        return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
+
+    def setting(self, phi: Floats, take: Take) -> Setting:
+        """The car, the switches and the actuator chain at phi.
+
+        A late pose, or one on a fast clock, is the same as commands that come that much later: the chain
+        runs on the poses' clock.
+        """
+        car = self.car(phi)
+        switches: Any = Switches(**{**OFF, **self.values(phi)})
+        times = (take.command_s + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
+        chain = steering_chain(
+            times, take.command, 0.0, half_steps(take.T), STEP_S, car, self.angle_limit, switches
+        )  # fmt: skip
+        return Setting(car, switches, chain, self.constants)
