@@ -11,9 +11,12 @@ import pytest
 from bcid.diagnosis.hypothesis import BASE, DRAG, Hypothesis
 from bcid.diagnosis.marginal import NU, Scales, eliminate, log_likelihood, updated, weights
 from bcid.diagnosis.refit import Fit, base_fit, jacobian, residuals, with_effects
+from bcid.diagnosis.screen import screen
+from bcid.diagnosis.search import search
 from bcid.diagnosis.segments import KNOTS, N_FREE, free_sensitivities, predict
 from bcid.diagnosis.take import SEGMENT_S, Take, take_of
 from bcid.effects.constants import Constants
+from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.physics.car import Car
@@ -209,6 +212,27 @@ def test_a_concealed_effect_is_recovered_and_its_look_alike_loses(
     assert value == pytest.approx(size, abs=max(4.0 * se, 0.03 * size))
     assert right.log_likelihood - base.log_likelihood > 100.0
     assert right.bic > wrong.bic + 20.0
+
+
+def test_the_screen_covers_the_vocabulary_and_nothing_stands_out_of_a_null(null_fit: Fit, null_take: Take) -> None:
+    found = screen(null_fit, null_take)
+    assert sorted(c.effect for c in found) == sorted(EFFECTS)
+    assert [c.score for c in found] == sorted((c.score for c in found), reverse=True)
+    assert found[0].score < 15.0  # the largest of some two hundred trials of nothing
+
+
+def test_a_null_take_names_nothing(null_fit: Fit, null_take: Take) -> None:
+    assert search(null_fit, null_take, CAR).effects == ()
+
+
+def test_a_concealed_effect_is_found_by_name(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    take = recorded(tmp_path, vehicle, tuning, Plant(**ROUGH, rear_rolling_coulomb=20.0), 3)
+    base = base_fit(take, CAR, LIMIT, Constants(), SCALES)
+    found = search(base, take, CAR)
+    assert found.shortlist[0].effect == "rear_rolling_coulomb"
+    assert found.effects == ("rear_rolling_coulomb",)
+    ((value, se),) = found.best.values().values()
+    assert value == pytest.approx(20.0, abs=max(4.0 * se, 0.6))
 
 
 def test_a_fit_is_immutable(null_fit: Fit) -> None:

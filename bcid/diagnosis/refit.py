@@ -34,6 +34,7 @@ class Fit:
     log_likelihood: float  # sum over segments, without the prior
     per_segment: Floats  # (S,)
     covariance: Floats  # of phi
+    A: Floats  # (N, 3, N_FREE) the free sensitivities that it was fitted with
 
     @property
     def bic(self) -> float:
@@ -71,7 +72,8 @@ def jacobian(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats) -> 
     return np.stack(columns, axis=2)
 
 
-def _sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
+def sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
+    """D pose / d [initial state, pushes] (N, 3, N_FREE)."""
     return np.asarray(
         free_sensitivities(
             take.stamp_s, take.first, take.step, take.steps, start, setting.chain, take.T, setting.car,
@@ -81,18 +83,21 @@ def _sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
 
 
 def refit(
-    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS
-) -> Fit:
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
+    known_A: Floats | None = None,
+) -> Fit:  # fmt: skip
     """The likeliest phi from `phi`, with initial states and scales re-estimated on the way.
 
     Base parameters carry a weak prior about where the refit starts, for those that the take does not show.
+    With `known_A`, the free sensitivities of a neighbouring fit stand throughout: they are the
+    costliest part and good enough to compare rivals, but bias the parameters where the neighbour is far off.
     """
     low, high = hypothesis.bounds()
     centre = phi.copy()
     stiff = np.zeros(hypothesis.size)
     stiff[: len(BASE) + len(DRAG)] = 1.0 / PRIOR_SD**2
     poses = np.diff(take.first)
-    A = _sensitivities(take, hypothesis.setting(phi, take), start)
+    A = sensitivities(take, hypothesis.setting(phi, take), start) if known_A is None else known_A
     best = -np.inf
     curvature = np.eye(hypothesis.size)
     e: Eliminated | None = None
@@ -113,14 +118,14 @@ def refit(
         if found - best < CONVERGED:
             break
         best = found
-        A = _sensitivities(take, hypothesis.setting(phi, take), start)
+        if known_A is None:
+            A = sensitivities(take, hypothesis.setting(phi, take), start)
     r = residuals(take, hypothesis.setting(phi, take), start)
     none = np.zeros((*r.shape, 0))
     e = eliminate(r, A, none, take.first, scales.r, scales.free_variances())
     each = log_likelihood(e)
-    return Fit(
-        hypothesis, phi, start, scales, float(each.sum()), each, np.asarray(np.linalg.pinv(curvature), dtype=float)
-    )
+    covariance = np.asarray(np.linalg.pinv(curvature), dtype=float)
+    return Fit(hypothesis, phi, start, scales, float(each.sum()), each, covariance, A)
 
 
 def _step(
@@ -159,7 +164,7 @@ def with_effects(base: Fit, effects: tuple[str, ...], take: Take, nominal: Car |
     hypothesis = replace(base.hypothesis, effects=effects)
     cars = [base.hypothesis.car(base.phi), *([nominal] if nominal is not None else [])]
     tried = [
-        refit(take, hypothesis, hypothesis.start(car, values), base.start, base.scales, FIRST_ITERATIONS)
+        refit(take, hypothesis, hypothesis.start(car, values), base.start, base.scales, FIRST_ITERATIONS, base.A)
         for car in cars
         for values in _starts(hypothesis)
     ]
