@@ -68,10 +68,14 @@ def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
         facts, nis = e["facts"], e["facts"]["nis"]
         told = dict(steering_lines(facts))
         band = " … ".join(f"{v:.3f}" for v in nis["band95"])
-        honest = "" if NIS_RANGE[0] < nis["mean_per_dof"] < NIS_RANGE[1] else "  (!)"
-        rows.append([e["name"], f"{nis['mean_per_dof']:.3f}{honest}", band, told["T_s"], told["d"], e["folder"]])
+        mark = "  (!)" if _far(e) else ""
+        rows.append([e["name"], f"{nis['mean_per_dof']:.3f}{mark}", band, told["T_s"], told["d"], e["folder"]])
     columns = ["take", "NIS per quantity", "95 % band", "T_s", "d", "written to"]
-    far = "(!) far from 1: the noise found on the liveliest excerpts does not fit this take" if _any_far(rows) else ""
+    far = (
+        "(!) far from 1: the noise found on the liveliest excerpts does not fit this take"
+        if any(map(_far, made))
+        else ""
+    )
     tables = [table("estimates", columns, rows, far)]
     checked = [e["check"] for e in made if e.get("check")]
     if checked:
@@ -85,5 +89,5 @@ def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
     return Group(*tables)
 
 
-def _any_far(rows: list[list[str]]) -> bool:
-    return any("(!)" in row[1] for row in rows)
+def _far(estimate: Mapping[str, Any]) -> bool:
+    return not NIS_RANGE[0] < estimate["facts"]["nis"]["mean_per_dof"] < NIS_RANGE[1]

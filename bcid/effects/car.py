@@ -91,14 +91,15 @@ def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta_w)
     F_m = throttle_force(drive.u_m, v_fx, drive, p, e, c)
     pull = lagged.F_mf if e.motor_lag__tau > 0.0 else F_m
-    F_d = drag(v_fx, p.R_1, p.R_2)
+    rolling = drag(v_fx, p.R_1, p.R_2)
+    F_d = rolling
     F_d += forces.front_coulomb_friction(v_fx, e.front_coulomb_friction__c, c.v_c)
     F_d += forces.steering_drag(delta_w, v_fx, e.steering_drag__k)
     if e.rough_patch__b != 0.0 and forces.inside(
         b.p_x, b.p_y, e.rough_patch__x, e.rough_patch__y, e.rough_patch__radius
     ):
         F_d += e.rough_patch__b * v_fx
-    F_l = p.front_share * (pull - drag(v_fx, p.R_1, p.R_2)) - (F_d - drag(v_fx, p.R_1, p.R_2))
+    F_l = p.front_share * (pull - rolling) - (F_d - rolling)
     alpha_s = slip_angle(v_fx, v_fy, p.v_0)
     alpha = lagged.alpha_f if e.tyre_relaxation__sigma > 0.0 else alpha_s
     load = tyres.load_factor(F_l, delta_w, p.m, e.load_transfer__k)

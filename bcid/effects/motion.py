@@ -133,11 +133,14 @@ def body_step(
     middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], chain.u_m[2 * k + 1])
     # commands jump at most between steps: the end sees the throttle that was held during the step
     end = Drive(t + h, T, chain.delta[2 * k + 2], chain.u_m[2 * k + 1])
+    # a lag's value at a stage follows from the steady one there: only then is the wrench found twice
+    lags = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
     first = wrench(b, start, lagged, p, e, c)
     k1 = _rates(b, first, push[0], push[1], push[2], p)
     b2 = _moved(b, k1, 0.5 * h)
     w2 = wrench(b2, middle, lagged, p, e, c)
-    w2 = wrench(b2, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
+    if lags:
+        w2 = wrench(b2, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
     k2 = _rates(b2, w2, push[0], push[1], push[2], p)
     b3 = _moved(b, k2, 0.5 * h)
     w3 = wrench(b3, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
@@ -145,7 +148,8 @@ def body_step(
     b4 = _moved(b, k3, h)
     w4 = wrench(b4, end, lagged, p, e, c)
     after = _lagged_at(lagged, first, w4, h, p, e)
-    w4 = wrench(b4, end, after, p, e, c)
+    if lags:
+        w4 = wrench(b4, end, after, p, e, c)
     k4 = _rates(b4, w4, push[0], push[1], push[2], p)
     total = Body(
         k1.p_x + 2.0 * k2.p_x + 2.0 * k3.p_x + k4.p_x, k1.p_y + 2.0 * k2.p_y + 2.0 * k3.p_y + k4.p_y,

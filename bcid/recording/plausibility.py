@@ -92,8 +92,7 @@ def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
 
 def _misread(recording: Recording, scale: tuple[float, float, float]) -> Recording:
     """The recording as if x, y and yaw had been written with other units or axes."""
-    values = recording.poses.values * np.array(scale)
-    return replace(recording, poses=Stream(recording.poses.time_s, np.column_stack([values[:, :2], values[:, 2]])))
+    return replace(recording, poses=Stream(recording.poses.time_s, recording.poses.values * np.array(scale)))
 
 
 def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.parquet as pq
 
+from bcid.parquet import write_columns
 from bcid.simulation.drive import Drive
 
 Floats = npt.NDArray[np.float64]
@@ -144,9 +143,4 @@ def _pose_message(stamp: int, pose: Floats) -> dict[str, object]:
 
 def write_truth(path: Path, drive: Drive) -> None:
     """The true motion at 10 Hz, apart from the recording: only the estimator's own check reads it."""
-    fields = [pa.field(n, pa.float64(), metadata={"unit": u}) for n, u in TRUTH_UNITS.items()]
-    table = pa.Table.from_arrays([pa.array(c) for c in drive.truth.T], schema=pa.schema(fields))
-    pq.write_table(
-        table, path, compression="zstd", write_page_checksum=True, use_dictionary=False,
-        column_encoding=dict.fromkeys(TRUTH_UNITS, "BYTE_STREAM_SPLIT"),
-    )  # fmt: skip
+    write_columns(path, drive.truth, TRUTH_UNITS)
