@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +13,12 @@ from bcid.diagnosis.take import STEP_S, Floats, Take
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Parameter
 from bcid.effects.motion import Chain, steering_chain
-from bcid.effects.table import EFFECTS, OFF, Switches
+from bcid.effects.table import ENTRIES, OFF, Switches
 from bcid.physics.car import Car
 
-BASE = ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max", "F_r_max")
+TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
+SPEED_LAW = ("F_m_max", "K_t", "K_b")
+FORCE_LAW = ("K_t", "u_0", "K_v", "K_b")
 """Refitted with every effect, as logarithms (specification); m, l_f, l_r, c and v_0 are held."""
 
 DRAG = ("R_1", "R_2")
@@ -24,6 +26,16 @@ DRAG = ("R_1", "R_2")
 
 DRAG_UNIT = 0.1
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
+
+
+ON_THE_CHAIN = (
+    "steering_backlash__b", "steering_dead_band__b", "steering_delay__tau", "steering_lag__tau",
+    "steering_rate_asymmetry__a", "motor_delay__tau", "pose_latency__tau", "clock_drift__rho",
+)  # fmt: skip
+"""The switches that the actuator chain knows; the others leave it as it is."""
+
+KEPT_CHAINS = 4
+_KNOWN: dict[Any, tuple[Floats, Chain]] = {}  # the commands are held, so that their id stays theirs
 
 
 class Setting(NamedTuple):
@@ -39,7 +51,7 @@ class Setting(NamedTuple):
 class Hypothesis:
     """The base model and some effects.
 
-    The vector phi holds the logarithms of BASE, DRAG in its units, then the effects' parameters in units
+    The vector phi holds the logarithms of `logs`, DRAG in its units, then the effects' parameters in units
     of their sizes (places and times in metres and seconds).
     """
 
@@ -47,18 +59,33 @@ class Hypothesis:
     nominal: Car
     angle_limit: float
     constants: Constants
+    unknown_steering: tuple[str, ...] = ()  # of T_s and d, what the vehicle file omits: refitted as well
+
+    @property
+    def logs(self) -> tuple[str, ...]:
+        """The base parameters that phi holds as logarithms."""
+        return (*(FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW), *TYRES, *self.unknown_steering)
+
+    @property
+    def base_size(self) -> int:
+        """How many of phi belong to the base model."""
+        return len(self.logs) + len(DRAG)
+
+    def holding(self, *effects: str) -> Hypothesis:
+        """The same base model with these effects."""
+        return replace(self, effects=effects)
 
     @property
     def parameters(self) -> list[tuple[str, Parameter]]:
         """Field in `Switches` and declaration of each effect parameter."""
         return [
-            pair for name in self.effects for pair in zip(EFFECTS[name].fields, EFFECTS[name].parameters, strict=True)
+            pair for name in self.effects for pair in zip(ENTRIES[name].fields, ENTRIES[name].parameters, strict=True)
         ]
 
     @property
     def size(self) -> int:
         """Length of phi."""
-        return len(BASE) + len(DRAG) + len(self.parameters)
+        return self.base_size + len(self.parameters)
 
     def units(self) -> Floats:
         """What one unit of each effect parameter in phi is."""
@@ -67,38 +94,47 @@ class Hypothesis:
     def start(self, car: Car, values: Sequence[float] = ()) -> Floats:
         """Phi of `car` with the effects' parameters at `values` (off unless given)."""
         given = list(values) or [p.off for _, p in self.parameters]
-        logs = [np.log(getattr(car, s)) for s in BASE]
+        logs = [np.log(getattr(car, s)) for s in self.logs]
         drags = [getattr(car, s) / (DRAG_UNIT * car.m) for s in DRAG]
         return np.array([*logs, *drags, *(np.array(given) / self.units())])
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest phi."""
-        n = len(BASE) + len(DRAG)
+        n = self.base_size
         low = [p.low / u for (_, p), u in zip(self.parameters, self.units(), strict=True)]
         high = [p.high / u for (_, p), u in zip(self.parameters, self.units(), strict=True)]
         return np.r_[np.full(n, -np.inf), low], np.r_[np.full(n, np.inf), high]
 
     def values(self, phi: Floats) -> dict[str, float]:
         """The effects' parameters by field."""
-        raw = phi[len(BASE) + len(DRAG) :] * self.units()
+        raw = phi[self.base_size :] * self.units()
         return dict(zip((f for f, _ in self.parameters), raw.tolist(), strict=True))
 
     def car(self, phi: Floats) -> Car:
         """The base parameters."""
-        logs = dict(zip(BASE, np.exp(phi[: len(BASE)]).tolist(), strict=True))
-        drags = phi[len(BASE) : len(BASE) + len(DRAG)] * DRAG_UNIT * self.nominal.m
+        logs = dict(zip(self.logs, np.exp(phi[: len(self.logs)]).tolist(), strict=True))
+        drags = phi[len(self.logs) : self.base_size] * DRAG_UNIT * self.nominal.m
         return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
 
     def setting(self, phi: Floats, take: Take) -> Setting:
-        """The car, the switches and the actuator chain at phi.
-
-        A late pose, or one on a fast clock, is the same as commands that come that much later: the chain
-        runs on the poses' clock.
-        """
+        """The car, the switches and the actuator chain at phi."""
         car = self.car(phi)
         switches: Any = Switches(**{**OFF, **self.values(phi)})
+        return Setting(car, switches, _chain(take, car, self.angle_limit, switches), self.constants)
+
+
+def _chain(take: Take, car: Car, limit: float, switches: Any) -> Chain:
+    """The actuator chain, from the last few found where the effects on it are the same.
+
+    A late pose, or one on a fast clock, is the same as commands that come that much later: the chain
+    runs on the poses' clock.
+    """
+    acting = tuple(getattr(switches, name) for name in ON_THE_CHAIN)
+    key = (id(take.command), car.T_s, car.d, limit, acting)
+    if key not in _KNOWN:
         times = (take.command_s + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
-        chain = steering_chain(
-            times, take.command, 0.0, half_steps(take.T), STEP_S, car, self.angle_limit, switches
-        )  # fmt: skip
-        return Setting(car, switches, chain, self.constants)
+        chain = steering_chain(times, take.command, 0.0, half_steps(take.T), STEP_S, car, limit, switches)
+        if len(_KNOWN) >= KEPT_CHAINS:
+            _KNOWN.pop(next(iter(_KNOWN)))
+        _KNOWN[key] = (take.command, chain)
+    return _KNOWN[key][1]

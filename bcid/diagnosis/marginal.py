@@ -1,13 +1,13 @@
 """Initial states and random pushes eliminated: the likelihood of a segment's residual alone.
 
-With z the deviations of the initial state and the pushes of a segment, r = A z + eps, z ~ N(0, Q) and
-eps ~ N(0, R), the residual is N(0, S) with S = R + A Q A^T.  R is diagonal, so everything goes through
-the small matrix M = Q^-1 + A^T R^-1 A:
+With x_0 the deviation of the initial state and p the pushes of a segment, z = [x_0, p], the residual is
+r = A z + eps, eps ~ N(0, R), p ~ N(0, Q), and x_0 anything at all (a flat prior).  R is diagonal, so everything
+goes through the small matrix M = A^T R^-1 A + diag(0, Q^-1):
 
-    S^-1 = R^-1 - R^-1 A M^-1 A^T R^-1,    log|S| = log|R| + log|Q| + log|M|.
+    P = R^-1 - R^-1 A M^-1 A^T R^-1,    log density = const - log|R|/2 - log|Q|/2 - log|M|/2 - r^T P r/2.
 
-Over segments the residuals follow Student's t with nu degrees of freedom and scale matrix S, so that a
-segment that goes badly wrong does not rule the rest.
+Over segments the residuals follow Student's t with nu degrees of freedom in place of the normal law, so that a
+segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numba
 import numpy as np
 
-from bcid.compiled import njit
+from bcid.compiled import njit_parallel
 from bcid.diagnosis.segments import KNOTS, N_FREE
 from bcid.diagnosis.take import Floats, Ints
 
 NU = 8.0
-START_SD = (0.05, 0.05, 0.05, 0.3, 0.3, 0.3)  # of the initial states about the estimator's; wide, m, rad, m/s, rad/s
+N_START = 6  # of the free part: the initial state
 
 
 class Scales(NamedTuple):
@@ -31,61 +32,93 @@ class Scales(NamedTuple):
     r: Floats  # (3,)
     q: Floats  # (3,)
 
-    def free_variances(self) -> Floats:
-        """Of [initial state, pushes] (N_FREE,)."""
-        variances: Floats = np.r_[np.array(START_SD) ** 2, np.tile(self.q**2, KNOTS)]
-        return variances
+    def precisions(self) -> Floats:
+        """Of [initial state, pushes] (N_FREE,): nothing is known of the initial state."""
+        known: Floats = np.r_[np.zeros(N_START), np.tile(1.0 / self.q**2, KNOTS)]
+        return known
+
+
+class Moments(NamedTuple):
+    """What the scales are found from: per segment and channel, the residual's and A's products."""
+
+    AA: Floats  # (S, 3, N_FREE, N_FREE)
+    Ar: Floats  # (S, 3, N_FREE)
+    rr: Floats  # (S, 3)
+    rows: Ints  # (S,)
 
 
 class Eliminated(NamedTuple):
-    """Per segment: the quadratic forms of S^-1, and the posterior of the free part."""
+    """Per segment: the quadratic form of S^-1, and the posterior of the free part."""
 
-    chi2: Floats  # (S,) r^T S^-1 r
-    log_det: Floats  # (S,)
-    numbers: Floats  # (S,) numbers in the segment's residual
-    g: Floats  # (S, n) J^T S^-1 r
-    G: Floats  # (S, n, n) J^T S^-1 J
+    chi2: Floats  # (S,) r^T P r
+    log_det: Floats  # (S,) log|R| + log|Q| + log|M|
+    numbers: Floats  # (S,) numbers in the segment's residual, less N_START
     z: Floats  # (S, N_FREE) posterior mean of the free part
     V: Floats  # (S, N_FREE, N_FREE) and its covariance
     rest: Floats  # (S, 3) sum of squares of r - A z per channel
     spread: Floats  # (S, 3) and what the uncertainty of z adds to its expectation
 
 
-@njit
-def eliminate(residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, variances: Floats) -> Eliminated:
-    """All segments' quadratic forms; `residual` (N, 3), `A` (N, 3, N_FREE), `J` (N, 3, n), `r` (3,)."""
-    S, n = len(first) - 1, J.shape[2]
-    chi2, log_det, count = np.zeros(S), np.zeros(S), np.zeros(S)
-    g, G = np.zeros((S, n)), np.zeros((S, n, n))
-    zs, Vs, rests, spreads = np.zeros((S, N_FREE)), np.zeros((S, N_FREE, N_FREE)), np.zeros((S, 3)), np.zeros((S, 3))
-    weight = 1.0 / (r * r)
-    for s in range(S):
-        a, b = first[s], first[s + 1]
-        m = 3 * (b - a)
-        root = np.empty((m, 1))
-        for i in range(b - a):
-            for c in range(3):
-                root[3 * i + c, 0] = math.sqrt(weight[c])
-        As = np.ascontiguousarray(A[a:b]).reshape(m, N_FREE) * root
-        Js = np.ascontiguousarray(J[a:b]).reshape(m, n) * root
-        rs = np.ascontiguousarray(residual[a:b]).reshape(m) * root[:, 0]
-        M = np.dot(As.T, As) + np.diag(1.0 / variances)
+@njit_parallel
+def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
+    """Products of `residual` (N, 3) and `A` (N, 3, N_FREE)."""
+    S = len(first) - 1
+    AA, Ar, rr = np.empty((S, 3, N_FREE, N_FREE)), np.empty((S, 3, N_FREE)), np.empty((S, 3))
+    for s in numba.prange(S):
+        rows = slice(first[s], first[s + 1])
+        for c in range(3):
+            Ac, rc = np.ascontiguousarray(A[rows, c]), np.ascontiguousarray(residual[rows, c])
+            AA[s, c] = np.dot(Ac.T, Ac)
+            Ar[s, c] = np.dot(Ac.T, rc)
+            rr[s, c] = np.dot(rc, rc)
+    return Moments(AA, Ar, rr, first[1:] - first[:-1])
+
+
+@njit_parallel
+def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
+    """All segments' likelihood terms at noise `r` (3,) and `precisions` (N_FREE,) of the free part."""
+    S = len(of.rr)
+    chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
+    zs, Vs, rests, spreads = np.empty((S, N_FREE)), np.empty((S, N_FREE, N_FREE)), np.empty((S, 3)), np.empty((S, 3))
+    constant = -np.sum(np.log(precisions[N_START:]))
+    for s in numba.prange(S):
+        M, b, square = np.diag(precisions), np.zeros(N_FREE), 0.0
+        for c in range(3):
+            weight = 1.0 / (r[c] * r[c])
+            M += weight * of.AA[s, c]
+            b += weight * of.Ar[s, c]
+            square += weight * of.rr[s, c]
         V = np.linalg.inv(M)
-        Ar, AJ = np.dot(As.T, rs), np.dot(As.T, Js)
-        z = np.dot(V, Ar)
-        VAJ = np.dot(V, AJ)
-        chi2[s] = np.dot(rs, rs) - np.dot(Ar, z)
-        log_det[s] = (b - a) * np.sum(np.log(r * r)) + np.sum(np.log(variances)) + np.linalg.slogdet(M)[1]
-        count[s] = m
-        g[s] = np.dot(Js.T, rs) - np.dot(AJ.T, z)
-        G[s] = np.dot(Js.T, Js) - np.dot(AJ.T, VAJ)
+        z = np.dot(V, b)
+        chi2[s] = square - np.dot(b, z)
+        log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + np.linalg.slogdet(M)[1]
+        count[s] = 3 * of.rows[s] - N_START
         zs[s], Vs[s] = z, V
-        rest = rs - np.dot(As, z)
-        spread = np.sum(np.dot(As, V) * As, axis=1)
+        for c in range(3):
+            AAz = np.dot(of.AA[s, c], z)
+            rests[s, c] = of.rr[s, c] - 2.0 * np.dot(z, of.Ar[s, c]) + np.dot(z, AAz)
+            spreads[s, c] = np.sum(of.AA[s, c] * V)
+    return Eliminated(chi2, log_det, count, zs, Vs, rests, spreads)
+
+
+@njit_parallel
+def products(residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: Floats) -> tuple[Floats, Floats]:
+    """J^T P r (S, n) and J^T P J (S, n, n) of the columns `J` (N, 3, n), `V` as `eliminate` gives it."""
+    S, n = len(first) - 1, J.shape[2]
+    g, G = np.empty((S, n)), np.empty((S, n, n))
+    for s in numba.prange(S):
+        m = 3 * (first[s + 1] - first[s])
+        weight = np.empty((m, 1))
         for i in range(m):
-            rests[s, i % 3] += rest[i] * rest[i] / weight[i % 3]
-            spreads[s, i % 3] += spread[i] / weight[i % 3]
-    return Eliminated(chi2, log_det, count, g, G, zs, Vs, rests, spreads)
+            weight[i, 0] = 1.0 / r[i % 3]
+        As = np.ascontiguousarray(A[first[s] : first[s + 1]]).reshape(m, N_FREE) * weight
+        Js = np.ascontiguousarray(J[first[s] : first[s + 1]]).reshape(m, n) * weight
+        rs = np.ascontiguousarray(residual[first[s] : first[s + 1]]).reshape(m) * weight[:, 0]
+        AJ = np.dot(As.T, Js)
+        VAJ = np.dot(V[s], AJ)
+        g[s] = np.dot(Js.T, rs) - np.dot(VAJ.T, np.dot(As.T, rs))
+        G[s] = np.dot(Js.T, Js) - np.dot(AJ.T, VAJ)
+    return g, G
 
 
 def weights(e: Eliminated) -> Floats:
@@ -102,11 +135,23 @@ def log_likelihood(e: Eliminated) -> Floats:
     return np.asarray(constant - 0.5 * e.log_det - half * np.log1p(e.chi2 / NU))
 
 
-def updated(scales: Scales, e: Eliminated, poses: Ints) -> Scales:
-    """One step of EM for the noise and the pushes, each segment with its weight; `poses` (S,) per segment."""
+def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
+    """One step of EM for the noise and the pushes; `rows` (S,) per segment.
+
+    Each segment's squares count with its weight, the posterior's spread without: were it weighted as well,
+    the scales would drift, and every null take would gain by it.  Division by the mean weight, which is 1 where
+    EM ends, takes it there in a few steps (parameter-expanded EM; Meng and van Dyk 1997).
+    """
     w = weights(e)
-    r2 = (w[:, None] * e.rest + e.spread).sum(axis=0) / poses.sum()
-    pushes = e.z[:, 6:].reshape(-1, KNOTS, 3)
-    spread = np.einsum("skk->sk", e.V)[:, 6:].reshape(-1, KNOTS, 3)
+    r2 = (w[:, None] * e.rest + e.spread).sum(axis=0) / rows.sum()
+    pushes = e.z[:, N_START:].reshape(-1, KNOTS, 3)
+    spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, KNOTS, 3)
     q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
-    return Scales(np.sqrt(r2), np.sqrt(np.maximum(q2, 1e-10)))
+    return Scales(np.sqrt(r2 / w.mean()), np.sqrt(np.maximum(q2 / w.mean(), 1e-10)))
+
+
+def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminated]:
+    """The scales after `steps` of EM, and the likelihood's terms there."""
+    for _ in range(steps):
+        scales = updated(scales, eliminate(of, scales.r, scales.precisions()), of.rows)
+    return scales, eliminate(of, scales.r, scales.precisions())

@@ -6,23 +6,30 @@ Differences are taken at sizes that matter, never extrapolated from zero: some e
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.hypothesis import Hypothesis
-from bcid.diagnosis.marginal import eliminate, weights
+from bcid.diagnosis.marginal import NU, moments, products, rescaled, weights
+from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.refit import Fit, jacobian, residuals
+from bcid.diagnosis.scan import Circle, circles
 from bcid.diagnosis.segments import wrapped
 from bcid.diagnosis.take import Floats, Take
 from bcid.effects.entry import Effect
 from bcid.effects.table import EFFECTS
 
-SHARES = (0.5, 1.5)  # trial sizes
+SHARES = (0.5, 1.5)  # trial sizes of an effect of one sign
 PLACES = 5  # across the longer side of what was driven
 MOMENTS = 8  # in the recording
 LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
+UNSEEN = 1e-9  # information below which a take does not excite a trial at all
+NULLS = 999
+ODD_PLACES = 4
+SHARPER = 1.0  # nats that a move must gain
+FINEST = 0.04  # share of the first width at which places are sharp
+REWEIGHTED = 4
 
 
 class Candidate(NamedTuple):
@@ -33,14 +40,85 @@ class Candidate(NamedTuple):
     score: float
 
 
-def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
-    """Trial values of the parameters that are places or times; one empty choice where there are none."""
+class Trial(NamedTuple):
+    """One effect at one place: its trial vectors, combined linearly, and their columns among the changes."""
+
+    effect: str
+    vectors: list[list[float]]
+    own: slice
+
+
+class Changes(NamedTuple):
+    """What every trial changes in the predictions of a fit."""
+
+    columns: Floats  # (N, 3, K)
+    trials: list[Trial]
+
+    def without(self, effects: Sequence[str]) -> Changes:
+        """The same without the trials of `effects`."""
+        return self._replace(trials=[t for t in self.trials if t.effect not in effects])
+
+
+class Screened(NamedTuple):
+    """Every effect's best trial, most promising first; and how often nothing at all looks as promising."""
+
+    candidates: list[Candidate]
+    p_value: float
+
+
+def changes(fit: Fit, take: Take) -> Changes:
+    """The trials of all effects that `fit` does not hold: about 150 simulations of the take."""
+    odd = circles(disturbances(fit, take), ODD_PLACES)[0]
+    rows = [
+        (name, vectors)
+        for name, effect in EFFECTS.items()
+        if name not in fit.hypothesis.effects
+        for vectors in _trials(effect, take, odd)
+    ]
+    return changes_of(fit, take, rows)
+
+
+def changes_of(fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]]]) -> Changes:
+    """What the trials in `rows`, pairs of an effect and its vectors, change."""
+    r = residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
+    columns, trials, at = [], [], 0
+    for name, vectors in rows:
+        columns += [_difference(fit, take, name, values, r) for values in vectors]
+        trials.append(Trial(name, vectors, slice(at, at + len(vectors))))
+        at += len(vectors)
+    return Changes(np.stack(columns, axis=2), trials)
+
+
+def _trials(effect: Effect, take: Take, odd: Sequence[Circle]) -> Iterator[list[list[float]]]:
+    amplitudes = [i for i, p in enumerate(effect.parameters) if not p.places]
+    for place in _places(effect, take, odd):
+        still = [place.get(p.symbol, p.off) for p in effect.parameters]
+        if len(amplitudes) > 1:
+            yield [_with(still, i, effect.parameters[i].size) for i in amplitudes]
+            continue
+        (i,) = amplitudes
+        size = effect.parameters[i].size
+        if effect.parameters[i].low < 0.0:
+            yield from ([_with(still, i, sign * size)] for sign in (1.0, -1.0))
+        else:
+            yield from ([_with(still, i, share * size)] for share in (SHARES if not place else (1.0,)))
+
+
+def _with(values: list[float], i: int, value: float) -> list[float]:
+    return [*values[:i], value, *values[i + 1 :]]
+
+
+def _places(effect: Effect, take: Take, odd: Sequence[Circle]) -> list[dict[str, float]]:
+    """Trial values of the parameters that are places or times; one empty choice where there are none.
+
+    Circles are tried on a grid and where the disturbances are larger than elsewhere.
+    """
     symbols = [p.symbol for p in effect.parameters if p.places]
     if not symbols:
         return [{}]
     if "t_s" in symbols:
-        return [{"t_s": share * take.T} for share in np.linspace(0.0, 0.9, MOMENTS)]
-    low, high = take.pose[:, :2].min(axis=0), take.pose[:, :2].max(axis=0)
+        return [{"t_s": share * take.T} for share in np.linspace(0.1, 0.9, MOMENTS)]
+    low, high = np.quantile(take.pose[:, :2], 0.01, axis=0), np.quantile(take.pose[:, :2], 0.99, axis=0)
     spacing = float((high - low).max()) / PLACES
     counts = np.maximum(np.round((high - low) / spacing).astype(int), 1)
     reach = spacing if "r_0" in symbols else 0.0  # a cable may be fixed outside of what was driven
@@ -49,78 +127,169 @@ def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
         for a, b, n in zip(low, high, counts, strict=True)
     ]
     rest = {"radius": 0.75 * spacing} if "radius" in symbols else {"r_0": 0.5 * spacing}
-    return [{"x": float(x), "y": float(y), **rest} for x, y in itertools.product(*axes)]
+    grid = [{"x": float(x), "y": float(y), **rest} for x, y in itertools.product(*axes)]
+    if "radius" in symbols:  # a knot's mean place lies up to half a knot's way from where it was pushed
+        grid += [{"x": c.x, "y": c.y, "radius": share * c.radius} for c in odd for share in (0.7, 1.0)]
+    return grid
 
 
-def trials(effect: Effect, take: Take) -> list[list[list[float]]]:
-    """Groups of parameter vectors; the members of a group are combined linearly (several amplitudes of one effect)."""
-    amplitudes = [i for i, p in enumerate(effect.parameters) if not p.places]
-    groups = []
-    for place in _places(effect, take):
-        still = [place.get(p.symbol, p.off) for p in effect.parameters]
-        for share in SHARES if len(place) == 0 else SHARES[:1]:
-            for sign in _signs(effect):
-                group = []
-                for i in amplitudes:
-                    values = list(still)
-                    values[i] = sign * share * effect.parameters[i].size
-                    group.append(values)
-                groups.append(group)
-    return groups
+def sharpened(fit: Fit, take: Take, candidate: Candidate) -> Candidate:
+    """The candidate with its places and times moved to where it promises most; others as they are.
+
+    A pattern search, one place at a time and then two together: a place has no useful slope far away from it.
+    """
+    parameters = EFFECTS[candidate.effect].parameters
+    places = [i for i, p in enumerate(parameters) if p.places]
+    if not places or candidate.score <= 0.0:
+        return candidate
+    single = [((i, sign),) for i in places for sign in (1.0, -1.0)]
+    double = [(a, b) for (a,), (b,) in itertools.combinations(single, 2) if a[0] != b[0]]
+    share, best = 1.0, candidate
+    while share > FINEST:
+        for moves in (single, double):
+            found = _moved(fit, take, best, moves, share)
+            if found.score > best.score + SHARPER:
+                best = found
+                break
+        else:
+            share *= 0.5
+    return best
 
 
-def _signs(effect: Effect) -> tuple[float, ...]:
-    signed = all(p.low < 0.0 for p in effect.parameters if not p.places)
-    one = sum(not p.places for p in effect.parameters) == 1
-    return (1.0, -1.0) if signed and one else (1.0,)
-
-
-def screen(fit: Fit, take: Take, left_out: tuple[str, ...] = ()) -> list[Candidate]:
-    """The best trial of every effect that `fit` does not hold, most promising first."""
-    names = [n for n in EFFECTS if n not in (*fit.hypothesis.effects, *left_out)]
-    setting = fit.hypothesis.setting(fit.phi, take)
-    r = residuals(take, setting, fit.start)
-    J = jacobian(take, fit.hypothesis, fit.phi, fit.start)
-    owners: list[tuple[str, list[list[float]], slice]] = []
-    columns = [J]
-    at = J.shape[2]
-    for name in names:
-        for group in trials(EFFECTS[name], take):
-            columns += [_difference(fit, take, name, values, r) for values in group]
-            owners.append((name, group, slice(at, at + len(group))))
-            at += len(group)
-    e = eliminate(r, fit.A, np.concatenate(columns, axis=2), take.first, fit.scales.r, fit.scales.free_variances())
-    w = weights(e)
-    g, G = np.einsum("s,sn->n", w, e.g), np.einsum("s,snm->nm", w, e.G)
-    base = slice(0, J.shape[2])
-    explained = np.linalg.lstsq(G[base, base], G[base, :], rcond=None)[0]
-    g_left, G_left = g - explained.T @ g[base], G - G[:, base] @ explained
-    best: dict[str, Candidate] = {}
-    for name, group, own in owners:
-        found = _scored(name, group, g_left[own], G_left[own, own])
-        if name not in best or found.score > best[name].score:
-            best[name] = found
-    return sorted(best.values(), key=lambda c: -c.score)
+def _moved(
+    fit: Fit, take: Take, candidate: Candidate, moves: Sequence[tuple[tuple[int, float], ...]], share: float
+) -> Candidate:
+    """The most promising of the candidate's neighbours in its places."""
+    widths = {"t_s": take.T / MOMENTS, "x": 0.6, "y": 0.6, "radius": 0.4, "r_0": 0.6}
+    parameters = EFFECTS[candidate.effect].parameters
+    rows = []
+    for move in moves:
+        values = candidate.values
+        for i, sign in move:
+            p = parameters[i]
+            values = _with(values, i, min(max(values[i] + sign * share * widths[p.symbol], p.low), p.high))
+        rows.append((candidate.effect, [values]))
+    if not rows:
+        return candidate
+    tried = changes_of(fit, take, rows)
+    found = projected(fit, take, tried)
+    trial, amplitude, score = max(((t, *_best_amplitude(found, t)) for t in tried.trials), key=lambda option: option[2])
+    return Candidate(candidate.effect, _values(trial, amplitude), score)
 
 
 def _difference(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
-    """What the effect at `values` changes in the prediction (N, 3, 1)."""
+    """What the effect at `values` changes in the prediction (N, 3)."""
     base = fit.hypothesis
-    more: Hypothesis = replace(base, effects=(*base.effects, name))
-    phi = more.start(base.car(fit.phi), [*base.values(fit.phi).values(), *values])
-    return wrapped(r - residuals(take, more.setting(phi, take), fit.start))[:, :, None]
+    more = base.holding(*base.effects, name)
+    phi = more.start(fit.car(), [*base.values(fit.phi).values(), *values])
+    return wrapped(r - residuals(take, more.setting(phi, take), fit.start))
 
 
-def _scored(name: str, group: list[list[float]], g: Floats, G: Floats) -> Candidate:
-    """The amplitudes of the group's members that fit best, and what they gain."""
-    if np.any(np.diag(G) <= 1e-9):
-        return Candidate(name, group[0], 0.0)  # the take does not excite it there
-    amplitude = np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g)
-    if len(group) == 1:
-        amplitude = np.clip(amplitude, 0.0, LARGEST)
-    gain = float(amplitude @ g - 0.5 * amplitude @ G @ amplitude)
-    values = [
-        sum(a * member[i] for a, member in zip(amplitude, group, strict=True)) if not p.places else group[0][i]
-        for i, p in enumerate(EFFECTS[name].parameters)
+class Projected(NamedTuple):
+    """Slopes and information of all trials beside the fit's own parameters."""
+
+    each_g: Floats  # (S, K) of every segment
+    each_G: Floats  # (S, K, K)
+    g: Floats  # (K,) weighted sums
+    G: Floats  # (K, K)
+    chi2: Floats  # (S,) without any trial
+    numbers: Floats  # (S,)
+
+
+def projected(fit: Fit, take: Take, trials: Changes) -> Projected:
+    """The trials' columns with the fit's own parameters projected out."""
+    base = fit.hypothesis.base_size
+    r = residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
+    own = jacobian(take, fit.hypothesis, fit.phi, fit.start, r, range(base, fit.hypothesis.size))
+    held = np.concatenate([fit.tangent.J, own], axis=2)
+    _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    w = weights(e)
+    J = np.concatenate([held, trials.columns], axis=2)
+    _, G = products(r, fit.tangent.A, J, take.first, fit.scales.r, e.V)
+    total = np.tensordot(w, G, axes=1)
+    n = held.shape[2]
+    explained = np.linalg.lstsq(total[:n, :n], total[:n, n:], rcond=None)[0]
+    alone = trials.columns - held @ explained
+    each_g, each_G = products(r, fit.tangent.A, alone, take.first, fit.scales.r, e.V)
+    return Projected(each_g, each_G, w @ each_g, np.tensordot(w, each_G, axes=1), e.chi2, e.numbers)
+
+
+def screen(fit: Fit, take: Take, trials: Changes) -> Screened:
+    """The best trial of every effect, most promising first.
+
+    What a trial gains is counted in the robust likelihood itself, since a segment that it explains may have
+    been given hardly any weight.  The p-value says how often the best of all trials promises as much when
+    nothing is left out: slopes are drawn from the law that the fit itself implies, with the trials' own
+    correlations.
+    """
+    found = projected(fit, take, trials)
+    best: dict[str, Candidate] = {}
+    for trial in trials.trials:
+        amplitude, score = _best_amplitude(found, trial)
+        if trial.effect not in best or score > best[trial.effect].score:
+            best[trial.effect] = Candidate(trial.effect, _values(trial, amplitude), score)
+    ranked = sorted(best.values(), key=lambda c: -c.score)
+    nulls = _null_maxima(found, trials)
+    beaten = int(np.sum(nulls >= ranked[0].score)) if ranked else NULLS
+    return Screened(ranked, (1 + beaten) / (1 + NULLS))
+
+
+def _best_amplitude(found: Projected, trial: Trial) -> tuple[Floats, float]:
+    """The multiples of the trial's vectors that gain most, and the gain (nats).
+
+    Reweighted steps from nothing, and from the whole of the trial, which may explain what nothing gives no weight.
+    """
+    g, G = found.each_g[:, trial.own], found.each_G[:, trial.own, trial.own]
+    if np.any(np.diag(found.G[trial.own, trial.own]) <= UNSEEN):
+        return np.zeros(g.shape[1]), 0.0
+
+    def chi2(a: Floats) -> Floats:
+        return found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a)
+
+    def gain(a: Floats) -> float:
+        more = np.log1p(chi2(a) / NU) - np.log1p(found.chi2 / NU)
+        return float(-0.5 * np.sum((NU + found.numbers) * more))
+
+    best, most = np.zeros(g.shape[1]), 0.0
+    for first in (np.zeros(g.shape[1]), np.ones(g.shape[1])):
+        a = first
+        for _ in range(REWEIGHTED):
+            w = (NU + found.numbers) / (NU + chi2(a))
+            a = amplitudes((w @ g)[None], np.tensordot(w, G, axes=1))[0]
+            if gain(a) > most:
+                best, most = a, gain(a)
+    return best, most
+
+
+def _null_maxima(found: Projected, trials: Changes) -> Floats:
+    """The best score among all trials in NULLS takes of nothing."""
+    values, vectors = np.linalg.eigh(found.G)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(0).standard_normal((NULLS, len(values))) @ root.T
+    most = np.zeros(NULLS)
+    for trial in trials.trials:
+        g, G = draws[:, trial.own], found.G[trial.own, trial.own]
+        most = np.maximum(most, _gain(amplitudes(g, G), g, G))
+    return most
+
+
+def amplitudes(g: Floats, G: Floats) -> Floats:
+    """The multiples (D, k) of the trial vectors that gain most, for D slopes `g` (D, k)."""
+    if np.any(np.diag(G) <= UNSEEN):
+        return np.zeros_like(g)
+    if len(G) == 1:
+        return np.clip(g / G[0, 0], 0.0, LARGEST)
+    return np.clip(np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g.T).T, -LARGEST, LARGEST)
+
+
+def _gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
+    gained: Floats = np.einsum("dk,dk->d", amplitude, g) - 0.5 * np.einsum("dk,kl,dl->d", amplitude, G, amplitude)
+    return gained
+
+
+def _values(trial: Trial, amplitude: Floats) -> list[float]:
+    parameters = EFFECTS[trial.effect].parameters
+    return [
+        trial.vectors[0][i] if p.places else float(sum(a * v[i] for a, v in zip(amplitude, trial.vectors, strict=True)))
+        for i, p in enumerate(parameters)
     ]
-    return Candidate(name, [float(v) for v in values], gain)

@@ -1,86 +1,154 @@
-"""Which effects a take shows: forward search by joint refits, backward elimination, and the rivals of what is left."""
+"""Which effects a take shows: forward search by joint refits, backward elimination, exchanges, and the rivals.
+
+The base model's own simplifications are fitted first (`bcid.effects.corrections`), so that they are not mistaken
+for an effect; like every effect they have to earn their place in the end.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from bcid.diagnosis.hypothesis import Hypothesis
-from bcid.diagnosis.refit import FIRST_ITERATIONS, Fit, refit
-from bcid.diagnosis.screen import Candidate, screen
+import numpy as np
+
+from bcid.diagnosis.refit import Fit, refit
+from bcid.diagnosis.screen import Candidate, Changes, changes, screen, sharpened
 from bcid.diagnosis.take import Take
-from bcid.physics.car import Car
+from bcid.effects.corrections import CORRECTIONS
+from bcid.effects.table import EFFECTS, ENTRIES
 
 MOST_EFFECTS = 4
 SHORTLIST = 8
-ALWAYS = 2.0  # nats of score below which a candidate is not refitted
-GATE = 12.0  # nats of BIC that an effect must earn; chosen well above what nulls gave
-RIVAL = 3.0  # nats within which two explanations cannot be told apart
+WORTH = 6.0  # nats of score below which a candidate is not refitted
+GATE = 14.0  # nats of BIC that an effect must earn
+RIVAL = 4.0  # nats within which two explanations cannot be told apart
+FINALISTS = 3
+CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
+QUICK = 6  # iterations
+SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
+
+Report = Callable[[str], None]
+
+
+def named(fit: Fit) -> tuple[str, ...]:
+    """The effects of the vocabulary that `fit` holds."""
+    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS)
 
 
 @dataclass(frozen=True)
 class Search:
-    """The base fit, the accepted effects' joint fit, and refits that explain about as much."""
+    """The base fit, the accepted effects' joint fit, and refits that explain nearly as much."""
 
     base: Fit
     best: Fit
-    rivals: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
-    shortlist: tuple[Candidate, ...]  # of the first step, most promising first
+    others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
+    candidates: tuple[Candidate, ...]  # of the first step, most promising first
+    p_value: float  # that the first step's best candidate is chance
+    trials: Changes  # of the whole vocabulary beside the corrected base model
 
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """What was accepted, in the order of acceptance."""
-        return self.best.hypothesis.effects
+    def rivals(self, within: float = RIVAL) -> tuple[Fit, ...]:
+        """Explanations that cannot be told from the best."""
+        return tuple(f for f in self.others if self.best.bic - f.bic < within)
 
 
-def search(base: Fit, take: Take, nominal: Car, progress: Callable[[str], None] = lambda text: None) -> Search:
+def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: Sequence[str] = ()) -> Search:
     """Effects are added while they earn their place, then taken away where they no longer do."""
-    best, tried = base, list[Fit]()
-    first: tuple[Candidate, ...] = ()
-    while len(best.hypothesis.effects) < MOST_EFFECTS:
-        shortlist = [c for c in screen(best, take)[:SHORTLIST] if c.score > ALWAYS]
-        first = first or tuple(shortlist)
-        progress(f"{len(shortlist)} candidates after {', '.join(best.hypothesis.effects) or 'the base model'}")
-        fits = [_added(best, candidate, take, nominal) for candidate in shortlist]
-        if not fits:
+    report("the base model's own simplifications")
+    best, others = _corrected(base, take), list[Fit]()
+    report("a score test of every effect")
+    trials = changes(best, take).without(left_out)
+    first, p_value = None, 1.0
+    while len(named(best)) < MOST_EFFECTS:
+        screened = screen(best, take, trials.without(best.hypothesis.effects))
+        if first is None:
+            first, p_value = screened.candidates, screened.p_value
+        shortlist = [c for c in screened.candidates[:SHORTLIST] if c.score > WORTH]
+        report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
+        fits = _refitted(best, take, shortlist)
+        if not fits or fits[0].bic - best.bic < GATE:
             break
-        found = max(fits, key=lambda fit: fit.bic)
-        if found.bic - best.bic < GATE:
-            break
-        tried = [fit for fit in fits if fit is not found]
-        best = refit(take, found.hypothesis, found.phi, found.start, found.scales)  # with its own sensitivities
-    best = _without_idlers(best, take)
-    rivals = sorted((f for f in tried if best.bic - f.bic < RIVAL), key=lambda f: -f.bic)
-    return Search(base, best, tuple(rivals), first)
+        best, others = fits[0], fits[1:]
+    lean = _without_idlers(best, take)
+    if lean is not best or len(named(best)) > 1:
+        others = _exchanged(lean, take, trials)
+        best = lean
+        if others and others[0].bic > best.bic:
+            best, others = others[0], [best, *others[1:]]
+    return Search(base, best, tuple(sorted(others, key=lambda f: -f.bic)), tuple(first or ()), p_value, trials)
 
 
-def _added(fit: Fit, candidate: Candidate, take: Take, nominal: Car) -> Fit:
-    """The joint refit with one more effect, from the score test's values.
+def _corrected(base: Fit, take: Take) -> Fit:
+    """The base model with those of its simplifications corrected that stand out."""
+    whole = refit_with(
+        base, take, tuple(CORRECTIONS), [p.size * 0.1 for e in CORRECTIONS.values() for p in e.parameters]
+    )
+    kept = tuple(n for n in CORRECTIONS if _sure(whole, n))
+    if len(kept) == len(CORRECTIONS):
+        return whole
+    return refit_with(whole, take, kept) if kept else base
 
-    Both the refitted base, which may have swallowed the effect, and the nominal one are tried.
-    """
-    base = fit.hypothesis
-    more = Hypothesis((*base.effects, candidate.effect), base.nominal, base.angle_limit, base.constants)
-    values = [*base.values(fit.phi).values(), *candidate.values]
-    tried = [
-        refit(take, more, more.start(car, values), fit.start, fit.scales, FIRST_ITERATIONS, fit.A)
-        for car in (base.car(fit.phi), nominal)
-    ]
-    near = max(tried, key=lambda f: f.log_likelihood)
-    return refit(take, more, near.phi, near.start, near.scales, known_A=fit.A)
+
+def _sure(fit: Fit, name: str) -> bool:
+    """Whether an amplitude of the effect is many standard errors from nothing, and the fit the better for it."""
+    values = fit.values()
+    return any(
+        abs(values[field][0]) > SURE * values[field][1] > 0.0
+        for field, p in zip(ENTRIES[name].fields, ENTRIES[name].parameters, strict=True)
+        if not p.places
+    )
+
+
+def _refitted(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]:
+    """Joint refits with one more effect, best first: quick ones of all, full ones of those that come close."""
+    quick = sorted((_quick(fit, take, c) for c in shortlist), key=lambda f: -f.bic)
+    if not quick:
+        return []
+    gain = quick[0].bic - fit.bic
+    near = [f for f in quick[:FINALISTS] if quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL)]
+    full = [_full(f, take) for f in near]
+    return sorted([*full, *(f for f in quick if f not in near)], key=lambda f: -f.bic)
+
+
+def _quick(fit: Fit, take: Take, candidate: Candidate) -> Fit:
+    """The joint refit with one more effect along the fit's own tangent, from the score test's values."""
+    sharp = sharpened(fit, take, candidate)
+    more = fit.hypothesis.holding(*fit.hypothesis.effects, candidate.effect)
+    values = [*fit.hypothesis.values(fit.phi).values(), *sharp.values]
+    return refit(take, more, more.start(fit.car(), values), fit.start, fit.scales, QUICK, fit.tangent)
+
+
+def _full(fit: Fit, take: Take) -> Fit:
+    """The same hypothesis with its own tangent."""
+    return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
+
+
+def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
+    """The joint refit of `effects`: those that `fit` holds start from their values there, others from `added`."""
+    less = fit.hypothesis.holding(*effects)
+    old = fit.hypothesis.values(fit.phi)
+    known = [old[f] for f, _ in less.parameters if f in old]
+    return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
 
 
 def _without_idlers(fit: Fit, take: Take) -> Fit:
     """The fit without those of its effects that do not earn their place beside the others."""
-    for name in fit.hypothesis.effects:
-        if len(fit.hypothesis.effects) < 2:
-            break
-        kept = tuple(n for n in fit.hypothesis.effects if n != name)
-        base = fit.hypothesis
-        less = Hypothesis(kept, base.nominal, base.angle_limit, base.constants)
-        old = base.values(fit.phi)
-        values = [old[f] for f, _ in less.parameters]
-        without = refit(take, less, less.start(base.car(fit.phi), values), fit.start, fit.scales, known_A=fit.A)
+    held = fit.hypothesis.effects
+    if len(held) < 2:
+        return fit
+    for name in held:
+        if _sure(fit, name):
+            continue
+        without = refit_with(fit, take, tuple(n for n in held if n != name))
         if fit.bic - without.bic < GATE:
             return _without_idlers(without, take)
     return fit
+
+
+def _exchanged(fit: Fit, take: Take, trials: Changes) -> list[Fit]:
+    """Refits with one of several effects exchanged for the most promising others, best first."""
+    found = []
+    for name in named(fit):
+        without = refit_with(fit, take, tuple(n for n in fit.hypothesis.effects if n != name))
+        shortlist = [c for c in screen(without, take, trials.without(fit.hypothesis.effects)).candidates[:3]]
+        found += _refitted(without, take, [c for c in shortlist if c.score > WORTH])[:2]
+    return sorted(found, key=lambda f: -f.bic)

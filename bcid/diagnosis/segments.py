@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.diagnosis.take import STEP_S, Floats, Ints
+from bcid.diagnosis.take import STEP_S, Floats, Ints, Take
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
@@ -19,8 +19,8 @@ from bcid.physics.car import Car
 KNOT_S = 0.5  # a push is constant over this long
 KNOTS = 3
 N_FREE = 6 + 3 * KNOTS  # initial state, then F_x, F_y, M_z of each knot
-NUDGE = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4])  # of the initial state, m, rad, m/s, rad/s
-PUSH = 1e-3  # of the wrench, as an acceleration (m/s^2, rad/s^2)
+NUDGE = 1e-3  # of the initial state (m, rad, m/s, rad/s): wide enough that a kink met or missed does not rule
+PUSH = 1e-2  # of the wrench, as an acceleration (m/s^2, rad/s^2)
 
 
 @njit
@@ -36,6 +36,8 @@ def _hermite(a: float, b: float, rate_a: float, rate_b: float, u: float, h: floa
 def segment_poses(
     out: Floats,
     stamps: Floats,
+    row: Ints,
+    share: Floats,
     x: Floats,
     pushes: Floats,
     step: int,
@@ -46,91 +48,93 @@ def segment_poses(
     e: Any,
     c: Constants,
 ) -> None:
-    """Write the poses seen at `stamps` into `out` (n, 3), from the state `x` (6,) under `pushes` (KNOTS, 3)."""
+    """Add the poses seen at `stamps`, each with its share, to their rows of `out`.
+
+    The state begins at `x` (6,) and is under `pushes` (KNOTS, 3).
+    """
     b = Body(x[0], x[1], x[2], x[3], x[4], x[5])
     lagged = settled(b, step, chain, T, p, e, c)
     j = 0
-    per_knot = round(KNOT_S / chain.h)
+    h = chain.h
+    per_knot = round(KNOT_S / h)
     for i in range(steps):
         knot = min(i // per_knot, KNOTS - 1)
         after, lagged = body_step(b, lagged, step + i, chain, T, pushes[knot], p, e, c)
-        end = chain.t_0 + (step + i + 1) * chain.h
-        while j < len(stamps) and (stamps[j] <= end or i == steps - 1):
-            u = 1.0 - (end - stamps[j]) / chain.h
+        end = chain.t_0 + (step + i + 1) * h
+        if j < len(stamps) and (stamps[j] <= end or i == steps - 1):
             cos_a, sin_a = math.cos(b.theta), math.sin(b.theta)
             cos_b, sin_b = math.cos(after.theta), math.sin(after.theta)
-            p_x = _hermite(
-                b.p_x, after.p_x, cos_a * b.v_x - sin_a * b.v_y, cos_b * after.v_x - sin_b * after.v_y, u, chain.h
-            )  # fmt: skip
-            p_y = _hermite(
-                b.p_y, after.p_y, sin_a * b.v_x + cos_a * b.v_y, sin_b * after.v_x + cos_b * after.v_y, u, chain.h
-            )  # fmt: skip
-            theta = _hermite(b.theta, after.theta, b.omega, after.omega, u, chain.h)
-            out[j, 0], out[j, 1], out[j, 2] = seen_pose(
-                p_x, p_y, theta, e.marker_offset__d_x, e.marker_offset__d_y, e.body_yaw_misalignment__psi,
-                e.pose_scale__kappa,
-            )  # fmt: skip
-            j += 1
+            x_a, y_a = cos_a * b.v_x - sin_a * b.v_y, sin_a * b.v_x + cos_a * b.v_y
+            x_b, y_b = cos_b * after.v_x - sin_b * after.v_y, sin_b * after.v_x + cos_b * after.v_y
+            while j < len(stamps) and (stamps[j] <= end or i == steps - 1):
+                u = 1.0 - (end - stamps[j]) / h
+                seen = seen_pose(
+                    _hermite(b.p_x, after.p_x, x_a, x_b, u, h), _hermite(b.p_y, after.p_y, y_a, y_b, u, h),
+                    _hermite(b.theta, after.theta, b.omega, after.omega, u, h), e.marker_offset__d_x,
+                    e.marker_offset__d_y, e.body_yaw_misalignment__psi, e.pose_scale__kappa,
+                )  # fmt: skip
+                out[row[j], 0] += share[j] * seen[0]
+                out[row[j], 1] += share[j] * seen[1]
+                out[row[j], 2] += share[j] * seen[2]
+                j += 1
         b = after
 
 
+class Layout(NamedTuple):
+    """Where the segments' stamps and rows are: the part of a `Take` that predictions need."""
+
+    stamps: Floats
+    row: Ints
+    share: Floats
+    first_stamp: Ints
+    first: Ints
+    step: Ints
+    steps: int
+    T: float
+
+
+def layout(take: Take) -> Layout:
+    """The layout of `take`."""
+    return Layout(
+        take.stamp_s, take.row, take.share, take.first_stamp, take.first, take.step, take.steps, take.T
+    )  # fmt: skip
+
+
 @njit_parallel
-def predict(
-    stamps: Floats,
-    first: Ints,
-    step: Ints,
-    steps: int,
-    start: Floats,
-    chain: Chain,
-    T: float,
-    p: Car,
-    e: Any,
-    c: Constants,
-) -> Floats:
-    """Poses (N, 3) of all segments from their initial states `start` (S, 6), without pushes."""
-    out = np.empty((len(stamps), 3))
+def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
+    """Mean poses (N, 3) of all rows from the segments' initial states `start` (S, 6), without pushes."""
+    out = np.zeros((of.first[-1], 3))
     still = np.zeros((KNOTS, 3))
-    for s in numba.prange(len(step)):
-        a, b = first[s], first[s + 1]
-        segment_poses(out[a:b], stamps[a:b], start[s], still, step[s], steps, chain, T, p, e, c)
+    for s in numba.prange(len(of.step)):
+        a, b = of.first_stamp[s], of.first_stamp[s + 1]
+        segment_poses(
+            out, of.stamps[a:b], of.row[a:b], of.share[a:b], start[s], still, of.step[s], of.steps, chain, of.T, p, e, c
+        )  # fmt: skip
     return out
 
 
 @njit_parallel
-def free_sensitivities(
-    stamps: Floats,
-    first: Ints,
-    step: Ints,
-    steps: int,
-    start: Floats,
-    chain: Chain,
-    T: float,
-    p: Car,
-    e: Any,
-    c: Constants,
-) -> Floats:
-    """D pose / d [initial state, pushes as accelerations], (N, 3, N_FREE), by central differences."""
-    out = np.empty((len(stamps), 3, N_FREE))
-    for s in numba.prange(len(step)):
-        a, b = first[s], first[s + 1]
-        ahead, behind = np.empty((b - a, 3)), np.empty((b - a, 3))
+def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
+    """D pose / d [initial state, pushes as accelerations], (N, 3, N_FREE), by differences."""
+    out = np.empty((of.first[-1], 3, N_FREE))
+    for s in numba.prange(len(of.step)):
+        a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
+        stamps, row, share = of.stamps[a:b], of.row[a:b] - f, of.share[a:b]
+        still = np.zeros((g - f, 3))
+        push = np.zeros((KNOTS, 3))
+        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, chain, of.T, p, e, c)
         for j in range(N_FREE):
-            x, y = start[s].copy(), start[s].copy()
-            push, pull = np.zeros((KNOTS, 3)), np.zeros((KNOTS, 3))
+            x, push = start[s].copy(), np.zeros((KNOTS, 3))
+            width = NUDGE if j < 6 else PUSH
             if j < 6:
-                width = NUDGE[j]
                 x[j] += width
-                y[j] -= width
             else:
-                width = PUSH
-                inertia = p.I_z if (j - 6) % 3 == 2 else p.m
-                push[(j - 6) // 3, (j - 6) % 3] = width * inertia
-                pull[(j - 6) // 3, (j - 6) % 3] = -width * inertia
-            segment_poses(ahead, stamps[a:b], x, push, step[s], steps, chain, T, p, e, c)
-            segment_poses(behind, stamps[a:b], y, pull, step[s], steps, chain, T, p, e, c)
-            for i in range(b - a):
+                push[(j - 6) // 3, (j - 6) % 3] = width * (p.I_z if (j - 6) % 3 == 2 else p.m)
+            moved = np.zeros((g - f, 3))
+            segment_poses(moved, stamps, row, share, x, push, of.step[s], of.steps, chain, of.T, p, e, c)
+            for i in range(g - f):
                 for r in range(3):
-                    out[a + i, r, j] = (ahead[i, r] - behind[i, r]) / (2.0 * width)
+                    out[f + i, r, j] = (moved[i, r] - still[i, r]) / width
     return out
 
 
@@ -142,5 +146,5 @@ def half_steps(T: float) -> int:
 def wrapped(residual: Floats) -> Floats:
     """The residual (N, 3) with its yaw in (-pi, pi]."""
     residual = residual.copy()
-    residual[:, 2] = np.angle(np.exp(1j * residual[:, 2]))
+    residual[:, 2] -= 2.0 * np.pi * np.round(residual[:, 2] / (2.0 * np.pi))
     return residual

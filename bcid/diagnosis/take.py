@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,20 +16,25 @@ Ints = npt.NDArray[np.int64]
 
 SEGMENT_S = 1.5
 STEP_S = 0.025
-MIN_COVERAGE = 0.6  # of the poses that the rate promises in a segment
+GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
+MIN_COVERAGE = 0.6  # of the groups that a segment may hold
 
 
 class Take(NamedTuple):
     """Poses and commands of one recording, and the S segments in which they are predicted.
 
-    Times count from the recording's first pose.  Segment s begins at integration step `step[s]` and
-    owns the poses `first[s]` to `first[s + 1]`.
+    Times count from the recording's first pose.  Segment s begins at integration step `step[s]`, owns the
+    stamps `first_stamp[s]` to `first_stamp[s + 1]` and the rows `first[s]` to `first[s + 1]`: a row is the mean
+    of the poses of one group.
     """
 
     command_s: Floats  # (M,)
     command: Floats  # (M, 2)
-    stamp_s: Floats  # (N,) of the poses that lie in segments
-    pose: Floats  # (N, 3)
+    stamp_s: Floats  # (P,) of the poses that lie in segments
+    row: Ints  # (P,) the row that each belongs to
+    share: Floats  # (P,) and its share in the mean
+    first_stamp: Ints  # (S + 1,)
+    pose: Floats  # (N, 3) means
     first: Ints  # (S + 1,)
     step: Ints  # (S,)
     steps: int  # integration steps per segment
@@ -40,15 +46,28 @@ class Take(NamedTuple):
         """How many there are."""
         return len(self.step)
 
+    @property
+    def begin_s(self) -> Floats:
+        """When the segments begin (S,)."""
+        return self.step * STEP_S
+
     def part(self, chosen: Ints) -> Take:
         """The same take with some of its segments only."""
-        rows = [np.arange(self.first[s], self.first[s + 1]) for s in chosen]
-        joined = np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
-        first = np.r_[0, np.cumsum([len(r) for r in rows])].astype(np.int64)
+        stamps, first_stamp = _spans(self.first_stamp, chosen)
+        rows, first = _spans(self.first, chosen)
+        renumbered = np.full(len(self.pose), -1, dtype=np.int64)
+        renumbered[rows] = np.arange(len(rows))
         return self._replace(
-            stamp_s=self.stamp_s[joined], pose=self.pose[joined], first=first, step=self.step[chosen],
-            start=self.start[chosen],
+            stamp_s=self.stamp_s[stamps], row=renumbered[self.row[stamps]], share=self.share[stamps],
+            first_stamp=first_stamp, pose=self.pose[rows], first=first, step=self.step[chosen], start=self.start[chosen],
         )  # fmt: skip
+
+
+def _spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
+    """The numbers in the chosen spans of `first`, and the spans' new beginnings."""
+    parts = [np.arange(first[s], first[s + 1]) for s in chosen]
+    joined = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
+    return joined, np.r_[0, np.cumsum([len(p) for p in parts])].astype(np.int64)
 
 
 def take_of(recording: Recording, estimate: Estimate) -> Take:
@@ -58,22 +77,50 @@ def take_of(recording: Recording, estimate: Estimate) -> Take:
     """
     zero = float(recording.poses.time_s[0])
     stamp, pose = recording.poses.time_s - zero, recording.poses.values
-    steps = round(SEGMENT_S / STEP_S)
     rows = round(SEGMENT_S / estimate.period_s)
-    least = MIN_COVERAGE * SEGMENT_S * recording.rate_hz
-    kept, begin, start = [], [], []
+    least = MIN_COVERAGE * SEGMENT_S * min(recording.rate_hz, 1.0 / GROUP_S)
+    kept, means, groups, begin, start = [], [], [], [], []
     for stretch in estimate.segments():
         for k in range(stretch.start, stretch.stop - rows, rows):
             t_0 = float(estimate.time_s[k]) - zero
             mine = np.flatnonzero((stamp >= t_0 - 1e-9) & (stamp < t_0 + SEGMENT_S - 1e-9))
-            if len(mine) >= least:
-                kept.append(mine)
-                begin.append(round(t_0 / STEP_S))
-                turns = 2.0 * np.pi * np.round((pose[mine[0], 2] - estimate.pose[k, 2]) / (2.0 * np.pi))
-                start.append([*(estimate.pose[k] + [0.0, 0.0, turns]), *estimate.twist[k]])
+            group = np.unique(np.floor((stamp[mine] - t_0 + 1e-9) / GROUP_S), return_inverse=True)[1]
+            if len(mine) == 0 or group[-1] + 1 < least:
+                continue
+            kept.append(mine)
+            groups.append(group.astype(np.int64))
+            counts = np.bincount(group)
+            means.append(np.column_stack([np.bincount(group, pose[mine, c]) / counts for c in range(3)]))
+            begin.append(round(t_0 / STEP_S))
+            turns = 2.0 * np.pi * np.round((pose[mine[0], 2] - estimate.pose[k, 2]) / (2.0 * np.pi))
+            start.append([*(estimate.pose[k] + [0.0, 0.0, turns]), *estimate.twist[k]])
+    first = np.r_[0, np.cumsum([len(m) for m in means])].astype(np.int64)
+    row = np.concatenate([g + f for g, f in zip(groups, first, strict=False)] or [np.empty(0, dtype=np.int64)])
     joined = np.concatenate(kept) if kept else np.empty(0, dtype=np.int64)
-    first = np.r_[0, np.cumsum([len(r) for r in kept])].astype(np.int64)
     return Take(
-        recording.commands.time_s - zero, recording.commands.values, stamp[joined], pose[joined], first,
-        np.array(begin, dtype=np.int64), steps, recording.duration_s, np.array(start).reshape(len(start), 6),
+        recording.commands.time_s - zero, recording.commands.values, stamp[joined], row,
+        1.0 / np.bincount(row)[row] if len(row) else np.empty(0),
+        np.r_[0, np.cumsum([len(k) for k in kept])].astype(np.int64),
+        np.concatenate(means) if means else np.empty((0, 3)), first, np.array(begin, dtype=np.int64),
+        round(SEGMENT_S / STEP_S), recording.duration_s, np.array(start).reshape(len(start), 6),
     )  # fmt: skip
+
+
+def joined(takes: Sequence[Take]) -> Take:
+    """Several takes as one after the other in time; the first segment of each but the first is left out.
+
+    There the steering chain, which runs through, may not yet have forgotten the take before.
+    """
+    whole = takes[0]
+    for later in takes[1:]:
+        take = later.part(np.arange(1, later.segments))
+        steps = int(np.ceil((whole.T + 1.0) / STEP_S))
+        ahead = steps * STEP_S
+        whole = Take(
+            np.r_[whole.command_s, take.command_s + ahead], np.vstack([whole.command, take.command]),
+            np.r_[whole.stamp_s, take.stamp_s + ahead], np.r_[whole.row, take.row + len(whole.pose)],
+            np.r_[whole.share, take.share], np.r_[whole.first_stamp, take.first_stamp[1:] + len(whole.stamp_s)],
+            np.vstack([whole.pose, take.pose]), np.r_[whole.first, take.first[1:] + len(whole.pose)],
+            np.r_[whole.step, take.step + steps], whole.steps, ahead + take.T, np.vstack([whole.start, take.start]),
+        )  # fmt: skip
+    return whole

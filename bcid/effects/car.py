@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.compiled import njit
-from bcid.effects import forces, measurement, motor, steering, tyres
+from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
 from bcid.physics.car import Car, motor_force
 from bcid.physics.kinematics import wheel_velocity
@@ -24,6 +24,7 @@ from bcid.physics.tyres import slip_angle
 Floats = npt.NDArray[np.float64]
 
 COMPLIANCE_STEPS = 40
+COMPLIANCE_MISS = 1e-12  # rad
 
 
 class Body(NamedTuple):
@@ -100,35 +101,60 @@ def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p
     ):
         F_d += e.rough_patch__b * v_fx
     F_l = p.front_share * (pull - rolling) - (F_d - rolling)
-    alpha_s = slip_angle(v_fx, v_fy, p.v_0)
+    alpha_s = slip_angle(v_fx, v_fy, corrections.slip_speed(p.v_0, e.slip_speed__d))
     alpha = lagged.alpha_f if e.tyre_relaxation__sigma > 0.0 else alpha_s
     load = tyres.load_factor(F_l, delta_w, p.m, e.load_transfer__k)
     F_max = tyres.friction_circle(p.F_f_max * grip * load, p.front_share * pull, e.friction_circle__kappa)
     shift = tyres.ply_steer(v_fx, e.front_ply_steer__f, c.v_c)
+    F_max = corrections.grip_left(-p.C_f * load * alpha + shift, F_max, e.tyre_fall__f)
     F_a = tyres.side_force(alpha, p.C_f * load, F_max, shift, e.tyre_soft_saturation__s)
     return _Front(F_l, F_a, alpha_s, F_m, v_fx)
 
 
 @njit
 def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> float:
-    """delta_w: linkage, then compliance with the wheel's own side force, solved together by bisection."""
+    """delta_w: linkage, then compliance with the wheel's own side force, solved together by regula falsi."""
     base: float = steering.linkage(
-        drive.delta, math.hypot(b.v_x, b.v_y), e.steering_nonlinearity__k, e.steering_side_gain__a,
+        drive.delta, math.hypot(b.v_x, b.v_y) if e.steering_speed_gain__k != 0.0 else 0.0, e.steering_nonlinearity__k, e.steering_side_gain__a,
         e.steering_speed_gain__k, e.steering_offset__o,
     )  # fmt: skip
     k: float = e.steering_compliance__k
     if k == 0.0:
         return base
     reach = 2.0 * abs(k) * p.F_f_max
-    low: float = base - reach
-    high: float = base + reach
+    low, high = base - reach, base + reach
+    miss_low = low - base - k * _front(low, b, drive, lagged, grip, p, e, c).F_a
+    miss_high = high - base - k * _front(high, b, drive, lagged, grip, p, e, c).F_a
+    angle = base
     for _ in range(COMPLIANCE_STEPS):
-        middle = 0.5 * (low + high)
-        if base + k * _front(middle, b, drive, lagged, grip, p, e, c).F_a > middle:
-            low = middle
+        angle = high - miss_high * (high - low) / (miss_high - miss_low)
+        miss = angle - base - k * _front(angle, b, drive, lagged, grip, p, e, c).F_a
+        if abs(miss) < COMPLIANCE_MISS:
+            break
+        if miss * miss_high < 0.0:
+            low, miss_low = high, miss_high
         else:
-            high = middle
-    return 0.5 * (low + high)
+            miss_low *= 0.5  # the Illinois rule: the end that stays counts half
+        high, miss_high = angle, miss
+    return angle
+
+
+@njit
+def _rear_side_force(b: Body, v_rx: float, v_ry: float, grip: float, p: Car, e: Any) -> float:
+    """F_ar (N) of one wheel in the middle, or of two."""
+    v_0 = corrections.slip_speed(p.v_0, e.slip_speed__d)
+    toe = tyres.rear_toe(v_rx, e.rear_toe__epsilon, v_0)
+    F_max = p.F_r_max * grip
+    if e.two_rear_wheels__t == 0.0:
+        alpha = slip_angle(v_rx, v_ry, v_0) + toe
+        F_there = corrections.grip_left(-p.C_r * alpha, F_max, e.tyre_fall__f)
+        return float(tyres.side_force(alpha, p.C_r, F_there, 0.0, e.tyre_soft_saturation__s))
+    total = 0.0
+    for hand in (-0.5, 0.5):
+        alpha = toe + corrections.wheel_slip(b.v_x, b.v_y, b.omega, p.l_r, hand * e.two_rear_wheels__t, v_0)
+        F_there = corrections.grip_left(-p.C_r * alpha, F_max, e.tyre_fall__f)
+        total += 0.5 * tyres.side_force(alpha, p.C_r, F_there, 0.0, e.tyre_soft_saturation__s)
+    return total
 
 
 @njit
@@ -142,9 +168,8 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
     delta_w = _wheel_angle(b, drive, lagged, grip, p, e, c)
     front = _front(delta_w, b, drive, lagged, grip, p, e, c)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
-    alpha_r = slip_angle(v_rx, v_ry, p.v_0) + tyres.rear_toe(v_rx, e.rear_toe__epsilon, p.v_0)
-    F_ar = tyres.side_force(alpha_r, p.C_r, p.F_r_max * grip, 0.0, e.tyre_soft_saturation__s)
-    F_mr = throttle_force(drive.u_m, v_rx, drive, p, e, c)
+    F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
+    F_mr = throttle_force(drive.u_m, v_rx, drive, p, e, c) if p.front_share < 1.0 else 0.0
     pull_r = lagged.F_mr if e.motor_lag__tau > 0.0 else F_mr
     F_lr = (1.0 - p.front_share) * (pull_r - drag(v_rx, p.R_1, p.R_2))
     sin_d, cos_d = math.sin(delta_w), math.cos(delta_w)
@@ -163,9 +188,12 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
     heavier = measurement.heavier(drive.t, e.mass_change__d, e.mass_change__t_s)
     world_x = cable_x + heavier * p.m * e.floor_slope__g_x
     world_y = cable_y + heavier * p.m * e.floor_slope__g_y
-    sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
-    F_x += air_x + one_x + (cos_t * world_x + sin_t * world_y)
-    F_y += air_y + (cos_t * world_y - sin_t * world_x)
+    F_x += air_x + one_x
+    F_y += air_y
+    if world_x != 0.0 or world_y != 0.0:
+        sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
+        F_x += cos_t * world_x + sin_t * world_y
+        F_y += cos_t * world_y - sin_t * world_x
     M_z += one_m + forces.yaw_scrub(b.omega, e.yaw_scrub__c) + forces.yaw_coulomb(b.omega, e.yaw_coulomb__c, c.w_c)
     return Wrench(F_x, F_y, M_z, heavier, Lagged(front.alpha_s, front.F_m, F_mr), front.v_fx)
 

@@ -17,7 +17,7 @@ N_S_PER_M = "kg s^-1"
 @njit
 def rear_rolling_coulomb(v_x: float, c: float, v_c: float) -> float:
     """F_x -= c tanh(v_x / 0.05 m/s)."""
-    return -c * math.tanh(v_x / v_c)
+    return -c * math.tanh(v_x / v_c) if c != 0.0 else 0.0
 
 
 @njit
@@ -29,12 +29,14 @@ def rear_rolling_viscous(v_x: float, b: float) -> float:
 @njit
 def front_coulomb_friction(v_fx: float, c: float, v_c: float) -> float:
     """F_d += c tanh(v_fx / 0.05 m/s)."""
-    return c * math.tanh(v_fx / v_c)
+    return c * math.tanh(v_fx / v_c) if c != 0.0 else 0.0
 
 
 @njit
 def quadratic_drag(v_x: float, v_y: float, k: float) -> tuple[float, float]:
     """F -= k |V| V."""
+    if k == 0.0:
+        return 0.0, 0.0
     drag = -k * math.hypot(v_x, v_y)
     return drag * v_x, drag * v_y
 
@@ -62,8 +64,10 @@ def inside(p_x: float, p_y: float, x: float, y: float, radius: float) -> bool:
 @njit
 def tether(p_x: float, p_y: float, k: float, x: float, y: float, r_0: float) -> tuple[float, float]:
     """World force k (r - r_0) toward (x, y) beyond r_0."""
+    if k == 0.0:
+        return 0.0, 0.0
     r = math.hypot(x - p_x, y - p_y)
-    if k == 0.0 or r <= r_0 or r == 0.0:
+    if r <= r_0 or r == 0.0:
         return 0.0, 0.0
     pull = k * (r - r_0) / r
     return pull * (x - p_x), pull * (y - p_y)
@@ -78,13 +82,13 @@ def yaw_scrub(omega: float, c: float) -> float:
 @njit
 def yaw_coulomb(omega: float, c: float, w_c: float) -> float:
     """M_z -= c tanh(omega / 0.05 rad/s)."""
-    return -c * math.tanh(omega / w_c)
+    return -c * math.tanh(omega / w_c) if c != 0.0 else 0.0
 
 
 @njit
 def drive_lateral_offset(F_l: float, delta_w: float, a: float) -> float:
     """M_z += a (F_m - F_d) cos(delta_w)."""
-    return a * F_l * math.cos(delta_w)
+    return a * F_l * math.cos(delta_w) if a != 0.0 else 0.0
 
 
 _PLACE = (

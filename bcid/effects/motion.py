@@ -65,27 +65,35 @@ def servo_step(delta: float, u_s: float, T_s: float, d: float, band: float, skew
 def steering_chain(
     times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
 ) -> Chain:
-    """Delay, servo, lag and play over `n` steps from `t_0`, from rest at the first command."""
+    """Delay, servo, lag and play over `n` steps from `t_0`, from rest at the first command.
+
+    Half steps are divided where the delayed command changes: a servo at its rate limit answers to when a command
+    came, not to its mean.
+    """
     u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
-    steps = np.diff(times)
-    area_s, area_m = np.zeros(len(times)), np.zeros(len(times))
-    area_s[1:], area_m[1:] = np.cumsum(u_s[:-1] * steps), np.cumsum(u_m[:-1] * steps)
-    half = 0.5 * h
+    area_m = np.zeros(len(times))
+    area_m[1:] = np.cumsum(u_m[:-1] * np.diff(times))
+    half, tau = 0.5 * h, e.steering_delay__tau
     delta_out, throttle = np.empty(2 * n + 1), np.empty(2 * n + 1)
     servo, lagged, behind = u_s[0], u_s[0], u_s[0]
+    row = 0
     for k in range(2 * n + 1):
         t = t_0 + k * half
         lagging = lagged if e.steering_lag__tau > 0.0 else servo
         behind = steering.play(behind, lagging, e.steering_backlash__b) if e.steering_backlash__b > 0.0 else lagging
         delta_out[k] = behind
         throttle[k] = mean_held(times, u_m, area_m, t - e.motor_delay__tau, t + half - e.motor_delay__tau)
-        u = mean_held(times, u_s, area_s, t - e.steering_delay__tau, t + half - e.steering_delay__tau)
-        after = servo_step(
-            servo, u, p.T_s, p.d, e.steering_dead_band__b, e.steering_rate_asymmetry__a, half
-        )  # fmt: skip
-        if e.steering_lag__tau > 0.0:
-            lagged = lag_after(lagged, servo, after, half / e.steering_lag__tau)
-        servo = after
+        now, end = t, t + half
+        while now < end:
+            while row + 1 < len(times) and times[row + 1] + tau <= now:
+                row += 1
+            until = min(times[row + 1] + tau, end) if row + 1 < len(times) else end
+            after = servo_step(
+                servo, u_s[row], p.T_s, p.d, e.steering_dead_band__b, e.steering_rate_asymmetry__a, until - now
+            )  # fmt: skip
+            if e.steering_lag__tau > 0.0:
+                lagged = lag_after(lagged, servo, after, (until - now) / e.steering_lag__tau)
+            servo, now = after, until
     return Chain(t_0, h, delta_out, throttle)
 
 

@@ -6,6 +6,7 @@ import difflib
 from typing import Any, NamedTuple
 
 from bcid.effects import forces, measurement, motor, steering, tyres
+from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect
 from bcid.errors import UsageError
 
@@ -14,8 +15,10 @@ EFFECTS: dict[str, Effect] = {
 }
 """The vocabulary."""
 
+ENTRIES: dict[str, Effect] = EFFECTS | CORRECTIONS
+"""All that can be fitted: the vocabulary and the base model's own simplifications."""
 
-OFF: dict[str, float] = {name: p.off for e in EFFECTS.values() for name, p in zip(e.fields, e.parameters, strict=True)}
+OFF: dict[str, float] = {name: p.off for e in ENTRIES.values() for name, p in zip(e.fields, e.parameters, strict=True)}
 """Every parameter's value at which nothing changes."""
 
 Switches: Any = NamedTuple("Switches", [(name, float) for name in OFF])  # type: ignore[misc]

@@ -36,19 +36,19 @@ def side_force(alpha: float, C: float, F_max: float, shift: float, s: float) -> 
 @njit
 def load_factor(F_l: float, delta_w: float, m: float, k: float) -> float:
     """1 - k a_x with a_x = (F_m - F_d) cos(delta_w)/m: the front axle unloads when the car speeds up."""
-    return 1.0 - k * F_l * math.cos(delta_w) / m
+    return 1.0 - k * F_l * math.cos(delta_w) / m if k != 0.0 else 1.0
 
 
 @njit
 def ply_steer(v_fx: float, f: float, v_c: float) -> float:
     """F_af += f tanh(v_fx / 0.05 m/s), before saturation."""
-    return f * math.tanh(v_fx / v_c)
+    return f * math.tanh(v_fx / v_c) if f != 0.0 else 0.0
 
 
 @njit
 def rear_toe(v_x: float, epsilon: float, v_0: float) -> float:
     """alpha_r -= epsilon v_x / max(|v_x|, v_0)."""
-    return -epsilon * v_x / max(abs(v_x), v_0)
+    return -epsilon * v_x / max(abs(v_x), v_0) if epsilon != 0.0 else 0.0
 
 
 EFFECTS = (

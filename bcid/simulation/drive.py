@@ -11,7 +11,7 @@ import numpy.typing as npt
 from bcid.compiled import njit
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.driver import DRAWS, Arena, decide
-from bcid.simulation.dynamics import STEPS_PER_S, Inputs, N, fine_step
+from bcid.simulation.dynamics import STEPS_PER_S, Inputs, N, advanced
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,15 +31,10 @@ class Drive(NamedTuple):
 
 
 @njit
-def _held(commands: Floats, column: int, now: float, delay: float) -> float:
-    """Mean over one fine step from `now` of the command as it was `delay` earlier."""
-    h = 1.0 / STEPS_PER_S
-    start, stop = (now - delay) * COMMAND_HZ, (now + h - delay) * COMMAND_HZ
-    first, last = max(0, math.floor(start + 1e-9)), max(0, math.floor(stop - 1e-9))
-    if first == last:
-        return float(commands[first, column])
-    share = (stop - last) / (stop - start)
-    return float(share * commands[last, column] + (1.0 - share) * commands[first, column])
+def _held(commands: Floats, column: int, now: float, delay: float) -> tuple[float, float]:
+    """The command in force at `now` as it was `delay` earlier, and when it changes next."""
+    row = math.floor((now - delay) * COMMAND_HZ + 1e-6)
+    return float(commands[max(row, 0), column]), (row + 1) / COMMAND_HZ + delay
 
 
 @njit
@@ -66,12 +61,17 @@ def _run(
         for k in range(m * per_command, (m + 1) * per_command):
             now = k / STEPS_PER_S
             push = keep * push + fresh * normal[k]
-            inputs = Inputs(
-                now, duration,
-                _held(commands, 0, now, p.steering_delay), _held(commands, 1, now, p.motor_delay),
-                p.rough_force * push[0], p.rough_force * push[1], p.rough_moment * push[2],
-            )  # fmt: skip
-            s, play = fine_step(s, play, inputs, p)
+            end = (k + 1) / STEPS_PER_S
+            while end - now > 1e-9:  # a fine step is divided where a delayed command changes
+                steer_now, steer_until = _held(commands, 0, now, p.steering_delay)
+                drive_now, drive_until = _held(commands, 1, now, p.motor_delay)
+                until = min(end, steer_until, drive_until)
+                inputs = Inputs(
+                    now, duration, steer_now, drive_now,
+                    p.rough_force * push[0], p.rough_force * push[1], p.rough_moment * push[2],
+                )  # fmt: skip
+                s, play = advanced(s, play, inputs, until - now, p)
+                now = until
             states[k + 1] = s
     return states, commands
 

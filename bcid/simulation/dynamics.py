@@ -27,7 +27,7 @@ class Inputs(NamedTuple):
 
     time: float
     duration: float  # of the whole take, s
-    steer: float  # mean command over the step, after its delay
+    steer: float  # command after its delay
     drive: float
     push_x: float  # the floor's random force, body frame
     push_y: float
@@ -202,8 +202,8 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
 
 
 @njit
-def fine_step(s: Floats, play: float, i: Inputs, p: Plant) -> tuple[Floats, float]:
-    """State and play after one fine step, in as many RK4 steps as the fastest lag needs."""
+def advanced(s: Floats, play: float, i: Inputs, length: float, p: Plant) -> tuple[Floats, float]:
+    """State and play after `length` seconds, at most a fine step, in as many RK4 steps as the fastest lag needs."""
     fastest = 1.0
     if p.steering_lag > 0.0:
         fastest = max(fastest, 1.0 / p.steering_lag)
@@ -212,7 +212,7 @@ def fine_step(s: Floats, play: float, i: Inputs, p: Plant) -> tuple[Floats, floa
     if p.tyre_relaxation > 0.0:
         fastest = max(fastest, (math.hypot(s[3], s[4]) + p.front_lever * abs(s[5])) / p.tyre_relaxation)
     steps = min(MAX_STEPS, math.ceil(fastest / STEPS_PER_S))
-    h = 1.0 / (STEPS_PER_S * steps)
+    h = length / steps
     for _ in range(steps):
         k1 = derivative(s, play, i, p)
         k2 = derivative(s + 0.5 * h * k1, play, i, p)

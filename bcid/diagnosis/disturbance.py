@@ -1,0 +1,74 @@
+"""What pushed the body beside the model: posterior pushes of every knot, with all that they might depend on."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from bcid.compiled import njit_parallel
+from bcid.diagnosis.marginal import N_START, moments, rescaled
+from bcid.diagnosis.refit import Fit, residuals
+from bcid.diagnosis.segments import KNOTS, Layout, layout
+from bcid.diagnosis.take import Floats, Ints, Take
+from bcid.effects.car import Body, Drive, wrench
+from bcid.effects.constants import Constants
+from bcid.effects.motion import Chain, body_step, settled
+from bcid.physics.car import Car
+
+STATES = ("p_x", "p_y", "theta", "v_x", "v_y", "omega", "delta", "delta_rate", "u_m", "alpha_f", "alpha_r", "F_m")
+CHANNELS = ("fx", "fy", "mz")
+
+
+class Disturbances(NamedTuple):
+    """Pushes as accelerations of K knots, and the fit's means there."""
+
+    time_s: Floats  # (K,) middle of the knot
+    segment: Ints  # (K,)
+    push: Floats  # (K, 3) m/s^2, m/s^2, rad/s^2: posterior means
+    strength: Floats  # (K, 3) in standard deviations of what the fit expects of them
+    mean: dict[str, Floats]  # by STATES (K,)
+
+
+@njit_parallel
+def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
+    """Means of STATES over the knots (S, KNOTS, 12), from the steps' beginnings."""
+    S = len(of.step)
+    out = np.zeros((S, KNOTS, 12))
+    per_knot = of.steps // KNOTS
+    still = np.zeros(3)
+    for s in numba.prange(S):
+        b = Body(start[s, 0], start[s, 1], start[s, 2], start[s, 3], start[s, 4], start[s, 5])
+        lagged = settled(b, of.step[s], chain, of.T, p, e, c)
+        for i in range(per_knot * KNOTS):
+            k = of.step[s] + i
+            drive = Drive(chain.t_0 + k * chain.h, of.T, chain.delta[2 * k], chain.u_m[2 * k])
+            w = wrench(b, drive, lagged, p, e, c)
+            v_ry = b.v_y - p.l_r * b.omega
+            row = (
+                b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega, drive.delta,
+                (chain.delta[2 * k + 2] - chain.delta[2 * k]) / chain.h, drive.u_m, w.steady.alpha_f,
+                np.arctan(v_ry / max(abs(b.v_x), p.v_0)), w.steady.F_mf + w.steady.F_mr,
+            )  # fmt: skip
+            for j in range(12):
+                out[s, i // per_knot, j] += row[j] / per_knot
+            b, lagged = body_step(b, lagged, k, chain, of.T, still, p, e, c)
+    return out
+
+
+def disturbances(fit: Fit, take: Take) -> Disturbances:
+    """The pushes that explain a fit's residuals best."""
+    setting = fit.hypothesis.setting(fit.phi, take)
+    r = residuals(take, setting, fit.start)
+    _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    means = _knot_means(layout(take), fit.start, setting.chain, setting.car, setting.switches, setting.constants)
+    push = e.z[:, N_START:].reshape(-1, 3)
+    spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)
+    expected = np.sqrt(np.maximum(fit.scales.q**2 - spread, 1e-3 * fit.scales.q**2))
+    knots = take.begin_s[:, None] + (np.arange(KNOTS) + 0.5) * take.steps * setting.chain.h / KNOTS
+    columns = means.reshape(-1, len(STATES)).T
+    return Disturbances(
+        knots.ravel(), np.repeat(np.arange(take.segments), KNOTS), push, push / expected,
+        dict(zip(STATES, columns, strict=True)),
+    )  # fmt: skip

@@ -1,0 +1,55 @@
+"""What a base model may have wrong that no effect of the vocabulary describes: its own simplifications.
+
+A diagnosis fits these beside the vocabulary.  They are never named as missing physics: they must lose against
+an effect that is there, and take up what would otherwise be mistaken for one.
+"""
+
+from __future__ import annotations
+
+import math
+
+from bcid.compiled import njit
+from bcid.effects.entry import Effect, Parameter
+
+
+@njit
+def grip_left(linear: float, F_max: float, f: float) -> float:
+    """The grip past saturation: F_max falls towards (1 - f) F_max as the slip goes on."""
+    if f == 0.0 or F_max <= 0.0:
+        return F_max
+    over = max(abs(linear) / F_max - 1.0, 0.0)
+    return F_max * (1.0 - f * over / (1.0 + over))
+
+
+@njit
+def slip_speed(v_0: float, d: float) -> float:
+    """v_0 (1 + d)."""
+    return v_0 * (1.0 + d)
+
+
+@njit
+def wheel_slip(v_x: float, v_y: float, yaw_rate: float, l_r: float, offset: float, v_0: float) -> float:
+    """Slip angle of a rear wheel `offset` metres to the left of the axle's middle."""
+    return math.atan((v_y - l_r * yaw_rate) / max(abs(v_x - offset * yaw_rate), v_0))
+
+
+CORRECTIONS: dict[str, Effect] = {
+    e.id: e
+    for e in (
+        Effect(
+            "tyre_fall", "tyres' grip falls towards (1 − f)·F̂ past saturation",
+            (Parameter("f", "1", 0.0, 0.9, 0.3, "share of the grip lost far past saturation"),),
+            "fy", depends_on=("alpha_f", "alpha_r"),
+        ),
+        Effect(
+            "slip_speed", "v_0 → v_0·(1 + d) in the slip angles",
+            (Parameter("d", "1", -0.8, 3.0, 0.2, "relative change of the speed below which slip fades"),),
+            "fy", depends_on=("v_x", "alpha_f", "alpha_r"),
+        ),
+        Effect(
+            "two_rear_wheels", "the rear axle's side force as that of two wheels, t apart",
+            (Parameter("t", "m", 0.0, 5.0, 0.5, "track of the rear wheels"),),
+            "fy", depends_on=("alpha_r", "yaw_rate"),
+        ),
+    )
+}  # fmt: skip
