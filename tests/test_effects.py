@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from bcid.effects import measurement
-from bcid.effects.car import Body, Drive, Lagged, lag_after, wrench
+from bcid.effects.car import Body, Drive, Lagged, _front, _wheel_angle, lag_after, wrench
 from bcid.effects.constants import UNITS, Constants
+from bcid.effects.corrections import CORRECTIONS, grip_left
 from bcid.effects.motion import Chain, body_step, drive_on, mean_held, servo_step, steering_chain
-from bcid.effects.table import EFFECTS, OFF, Switches, off
+from bcid.effects.table import EFFECTS, ENTRIES, OFF, Switches, off
 from bcid.physics import car as base
 from bcid.physics.car import Car
 from bcid.simulation.car import Plant, Sensor
@@ -36,7 +37,7 @@ CAR = Car(
 )  # fmt: skip
 SECONDS, H = 20.0, 1.0 / 240.0
 SENSED = ("pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale")
-MOVING = [name for name in VOCABULARY if name not in SENSED]
+MOVING = [*(name for name in VOCABULARY if name not in SENSED), *CORRECTIONS]
 every_moving = pytest.mark.parametrize("name", MOVING)
 # where an effect is: the middle of what the test drive covers, and half its length
 PLACES = {"x": 4.5, "y": 1.5, "radius": 1.0, "r_0": 0.5, "t_s": 8.0}
@@ -44,7 +45,7 @@ PLACES = {"x": 4.5, "y": 1.5, "radius": 1.0, "r_0": 0.5, "t_s": 8.0}
 
 def switched(name: str, share: float = 1.0) -> Any:
     """`Switches` with one effect at `share` of its size."""
-    effect = EFFECTS[name]
+    effect = ENTRIES[name]
     values = {
         f: PLACES[p.symbol] if p.places else share * p.size
         for f, p in zip(effect.fields, effect.parameters, strict=True)
@@ -83,9 +84,19 @@ def test_the_vocabulary_is_the_specification_s() -> None:
     assert len(VOCABULARY) == 41
 
 
-@pytest.mark.parametrize("name", VOCABULARY)
+def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
+    """Every parameter of both is a switch, and none belongs to two entries."""
+    assert sorted(ENTRIES) == sorted([*VOCABULARY, "tyre_fall", "slip_speed", "two_rear_wheels"])
+    fields = [f for e in ENTRIES.values() for f in e.fields]
+    assert sorted(fields) == sorted(Switches._fields)
+    assert off() == Switches(
+        **{f: p.off for e in ENTRIES.values() for f, p in zip(e.fields, e.parameters, strict=True)}
+    )
+
+
+@pytest.mark.parametrize("name", [*VOCABULARY, *CORRECTIONS])
 def test_an_entry_is_complete(name: str) -> None:
-    effect = EFFECTS[name]
+    effect = ENTRIES[name]
     assert effect.equation
     assert effect.depends_on
     assert set(effect.looks_like) <= set(VOCABULARY) - {name}
@@ -135,21 +146,23 @@ PLANT_NAMES = {
     "rough_patch__b": "rough_patch", "slippery_patch__D": "slippery_patch", "tether_pull__k": "tether_pull",
     "tether_pull__r_0": "tether_slack", "tether_pull__x": "tether_x", "tether_pull__y": "tether_y",
     "floor_slope__g_x": "floor_slope_x", "floor_slope__g_y": "floor_slope_y", "mass_change__d": "mass_change",
-    "mass_change__t_s": "mass_change_at",
+    "mass_change__t_s": "mass_change_at", "two_rear_wheels__t": "rear_track",
 }  # fmt: skip
 
 
 def plant(name: str) -> Plant:
     """The simulation's car with the same effect at the same size, by its own names."""
+    if name == "slip_speed":
+        return Plant(slip_speed=CAR.v_0 * (1.0 + switched(name).slip_speed__d))
     values = {}
-    effect, e = EFFECTS[name], switched(name)
+    effect, e = ENTRIES[name], switched(name)
     for field, parameter in zip(effect.fields, effect.parameters, strict=True):
         known = PLANT_NAMES.get(field) or (f"{name}_{parameter.symbol}" if parameter.places else name)
         values[known] = getattr(e, field)
     return Plant(**values)
 
 
-@every_moving
+@pytest.mark.parametrize("name", [n for n in MOVING if n != "tyre_fall"])
 def test_the_simulation_has_the_same_effect(name: str, base_drive: np.ndarray) -> None:
     """Two implementations that share no code: the difference the effect makes is the same in both."""
     _, u = commands()
@@ -159,6 +172,18 @@ def test_the_simulation_has_the_same_effect(name: str, base_drive: np.ndarray) -
     ours, without = moved(switched(name))[rows], base_drive[rows]
     change = np.abs(truth - without).max(axis=0)
     assert (np.abs(ours - truth).max(axis=0) < 0.03 * change + 2e-3).all(), np.abs(ours - truth).max(axis=0) / change
+
+
+def test_falling_grip_is_alike_in_both() -> None:
+    """The simulation's tyres lose grip by another law, so only the sense and the rough size agree."""
+    _, u = commands()
+    quiet = Sensor(position_noise=0.0, yaw_noise=0.0, dropouts_per_minute=0.0)
+    fallen, firm = (drive(Plant(tyre_fall=f), quiet, SECONDS, 1, given=u).truth[:, 1:7] for f in (0.3, 0.0))
+    rows = np.rint(np.arange(len(firm)) / 10.0 / H).astype(int)
+    ours = (moved(switched("tyre_fall")) - moved(off()))[rows]
+    for one, other in zip(ours.T, (fallen - firm).T, strict=True):
+        assert np.corrcoef(one, other)[0, 1] > 0.9
+        assert 1.0 < one @ other / (one @ one) < 2.0  # an exponential falls faster than a hyperbola
 
 
 # --- units -------------------------------------------------------------------------------------------------------
@@ -182,11 +207,11 @@ def factor(unit: str, scale: dict[str, float]) -> float:
 @every_moving
 def test_units_are_homogeneous(name: str) -> None:
     """In other units of mass, length and time the same car drives the same way."""
-    rng = np.random.default_rng(VOCABULARY.index(name))
+    rng = np.random.default_rng(MOVING.index(name))
     scale = dict(zip(("kg", "m", "s"), np.exp(rng.uniform(-0.7, 0.7, 3)), strict=True))
     car = CAR._replace(**{n: getattr(CAR, n) * factor(u, scale) for n, u in CAR_UNITS.items()})
     constants = Constants(**{n: getattr(Constants(), n) * factor(u, scale) for n, u in UNITS.items()})
-    effect, e = EFFECTS[name], switched(name)
+    effect, e = ENTRIES[name], switched(name)
     scaled = {f: getattr(e, f) * factor(p.unit, scale) for f, p in zip(effect.fields, effect.parameters, strict=True)}
     e_scaled = e._replace(**scaled)
     times, u = commands()
@@ -272,3 +297,77 @@ def test_the_seen_pose_turns_the_lever_with_the_car() -> None:
     assert measurement.seen_pose(1.0, 2.0, 0.7, 0.0, 0.0, 0.0, 0.0) == (1.0, 2.0, 0.7)
     assert measurement.true_time(10.0, 0.0, 0.0) == 10.0
     assert measurement.true_time(10.0, 0.01, 0.0) == pytest.approx(9.99)
+
+
+# --- when commands come ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tau", [0.004, 0.009, 0.03])
+@pytest.mark.parametrize("h", [0.025, H])
+def test_a_steering_delay_moves_the_chain_by_itself(tau: float, h: float) -> None:
+    """Also at the rate limit, and whatever the step: a servo that runs later by tau is d tau behind."""
+    times, u = commands()
+    n = round(SECONDS / h)
+    e = Switches(**{**OFF, "steering_delay__tau": tau})
+    prompt, late = (steering_chain(times, u, 0.0, n, h, CAR, 2.012, s).delta for s in (off(), e))
+    same = steering_chain(times, u, -tau, n, h, CAR, 2.012, off()).delta
+    np.testing.assert_allclose(late, same, rtol=0, atol=1e-12)
+    half, limited = 0.5 * h, []
+    for k in range(1, 2 * n):
+        moves = np.r_[prompt[k - 1 : k + 2], late[k - 1 : k + 2]]
+        limited.append(np.allclose(np.abs(np.diff(moves)[[0, 1, 3, 4]]), CAR.d * half, atol=1e-12))
+    running = np.flatnonzero(limited) + 1
+    assert len(running) * half > 3.0
+    behind = np.sign(prompt[running + 1] - prompt[running]) * (prompt - late)[running]
+    np.testing.assert_allclose(behind / CAR.d, tau, rtol=0, atol=1e-9)
+
+
+def test_the_chain_does_not_depend_on_its_step() -> None:
+    """What the steering does at an instant is exact, lag and dead band included."""
+    times, u = commands()
+    for name in ("steering_delay", "steering_dead_band", "steering_rate_asymmetry"):
+        e = switched(name)
+        coarse, fine = (
+            steering_chain(times, u, 0.0, round(SECONDS / h), h, CAR, 2.012, e).delta for h in (0.025, 0.0025)
+        )
+        np.testing.assert_allclose(coarse, fine[::10], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("tau", [0.004, 0.009])
+def test_a_delay_is_recovered_from_the_simulation(tau: float) -> None:
+    """From angles at 10 Hz without noise, the chain's best delay is the simulation's to a tenth of a millisecond."""
+    times, u = commands()
+    quiet = Sensor(position_noise=0.0, yaw_noise=0.0, dropouts_per_minute=0.0)
+    angle = drive(Plant(steering_delay=tau), quiet, SECONDS, 1, given=u).truth[:, 7]
+
+    def miss(delay: float) -> float:
+        e = Switches(**{**OFF, "steering_delay__tau": delay})
+        chain = steering_chain(times, u, 0.0, round(SECONDS / 0.025), 0.025, CAR, 2.012, e)
+        return float(np.sum((chain.delta[:: round(0.2 / 0.025)][: len(angle)] - angle) ** 2))
+
+    trials = np.arange(0.0, 0.02, 1e-4)
+    assert trials[np.argmin([miss(t) for t in trials])] == pytest.approx(tau, abs=1.01e-4)
+
+
+# --- parts -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [9e-5, -9e-5, 5e-4, -5e-4])
+@pytest.mark.parametrize("beside", ["load_transfer", "tyre_fall", "front_ply_steer"])
+def test_a_bent_wheel_is_in_balance(k: float, beside: str) -> None:
+    """The angle is what the linkage gives and k times the side force at that very angle."""
+    rng = np.random.default_rng(0)
+    e = switched(beside)._replace(steering_compliance__k=k)
+    for _ in range(200):
+        b, now = random_body(rng)
+        angle = _wheel_angle(b, now, Lagged(0.0, 0.0, 0.0), 1.0, CAR, e, Constants())
+        side = _front(angle, b, now, Lagged(0.0, 0.0, 0.0), 1.0, CAR, e, Constants()).F_a
+        assert angle == pytest.approx(now.delta + k * side, abs=1e-9)
+
+
+def test_grip_falls_only_past_saturation() -> None:
+    assert grip_left(99.0, 100.0, 0.3) == 100.0
+    assert grip_left(-100.0, 100.0, 0.3) == 100.0
+    left = [grip_left(F, 100.0, 0.3) for F in np.linspace(100.0, 1e6, 1000)]
+    assert (np.diff(left) < 0.0).all()
+    assert left[-1] == pytest.approx(70.0, abs=0.01)

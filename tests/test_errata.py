@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from bcid.models import published
-from bcid.models.interface import History, rollout
+from bcid.models.interface import at_rest, rollout
 from bcid.models.k_sindy import KSindy
 from bcid.models.newton_euler import NewtonEuler
 from bcid.physics import car as equations
 from bcid.physics.car import Car
 
 STEPS, SEEDS = 3000, range(5)
-REST = History(np.zeros((1, 3)), np.zeros((1, 4)), np.zeros((0, 2)))
+REST = at_rest(0)
 
 
 def random_commands(seed: int) -> np.ndarray:

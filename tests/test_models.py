@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,11 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import whole_take
 from bcid.models import k_mlp, k_sindy, k_sindy_mlp, library, narx_mlp, newton_euler_linear, published
 from bcid.models.genetic import minimise
-from bcid.models.interface import Diverged, FitTask, History, Model, history_at, no_progress, rollout
+from bcid.models.interface import Diverged, FitTask, History, Model, at_rest, history_at, no_progress, rollout
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.samples import scale, transitions
 from bcid.models.saving import load_model, save_model
-from bcid.models.table import MODELS, row_of
+from bcid.models.table import FITTED, MODELS, row_of, row_to_fit
 from bcid.physics import car as equations
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
@@ -41,10 +42,10 @@ def fitted(name: str, estimates: list[Estimate], vehicle: Vehicle, seed: int = 1
 
 @pytest.fixture(scope="session")
 def models(estimates: list[Estimate], vehicle: Vehicle) -> dict[str, Model]:
-    return {name: fitted(name, estimates, vehicle) for name in MODELS}
+    return {name: fitted(name, estimates, vehicle) for name in FITTED}
 
 
-every_model = pytest.mark.parametrize("name", list(MODELS))
+every_model = pytest.mark.parametrize("name", list(FITTED))
 
 
 @every_model
@@ -61,13 +62,13 @@ def test_closed_loop_follows_the_take(name: str, models: dict[str, Model], estim
 def test_moving_the_start_moves_the_whole_rollout(
     name: str, models: dict[str, Model], estimates: list[Estimate]
 ) -> None:
-    """Rollouts know nothing of where the car is: two starts of the same history are the same rollout."""
+    """Rollouts know nothing of where the car is, nor when: the same history elsewhere is the same rollout."""
     model, take = models[name], estimates[0]
     here = rollout(model, history_at(take, 100, model.lags), take.command[100:150])
     rows = np.arange(100 - model.lags, 101)
-    there = rollout(
-        model, History(take.twist[rows], take.kinematic[rows], take.command[rows[:-1]]), take.command[100:150]
-    )
+    elsewhere, later = take.pose[rows] + [3.0, -2.0, 1.0], take.time_s[rows] + 50.0
+    history = History(take.twist[rows], take.kinematic[rows], take.command[rows[:-1]], elsewhere, later)
+    there = rollout(model, history, take.command[100:150])
     np.testing.assert_array_equal(here, there)
 
 
@@ -263,7 +264,7 @@ def test_the_linear_model_is_the_jacobian(v: float) -> None:
 
 def test_the_linear_model_brakes_to_rest_and_stays() -> None:
     model = newton_euler_linear.NewtonEulerLinear(car_of(), 0.4, 0.1)
-    start = History(np.array([[1.5, 0.0, 0.0]]), np.zeros((1, 4)), np.zeros((0, 2)))
+    start = replace(at_rest(0), twist=np.array([[1.5, 0.0, 0.0]]))
     v_x = rollout(model, start, np.tile([0.0, -0.5], (200, 1)))[:, 0]
     assert (np.diff(v_x) <= 0.0).all()
     assert 0.0 <= v_x[-1] < 1e-3
@@ -316,8 +317,6 @@ def test_no_sample_straddles_segments_or_recordings(estimates: list[Estimate]) -
     one, other = estimates
     cut = np.ones(len(one), dtype=np.int64)
     cut[300:] = 2
-    from dataclasses import replace
-
     for lags in (0, 2):
         parts = transitions([replace(one, segment=cut), other], lags)
         assert len(parts.twist) == len(one) + len(other) - 3 * (lags + 1)
@@ -327,8 +326,6 @@ def test_no_sample_straddles_segments_or_recordings(estimates: list[Estimate]) -
 
 
 def test_too_short_a_take_is_refused(estimates: list[Estimate]) -> None:
-    from dataclasses import replace
-
     tiny = replace(estimates[0], segment=np.arange(len(estimates[0])))
     with pytest.raises(InputRefused, match="uninterrupted"):
         transitions([tiny])
@@ -338,6 +335,8 @@ def test_history_before_a_segment_is_its_first_row(estimates: list[Estimate]) ->
     history = history_at(estimates[0], 1, 2)
     np.testing.assert_array_equal(history.twist, estimates[0].twist[[0, 0, 1]])
     assert len(history.command) == 2
+    np.testing.assert_array_equal(history.pose, estimates[0].pose[[0, 0, 1]])
+    np.testing.assert_allclose(history.time_s, [0.0, 0.0, 0.1], atol=1e-9)
 
 
 def test_a_divergence_is_reported_with_its_step() -> None:
@@ -345,7 +344,7 @@ def test_a_divergence_is_reported_with_its_step() -> None:
     with pytest.raises(Diverged) as caught:
         rollout(
             NewtonEuler(car, 0.1, {}),
-            History(np.ones((1, 3)), np.zeros((1, 4)), np.zeros((0, 2))),
+            replace(at_rest(0), twist=np.ones((1, 3))),
             np.tile([0.5, 2.0], (2000, 1)),
         )
     assert caught.value.step > 0
@@ -356,9 +355,34 @@ def test_an_unknown_model_is_a_usage_error() -> None:
         row_of("pacejka")
 
 
+def test_a_model_made_otherwise_is_not_fitted() -> None:
+    assert set(MODELS) - set(FITTED) == {"newton-euler-augmented"}
+    with pytest.raises(UsageError, match="bcid diagnose"):
+        row_to_fit("newton-euler-augmented")
+
+
 def test_a_folder_without_a_model_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match="no fitted model"):
         load_model(tmp_path)
     (tmp_path / "model.json").write_text('{"schema": "bcid.model/9", "model": "k-mlp"}')
     with pytest.raises(InputRefused, match=r"bcid\.model/9"):
+        load_model(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[1]", '{"schema": "bcid.model/1", "model": []}'])
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "model.json").write_text(text)
+    with pytest.raises(InputRefused, match=r"bcid\.model/1"):
+        load_model(tmp_path)
+
+
+def test_a_model_with_parts_missing_is_refused(tmp_path: Path) -> None:
+    save_model(published.newton_euler(), tmp_path)
+    whole = (tmp_path / "model.json").read_text()
+    (tmp_path / "model.json").write_text(whole.replace('"I_z"', '"J_z"'))
+    with pytest.raises(InputRefused, match="J_z"):
+        load_model(tmp_path)
+    (tmp_path / "model.json").write_text(whole)
+    (tmp_path / "arrays.safetensors").write_bytes(b"not arrays")
+    with pytest.raises(InputRefused, match="newton-euler"):
         load_model(tmp_path)

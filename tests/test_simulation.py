@@ -142,13 +142,32 @@ def test_measurement_switches_touch_the_pose_only(name: str) -> None:
     assert np.abs(one.pose[:n] - other.pose[:n]).max() > 1e-3
 
 
-def test_a_latency_is_equal_delays_of_both_commands() -> None:
-    """effects.md: exactly the same, once the start is over."""
+@pytest.mark.parametrize("tau", [0.05, 0.004, 0.009])
+def test_a_latency_is_equal_delays_of_both_commands(tau: float) -> None:
+    """effects.md: exactly the same, once the start is over; also where tau is no whole number of fine steps."""
     commands = np.tile([0.6, 2.0], (COMMAND_HZ * 20, 1))
     commands[:10] = 0.0
-    late = drive(BASE, QUIET._replace(pose_latency=0.05), 20.0, 1, given=commands)
-    slow = drive(Plant(steering_delay=0.05, motor_delay=0.05), QUIET, 20.0, 1, given=commands)
-    np.testing.assert_allclose(late.pose, slow.pose, atol=1e-6)
+    commands[100:140] = [-1.5, 0.8]
+    late = drive(BASE, QUIET._replace(pose_latency=tau), 20.0, 1, given=commands)
+    slow = drive(Plant(steering_delay=tau, motor_delay=tau), QUIET, 20.0, 1, given=commands)
+    np.testing.assert_allclose(late.pose, slow.pose, atol=5e-6)
+
+
+@pytest.mark.parametrize("tau", [0.004, 0.009])
+def test_a_steering_delay_is_that_long_at_the_rate_limit_too(tau: float) -> None:
+    """While the servo of one car and of another with late commands run at the limit, one is d tau behind."""
+    commands = np.zeros((COMMAND_HZ * 20, 2))
+    for k, angle in enumerate([2.0, -2.0, 1.5, -1.0, 2.0, -2.0, 0.5, 1.9]):
+        commands[10 + 45 * k : 55 + 45 * k, 0] = angle
+    prompt, late = (
+        drive(Plant(steering_delay=delay), QUIET, 20.0, 1, given=commands).truth[:, 7] for delay in (0.0, tau)
+    )
+    step = BASE.servo_rate * 0.1
+    moves = np.diff(np.column_stack([prompt, late]), axis=0)
+    limited = np.flatnonzero((np.abs(np.abs(moves) - step) < 1e-9).all(axis=1))
+    assert len(limited) > 40
+    behind = np.sign(moves[limited, 0]) * (prompt - late)[limited]
+    np.testing.assert_allclose(behind / BASE.servo_rate, tau, atol=1e-6)
 
 
 def test_the_committed_logs_are_what_the_command_makes(tmp_path: Path, vehicle: Vehicle) -> None:

@@ -11,6 +11,7 @@ import typer
 
 from bcid import __version__
 from bcid.cli.options import (
+    LONGEST_S,
     CommandsOption,
     FormatOption,
     OutOption,
@@ -21,8 +22,10 @@ from bcid.cli.options import (
 )
 from bcid.cli.sink import Format, Sink, table
 from bcid.errors import BcidError, UsageError
-from bcid.models.table import MODELS, row_of
+from bcid.models.table import MODELS, row_to_fit
 from bcid.pipeline.run import Pipeline
+
+FIT = "bcid fit"
 
 app = typer.Typer(
     name="bcid",
@@ -51,23 +54,65 @@ def options(
 @app.command()
 def run(pipeline: PipelineOption = None, format: FormatOption = Format.human) -> None:  # noqa: A002
     """Do everything: ingest, estimate, fit every model, evaluate, report."""
-    _report(pipeline, Sink(format))
+    _report(pipeline, [], Sink(format))
 
 
 @app.command()
-def report(pipeline: PipelineOption = None, format: FormatOption = Format.human) -> None:  # noqa: A002
+def report(
+    model: Annotated[
+        list[Path] | None,
+        typer.Option("--model", "-m", help="A folder with a saved model that joins the plan's; repeat for several."),
+    ] = None,
+    pipeline: PipelineOption = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
     """Compare the fitted models on the validation take: a page, a JSON, a table."""
-    _report(pipeline, Sink(format))
+    _report(pipeline, model or [], Sink(format))
 
 
-def _report(pipeline: Path | None, sink: Sink) -> None:
+def _report(pipeline: Path | None, models: list[Path], sink: Sink) -> None:
     from bcid.cli import show
 
     work = Pipeline(plan_of(pipeline), sink)
-    artifact = work.report()
-    page = work.publish(artifact)
-    sink.result(artifact.json("report.json"), lambda: show.comparison(artifact.json("report.json")))
+    artifact = work.report(models)
+    page = work.publish(artifact, "index.html", "report.json", to="report")
+    found = artifact.json("report.json")
+    sink.result(found, lambda: show.comparison(found))
+    if work.plan.diagnose:
+        sink.note(f"diagnosis: {found['diagnosis']['sentence']}")
+        sink.note(f"diagnosis page: {work.publish(work.diagnose(), *DIAGNOSIS, to='diagnosis')}")
     sink.note(f"report: {page}")
+
+
+DIAGNOSIS = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
+
+
+@app.command()
+def diagnose(
+    recordings: Recordings = None,
+    pipeline: PipelineOption = None,
+    vehicle: VehicleOption = None,
+    out: OutOption = None,
+    commands: CommandsOption = None,
+    simulation: Annotated[
+        str | None,
+        typer.Option(
+            help="What to compare with: a saved newton-euler model's folder, another simulator's recording of the "
+            "same car, or module:function; the default refits newton-euler on the recordings.",
+        ),
+    ] = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Say what physics the recordings show that the model lacks, and prove it on held-out blocks."""
+    from bcid.cli import show
+
+    sink = Sink(format)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    artifact = work.diagnose(simulation)
+    page = work.publish(artifact, *DIAGNOSIS, to="" if recordings else "diagnosis")
+    found = artifact.json("diagnosis.json")
+    sink.result(found, lambda: show.diagnosis(found))
+    sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
 
 
 @app.command()
@@ -126,7 +171,7 @@ def fit(
     """Fit models to the training takes and print their equations."""
     sink = Sink(format)
     for name in model or []:
-        row_of(name)
+        row_to_fit(name)
     work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
     fitted: list[dict[str, Any]] = []
     for name in model or work.plan.models:
@@ -143,10 +188,14 @@ def fit(
 @app.command()
 def models(format: FormatOption = Format.human) -> None:  # noqa: A002
     """List the models."""
-    rows = [{"model": n, "summary": r.summary, "base": r.base, "defaults": dict(r.defaults)} for n, r in MODELS.items()]
+    rows = [
+        {"model": n, "summary": r.summary, "base": r.base, "defaults": dict(r.defaults), "made_by": r.made_by or FIT}
+        for n, r in MODELS.items()
+    ]
+    shown = [[n, r.summary, r.made_by or FIT] for n, r in MODELS.items()]
     Sink(format).result(
         {"schema": "bcid.models/1", "models": rows},
-        lambda: table("models", ["name", "what it is"], [[n, r.summary] for n, r in MODELS.items()]),
+        lambda: table("models", ["name", "what it is", "made by"], shown),
     )
 
 
@@ -176,7 +225,10 @@ def effects(
 def simulate(
     name: Annotated[str, typer.Argument(help="The take's name.")] = "simulated",
     out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = Path(),
-    duration: Annotated[float, typer.Option(min=1.0, max=7200.0, help="Length in seconds.")] = 300.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=LONGEST_S, help="Length in seconds.", show_default="300, or the commands'"),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of driver, floor and noise.")] = 1,
     recorder: Annotated[str, typer.Option(help="motive or mcap.")] = "motive",
     rate: Annotated[float, typer.Option(min=5.0, max=240.0, help="Poses per second.")] = 60.0,
@@ -186,13 +238,23 @@ def simulate(
         typer.Option("--set", help="A constant of the plant or the sensor, NAME=VALUE; repeat for several."),
     ] = None,
     sample_logs: Annotated[Path | None, typer.Option(help="Make all of sample_logs/ in this folder instead.")] = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", "-m", help="A folder with a saved model to drive instead of the car.")
+    ] = None,
+    commands: Annotated[
+        Path | None, typer.Option("--commands", help="The commands file that the saved model drives.")
+    ] = None,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Drive the simulated car and write its logs as a lab would, with the truth apart."""
+    """Drive the simulated car, or a saved model, and write logs as a lab would; the car's with the truth apart."""
     from bcid.simulation.samples import Take, write_samples, write_take
     from bcid.simulation.settings import plant_and_sensor
 
     sink = Sink(format)
+    if (model is None) != (commands is None):
+        raise UsageError("--model and --commands go together\n  next: name the model's folder and a commands file")
+    if model is not None and (ideal or sample_logs is not None):
+        raise UsageError("a saved model is driven as it is\n  next: leave --ideal and --sample-logs out")
     with sink.stage("simulate") as progress:
         if sample_logs is not None:
             paths = write_samples(sample_logs, seed, lambda text: progress(0.0, text))
@@ -202,7 +264,13 @@ def simulate(
             if recorder not in ("motive", "mcap"):
                 raise UsageError(f"there is no recorder {recorder!r}\n  next: choose motive or mcap")
             plant, sensor = plant_and_sensor(ideal, change or [], rate)
-            paths = [write_take(out, Take(name, recorder, duration), plant, sensor, seed)]
+            if model is not None and commands is not None:
+                from bcid.cli.driving import check_noise_alone, write_driven
+
+                check_noise_alone(change or [])
+                paths = [write_driven(out, Take(name, recorder, duration or 0.0), model, commands, sensor, seed)]
+            else:
+                paths = [write_take(out, Take(name, recorder, duration or 300.0), plant, sensor, seed)]
     sink.result(
         {"schema": "bcid.simulate/1", "recordings": [str(p) for p in paths]}, lambda: "\n".join(map(str, paths))
     )

@@ -9,8 +9,10 @@ import typer
 
 from bcid.cli.sink import Format
 from bcid.errors import UsageError
-from bcid.models.table import MODELS
+from bcid.models.table import FITTED
 from bcid.pipeline.plan import DEFAULT, EstimateTable, Plan, ReportTable, read_plan
+
+LONGEST_S = 7200.0  # of a simulated drive
 
 PipelineOption = Annotated[
     Path | None,
@@ -58,7 +60,7 @@ def plan_of(
     else:
         plan = Plan(
             source="the command line", vehicle=Path(), training=(), validation=None, truth=None, workspace=out, seed=1,
-            models=tuple(MODELS), estimate=EstimateTable(), fit={}, report=ReportTable(),
+            models=tuple(FITTED), estimate=EstimateTable(), fit={}, report=ReportTable(),
         )  # fmt: skip
     takes = {"training": tuple(recordings), "validation": None, "truth": None, "commands": commands}
     return plan.model_copy(update={**takes, "workspace": out, "vehicle": vehicle or plan.vehicle})

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Group
+from rich.markup import escape
 from rich.table import Table
 
 from bcid.cli.sink import table, thousandths
@@ -35,6 +36,47 @@ def comparison(report: Mapping[str, Any]) -> Table:
     title = f"closed loop on {take['name']} ({take['duration_s']:.0f} s), NMSE × 10³"
     columns = ["model", "NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"]
     return table(title, columns, rows, caption)
+
+
+def diagnosis(found: Mapping[str, Any]) -> Group:
+    """Verdict, findings, and what they are worth on held-out blocks."""
+    from bcid.report.diagnosis_page import number, plain, unit, verdict_sentence, with_error
+
+    parts: list[Any] = [escape(verdict_sentence(found))]
+    if found["contacts"]:
+        hits = ", ".join(f"{c['kind']} at {c['begin_s']:.1f} s" for c in found["contacts"])
+        parts.insert(0, f"excluded: {hits}")
+    rows = [
+        [
+            plain(f["effect"]), f["equation"],
+            ", ".join(f"{s} = {with_error(v['value'], v['se'], v['unit'])}" for s, v in f["parameters"].items()),
+            f"{f['probability']:.2f}", f"{f['heldout_gain']:.0f}", ", ".join(f["twins"]) or "–",
+        ]
+        for f in found["findings"]
+    ]  # fmt: skip
+    if rows:
+        columns = ["found", "equation", "fitted", "probability", "held-out gain (nats)", "not told from"]
+        parts.append(table("findings", columns, rows))
+    judged = [
+        [
+            f"{h['horizon_s']:g} s",
+            *(thousandths(h[k]) for k in ("nmse_before", "nmse_after", "nmse_floor")),
+            " – ".join(f"{v:.3g}" for v in h["ratio_ci95"]),
+        ]
+        for h in found["horizons"]
+    ]
+    title = "closed loop on held-out blocks, NMSE × 10³"
+    parts.append(table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged))
+    if found["not_excited"]:
+        unseen = ", ".join(
+            f"{u['effect']} below {number(u['smallest_detectable']['value'])} {unit(u['smallest_detectable']['unit'])}"
+            for u in found["not_excited"]
+        )
+        parts.append(escape(f"could not be seen here: {unseen}"))
+    if found["next_manoeuvre"]:
+        drive = found["next_manoeuvre"]
+        parts.append(escape(f"next: drive {drive['name']} ({drive['file']}): {drive['why']}"))
+    return Group(*parts)
 
 
 def recordings(taken: Sequence[Mapping[str, Any]]) -> Group:

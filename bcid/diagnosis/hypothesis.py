@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from bcid.diagnosis.segments import half_steps
 from bcid.diagnosis.take import STEP_S, Floats, Take
 from bcid.effects.constants import Constants
-from bcid.effects.entry import Parameter
+from bcid.effects.entry import Effect, Parameter, Units, resized
 from bcid.effects.motion import Chain, steering_chain
 from bcid.effects.table import ENTRIES, OFF, Switches
 from bcid.physics.car import Car
@@ -38,6 +39,9 @@ KEPT_CHAINS = 4
 _KNOWN: dict[Any, tuple[Floats, Chain]] = {}  # the commands are held, so that their id stays theirs
 
 
+BUMPER_CAR = Units()
+
+
 class Setting(NamedTuple):
     """All that a prediction needs beside initial states."""
 
@@ -60,6 +64,13 @@ class Hypothesis:
     angle_limit: float
     constants: Constants
     unknown_steering: tuple[str, ...] = ()  # of T_s and d, what the vehicle file omits: refitted as well
+    units: Units = BUMPER_CAR  # of the vehicle, against the bumper car
+    assumed: tuple[str, ...] = ()  # effects that the simulation to compare with has: part of the base model
+
+    @cached_property
+    def entries(self) -> dict[str, Effect]:
+        """All that can be fitted, with sizes as they suit the vehicle."""
+        return {name: resized(e, self.units) for name, e in ENTRIES.items()}
 
     @property
     def logs(self) -> tuple[str, ...]:
@@ -72,14 +83,16 @@ class Hypothesis:
         return len(self.logs) + len(DRAG)
 
     def holding(self, *effects: str) -> Hypothesis:
-        """The same base model with these effects."""
-        return replace(self, effects=effects)
+        """The same base model, and what it assumes, with these effects."""
+        return replace(self, effects=(*self.assumed, *(e for e in effects if e not in self.assumed)))
 
     @property
     def parameters(self) -> list[tuple[str, Parameter]]:
         """Field in `Switches` and declaration of each effect parameter."""
         return [
-            pair for name in self.effects for pair in zip(ENTRIES[name].fields, ENTRIES[name].parameters, strict=True)
+            pair
+            for name in self.effects
+            for pair in zip(self.entries[name].fields, self.entries[name].parameters, strict=True)
         ]
 
     @property
@@ -87,7 +100,7 @@ class Hypothesis:
         """Length of phi."""
         return self.base_size + len(self.parameters)
 
-    def units(self) -> Floats:
+    def sizes(self) -> Floats:
         """What one unit of each effect parameter in phi is."""
         return np.array([1.0 if p.places else p.size for _, p in self.parameters])
 
@@ -96,18 +109,18 @@ class Hypothesis:
         given = list(values) or [p.off for _, p in self.parameters]
         logs = [np.log(getattr(car, s)) for s in self.logs]
         drags = [getattr(car, s) / (DRAG_UNIT * car.m) for s in DRAG]
-        return np.array([*logs, *drags, *(np.array(given) / self.units())])
+        return np.array([*logs, *drags, *(np.array(given) / self.sizes())])
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest phi."""
         n = self.base_size
-        low = [p.low / u for (_, p), u in zip(self.parameters, self.units(), strict=True)]
-        high = [p.high / u for (_, p), u in zip(self.parameters, self.units(), strict=True)]
+        low = [p.low / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
+        high = [p.high / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
         return np.r_[np.full(n, -np.inf), low], np.r_[np.full(n, np.inf), high]
 
     def values(self, phi: Floats) -> dict[str, float]:
         """The effects' parameters by field."""
-        raw = phi[self.base_size :] * self.units()
+        raw = phi[self.base_size :] * self.sizes()
         return dict(zip((f for f, _ in self.parameters), raw.tolist(), strict=True))
 
     def car(self, phi: Floats) -> Car:

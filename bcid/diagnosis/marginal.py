@@ -151,7 +151,13 @@ def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
 
 
 def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminated]:
-    """The scales after `steps` of EM, and the likelihood's terms there."""
+    """The scales after `steps` of EM, and the likelihood's terms there.
+
+    Raises:
+        FloatingPointError: where a prediction is not finite.
+    """
+    if not (np.isfinite(of.rr).all() and np.isfinite(of.AA).all()):
+        raise FloatingPointError("a prediction left the finite numbers")
     for _ in range(steps):
         scales = updated(scales, eliminate(of, scales.r, scales.precisions()), of.rows)
     return scales, eliminate(of, scales.r, scales.precisions())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -58,7 +59,7 @@ class Fit:
     def values(self) -> dict[str, tuple[float, float]]:
         """Each effect parameter with its standard error, by field."""
         first = self.hypothesis.base_size
-        se = np.sqrt(np.maximum(np.diag(self.covariance)[first:], 0.0)) * self.hypothesis.units()
+        se = np.sqrt(np.maximum(np.diag(self.covariance)[first:], 0.0)) * self.hypothesis.sizes()
         return {f: (v, float(s)) for (f, v), s in zip(self.hypothesis.values(self.phi).items(), se, strict=True)}
 
 
@@ -186,6 +187,7 @@ def _step(
     return now
 
 
-def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales) -> Fit:
-    """The base model without effects, refitted to the take."""
-    return refit(take, hypothesis.holding(), hypothesis.holding().start(hypothesis.nominal), take.start, scales)
+def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> Fit:
+    """The base model refitted to the take, with what it assumes from the values `assumed`."""
+    base = hypothesis.holding()
+    return refit(take, base, base.start(hypothesis.nominal, assumed), take.start, scales)

@@ -11,25 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.marginal import NU, moments, products, rescaled, weights
 from bcid.diagnosis.disturbance import disturbances
-from bcid.diagnosis.refit import Fit, jacobian, residuals
+from bcid.diagnosis.refit import Fit, residuals
 from bcid.diagnosis.scan import Circle, circles
+from bcid.diagnosis.score import best_amplitude, null_maxima, projected
 from bcid.diagnosis.segments import wrapped
 from bcid.diagnosis.take import Floats, Take
 from bcid.effects.entry import Effect
-from bcid.effects.table import EFFECTS
+from bcid.effects.table import ENTRIES
 
 SHARES = (0.5, 1.5)  # trial sizes of an effect of one sign
 PLACES = 5  # across the longer side of what was driven
 MOMENTS = 8  # in the recording
-LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
-UNSEEN = 1e-9  # information below which a take does not excite a trial at all
-NULLS = 999
 ODD_PLACES = 4
 SHARPER = 1.0  # nats that a move must gain
 FINEST = 0.04  # share of the first width at which places are sharp
-REWEIGHTED = 4
 
 
 class Candidate(NamedTuple):
@@ -67,11 +63,11 @@ class Screened(NamedTuple):
 
 
 def changes(fit: Fit, take: Take) -> Changes:
-    """The trials of all effects that `fit` does not hold: about 150 simulations of the take."""
+    """The trials of all entries that `fit` does not hold: about 150 simulations of the take."""
     odd = circles(disturbances(fit, take), ODD_PLACES)[0]
     rows = [
         (name, vectors)
-        for name, effect in EFFECTS.items()
+        for name, effect in fit.hypothesis.entries.items()
         if name not in fit.hypothesis.effects
         for vectors in _trials(effect, take, odd)
     ]
@@ -138,7 +134,7 @@ def sharpened(fit: Fit, take: Take, candidate: Candidate) -> Candidate:
 
     A pattern search, one place at a time and then two together: a place has no useful slope far away from it.
     """
-    parameters = EFFECTS[candidate.effect].parameters
+    parameters = fit.hypothesis.entries[candidate.effect].parameters
     places = [i for i, p in enumerate(parameters) if p.places]
     if not places or candidate.score <= 0.0:
         return candidate
@@ -160,8 +156,9 @@ def _moved(
     fit: Fit, take: Take, candidate: Candidate, moves: Sequence[tuple[tuple[int, float], ...]], share: float
 ) -> Candidate:
     """The most promising of the candidate's neighbours in its places."""
-    widths = {"t_s": take.T / MOMENTS, "x": 0.6, "y": 0.6, "radius": 0.4, "r_0": 0.6}
-    parameters = EFFECTS[candidate.effect].parameters
+    metre = fit.hypothesis.units.m
+    widths = {"t_s": take.T / MOMENTS, "x": 0.6 * metre, "y": 0.6 * metre, "radius": 0.4 * metre, "r_0": 0.6 * metre}
+    parameters = fit.hypothesis.entries[candidate.effect].parameters
     rows = []
     for move in moves:
         values = candidate.values
@@ -172,8 +169,10 @@ def _moved(
     if not rows:
         return candidate
     tried = changes_of(fit, take, rows)
-    found = projected(fit, take, tried)
-    trial, amplitude, score = max(((t, *_best_amplitude(found, t)) for t in tried.trials), key=lambda option: option[2])
+    found = projected(fit, take, tried.columns)
+    trial, amplitude, score = max(
+        ((t, *best_amplitude(found, t.own)) for t in tried.trials), key=lambda option: option[2]
+    )
     return Candidate(candidate.effect, _values(trial, amplitude), score)
 
 
@@ -182,36 +181,8 @@ def _difference(fit: Fit, take: Take, name: str, values: list[float], r: Floats)
     base = fit.hypothesis
     more = base.holding(*base.effects, name)
     phi = more.start(fit.car(), [*base.values(fit.phi).values(), *values])
-    return wrapped(r - residuals(take, more.setting(phi, take), fit.start))
-
-
-class Projected(NamedTuple):
-    """Slopes and information of all trials beside the fit's own parameters."""
-
-    each_g: Floats  # (S, K) of every segment
-    each_G: Floats  # (S, K, K)
-    g: Floats  # (K,) weighted sums
-    G: Floats  # (K, K)
-    chi2: Floats  # (S,) without any trial
-    numbers: Floats  # (S,)
-
-
-def projected(fit: Fit, take: Take, trials: Changes) -> Projected:
-    """The trials' columns with the fit's own parameters projected out."""
-    base = fit.hypothesis.base_size
-    r = residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
-    own = jacobian(take, fit.hypothesis, fit.phi, fit.start, r, range(base, fit.hypothesis.size))
-    held = np.concatenate([fit.tangent.J, own], axis=2)
-    _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
-    w = weights(e)
-    J = np.concatenate([held, trials.columns], axis=2)
-    _, G = products(r, fit.tangent.A, J, take.first, fit.scales.r, e.V)
-    total = np.tensordot(w, G, axes=1)
-    n = held.shape[2]
-    explained = np.linalg.lstsq(total[:n, :n], total[:n, n:], rcond=None)[0]
-    alone = trials.columns - held @ explained
-    each_g, each_G = products(r, fit.tangent.A, alone, take.first, fit.scales.r, e.V)
-    return Projected(each_g, each_G, w @ each_g, np.tensordot(w, each_G, axes=1), e.chi2, e.numbers)
+    change = wrapped(r - residuals(take, more.setting(phi, take), fit.start))
+    return change if np.isfinite(change).all() else np.zeros_like(change)
 
 
 def screen(fit: Fit, take: Take, trials: Changes) -> Screened:
@@ -222,73 +193,20 @@ def screen(fit: Fit, take: Take, trials: Changes) -> Screened:
     nothing is left out: slopes are drawn from the law that the fit itself implies, with the trials' own
     correlations.
     """
-    found = projected(fit, take, trials)
+    found = projected(fit, take, trials.columns)
     best: dict[str, Candidate] = {}
     for trial in trials.trials:
-        amplitude, score = _best_amplitude(found, trial)
+        amplitude, score = best_amplitude(found, trial.own)
         if trial.effect not in best or score > best[trial.effect].score:
             best[trial.effect] = Candidate(trial.effect, _values(trial, amplitude), score)
     ranked = sorted(best.values(), key=lambda c: -c.score)
-    nulls = _null_maxima(found, trials)
-    beaten = int(np.sum(nulls >= ranked[0].score)) if ranked else NULLS
-    return Screened(ranked, (1 + beaten) / (1 + NULLS))
-
-
-def _best_amplitude(found: Projected, trial: Trial) -> tuple[Floats, float]:
-    """The multiples of the trial's vectors that gain most, and the gain (nats).
-
-    Reweighted steps from nothing, and from the whole of the trial, which may explain what nothing gives no weight.
-    """
-    g, G = found.each_g[:, trial.own], found.each_G[:, trial.own, trial.own]
-    if np.any(np.diag(found.G[trial.own, trial.own]) <= UNSEEN):
-        return np.zeros(g.shape[1]), 0.0
-
-    def chi2(a: Floats) -> Floats:
-        return found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a)
-
-    def gain(a: Floats) -> float:
-        more = np.log1p(chi2(a) / NU) - np.log1p(found.chi2 / NU)
-        return float(-0.5 * np.sum((NU + found.numbers) * more))
-
-    best, most = np.zeros(g.shape[1]), 0.0
-    for first in (np.zeros(g.shape[1]), np.ones(g.shape[1])):
-        a = first
-        for _ in range(REWEIGHTED):
-            w = (NU + found.numbers) / (NU + chi2(a))
-            a = amplitudes((w @ g)[None], np.tensordot(w, G, axes=1))[0]
-            if gain(a) > most:
-                best, most = a, gain(a)
-    return best, most
-
-
-def _null_maxima(found: Projected, trials: Changes) -> Floats:
-    """The best score among all trials in NULLS takes of nothing."""
-    values, vectors = np.linalg.eigh(found.G)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = np.random.default_rng(0).standard_normal((NULLS, len(values))) @ root.T
-    most = np.zeros(NULLS)
-    for trial in trials.trials:
-        g, G = draws[:, trial.own], found.G[trial.own, trial.own]
-        most = np.maximum(most, _gain(amplitudes(g, G), g, G))
-    return most
-
-
-def amplitudes(g: Floats, G: Floats) -> Floats:
-    """The multiples (D, k) of the trial vectors that gain most, for D slopes `g` (D, k)."""
-    if np.any(np.diag(G) <= UNSEEN):
-        return np.zeros_like(g)
-    if len(G) == 1:
-        return np.clip(g / G[0, 0], 0.0, LARGEST)
-    return np.clip(np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g.T).T, -LARGEST, LARGEST)
-
-
-def _gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
-    gained: Floats = np.einsum("dk,dk->d", amplitude, g) - 0.5 * np.einsum("dk,kl,dl->d", amplitude, G, amplitude)
-    return gained
+    nulls = null_maxima(found, [t.own for t in trials.trials])
+    beaten = int(np.sum(nulls >= ranked[0].score)) if ranked else len(nulls)
+    return Screened(ranked, (1 + beaten) / (1 + len(nulls)))
 
 
 def _values(trial: Trial, amplitude: Floats) -> list[float]:
-    parameters = EFFECTS[trial.effect].parameters
+    parameters = ENTRIES[trial.effect].parameters
     return [
         trial.vectors[0][i] if p.places else float(sum(a * v[i] for a, v in zip(amplitude, trial.vectors, strict=True)))
         for i, p in enumerate(parameters)

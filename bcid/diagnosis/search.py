@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.refit import Fit, refit
+from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.screen import Candidate, Changes, changes, screen, sharpened
 from bcid.diagnosis.take import Take
 from bcid.effects.corrections import CORRECTIONS
-from bcid.effects.table import EFFECTS, ENTRIES
+from bcid.effects.table import EFFECTS
 
 MOST_EFFECTS = 4
+SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain
 SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
 GATE = 14.0  # nats of BIC that an effect must earn
@@ -27,12 +28,14 @@ CLOSE = 0.1  # share of the best gain within which a candidate is refitted in fu
 QUICK = 6  # iterations
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
 
+DELAYS = ("steering_delay", "motor_delay")
+
 Report = Callable[[str], None]
 
 
 def named(fit: Fit) -> tuple[str, ...]:
-    """The effects of the vocabulary that `fit` holds."""
-    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS)
+    """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
+    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class Search:
     """The base fit, the accepted effects' joint fit, and refits that explain nearly as much."""
 
     base: Fit
+    corrected: Fit  # the base model with its own simplifications corrected as far as they stand out
     best: Fit
     others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
     candidates: tuple[Candidate, ...]  # of the first step, most promising first
@@ -54,7 +58,8 @@ class Search:
 def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: Sequence[str] = ()) -> Search:
     """Effects are added while they earn their place, then taken away where they no longer do."""
     report("the base model's own simplifications")
-    best, others = _corrected(base, take), list[Fit]()
+    corrected = _corrected(base, take)
+    best, others = corrected, list[Fit]()
     report("a score test of every effect")
     trials = changes(best, take).without(left_out)
     first, p_value = None, 1.0
@@ -67,33 +72,54 @@ def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: 
         fits = _refitted(best, take, shortlist)
         if not fits or fits[0].bic - best.bic < GATE:
             break
+        left = remainder(disturbances(best, take), best.car())
+        if left.predictable and fits[0].bic - best.bic < SUBSTANTIAL * left.gain:
+            break  # a mixture of effects would only stand in for something that has no name
         best, others = fits[0], fits[1:]
-    lean = _without_idlers(best, take)
+    lean = _without_idlers(_one_latency(best, take), take)
     if lean is not best or len(named(best)) > 1:
         others = _exchanged(lean, take, trials)
         best = lean
         if others and others[0].bic > best.bic:
             best, others = others[0], [best, *others[1:]]
-    return Search(base, best, tuple(sorted(others, key=lambda f: -f.bic)), tuple(first or ()), p_value, trials)
+    return Search(
+        base, corrected, best, tuple(sorted(others, key=lambda f: -f.bic)), tuple(first or ()), p_value, trials
+    )
+
+
+def _one_latency(fit: Fit, take: Take) -> Fit:
+    """The fit with a late pose in place of equal delays of both commands, which are the same (specification)."""
+    held = fit.hypothesis.effects
+    if not set(DELAYS) <= set(named(fit)):
+        return fit
+    tau = 0.5 * sum(fit.values()[f"{name}__tau"][0] for name in DELAYS)
+    late = refit_with(fit, take, (*(n for n in held if n not in DELAYS), "pose_latency"), [tau])
+    return late if late.bic > fit.bic else fit
 
 
 def _corrected(base: Fit, take: Take) -> Fit:
     """The base model with those of its simplifications corrected that stand out."""
-    whole = refit_with(
-        base, take, tuple(CORRECTIONS), [p.size * 0.1 for e in CORRECTIONS.values() for p in e.parameters]
-    )
-    kept = tuple(n for n in CORRECTIONS if _sure(whole, n))
-    if len(kept) == len(CORRECTIONS):
+    free = [n for n in CORRECTIONS if n not in base.hypothesis.assumed]
+    sizes = [p.size for n in free for p in base.hypothesis.entries[n].parameters]
+    all_of_them = base.hypothesis.holding(*free)
+    known = base.hypothesis.values(base.phi).values()
+    start = all_of_them.start(base.car(), [*known, *(0.1 * size for size in sizes)])
+    quick = refit(take, all_of_them, start, base.start, base.scales, QUICK, base.tangent)
+    if quick.bic - base.bic < GATE:
+        return base
+    whole = _full(quick, take)
+    kept = tuple(n for n in free if _sure(whole, n))
+    if len(kept) == len(free):
         return whole
     return refit_with(whole, take, kept) if kept else base
 
 
 def _sure(fit: Fit, name: str) -> bool:
     """Whether an amplitude of the effect is many standard errors from nothing, and the fit the better for it."""
-    values = fit.values()
+    values, entry = fit.values(), fit.hypothesis.entries[name]
     return any(
         abs(values[field][0]) > SURE * values[field][1] > 0.0
-        for field, p in zip(ENTRIES[name].fields, ENTRIES[name].parameters, strict=True)
+        for field, p in zip(entry.fields, entry.parameters, strict=True)
         if not p.places
     )
 
@@ -136,7 +162,7 @@ def _without_idlers(fit: Fit, take: Take) -> Fit:
     if len(held) < 2:
         return fit
     for name in held:
-        if _sure(fit, name):
+        if name in fit.hypothesis.assumed or _sure(fit, name):
             continue
         without = refit_with(fit, take, tuple(n for n in held if n != name))
         if fit.bic - without.bic < GATE:
@@ -149,6 +175,6 @@ def _exchanged(fit: Fit, take: Take, trials: Changes) -> list[Fit]:
     found = []
     for name in named(fit):
         without = refit_with(fit, take, tuple(n for n in fit.hypothesis.effects if n != name))
-        shortlist = [c for c in screen(without, take, trials.without(fit.hypothesis.effects)).candidates[:3]]
+        shortlist = list(screen(without, take, trials.without(fit.hypothesis.effects)).candidates[:3])
         found += _refitted(without, take, [c for c in shortlist if c.score > WORTH])[:2]
     return sorted(found, key=lambda f: -f.bic)

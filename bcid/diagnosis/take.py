@@ -17,6 +17,8 @@ Ints = npt.NDArray[np.int64]
 SEGMENT_S = 1.5
 STEP_S = 0.025
 GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
+START_S = 0.4  # of a segment's poses give its initial state
+START_POSES = 5  # at least
 MIN_COVERAGE = 0.6  # of the groups that a segment may hold
 
 
@@ -39,7 +41,7 @@ class Take(NamedTuple):
     step: Ints  # (S,)
     steps: int  # integration steps per segment
     T: float  # length of the recording, s
-    start: Floats  # (S, 6) pose and twist at the segments' starts, from the estimator
+    start: Floats  # (S, 6) pose and twist at the segments' starts, roughly
 
     @property
     def segments(self) -> int:
@@ -59,7 +61,8 @@ class Take(NamedTuple):
         renumbered[rows] = np.arange(len(rows))
         return self._replace(
             stamp_s=self.stamp_s[stamps], row=renumbered[self.row[stamps]], share=self.share[stamps],
-            first_stamp=first_stamp, pose=self.pose[rows], first=first, step=self.step[chosen], start=self.start[chosen],
+            first_stamp=first_stamp, pose=self.pose[rows], first=first, step=self.step[chosen],
+            start=self.start[chosen],
         )  # fmt: skip
 
 
@@ -92,8 +95,7 @@ def take_of(recording: Recording, estimate: Estimate) -> Take:
             counts = np.bincount(group)
             means.append(np.column_stack([np.bincount(group, pose[mine, c]) / counts for c in range(3)]))
             begin.append(round(t_0 / STEP_S))
-            turns = 2.0 * np.pi * np.round((pose[mine[0], 2] - estimate.pose[k, 2]) / (2.0 * np.pi))
-            start.append([*(estimate.pose[k] + [0.0, 0.0, turns]), *estimate.twist[k]])
+            start.append(_state_at(stamp[mine] - t_0, pose[mine]))
     first = np.r_[0, np.cumsum([len(m) for m in means])].astype(np.int64)
     row = np.concatenate([g + f for g, f in zip(groups, first, strict=False)] or [np.empty(0, dtype=np.int64)])
     joined = np.concatenate(kept) if kept else np.empty(0, dtype=np.int64)
@@ -104,6 +106,17 @@ def take_of(recording: Recording, estimate: Estimate) -> Take:
         np.concatenate(means) if means else np.empty((0, 3)), first, np.array(begin, dtype=np.int64),
         round(SEGMENT_S / STEP_S), recording.duration_s, np.array(start).reshape(len(start), 6),
     )  # fmt: skip
+
+
+def _state_at(since: Floats, pose: Floats) -> Floats:
+    """Pose and twist (6,) at time 0 from parabolas through the first poses: where a refit starts.
+
+    The estimator's twist is better, except where a take breaks its assumptions; a refit needs neither.
+    """
+    first = since < max(START_S, since[min(START_POSES, len(since)) - 1] + 1e-9)
+    X = np.vander(since[first], 3, increasing=True)
+    (x, y, yaw), (u, v, omega) = np.linalg.lstsq(X, pose[first], rcond=None)[0][:2]
+    return np.array([x, y, yaw, np.cos(yaw) * u + np.sin(yaw) * v, np.cos(yaw) * v - np.sin(yaw) * u, omega])
 
 
 def joined(takes: Sequence[Take]) -> Take:

@@ -5,7 +5,7 @@ The compiled function beside an entry is the equation itself; `bcid.effects.car`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 Channel = Literal["fx", "fy", "mz", "steering", "motor", "pose", "time", "any"]
@@ -51,3 +51,33 @@ class Effect:
 def field_of(effect: str, symbol: str) -> str:
     """The name of an effect's parameter in `Switches`."""
     return f"{effect}__{symbol}"
+
+
+class Units(NamedTuple):
+    """How much larger than the bumper car's a vehicle's mass, length and time are."""
+
+    kg: float = 1.0
+    m: float = 1.0
+    s: float = 1.0
+    rad: float = 1.0
+
+    def of(self, unit: str) -> float:
+        """The factor of a product of powers such as "kg m s^-2"."""
+        factor = 1.0
+        for part in unit.split():
+            base, _, power = part.partition("^")
+            if base != "1":
+                factor *= getattr(self, base) ** int(power or 1)
+        return float(factor)
+
+
+def resized(effect: Effect, units: Units) -> Effect:
+    """The effect with sizes and bounds as they suit another vehicle; where and when stay free."""
+
+    def scaled(p: Parameter) -> Parameter:
+        factor = units.of(p.unit)
+        if p.places:
+            return p._replace(low=p.low * factor, off=p.off * factor) if p.symbol == "radius" else p
+        return p._replace(low=p.low * factor, high=p.high * factor, size=p.size * factor)
+
+    return replace(effect, parameters=tuple(scaled(p) for p in effect.parameters))

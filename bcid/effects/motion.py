@@ -30,6 +30,14 @@ class Chain(NamedTuple):
     u_m: Floats
 
 
+class Servo(NamedTuple):
+    """The steering on its way to the wheel, rad."""
+
+    angle: float  # of the servo
+    lagged: float  # behind its further lag
+    behind: float  # behind its play
+
+
 @njit
 def mean_held(times: Floats, values: Floats, integral: Floats, a: float, b: float) -> float:
     """Mean over [a, b] of commands held from row to row; before the first row it stands.
@@ -65,7 +73,16 @@ def servo_step(delta: float, u_s: float, T_s: float, d: float, band: float, skew
 def steering_chain(
     times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
 ) -> Chain:
-    """Delay, servo, lag and play over `n` steps from `t_0`, from rest at the first command.
+    """Delay, servo, lag and play over `n` steps from `t_0`, from rest at the first command."""
+    first = min(max(commands[0, 0], -limit), limit)
+    return chain_on(Servo(first, first, first), times, commands, t_0, n, h, p, limit, e)[0]
+
+
+@njit
+def chain_on(
+    servo: Servo, times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
+) -> tuple[Chain, Servo]:
+    """The same from the steering as it stands at `t_0`; and the steering after the `n` steps.
 
     Half steps are divided where the delayed command changes: a servo at its rate limit answers to when a command
     came, not to its mean.
@@ -75,26 +92,26 @@ def steering_chain(
     area_m[1:] = np.cumsum(u_m[:-1] * np.diff(times))
     half, tau = 0.5 * h, e.steering_delay__tau
     delta_out, throttle = np.empty(2 * n + 1), np.empty(2 * n + 1)
-    servo, lagged, behind = u_s[0], u_s[0], u_s[0]
+    angle, lagged, behind = servo.angle, servo.lagged, servo.behind
     row = 0
     for k in range(2 * n + 1):
         t = t_0 + k * half
-        lagging = lagged if e.steering_lag__tau > 0.0 else servo
+        lagging = lagged if e.steering_lag__tau > 0.0 else angle
         behind = steering.play(behind, lagging, e.steering_backlash__b) if e.steering_backlash__b > 0.0 else lagging
         delta_out[k] = behind
         throttle[k] = mean_held(times, u_m, area_m, t - e.motor_delay__tau, t + half - e.motor_delay__tau)
         now, end = t, t + half
-        while now < end:
+        while k < 2 * n and now < end:
             while row + 1 < len(times) and times[row + 1] + tau <= now:
                 row += 1
             until = min(times[row + 1] + tau, end) if row + 1 < len(times) else end
             after = servo_step(
-                servo, u_s[row], p.T_s, p.d, e.steering_dead_band__b, e.steering_rate_asymmetry__a, until - now
+                angle, u_s[row], p.T_s, p.d, e.steering_dead_band__b, e.steering_rate_asymmetry__a, until - now
             )  # fmt: skip
             if e.steering_lag__tau > 0.0:
-                lagged = lag_after(lagged, servo, after, (until - now) / e.steering_lag__tau)
-            servo, now = after, until
-    return Chain(t_0, h, delta_out, throttle)
+                lagged = lag_after(lagged, angle, after, (until - now) / e.steering_lag__tau)
+            angle, now = after, until
+    return Chain(t_0, h, delta_out, throttle), Servo(angle, lagged, behind)
 
 
 @njit
@@ -137,10 +154,10 @@ def body_step(
 ) -> tuple[Body, Lagged]:
     """Pose, twist and lags after step `k` of the chain, one RK4 step; `push` (3,) is a constant further wrench."""
     h, t = chain.h, chain.t_0 + k * chain.h
-    start = Drive(t, T, chain.delta[2 * k], chain.u_m[2 * k])
-    middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], chain.u_m[2 * k + 1])
-    # commands jump at most between steps: the end sees the throttle that was held during the step
-    end = Drive(t + h, T, chain.delta[2 * k + 2], chain.u_m[2 * k + 1])
+    u_m = 0.5 * (chain.u_m[2 * k] + chain.u_m[2 * k + 1])  # its mean: a change within the step keeps its impulse
+    start = Drive(t, T, chain.delta[2 * k], u_m)
+    middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], u_m)
+    end = Drive(t + h, T, chain.delta[2 * k + 2], u_m)
     # a lag's value at a stage follows from the steady one there: only then is the wrench found twice
     lags = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
     first = wrench(b, start, lagged, p, e, c)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -28,19 +28,31 @@ def no_progress(share: float, text: str) -> None:
 class History:
     """The motion up to and including t_k, oldest row first; the last row is the start of a rollout.
 
-    `command` holds the commands *before* t_k: one row fewer than the states.
+    `command` holds the commands *before* t_k: one row fewer than the states.  Rows that only repeat the first one,
+    since nothing is known before it, have its time.
     """
 
     twist: Floats  # (n, 3)
     kinematic: Floats  # (n, 4)
     command: Floats  # (n - 1, 2)
+    pose: Floats  # (n, 3)
+    time_s: Floats  # (n,) since the take began
 
 
 def history_at(estimate: Estimate, k: int, lags: int) -> History:
     """The `lags` rows before row `k` and the row itself; before a segment's start its first row stands."""
     start = next(s.start for s in estimate.segments() if s.start <= k < s.stop)
     rows = np.maximum(np.arange(k - lags, k + 1), start)
-    return History(estimate.twist[rows], estimate.kinematic[rows], estimate.command[rows[:-1]])
+    return History(
+        estimate.twist[rows], estimate.kinematic[rows], estimate.command[rows[:-1]], estimate.pose[rows],
+        estimate.time_s[rows] - estimate.time_s[0],
+    )  # fmt: skip
+
+
+def at_rest(lags: int) -> History:
+    """A car that stands at the origin as long as anyone knows, with nothing commanded."""
+    n = lags + 1
+    return History(np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((lags, 2)), np.zeros((n, 3)), np.zeros(n))
 
 
 @dataclass(frozen=True)
@@ -96,6 +108,14 @@ class Model(Protocol):
     @classmethod
     def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
         """The inverse of `state`."""
+
+
+@runtime_checkable
+class Continuous(Protocol):
+    """A model whose equations hold for steps of any length."""
+
+    def in_steps_of(self, period_s: float) -> Model:
+        """The same car in steps of `period_s`."""
 
 
 class Diverged(ArithmeticError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -22,6 +22,25 @@ def _scan(carry: Floats, commands: Floats, p: Car, period: float) -> Floats:
         state = advance(state, commands[k, 0], commands[k, 1], p, period)
         twists[k, 0], twists[k, 1], twists[k, 2] = state[0], state[1], state[2]
     return twists
+
+
+def equation_lines(p: Car) -> list[str]:
+    """The equations of the car."""
+    motor = (
+        "F_m = K_t (u_m - u_0) - K_v v_w for u_m > u_0, u_m K_b v_w for u_m < 0"
+        if p.sets_force
+        else "F_m = clip(K_t (u_m - v_w), 0, F_m_max) for u_m >= 0, clip(u_m K_b v_w, +-F_m_max) for u_m < 0"
+    )
+    return [
+        "v_x' = F_x/m + w v_y,  v_y' = F_y/m - w v_x,  w' = M_z/I_z",
+        "delta' = sat((u_s - delta)/T_s) within +-d",
+        "F_x = cos(delta) (F_m - F_d) - sin(delta) F_af",
+        "F_y = sin(delta) (F_m - F_d) + cos(delta) F_af + F_ar",
+        "M_z = l_f (sin(delta) (F_m - F_d) + cos(delta) F_af) - l_r F_ar",
+        f"{motor},  F_d = R_1 v_w + R_2 v_w |v_w|",
+        "F_ai = clip(-C_i a_i, +-F_i_max),  a_i = arctan(v_iy / max(|v_ix|, v_0)),  i = f, r",
+        f"w: yaw rate; v_w: rolling speed of the driven wheel; front share {p.front_share:g}",
+    ]
 
 
 @dataclass(frozen=True)
@@ -47,6 +66,10 @@ class NewtonEuler:
         car, facts = fit_car(task)
         return cls(car, task.period_s, facts)
 
+    def in_steps_of(self, period_s: float) -> Self:
+        """See `Continuous`."""
+        return replace(self, period_s=period_s)
+
     def init(self, history: History) -> Floats:
         """[v_x, v_y, w, delta]."""
         return np.append(history.twist[-1], history.kinematic[-1, 3])
@@ -66,24 +89,7 @@ class NewtonEuler:
         """The equations and the table of constants, fitted ones marked with *."""
         from bcid.models.newton_euler_fit import parameter_lines
 
-        motor = (
-            "F_m = K_t (u_m - u_0) - K_v v_w for u_m > u_0, u_m K_b v_w for u_m < 0"
-            if self.car.sets_force
-            else "F_m = clip(K_t (u_m - v_w), 0, F_m_max) for u_m >= 0, clip(u_m K_b v_w, +-F_m_max) for u_m < 0"
-        )
-        return "\n".join(
-            [
-                "v_x' = F_x/m + w v_y,  v_y' = F_y/m - w v_x,  w' = M_z/I_z",
-                "delta' = sat((u_s - delta)/T_s) within +-d",
-                "F_x = cos(delta) (F_m - F_d) - sin(delta) F_af",
-                "F_y = sin(delta) (F_m - F_d) + cos(delta) F_af + F_ar",
-                "M_z = l_f (sin(delta) (F_m - F_d) + cos(delta) F_af) - l_r F_ar",
-                f"{motor},  F_d = R_1 v_w + R_2 v_w |v_w|",
-                "F_ai = clip(-C_i a_i, +-F_i_max),  a_i = arctan(v_iy / max(|v_ix|, v_0)),  i = f, r",
-                f"w: yaw rate; v_w: rolling speed of the driven wheel; front share {self.car.front_share:g}",
-                *parameter_lines(self.car, self.facts),
-            ]
-        )
+        return "\n".join([*equation_lines(self.car), *parameter_lines(self.car, self.facts)])
 
     def state(self) -> tuple[dict[str, Any], Arrays]:
         """See `Model.state`."""

@@ -78,7 +78,7 @@ def _one_step_cost(
 
 
 @njit
-def _predictions(p: Car, twist: Floats, delta: Floats, command: Floats, period: float) -> Floats:
+def one_step_predictions(p: Car, twist: Floats, delta: Floats, command: Floats, period: float) -> Floats:
     """Twists (N, 3) one period ahead."""
     out = np.empty((len(twist), 3))
     for k in range(len(twist)):
@@ -142,7 +142,7 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     car = car_at(best.x)
 
     def weighted(genes: Floats) -> Floats:
-        return np.asarray(weight * _predictions(car_at(genes), twist, delta, command, task.period_s)).ravel()
+        return np.asarray(weight * one_step_predictions(car_at(genes), twist, delta, command, task.period_s)).ravel()
 
     relative_se = _relative_errors(weighted, best, high - low)
     edge = [p.symbol for p, gene in zip(table, best.x, strict=True) if min(gene, 1 - gene) < NEAR_BOUND]

@@ -11,7 +11,7 @@ from bcid.models.interface import Model
 from bcid.models.table import MODELS
 
 SCHEMA = "bcid.model/1"
-_JSON, _ARRAYS = "model.json", "arrays.safetensors"
+FILES = _JSON, _ARRAYS = "model.json", "arrays.safetensors"
 
 
 def save_model(model: Model, folder: Path) -> None:
@@ -29,19 +29,21 @@ def load_model(folder: Path) -> Model:
     """The model saved in `folder`.
 
     Raises:
-        InputRefused: no model there, or one of another version.
+        InputRefused: no model there, one of another version, or one that holds what it must not.
     """
     try:
         data: dict[str, Any] = json.loads((folder / _JSON).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputRefused(folder, _JSON, f"holds no fitted model: {error}", "fit one with `bcid fit`") from None
-    if data.get("schema") != SCHEMA or data.get("model") not in MODELS:
-        raise InputRefused(
-            folder, _JSON, f"is {data.get('schema')!r} of {data.get('model')!r}, not {SCHEMA}", "fit the model again"
-        )
-    arrays = {}
-    if (folder / _ARRAYS).exists():
-        from safetensors.numpy import load_file
+    schema, name = (data.get("schema"), str(data.get("model"))) if isinstance(data, dict) else (None, "")
+    if schema != SCHEMA or name not in MODELS:
+        raise InputRefused(folder, _JSON, f"is {schema!r} of {name!r}, not {SCHEMA}", "fit the model again")
+    from safetensors import SafetensorError
+    from safetensors.numpy import load_file
 
-        arrays = load_file(folder / _ARRAYS)
-    return MODELS[data["model"]].load().from_state(data, arrays)
+    try:
+        arrays = load_file(folder / _ARRAYS) if (folder / _ARRAYS).exists() else {}
+        return MODELS[name].load().from_state(data, arrays)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, SafetensorError) as error:
+        cause = f"cannot be read as {name}: {error if isinstance(error, ValueError) else repr(error)}"
+        raise InputRefused(folder, _JSON, cause, "fit or diagnose again") from None

@@ -27,6 +27,7 @@ class TableRow:
     settings: type[Settings]  # of [fit.NAME] in the pipeline file
     summary: str
     base: str | None = None  # the model whose fit it starts from
+    made_by: str | None = None  # the command that makes it, where that is not `bcid fit`
 
     def load(self) -> type[Model]:
         """The model's class."""
@@ -61,7 +62,14 @@ MODELS: dict[str, TableRow] = {
         "bcid.models.k_sindy_mlp", "KSindyMlp", ResidualTrainingSettings,
         "the sparse sum and a smaller perceptron on its residual", base="k-sindy",
     ),
+    "newton-euler-augmented": TableRow(
+        "bcid.models.augmented", "AugmentedNewtonEuler", NoSettings,
+        "the Newton-Euler car with effects of the vocabulary", made_by="bcid diagnose",
+    ),
 }  # fmt: skip
+
+FITTED: dict[str, TableRow] = {name: row for name, row in MODELS.items() if row.made_by is None}
+"""Those that `bcid fit` makes."""
 
 
 def row_of(name: str) -> TableRow:
@@ -73,3 +81,15 @@ def row_of(name: str) -> TableRow:
     if name not in MODELS:
         raise UsageError(f"there is no model {name!r}\n  next: choose one of {', '.join(MODELS)}")
     return MODELS[name]
+
+
+def row_to_fit(name: str) -> TableRow:
+    """The table's row of a model that can be fitted.
+
+    Raises:
+        UsageError: an unknown name, or a model that is made otherwise.
+    """
+    row = row_of(name)
+    if row.made_by is not None:
+        raise UsageError(f"{name} is made by `{row.made_by}`\n  next: fit one of {', '.join(FITTED)}")
+    return row

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, create_model
 
 from bcid.errors import InputRefused
-from bcid.models.table import MODELS
+from bcid.models.table import FITTED
 from bcid.toml_file import Settings, read_toml
 
 DEFAULT = Path("pipelines/bumper_car.toml")
@@ -46,15 +46,15 @@ class ReportTable(Settings):
 
 _FIELDS: dict[str, Any] = {
     name.replace("-", "_"): (row.settings, Field(default_factory=row.settings, alias=name))
-    for name, row in MODELS.items()
+    for name, row in FITTED.items()
 }
 FitTables = create_model("FitTables", __base__=Settings, **_FIELDS)
 """One table of settings for each model, `[fit.NAME]`."""
 
 
 def _known_model(name: str) -> str:
-    if name not in MODELS:
-        raise ValueError(f"there is no model {name!r}; choose from {', '.join(MODELS)}")
+    if name not in FITTED:
+        raise ValueError(f"there is no model {name!r} to fit; choose from {', '.join(FITTED)}")
     return name
 
 
@@ -70,8 +70,9 @@ class PlanFile(Settings):
     truth: LoosePath | None = None  # folder of NAME.parquet, simulated takes only
     workspace: LoosePath = Path("workspace")
     seed: int = 1
-    models: list[Annotated[str, AfterValidator(_known_model)]] = Field(default_factory=lambda: list(MODELS))
+    models: list[Annotated[str, AfterValidator(_known_model)]] = Field(default_factory=lambda: list(FITTED))
     estimate: EstimateTable = EstimateTable()
+    diagnose: list[LoosePath] = Field(default_factory=list)  # recordings; empty: those named above
     fit: FitTables = Field(default_factory=FitTables)
     report: ReportTable = ReportTable()
 
@@ -90,11 +91,12 @@ class Plan(Settings):
     estimate: EstimateTable
     fit: dict[str, dict[str, Any]]  # settings by model
     report: ReportTable
+    diagnose: tuple[Path, ...] = ()
     commands: Path | None = None  # of a single recording named on the command line
 
     def fit_settings(self, model: str) -> dict[str, Any]:
         """The pipeline file's settings of a model, or its defaults."""
-        return self.fit.get(model) or MODELS[model].defaults
+        return self.fit.get(model) or FITTED[model].defaults
 
 
 def read_plan(path: Path) -> Plan:
@@ -117,6 +119,7 @@ def read_plan(path: Path) -> Plan:
         source=str(path), vehicle=at(file.vehicle) or here, training=tuple(at(p) or here for p in file.training),
         validation=at(file.validation), truth=at(file.truth), workspace=at(file.workspace) or here,
         seed=file.seed, models=tuple(file.models), estimate=file.estimate, report=file.report,
+        diagnose=tuple(at(p) or here for p in file.diagnose),
         fit=file.fit.model_dump(mode="json", by_alias=True),
     )  # fmt: skip
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from bcid.errors import InputRefused, UsageError
-from bcid.models.table import row_of
+from bcid.models.table import row_of, row_to_fit
 from bcid.pipeline.plan import Plan
 from bcid.recording.formats import commands_of, format_of
 from bcid.store.artifact import Artifact, Recipe, Store, sha256_of
@@ -42,6 +42,16 @@ class Silent:
 
     def reused(self, title: str) -> None:
         """See `Watcher`."""
+
+
+class Candidate(NamedTuple):
+    """A model for the comparison, fitted here or saved anywhere."""
+
+    label: str
+    folder: Path
+    content: Any  # digests of its files
+    module: str
+    settings: Mapping[str, Any]  # of its fit
 
 
 class Pipeline:
@@ -157,7 +167,7 @@ class Pipeline:
 
     def fit(self, model: str) -> Artifact:
         """One fitted model."""
-        row = row_of(model)
+        row = row_to_fit(model)
         base = self.fit(row.base) if row.base else None
         estimates = [self.estimate(p) for p in self.plan.training]
         settings = self.plan.fit_settings(model)
@@ -178,24 +188,47 @@ class Pipeline:
 
         return self._get(f"fit {model}", recipe, make)
 
-    def evaluate(self, model: str) -> Artifact:
+    def fitted(self, model: str) -> Candidate:
+        """One fitted model."""
+        artifact = self.fit(model)
+        return Candidate(
+            model, artifact.folder, artifact.content, row_of(model).module, self.plan.fit_settings(model)
+        )  # fmt: skip
+
+    def saved(self, folder: Path) -> Candidate:
+        """A model that was saved in `folder`, whatever made it.
+
+        Raises:
+            InputRefused: no model there, or one that steps by another period than the plan's.
+        """
+        from bcid.models.saving import FILES, load_model
+
+        model, period_s = load_model(folder), self.plan.estimate.period_s
+        if abs(model.period_s - period_s) > 1e-9:
+            cause = f"steps by {model.period_s:g} s, but the plan's grid has {period_s:g} s"
+            raise InputRefused(folder, "model.json", cause, f"set period_s = {model.period_s:g} in [estimate]")
+        content = {name: sha256_of(folder / name) for name in FILES if (folder / name).exists()}
+        return Candidate(model.name, folder, content, row_of(model.name).module, {})
+
+    def evaluate(self, candidate: Candidate) -> Artifact:
         """One model on the validation take."""
-        fitted, validation = self.fit(model), self.estimate(self._validation())
+        validation = self.estimate(self._validation())
         training = [self.estimate(p) for p in self.plan.training]
         settings = {"restart_s": self.plan.report.restart_s}
         inputs = {
-            "fit": fitted.content,
+            "fit": candidate.content,
             "validation": validation.content,
             "training": [a.content for a in training],
         }
-        recipe = Recipe("evaluate", inputs, settings, code_of(f"{_STAGES}.evaluate", row_of(model).module))
+        recipe = Recipe("evaluate", inputs, settings, code_of(f"{_STAGES}.evaluate", candidate.module))
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import evaluate
 
-            evaluate.make(folder, fitted.folder, validation.folder, [a.folder for a in training], settings["restart_s"])
+            where = (candidate.folder, validation.folder, [a.folder for a in training])
+            evaluate.make(folder, *where, settings["restart_s"])
 
-        return self._get(f"evaluate {model}", recipe, make)
+        return self._get(f"evaluate {candidate.label}", recipe, make)
 
     def _validation(self) -> Path:
         if self.plan.validation is None:
@@ -207,35 +240,90 @@ class Pipeline:
             )
         return self.plan.validation
 
-    def report(self) -> Artifact:
-        """The comparison of all the plan's models."""
+    def report(self, extra: Sequence[Path] = ()) -> Artifact:
+        """The comparison of all the plan's models, and of those saved in the folders `extra`."""
+        joining = [self.saved(folder) for folder in dict.fromkeys(extra)]
         validation = self.estimate(self._validation())
-        judged = [(self.fit(m), self.evaluate(m)) for m in self.plan.models]
+        candidates = told_apart([*(self.fitted(m) for m in self.plan.models), *joining])
+        judged = [(c, self.evaluate(c)) for c in candidates]
         if not judged:
             raise UsageError("the plan names no models\n  next: list some in the pipeline file")
         settings = self.plan.report.model_dump()
         takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.takes()]
+        diagnosis = self.diagnose() if self.plan.diagnose else None
         inputs = {
-            "models": [[f.content, e.content] for f, e in judged],
+            "diagnosis": diagnosis.content if diagnosis else None,
+            "models": [[c.label, c.content, e.content] for c, e in judged],
             "takes": [[a.content if a else None for a in take] for take in takes],
             "vehicle": self.vehicle.name,
         }
-        roots = [row_of(m).module for m in self.plan.models]
+        roots = [c.module for c in candidates]
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import report
 
-            models = [(f.folder, e.folder) for f, e in judged]
+            models = [report.Judged(c.label, c.settings, c.folder, e.folder) for c, e in judged]
             folders = [tuple(a.folder if a else None for a in take) for take in takes]
-            report.make(folder, models, validation.folder, folders, settings, self.vehicle.name)
+            where = diagnosis.folder if diagnosis else None
+            report.make(folder, models, validation.folder, folders, settings, self.vehicle.name, where)
 
         return self._get("report", Recipe("report", inputs, settings, code_of(f"{_STAGES}.report", *roots)), make)
 
-    def publish(self, artifact: Artifact) -> Path:
-        """Copy a report's page and JSON to where they are looked for, WORKSPACE/report/; returns the page."""
-        for name in ("index.html", "report.json"):
-            target = self.plan.workspace / "report" / name
-            beside = target.with_name(f".{name}.{artifact.key}")
-            shutil.copyfile(artifact.folder / name, beside)
-            beside.replace(target)
-        return self.plan.workspace / "report" / "index.html"
+    def diagnose(self, simulation: str | None = None) -> Artifact:
+        """What physics the plan's recordings show that the base model, or `simulation`, lacks.
+
+        `simulation` is a saved model's folder, another simulator's recording, or module:function.
+        """
+        recordings = list(self.plan.diagnose) or self.takes()
+        takes, tuned = [(self.ingest(p), self.estimate(p)) for p in recordings], self.tune()
+        path = Path(simulation) if simulation is not None else None
+        others = [(self.ingest(path), self.estimate(path))] if path is not None and path.is_file() else []
+        inputs = {
+            "takes": [[a.content for a in pair] for pair in takes],
+            "tuning": tuned.content,
+            "vehicle": self._of_vehicle("body", "steering", "motor", "name"),
+            "simulated": [[a.content for a in pair] for pair in others],
+            "simulation": None if path is None or others else self._named(path),
+        }
+        recipe = Recipe("diagnose", inputs, {}, code_of(f"{_STAGES}.diagnose"))
+
+        def make(folder: Path, progress: Progress) -> None:
+            from bcid.pipeline.stages import diagnose
+
+            recorded, moved = ([pair[i].folder for pair in takes] for i in (0, 1))
+            simulated = [(r.folder, e.folder) for r, e in others]
+            diagnose.make(folder, recorded, moved, tuned.folder, self.vehicle, simulation, simulated, progress)
+
+        return self._get("diagnose", recipe, make)
+
+    def _named(self, simulation: Path) -> Any:
+        """What stands for a simulation in a key: its files' digests, or its name, which is not cached reliably."""
+        if simulation.is_dir():
+            return self.saved(simulation).content
+        module = Path(str(simulation).partition(":")[0].replace(".", "/") + ".py")
+        return [str(simulation), sha256_of(module) if module.is_file() else None]
+
+    def publish(self, artifact: Artifact, *names: str, to: str) -> Path:
+        """Copy an artifact's files and folders to where they are looked for, WORKSPACE/`to`; returns the first's path."""
+        home = self.plan.workspace / to
+        home.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            source, beside = artifact.folder / name, home / f".{name}.{artifact.key}"
+            if source.is_dir():
+                shutil.copytree(source, beside, dirs_exist_ok=True)
+                shutil.rmtree(home / name, ignore_errors=True)
+            elif source.exists():
+                shutil.copyfile(source, beside)
+            else:
+                continue
+            beside.replace(home / name)
+        return home / names[0]
+
+
+def told_apart(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, those saved elsewhere with their folder in the label where the name is another's too."""
+    names = [c.label for c in candidates]
+    return [
+        c._replace(label=f"{c.label} ({c.folder})") if names.count(c.label) > 1 and names.index(c.label) < i else c
+        for i, c in enumerate(candidates)
+    ]

@@ -67,6 +67,7 @@ class Content:
     models: Sequence[ModelResult]
     takes: Sequence[TakeFacts]
     restart_s: float
+    diagnosis: Mapping[str, Any] | None = None  # diagnosis.json of the plan's last stage
 
     def ranked(self) -> list[ModelResult]:
         """Best first; diverged ones last."""
@@ -114,4 +115,16 @@ def report_json(content: Content) -> dict[str, Any]:
         "restart_s": content.restart_s,
         "machine": machine(),
         "models": [{k: m.figures[k] for k in keys} for m in content.ranked()],
+        "diagnosis": content.diagnosis and _verdict(content.diagnosis),
     }
+
+
+def _verdict(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """A diagnosis in short."""
+    from bcid.report.diagnosis_page import verdict_sentence
+
+    effects = [f["effect"] for f in diagnosis["findings"]]
+    return {
+        "verdict": diagnosis["verdict"], "effects": effects, "recordings": diagnosis["recordings"],
+        "sentence": verdict_sentence(diagnosis),
+    }  # fmt: skip

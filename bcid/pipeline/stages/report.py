@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bcid.estimate.saving import load_estimate
 from bcid.evaluation.closed_loop import rollout_ms
@@ -14,22 +14,32 @@ from bcid.report.content import Content, ModelResult, TakeFacts, report_json
 from bcid.report.page import write_page
 
 
+class Judged(NamedTuple):
+    """A model of the comparison."""
+
+    label: str  # its name there
+    settings: Mapping[str, Any]  # of its fit
+    model: Path  # folders
+    evaluation: Path
+
+
 def make(
     folder: Path,
-    models: Sequence[tuple[Path, Path]],
+    models: Sequence[Judged],
     validation: Path,
     takes: Sequence[tuple[Path | None, ...]],
     settings: Mapping[str, Any],
     vehicle_name: str,
+    diagnosis: Path | None,
 ) -> None:
-    """`models` are pairs of fit and evaluation folders, `takes` triples of ingest, estimate and check folders."""
+    """`takes` are triples of ingest, estimate and check folders."""
     take = load_estimate(validation)
     results = []
-    for fit, evaluation in models:
-        figures = json.loads((evaluation / "evaluation.json").read_text(encoding="utf-8"))
-        ms = rollout_ms(load_model(fit), take, int(settings["timing_repeats"]))
-        fitted = json.loads((fit / "manifest.json").read_text(encoding="utf-8"))["settings"]
-        results.append(ModelResult.read(figures | {"rollout_ms": ms}, fitted, evaluation))
+    for judged in models:
+        figures = json.loads((judged.evaluation / "evaluation.json").read_text(encoding="utf-8"))
+        ms = rollout_ms(load_model(judged.model), take, int(settings["timing_repeats"]))
+        known = figures | {"model": judged.label, "rollout_ms": ms}
+        results.append(ModelResult.read(known, judged.settings, judged.evaluation))
     names = ("recording.json", "estimate.json", "check.json")
     content = Content(
         vehicle=vehicle_name,
@@ -37,6 +47,7 @@ def make(
         models=results,
         takes=[TakeFacts(*(_facts(f, n) for f, n in zip(take, names, strict=True))) for take in takes],
         restart_s=float(settings["restart_s"]),
+        diagnosis=_facts(diagnosis, "diagnosis.json"),
     )
     (folder / "report.json").write_text(json.dumps(report_json(content), indent=1), encoding="utf-8")
     write_page(content, folder / "index.html")

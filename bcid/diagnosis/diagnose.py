@@ -1,0 +1,167 @@
+"""A diagnosis from a recording and its estimate: everything in order, nothing of it on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from bcid.diagnosis.contacts import Contact, contacts, without_contacts
+from bcid.diagnosis.disturbance import Disturbances, disturbances
+from bcid.diagnosis.excitation import Unexcited, unexcited
+from bcid.diagnosis.hypothesis import Hypothesis
+from bcid.diagnosis.locate import Location, located
+from bcid.diagnosis.marginal import Scales
+from bcid.diagnosis.refit import base_fit
+from bcid.diagnosis.remainder import remainder
+from bcid.diagnosis.search import Search, search
+from bcid.diagnosis.take import Take, joined, take_of
+from bcid.diagnosis.verdict import Judgement, judged
+from bcid.effects.constants import Constants
+from bcid.effects.entry import Units
+from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
+from bcid.models.newton_euler_start import started_car
+from bcid.physics.car import Car
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+
+class _Yardstick(NamedTuple):
+    mass_kg: float
+    length_m: float
+    speed_mps: float
+
+
+BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
+FEWEST_SEGMENTS = 20
+FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found, and what it was found with."""
+
+    take: Take
+    contacts: tuple[Contact, ...]
+    search: Search
+    judgement: Judgement
+    location: Location
+    before: Disturbances  # under the refitted base model
+    after: Disturbances  # under the fit with what was found
+    unexcited: tuple[Unexcited, ...]
+
+    @property
+    def p_value(self) -> float:
+        """That nothing is missing, over all the places, times and effects looked at."""
+        found = self.search
+        looked = [3.0 * found.p_value, 3.0 * self.location.p_value]
+        if found.corrected is not found.base:
+            looked.append(float(np.exp(-min(found.corrected.bic - found.base.bic, 50.0))))
+        return min(1.0, *looked)
+
+
+def constants_of(vehicle: Vehicle) -> Constants:
+    """The effects' held constants."""
+    track = vehicle.body.rear_track_m
+    return Constants() if track is None else Constants(track=track)
+
+
+def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
+    """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
+    length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
+    speed = float(np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9))
+    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed, 0.05))
+
+
+def prepared(recordings: Sequence[Recording], estimates: Sequence[Estimate]) -> tuple[Take, tuple[Contact, ...]]:
+    """The recordings as one take without its contacts.
+
+    Raises:
+        InputRefused: when too little of it can be used.
+    """
+    parts, hits = [], []
+    for recording, estimate in zip(recordings, estimates, strict=True):
+        found = contacts(recording)
+        hits += found
+        take = without_contacts(take_of(recording, estimate), found)
+        if take.segments < FEWEST_SEGMENTS:
+            raise InputRefused(
+                recording.sources[0].path, "poses",
+                f"only {take.segments} stretches of 1.5 s can be used, {FEWEST_SEGMENTS} are the least",
+                "record a longer take with fewer gaps",
+            )  # fmt: skip
+        parts.append(take)
+    return joined(parts), tuple(hits)
+
+
+class Compared(NamedTuple):
+    """The simulation that a recording is compared with, as a car and the effects that it has."""
+
+    car: Car
+    effects: dict[str, float]  # by field of `Switches`
+
+    def assumed(self) -> tuple[str, ...]:
+        """The effects' ids."""
+        return tuple(dict.fromkeys(field.partition("__")[0] for field in self.effects))
+
+
+def diagnosed(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
+    simulation: Compared | None = None, progress: Progress = lambda share, text: None, left_out: Sequence[str] = (),
+) -> Diagnosis:  # fmt: skip
+    """What the recordings show beside the Newton-Euler model, or beside what `simulation` has.
+
+    The base model is refitted, from the simulation's car where one is given.  Effects in `left_out` are not
+    considered.
+
+    Raises:
+        InputRefused: when too little of the recordings can be used.
+    """
+    take, hits = prepared(recordings, estimates)
+    facts = estimates[0].facts
+    progress(0.02, "a first car")
+    car = simulation.car if simulation else started_car(estimates, vehicle, facts["T_s"], facts["d"])
+    steering = vehicle.steering
+    unknown = tuple(
+        s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
+    )
+    hypothesis = Hypothesis(
+        (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates),
+        simulation.assumed() if simulation else (),
+    )  # fmt: skip
+    values = list(simulation.effects.values()) if simulation else []
+    with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
+        return _of_take(take, hypothesis, hits, progress, left_out, values)
+
+
+def _of_take(
+    take: Take, hypothesis: Hypothesis, hits: tuple[Contact, ...], progress: Progress, left_out: Sequence[str],
+    assumed: Sequence[float],
+) -> Diagnosis:  # fmt: skip
+    progress(0.05, "the base model")
+    base = base_fit(take, hypothesis, first_scales(take), assumed)
+    progress(0.15, "where the mismatch is")
+    before = disturbances(base, take)
+    location = located(before, remainder(before, base.car()))
+    found = search(base, take, lambda text: progress(0.3, text), left_out)
+    progress(0.8, "what is left")
+    judgement = judged(found, take, remainder(disturbances(found.best, take), found.best.car()))
+    after = disturbances(judgement.fit, take)
+    return Diagnosis(
+        take, hits, found, judgement, location, before, after, unexcited(judgement.fit, take, found.trials)
+    )
+
+
+def first_scales(take: Take) -> Scales:
+    """Noise from the scatter of neighbouring poses, and a push to begin with."""
+    second = np.concatenate(
+        [np.diff(take.pose[a:b], 2, axis=0) for a, b in zip(take.first, take.first[1:], strict=False)]
+    )
+    r = 1.4826 * np.median(np.abs(second), axis=0) / np.sqrt(6.0)
+    return Scales(np.maximum(r, 1e-6), np.full(3, FIRST_PUSH))

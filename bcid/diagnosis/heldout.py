@@ -1,0 +1,59 @@
+"""What an explanation is worth on blocks of the take that its parameters have not seen."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.diagnosis.marginal import log_likelihood, moments, rescaled
+from bcid.diagnosis.refit import Fit, Tangent, refit, residuals
+from bcid.diagnosis.take import Floats, Ints, Take
+
+BLOCK_S = 20.0
+RESAMPLES = 999
+ITERATIONS = 3
+
+
+class Gain(NamedTuple):
+    """Nats of log-likelihood on held-out blocks, one explanation over another."""
+
+    nats: float
+    ci95: tuple[float, float]
+
+
+def halves(take: Take) -> list[Ints]:
+    """The segments of every other block, and those between."""
+    block = (take.begin_s // BLOCK_S).astype(int)
+    return [np.flatnonzero(block % 2 == side) for side in (0, 1)]
+
+
+def on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
+    """The fit refitted to some of the segments, from where it stands and along its own tangent."""
+    rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
+    tangent = Tangent(np.ascontiguousarray(fit.tangent.A[rows]), np.ascontiguousarray(fit.tangent.J[rows]))
+    return refit(take.part(chosen), fit.hypothesis, fit.phi, fit.start[chosen], fit.scales, ITERATIONS, tangent)
+
+
+def scores(fit: Fit, take: Take) -> Floats:
+    """Log-likelihood of every segment (S,) under parameters fitted to the other half."""
+    one, other = halves(take)
+    out = np.zeros(take.segments)
+    for train, test in ((one, other), (other, one)):
+        trained = on_half(fit, take, train)
+        part, hypothesis = take.part(test), fit.hypothesis
+        rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in test])
+        r = residuals(part, hypothesis.setting(trained.phi, part), fit.start[test])
+        _, e = rescaled(moments(r, np.ascontiguousarray(fit.tangent.A[rows]), part.first), trained.scales, 0)
+        out[test] = log_likelihood(e)
+    return out
+
+
+def gain(better: Floats, worse: Floats, take: Take) -> Gain:
+    """The gain of `better` over `worse`, both as `scores` gives them, with a block bootstrap."""
+    block = (take.begin_s // BLOCK_S).astype(int)
+    sums = np.bincount(block, better - worse)[np.unique(block)]
+    rng = np.random.default_rng(0)
+    totals = sums[rng.integers(0, len(sums), (RESAMPLES, len(sums)))].sum(axis=1)
+    low, high = np.quantile(totals, [0.025, 0.975])
+    return Gain(float(sums.sum()), (float(low), float(high)))

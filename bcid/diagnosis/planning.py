@@ -1,0 +1,346 @@
+"""What a take can show, and what to drive so that it shows what is asked.
+
+An effect shows where the expected gain of its refit, a^2 G / 2 with G the information about its amplitude that the
+base parameters leave, reaches what a diagnosis asks of it: GATE nats, and half a logarithm of the segments per
+parameter.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
+from bcid.diagnosis.manoeuvres import (
+    ARENA,
+    COMMAND_HZ,
+    SPEED_MPS,
+    Arena,
+    Drive,
+    catalogue,
+    driven,
+    information,
+    top_speed,
+    usual_throttle,
+)
+from bcid.diagnosis.marginal import Scales
+from bcid.diagnosis.refit import Fit, Tangent, jacobian, residuals, sensitivities
+from bcid.diagnosis.score import UNSEEN, projected
+from bcid.diagnosis.screen import changes_of
+from bcid.diagnosis.search import GATE
+from bcid.diagnosis.take import SEGMENT_S, Floats, Take, joined
+from bcid.effects.constants import Constants
+from bcid.effects.entry import Effect, Parameter, Units
+from bcid.physics.car import Car
+from bcid.vehicle import Vehicle
+
+ROUNDS = 6  # of finding the smallest size: an effect need not grow with its square
+LARGEST_STEP = 4.0  # of the size in one round
+FURTHEST = 50.0  # times the declared size that is still tried
+NEAR = 0.02  # relative, at which the size is found
+MOST_PLACES = 4  # along each side of the floor
+SHOWN = 0.5  # share of an effect's places in which it must show
+REST_S = 3.0  # between two drives, to bring the car back
+MOST_DRIVES = 24
+TIMES = (1, 2, 4, 8)  # that the whole plan is driven, for what shows over time
+WORTH_DRIVING = 1e-3  # of what is asked, per second
+MARGIN = 1.5  # over what is needed, when drives are chosen: the gain of a take varies
+PROMISING = 2.0  # times the declared size: what shows from there on shows sooner in a longer plan,
+OVER_TIME = 20.0  # and so much more where an effect grows with time
+
+NOMINAL = Scales(np.array([3e-4, 3e-4, 6e-4]), np.array([0.02, 0.02, 0.02]))
+"""Of a motion capture and a floor as they usually are, where no take is there yet to tell."""
+
+Sizes = dict[str, tuple[float, str]]
+"""Value and unit of each of an effect's amplitudes."""
+
+
+class Option(NamedTuple):
+    """One amplitude of one effect at one place."""
+
+    effect: str
+    which: int  # of its parameters
+    parameter: Parameter
+    values: list[float]  # of all its parameters
+
+    def at(self, size: float) -> Option:
+        """The same with another amplitude."""
+        return self._replace(values=[*self.values[: self.which], size, *self.values[self.which + 1 :]])
+
+
+def _options(names: Sequence[str], take: Take, hypothesis: Hypothesis) -> list[Option]:
+    """The amplitudes of the effects, at their declared size, in each of some typical places."""
+    entries = hypothesis.entries
+    return [
+        Option(name, i, p, [place.get(q.symbol, q.off) for q in entries[name].parameters]).at(p.size)
+        for name in names
+        for place in _places(entries[name], take)
+        for i, p in enumerate(entries[name].parameters)
+        if not p.places
+    ]
+
+
+def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
+    """Where an effect may be: circles over the floor that was driven, a cable from any side of it, any time."""
+    symbols = [p.symbol for p in effect.parameters if p.places]
+    if not symbols:
+        return [{}]
+    if "t_s" in symbols:
+        return [{"t_s": share * take.T} for share in (0.3, 0.5, 0.7)]
+    low, high = np.quantile(take.pose[:, :2], 0.02, axis=0), np.quantile(take.pose[:, :2], 0.98, axis=0)
+    if "radius" in symbols:
+        radius = next(p.size for p in effect.parameters if p.symbol == "radius")
+        counts = np.clip(np.round((high - low) / (2.0 * radius)), 1, MOST_PLACES).astype(int)
+        axes = [np.linspace(a, b, n + 2)[1:-1] for a, b, n in zip(low, high, counts, strict=True)]
+        return [{"x": float(x), "y": float(y), "radius": radius} for x, y in itertools.product(*axes)]
+    sides = [(0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)]
+    return [dict(zip("xy", (low + (high - low) * side).tolist(), strict=True)) | {"r_0": 1.0} for side in sides]
+
+
+def needed(effect: Effect, segments: int) -> float:
+    """Nats that the effect must be expected to gain."""
+    return GATE + 0.5 * len(effect.parameters) * math.log(max(segments, 1))
+
+
+def fit_at(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take) -> Fit:
+    """A fit as if phi had been found in the take: its tangent, without a likelihood."""
+    setting = hypothesis.setting(phi, take)
+    r = residuals(take, setting, take.start)
+    J = jacobian(take, hypothesis, phi, take.start, r, range(hypothesis.base_size))
+    nothing = np.zeros(take.segments)
+    covariance = np.full((hypothesis.size, hypothesis.size), np.nan)
+    return Fit(
+        hypothesis, phi, take.start, scales, np.nan, nothing, covariance,
+        Tangent(sensitivities(take, setting, take.start), J),
+    )  # fmt: skip
+
+
+def detectable(
+    hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take, effects: Sequence[str]
+) -> dict[str, Sizes | None]:
+    """The smallest size of each effect that `take` would show, by symbol, with its unit.
+
+    None where the take does not excite the effect within its bounds.  Of an effect with a place or a time, the
+    median over several, and none unless half of them show it.  What `hypothesis` holds already is left out.
+    """
+    fit = fit_at(hypothesis, phi, scales, take)
+    names = [n for n in effects if n not in hypothesis.effects]
+    options = _options(names, take, hypothesis)
+    sizes = _smallest(fit, take, options) if options else []
+    found: dict[str, Sizes | None] = {}
+    for name in names:
+        seen: Sizes = {}
+        for p in hypothesis.entries[name].parameters:
+            here = [s for o, s in zip(options, sizes, strict=True) if (o.effect, o.parameter) == (name, p)]
+            if not p.places and np.isfinite(here).mean() >= SHOWN:
+                seen[p.symbol] = (float(np.sort(here)[int(SHOWN * (len(here) - 1))]), p.unit)
+        found[name] = seen or None
+    return found
+
+
+def _smallest(fit: Fit, take: Take, options: list[Option]) -> list[float]:
+    """The amplitude of each option that is expected to gain what it must; inf where none within reach does."""
+    need = np.array([needed(fit.hypothesis.entries[o.effect], take.segments) for o in options])
+    sizes = np.array([o.values[o.which] for o in options])
+    highest = np.minimum([o.parameter.high for o in options], FURTHEST * sizes)
+    too_small, enough = np.zeros(len(options)), np.full(len(options), np.inf)
+    open_ = np.arange(len(options))
+    for _ in range(ROUNDS):
+        now = sizes[open_]
+        gains = _gains(fit, take, [options[i].at(s) for i, s in zip(open_, now.tolist(), strict=True)])
+        shows = gains >= need[open_]
+        too_small[open_] = np.where(shows, too_small[open_], now)
+        enough[open_] = np.where(shows, now, enough[open_])
+        step = np.clip(np.sqrt(need[open_] / np.maximum(gains, UNSEEN)), 1.0 / LARGEST_STEP, LARGEST_STEP)
+        low, high = too_small[open_], np.minimum(enough, highest)[open_]
+        after = np.minimum(now * step, highest[open_])
+        after = np.where((after > low) & (after < enough[open_]), after, np.sqrt(low * high))
+        going = (np.abs(after / now - 1.0) >= NEAR) & (low < highest[open_])
+        sizes[open_] = np.where(going, after, now)
+        open_ = open_[going]
+        if len(open_) == 0:
+            break
+    return [float(s) for s in np.where(np.isfinite(enough), sizes, np.inf)]
+
+
+def _gains(fit: Fit, take: Take, options: Sequence[Option]) -> Floats:
+    """What refits with the options, each alone, are expected to gain (nats) if they are true."""
+    tried = changes_of(fit, take, [(o.effect, [o.values]) for o in options])
+    return np.asarray(0.5 * np.diag(projected(fit, take, tried.columns).G))
+
+
+@dataclass(frozen=True)
+class Part:
+    """One drive of a plan; the car is brought to `drive.start` before it."""
+
+    drive: Drive
+    begin_s: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to drive, one part after the other with REST_S between, and what that would show."""
+
+    parts: tuple[Part, ...]
+    command_s: Floats  # (n,) at COMMAND_HZ
+    command: Floats  # (n, 2) steering rad, throttle
+    smallest: dict[str, Sizes | None]  # of each asked effect, the smallest size that shows
+    missing: dict[str, str]  # asked effects that would not show at their declared size, and why
+
+    @property
+    def minutes(self) -> float:
+        """How long it takes, without the time that bringing the car back may take longer."""
+        return len(self.command) / COMMAND_HZ / 60.0
+
+
+def plan(
+    car: Car, constants: Constants, angle_limit: float, scales: Scales, effects: Sequence[str], arena: Arena = ARENA,
+    top: float | None = None, unknown_steering: tuple[str, ...] = (),
+) -> Plan:  # fmt: skip
+    """The drives of the catalogue that make `effects` detectable at their declared sizes.
+
+    Chosen one by one, each time the drive that adds most per second; driven twice and more often where time alone
+    is lacking.  `top` is the largest throttle, `unknown_steering` those of T_s and d that a diagnosis will refit.
+    """
+    top = usual_throttle(car) if top is None else top
+    hypothesis = Hypothesis((), car, angle_limit, constants, unknown_steering, nominal_units(car, top))
+    phi = hypothesis.start(car)
+    drives = catalogue(car, angle_limit, top, arena)
+    if not drives:
+        return Plan((), np.empty(0), np.empty((0, 2)), dict.fromkeys(effects),
+                    dict.fromkeys(effects, "no manoeuvre fits the arena"))  # fmt: skip
+    chosen = _chosen(drives, hypothesis, phi, scales, effects)
+    best: Plan | None = None
+    for times in TIMES:
+        if times > 1 and times * len(chosen) > MOST_DRIVES:
+            break
+        now = _planned(chosen * times, hypothesis, phi, scales, effects)
+        if best is None or len(now.missing) < len(best.missing):
+            best = now
+        if not any(_promising(now.smallest[n], hypothesis.entries[n]) for n in now.missing):
+            break
+    assert best is not None  # noqa: S101  # TIMES begins with 1
+    return best
+
+
+def _excess(sizes: Sizes | None, effect: Effect) -> float:
+    """The smallest size that shows over the declared one, of the amplitude that shows least."""
+    amplitudes = [p for p in effect.parameters if not p.places]
+    if sizes is None or any(p.symbol not in sizes for p in amplitudes):
+        return math.inf
+    return max(sizes[p.symbol][0] / p.size for p in amplitudes)
+
+
+def _promising(sizes: Sizes | None, effect: Effect) -> bool:
+    """Whether driving longer may show the effect."""
+    return _excess(sizes, effect) < PROMISING * (OVER_TIME if "time" in effect.depends_on else 1.0)
+
+
+def _planned(
+    drives: Sequence[Drive], hypothesis: Hypothesis, phi: Floats, scales: Scales, effects: Sequence[str]
+) -> Plan:
+    """The drives one after the other, and what they would show together."""
+    takes = [driven(drive, hypothesis, phi, scales, seed)[0] for seed, drive in enumerate(drives)]
+    smallest = detectable(hypothesis, phi, scales, joined(takes), effects)
+    missing = {}
+    for name, sizes in smallest.items():
+        if _excess(sizes, hypothesis.entries[name]) > 1.0:
+            told = ", ".join(f"{s} = {v:.3g} {unit}" for s, (v, unit) in (sizes or {}).items())
+            missing[name] = f"shows from {told} on" if sizes else "no manoeuvre that fits excites it"
+    begins, rows = [], list[Floats]()
+    for drive in drives:
+        if rows:
+            rows.append(np.tile([drive.command[0, 0], 0.0], (round(REST_S * COMMAND_HZ), 1)))
+        begins.append(sum(map(len, rows)) / COMMAND_HZ)
+        rows.append(drive.command)
+    command = np.vstack(rows)
+    parts = tuple(Part(d, b) for d, b in zip(drives, begins, strict=True))
+    return Plan(parts, np.arange(len(command)) / COMMAND_HZ, command, smallest, missing)
+
+
+def _chosen(
+    drives: Sequence[Drive], hypothesis: Hypothesis, phi: Floats, scales: Scales, effects: Sequence[str]
+) -> list[Drive]:
+    """The drives picked one by one, those picked twice spread over the plan.
+
+    All are simulated once, one after the other, and what the picked ones show is added up over their segments.
+    """
+    takes = [driven(drive, hypothesis, phi)[0] for drive in drives]
+    whole = joined(takes)
+    counts = [take.segments - (k > 0) for k, take in enumerate(takes)]  # joined leaves out later ones' first segment
+    options = _options(effects, whole, hypothesis)
+    fit = fit_at(hypothesis, phi, scales, whole)
+    tried = changes_of(fit, whole, [(o.effect, [o.values]) for o in options]).columns
+    columns = np.concatenate([fit.tangent.J, tried], axis=2)
+    each = information(whole, hypothesis.setting(phi, whole), scales, columns)
+    tables = [part.sum(axis=0) for part in np.split(each, np.cumsum(counts)[:-1])]
+    n = hypothesis.base_size
+    known = np.zeros_like(tables[0])
+    known[:n, :n] = np.eye(n) / PRIOR_SD**2
+    picked = list[int]()
+
+    def progress(numbers: Sequence[int]) -> float:
+        total = known + sum(tables[k] for k in numbers)
+        left = np.diag(total)[n:] - np.einsum(
+            "bk,bk->k", total[:n, n:], np.linalg.lstsq(total[:n, :n], total[:n, n:], rcond=None)[0]
+        )
+        segments = sum(drives[k].seconds for k in numbers) / SEGMENT_S
+        need = {name: MARGIN * needed(hypothesis.entries[name], int(segments)) for name in effects}
+        return sum(_share(name, options, 0.5 * left, need[name]) for name in effects)
+
+    now = 0.0
+    while len(picked) < MOST_DRIVES // 2:
+        gains = [(progress([*picked, k]) - now) / drive.seconds for k, drive in enumerate(drives)]
+        best = int(np.argmax(gains))
+        if picked and gains[best] < WORTH_DRIVING:
+            break
+        picked.append(best)
+        now = progress(picked)
+    spread = sorted(range(len(picked)), key=lambda i: (picked[:i].count(picked[i]), i))
+    return [drives[picked[i]] for i in spread]
+
+
+def _share(name: str, options: Sequence[Option], gains: Floats, need: float) -> float:
+    """How much of what the effect must gain it gains, at most 1: its poorest amplitude, in the median of its places."""
+    indices = {o.which for o in options if o.effect == name}
+    return min(
+        float(np.median([min(g / need, 1.0) for o, g in zip(options, gains.tolist(), strict=True)
+                         if (o.effect, o.which) == (name, i)]))
+        for i in indices
+    )  # fmt: skip
+
+
+def nominal_units(car: Car, top: float) -> Units:
+    """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
+    from bcid.diagnosis.diagnose import BUMPER_CAR
+
+    length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
+    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(top_speed(car, top), 0.05))
+
+
+def largest_throttle(vehicle: Vehicle) -> float:
+    """The largest throttle of the vehicle: its reference speed (m/s), or 1 where the throttle sets a force."""
+    return vehicle.motor.reference_speed_mps or (1.0 if vehicle.motor.law == "force" else SPEED_MPS)
+
+
+def nominal_car(vehicle: Vehicle, T_s: float = 0.15, d: float = 2.0) -> Car:
+    """A car as the vehicle file describes it, with what it does not say in proportion to mass and size.
+
+    Rear wheels are stiffer and grip more than the front one, as in the bumper car; `T_s` (s) and `d` (rad/s) stand
+    where the file omits them.
+    """
+    m, l_f, l_r = vehicle.mass_kg, vehicle.body.cog_to_front_m, vehicle.body.cog_to_rear_m
+    steering = vehicle.steering
+    car = Car(
+        m=m, I_z=1.6 * m * l_f * l_r, l_f=l_f, l_r=l_r, T_s=steering.time_constant_s or T_s,
+        d=steering.max_rate_radps or d, F_m_max=1.3 * m, K_t=0.9 * m, K_b=1.9 * m, C_f=12.0 * m, C_r=25.0 * m,
+        F_f_max=2.0 * m, F_r_max=4.0 * m, R_1=0.14 * m, R_2=0.012 * m, v_0=1.0, front_share=vehicle.front_share,
+    )  # fmt: skip
+    if vehicle.motor.law == "speed":
+        return car
+    return car._replace(sets_force=1.0, K_t=1.3 * m / largest_throttle(vehicle), u_0=0.05, K_v=0.3 * m)

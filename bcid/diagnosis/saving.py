@@ -1,0 +1,201 @@
+"""diagnosis.json (contract `bcid.diagnosis/1`) and the columns that the page draws from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bcid.diagnosis.before_after import Horizon, Tracks
+from bcid.diagnosis.diagnose import Diagnosis
+from bcid.diagnosis.disturbance import CHANNELS
+from bcid.diagnosis.locate import SIGNIFICANT
+from bcid.diagnosis.search import named
+from bcid.diagnosis.take import Floats
+from bcid.diagnosis.verdict import Finding
+from bcid.effects.corrections import CORRECTIONS
+from bcid.effects.entry import Parameter
+from bcid.effects.table import EFFECTS, ENTRIES
+
+SCHEMA = "bcid.diagnosis/1"
+KNOT_UNITS = {
+    "time_s": "s", "segment": "1", "x": "m", "y": "m", "heading": "rad", "v_x": "m/s", "v_y": "m/s",
+    "yaw_rate": "rad/s", "steering": "rad", "steering_rate": "rad/s", "throttle": "m/s", "alpha_f": "rad",
+    "alpha_r": "rad", "before_fx": "m/s^2", "before_fy": "m/s^2", "before_mz": "rad/s^2", "after_fx": "m/s^2",
+    "after_fy": "m/s^2", "after_mz": "rad/s^2",
+}  # fmt: skip
+TRACK_UNITS = {
+    "time_s": "s", "x": "m", "y": "m", "before_x": "m", "before_y": "m", "after_x": "m", "after_y": "m", "start": "1"
+}  # fmt: skip
+_OTHERWISE = {"any": "fx"}  # a change of mass acts on all; it is looked for along the car
+
+
+def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]) -> dict[str, Any]:
+    """The whole of it; `about` holds vehicle, recordings, duration_s and simulation."""
+    judgement, left = found.judgement, found.judgement.remainder
+    detected = bool(judgement.findings) or judgement.verdict == "unknown" or found.p_value < SIGNIFICANT
+    corrections = tuple(n for n in judgement.fit.hypothesis.effects if n in CORRECTIONS)
+    unknown = judgement.verdict == "unknown" or left.predictable
+    return {
+        "schema": SCHEMA,
+        **about,
+        "verdict": judgement.verdict,
+        "mismatch": {"detected": detected, "p_value": found.p_value, "where": _where(found) if detected else None},
+        "findings": [_finding(f) for f in judgement.findings],
+        "unknown": _unknown(found, corrections) if unknown else None,
+        "fit": _fit(horizons),
+        "horizons": [_horizon(h) for h in horizons],
+        "not_excited": [
+            {"effect": u.effect, "parameter": u.symbol, "smallest_detectable": {"value": u.smallest, "unit": u.unit}}
+            for u in found.unexcited
+        ],
+        "next_manoeuvre": None,
+        "contacts": [
+            {"begin_s": c.begin_s, "end_s": c.end_s, "x_m": c.x_m, "y_m": c.y_m, "kind": c.kind} for c in found.contacts
+        ],
+        "corrections": [_correction(found, n) for n in corrections],
+        "base": {"parameters": _base(found)},
+        "rivals": _rivals(found),
+        "placebos": [
+            {"name": c.effect, "gain_nats": c.score} for c in found.search.candidates if c.effect in CORRECTIONS
+        ],
+        "dropped": list(judgement.dropped),
+    }
+
+
+def _where(found: Diagnosis) -> dict[str, Any]:
+    """Where the mismatch is; what was named says it best."""
+    location, findings = found.location, found.judgement.findings
+    channel, depends = location.channel, list(location.depends_on)
+    place = location.place if "place" in depends else None
+    T = found.take.T
+    times = [[0.0, T]]
+    if findings:
+        top = findings[0]
+        effect = EFFECTS[top.effect]
+        channel, depends = _OTHERWISE.get(effect.channel, effect.channel), list(effect.depends_on)
+        values = {s: v for s, (v, _) in top.values.items()}
+        place = None
+        if "radius" in values:
+            return _located(channel, depends, location.regime, times, (values["x"], values["y"], values["radius"]))
+        if "t_s" in values:
+            times = [[values["t_s"], T]]
+    elif location.window is not None and "time" in depends:
+        times = [[location.window.begin_s, location.window.end_s]]
+    return _located(channel, depends, location.regime, times, (place.x, place.y, place.radius) if place else None)
+
+
+def _located(
+    channel: str, depends: list[str], regime: str, times: list[list[float]], place: tuple[float, float, float] | None
+) -> dict[str, Any]:
+    circle = dict(zip(("x_m", "y_m", "radius_m"), place, strict=True)) if place else None
+    return {"channel": channel, "depends_on": depends, "regime": regime, "time_s": times, "place": circle}
+
+
+def _numbers(parameters: Sequence[Parameter], values: dict[str, tuple[float, float]]) -> dict[str, Any]:
+    return {
+        p.symbol: {"value": values[p.symbol][0], "se": values[p.symbol][1], "unit": p.unit}
+        for p in parameters
+        if p.symbol in values
+    }
+
+
+def _finding(f: Finding) -> dict[str, Any]:
+    effect = EFFECTS[f.effect]
+    return {
+        "effect": f.effect,
+        "kind": effect.kind,
+        "twins": list(f.twins),
+        "probability": f.probability,
+        "equation": effect.equation,
+        "parameters": _numbers(effect.parameters, f.values),
+        "heldout_gain": f.heldout.nats,
+        "heldout_gain_ci95": list(f.heldout.ci95),
+        "gain_nats": f.gain,
+        "sentence": _sentence(f),
+        "held": effect.held or None,
+    }
+
+
+def _sentence(f: Finding) -> str:
+    effect = EFFECTS[f.effect]
+    words = ", ".join(
+        f"{p.meaning} {p.symbol} = {f.values[p.symbol][0]:.3g} ± {f.values[p.symbol][1]:.1g} {p.unit}"
+        for p in effect.parameters
+        if p.symbol in f.values
+    )
+    return f"{f.effect.replace('_', ' ')}: {words}"
+
+
+def _correction(found: Diagnosis, name: str) -> dict[str, Any]:
+    values, entry = found.judgement.fit.values(), CORRECTIONS[name]
+    by_symbol = {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
+    return {"correction": name, "equation": entry.equation, "parameters": _numbers(entry.parameters, by_symbol)}
+
+
+def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
+    left = found.judgement.remainder
+    if left.predictable:
+        return {
+            "channel": left.channel, "depends_on": list(left.depends_on), "form": left.form, "heldout_gain": left.gain,
+        }  # fmt: skip
+    words = "; ".join(ENTRIES[n].equation for n in corrections)
+    depends = list(dict.fromkeys(d for n in corrections for d in ENTRIES[n].depends_on))
+    gained = found.search.corrected.bic - found.search.base.bic
+    return {"channel": "fy", "depends_on": depends, "form": words or None, "heldout_gain": gained}
+
+
+def _fit(horizons: Sequence[Horizon]) -> dict[str, Any] | None:
+    two = next((h for h in horizons if h.horizon_s == 2.0), None)
+    return two and {
+        "horizon_s": 2.0, "nmse_before": two.before, "nmse_after": two.after, "nmse_floor": two.floor,
+        "ratio_ci95": list(two.ratio_ci95),
+    }  # fmt: skip
+
+
+def _horizon(h: Horizon) -> dict[str, Any]:
+    return {
+        "horizon_s": h.horizon_s, "nmse_before": h.before, "before_ci95": list(h.before_ci95), "nmse_after": h.after,
+        "after_ci95": list(h.after_ci95), "nmse_floor": h.floor, "ratio": h.after / h.before if h.before else None,
+        "ratio_ci95": list(h.ratio_ci95),
+    }  # fmt: skip
+
+
+def _base(found: Diagnosis) -> list[dict[str, Any]]:
+    fit = found.judgement.fit
+    se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    car, hypothesis = fit.car(), fit.hypothesis
+    units = {"F_m_max": "N", "K_t": "N s/m", "K_b": "N s/m", "I_z": "kg m²", "C_f": "N/rad", "C_r": "N/rad"}
+    units |= {"F_f_max": "N", "F_r_max": "N", "T_s": "s", "d": "rad/s", "u_0": "1", "K_v": "N s/m"}
+    return [
+        {"symbol": s, "value": getattr(car, s), "se": float(getattr(car, s) * e), "unit": units[s]}
+        for s, e in zip(hypothesis.logs, se, strict=False)
+    ]
+
+
+def _rivals(found: Diagnosis) -> list[dict[str, Any]]:
+    best = found.search.best
+    rows = []
+    for other in found.search.others[:4]:
+        behind = best.bic - other.bic
+        why = "cannot be told apart on this recording" if behind < 4.0 else f"explains {behind:.0f} nats less"
+        rows.append({"effects": list(named(other)), "behind_nats": behind, "why_not": why})
+    return rows
+
+
+def knot_columns(found: Diagnosis) -> Floats:
+    """The disturbances before and after, (K, len(KNOT_UNITS))."""
+    b, m = found.before, found.before.mean
+    columns = [
+        b.time_s, b.segment, m["p_x"], m["p_y"], m["theta"], m["v_x"], m["v_y"], m["omega"], m["delta"],
+        m["delta_rate"], m["u_m"], m["alpha_f"], m["alpha_r"], *b.push.T, *found.after.push.T,
+    ]  # fmt: skip
+    assert len(CHANNELS) == b.push.shape[1]  # noqa: S101
+    return np.column_stack(columns)
+
+
+def track_columns(tracks: Tracks) -> Floats:
+    """Measured and predicted places, (K, len(TRACK_UNITS)); what diverged is the measured place."""
+    filled = [np.where(np.isfinite(p), p, tracks.place) for p in (tracks.before, tracks.after)]
+    return np.column_stack([tracks.time_s, tracks.place, *filled, tracks.start])

@@ -1,0 +1,127 @@
+"""The score test: what small changes of a prediction would gain, the fit's own parameters projected out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.diagnosis.marginal import N_FREE, NU, moments, rescaled, weights
+from bcid.diagnosis.refit import Fit, jacobian, residuals
+from bcid.diagnosis.take import Floats, Ints, Take
+
+LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
+UNSEEN = 1e-9  # information below which a take does not excite a trial at all
+NULLS = 999
+REWEIGHTED = 4
+
+
+class Projected(NamedTuple):
+    """Trial columns beside the fit's own parameters, so that J^T P J of segment s is a sum over its rows.
+
+    J^T P J = X^T X - Y^T Y with X the columns over the noise and Y their projections on the free part.
+    """
+
+    X: Floats  # (N, 3, K)
+    Y: Floats  # (S, N_FREE, K)
+    each_g: Floats  # (S, K) J^T P r
+    first: Ints  # (S + 1,)
+    weights: Floats  # (S,)
+    G: Floats  # (K, K) weighted sum over segments
+    chi2: Floats  # (S,) without any trial
+    numbers: Floats  # (S,)
+
+    def each_information(self, k: int, other: int) -> Floats:
+        """J^T P J of two columns in every segment (S,)."""
+        rows = np.einsum("nc,nc->n", self.X[:, :, k], self.X[:, :, other])
+        return np.asarray(
+            np.add.reduceat(rows, self.first[:-1]) - np.einsum("sf,sf->s", self.Y[:, :, k], self.Y[:, :, other])
+        )
+
+
+def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
+    """The changes `columns` (N, 3, K) of a fit's prediction with its own parameters projected out."""
+    hypothesis, r = fit.hypothesis, residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
+    own = jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.size))
+    held = fit.tangent.J.shape[2] + own.shape[2]
+    _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    w, noise = weights(e), fit.scales.r[:, None]
+    X = np.concatenate([fit.tangent.J, own, columns], axis=2) / noise
+    A, rest = fit.tangent.A / noise, r / fit.scales.r
+    root = np.linalg.cholesky(e.V)
+    Y, y = np.empty((take.segments, N_FREE, X.shape[2])), np.empty((take.segments, N_FREE))
+    for s, (a, b) in enumerate(zip(take.first, take.first[1:], strict=False)):
+        As = A[a:b].reshape(-1, N_FREE)
+        Y[s] = root[s].T @ (As.T @ X[a:b].reshape(len(As), -1))
+        y[s] = root[s].T @ (As.T @ rest[a:b].ravel())
+    total = _information(X, Y, w, take.first)
+    explained = np.linalg.lstsq(total[:held, :held], total[:held, held:], rcond=None)[0]
+    X, Y = X[:, :, held:] - X[:, :, :held] @ explained, Y[:, :, held:] - Y[:, :, :held] @ explained
+    each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
+    G = total[held:, held:] - total[held:, :held] @ explained
+    return Projected(X, Y, each_g, take.first, w, G, e.chi2, e.numbers)
+
+
+def _information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
+    """Weighted sum of J^T P J over the segments."""
+    root = np.sqrt(w)
+    of_rows = np.repeat(root, np.diff(first))
+    weighted = (X * of_rows[:, None, None]).reshape(-1, X.shape[2])
+    free = (Y * root[:, None, None]).reshape(-1, Y.shape[2])
+    return np.asarray(weighted.T @ weighted - free.T @ free)
+
+
+def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
+    """The multiples of the columns `own` that gain most together, and the gain (nats) in the robust likelihood.
+
+    Reweighted steps from nothing, and from the whole of the columns, which may explain what nothing gives no weight.
+    """
+    columns = range(own.start, own.stop)
+    if np.any(np.diag(found.G)[own] <= UNSEEN):
+        return np.zeros(len(columns)), 0.0
+    g = found.each_g[:, own]
+    G = np.stack([[found.each_information(k, m) for m in columns] for k in columns]).transpose(2, 0, 1)
+
+    def chi2(a: Floats) -> Floats:
+        return np.maximum(found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0)
+
+    def gain(a: Floats) -> float:
+        more = np.log1p(chi2(a) / NU) - np.log1p(found.chi2 / NU)
+        return float(-0.5 * np.sum((NU + found.numbers) * more))
+
+    best, most = np.zeros(len(columns)), 0.0
+    for a in (np.zeros(len(columns)), np.ones(len(columns))):
+        for _ in range(REWEIGHTED):
+            w = (NU + found.numbers) / (NU + chi2(a))
+            a = amplitudes((w @ g)[None], np.tensordot(w, G, axes=1))[0]  # noqa: PLW2901
+            if gain(a) > most:
+                best, most = a, gain(a)
+    return best, most
+
+
+def null_maxima(found: Projected, groups: list[slice]) -> Floats:
+    """The best gain among all groups of columns in NULLS takes of nothing (NULLS,).
+
+    Slopes are drawn from the law that the fit itself implies, with the columns' own correlations.
+    """
+    values, vectors = np.linalg.eigh(found.G)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(0).standard_normal((NULLS, len(values))) @ root.T
+    most = np.zeros(NULLS)
+    for own in groups:
+        g, G = draws[:, own], found.G[own, own]
+        most = np.maximum(most, _gain(amplitudes(g, G), g, G))
+    return most
+
+
+def amplitudes(g: Floats, G: Floats) -> Floats:
+    """The multiples (D, k) of the trial vectors that gain most, for D slopes `g` (D, k)."""
+    if np.any(np.diag(G) <= UNSEEN):
+        return np.zeros_like(g)
+    if len(G) == 1:
+        return np.asarray(np.clip(g / G[0, 0], 0.0, LARGEST))
+    return np.asarray(np.clip(np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g.T).T, -LARGEST, LARGEST))
+
+
+def _gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
+    return np.asarray(np.einsum("dk,dk->d", amplitude, g) - 0.5 * np.einsum("dk,kl,dl->d", amplitude, G, amplitude))

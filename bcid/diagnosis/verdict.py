@@ -1,0 +1,132 @@
+"""From fits to findings: what is named, with what certainty, and what cannot be told apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bcid.diagnosis.heldout import BLOCK_S, Gain, gain, scores
+from bcid.diagnosis.refit import Fit
+from bcid.diagnosis.remainder import Remainder
+from bcid.diagnosis.search import DELAYS, GATE, RIVAL, Search, named, refit_with
+from bcid.diagnosis.take import Take
+from bcid.effects.table import EFFECTS
+
+Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
+
+LOCAL_GATE = 20.0  # held-out nats that an effect local in place or time must earn
+TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
+MOST_TWINS = 3
+ENOUGH = 0.15  # share of what is explained that may be left predictable, where effects are named
+TEMPER = 2.0  # divides differences of BIC in stated probabilities
+SURPRISE = 5.0  # nats of prior against something that no entry describes
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that is there."""
+
+    effect: str
+    twins: tuple[str, ...]  # what it cannot be told from, most likely first
+    probability: float
+    values: dict[str, tuple[float, float]]  # by symbol, with standard errors
+    gain: float  # nats of BIC beside the others
+    heldout: Gain
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a search amounts to."""
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]  # by evidence
+    dropped: tuple[str, ...]  # what the search accepted and the gates did not
+    remainder: Remainder
+    fit: Fit  # with the effects found; the corrected base model where none was
+
+
+def judged(found: Search, take: Take, left: Remainder) -> Judgement:
+    """The findings that pass the gates, and the verdict."""
+    best = found.best
+    with_all = scores(best, take) if named(best) else None
+    findings = []
+    for name in named(best):
+        without = _without(found, take, name)
+        heldout = gain(with_all, scores(without, take), take) if with_all is not None else Gain(0.0, (0.0, 0.0))
+        values = _values(best, name)
+        twins = _twins(best, found, name)
+        findings.append(Finding(name, twins, _probability(found, name), values, best.bic - without.bic, heldout))
+    kept = [f for f in findings if _passes(f)]
+    explained = sum(f.gain for f in kept)
+    if left.predictable and left.gain > ENOUGH * explained:
+        kept = []  # a mixture of what is in the vocabulary stands in for something that is not
+    dropped = tuple(f.effect for f in findings if f not in kept)
+    kept.sort(key=lambda f: -f.gain)
+    if kept:
+        verdict: Verdict = "ambiguous" if any(f.twins for f in kept) else "named"
+        fit = (
+            best
+            if not dropped
+            else refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in dropped))
+        )
+    else:
+        corrected = found.corrected is not found.base
+        verdict = "unknown" if left.predictable or corrected or dropped else "nothing-found"
+        fit = found.corrected
+    return Judgement(verdict, tuple(kept), dropped, left, fit)
+
+
+def _without(found: Search, take: Take, name: str) -> Fit:
+    rest = tuple(n for n in found.best.hypothesis.effects if n != name)
+    if rest == found.corrected.hypothesis.effects:
+        return found.corrected
+    return refit_with(found.best, take, rest) if rest != found.base.hypothesis.effects else found.base
+
+
+def _values(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
+    values, entry = fit.values(), EFFECTS[name]
+    return {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
+
+
+def _passes(finding: Finding) -> bool:
+    local = any(p.places for p in EFFECTS[finding.effect].parameters)
+    worth = finding.heldout.nats > LOCAL_GATE if local else finding.heldout.ci95[0] > 0.0
+    return worth and finding.gain > GATE
+
+
+def _exchanged_for(best: Fit, other: Fit, name: str) -> str | None:
+    """What `other` has in place of `name`, where it is alike otherwise."""
+    mine, theirs = set(best.hypothesis.effects), set(other.hypothesis.effects)
+    more = [n for n in theirs - mine if n in EFFECTS]
+    return more[0] if mine - theirs == {name} and len(more) == 1 else None
+
+
+def _twins(best: Fit, found: Search, name: str) -> tuple[str, ...]:
+    twins = ["+".join(DELAYS)] if name == "pose_latency" else []
+    for other in found.others:
+        rival = _exchanged_for(best, other, name)
+        if rival and rival not in twins and _alike(best, other, found):
+            twins.append(rival)
+    return tuple(twins[:MOST_TWINS])
+
+
+def _alike(best: Fit, other: Fit, found: Search) -> bool:
+    """Whether the evidence does not tell two fits apart: by BIC, or by the difference's own scatter (Vuong)."""
+    if best.bic - other.bic < RIVAL:
+        return True
+    size = max(1, round(BLOCK_S / 1.5))
+    each = best.per_segment - other.per_segment
+    sums = np.add.reduceat(each, np.arange(0, len(each), size))
+    spread = float(sums.std(ddof=1)) * np.sqrt(len(sums))
+    return float(each.sum()) < TELLING * spread and best.bic - other.bic < 5.0 * RIVAL
+
+
+def _probability(found: Search, name: str) -> float:
+    """Of the effect among itself, its rivals, nothing and something unknown."""
+    best = found.best
+    behind = [best.bic - o.bic for o in found.others if _exchanged_for(best, o, name)]
+    nothing = best.bic - found.corrected.bic
+    weights = [*behind, nothing, SURPRISE * TEMPER]
+    return float(1.0 / (1.0 + np.sum(np.exp(-np.maximum(weights, 0.0) / TEMPER))))

@@ -1,0 +1,147 @@
+"""One case run: drive, recording, diagnosis, and what the answer says of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from bcid.diagnosis.diagnose import Diagnosis, diagnosed
+from bcid.diagnosis.heldout import scores
+from bcid.diagnosis.refit import refit
+from bcid.effects.table import EFFECTS
+from bcid.estimate.noise import Noise
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
+from bcid.proof.cases import Case
+from bcid.recording.assemble import assemble
+from bcid.recording.raw import RawTake
+from bcid.recording.types import Recording, Source
+from bcid.simulation.samples import VEHICLE
+from bcid.vehicle import Vehicle, read_vehicle
+
+TUNING = Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
+"""The estimator only says where segments can be: its noise is that of the simulated sensor."""
+
+
+def vehicle() -> Vehicle:
+    """The simulated car's vehicle file, read."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "vehicle.toml"
+        path.write_text(VEHICLE, encoding="utf-8")
+        return read_vehicle(path)
+
+
+def recorded(case: Case, of: Vehicle) -> Recording:
+    """The case's recording as the reader would hand it on: the diagnosis sees this and the vehicle file only."""
+    run = case.driven()
+    raw = RawTake(
+        "concealed", (Source("concealed", "", "mcap"),), run.frame / case.rate_hz, run.pose, run.command_time,
+        run.command, case.rate_hz,
+    )  # fmt: skip
+    return assemble(raw, of)
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """The score of one case."""
+    of = vehicle()
+    recording = recorded(case, of)
+    begin = time.perf_counter()
+    estimate = estimate_motion(recording, of, TUNING)
+    found = diagnosed([recording], [estimate], of, left_out=case.left_out)
+    seconds = time.perf_counter() - begin
+    return {**scored(case, found), "seconds": round(seconds, 2)}
+
+
+def scored(case: Case, found: Diagnosis) -> dict[str, Any]:
+    """The diagnosis against the answer."""
+    judgement = found.judgement
+    left = judgement.remainder
+    row: dict[str, Any] = {
+        "case": case.name,
+        "tier": case.tier,
+        "answer": list(case.answer),
+        "channel": case.channel,
+        "verdict": judgement.verdict,
+        "findings": [
+            {
+                "effect": f.effect, "kind": EFFECTS[f.effect].kind, "twins": list(f.twins),
+                "probability": round(f.probability, 4), "gain": round(f.gain, 1), "heldout": round(f.heldout.nats, 1),
+                "values": {k: list(v) for k, v in f.values.items()},
+            }
+            for f in judgement.findings
+        ],
+        "dropped": list(judgement.dropped),
+        "corrections": [n for n in judgement.fit.hypothesis.effects if n not in EFFECTS],
+        "remainder": {"channel": left.channel, "correlations": left.correlations, "gain": round(left.gain, 1)},
+        "located": found.location.channel,
+        "p_value": found.p_value,
+        "truth": {c.effect: dict(c.parameters) for c in case.concealed},
+    }  # fmt: skip
+    if len(case.concealed) == 1 and not case.left_out:
+        row["oracle_share"] = _oracle_share(case, found)
+    return row
+
+
+def _oracle_share(case: Case, found: Diagnosis) -> float | None:
+    """Held-out gain of what was found, over that of refitting the true structure from the true values."""
+    corrected, take = found.search.corrected, found.take
+    (hidden,) = case.concealed
+    held = (*(n for n in found.judgement.fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
+    hypothesis = corrected.hypothesis.holding(*held)
+    old = found.judgement.fit.values()
+    values = [
+        hidden.parameters[p.symbol] if name == hidden.effect else old[field][0]
+        for name in held
+        for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
+    ]
+    oracle = refit(take, hypothesis, hypothesis.start(corrected.car(), values), corrected.start, corrected.scales)
+    nothing = scores(corrected, take).sum()
+    best = scores(oracle, take).sum() - nothing
+    return float((scores(found.judgement.fit, take).sum() - nothing) / best) if best > 0.0 else None
+
+
+def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[str, Any]]:
+    """Every case's row; rows already in `folder` are read, the others made and kept there, each as it is done."""
+    folder.mkdir(parents=True, exist_ok=True)
+    todo = []
+    for case in cases:
+        path = folder / f"{case.name}.json"
+        if path.exists():
+            yield json.loads(path.read_text(encoding="utf-8"))
+        else:
+            todo.append(case)
+    if workers <= 1:
+        for case in todo:
+            yield _kept(case, folder)
+        return
+    with ProcessPoolExecutor(workers, initializer=_alone) as pool:
+        for done in as_completed([pool.submit(_kept, case, folder) for case in todo]):
+            yield done.result()
+
+
+def _alone() -> None:
+    """One thread in each worker: the workers share the cores."""
+    import numba
+
+    numba.set_num_threads(1)
+    os.environ["OMP_NUM_THREADS"] = "1"
+
+
+def _kept(case: Case, folder: Path) -> dict[str, Any]:
+    try:
+        row = run_case(case)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        row = {"case": case.name, "tier": case.tier, "answer": list(case.answer), "error": repr(error)}
+    path = folder / f"{case.name}.json"
+    beside = path.with_suffix(".part")
+    beside.write_text(json.dumps(row), encoding="utf-8")
+    beside.replace(path)
+    return row

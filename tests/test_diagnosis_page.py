@@ -1,0 +1,408 @@
+"""The page of a diagnosis: the four verdicts, said rightly, with nothing external and nothing alive in it."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from bcid.effects.table import EFFECTS
+from bcid.report import diagnosis_figures
+from bcid.report.diagnosis_figures import dependence_picture, place_picture, proof_pictures, variable, where_pictures
+from bcid.report.diagnosis_page import number, verdict_sentence, with_error, write_diagnosis_page
+
+Floats = npt.NDArray[np.float64]
+Made = tuple[dict[str, Any], dict[str, Floats], dict[str, Floats]]
+
+HOSTILE = '"><script>alert(1)</script><img src=x onerror="alert(2)">$\\frac{${{ 7 * 7 }}'
+DURATION_S = 300.0
+PNG = b"\x89PNG"
+
+
+def knots_of(lacking: dict[str, Floats] | None = None, vanishes: bool = True, seed: int = 0) -> dict[str, Floats]:
+    """Half-second knots of a wandering car; `lacking` is what the base model does not have."""
+    rng = np.random.default_rng(seed)
+    drive = _drive(0.5)
+    K = len(drive["time_s"])
+    columns = {**drive, "segment": np.floor(np.arange(K) / 3)}
+    for c, noise in (("fx", 0.05), ("fy", 0.06), ("mz", 0.07)):
+        rest = rng.normal(0.0, noise, K)
+        more = lacking[c] if lacking and c in lacking else np.zeros(K)
+        columns[f"before_{c}"] = rest + more
+        columns[f"after_{c}"] = rest + (0.0 if vanishes else 1.0) * more
+    return columns
+
+
+def _drive(period: float) -> dict[str, Floats]:
+    t = np.arange(0.0, DURATION_S, period)
+    w = 2.0 * np.pi
+    x = 4.6 * np.sin(w * t / 23.7) + 1.1 * np.sin(w * t / 9.1)
+    y = 2.3 * np.sin(w * t / 14.9 + 0.4) + 1.0 * np.sin(w * t / 8.3)
+    vx, vy = np.gradient(x, t), np.gradient(y, t)
+    heading = np.unwrap(np.arctan2(vy, vx))
+    speed, yaw_rate = np.hypot(vx, vy), np.gradient(heading, t)
+    steering = np.clip(0.9 * yaw_rate, -1.8, 1.8)
+    return {
+        "time_s": t, "x": x, "y": y, "heading": heading, "v_x": speed, "v_y": 0.1 * yaw_rate, "yaw_rate": yaw_rate,
+        "steering": steering, "steering_rate": np.gradient(steering, t), "throttle": np.sin(w * t / 7.0),
+        "alpha_f": 0.2 * steering, "alpha_r": -0.05 * yaw_rate,
+    }  # fmt: skip
+
+
+def tracks_of(miss_before: float, miss_after: float) -> dict[str, Floats]:
+    drive = _drive(1.0 / 30.0)
+    keep = (drive["time_s"] % 40.0) < 36.0  # a hole between blocks
+    t, x, y = (drive[n][keep] for n in ("time_s", "x", "y"))
+    new = np.r_[True, (np.diff(np.floor(t / 2.0)) > 0) | (np.diff(t) > 0.1)]
+    ago = t - t[np.maximum.accumulate(np.where(new, np.arange(len(t)), 0))]
+    grown = ago**2 * (1.0 + 0.8 * np.sin(t / 30.0))
+    tracks = {"time_s": t, "x": x, "y": y, "start": new.astype(float)}
+    for stage, miss in (("before", miss_before), ("after", miss_after)):
+        tracks |= {f"{stage}_x": x + miss * grown * np.cos(t / 7.0), f"{stage}_y": y + miss * grown * np.sin(t / 7.0)}
+    return tracks
+
+
+def horizon(seconds: float, before: float, after: float, floor: float) -> dict[str, Any]:
+    return {
+        "horizon_s": seconds, "nmse_before": before, "before_ci95": [0.8 * before, 1.3 * before], "nmse_after": after,
+        "after_ci95": [0.85 * after, 1.2 * after], "nmse_floor": floor, "ratio": after / before,
+        "ratio_ci95": [0.75 * after / before, min(1.0, 1.3 * after / before)],
+    }  # fmt: skip
+
+
+def common(verdict: str, before: float, after: float) -> dict[str, Any]:
+    floor, worse = 0.0019, 1.0 if after == before else 1.3
+    return {
+        "schema": "bcid.diagnosis/1", "verdict": verdict, "vehicle": "bumper-car", "recordings": ["arena_03.mcap"],
+        "duration_s": DURATION_S, "simulation": "newton-euler, refitted on this recording",
+        "mismatch": {"detected": verdict != "nothing-found", "p_value": 0.43 if verdict == "nothing-found" else 0.0004,
+                     "where": {"channel": None, "depends_on": [], "regime": "throughout", "time_s": [[0.0, DURATION_S]],
+                               "place": None}},
+        "findings": [], "unknown": None,
+        "fit": {"horizon_s": 2.0, "nmse_before": before, "nmse_after": after, "nmse_floor": floor,
+                "ratio_ci95": [0.75 * after / before, min(1.0, 1.3 * after / before)]},
+        "not_excited": [
+            {"effect": e, "smallest_detectable": {"value": v, "unit": u}}
+            for e, v, u in [("tether_pull", 4.0, "N/m"), ("motor_sag", 0.5, "1"), ("clock_drift", 8.3e-5, "1")]
+        ],
+        "next_manoeuvre": None,
+        "contacts": [{"begin_s": 41.2, "end_s": 41.5, "x_m": 5.1, "y_m": -2.0, "kind": "contact"},
+                     {"begin_s": 199.0, "end_s": 203.0, "x_m": -4.6, "y_m": 1.7, "kind": "crash"}],
+        "corrections": [],
+        "base": {"parameters": [{"symbol": s, "value": v, "se": e, "unit": u} for s, v, e, u in [
+            ("I_z", 90.85, 1.3, "kg m^2"), ("C_f", 3594.0, 118.0, "kg m s^-2 rad^-1"), ("K_t", 274.8, 3.1, "kg s^-1"),
+        ]]},
+        "rivals": [], "placebos": [{"name": f"placebo {i}", "gain_nats": 0.3 * i - 0.4} for i in range(3)],
+        "horizons": [horizon(0.5, before / 8, worse * after / 8, floor / 8), horizon(2.0, before, after, floor),
+                     horizon(10.0, 9 * before, 9 * after, 8.1 * floor)],
+    }  # fmt: skip
+
+
+def finding(effect: str, values: dict[str, tuple[float, float, str]], twins: tuple[str, ...] = (), **more: Any) -> Any:
+    entry = EFFECTS[effect]
+    return {
+        "effect": effect, "kind": entry.kind, "twins": list(twins), "probability": 0.55 if twins else 0.998,
+        "equation": entry.equation, "heldout_gain": 162.0, "gain_nats": 171.0,
+        "parameters": {s: {"value": v, "se": e, "unit": u} for s, (v, e, u) in values.items()},
+        "sentence": "The wheels roll harder over one part of the floor.",
+    } | more  # fmt: skip
+
+
+def named() -> Made:
+    d = common("named", 0.0058, 0.0020)
+    values = {"b": (27.6, 1.9, "kg s^-1"), "x": (2.06, 0.07, "m"), "y": (1.04, 0.06, "m"), "radius": (1.12, 0.05, "m")}
+    d["mismatch"]["where"] |= {
+        "channel": "fx", "depends_on": ["place", "v_x"], "regime": "fast, above 1.2 m/s",
+        "place": {"x_m": 2.06, "y_m": 1.04, "radius_m": 1.12},
+    }  # fmt: skip
+    d["findings"] = [finding("rough_patch", values)]
+    d["rivals"] = [
+        {"effects": ["rear_rolling_viscous"], "behind_nats": 96.0, "why_not": "leaves the place: p < 0.001 there"},
+        {"effects": ["slippery_patch", "yaw_scrub"], "behind_nats": 141.3, "why_not": "acts on the wrong channel"},
+    ]
+    k = _drive(0.5)
+    inside = np.hypot(k["x"] - 2.06, k["y"] - 1.04) < 1.12
+    return d, knots_of({"fx": -0.09 * k["v_x"] * inside}), tracks_of(0.05, 0.008)
+
+
+def ambiguous() -> Made:
+    d = common("ambiguous", 0.0047, 0.0021)
+    d["mismatch"]["where"] |= {"channel": "fx", "depends_on": ["v_x"]}
+    d["findings"] = [
+        finding("rear_rolling_viscous", {"b": (16.9, 1.1, "kg s^-1")}, ("quadratic_drag", "yaw_scrub"), sentence="")
+    ]
+    d["rivals"] = [{"effects": ["quadratic_drag"], "behind_nats": 1.2, "why_not": "not ruled out"}]
+    d["next_manoeuvre"] = {
+        "name": "coast-down", "separates": ["rear_rolling_viscous", "quadratic_drag"], "score": 31.0,
+        "why": "Slowing down from full speed tells a drag that grows with speed from one that grows with its square.",
+        "file": "next.commands.csv",
+    }  # fmt: skip
+    k = _drive(0.5)
+    return d, knots_of({"fx": 0.12 - 0.06 * k["v_x"]}), tracks_of(0.04, 0.01)
+
+
+def unknown() -> Made:
+    d = common("unknown", 0.0049, 0.0046)
+    d["mismatch"]["where"] |= {"channel": "mz", "depends_on": ["steering_rate"], "regime": "steering moving"}
+    d["unknown"] = {
+        "channel": "mz", "depends_on": ["steering_rate"], "form": "M_z += −14.2 N m/(rad/s)·δ̇", "heldout_gain": 80.3,
+    }  # fmt: skip
+    d["corrections"] = [
+        {"correction": "tyre_fall", "equation": "tyres' grip falls towards (1 − f)·F̂ past saturation",
+         "parameters": {"f": {"value": 0.21, "se": 0.04, "unit": "1"}}},
+    ]  # fmt: skip
+    d["not_excited"] = [{"effect": e, "smallest_detectable": None} for e in list(EFFECTS)[:12]]
+    k = _drive(0.5)
+    return d, knots_of({"mz": -0.16 * k["steering_rate"]}, vanishes=False), tracks_of(0.04, 0.038)
+
+
+def nothing() -> Made:
+    d = common("nothing-found", 0.00193, 0.00193)
+    d["mismatch"]["where"] = None
+    d["contacts"] = []
+    return d, knots_of(), tracks_of(0.01, 0.01)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are composed but not rendered, which takes most of the time."""
+    monkeypatch.setattr(diagnosis_figures, "_png", lambda figure: PNG)
+
+
+VERDICTS = {"named": named, "ambiguous": ambiguous, "unknown": unknown, "nothing-found": nothing}
+
+
+class Tags(HTMLParser):
+    """The elements and attributes that a browser would see."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.append((tag, dict(attrs)))
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def page(made: Made, folder: Path) -> tuple[str, Tags]:
+    write_diagnosis_page(*made, folder / "diagnosis.html")
+    text = (folder / "diagnosis.html").read_text(encoding="utf-8")
+    tags = Tags()
+    tags.feed(text)
+    assert tags.open == []
+    return text, tags
+
+
+def inert(tags: Tags) -> None:
+    assert {t for t, _ in tags.seen}.isdisjoint({"script", "link", "iframe", "object", "embed", "base", "form", "a"})
+    for tag, attributes in tags.seen:
+        assert not any(name.startswith("on") for name in attributes)
+        if tag == "img":
+            assert str(attributes["src"]).startswith("data:image/png;base64,")
+        else:
+            assert not {"src", "href", "action", "data"} & set(attributes)
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_has_a_page_that_needs_nothing_from_outside(verdict: str, tmp_path: Path) -> None:
+    text, tags = page(VERDICTS[verdict](), tmp_path)
+    inert(tags)
+    assert "default-src 'none'" in text
+    assert "http:" not in text
+    assert "https:" not in text
+    assert f'class="verdict {verdict}"' in text
+    assert sum(tag == "img" for tag, _ in tags.seen) >= 5
+    assert not re.search(r"\b(nan|None|inf)\b", re.sub(r'src="[^"]*"', "", text))
+    assert len(text) < 1_000_000
+
+
+def test_named_says_what_how_large_and_what_it_helps() -> None:
+    said = verdict_sentence(named()[0])
+    assert said.startswith("Missing in the simulation: rough patch (environment), b = 27.6 ± 1.9 N s/m, x = 2.06")
+    assert "radius = 1.12 ± 0.05 m" in said
+    assert "the held-out 2 s error (NMSE) falls by 66 % (95 % interval 55 to 74 %)" in said
+    assert "1.05 times the noise floor" in said
+
+
+def test_a_measurement_effect_is_never_said_of_the_vehicle() -> None:
+    d = named()[0] | {"findings": [finding("pose_latency", {"tau": (0.0112, 0.0006, "s")})]}
+    assert verdict_sentence(d).startswith("The recording is off, not the vehicle: pose latency, τ = 0.0112 ± 0.0006 s.")
+
+
+def test_several_findings_and_a_remainder_are_all_said() -> None:
+    d = named()[0]
+    d["findings"].append(finding("pose_latency", {"tau": (0.0112, 0.0006, "s")}))
+    d["unknown"] = unknown()[0]["unknown"]
+    said = verdict_sentence(d)
+    assert "rough patch (environment)" in said
+    assert "; pose latency (measurement), τ" in said
+    assert "With them the held-out" in said
+    assert "Something more is left that no named effect explains: it acts on the yaw moment" in said
+
+
+def test_ambiguous_names_all_that_cannot_be_told_apart() -> None:
+    said = verdict_sentence(ambiguous()[0])
+    assert (
+        "cannot tell which: rear rolling viscous, b = 16.9 ± 1.1 N s/m, or instead quadratic drag or yaw scrub." in said
+    )
+    assert "falls by 55 %" in said
+    assert "Missing in the simulation" not in said
+
+
+def test_ambiguous_keeps_apart_what_stands_alone() -> None:
+    d = ambiguous()[0]
+    d["findings"].insert(0, finding("motor_dead_zone", {"width": (0.13, 0.01, "m/s")}))
+    said = verdict_sentence(d)
+    assert said.startswith("Missing in the simulation: motor dead zone, width = 0.130 ± 0.010 m/s. Something more is")
+
+
+def test_unknown_says_channel_dependence_and_form() -> None:
+    said = verdict_sentence(unknown()[0])
+    assert said.startswith("Something is missing that no named effect explains: it acts on the yaw moment (mz)")
+    assert "depends on steering rate" in said
+    assert "−14.2 N m/(rad/s)·δ̇" in said
+    assert "tyre fall" in verdict_sentence(unknown()[0] | {"unknown": None})
+
+
+def test_nothing_found_says_so() -> None:
+    said = verdict_sentence(nothing()[0])
+    assert said.startswith("Nothing is missing beyond the noise floor: 2 s ahead")
+    assert "1.02 times" in said
+    assert "(p = 0.43)" in said
+    seen = nothing()[0] | {"mismatch": {"detected": True, "p_value": 0.004, "where": None}}
+    assert "p = 0.004" in verdict_sentence(seen)
+
+
+def test_an_error_that_grows_is_not_said_to_fall() -> None:
+    d = named()[0]
+    d["fit"] |= {"nmse_after": 0.0087, "ratio_ci95": [1.2, 1.8]}
+    assert "rises by 50 % (95 % interval 20 to 80 %)" in verdict_sentence(d)
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_empty_lists_and_nulls_do_not_break_it(verdict: str, tmp_path: Path) -> None:
+    d, knots, tracks = VERDICTS[verdict]()
+    for key in ("contacts", "corrections", "rivals", "placebos", "horizons", "not_excited", "recordings"):
+        d[key] = []
+    page((d, knots, tracks), tmp_path)
+    few = {"schema": d["schema"], "verdict": verdict, "findings": [{"effect": f["effect"]} for f in d["findings"]]}
+    knots, tracks = {n: v[:3] for n, v in knots.items()}, {n: v[:0] for n, v in tracks.items()}
+    page((few, knots, tracks), tmp_path)
+    page((dict.fromkeys(d) | few, knots, tracks), tmp_path)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_null_figures_are_dashes(tmp_path: Path) -> None:
+    d, knots, tracks = named()
+    d["horizons"] = [dict.fromkeys(h) | {"horizon_s": h["horizon_s"]} for h in d["horizons"]]
+    d["fit"] = dict.fromkeys(d["fit"])
+    d["findings"][0]["parameters"] = {"b": {"value": None, "se": None, "unit": "kg s^-1"}}
+    d["base"]["parameters"][0] |= {"value": None, "se": None}
+    knots["after_fx"][5] = np.nan
+    text, _ = page((d, knots, tracks), tmp_path)
+    assert "b = –" in text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_hostile_names_are_inert(tmp_path: Path) -> None:
+    def poisoned(value: Any) -> Any:
+        if isinstance(value, str):
+            return HOSTILE
+        if isinstance(value, list):
+            return [poisoned(v) for v in value]
+        return {k: poisoned(v) for k, v in value.items()} if isinstance(value, dict) else value
+
+    for verdict, made in VERDICTS.items():
+        d, knots, tracks = made()
+        d = poisoned(d) | {"verdict": verdict}
+        text, tags = page((d, knots, tracks), tmp_path)
+        inert(tags)
+        assert "&lt;script&gt;" in text
+        assert "{{ 7 * 7 }}" in text
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_pictures_show_the_component_of_the_channel() -> None:
+    d, knots, _ = named()
+    assert "forward acceleration" in where_pictures(d, knots)[0].caption.lower()
+    d["mismatch"]["where"]["channel"] = "steering"  # shows where most vanishes
+    assert "forward acceleration" in where_pictures(d, knots)[0].caption.lower()
+    d, knots, _ = unknown()
+    assert "yaw acceleration" in where_pictures(d, knots)[0].caption.lower()
+    assert "steering rate" in where_pictures(d, knots)[0].title
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_residuals_are_shown_where_the_mismatch_was_located() -> None:
+    d, knots, tracks = named()
+    assert "within the circle located" in proof_pictures(d, knots, tracks)[-1].caption
+    d["mismatch"]["where"] |= {"place": None, "time_s": [[100.0, 130.0]]}
+    assert "in the time located" in proof_pictures(d, knots, tracks)[-1].caption
+    assert where_pictures(d, knots)[0].title == "Over time"
+    d, knots, tracks = ambiguous()
+    assert "where the forward speed is below" in proof_pictures(d, knots, tracks)[-1].caption
+    d, knots, tracks = nothing()
+    assert "located" not in proof_pictures(d, knots, tracks)[-1].title
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_paths_are_those_of_the_worst_stretch() -> None:
+    d, knots, tracks = named()
+    late = (tracks["time_s"] > 200.5) & (tracks["time_s"] < 212.0)
+    tracks["before_x"] = tracks["x"] + 0.9 * late
+    begin = re.search(r"The 20 s from (\d+) s on", proof_pictures(d, knots, tracks)[1].caption)
+    assert begin is not None
+    assert 190 <= int(begin[1]) <= 201
+
+
+def test_pictures_can_stand_alone() -> None:
+    d, knots, _ = named()
+    for picture in (place_picture(d, knots), dependence_picture(d, knots)):
+        assert picture.startswith(PNG)
+        assert len(picture) > 5_000
+
+
+def test_a_sparse_drive_over_a_wide_floor_can_be_drawn() -> None:
+    d, knots, _ = nothing()
+    sparse = {n: v[::20] for n, v in knots.items()}
+    sparse |= {"x": 40.0 * sparse["x"], "y": 40.0 * sparse["y"]}
+    assert place_picture(d, sparse).startswith(PNG)
+    assert place_picture(d, knots | {"x": 0.0 * knots["x"], "y": 0.0 * knots["y"]}).startswith(PNG)
+
+
+def test_throttle_and_brake_are_told_apart() -> None:
+    knots = {"throttle": np.array([-0.5, 1.0])}
+    np.testing.assert_array_equal(variable("throttle", knots), [0.0, 1.0])
+    np.testing.assert_array_equal(variable("braking", knots), [0.5, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("value", "se", "shown"),
+    [
+        (0.0, 0.3, "0.0 ± 0.3"),
+        (27.6, 1.9, "27.6 ± 1.9"),
+        (27.6, 1.97, "28 ± 2"),
+        (1.0, 0.096, "1.00 ± 0.10"),
+        (-0.0123, 0.00031, "−0.0123 ± 0.0003"),
+        (3.5e-5, None, "3.50 × 10⁻⁵"),
+        (2.5, 0.0, "2.50"),
+        (999.6, 14.0, "1000 ± 14"),
+    ],
+)
+def test_values_are_rounded_by_their_error(value: float, se: float | None, shown: str) -> None:
+    assert with_error(value, se) == shown
+
+
+def test_numbers_keep_their_digits() -> None:
+    assert [number(v) for v in (0.0, 9.996, 0.5, 123456.0)] == ["0.00", "10.0", "0.500", "1.23 × 10⁵"]

@@ -1,0 +1,362 @@
+"""Simulated takes, what to drive next, and what a plan makes visible."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
+from bcid.diagnosis.manoeuvres import (
+    ARENA,
+    COMMAND_HZ,
+    LEAST_S,
+    LONGEST_S,
+    PATTERNS,
+    STOP_S,
+    Arena,
+    best_manoeuvre,
+    catalogue,
+    driven,
+    information,
+    separation,
+    top_speed,
+    usual_throttle,
+    write_commands,
+)
+from bcid.diagnosis.marginal import Scales
+from bcid.diagnosis.planning import (
+    NOMINAL,
+    REST_S,
+    detectable,
+    largest_throttle,
+    nominal_car,
+    nominal_units,
+    plan,
+)
+from bcid.diagnosis.refit import Fit, base_fit, jacobian, residuals, sensitivities
+from bcid.diagnosis.search import GATE, refit_with
+from bcid.diagnosis.segments import N_FREE
+from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
+from bcid.diagnosis.take import SEGMENT_S, Take
+from bcid.effects.constants import Constants
+from bcid.effects.table import EFFECTS
+from bcid.physics.car import Car
+from bcid.recording.commands import read_commands
+from bcid.vehicle import Body, Motor, Steering, Vehicle
+
+CAR = Car(
+    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
+    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
+)  # fmt: skip
+LIMIT, TOP = 2.012, 2.033
+SCALES = Scales(np.array([3e-4, 4e-4, 6e-4]), np.array([0.02, 0.015, 0.03]))
+BASE = Hypothesis((), CAR, LIMIT, Constants())
+
+VEHICLES = {
+    "bumper": Vehicle(
+        name="bumper",
+        body=Body(mass_kg=319.6, cog_to_front_m=0.54, cog_to_rear_m=0.33),
+        steering=Steering(max_angle_rad=LIMIT, max_rate_radps=1.418),
+        motor=Motor(reference_speed_mps=TOP),
+    ),
+    "fast": Vehicle(
+        name="fast",
+        body=Body(mass_kg=3.5, cog_to_front_m=0.16, cog_to_rear_m=0.17, drive="all", front_drive_share=0.4),
+        steering=Steering(max_angle_rad=0.42),
+        motor=Motor(reference_speed_mps=7.0),
+    ),
+    "force": Vehicle(
+        name="force",
+        body=Body(cog_to_front_m=0.08, cog_to_rear_m=0.09, drive="rear"),
+        steering=Steering(max_angle_rad=0.35, time_constant_s=0.1),
+        motor=Motor(law="force"),
+    ),
+}
+every_vehicle = pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+
+
+def random_commands(seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """A drive that wakes most effects, without walls."""
+    rng = np.random.default_rng(0)
+    n = round(seconds * COMMAND_HZ)
+    pieces = n // 15 + 1
+    hold = rng.integers(15, 50, pieces)
+    far = rng.random(pieces) < 0.2
+    steering = np.where(far, 1.9 * np.sign(rng.standard_normal(pieces)), 0.8 * rng.standard_normal(pieces))
+    share = rng.random(pieces)
+    throttle = np.where(share < 0.6, TOP, np.where(share < 0.85, rng.uniform(0.6, TOP, pieces), -0.4))
+    command = np.column_stack([np.clip(steering, -2.0, 2.0), throttle])
+    return np.arange(n) / COMMAND_HZ, np.repeat(command, hold, axis=0)[:n]
+
+
+COMMANDS = random_commands(120.0)
+
+
+def taken(
+    hypothesis: Hypothesis, phi: np.ndarray, scales: Scales, rate_hz: float = 30.0, seed: int = 1, seconds: float = 90.0
+) -> Take:
+    setting = hypothesis.setting(phi, undriven(*COMMANDS, seconds))
+    return simulated_take(setting, *COMMANDS, seconds, scales, rate_hz, seed, np.zeros(6))
+
+
+def holding(name: str, *values: float) -> tuple[Hypothesis, np.ndarray]:
+    hypothesis = BASE.holding(name)
+    return hypothesis, hypothesis.start(CAR, values)
+
+
+@pytest.mark.parametrize("rate_hz", [120.0, 30.0, 10.0])
+def test_a_still_take_is_the_prediction(rate_hz: float) -> None:
+    hypothesis, phi = holding("steering_backlash", 0.02)
+    take = taken(hypothesis, phi, STILL, rate_hz)
+    assert take.segments == 60
+    assert (np.diff(take.first_stamp) == round(SEGMENT_S * rate_hz)).all()
+    assert (np.diff(take.first) == round(SEGMENT_S * min(rate_hz, 20.0))).all()
+    np.testing.assert_allclose(np.bincount(take.row, take.share), 1.0)
+    assert np.abs(residuals(take, hypothesis.setting(phi, take), take.start)).max() < 1e-9
+
+
+def test_the_measurement_is_in_the_take() -> None:
+    """A tracked point ahead of the CoG is seen there."""
+    hypothesis, phi = holding("marker_offset", 0.1, 0.0)
+    off, on = taken(BASE, BASE.start(CAR), STILL), taken(hypothesis, phi, STILL)
+    yaw = off.pose[:, 2]
+    np.testing.assert_allclose(
+        on.pose[:, :2] - off.pose[:, :2], 0.1 * np.column_stack([np.cos(yaw), np.sin(yaw)]), atol=1e-3
+    )
+
+
+def test_the_noise_is_as_large_as_it_says() -> None:
+    phi = BASE.start(CAR)
+    still, noisy = (taken(BASE, phi, Scales(r, np.zeros(3)), 120.0, seconds=120.0) for r in (np.zeros(3), SCALES.r))
+    np.testing.assert_allclose((noisy.pose - still.pose).std(axis=0), SCALES.r, rtol=0.07)  # 5 sd of 2400 rows
+    setting = BASE.setting(phi, still)
+    # over one knot from rest a push is v = a t: the velocity after the first knot has sd q times half a second
+    first = [states(setting, 0.5, SCALES, seed, np.zeros(6))[20, 3:] for seed in range(200)]
+    at_rest = states(setting, 0.5, STILL, 0, np.zeros(6))[20, 3:]
+    assert np.std(np.array(first) - at_rest, axis=0)[0] == pytest.approx(0.5 * SCALES.q[0], rel=0.25)
+
+
+def test_a_seed_is_a_take() -> None:
+    phi = BASE.start(CAR)
+    one, same, other = (taken(BASE, phi, SCALES, seed=s, seconds=15.0) for s in (1, 1, 2))
+    np.testing.assert_array_equal(one.pose, same.pose)
+    assert not np.allclose(one.pose, other.pose)
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 10.0])
+def test_the_base_refit_recovers_scales_and_car(rate_hz: float) -> None:
+    take = taken(BASE, BASE.start(CAR), SCALES, rate_hz, seconds=120.0)
+    fit = base_fit(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05)))
+    np.testing.assert_allclose(fit.scales.r, SCALES.r, rtol=0.1)
+    np.testing.assert_allclose(fit.scales.q, SCALES.q, rtol=0.25)
+    for symbol in ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max"):
+        assert getattr(fit.car(), symbol) == pytest.approx(getattr(CAR, symbol), rel=0.03), symbol
+
+
+@every_vehicle
+def test_every_manoeuvre_fits_the_arena(vehicle: Vehicle) -> None:
+    car, limit, top = nominal_car(vehicle), vehicle.steering.max_angle_rad, largest_throttle(vehicle)
+    drives = catalogue(car, limit, top)
+    assert {d.name for d in drives} == {p.__name__.replace("_", "-") for p in PATTERNS}
+    hypothesis = Hypothesis((), car, limit, Constants())
+    for drive in drives:
+        assert LEAST_S + STOP_S <= drive.seconds <= LONGEST_S + STOP_S
+        assert (np.abs(drive.command[:, 0]) <= limit).all(), drive.name
+        assert ((drive.command[:, 1] >= -1.0) & (drive.command[:, 1] <= top)).all(), drive.name
+        take, setting = driven(drive, hypothesis, hypothesis.start(car))
+        assert (np.abs(take.pose[:, :2]) <= ARENA.reach + 1e-6).all(), drive.name
+        path = states(setting, drive.seconds, STILL, 0, np.r_[drive.start, 0.0, 0.0, 0.0])
+        assert np.hypot(path[-1, 3], path[-1, 4]) < 0.1, drive.name  # it stands at the end
+        assert np.hypot(path[:, 3], path[:, 4]).max() > 0.25 * min(top_speed(car, top), 2.5), drive.name
+
+
+def test_what_does_not_fit_is_left_out() -> None:
+    small, wide = (catalogue(CAR, LIMIT, TOP, Arena(side, side, 0.5)) for side in (3.4, 8.0))
+    assert 0 < len(small) < len(wide)
+    assert catalogue(CAR, LIMIT, TOP, Arena(1.0, 1.0, 0.5)) == []
+    hypothesis, phi = holding("yaw_scrub", 13.0)
+    assert best_manoeuvre((hypothesis, phi), (BASE, BASE.start(CAR)), SCALES, Arena(1.0, 1.0, 0.5), TOP) is None
+
+
+def test_information_is_the_dense_algebra() -> None:
+    """Against R + A Q A^T written out, the initial states with a prior too wide to matter."""
+    phi = BASE.start(CAR)
+    take, setting = driven(catalogue(CAR, LIMIT, TOP)[0], BASE, phi)
+    take = take.part(np.array([4, 9]))
+    r = residuals(take, setting, take.start)
+    J = jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
+    A = sensitivities(take, setting, take.start)
+    found = information(take, setting, SCALES, J)
+    prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, 3)]
+    assert len(prior) == N_FREE
+    for s in range(2):
+        rows = slice(take.first[s], take.first[s + 1])
+        As, Js = A[rows].reshape(-1, N_FREE), J[rows].reshape(-1, J.shape[2])
+        S = np.diag(np.tile(SCALES.r**2, len(As) // 3)) + As @ np.diag(prior) @ As.T
+        expected = Js.T @ np.linalg.solve(S, Js)
+        np.testing.assert_allclose(found[s], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
+
+
+def test_coasting_and_turning_tell_rolling_from_air_drag_and_a_steady_circle_does_not() -> None:
+    drives = {d.name: d for d in catalogue(CAR, LIMIT, TOP)}
+    rolling, air = holding("rear_rolling_viscous", 17.0), holding("quadratic_drag", 11.0)
+    score = {
+        name: separation(drives[name], rolling, air, SCALES).score()
+        for name in ("coast-down", "steady-circles-fast", "full-lock")
+    }
+    assert score["coast-down"] > 3.0 * score["steady-circles-fast"]
+    assert score["full-lock"] > score["steady-circles-fast"]
+    best = best_manoeuvre(rolling, air, SCALES, top=TOP)
+    assert best is not None
+    assert best.score >= max(score.values()) - 1e-9
+    assert best.repeats >= 1
+    for word in ("rear_rolling_viscous", "quadratic_drag", "v_x", "speed", "m/s"):
+        assert word in best.why
+
+
+def test_a_score_is_what_base_parameters_leave() -> None:
+    """None for the same explanation or a shifted base; more drives show more; a wide prior is no prior."""
+    drive = next(d for d in catalogue(CAR, LIMIT, TOP) if d.name == "throttle-steps")
+    one = holding("yaw_scrub", 13.0)
+    assert separation(drive, one, one, SCALES).score() == pytest.approx(0.0, abs=1e-9)
+    shifted = one[0].start(CAR._replace(C_f=CAR.C_f * 1.01), [13.0])
+    moved = separation(drive, one, (one[0], shifted), SCALES)
+    assert 0.0 <= moved.score() < 0.05 * 0.5 * moved.square
+    apart = separation(drive, one, (BASE, BASE.start(CAR)), SCALES)
+    assert 0.0 < apart.score(1) < apart.score(2) < 2.5 * apart.score(1)
+    np.testing.assert_allclose(apart.known, np.eye(BASE.base_size) / PRIOR_SD**2)
+    assert best_manoeuvre(one, one, SCALES, top=TOP) is None
+
+
+@pytest.fixture(scope="module")
+def rivals() -> tuple[Fit, Fit]:
+    """Two explanations fitted to one take."""
+    hypothesis, phi = holding("rear_rolling_viscous", 17.0)
+    take = taken(hypothesis, phi, NOMINAL, seed=3)
+    base = base_fit(take, BASE, NOMINAL)
+    return refit_with(base, take, ("rear_rolling_viscous",), [10.0]), refit_with(base, take, ("yaw_scrub",), [10.0])
+
+
+def test_rival_fits_count_what_their_take_knows(rivals: tuple[Fit, Fit]) -> None:
+    best = best_manoeuvre(*rivals, rivals[0].scales, top=TOP)
+    assert best is not None
+    drive = next(d for d in catalogue(rivals[0].car(), LIMIT, TOP) if d.name == best.name)
+    one, other = rivals
+    alone = separation(drive, (one.hypothesis, one.phi), (other.hypothesis, other.phi), one.scales)
+    together = separation(drive, one, other, one.scales)
+    assert together.square == pytest.approx(alone.square)
+    assert together.score() == pytest.approx(best.score)
+    assert together.known.shape == (rivals[0].hypothesis.size,) * 2
+    assert together.score(best.repeats) >= GATE
+
+
+def test_commands_survive_their_file(tmp_path: Path) -> None:
+    best = best_manoeuvre(holding("yaw_scrub", 13.0), (BASE, BASE.start(CAR)), SCALES, top=TOP)
+    assert best is not None
+    path = tmp_path / "next.commands.csv"
+    write_commands(path, best)
+    _, time_s, command, channels, odd = read_commands(path)
+    np.testing.assert_allclose(time_s, best.command_s, atol=1e-9)
+    np.testing.assert_allclose(command, best.command, atol=1e-5)
+    assert (channels, odd) == ({}, ())
+    assert np.diff(time_s).max() <= 0.5
+
+
+@pytest.mark.parametrize("name", ["rear_rolling_viscous", "steering_delay"])
+def test_the_smallest_detectable_size_is_that(name: str) -> None:
+    """Twice the size is found by a refit, a fifth is not; in 90 s of driving."""
+    take = taken(BASE, BASE.start(CAR), NOMINAL, seed=5)
+    sizes = detectable(BASE, BASE.start(CAR), NOMINAL, take, [name])[name]
+    assert sizes is not None
+    ((size, unit),) = sizes.values()
+    assert unit == EFFECTS[name].parameters[0].unit
+    for share, seen in ((2.0, True), (0.2, False)):
+        hypothesis, phi = holding(name, share * size)
+        there = taken(hypothesis, phi, NOMINAL, seed=7)
+        base = base_fit(there, BASE, NOMINAL)
+        fit = refit_with(base, there, (name,), [0.5 * size])
+        assert (fit.bic - base.bic > GATE) is seen, (share, fit.bic - base.bic)
+
+
+def test_detectable_speaks_of_each_amplitude_and_of_what_is_not_excited() -> None:
+    standing = (COMMANDS[0], np.zeros_like(COMMANDS[1]))
+    setting = BASE.setting(BASE.start(CAR), undriven(*standing, 30.0))
+    rest = simulated_take(setting, *standing, 30.0, NOMINAL, 30.0, 0, np.zeros(6))
+    names = ["rear_rolling_viscous", "rough_patch", "motor_power_limit", "steering_side_gain"]
+    assert detectable(BASE, BASE.start(CAR), NOMINAL, rest, names) == dict.fromkeys(names)
+    moving = taken(BASE, BASE.start(CAR), NOMINAL, seconds=45.0)
+    found = detectable(BASE, BASE.start(CAR), NOMINAL, moving, ["floor_slope", "mass_change"])
+    assert sorted(found["floor_slope"] or {}) == ["g_x", "g_y"]
+    assert list(found["mass_change"] or {}) == ["d"]
+    held = BASE.holding("floor_slope")
+    assert detectable(held, held.start(CAR), NOMINAL, moving, ["floor_slope"]) == {}
+
+
+def test_more_noise_hides_more() -> None:
+    take = taken(BASE, BASE.start(CAR), NOMINAL, seconds=45.0)
+    loud = Scales(3.0 * NOMINAL.r, 3.0 * NOMINAL.q)
+    noisy = taken(BASE, BASE.start(CAR), loud, seconds=45.0)
+    quiet_size, loud_size = (
+        (detectable(BASE, BASE.start(CAR), s, t, ["yaw_scrub"])["yaw_scrub"] or {})["c"][0]
+        for s, t in ((NOMINAL, take), (loud, noisy))
+    )
+    assert loud_size == pytest.approx(3.0 * quiet_size, rel=0.25)
+
+
+def test_a_plan_shows_what_is_asked(tmp_path: Path) -> None:
+    asked = ["rear_rolling_viscous", "steering_delay", "floor_slope", "motor_sag"]
+    made = plan(CAR, Constants(), LIMIT, NOMINAL, asked, top=TOP)
+    assert made.missing == {}
+    for name in asked:
+        for p in EFFECTS[name].parameters:
+            assert (made.smallest[name] or {})[p.symbol][0] <= p.size
+    end = 0.0
+    for part in made.parts:
+        assert part.begin_s == pytest.approx(end + (REST_S if end else 0.0))
+        rows = slice(round(part.begin_s * COMMAND_HZ), round((part.begin_s + part.drive.seconds) * COMMAND_HZ))
+        np.testing.assert_array_equal(made.command[rows], part.drive.command)
+        assert (np.abs(part.drive.start[:2]) <= ARENA.reach).all()
+        end = part.begin_s + part.drive.seconds
+    assert made.minutes == pytest.approx(end / 60.0)
+    path = tmp_path / "plan.csv"
+    write_commands(path, made)
+    np.testing.assert_allclose(read_commands(path)[2], made.command, atol=1e-5)
+
+
+def test_a_plan_names_the_impossible() -> None:
+    """A slow car never comes near its front wheel's grip; a narrow floor takes no manoeuvre."""
+    made = plan(CAR, Constants(), LIMIT, NOMINAL, ["friction_circle", "yaw_scrub"], top=0.6)
+    assert made.missing == {"friction_circle": "no manoeuvre that fits excites it"}
+    assert made.smallest["friction_circle"] is None
+    nowhere = plan(CAR, Constants(), LIMIT, NOMINAL, ["yaw_scrub"], Arena(1.0, 1.0, 0.5), TOP)
+    assert nowhere.missing == {"yaw_scrub": "no manoeuvre fits the arena"}
+    assert nowhere.minutes == 0.0
+
+
+def test_drift_takes_longer_than_drag() -> None:
+    drag, drift = (plan(CAR, Constants(), LIMIT, NOMINAL, [n], top=TOP) for n in ("yaw_scrub", "clock_drift"))
+    assert drag.missing == drift.missing == {}
+    assert drift.minutes > 2.0 * drag.minutes
+
+
+def test_the_nominal_car_is_the_vehicle_file_s() -> None:
+    bumper, fast, force = (nominal_car(v) for v in VEHICLES.values())
+    for symbol in ("I_z", "C_f", "C_r", "F_f_max", "F_r_max", "K_t", "K_b", "F_m_max", "R_1", "R_2"):
+        assert getattr(bumper, symbol) == pytest.approx(getattr(CAR, symbol), rel=0.1), symbol
+    assert (bumper.d, bumper.T_s, bumper.front_share, bumper.sets_force) == (1.418, 0.15, 1.0, 0.0)
+    assert (fast.m, fast.front_share, fast.l_f) == (3.5, 0.4, 0.16)
+    assert (force.m, force.front_share, force.T_s, force.sets_force) == (1.0, 0.0, 0.1, 1.0)
+    assert top_speed(force, largest_throttle(VEHICLES["force"])) > 1.0
+    assert nominal_car(VEHICLES["fast"], T_s=0.2, d=3.0).T_s == 0.2
+
+
+def test_sizes_are_asked_for_as_they_suit_the_vehicle() -> None:
+    assert nominal_units(CAR, 2.3) == pytest.approx((1.0, 1.0, 1.0, 1.0), rel=0.03)
+    fast = nominal_car(VEHICLES["fast"])
+    units = nominal_units(fast, 7.0)
+    assert units.kg == pytest.approx(3.5 / 319.6)
+    assert units.m / units.s == pytest.approx(top_speed(fast, 7.0) / 1.9)
+    assert usual_throttle(CAR) == pytest.approx(2.0)
+    assert usual_throttle(fast, units) == pytest.approx(7.0, rel=0.2)
