@@ -343,10 +343,16 @@ def pushed(of: Layout, start: np.ndarray, pushes: np.ndarray, setting: Setting) 
     return out
 
 
-def close_to(columns: np.ndarray, expected: np.ndarray, share: float) -> bool:
-    """Whether every column (N, 3, n) differs by less than a share of its own largest number."""
+def misses(columns: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """By how much every column (N, 3, n) differs at most, as a share of its own largest number."""
     worst, largest = (np.abs(x).max(axis=(0, 1)) for x in (columns - expected, expected))
-    return bool((worst <= share * largest + 1e-12).all())
+    return np.where(worst > 0.0, worst / np.maximum(largest, 1e-12), 0.0)
+
+
+def agree(columns: np.ndarray, expected: np.ndarray) -> bool:
+    """Whether the columns are the differences `expected`: to 5 % where the car's law has a kink, else far better."""
+    apart = misses(columns, expected)
+    return bool(apart.max() < 0.05 and np.median(apart) < 2e-3)
 
 
 @both_hypotheses
@@ -365,7 +371,7 @@ def test_free_sensitivities_are_central_differences(
         push[j // 3, j % 3] = h * (CAR.m, CAR.m, CAR.I_z)[j % 3]
         up, down = (pushed(of, part.start, sign * push, setting) for sign in (1.0, -1.0))
         columns.append((up - down) / (2.0 * h))
-    assert close_to(A, np.stack(columns, axis=2), 0.01)
+    assert agree(A, np.stack(columns, axis=2))
 
 
 def test_a_push_acts_in_its_own_time(part: Take) -> None:
@@ -395,7 +401,7 @@ def test_the_jacobian_is_central_differences(part: Take, hypothesis: Hypothesis,
             for sign in (1.0, -1.0)
         )
         columns.append((up - down) / (2.0 * np.abs(step).max()))
-    assert close_to(J, np.stack(columns, axis=2), 0.01)
+    assert agree(J, np.stack(columns, axis=2))
 
 
 def test_a_place_has_a_slope(part: Take) -> None:
@@ -418,7 +424,7 @@ def test_a_difference_stays_within_the_bounds(part: Take) -> None:
         J = jacobian(part, hypothesis, phi, part.start, r)
         less = hypothesis.setting(hypothesis.start(CAR, [share - 0.04, 0.014]), part)
         expected = (residuals(part, less, part.start) - r) / (0.04 / 0.8)
-        assert close_to(J[:, :, -2:-1], expected[:, :, None], 1e-9)
+        assert misses(J[:, :, -2:-1], expected[:, :, None]).max() < 1e-9
         last = range(hypothesis.size - 1, hypothesis.size)
         np.testing.assert_array_equal(jacobian(part, hypothesis, phi, part.start, r, last), J[:, :, -1:])
 

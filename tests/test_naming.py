@@ -139,10 +139,17 @@ def test_what_is_not_there_gains_nothing(name: str, null_fit: Fit, null_take: Ta
     assert abs(value) < 4.0 * se
 
 
-@pytest.mark.xfail(strict=True, reason="a refit stops where a parameter meets its bound on the way")
 @pytest.mark.parametrize(
-    ("names", "start"), [(("motor_lag",), (0.03,)), (("pose_latency", "steering_lag"), (0.01, 0.004))]
-)
+    ("names", "start"),
+    [
+        (("motor_lag",), (0.03,)),
+        (("yaw_scrub", "quadratic_drag"), (13.0, 11.0)),
+        pytest.param(
+            ("pose_latency", "steering_lag"), (0.01, 0.004),
+            marks=pytest.mark.xfail(strict=True, reason="a refit stops where a parameter meets its bound on the way"),
+        ),
+    ],
+)  # fmt: skip
 def test_more_effects_explain_no_less(
     names: tuple[str, ...], start: tuple[float, ...], null_fit: Fit, null_take: Take
 ) -> None:
@@ -274,7 +281,16 @@ def test_a_null_take_names_nothing(null_fit: Fit, null_take: Take) -> None:
     [
         ("rear_rolling_coulomb", 20.0, "rear_rolling_viscous", {"rear_rolling_coulomb": 20.0}, {}),
         ("motor_lag", 0.08, "motor_delay", {"motor_lag": 0.08}, {}),
+        ("steering_side_gain", 0.03, "steering_offset", {"steering_side_gain": 0.03}, {}),
         ("body_yaw_misalignment", 0.03, "steering_offset", {}, {"body_yaw_misalignment": 0.03}),
+        pytest.param(
+            "pose_latency",
+            0.03,
+            "steering_delay",
+            {},
+            {"pose_latency": 0.03},
+            marks=pytest.mark.xfail(strict=True, reason="two lags are named beside a delay that ends within a step"),
+        ),
     ],
 )
 def test_a_concealed_effect_is_named_alone(
@@ -290,14 +306,27 @@ def test_a_concealed_effect_is_named_alone(
     assert found.best.bic > other.bic + 20.0
 
 
-def test_a_slippery_patch_is_found_with_its_place(maker: Maker) -> None:
-    patch = ROUGH._replace(slippery_patch=0.4, slippery_patch_x=0.0, slippery_patch_y=1.0, slippery_patch_radius=1.0)
-    _, found = maker.found(patch, 9)
+@pytest.mark.parametrize(
+    ("x", "y", "seed"),
+    [
+        (0.0, 1.0, 9),
+        pytest.param(-2.0, 0.0, 8, marks=pytest.mark.xfail(strict=True, reason="a smaller circle beside it is kept")),
+        pytest.param(1.0, 0.5, 8, marks=pytest.mark.xfail(strict=True, reason="no trial circle shows it at all")),
+    ],
+)  # fmt: skip
+def test_a_slippery_patch_is_found_with_its_place(x: float, y: float, seed: int, maker: Maker) -> None:
+    """Within a third of its radius, and no place that explains much more is missed."""
+    patch = dict(
+        zip(("slippery_patch", *(f"slippery_patch_{n}" for n in ("x", "y", "radius"))), (0.4, x, y, 1.0), strict=True)
+    )
+    take, found = maker.found(ROUGH._replace(**patch), seed)
     assert named(found.best) == ("slippery_patch",)
     at = {f.partition("__")[2]: v for f, (v, _) in found.best.values().items() if f.startswith("slippery")}
     assert at["D"] == pytest.approx(0.4, abs=0.05)
-    assert np.hypot(at["x"], at["y"] - 1.0) < 0.3
-    assert at["radius"] == pytest.approx(1.0, abs=0.3)
+    assert np.hypot(at["x"] - x, at["y"] - y) < 0.33
+    assert at["radius"] == pytest.approx(1.0, abs=0.33)
+    truth = refit_with(found.base, take, ("slippery_patch",), list(patch.values()))
+    assert truth.bic < found.best.bic + 20.0
 
 
 def test_a_base_model_s_own_flaws_are_no_effects(maker: Maker) -> None:

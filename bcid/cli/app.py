@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from bcid import __version__
+from bcid.cli import diagnosing
 from bcid.cli.options import (
     LONGEST_S,
     CommandsOption,
@@ -51,6 +52,11 @@ def options(
     """From motion-capture logs of small ground vehicles to fitted planar models and a comparison."""
 
 
+app.command()(diagnosing.diagnose)
+app.command()(diagnosing.plan)
+app.command()(diagnosing.prove)
+
+
 @app.command()
 def run(pipeline: PipelineOption = None, format: FormatOption = Format.human) -> None:  # noqa: A002
     """Do everything: ingest, estimate, fit every model, evaluate, report."""
@@ -80,39 +86,8 @@ def _report(pipeline: Path | None, models: list[Path], sink: Sink) -> None:
     sink.result(found, lambda: show.comparison(found))
     if work.plan.diagnose:
         sink.note(f"diagnosis: {found['diagnosis']['sentence']}")
-        sink.note(f"diagnosis page: {work.publish(work.diagnose(), *DIAGNOSIS, to='diagnosis')}")
+        sink.note(f"diagnosis page: {work.publish(work.diagnose(), *diagnosing.PUBLISHED, to='diagnosis')}")
     sink.note(f"report: {page}")
-
-
-DIAGNOSIS = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
-
-
-@app.command()
-def diagnose(
-    recordings: Recordings = None,
-    pipeline: PipelineOption = None,
-    vehicle: VehicleOption = None,
-    out: OutOption = None,
-    commands: CommandsOption = None,
-    simulation: Annotated[
-        str | None,
-        typer.Option(
-            help="What to compare with: a saved newton-euler model's folder, another simulator's recording of the "
-            "same car, or module:function; the default refits newton-euler on the recordings.",
-        ),
-    ] = None,
-    format: FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Say what physics the recordings show that the model lacks, and prove it on held-out blocks."""
-    from bcid.cli import show
-
-    sink = Sink(format)
-    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
-    artifact = work.diagnose(simulation)
-    page = work.publish(artifact, *DIAGNOSIS, to="" if recordings else "diagnosis")
-    found = artifact.json("diagnosis.json")
-    sink.result(found, lambda: show.diagnosis(found))
-    sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
 
 
 @app.command()

@@ -143,7 +143,7 @@ def _chain(take: Take, car: Car, limit: float, switches: Any) -> Chain:
     runs on the poses' clock.
     """
     acting = tuple(getattr(switches, name) for name in ON_THE_CHAIN)
-    key = (id(take.command), car.T_s, car.d, limit, acting)
+    key = (id(take.command), take.T, car.T_s, car.d, limit, acting)
     if key not in _KNOWN:
         times = (take.command_s + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
         chain = steering_chain(times, take.command, 0.0, half_steps(take.T), STEP_S, car, limit, switches)

@@ -65,16 +65,14 @@ class Fit:
 
 def residuals(take: Take, setting: Setting, start: Floats) -> Floats:
     """Measured less predicted poses (N, 3)."""
-    return wrapped(take.pose - predict(layout(take), start, *_acting(setting)))
+    chain, car, switches, constants = setting.chain, setting.car, setting.switches, setting.constants
+    return wrapped(take.pose - np.asarray(predict(layout(take), start, chain, car, switches, constants)))
 
 
 def sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
     """D pose / d [initial state, pushes] (N, 3, N_FREE)."""
-    return np.asarray(free_sensitivities(layout(take), start, *_acting(setting)))
-
-
-def _acting(setting: Setting) -> tuple[object, ...]:
-    return setting.chain, setting.car, setting.switches, setting.constants
+    chain, car, switches, constants = setting.chain, setting.car, setting.switches, setting.constants
+    return np.asarray(free_sensitivities(layout(take), start, chain, car, switches, constants))
 
 
 def jacobian(

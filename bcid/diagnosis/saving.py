@@ -148,7 +148,7 @@ def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
 
 def _fit(horizons: Sequence[Horizon]) -> dict[str, Any] | None:
     two = next((h for h in horizons if h.horizon_s == 2.0), None)
-    return two and {
+    return None if two is None else {
         "horizon_s": 2.0, "nmse_before": two.before, "nmse_after": two.after, "nmse_floor": two.floor,
         "ratio_ci95": list(two.ratio_ci95),
     }  # fmt: skip

@@ -43,7 +43,7 @@ class Window(NamedTuple):
 
 def energy(of: Disturbances) -> Floats:
     """Mean squared strength of the three channels of every knot (K,), 1 where the fit expects it, clipped."""
-    return np.minimum((of.strength**2).mean(axis=1), CLIP)
+    return np.asarray(np.minimum((of.strength**2).mean(axis=1), CLIP))
 
 
 def _ratios(inside: Floats, energies: Floats) -> Floats:

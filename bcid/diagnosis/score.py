@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.marginal import N_FREE, NU, moments, rescaled, weights
+from bcid.diagnosis.marginal import NU, moments, rescaled, weights
 from bcid.diagnosis.refit import Fit, jacobian, residuals
+from bcid.diagnosis.segments import N_FREE
 from bcid.diagnosis.take import Floats, Ints, Take
 
 LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
@@ -83,7 +84,7 @@ def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
     G = np.stack([[found.each_information(k, m) for m in columns] for k in columns]).transpose(2, 0, 1)
 
     def chi2(a: Floats) -> Floats:
-        return np.maximum(found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0)
+        return np.asarray(np.maximum(found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0))
 
     def gain(a: Floats) -> float:
         more = np.log1p(chi2(a) / NU) - np.log1p(found.chi2 / NU)

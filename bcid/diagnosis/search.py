@@ -21,6 +21,8 @@ MOST_EFFECTS = 4
 SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain
 SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
+RELEVANT = 0.01  # share of all that is explained so far that a further effect must add
+HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
 GATE = 14.0  # nats of BIC that an effect must earn
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
@@ -67,10 +69,11 @@ def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: 
         screened = screen(best, take, trials.without(best.hypothesis.effects))
         if first is None:
             first, p_value = screened.candidates, screened.p_value
-        shortlist = [c for c in screened.candidates[:SHORTLIST] if c.score > WORTH]
+        worth = max(WORTH, HOPELESS * screened.candidates[0].score)
+        shortlist = [c for c in screened.candidates[:SHORTLIST] if c.score > worth]
         report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
         fits = _refitted(best, take, shortlist)
-        if not fits or fits[0].bic - best.bic < GATE:
+        if not fits or fits[0].bic - best.bic < max(GATE, RELEVANT * (best.bic - base.bic)):
             break
         left = remainder(disturbances(best, take), best.car())
         if left.predictable and fits[0].bic - best.bic < SUBSTANTIAL * left.gain:
@@ -175,6 +178,7 @@ def _exchanged(fit: Fit, take: Take, trials: Changes) -> list[Fit]:
     found = []
     for name in named(fit):
         without = refit_with(fit, take, tuple(n for n in fit.hypothesis.effects if n != name))
-        shortlist = list(screen(without, take, trials.without(fit.hypothesis.effects)).candidates[:3])
-        found += _refitted(without, take, [c for c in shortlist if c.score > WORTH])[:2]
+        shortlist = screen(without, take, trials.without(fit.hypothesis.effects)).candidates[:3]
+        quick = [_quick(without, take, c) for c in shortlist if c.score > WORTH]
+        found += [_full(f, take) if fit.bic - f.bic < CLOSE * (fit.bic - without.bic) else f for f in quick]
     return sorted(found, key=lambda f: -f.bic)

@@ -116,7 +116,9 @@ def _state_at(since: Floats, pose: Floats) -> Floats:
     first = since < max(START_S, since[min(START_POSES, len(since)) - 1] + 1e-9)
     X = np.vander(since[first], 3, increasing=True)
     (x, y, yaw), (u, v, omega) = np.linalg.lstsq(X, pose[first], rcond=None)[0][:2]
-    return np.array([x, y, yaw, np.cos(yaw) * u + np.sin(yaw) * v, np.cos(yaw) * v - np.sin(yaw) * u, omega])
+    return np.asarray(
+        [x, y, yaw, np.cos(yaw) * u + np.sin(yaw) * v, np.cos(yaw) * v - np.sin(yaw) * u, omega], dtype=np.float64
+    )
 
 
 def joined(takes: Sequence[Take]) -> Take:

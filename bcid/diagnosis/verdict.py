@@ -20,6 +20,7 @@ LOCAL_GATE = 20.0  # held-out nats that an effect local in place or time must ea
 TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
 MOST_TWINS = 3
 ENOUGH = 0.15  # share of what is explained that may be left predictable, where effects are named
+STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
 SURPRISE = 5.0  # nats of prior against something that no entry describes
 
@@ -60,7 +61,7 @@ def judged(found: Search, take: Take, left: Remainder) -> Judgement:
         findings.append(Finding(name, twins, _probability(found, name), values, best.bic - without.bic, heldout))
     kept = [f for f in findings if _passes(f)]
     explained = sum(f.gain for f in kept)
-    if left.predictable and left.gain > ENOUGH * explained:
+    if left.predictable and (left.gain > ENOUGH * explained or left.correlation > STANDING_OUT):
         kept = []  # a mixture of what is in the vocabulary stands in for something that is not
     dropped = tuple(f.effect for f in findings if f not in kept)
     kept.sort(key=lambda f: -f.gain)

@@ -114,9 +114,10 @@ def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p
 @njit
 def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> float:
     """delta_w: linkage, then compliance with the wheel's own side force, solved together by regula falsi."""
+    speed = math.hypot(b.v_x, b.v_y) if e.steering_speed_gain__k != 0.0 else 0.0
     base: float = steering.linkage(
-        drive.delta, math.hypot(b.v_x, b.v_y) if e.steering_speed_gain__k != 0.0 else 0.0, e.steering_nonlinearity__k, e.steering_side_gain__a,
-        e.steering_speed_gain__k, e.steering_offset__o,
+        drive.delta, speed, e.steering_nonlinearity__k, e.steering_side_gain__a, e.steering_speed_gain__k,
+        e.steering_offset__o,
     )  # fmt: skip
     k: float = e.steering_compliance__k
     if k == 0.0:

@@ -129,6 +129,29 @@ def _lagged_at(start: Lagged, first: Wrench, now: Wrench, ahead: float, p: Car, 
 
 
 @njit
+def _mean_behind(miss: float, ratio: float) -> float:
+    """Mean over a step of what is left of `miss` while it fades, `ratio` time constants long."""
+    return miss * (1.0 - math.exp(-ratio)) / ratio if ratio > 1e-9 else miss
+
+
+@njit
+def _lagged_in(start: Lagged, first: Wrench, now: Wrench, ahead: float, h: float, p: Car, e: Any) -> Lagged:
+    """The same for a stage of the step of `h` seconds, with the fading miss at the step's start as its mean.
+
+    So a step's impulse is right however short the lag is: RK4's stages would miss what fades between them.
+    """
+    settling = Lagged(first.steady.alpha_f, first.steady.F_mf, first.steady.F_mr)
+    at = _lagged_at(settling, first, now, ahead, p, e)
+    alpha, F_f, F_r = at.alpha_f, at.F_mf, at.F_mr
+    if e.tyre_relaxation__sigma > 0.0:
+        alpha += _mean_behind(start.alpha_f - settling.alpha_f, abs(first.v_fx) * h / e.tyre_relaxation__sigma)
+    if e.motor_lag__tau > 0.0:
+        F_f += _mean_behind(start.F_mf - settling.F_mf, h / e.motor_lag__tau)
+        F_r += _mean_behind(start.F_mr - settling.F_mr, h / e.motor_lag__tau)
+    return Lagged(alpha, F_f, F_r)
+
+
+@njit
 def _rates(b: Body, w: Wrench, push_x: float, push_y: float, push_m: float, p: Car) -> Body:
     """Rates of pose and twist under the wrench and a further push on the body."""
     sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
@@ -161,20 +184,23 @@ def body_step(
     # a lag's value at a stage follows from the steady one there: only then is the wrench found twice
     lags = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
     first = wrench(b, start, lagged, p, e, c)
-    k1 = _rates(b, first, push[0], push[1], push[2], p)
+    w1 = first
+    if lags:
+        w1 = wrench(b, start, _lagged_in(lagged, first, first, 0.0, h, p, e), p, e, c)
+    k1 = _rates(b, w1, push[0], push[1], push[2], p)
     b2 = _moved(b, k1, 0.5 * h)
     w2 = wrench(b2, middle, lagged, p, e, c)
     if lags:
-        w2 = wrench(b2, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
+        w2 = wrench(b2, middle, _lagged_in(lagged, first, w2, 0.5 * h, h, p, e), p, e, c)
     k2 = _rates(b2, w2, push[0], push[1], push[2], p)
     b3 = _moved(b, k2, 0.5 * h)
-    w3 = wrench(b3, middle, _lagged_at(lagged, first, w2, 0.5 * h, p, e), p, e, c)
+    w3 = wrench(b3, middle, _lagged_in(lagged, first, w2, 0.5 * h, h, p, e), p, e, c)
     k3 = _rates(b3, w3, push[0], push[1], push[2], p)
     b4 = _moved(b, k3, h)
     w4 = wrench(b4, end, lagged, p, e, c)
     after = _lagged_at(lagged, first, w4, h, p, e)
     if lags:
-        w4 = wrench(b4, end, after, p, e, c)
+        w4 = wrench(b4, end, _lagged_in(lagged, first, w4, h, h, p, e), p, e, c)
     k4 = _rates(b4, w4, push[0], push[1], push[2], p)
     total = Body(
         k1.p_x + 2.0 * k2.p_x + 2.0 * k3.p_x + k4.p_x, k1.p_y + 2.0 * k2.p_y + 2.0 * k3.p_y + k4.p_y,

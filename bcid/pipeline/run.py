@@ -304,7 +304,7 @@ class Pipeline:
         return [str(simulation), sha256_of(module) if module.is_file() else None]
 
     def publish(self, artifact: Artifact, *names: str, to: str) -> Path:
-        """Copy an artifact's files and folders to where they are looked for, WORKSPACE/`to`; returns the first's path."""
+        """Copy an artifact's files and folders to WORKSPACE/`to`, where they are looked for; returns the first."""
         home = self.plan.workspace / to
         home.mkdir(parents=True, exist_ok=True)
         for name in names:

@@ -26,6 +26,10 @@ FAMILIES = {
 """What is left out of the vocabulary where one of a family is concealed."""
 
 
+HARDER = (("two-minutes", 120.0, 60.0, 1.0), ("ten-hertz", 600.0, 10.0, 1.0), ("three-times-noise", 600.0, 60.0, 3.0))
+"""Tier, duration (s), poses per second, times the usual noise."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One concealed recording and its answer."""
@@ -104,12 +108,11 @@ def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int)
         both = (conceal(names[one], draw, 600.0), conceal(names[other], draw, 600.0))
         yield Case("pair", number, both, seed=seed)
         number += 1
-    for tier, change in (
-        ("two-minutes", {"duration_s": 120.0}), ("ten-hertz", {"rate_hz": 10.0}), ("three-times-noise", {"noise": 3.0})
-    ):  # fmt: skip
-        for effect in list(SIZES)[:: max(1, 4 // max(repeats, 1))]:
-            duration = change.get("duration_s", 600.0)
-            yield Case(tier, number, (conceal(effect, rng(), duration),), seed=seed, **change)
+    thinner = list(SIZES)[:: max(1, 4 // max(repeats, 1))]
+    for tier, duration, rate, noise in HARDER:
+        for effect in thinner:
+            hidden = (conceal(effect, rng(), duration),)
+            yield Case(tier, number, hidden, duration_s=duration, rate_hz=rate, noise=noise, seed=seed)
             number += 1
 
 

@@ -1,4 +1,4 @@
-"""`sample_logs/`: four training takes, one validation take and the vehicle file, from one seed."""
+"""`sample_logs/`: four training takes, one validation take, one to diagnose, and the vehicle file, from one seed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ class Take(NamedTuple):
     name: str
     format: str
     duration_s: float
+    conceals: tuple[tuple[str, float], ...] = ()  # constants of the plant that differ from the other takes' car
 
 
 TAKES = (
@@ -25,7 +26,11 @@ TAKES = (
     Take("training_3", "mcap", 300.0),
     Take("training_4", "mcap", 300.0),
     Take("validation", "motive", 110.0),
-)
+    Take(
+        "another_day", "mcap", 300.0,
+        (("rough_patch", 30.0), ("rough_patch_x", 1.8), ("rough_patch_y", -0.9), ("rough_patch_radius", 1.2)),
+    ),
+)  # fmt: skip
 
 VEHICLE = """\
 # The simulated bumper car of these logs. Known of it: what a lab would measure or read from data sheets.
@@ -58,6 +63,7 @@ command = "/bumper_car/command"
 ABOUT = """\
 These logs are simulated: `bcid simulate --sample-logs sample_logs --seed 1` makes them.
 The car is the paper's, with two rear wheels, rear drag, soft tyres and a rough floor that no fitted model knows.
+`another_day` is the same car on a floor that has changed somewhere: `bcid diagnose` says where and how.
 `truth/` holds the true motion at 10 Hz; only the check of the estimator reads it.
 """
 
@@ -80,5 +86,5 @@ def write_samples(folder: Path, seed: int, progress: Callable[[str], None] = lam
     paths = []
     for i, take in enumerate(TAKES):
         progress(take.name)
-        paths.append(write_take(folder, take, Plant(**REAL_EXTRAS), Sensor(), 1000 * seed + i))
+        paths.append(write_take(folder, take, Plant(**REAL_EXTRAS, **dict(take.conceals)), Sensor(), 1000 * seed + i))
     return paths

@@ -1,0 +1,164 @@
+"""The commands about missing physics: diagnose, plan, prove."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bcid.cli.options import (
+    CommandsOption,
+    FormatOption,
+    OutOption,
+    PipelineOption,
+    Recordings,
+    VehicleOption,
+    plan_of,
+)
+from bcid.cli.sink import Format, Sink, table
+from bcid.effects.table import EFFECTS, effect_of
+from bcid.errors import UsageError
+from bcid.pipeline.run import Pipeline
+from bcid.vehicle import read_vehicle
+
+PUBLISHED = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
+
+
+def diagnose(
+    recordings: Recordings = None,
+    pipeline: PipelineOption = None,
+    vehicle: VehicleOption = None,
+    out: OutOption = None,
+    commands: CommandsOption = None,
+    simulation: Annotated[
+        str | None,
+        typer.Option(
+            help="What to compare with: a saved newton-euler model's folder, another simulator's recording of the "
+            "same car, or module:function; the default refits newton-euler on the recordings.",
+        ),
+    ] = None,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Say what physics the recordings show that the model lacks, and prove it on held-out blocks."""
+    from bcid.cli import show
+
+    sink = Sink(format)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    artifact = work.diagnose(simulation)
+    page = work.publish(artifact, *PUBLISHED, to="" if recordings else "diagnosis")
+    found = artifact.json("diagnosis.json")
+    sink.result(found, lambda: show.diagnosis(found))
+    sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
+
+
+def plan(
+    vehicle: Annotated[Path, typer.Option("--vehicle", help="The vehicle file.")],
+    effects: Annotated[list[str] | None, typer.Argument(help="Effects that are to show; all if none is named.")] = None,
+    out: Annotated[Path, typer.Option("--out", help="The command file to write.")] = Path("plan.commands.csv"),
+    arena: Annotated[tuple[float, float], typer.Option(help="Length and width of the arena in metres.")] = (12.0, 7.0),
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Say what to drive so that the asked effects become detectable in this arena, and write its commands."""
+    from bcid.diagnosis.diagnose import constants_of
+    from bcid.diagnosis.manoeuvres import Arena, write_commands
+    from bcid.diagnosis.planning import NOMINAL, largest_throttle, nominal_car
+    from bcid.diagnosis.planning import plan as planned
+
+    asked = [effect_of(name).id for name in effects or EFFECTS]
+    of, sink = read_vehicle(vehicle), Sink(format)
+    omitted = {"T_s": of.steering.time_constant_s, "d": of.steering.max_rate_radps}
+    unknown = tuple(s for s, given in omitted.items() if given is None)
+    with sink.stage("plan"):
+        found = planned(
+            nominal_car(of), constants_of(of), of.steering.max_angle_rad, NOMINAL, asked, Arena(*arena),
+            largest_throttle(of), unknown,
+        )  # fmt: skip
+    write_commands(out, found)
+    parts: list[dict[str, Any]] = [
+        {
+            "name": p.drive.name, "begin_s": p.begin_s, "seconds": p.drive.seconds,
+            "start": [float(v) for v in p.drive.start],
+        }
+        for p in found.parts
+    ]  # fmt: skip
+    smallest = {
+        e: None if sizes is None else {k: {"value": v, "unit": u} for k, (v, u) in sizes.items()}
+        for e, sizes in found.smallest.items()
+    }
+    data = {
+        "schema": "bcid.plan/1", "file": str(out), "minutes": found.minutes, "parts": parts, "smallest": smallest,
+        "missing": found.missing,
+    }  # fmt: skip
+    columns = ["drive", "from", "lasts", "start x, y, yaw (m, m, rad)"]
+    rows = [
+        [p["name"], f"{p['begin_s']:.0f} s", f"{p['seconds']:.0f} s", ", ".join(f"{v:.2f}" for v in p["start"])]
+        for p in parts
+    ]
+    missing = "; ".join(f"{e}: {why}" for e, why in found.missing.items())
+    title = f"{found.minutes:.1f} minutes in {out}"
+    sink.result(data, lambda: table(title, columns, rows, f"not shown by any drive: {missing}" if missing else ""))
+
+
+def prove(
+    out: Annotated[Path, typer.Option("--out", help="Where the cases' results are kept; a second run goes on.")],
+    seed: Annotated[int, typer.Option(help="Of what is concealed, drivers and noise.")] = 1,
+    repeats: Annotated[int, typer.Option(min=1, help="Singles of every effect.")] = 3,
+    nulls: Annotated[int, typer.Option(min=0, help="Takes that conceal nothing.")] = 300,
+    imperfect_nulls: Annotated[int, typer.Option(min=0, help="The same with an imperfect base.")] = 100,
+    pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
+    every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Cases at a time.")] = 2,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Conceal effects in simulated takes and count what the diagnosis makes of them; resumable."""
+    from bcid.proof.cases import subset, suite
+    from bcid.proof.running import run_all
+    from bcid.proof.scoring import SCHEMA, tiers
+
+    sink = Sink(format)
+    cases = subset(list(suite(seed, repeats, nulls, imperfect_nulls, pairs)), every)
+    rows: list[dict[str, Any]] = []
+    with sink.stage("prove") as progress:
+        for row in run_all(cases, out, workers):
+            rows.append(row)
+            progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
+    found = [asdict(t) for t in tiers(rows)]
+    if not found:
+        raise UsageError("there are no cases\n  next: ask for more")
+    data = {"schema": SCHEMA, "seed": seed, "cases": len(rows), "tiers": found}
+    columns = [
+        "tier",
+        "n",
+        "first",
+        "in the set",
+        "exact",
+        "false",
+        "unknown",
+        "wrong",
+        "set size",
+        "error",
+        "covered",
+        "s",
+    ]
+    keys = (
+        "n",
+        "top1",
+        "set",
+        "exact",
+        "false",
+        "unknown",
+        "wrong",
+        "set_size",
+        "parameter_error",
+        "coverage",
+        "seconds",
+    )
+    sink.result(
+        data,
+        lambda: table(
+            f"{len(rows)} cases", columns,
+            [[t["tier"], *("–" if t[k] is None else f"{t[k]:.3g}" for k in keys)] for t in found],
+        ),
+    )  # fmt: skip
