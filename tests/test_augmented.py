@@ -341,7 +341,8 @@ def test_a_saved_model_joins_the_report(tmp_path: Path, takes: dict[str, Path], 
     assert set(alone) == {"newton-euler"}
     fresh, rows = compared(*folders, folders[0])
     assert not fresh
-    names = {f"newton-euler-augmented ({folders[1]})", f"newton-euler ({folders[2]})"}
+    ends = ["/".join(f.parts[-2:]) for f in folders]
+    names = {f"newton-euler-augmented ({ends[1]})", f"newton-euler ({ends[2]})"}
     assert set(rows) == {"newton-euler", "newton-euler-augmented"} | names
     assert rows["newton-euler"]["nmse"] == alone["newton-euler"]["nmse"]
     assert rows["newton-euler-augmented"]["nmse"] < 0.05

@@ -27,6 +27,13 @@ def test_the_readme_s_table_is_the_committed_report() -> None:
     assert table(report) in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
+    from bcid.report.diagnosis_page import verdict_sentence
+
+    diagnosis = json.loads((ROOT / "docs" / "results" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert f"> {verdict_sentence(diagnosis)}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
 def test_the_page_of_effects_is_what_the_command_makes() -> None:
     from bcid.effects.listing import as_markdown
     from bcid.effects.table import EFFECTS

@@ -26,7 +26,7 @@ from bcid.diagnosis.marginal import (
 )
 from bcid.diagnosis.refit import jacobian, residuals
 from bcid.diagnosis.segments import KNOTS, N_FREE, Layout, free_sensitivities, layout, predict, segment_poses
-from bcid.diagnosis.take import GROUP_S, SEGMENT_S, Take, joined, take_of
+from bcid.diagnosis.take import FORGOTTEN_S, GROUP_S, SEGMENT_S, Take, joined, take_of
 from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
@@ -291,7 +291,7 @@ def joined_and_apart(take: Take, path: Path, vehicle: Vehicle, tuning: Tuning) -
     """`take` joined with the one at `path`, and the latter's segments that are kept."""
     recording = read_recording(path, vehicle)
     other = take_of(recording, estimate_motion(recording, vehicle, tuning))
-    return joined([take, other]), other.part(np.arange(1, other.segments))
+    return joined([take, other]), other.part(np.flatnonzero(other.begin_s > FORGOTTEN_S))
 
 
 def test_joined_takes_hold_both(take: Take, takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> None:
@@ -306,7 +306,6 @@ def test_joined_takes_hold_both(take: Take, takes: dict[str, Path], vehicle: Veh
     np.testing.assert_allclose(whole.command_s[len(take.command_s) :], later.command_s + ahead)
 
 
-@pytest.mark.xfail(strict=True, reason="the servo runs on from the take before and has not forgotten it in time")
 def test_joined_takes_are_predicted_as_each_alone(
     take: Take, takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning
 ) -> None:
@@ -456,7 +455,6 @@ def test_late_poses_are_late_commands(take: Take) -> None:
     np.testing.assert_allclose(r[0], r[1], atol=1e-9)
 
 
-@pytest.mark.xfail(strict=True, reason="chains are kept under the commands, without their times")
 def test_a_chain_is_that_of_its_own_commands(take: Take) -> None:
     """Also of a take that shares its commands, but not when they came, with one seen before."""
     phi = BASE.start(CAR)

@@ -75,7 +75,7 @@ def write(path: Path, takes: dict[str, Path], vehicle_file: Path, narx_epochs: i
 def run(plan_file: Path) -> tuple[Record, Path]:
     record = Record()
     work = Pipeline(read_plan(plan_file), record)
-    return record, work.publish(work.report())
+    return record, work.publish(work.report(), "index.html", "report.json", to="report")
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,6 @@ from bcid.cli.options import (
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
-from bcid.effects.table import EFFECTS, effect_of
 from bcid.errors import UsageError
 from bcid.pipeline.run import Pipeline
 from bcid.vehicle import read_vehicle
@@ -65,6 +64,7 @@ def plan(
     from bcid.diagnosis.manoeuvres import Arena, write_commands
     from bcid.diagnosis.planning import NOMINAL, largest_throttle, nominal_car
     from bcid.diagnosis.planning import plan as planned
+    from bcid.effects.table import EFFECTS, effect_of
 
     asked = [effect_of(name).id for name in effects or EFFECTS]
     of, sink = read_vehicle(vehicle), Sink(format)

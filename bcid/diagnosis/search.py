@@ -47,6 +47,7 @@ class Search:
     base: Fit
     corrected: Fit  # the base model with its own simplifications corrected as far as they stand out
     best: Fit
+    without: dict[str, Fit]  # the best fit with each of its named effects left out
     others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
     candidates: tuple[Candidate, ...]  # of the first step, most promising first
     p_value: float  # that the first step's best candidate is chance
@@ -79,15 +80,15 @@ def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: 
         if left.predictable and fits[0].bic - best.bic < SUBSTANTIAL * left.gain:
             break  # a mixture of effects would only stand in for something that has no name
         best, others = fits[0], fits[1:]
-    lean = _without_idlers(_one_latency(best, take), take)
-    if lean is not best or len(named(best)) > 1:
-        others = _exchanged(lean, take, trials)
-        best = lean
+    before, best = best, _without_idlers(_one_latency(best, take), take)
+    without = _each_left_out(best, corrected, base, take)
+    if best is not before or len(named(best)) > 1:
+        others = _exchanged(best, take, trials, without)
         if others and others[0].bic > best.bic:
             best, others = others[0], [best, *others[1:]]
-    return Search(
-        base, corrected, best, tuple(sorted(others, key=lambda f: -f.bic)), tuple(first or ()), p_value, trials
-    )
+            without = _each_left_out(best, corrected, base, take)
+    others = sorted(others, key=lambda f: -f.bic)
+    return Search(base, corrected, best, without, tuple(others), tuple(first or ()), p_value, trials)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
@@ -173,12 +174,22 @@ def _without_idlers(fit: Fit, take: Take) -> Fit:
     return fit
 
 
-def _exchanged(fit: Fit, take: Take, trials: Changes) -> list[Fit]:
+def _each_left_out(fit: Fit, corrected: Fit, base: Fit, take: Take) -> dict[str, Fit]:
+    """The joint refit without each of the named effects, where it is not known already."""
+    known = {f.hypothesis.effects: f for f in (corrected, base)}
+    found = {}
+    for name in named(fit):
+        rest = tuple(n for n in fit.hypothesis.effects if n != name)
+        found[name] = known[rest] if rest in known else refit_with(fit, take, rest)
+    return found
+
+
+def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -> list[Fit]:
     """Refits with one of several effects exchanged for the most promising others, best first."""
     found = []
-    for name in named(fit):
-        without = refit_with(fit, take, tuple(n for n in fit.hypothesis.effects if n != name))
-        shortlist = screen(without, take, trials.without(fit.hypothesis.effects)).candidates[:3]
-        quick = [_quick(without, take, c) for c in shortlist if c.score > WORTH]
-        found += [_full(f, take) if fit.bic - f.bic < CLOSE * (fit.bic - without.bic) else f for f in quick]
+    for less in without.values():
+        shortlist = screen(less, take, trials.without(fit.hypothesis.effects)).candidates[:3]
+        lost = fit.bic - less.bic
+        quick = [_quick(less, take, c) for c in shortlist if c.score > max(WORTH, CLOSE * lost)]
+        found += [_full(f, take) if fit.bic - f.bic < CLOSE * lost else f for f in quick]
     return sorted(found, key=lambda f: -f.bic)

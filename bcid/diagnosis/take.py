@@ -19,6 +19,7 @@ STEP_S = 0.025
 GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
 START_S = 0.4  # of a segment's poses give its initial state
 START_POSES = 5  # at least
+FORGOTTEN_S = 6.0  # after which a servo has come from lock to lock
 MIN_COVERAGE = 0.6  # of the groups that a segment may hold
 
 
@@ -51,7 +52,8 @@ class Take(NamedTuple):
     @property
     def begin_s(self) -> Floats:
         """When the segments begin (S,)."""
-        return self.step * STEP_S
+        begin: Floats = (self.step * STEP_S).astype(np.float64)
+        return begin
 
     def part(self, chosen: Ints) -> Take:
         """The same take with some of its segments only."""
@@ -122,13 +124,13 @@ def _state_at(since: Floats, pose: Floats) -> Floats:
 
 
 def joined(takes: Sequence[Take]) -> Take:
-    """Several takes as one after the other in time; the first segment of each but the first is left out.
+    """Several takes as one after the other in time, with the later ones' first FORGOTTEN_S left out.
 
-    There the steering chain, which runs through, may not yet have forgotten the take before.
+    The steering chain runs through and goes at its rate limit from where the take before left it.
     """
     whole = takes[0]
     for later in takes[1:]:
-        take = later.part(np.arange(1, later.segments))
+        take = later.part(np.flatnonzero(later.begin_s > FORGOTTEN_S))
         steps = int(np.ceil((whole.T + 1.0) / STEP_S))
         ahead = steps * STEP_S
         whole = Take(

@@ -21,6 +21,7 @@ TELLING = 2.0  # standard errors of the difference between two explanations that
 MOST_TWINS = 3
 ENOUGH = 0.15  # share of what is explained that may be left predictable, where effects are named
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
+RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
 SURPRISE = 5.0  # nats of prior against something that no entry describes
 
@@ -54,12 +55,12 @@ def judged(found: Search, take: Take, left: Remainder) -> Judgement:
     with_all = scores(best, take) if named(best) else None
     findings = []
     for name in named(best):
-        without = _without(found, take, name)
+        without = found.without[name]
         heldout = gain(with_all, scores(without, take), take) if with_all is not None else Gain(0.0, (0.0, 0.0))
         values = _values(best, name)
         twins = _twins(best, found, name)
         findings.append(Finding(name, twins, _probability(found, name), values, best.bic - without.bic, heldout))
-    kept = [f for f in findings if _passes(f)]
+    kept = [f for f in findings if _passes(f, best)]
     explained = sum(f.gain for f in kept)
     if left.predictable and (left.gain > ENOUGH * explained or left.correlation > STANDING_OUT):
         kept = []  # a mixture of what is in the vocabulary stands in for something that is not
@@ -79,22 +80,17 @@ def judged(found: Search, take: Take, left: Remainder) -> Judgement:
     return Judgement(verdict, tuple(kept), dropped, left, fit)
 
 
-def _without(found: Search, take: Take, name: str) -> Fit:
-    rest = tuple(n for n in found.best.hypothesis.effects if n != name)
-    if rest == found.corrected.hypothesis.effects:
-        return found.corrected
-    return refit_with(found.best, take, rest) if rest != found.base.hypothesis.effects else found.base
-
-
 def _values(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
     values, entry = fit.values(), EFFECTS[name]
     return {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
 
 
-def _passes(finding: Finding) -> bool:
-    local = any(p.places for p in EFFECTS[finding.effect].parameters)
+def _passes(finding: Finding, best: Fit) -> bool:
+    entry = best.hypothesis.entries[finding.effect]
+    local = any(p.places for p in entry.parameters)
+    matters = any(abs(finding.values[p.symbol][0]) > RELEVANT_SIZE * p.size for p in entry.parameters if not p.places)
     worth = finding.heldout.nats > LOCAL_GATE if local else finding.heldout.ci95[0] > 0.0
-    return worth and finding.gain > GATE
+    return worth and matters and finding.gain > GATE
 
 
 def _exchanged_for(best: Fit, other: Fit, name: str) -> str | None:

@@ -321,9 +321,11 @@ class Pipeline:
 
 
 def told_apart(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, those saved elsewhere with their folder in the label where the name is another's too."""
+    """The candidates, those saved elsewhere with their folder's end in the label where the name is another's too."""
     names = [c.label for c in candidates]
     return [
-        c._replace(label=f"{c.label} ({c.folder})") if names.count(c.label) > 1 and names.index(c.label) < i else c
+        c._replace(label=f"{c.label} ({'/'.join(c.folder.parts[-2:])})")
+        if names.count(c.label) > 1 and names.index(c.label) < i
+        else c
         for i, c in enumerate(candidates)
     ]

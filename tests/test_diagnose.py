@@ -1,0 +1,142 @@
+"""From a recording to a verdict, its JSON, its page and its model; each verdict on a small log."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from bcid.cli.app import app
+from bcid.diagnosis.contacts import contacts, without_contacts
+from bcid.diagnosis.diagnose import Diagnosis, diagnosed
+from bcid.diagnosis.remainder import Remainder
+from bcid.diagnosis.take import take_of
+from bcid.effects.table import EFFECTS
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
+from bcid.estimate.types import Estimate
+from bcid.models.saving import load_model
+from bcid.recording.read import read_recording
+from bcid.recording.types import Recording, Stream
+from bcid.simulation.car import Plant, Sensor
+from bcid.simulation.samples import Take as Order
+from bcid.simulation.samples import write_take
+from bcid.vehicle import Vehicle
+
+ROUGH = {"rough_force": 3.0, "rough_moment": 1.5}
+SECONDS = 120.0
+
+
+def taken(
+    folder: Path, vehicle: Vehicle, tuning: Tuning, plant: Plant, seed: int, sensor: Sensor | None = None
+) -> tuple[Recording, Estimate]:
+    path = write_take(folder, Order(f"take{seed}", "mcap", SECONDS), plant, sensor or Sensor(), seed)
+    recording = read_recording(path, vehicle)
+    return recording, estimate_motion(recording, vehicle, tuning)
+
+
+def verdict_on(
+    folder: Path, vehicle: Vehicle, tuning: Tuning, plant: Plant, left_out: tuple[str, ...] = ()
+) -> Diagnosis:
+    recording, estimate = taken(folder, vehicle, tuning, plant, 5)
+    return diagnosed([recording], [estimate], vehicle, left_out=left_out)
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    found = verdict_on(tmp_path, vehicle, tuning, Plant(**ROUGH))
+    assert found.judgement.verdict == "nothing-found"
+    assert found.judgement.findings == ()
+    assert found.p_value > 0.01
+
+
+@pytest.mark.slow
+def test_an_effect_is_named_with_its_value(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    found = verdict_on(tmp_path, vehicle, tuning, Plant(**ROUGH, yaw_scrub=14.0))
+    assert found.judgement.verdict == "named"
+    (finding,) = found.judgement.findings
+    assert finding.effect == "yaw_scrub"
+    value, se = finding.values["c"]
+    assert value == pytest.approx(14.0, abs=4.0 * se)
+    assert finding.heldout.ci95[0] > 0.0
+    assert finding.probability > 0.9
+    assert found.location.channel == "mz"
+
+
+@pytest.mark.slow
+def test_what_is_not_in_the_vocabulary_is_unknown_with_its_channel(
+    tmp_path: Path, vehicle: Vehicle, tuning: Tuning
+) -> None:
+    along = tuple(n for n, e in EFFECTS.items() if e.channel == "fx")
+    found = verdict_on(tmp_path, vehicle, tuning, Plant(**ROUGH, rear_rolling_viscous=25.0), along)
+    left: Remainder = found.judgement.remainder
+    assert found.judgement.verdict == "unknown"
+    assert found.judgement.findings == ()
+    assert left.predictable
+    assert left.channel == "fx"
+    assert "v_x" in left.depends_on
+    assert left.form is not None
+    assert "v_x" in left.form
+
+
+@pytest.mark.slow
+def test_a_late_pose_has_the_pair_of_delays_as_its_twin(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    recording, estimate = taken(tmp_path, vehicle, tuning, Plant(**ROUGH), 6, Sensor(pose_latency=0.015))
+    found = diagnosed([recording], [estimate], vehicle)
+    assert found.judgement.verdict == "ambiguous"
+    (finding,) = found.judgement.findings
+    assert finding.effect == "pose_latency"
+    assert "steering_delay+motor_delay" in finding.twins
+    assert EFFECTS[finding.effect].kind == "measurement"
+
+
+def test_contacts_are_found_excluded_and_nothing_else_is(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    recording, estimate = taken(tmp_path, vehicle, tuning, Plant(**ROUGH), 7)
+    assert contacts(recording) == []
+    time, values = recording.poses.time_s, recording.poses.values.copy()
+    hit = int(np.searchsorted(time, 60.0))
+    values[hit:, 0] += 1.2 * (time[hit:] - time[hit])  # a bumper changes the speed at once
+    bumped = replace(recording, poses=Stream(time, values))
+    (contact,) = contacts(bumped)
+    assert contact.begin_s <= 60.0 <= contact.end_s
+    whole = take_of(bumped, estimate)
+    rest = without_contacts(whole, [contact])
+    assert 1 <= whole.segments - rest.segments <= 2
+    assert not np.any((rest.begin_s < 60.0) & (rest.begin_s + 1.5 > 60.0))
+
+
+@pytest.mark.slow
+def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Path, vehicle_file: Path) -> None:
+    write_take(tmp_path, Order("drag", "mcap", SECONDS), Plant(**ROUGH, rear_rolling_coulomb=25.0), Sensor(), 8)
+    out = tmp_path / "out"
+    words = ["diagnose", str(tmp_path / "drag.mcap"), "--vehicle", str(vehicle_file), "--out", str(out)]
+    result = CliRunner().invoke(app, [*words, "--format", "json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found == json.loads((out / "diagnosis.json").read_text())
+    assert found["schema"] == "bcid.diagnosis/1"
+    assert found["verdict"] == "named"
+    assert [f["effect"] for f in found["findings"]] == ["rear_rolling_coulomb"]
+    (parameter,) = found["findings"][0]["parameters"].values()
+    assert parameter["value"] == pytest.approx(25.0, abs=4.0 * parameter["se"])
+    assert found["mismatch"]["where"]["channel"] == "fx"
+    assert found["fit"]["nmse_after"] < found["fit"]["nmse_before"]
+    assert found["fit"]["ratio_ci95"][1] < 1.0
+    assert [h["horizon_s"] for h in found["horizons"]] == [0.5, 2.0, 10.0]
+    assert "rear rolling coulomb" in (out / "diagnosis.html").read_text()
+    assert "rear_rolling_coulomb" in load_model(out / "model").describe()
+
+
+def test_a_plan_is_written_as_commands(tmp_path: Path, vehicle_file: Path) -> None:
+    out = tmp_path / "plan.commands.csv"
+    words = ["plan", "yaw_scrub", "--vehicle", str(vehicle_file), "--out", str(out), "--format", "json"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["parts"]
+    assert "yaw_scrub" in found["smallest"]
+    assert out.read_text().startswith("time_s,steering_rad,throttle_mps")
