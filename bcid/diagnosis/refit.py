@@ -180,8 +180,10 @@ def _step(
         if trial.objective > now.objective:
             start = now.start + trial.e.z[:, :6]
             r = residuals(take, hypothesis.setting(phi, take), start)
+            if not np.isfinite(r).all():
+                return trial
             moved = _found(take, prior, phi, start, trial.scales, r, A, 0)
-            return moved if np.isfinite(r).all() and moved.objective > now.objective else trial
+            return moved if moved.objective > now.objective else trial
     return now
 
 

@@ -7,6 +7,7 @@ for an effect; like every effect they have to earn their place in the end.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from bcid.diagnosis.disturbance import disturbances
@@ -130,7 +131,11 @@ def _sure(fit: Fit, name: str) -> bool:
 
 def _refitted(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]:
     """Joint refits with one more effect, best first: quick ones of all, full ones of those that come close."""
-    quick = sorted((_quick(fit, take, c) for c in shortlist), key=lambda f: -f.bic)
+    quick = []
+    for candidate in shortlist:
+        with suppress(FloatingPointError):  # a start from which the car spins out of the numbers is no candidate
+            quick.append(_quick(fit, take, candidate))
+    quick.sort(key=lambda f: -f.bic)
     if not quick:
         return []
     gain = quick[0].bic - fit.bic

@@ -128,6 +128,8 @@ def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: 
     miss_high = high - base - k * _front(high, b, drive, lagged, grip, p, e, c).F_a
     angle = base
     for _ in range(COMPLIANCE_STEPS):
+        if miss_high == miss_low:  # so weak that the angle does not move
+            break
         angle = high - miss_high * (high - low) / (miss_high - miss_low)
         miss = angle - base - k * _front(angle, b, drive, lagged, grip, p, e, c).F_a
         if abs(miss) < COMPLIANCE_MISS:
