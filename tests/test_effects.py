@@ -13,7 +13,7 @@ from bcid.effects.car import Body, Drive, Lagged, _front, _wheel_angle, lag_afte
 from bcid.effects.constants import UNITS, Constants
 from bcid.effects.corrections import CORRECTIONS, grip_left
 from bcid.effects.motion import Chain, body_step, drive_on, mean_held, servo_step, steering_chain
-from bcid.effects.table import EFFECTS, ENTRIES, OFF, Switches, off
+from bcid.effects.table import EFFECTS, ENTRIES, off, switches
 from bcid.physics import car as base
 from bcid.physics.car import Car
 from bcid.simulation.car import Plant, Sensor
@@ -44,13 +44,13 @@ PLACES = {"x": 4.5, "y": 1.5, "radius": 1.0, "r_0": 0.5, "t_s": 8.0}
 
 
 def switched(name: str, share: float = 1.0) -> Any:
-    """`Switches` with one effect at `share` of its size."""
+    """Switches with one effect at `share` of its size."""
     effect = ENTRIES[name]
     values = {
         f: PLACES[p.symbol] if p.places else share * p.size
         for f, p in zip(effect.fields, effect.parameters, strict=True)
     }
-    return Switches(**{**OFF, **values})
+    return switches(values)
 
 
 def commands() -> tuple[np.ndarray, np.ndarray]:
@@ -88,10 +88,9 @@ def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     """Every parameter of both is a switch, and none belongs to two entries."""
     assert sorted(ENTRIES) == sorted([*VOCABULARY, "tyre_fall", "slip_speed", "two_rear_wheels"])
     fields = [f for e in ENTRIES.values() for f in e.fields]
-    assert sorted(fields) == sorted(Switches._fields)
-    assert off() == Switches(
-        **{f: p.off for e in ENTRIES.values() for f, p in zip(e.fields, e.parameters, strict=True)}
-    )
+    assert sorted(fields) == sorted(off().dtype.names)
+    for e in ENTRIES.values():
+        assert [getattr(off(), f) for f in e.fields] == [p.off for p in e.parameters]
 
 
 @pytest.mark.parametrize("name", [*VOCABULARY, *CORRECTIONS])
@@ -111,7 +110,7 @@ def test_an_entry_is_complete(name: str) -> None:
 def random_body(rng: np.random.Generator) -> tuple[Body, Drive]:
     x, y, theta = rng.uniform(-6, 6, 3)
     v_x, v_y, omega = rng.normal(0, 1, 3)
-    return Body(x, y, theta, v_x, v_y, omega), Drive(3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2))
+    return Body(x, y, theta, v_x, v_y, omega), Drive(3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2), 0.0, 0.0)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.0, 0.4])
@@ -213,7 +212,7 @@ def test_units_are_homogeneous(name: str) -> None:
     constants = Constants(**{n: getattr(Constants(), n) * factor(u, scale) for n, u in UNITS.items()})
     effect, e = ENTRIES[name], switched(name)
     scaled = {f: getattr(e, f) * factor(p.unit, scale) for f, p in zip(effect.fields, effect.parameters, strict=True)}
-    e_scaled = e._replace(**scaled)
+    e_scaled = switches(scaled)
     times, u = commands()
     n = round(8.0 / H)
     ours = drive_on(REST, 0, n, steering_chain(times, u, 0.0, n, H, CAR, 2.012, e), SECONDS, CAR, e, Constants())
@@ -308,7 +307,7 @@ def test_a_steering_delay_moves_the_chain_by_itself(tau: float, h: float) -> Non
     """Also at the rate limit, and whatever the step: a servo that runs later by tau is d tau behind."""
     times, u = commands()
     n = round(SECONDS / h)
-    e = Switches(**{**OFF, "steering_delay__tau": tau})
+    e = switches({"steering_delay__tau": tau})
     prompt, late = (steering_chain(times, u, 0.0, n, h, CAR, 2.012, s).delta for s in (off(), e))
     same = steering_chain(times, u, -tau, n, h, CAR, 2.012, off()).delta
     np.testing.assert_allclose(late, same, rtol=0, atol=1e-12)
@@ -341,12 +340,27 @@ def test_a_delay_is_recovered_from_the_simulation(tau: float) -> None:
     angle = drive(Plant(steering_delay=tau), quiet, SECONDS, 1, given=u).truth[:, 7]
 
     def miss(delay: float) -> float:
-        e = Switches(**{**OFF, "steering_delay__tau": delay})
+        e = switches({"steering_delay__tau": delay})
         chain = steering_chain(times, u, 0.0, round(SECONDS / 0.025), 0.025, CAR, 2.012, e)
         return float(np.sum((chain.delta[:: round(0.2 / 0.025)][: len(angle)] - angle) ** 2))
 
     trials = np.arange(0.0, 0.02, 1e-4)
     assert trials[np.argmin([miss(t) for t in trials])] == pytest.approx(tau, abs=1.01e-4)
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.004, 0.013, 0.021])
+def test_a_throttle_that_changes_within_a_step_acts_as_if_the_step_ended_there(tau: float) -> None:
+    """From full throttle to the brake at any instant: a step of 25 ms ends where steps of 1 ms do."""
+    times, u = np.array([0.0, 0.1, 0.35]), np.array([[0.3, 0.2], [0.3, 2.0], [0.3, -0.4]])
+    e = switches({"motor_delay__tau": tau})
+    moving = Body(0.0, 0.0, 0.0, 1.2, 0.0, 0.4)
+    coarse, fine = (
+        drive_on(moving, 0, round(0.5 / h), steering_chain(times, u, 0.0, round(0.5 / h), h, CAR, 2.012, e), 1.0,
+                 CAR, e, Constants())[-1]
+        for h in (0.025, 0.001)
+    )  # fmt: skip
+    np.testing.assert_allclose(coarse[:3], fine[:3], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(coarse[3:], fine[3:], rtol=0, atol=3e-4)
 
 
 # --- parts -------------------------------------------------------------------------------------------------------
@@ -357,7 +371,8 @@ def test_a_delay_is_recovered_from_the_simulation(tau: float) -> None:
 def test_a_bent_wheel_is_in_balance(k: float, beside: str) -> None:
     """The angle is what the linkage gives and k times the side force at that very angle."""
     rng = np.random.default_rng(0)
-    e = switched(beside)._replace(steering_compliance__k=k)
+    e = switched(beside)
+    e.steering_compliance__k = k
     for _ in range(200):
         b, now = random_body(rng)
         angle = _wheel_angle(b, now, Lagged(0.0, 0.0, 0.0), 1.0, CAR, e, Constants())

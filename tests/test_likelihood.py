@@ -262,8 +262,8 @@ def test_the_prediction_of_a_mean_is_the_mean_of_predictions(
         row=np.arange(len(take.stamp_s)), share=np.ones(len(take.stamp_s)), first=take.first_stamp
     )
     setting = hypothesis.setting(hypothesis.start(CAR, values), take)
-    one_by_one = predict(each, take.start, *acting(setting))
-    together = predict(layout(take), take.start, *acting(setting))
+    one_by_one = predict(each, take.start, *setting.acting)
+    together = predict(layout(take), take.start, *setting.acting)
     np.testing.assert_allclose(together, _means(take, one_by_one), rtol=0, atol=1e-12)
 
 
@@ -325,19 +325,14 @@ def test_predictions_join_the_estimate(take: Take) -> None:
 # --- sensitivities -----------------------------------------------------------------------------------------------
 
 
-def acting(setting: Setting) -> tuple[object, ...]:
-    return setting.chain, setting.car, setting.switches, setting.constants
-
-
 def pushed(of: Layout, start: np.ndarray, pushes: np.ndarray, setting: Setting) -> np.ndarray:
     """Mean poses (N, 3) of all rows, every segment under `pushes` (KNOTS, 3)."""
     out = np.zeros((of.first[-1], 3))
     for s in range(len(of.step)):
         mine = slice(of.first_stamp[s], of.first_stamp[s + 1])
-        chain, car, switches, constants = acting(setting)
         segment_poses(
-            out, of.stamps[mine], of.row[mine], of.share[mine], start[s], pushes, of.step[s], of.steps, chain, of.T,
-            car, switches, constants,
+            out, of.stamps[mine], of.row[mine], of.share[mine], start[s], pushes, of.step[s], of.steps, setting.chain,
+            of.T, setting.car, setting.switches, setting.constants,
         )  # fmt: skip
     return out
 
@@ -359,11 +354,11 @@ def test_free_sensitivities_are_central_differences(
     part: Take, hypothesis: Hypothesis, values: tuple[float, ...]
 ) -> None:
     setting, of, h = hypothesis.setting(hypothesis.start(CAR, values), part), layout(part), 1e-4
-    A = free_sensitivities(of, part.start, *acting(setting))
+    A = free_sensitivities(of, part.start, *setting.acting)
     still = np.zeros((KNOTS, 3))
     columns = []
     for step in np.eye(N_START):
-        up, down = (predict(of, part.start + sign * h * step, *acting(setting)) for sign in (1.0, -1.0))
+        up, down = (predict(of, part.start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
         columns.append((up - down) / (2.0 * h))
     for j in range(3 * KNOTS):
         push = still.copy()
@@ -375,7 +370,7 @@ def test_free_sensitivities_are_central_differences(
 
 def test_a_push_acts_in_its_own_time(part: Take) -> None:
     """Not before it begins; and a push of 1 m/s^2 for half a second moves the car by some h^2/2 = 0.125 m."""
-    A = free_sensitivities(layout(part), part.start, *acting(BASE.setting(BASE.start(CAR), part)))
+    A = free_sensitivities(layout(part), part.start, *BASE.setting(BASE.start(CAR), part).acting)
     begin = part.begin_s.repeat(np.diff(part.first_stamp))
     last = np.bincount(part.row, part.stamp_s - begin) / np.bincount(part.row)
     for knot in range(KNOTS):
@@ -396,7 +391,7 @@ def test_the_jacobian_is_central_differences(part: Take, hypothesis: Hypothesis,
     for j in smooth:
         step = np.eye(len(phi))[j] * (1e-4 if j < hypothesis.base_size else 0.01)
         up, down = (
-            predict(layout(part), part.start, *acting(hypothesis.setting(phi + sign * step, part)))
+            predict(layout(part), part.start, *hypothesis.setting(phi + sign * step, part).acting)
             for sign in (1.0, -1.0)
         )
         columns.append((up - down) / (2.0 * np.abs(step).max()))

@@ -10,22 +10,16 @@ import pytest
 from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.manoeuvres import (
     ARENA,
-    COMMAND_HZ,
     LEAST_S,
-    LONGEST_S,
-    PATTERNS,
     STOP_S,
     Arena,
-    best_manoeuvre,
     catalogue,
-    driven,
-    information,
-    separation,
     top_speed,
     usual_throttle,
     write_commands,
 )
 from bcid.diagnosis.marginal import Scales
+from bcid.diagnosis.patterns import COMMAND_HZ, LONGEST_S, PATTERNS
 from bcid.diagnosis.planning import (
     NOMINAL,
     REST_S,
@@ -38,6 +32,7 @@ from bcid.diagnosis.planning import (
 from bcid.diagnosis.refit import Fit, base_fit, jacobian, residuals, sensitivities
 from bcid.diagnosis.search import GATE, refit_with
 from bcid.diagnosis.segments import N_FREE
+from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation
 from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
 from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.constants import Constants

@@ -75,6 +75,8 @@ def plan(
             nominal_car(of), constants_of(of), of.steering.max_angle_rad, NOMINAL, asked, Arena(*arena),
             largest_throttle(of), unknown,
         )  # fmt: skip
+    if not found.parts:
+        raise UsageError(f"no manoeuvre fits {arena[0]:g} by {arena[1]:g} m\n  next: give the --arena that is free")
     write_commands(out, found)
     parts: list[dict[str, Any]] = [
         {

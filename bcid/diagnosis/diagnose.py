@@ -38,6 +38,7 @@ class _Yardstick(NamedTuple):
 
 BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
 FEWEST_SEGMENTS = 20
+SMALLEST_P = 1e-3  # that is claimed: the null takes drawn are about a thousand
 FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
 
 Progress = Callable[[float, str], None]
@@ -58,12 +59,14 @@ class Diagnosis:
 
     @property
     def p_value(self) -> float:
-        """That nothing is missing, over all the places, times and effects looked at."""
-        found = self.search
-        looked = [3.0 * found.p_value, 3.0 * self.location.p_value]
-        if found.corrected is not found.base:
-            looked.append(float(np.exp(-min(found.corrected.bic - found.base.bic, 50.0))))
-        return min(1.0, *looked)
+        """That nothing is missing: of all effects, places, times and the base model's simplifications (Bonferroni)."""
+        from scipy.stats import chi2
+
+        found, location = self.search, self.location
+        free = len(found.corrected.hypothesis.parameters) - len(found.base.hypothesis.parameters)
+        gained = found.corrected.log_likelihood - found.base.log_likelihood
+        simplified = float(chi2.sf(2.0 * gained, free)) if free else 1.0
+        return min(1.0, 4.0 * max(min(found.nulls.p_value, location.place_p, location.window_p, simplified), SMALLEST_P))
 
 
 def constants_of(vehicle: Vehicle) -> Constants:
@@ -104,7 +107,7 @@ class Compared(NamedTuple):
     """The simulation that a recording is compared with, as a car and the effects that it has."""
 
     car: Car
-    effects: dict[str, float]  # by field of `Switches`
+    effects: dict[str, float]  # by field of the switches
 
     def assumed(self) -> tuple[str, ...]:
         """The effects' ids."""
@@ -148,14 +151,14 @@ def _of_take(
     base = base_fit(take, hypothesis, first_scales(take), assumed)
     progress(0.15, "where the mismatch is")
     before = disturbances(base, take)
-    location = located(before, remainder(before, base.car()))
-    found = search(base, take, lambda text: progress(0.3, text), left_out)
+    whole = remainder(before, base.car())
+    location = located(before, whole)
+    found = search(base, take, whole, lambda text: progress(0.3, text), left_out)
     progress(0.8, "what is left")
-    judgement = judged(found, take, remainder(disturbances(found.best, take), found.best.car()))
+    judgement = judged(found, take, whole if found.best is base else None)
     after = disturbances(judgement.fit, take)
-    return Diagnosis(
-        take, hits, found, judgement, location, before, after, unexcited(judgement.fit, take, found.trials)
-    )
+    not_seen = unexcited(judgement.fit, take, found.trials, found.nulls.gate)
+    return Diagnosis(take, hits, found, judgement, location, before, after, not_seen)
 
 
 def first_scales(take: Take) -> Scales:

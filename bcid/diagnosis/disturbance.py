@@ -29,6 +29,7 @@ class Disturbances(NamedTuple):
     push: Floats  # (K, 3) m/s^2, m/s^2, rad/s^2: posterior means
     strength: Floats  # (K, 3) in standard deviations of what the fit expects of them
     mean: dict[str, Floats]  # by STATES (K,)
+    share: Floats  # (K, 3) of a push that its posterior mean shows: the rest is lost to noise
 
 
 @njit_parallel
@@ -40,11 +41,12 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
     still = np.zeros(3)
     for s in numba.prange(S):
         b = Body(start[s, 0], start[s, 1], start[s, 2], start[s, 3], start[s, 4], start[s, 5])
-        lagged = settled(b, of.step[s], chain, of.T, p, e, c)
+        lagged = settled(b, of.step[s], chain, of.T, p, e[0], c)
         for i in range(per_knot * KNOTS):
             k = of.step[s] + i
-            drive = Drive(chain.t_0 + k * chain.h, of.T, chain.delta[2 * k], chain.u_m[2 * k])
-            w = wrench(b, drive, lagged, p, e, c)
+            t, u_m = chain.t_0 + k * chain.h, chain.u_m[k]
+            drive = Drive(t, of.T, chain.delta[2 * k], u_m, chain.u_next[k], chain.late[k])
+            w = wrench(b, drive, lagged, p, e[0], c)
             v_ry = b.v_y - p.l_r * b.omega
             row = (
                 b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega, drive.delta,
@@ -53,7 +55,7 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
             )  # fmt: skip
             for j in range(12):
                 out[s, i // per_knot, j] += row[j] / per_knot
-            b, lagged = body_step(b, lagged, k, chain, of.T, still, p, e, c)
+            b, lagged = body_step(b, lagged, k, chain, of.T, still, p, e[0], c)
     return out
 
 
@@ -62,7 +64,7 @@ def disturbances(fit: Fit, take: Take) -> Disturbances:
     setting = fit.hypothesis.setting(fit.phi, take)
     r = residuals(take, setting, fit.start)
     _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
-    means = _knot_means(layout(take), fit.start, setting.chain, setting.car, setting.switches, setting.constants)
+    means = _knot_means(layout(take), fit.start, *setting.acting)
     push = e.z[:, N_START:].reshape(-1, 3)
     spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)
     expected = np.sqrt(np.maximum(fit.scales.q**2 - spread, 1e-3 * fit.scales.q**2))
@@ -70,5 +72,5 @@ def disturbances(fit: Fit, take: Take) -> Disturbances:
     columns = means.reshape(-1, len(STATES)).T
     return Disturbances(
         knots.ravel(), np.repeat(np.arange(take.segments), KNOTS), push, push / expected,
-        dict(zip(STATES, columns, strict=True)),
+        dict(zip(STATES, columns, strict=True)), (expected / fit.scales.q) ** 2,
     )  # fmt: skip

@@ -9,7 +9,6 @@ import numpy as np
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.score import projected
 from bcid.diagnosis.screen import Changes
-from bcid.diagnosis.search import GATE
 from bcid.diagnosis.take import Take
 from bcid.effects.table import EFFECTS
 
@@ -25,13 +24,13 @@ class Unexcited(NamedTuple):
     unit: str
 
 
-def smallest_detectable(fit: Fit, take: Take, trials: Changes) -> dict[str, dict[str, float | None]]:
+def smallest_detectable(fit: Fit, take: Take, trials: Changes, gate: float) -> dict[str, dict[str, float | None]]:
     """For each effect and amplitude the size at which its expected gain reaches the gate; at its best place.
 
     The gain of an amplitude a is a^2 G/2, G its information with the base parameters projected out.
     """
     information = np.diag(projected(fit, take, trials.columns).G)
-    price = GATE + 0.5 * np.log(take.segments)
+    price = gate + 0.5 * np.log(take.segments)
     entries = fit.hypothesis.entries
     found: dict[str, dict[str, float | None]] = {}
     for trial in trials.trials:
@@ -50,14 +49,15 @@ def smallest_detectable(fit: Fit, take: Take, trials: Changes) -> dict[str, dict
     return found
 
 
-def unexcited(fit: Fit, take: Take, trials: Changes) -> tuple[Unexcited, ...]:
+def unexcited(fit: Fit, take: Take, trials: Changes, gate: float) -> tuple[Unexcited, ...]:
     """The effects that `fit` does not hold and that the take would not have shown at LARGE times their size."""
     rows = []
     others = trials.without(fit.hypothesis.effects)
-    for name, sizes in smallest_detectable(fit, take, others).items():
+    for name, sizes in smallest_detectable(fit, take, others, gate).items():
         for p in fit.hypothesis.entries[name].parameters:
             smallest = sizes.get(p.symbol, 0.0)
             if smallest is None or smallest > LARGE * p.size > 0.0:
                 seen = None if smallest is None or smallest > max(abs(p.low), abs(p.high)) else smallest
-                rows.append(Unexcited(name, p.symbol, seen, p.unit))
+                told = p.quoted(seen or 0.0, None)
+                rows.append(Unexcited(name, told.symbol, None if seen is None else told.value, told.unit))
     return tuple(rows)

@@ -14,7 +14,7 @@ from bcid.diagnosis.take import STEP_S, Floats, Take
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect, Parameter, Units, resized
 from bcid.effects.motion import Chain, steering_chain
-from bcid.effects.table import ENTRIES, OFF, Switches
+from bcid.effects.table import ENTRIES, switches
 from bcid.physics.car import Car
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
@@ -49,6 +49,11 @@ class Setting(NamedTuple):
     switches: Any
     chain: Chain
     constants: Constants
+
+    @property
+    def acting(self) -> tuple[Chain, Car, Any, Constants]:
+        """As the kernels over all segments take it."""
+        return self.chain, self.car, self.switches.reshape(1), self.constants
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ class Hypothesis:
 
     @property
     def parameters(self) -> list[tuple[str, Parameter]]:
-        """Field in `Switches` and declaration of each effect parameter."""
+        """Field among the switches and declaration of each effect parameter."""
         return [
             pair
             for name in self.effects
@@ -132,8 +137,8 @@ class Hypothesis:
     def setting(self, phi: Floats, take: Take) -> Setting:
         """The car, the switches and the actuator chain at phi."""
         car = self.car(phi)
-        switches: Any = Switches(**{**OFF, **self.values(phi)})
-        return Setting(car, switches, _chain(take, car, self.angle_limit, switches), self.constants)
+        e = switches(self.values(phi))
+        return Setting(car, e, _chain(take, car, self.angle_limit, e), self.constants)
 
 
 def _chain(take: Take, car: Car, limit: float, switches: Any) -> Chain:

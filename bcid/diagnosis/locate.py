@@ -29,11 +29,6 @@ class Location:
     window_p: float
     whole: Remainder  # what of the disturbances is predictable
 
-    @property
-    def p_value(self) -> float:
-        """That no place and no time stands out: the smaller of both, doubled for having looked twice."""
-        return min(1.0, 2.0 * min(self.place_p, self.window_p))
-
 
 def located(of: Disturbances, whole: Remainder) -> Location:
     """Where the disturbances stand out."""

@@ -23,6 +23,7 @@ from bcid.diagnosis.segments import KNOTS, N_FREE
 from bcid.diagnosis.take import Floats, Ints
 
 NU = 8.0
+SETTLED = 1e-3  # relative change of the scales at which EM ends
 N_START = 6  # of the free part: the initial state
 
 
@@ -151,13 +152,17 @@ def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
 
 
 def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminated]:
-    """The scales after `steps` of EM, and the likelihood's terms there.
+    """The scales after at most `steps` of EM, and the likelihood's terms there.
 
     Raises:
         FloatingPointError: where a prediction is not finite.
     """
     if not (np.isfinite(of.rr).all() and np.isfinite(of.AA).all()):
         raise FloatingPointError("a prediction left the finite numbers")
+    e = eliminate(of, scales.r, scales.precisions())
     for _ in range(steps):
-        scales = updated(scales, eliminate(of, scales.r, scales.precisions()), of.rows)
-    return scales, eliminate(of, scales.r, scales.precisions())
+        before, scales = scales, updated(scales, e, of.rows)
+        e = eliminate(of, scales.r, scales.precisions())
+        if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=SETTLED, atol=0.0):
+            break
+    return scales, e

@@ -16,23 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
-from bcid.diagnosis.manoeuvres import (
-    ARENA,
-    COMMAND_HZ,
-    SPEED_MPS,
-    Arena,
-    Drive,
-    catalogue,
-    driven,
-    information,
-    top_speed,
-    usual_throttle,
-)
+from bcid.diagnosis.manoeuvres import ARENA, SPEED_MPS, Arena, Drive, catalogue, top_speed, usual_throttle
 from bcid.diagnosis.marginal import Scales
+from bcid.diagnosis.patterns import COMMAND_HZ
 from bcid.diagnosis.refit import Fit, Tangent, jacobian, residuals, sensitivities
 from bcid.diagnosis.score import UNSEEN, projected
 from bcid.diagnosis.screen import changes_of
 from bcid.diagnosis.search import GATE
+from bcid.diagnosis.separation import driven, information
 from bcid.diagnosis.take import SEGMENT_S, Floats, Take, joined
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect, Parameter, Units

@@ -22,7 +22,7 @@ DAMPINGS = (0.0, 0.03, 0.3, 3.0, 30.0)
 LONGEST_STEP = 3.0  # of any component of phi
 CONVERGED = 0.3  # nats
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
-EM_STEPS = 4
+EM_STEPS = 2
 LAST_EM_STEPS = 20
 
 
@@ -65,14 +65,12 @@ class Fit:
 
 def residuals(take: Take, setting: Setting, start: Floats) -> Floats:
     """Measured less predicted poses (N, 3)."""
-    chain, car, switches, constants = setting.chain, setting.car, setting.switches, setting.constants
-    return wrapped(take.pose - np.asarray(predict(layout(take), start, chain, car, switches, constants)))
+    return wrapped(take.pose - np.asarray(predict(layout(take), start, *setting.acting)))
 
 
 def sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
     """D pose / d [initial state, pushes] (N, 3, N_FREE)."""
-    chain, car, switches, constants = setting.chain, setting.car, setting.switches, setting.constants
-    return np.asarray(free_sensitivities(layout(take), start, chain, car, switches, constants))
+    return np.asarray(free_sensitivities(layout(take), start, *setting.acting))
 
 
 def jacobian(
@@ -165,14 +163,29 @@ def _found(
     return _State(phi, start, scales, r, e, float(log_likelihood(e).sum()) + prior(phi))
 
 
+def _within(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:
+    """Where a Newton step leads; what would leave its bounds stays there, and the others go on without it."""
+    low, high = bounds
+    free, after = np.ones(len(phi), dtype=bool), phi.copy()
+    while free.any():
+        rest = slope - curvature[:, ~free] @ (after - phi)[~free]
+        change = np.linalg.lstsq(curvature[np.ix_(free, free)], rest[free], rcond=None)[0]
+        after[free] = phi[free] + np.clip(change, -LONGEST_STEP, LONGEST_STEP)
+        outside = free & ((after < low) | (after > high))
+        if not outside.any():
+            break
+        after[outside] = np.clip(after, low, high)[outside]
+        free &= ~outside
+    return after
+
+
 def _step(
     take: Take, hypothesis: Hypothesis, prior: _Prior, now: _State, A: Floats, slope: Floats, curvature: Floats
 ) -> _State:
     """The first damped step that raises the objective, with the initial states that go with it; or none."""
-    low, high = hypothesis.bounds()
+    bounds = hypothesis.bounds()
     for damping in DAMPINGS:
-        change = np.linalg.lstsq(curvature + damping * np.diag(np.diag(curvature) + 1e-9), slope, rcond=None)[0]
-        phi = np.clip(now.phi + np.clip(change, -LONGEST_STEP, LONGEST_STEP), low, high)
+        phi = _within(now.phi, slope, curvature + damping * np.diag(np.diag(curvature) + 1e-9), bounds)
         r = residuals(take, hypothesis.setting(phi, take), now.start)
         if not np.isfinite(r).all():
             continue

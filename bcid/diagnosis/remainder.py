@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bcid.diagnosis.disturbance import CHANNELS, Disturbances
-from bcid.diagnosis.take import Floats
+from bcid.diagnosis.take import Floats, Ints
 from bcid.physics.car import Car
 
-TREES = 60
+TREES = 40
 LEAF = 6
-FOLDS = 5
+FOLDS = 4
 BLOCK_KNOTS = 30  # 15 s: neighbours are alike
 PREDICTABLE = 0.25  # correlation above which something is predictable; nulls gave at most 0.13
 LEADING = 0.15  # share of the importance above which a variable is named
@@ -80,7 +80,7 @@ def _cross_predicted(X: Floats, targets: Floats) -> tuple[Floats, Floats]:
     """Predictions (K, 3) of blocks not seen, and importances (3, n)."""
     from sklearn.ensemble import ExtraTreesRegressor
 
-    fold = (np.arange(len(X)) // BLOCK_KNOTS) % FOLDS
+    fold = folds(len(X))
     predicted, importances = np.zeros_like(targets), np.zeros((3, X.shape[1]))
     for c in range(3):
         for f in range(FOLDS):
@@ -89,6 +89,12 @@ def _cross_predicted(X: Floats, targets: Floats) -> tuple[Floats, Floats]:
             predicted[fold == f, c] = trees.predict(X[fold == f])
             importances[c] += trees.feature_importances_ / FOLDS
     return predicted, importances
+
+
+def folds(knots: int) -> Ints:
+    """The fold (K,) of each knot: blocks in turn, shorter ones where the take is short."""
+    block = min(BLOCK_KNOTS, knots // FOLDS)
+    return np.asarray((np.arange(knots) // block) % FOLDS)
 
 
 def _correlation(a: Floats, b: Floats) -> float:
@@ -107,14 +113,45 @@ _SUMS = ("F_x", "F_y", "M_z")
 
 
 def _form(of: Disturbances, car: Car, channel: int, depends: list[str], reached: float) -> str | None:
-    """One or two terms of products of the variables, if they are worth nearly as much as the trees."""
+    """One or two terms of products of the variables, if they predict blocks not seen nearly as well as the trees.
+
+    A posterior mean shows only a share of a push; divided by it, and weighted with it, the coefficients are right
+    on the average.
+    """
+    terms = _terms(of, depends)
+    share = of.share[:, channel]
+    y = of.push[:, channel] * (car.m, car.m, car.I_z)[channel] / share
+    y = np.clip(y, *np.quantile(y, [0.005, 0.995]))
+    root = np.sqrt(share)
+    chosen: list[str] = []
+    X = np.ones((len(y), 1))
+    for _ in range(2):
+        rest = y - X @ _weighted(X, y, root)
+        best = max(terms, key=lambda t: abs(_correlation(root * terms[t][0], root * rest)))
+        if abs(_correlation(root * terms[best][0], root * rest)) < PREDICTABLE * 0.5:
+            break
+        chosen.append(best)
+        X = np.column_stack([X, terms[best][0]])
+        if _predicts(X, y, root) > SIMPLE * reached:
+            break
+    if not chosen or _predicts(X, y, root) < SIMPLE * reached:
+        return None
+    parts = [
+        f"{v:+.3g} {_UNITS[channel]}/({terms[t][1]})·{t}" if terms[t][1] != "1" else f"{v:+.3g} {_UNITS[channel]}·{t}"
+        for v, t in zip(_weighted(X, y, root)[1:], chosen, strict=True)
+    ]
+    return f"{_SUMS[channel]} += {' '.join(parts)}"
+
+
+def _terms(of: Disturbances, depends: list[str]) -> dict[str, tuple[Floats, str]]:
+    """Single variables, their odd powers and signs, and products with those that matter: values and unit."""
     columns = variables(of)
     basic = {n: columns[n][:, 0] for n in _TERMS}
     terms: dict[str, tuple[Floats, str]] = {}
     for name, value in basic.items():
         symbol, unit = _TERMS[name]
         terms[symbol] = (value, unit)
-        terms[f"sign({symbol})"] = (np.tanh(value / 0.05), "1")
+        terms[f"tanh({symbol}/0.05 {unit})"] = (np.tanh(value / 0.05), "1")
         terms[f"{symbol}|{symbol}|"] = (value * np.abs(value), f"({unit})²")
         terms[f"{symbol}³"] = (value**3, f"({unit})³")
     for i, one in enumerate(basic):
@@ -123,24 +160,17 @@ def _form(of: Disturbances, car: Car, channel: int, depends: list[str], reached:
                 (a, unit_a), (b, unit_b) = _TERMS[one], _TERMS[other]
                 terms[f"{a}·{b}"] = (basic[one] * basic[other], f"{unit_a}·{unit_b}")
                 terms[f"|{a}|·{b}"] = (np.abs(basic[one]) * basic[other], f"{unit_a}·{unit_b}")
-    y = of.push[:, channel] * (car.m, car.m, car.I_z)[channel]
-    y = np.clip(y, *np.quantile(y, [0.005, 0.995]))
-    chosen: list[str] = []
-    X = np.ones((len(y), 1))
-    for _ in range(2):
-        rest = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
-        best = max(terms, key=lambda t: abs(_correlation(terms[t][0], rest)))
-        if abs(_correlation(terms[best][0], rest)) < PREDICTABLE * 0.5:
-            break
-        chosen.append(best)
-        X = np.column_stack([X, terms[best][0]])
-        if _correlation(X @ np.linalg.lstsq(X, y, rcond=None)[0], y) > SIMPLE * reached:
-            break
-    fitted = np.linalg.lstsq(X, y, rcond=None)[0]
-    if not chosen or _correlation(X @ fitted, y) < SIMPLE * reached:
-        return None
-    parts = [
-        f"{v:+.3g} {_UNITS[channel]}/({terms[t][1]})·{t}" if terms[t][1] != "1" else f"{v:+.3g} {_UNITS[channel]}·{t}"
-        for v, t in zip(fitted[1:], chosen, strict=True)
-    ]
-    return f"{_SUMS[channel]} += {' '.join(parts)}"
+    return terms
+
+
+def _weighted(X: Floats, y: Floats, root: Floats) -> Floats:
+    return np.asarray(np.linalg.lstsq(X * root[:, None], y * root, rcond=None)[0])
+
+
+def _predicts(X: Floats, y: Floats, root: Floats) -> float:
+    """Correlation on blocks not seen, as the trees have it."""
+    fold, predicted = folds(len(y)), np.zeros(len(y))
+    for f in range(FOLDS):
+        seen = fold != f
+        predicted[~seen] = X[~seen] @ _weighted(X[seen], y[seen], root[seen])
+    return _correlation(root * predicted, root * y)

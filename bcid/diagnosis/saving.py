@@ -10,15 +10,19 @@ import numpy as np
 from bcid.diagnosis.before_after import Horizon, Tracks
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import CHANNELS
+from bcid.diagnosis.hypothesis import DRAG, DRAG_UNIT
 from bcid.diagnosis.locate import SIGNIFICANT
-from bcid.diagnosis.search import named
+from bcid.diagnosis.search import RIVAL, named
 from bcid.diagnosis.take import Floats
 from bcid.diagnosis.verdict import Finding
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS, ENTRIES
+from bcid.models.augmented import FORCE_UNITS, UNITS
 
 SCHEMA = "bcid.diagnosis/1"
+PLACEBOS = 3
+HARDLY = 0.2  # relative standard error from which a base parameter is not quoted as known
 KNOT_UNITS = {
     "time_s": "s", "segment": "1", "x": "m", "y": "m", "heading": "rad", "v_x": "m/s", "v_y": "m/s",
     "yaw_rate": "rad/s", "steering": "rad", "steering_rate": "rad/s", "throttle": "m/s", "alpha_f": "rad",
@@ -33,10 +37,10 @@ _OTHERWISE = {"any": "fx"}  # a change of mass acts on all; it is looked for alo
 
 def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]) -> dict[str, Any]:
     """The whole of it; `about` holds vehicle, recordings, duration_s and simulation."""
-    judgement, left = found.judgement, found.judgement.remainder
+    judgement = found.judgement
     detected = bool(judgement.findings) or judgement.verdict == "unknown" or found.p_value < SIGNIFICANT
     corrections = tuple(n for n in judgement.fit.hypothesis.effects if n in CORRECTIONS)
-    unknown = judgement.verdict == "unknown" or left.predictable
+    unknown = judgement.verdict == "unknown" or judgement.more_is_left
     return {
         "schema": SCHEMA,
         **about,
@@ -58,7 +62,8 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         "base": {"parameters": _base(found)},
         "rivals": _rivals(found),
         "placebos": [
-            {"name": c.effect, "gain_nats": c.score} for c in found.search.candidates if c.effect in CORRECTIONS
+            {"name": f"{c.effect}, carried half a take away", "gain_nats": c.score}
+            for c in found.search.nulls.placebos[:PLACEBOS]
         ],
         "dropped": list(judgement.dropped),
     }
@@ -94,11 +99,8 @@ def _located(
 
 
 def _numbers(parameters: Sequence[Parameter], values: dict[str, tuple[float, float]]) -> dict[str, Any]:
-    return {
-        p.symbol: {"value": values[p.symbol][0], "se": values[p.symbol][1], "unit": p.unit}
-        for p in parameters
-        if p.symbol in values
-    }
+    quoted = [p.quoted(*values[p.symbol]) for p in parameters if p.symbol in values]
+    return {q.symbol: {"value": q.value, "se": q.se, "unit": q.unit} for q in quoted}
 
 
 def _finding(f: Finding) -> dict[str, Any]:
@@ -120,11 +122,8 @@ def _finding(f: Finding) -> dict[str, Any]:
 
 def _sentence(f: Finding) -> str:
     effect = EFFECTS[f.effect]
-    words = ", ".join(
-        f"{p.meaning} {p.symbol} = {f.values[p.symbol][0]:.3g} ± {f.values[p.symbol][1]:.1g} {p.unit}"
-        for p in effect.parameters
-        if p.symbol in f.values
-    )
+    told = [(p.meaning, p.quoted(*f.values[p.symbol])) for p in effect.parameters if p.symbol in f.values]
+    words = ", ".join(f"{m} {q.symbol} = {q.value:.3g} ± {q.se:.1g} {q.unit}".removesuffix(" –") for m, q in told)
     return f"{f.effect.replace('_', ' ')}: {words}"
 
 
@@ -142,8 +141,11 @@ def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
         }  # fmt: skip
     words = "; ".join(ENTRIES[n].equation for n in corrections)
     depends = list(dict.fromkeys(d for n in corrections for d in ENTRIES[n].depends_on))
-    gained = found.search.corrected.bic - found.search.base.bic
-    return {"channel": "fy", "depends_on": depends, "form": words or None, "heldout_gain": gained}
+    gained = found.judgement.corrections
+    return {
+        "channel": found.location.channel, "depends_on": depends, "form": words or None,
+        "heldout_gain": gained.nats if gained else 0.0,
+    }  # fmt: skip
 
 
 def _fit(horizons: Sequence[Horizon]) -> dict[str, Any] | None:
@@ -156,22 +158,27 @@ def _fit(horizons: Sequence[Horizon]) -> dict[str, Any] | None:
 
 def _horizon(h: Horizon) -> dict[str, Any]:
     return {
-        "horizon_s": h.horizon_s, "nmse_before": h.before, "before_ci95": list(h.before_ci95), "nmse_after": h.after,
+        "horizon_s": h.horizon_s, "nmse_given": h.given,
+        "nmse_before": h.before, "before_ci95": list(h.before_ci95), "nmse_after": h.after,
         "after_ci95": list(h.after_ci95), "nmse_floor": h.floor, "ratio": h.after / h.before if h.before else None,
         "ratio_ci95": list(h.ratio_ci95),
     }  # fmt: skip
 
 
 def _base(found: Diagnosis) -> list[dict[str, Any]]:
+    """The refitted base parameters; `shown` is false where the recording hardly says anything of one."""
     fit = found.judgement.fit
-    se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     car, hypothesis = fit.car(), fit.hypothesis
-    units = {"F_m_max": "N", "K_t": "N s/m", "K_b": "N s/m", "I_z": "kg m²", "C_f": "N/rad", "C_r": "N/rad"}
-    units |= {"F_f_max": "N", "F_r_max": "N", "T_s": "s", "d": "rad/s", "u_0": "1", "K_v": "N s/m"}
+    se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    units = FORCE_UNITS if car.sets_force else UNITS
+    scales = [*(getattr(car, s) for s in hypothesis.logs), *(DRAG_UNIT * car.m for _ in DRAG)]
     return [
-        {"symbol": s, "value": getattr(car, s), "se": float(getattr(car, s) * e), "unit": units[s]}
-        for s, e in zip(hypothesis.logs, se, strict=False)
-    ]
+        {
+            "symbol": s, "value": getattr(car, s), "se": float(abs(scale) * e), "unit": units[s],
+            "shown": bool(e < HARDLY or s in DRAG),
+        }
+        for s, scale, e in zip((*hypothesis.logs, *DRAG), scales, se, strict=False)
+    ]  # fmt: skip
 
 
 def _rivals(found: Diagnosis) -> list[dict[str, Any]]:
@@ -179,7 +186,7 @@ def _rivals(found: Diagnosis) -> list[dict[str, Any]]:
     rows = []
     for other in found.search.others[:4]:
         behind = best.bic - other.bic
-        why = "cannot be told apart on this recording" if behind < 4.0 else f"explains {behind:.0f} nats less"
+        why = "cannot be told apart on this recording" if behind < RIVAL else f"explains {behind:.0f} nats less"
         rows.append({"effects": list(named(other)), "behind_nats": behind, "why_not": why})
     return rows
 

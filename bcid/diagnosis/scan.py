@@ -19,7 +19,7 @@ RADII_M = (0.5, 0.8, 1.2, 1.7)
 SPACING = 0.5  # of the circles' centres, in radii
 CLIP = 30.0  # one knot cannot carry a place alone
 FEWEST = 6  # knots in a circle
-PERMUTATIONS = 299
+PERMUTATIONS = 499
 WINDOWS = 24  # of time
 APART_M = 0.6
 

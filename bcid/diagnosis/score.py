@@ -15,6 +15,7 @@ LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
 UNSEEN = 1e-9  # information below which a take does not excite a trial at all
 NULLS = 999
 REWEIGHTED = 4
+KNOWN_P = 0.01  # of the null takes' tail that the draws show well
 
 
 class Projected(NamedTuple):
@@ -100,19 +101,34 @@ def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
     return best, most
 
 
-def null_maxima(found: Projected, groups: list[slice]) -> Floats:
-    """The best gain among all groups of columns in NULLS takes of nothing (NULLS,).
+def promise(found: Projected, own: slice) -> float:
+    """What the columns `own` promise together (nats) by their slopes and information alone."""
+    g = found.weights @ found.each_g[:, own]
+    G = found.G[own, own]
+    return float(_gain(amplitudes(g[None], G), g[None], G)[0])
 
-    Slopes are drawn from the law that the fit itself implies, with the columns' own correlations.
+
+def null_maxima(found: Projected, groups: list[slice]) -> Floats:
+    """The greatest `promise` among all groups of columns in NULLS takes of nothing (NULLS,).
+
+    In each take the residuals of every segment have their sign drawn anew (a wild bootstrap: Liu 1988): what a
+    trial promises by chance, with the trials' own correlations and the segments' own scatter.
     """
-    values, vectors = np.linalg.eigh(found.G)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    draws = np.random.default_rng(0).standard_normal((NULLS, len(values))) @ root.T
+    each = found.weights[:, None] * found.each_g
+    draws = np.random.default_rng(0).choice((-1.0, 1.0), (NULLS, len(each))) @ each
     most = np.zeros(NULLS)
     for own in groups:
         g, G = draws[:, own], found.G[own, own]
         most = np.maximum(most, _gain(amplitudes(g, G), g, G))
     return most
+
+
+def level(maxima: Floats, p: float) -> float:
+    """What a take of nothing promises with the probability `p`, rarer than the draws reach.
+
+    Half of a chi-square falls off as exp(-x), and so does the greatest of many.
+    """
+    return float(np.quantile(maxima, 1.0 - KNOWN_P) + np.log(KNOWN_P / p))
 
 
 def amplitudes(g: Floats, G: Floats) -> Floats:

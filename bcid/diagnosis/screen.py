@@ -6,7 +6,7 @@ Differences are taken at sizes that matter, never extrapolated from zero: some e
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.refit import Fit, residuals
 from bcid.diagnosis.scan import Circle, circles
-from bcid.diagnosis.score import best_amplitude, null_maxima, projected
+from bcid.diagnosis.score import best_amplitude, level, null_maxima, projected, promise
 from bcid.diagnosis.segments import wrapped
 from bcid.diagnosis.take import Floats, Take
 from bcid.effects.entry import Effect
@@ -25,6 +25,7 @@ PLACES = 5  # across the longer side of what was driven
 MOMENTS = 8  # in the recording
 ODD_PLACES = 4
 SHARPER = 1.0  # nats that a move must gain
+CHANCE = 1e-4  # that a take of nothing passes a gate
 FINEST = 0.04  # share of the first width at which places are sharp
 
 
@@ -55,11 +56,23 @@ class Changes(NamedTuple):
         return self._replace(trials=[t for t in self.trials if t.effect not in effects])
 
 
-class Screened(NamedTuple):
-    """Every effect's best trial, most promising first; and how often nothing at all looks as promising."""
+class Nulls(NamedTuple):
+    """What nothing at all promises on this take (nats)."""
 
-    candidates: list[Candidate]
-    p_value: float
+    p_value: float  # that the best of all trials is chance
+    level: float  # that one take of nothing in ten thousand reaches
+    local_level: float  # the same by effects local in place or time alone
+    placebos: list[Candidate]  # trials carried elsewhere in the take, best first
+
+    @property
+    def gate(self) -> float:
+        """What an effect must earn: more than chance, and more than any placebo."""
+        return max(self.level, self.placebos[0].score)
+
+    @property
+    def local_gate(self) -> float:
+        """What an effect local in place or time must earn on blocks it has not seen."""
+        return max(self.local_level, self.placebos[0].score)
 
 
 def changes(fit: Fit, take: Take) -> Changes:
@@ -185,24 +198,51 @@ def _difference(fit: Fit, take: Take, name: str, values: list[float], r: Floats)
     return change if np.isfinite(change).all() else np.zeros_like(change)
 
 
-def screen(fit: Fit, take: Take, trials: Changes) -> Screened:
+def screen(fit: Fit, take: Take, trials: Changes) -> list[Candidate]:
     """The best trial of every effect, most promising first.
 
     What a trial gains is counted in the robust likelihood itself, since a segment that it explains may have
-    been given hardly any weight.  The p-value says how often the best of all trials promises as much when
-    nothing is left out: slopes are drawn from the law that the fit itself implies, with the trials' own
-    correlations.
+    been given hardly any weight.
     """
     found = projected(fit, take, trials.columns)
+    return _ranked((t, *best_amplitude(found, t.own)) for t in trials.trials)
+
+
+def _ranked(scored: Iterable[tuple[Trial, Floats, float]]) -> list[Candidate]:
     best: dict[str, Candidate] = {}
-    for trial in trials.trials:
-        amplitude, score = best_amplitude(found, trial.own)
+    for trial, amplitude, score in scored:
         if trial.effect not in best or score > best[trial.effect].score:
             best[trial.effect] = Candidate(trial.effect, _values(trial, amplitude), score)
-    ranked = sorted(best.values(), key=lambda c: -c.score)
-    nulls = null_maxima(found, [t.own for t in trials.trials])
-    beaten = int(np.sum(nulls >= ranked[0].score)) if ranked else len(nulls)
-    return Screened(ranked, (1 + beaten) / (1 + len(nulls)))
+    return sorted(best.values(), key=lambda c: -c.score)
+
+
+def nulls(fit: Fit, take: Take, trials: Changes) -> Nulls:
+    """How promising chance looks: by signs drawn anew, and by placebos.
+
+    A placebo is a trial's change carried to segments half a take away, where it has nothing to explain.
+    """
+    found = projected(fit, take, trials.columns)
+    local = [t.own for t in trials.trials if any(p.places for p in ENTRIES[t.effect].parameters)]
+    maxima = null_maxima(found, [t.own for t in trials.trials])
+    best = max(promise(found, t.own) for t in trials.trials)
+    elsewhere = projected(fit, take, _elsewhere(trials.columns, take))
+    placebos = _ranked((t, *best_amplitude(elsewhere, t.own)) for t in trials.trials)
+    return Nulls(
+        (1 + int(np.sum(maxima >= best))) / (1 + len(maxima)), level(maxima, CHANCE),
+        level(null_maxima(found, local), CHANCE), placebos,
+    )  # fmt: skip
+
+
+def _elsewhere(columns: Floats, take: Take) -> Floats:
+    """The columns with whole segments half a take away from where they belong."""
+    moved = np.zeros_like(columns)
+    S = take.segments
+    for s in range(S):
+        a, b = take.first[s], take.first[s + 1]
+        from_a, from_b = take.first[(s + S // 2) % S], take.first[(s + S // 2) % S + 1]
+        n = min(b - a, from_b - from_a)
+        moved[a : a + n] = columns[from_a : from_a + n]
+    return moved
 
 
 def _values(trial: Trial, amplitude: Floats) -> list[float]:

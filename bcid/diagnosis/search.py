@@ -6,14 +6,17 @@ for an effect; like every effect they have to earn their place in the end.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.refit import Fit, refit
-from bcid.diagnosis.remainder import remainder
-from bcid.diagnosis.screen import Candidate, Changes, changes, screen, sharpened
+from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen, sharpened
 from bcid.diagnosis.take import Take
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.table import EFFECTS
@@ -24,12 +27,17 @@ SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
 RELEVANT = 0.01  # share of all that is explained so far that a further effect must add
 HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
-GATE = 14.0  # nats of BIC that an effect must earn
+GATE = 14.0  # what the gate of a usual take comes to; plans count with it before there is a take
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
+
+SWALLOWED = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
+"""Effects that a refitted base model takes up so far that nothing shows of them near it."""
+
+FAR_SHARES = (1.0, 1.6)
 
 DELAYS = ("steering_delay", "motor_delay")
 
@@ -51,37 +59,46 @@ class Search:
     without: dict[str, Fit]  # the best fit with each of its named effects left out
     others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
     candidates: tuple[Candidate, ...]  # of the first step, most promising first
-    p_value: float  # that the first step's best candidate is chance
+    nulls: Nulls  # what chance promises beside the corrected base model
     trials: Changes  # of the whole vocabulary beside the corrected base model
 
-    def rivals(self, within: float = RIVAL) -> tuple[Fit, ...]:
-        """Explanations that cannot be told from the best."""
-        return tuple(f for f in self.others if self.best.bic - f.bic < within)
+    def reduced(self, best: Fit, take: Take) -> Search:
+        """The same search with fewer effects in its best fit."""
+        held = set(best.hypothesis.effects)
+        others = tuple(f for f in self.others if len(held - set(f.hypothesis.effects)) == 1)
+        return replace(self, best=best, without=_each_left_out(best, self.corrected, self.base, take), others=others)
 
 
-def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: Sequence[str] = ()) -> Search:
-    """Effects are added while they earn their place, then taken away where they no longer do."""
+def search(
+    base: Fit, take: Take, whole: Remainder, report: Report = lambda text: None, left_out: Sequence[str] = ()
+) -> Search:
+    """Effects are added while they earn their place, then taken away where they no longer do.
+
+    `whole` is what of the base model's disturbances is predictable.
+    """
     report("the base model's own simplifications")
     corrected = _corrected(base, take)
     best, others = corrected, list[Fit]()
     report("a score test of every effect")
     trials = changes(best, take).without(left_out)
-    first, p_value = None, 1.0
+    chance = nulls(corrected, take, trials)
+    first: list[Candidate] = []
     while len(named(best)) < MOST_EFFECTS:
-        screened = screen(best, take, trials.without(best.hypothesis.effects))
-        if first is None:
-            first, p_value = screened.candidates, screened.p_value
-        worth = max(WORTH, HOPELESS * screened.candidates[0].score)
-        shortlist = [c for c in screened.candidates[:SHORTLIST] if c.score > worth]
+        candidates = screen(best, take, trials.without(best.hypothesis.effects))
+        first = first or candidates
+        worth = max(WORTH, HOPELESS * candidates[0].score)
+        shortlist = [c for c in candidates[:SHORTLIST] if c.score > worth]
         report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
+        left = whole if best is base else remainder(disturbances(best, take), best.car())
+        # a mixture of effects would only stand in for something that has no name
+        least = max(chance.gate, RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
         fits = _refitted(best, take, shortlist)
-        if not fits or fits[0].bic - best.bic < max(GATE, RELEVANT * (best.bic - base.bic)):
+        if left.predictable and (not fits or fits[0].bic - best.bic < least):
+            fits = sorted([*fits, *_from_afar(best, take, left_out)], key=lambda f: -f.bic)
+        if not fits or fits[0].bic - best.bic < least:
             break
-        left = remainder(disturbances(best, take), best.car())
-        if left.predictable and fits[0].bic - best.bic < SUBSTANTIAL * left.gain:
-            break  # a mixture of effects would only stand in for something that has no name
         best, others = fits[0], fits[1:]
-    before, best = best, _without_idlers(_one_latency(best, take), take)
+    before, best = best, _without_idlers(_one_latency(best, take), take, chance.gate)
     without = _each_left_out(best, corrected, base, take)
     if best is not before or len(named(best)) > 1:
         others = _exchanged(best, take, trials, without)
@@ -89,7 +106,7 @@ def search(base: Fit, take: Take, report: Report = lambda text: None, left_out: 
             best, others = others[0], [best, *others[1:]]
             without = _each_left_out(best, corrected, base, take)
     others = sorted(others, key=lambda f: -f.bic)
-    return Search(base, corrected, best, without, tuple(others), tuple(first or ()), p_value, trials)
+    return Search(base, corrected, best, without, tuple(others), tuple(first), chance, trials)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
@@ -144,6 +161,27 @@ def _refitted(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]
     return sorted([*full, *(f for f in quick if f not in near)], key=lambda f: -f.bic)
 
 
+def _from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of the effects in SWALLOWED from sizes that matter, whatever the score test says of them.
+
+    The best of them on a part of the take, then on the whole.
+    """
+    chosen = np.arange(0, take.segments, 4)
+    part, found = take.part(chosen), []
+    for name, share in itertools.product(SWALLOWED, FAR_SHARES):
+        if name in fit.hypothesis.effects or name in left_out:
+            continue
+        more = fit.hypothesis.holding(*fit.hypothesis.effects, name)
+        sizes = [share * p.size for p in more.entries[name].parameters]
+        phi = more.start(fit.car(), [*fit.hypothesis.values(fit.phi).values(), *sizes])
+        with suppress(FloatingPointError):
+            found.append(refit(part, more, phi, fit.start[chosen], fit.scales, QUICK))
+    if not found:
+        return []
+    best = max(found, key=lambda f: f.bic)
+    return [refit(take, best.hypothesis, best.phi, fit.start, fit.scales)]
+
+
 def _quick(fit: Fit, take: Take, candidate: Candidate) -> Fit:
     """The joint refit with one more effect along the fit's own tangent, from the score test's values."""
     sharp = sharpened(fit, take, candidate)
@@ -165,7 +203,7 @@ def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[f
     return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
 
 
-def _without_idlers(fit: Fit, take: Take) -> Fit:
+def _without_idlers(fit: Fit, take: Take, gate: float) -> Fit:
     """The fit without those of its effects that do not earn their place beside the others."""
     held = fit.hypothesis.effects
     if len(held) < 2:
@@ -174,8 +212,8 @@ def _without_idlers(fit: Fit, take: Take) -> Fit:
         if name in fit.hypothesis.assumed or _sure(fit, name):
             continue
         without = refit_with(fit, take, tuple(n for n in held if n != name))
-        if fit.bic - without.bic < GATE:
-            return _without_idlers(without, take)
+        if fit.bic - without.bic < gate:
+            return _without_idlers(without, take, gate)
     return fit
 
 
@@ -193,7 +231,7 @@ def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -
     """Refits with one of several effects exchanged for the most promising others, best first."""
     found = []
     for less in without.values():
-        shortlist = screen(less, take, trials.without(fit.hypothesis.effects)).candidates[:3]
+        shortlist = screen(less, take, trials.without(fit.hypothesis.effects))[:3]
         lost = fit.bic - less.bic
         quick = [_quick(less, take, c) for c in shortlist if c.score > max(WORTH, CLOSE * lost)]
         found += [_full(f, take) if fit.bic - f.bic < CLOSE * lost else f for f in quick]

@@ -102,13 +102,17 @@ def layout(take: Take) -> Layout:
 
 @njit_parallel
 def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
-    """Mean poses (N, 3) of all rows from the segments' initial states `start` (S, 6), without pushes."""
+    """Mean poses (N, 3) of all rows from the segments' initial states `start` (S, 6), without pushes.
+
+    Here as in `free_sensitivities`, `e` is an array of one record: a parallel loop cannot be handed the record.
+    """
     out = np.zeros((of.first[-1], 3))
     still = np.zeros((KNOTS, 3))
     for s in numba.prange(len(of.step)):
         a, b = of.first_stamp[s], of.first_stamp[s + 1]
         segment_poses(
-            out, of.stamps[a:b], of.row[a:b], of.share[a:b], start[s], still, of.step[s], of.steps, chain, of.T, p, e, c
+            out, of.stamps[a:b], of.row[a:b], of.share[a:b], start[s], still, of.step[s], of.steps, chain, of.T, p,
+            e[0], c,
         )  # fmt: skip
     return out
 
@@ -122,7 +126,7 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
         stamps, row, share = of.stamps[a:b], of.row[a:b] - f, of.share[a:b]
         still = np.zeros((g - f, 3))
         push = np.zeros((KNOTS, 3))
-        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, chain, of.T, p, e, c)
+        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, chain, of.T, p, e[0], c)
         for j in range(N_FREE):
             x, push = start[s].copy(), np.zeros((KNOTS, 3))
             width = NUDGE if j < 6 else PUSH
@@ -131,7 +135,7 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
             else:
                 push[(j - 6) // 3, (j - 6) % 3] = width * (p.I_z if (j - 6) % 3 == 2 else p.m)
             moved = np.zeros((g - f, 3))
-            segment_poses(moved, stamps, row, share, x, push, of.step[s], of.steps, chain, of.T, p, e, c)
+            segment_poses(moved, stamps, row, share, x, push, of.step[s], of.steps, chain, of.T, p, e[0], c)
             for i in range(g - f):
                 for r in range(3):
                     out[f + i, r, j] = (moved[i, r] - still[i, r]) / width

@@ -73,6 +73,17 @@ def states(setting: Setting, T: float, scales: Scales, seed: int, start: Floats)
     return np.asarray(pushed(start, pushes, setting.chain, T, car, setting.switches, setting.constants))
 
 
+def seen_at(stamp: Floats, true: Floats, setting: Setting) -> Floats:
+    """The tracked poses (P, 3) at `stamp` of true states (n + 1, 6) every STEP_S from time zero."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    sin_t, cos_t = np.sin(true[:, 2]), np.cos(true[:, 2])
+    v_x, v_y, omega = true[:, 3:].T
+    rates = np.column_stack([cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y, omega])
+    path = CubicHermiteSpline(np.arange(len(true)) * STEP_S, true[:, :3], rates)(stamp)
+    return np.asarray(_seen(path, setting.switches))
+
+
 def simulated_take(
     setting: Setting, command_s: Floats, command: Floats, T: float, scales: Scales, rate_hz: float, seed: int,
     start: Floats,
@@ -82,20 +93,15 @@ def simulated_take(
     `setting.chain` is that of these commands.  Poses have white noise such that a row's mean has the sd
     `scales.r`.  Segments follow each other from time zero; their starts are the true states there.
     """
-    from scipy.interpolate import CubicHermiteSpline
-
     true = states(setting, T, scales, seed, start)
-    sin_t, cos_t = np.sin(true[:, 2]), np.cos(true[:, 2])
-    v_x, v_y, omega = true[:, 3:].T
-    rates = np.column_stack([cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y, omega])
     S, steps = int(T / SEGMENT_S + 1e-9), round(SEGMENT_S / STEP_S)
     stamp = np.arange(int(np.ceil(S * SEGMENT_S * rate_hz - 1e-9))) / rate_hz
-    path = CubicHermiteSpline(np.arange(len(true)) * STEP_S, true[:, :3], rates)(stamp)
+    path = seen_at(stamp, true, setting)
     group, row = np.unique(np.floor(stamp / GROUP_S + 1e-6).astype(np.int64), return_inverse=True)
     each = 1.0 / np.bincount(row)
     share = each[row]
     noise = np.random.default_rng([seed, 1]).standard_normal(path.shape) * scales.r
-    seen = _seen(path, setting.switches) + noise / np.sqrt(each.mean())
+    seen = path + noise / np.sqrt(each.mean())
     per_segment = round(SEGMENT_S / GROUP_S)
     edges = np.arange(S + 1)
     step = np.arange(S, dtype=np.int64) * steps

@@ -56,11 +56,14 @@ def user_model(name: str) -> Model:
         UsageError: no such function, or it returns something else.
     """
     module, _, function = name.partition(":")
+    next_step = "name module:function, importable from here, or a file or folder that exists"
+    if not (function.isidentifier() and all(part.isidentifier() for part in module.split("."))):
+        raise UsageError(f"--simulation {name}: neither a file or folder nor module:function\n  next: {next_step}")
     sys.path.insert(0, str(Path.cwd()))
     try:
         made: Any = getattr(importlib.import_module(module), function)()
-    except (ImportError, AttributeError) as error:
-        raise UsageError(f"--simulation {name}: {error}\n  next: name module:function, importable from here") from None
+    except Exception as error:  # the user's own code: whatever it raises is the user's to read
+        raise UsageError(f"--simulation {name}: {type(error).__name__}: {error}\n  next: {next_step}") from error
     finally:
         sys.path.pop(0)
     missing = [m for m in ("init", "step", "scan", "period_s", "lags", "name") if not hasattr(made, m)]

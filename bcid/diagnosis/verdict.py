@@ -7,23 +7,24 @@ from typing import Literal
 
 import numpy as np
 
+from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import BLOCK_S, Gain, gain, scores
 from bcid.diagnosis.refit import Fit
-from bcid.diagnosis.remainder import Remainder
-from bcid.diagnosis.search import DELAYS, GATE, RIVAL, Search, named, refit_with
-from bcid.diagnosis.take import Take
+from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.search import DELAYS, RIVAL, Search, named, refit_with
+from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.table import EFFECTS
 
 Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 
-LOCAL_GATE = 20.0  # held-out nats that an effect local in place or time must earn
 TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
 MOST_TWINS = 3
+WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
 ENOUGH = 0.15  # share of what is explained that may be left predictable, where effects are named
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
-SURPRISE = 5.0  # nats of prior against something that no entry describes
+SURPRISE = 5.0  # nats of prior against something that no entry describes: about one case in 150
 
 
 @dataclass(frozen=True)
@@ -45,39 +46,58 @@ class Judgement:
     verdict: Verdict
     findings: tuple[Finding, ...]  # by evidence
     dropped: tuple[str, ...]  # what the search accepted and the gates did not
-    remainder: Remainder
+    remainder: Remainder  # beside `fit`
+    corrections: Gain | None  # held-out gain of the base model's own simplifications, where they stand out
     fit: Fit  # with the effects found; the corrected base model where none was
 
+    @property
+    def more_is_left(self) -> bool:
+        """Whether what remains predictable is worth telling beside what was found."""
+        explained = sum(f.gain for f in self.findings)
+        return self.remainder.predictable and self.remainder.gain > WORTH_TELLING * explained
 
-def judged(found: Search, take: Take, left: Remainder) -> Judgement:
-    """The findings that pass the gates, and the verdict."""
+
+def judged(found: Search, take: Take, left: Remainder | None = None, dropped: tuple[str, ...] = ()) -> Judgement:
+    """The findings that pass the gates, and the verdict; `left` is what remains predictable beside `found.best`.
+
+    Where an effect does not pass, the rest is refitted without it and judged anew.
+    """
     best = found.best
-    with_all = scores(best, take) if named(best) else None
-    findings = []
-    for name in named(best):
-        without = found.without[name]
-        heldout = gain(with_all, scores(without, take), take) if with_all is not None else Gain(0.0, (0.0, 0.0))
-        values = _values(best, name)
-        twins = _twins(best, found, name)
-        findings.append(Finding(name, twins, _probability(found, name), values, best.bic - without.bic, heldout))
-    kept = [f for f in findings if _passes(f, best)]
-    explained = sum(f.gain for f in kept)
+    left = left or remainder(disturbances(best, take), best.car())
+    findings = _findings(found, take)
+    failed = tuple(f.effect for f in findings if not _passes(f, found))
+    explained = sum(f.gain for f in findings if f.effect not in failed)
     if left.predictable and (left.gain > ENOUGH * explained or left.correlation > STANDING_OUT):
-        kept = []  # a mixture of what is in the vocabulary stands in for something that is not
-    dropped = tuple(f.effect for f in findings if f not in kept)
-    kept.sort(key=lambda f: -f.gain)
-    if kept:
-        verdict: Verdict = "ambiguous" if any(f.twins for f in kept) else "named"
-        fit = (
-            best
-            if not dropped
-            else refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in dropped))
+        failed = named(best)  # a mixture of what is in the vocabulary stands in for something that is not
+    if failed:
+        rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
+        return judged(found.reduced(rest, take), take, None, (*dropped, *failed))
+    verdict: Verdict = "nothing-found"
+    if findings:
+        verdict = "ambiguous" if any(f.twins for f in findings) else "named"
+    elif left.predictable or best.hypothesis.effects != found.base.hypothesis.effects:
+        verdict = "unknown"
+    corrections = None
+    if found.corrected is not found.base:
+        corrections = gain(scores(found.corrected, take), scores(found.base, take), take)
+    return Judgement(
+        verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, corrections, best
+    )  # fmt: skip
+
+
+def _findings(found: Search, take: Take) -> list[Finding]:
+    """The named effects of the best fit with their evidence."""
+    best = found.best
+    if not named(best):
+        return []
+    with_all = scores(best, take)
+    return [
+        Finding(
+            name, _twins(best, found, name), _probability(found, name), _values(best, name),
+            best.bic - found.without[name].bic, gain(with_all, scores(found.without[name], take), take),
         )
-    else:
-        corrected = found.corrected is not found.base
-        verdict = "unknown" if left.predictable or corrected or dropped else "nothing-found"
-        fit = found.corrected
-    return Judgement(verdict, tuple(kept), dropped, left, fit)
+        for name in named(best)
+    ]  # fmt: skip
 
 
 def _values(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
@@ -85,12 +105,12 @@ def _values(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
     return {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
 
 
-def _passes(finding: Finding, best: Fit) -> bool:
-    entry = best.hypothesis.entries[finding.effect]
+def _passes(finding: Finding, found: Search) -> bool:
+    entry = found.best.hypothesis.entries[finding.effect]
     local = any(p.places for p in entry.parameters)
     matters = any(abs(finding.values[p.symbol][0]) > RELEVANT_SIZE * p.size for p in entry.parameters if not p.places)
-    worth = finding.heldout.nats > LOCAL_GATE if local else finding.heldout.ci95[0] > 0.0
-    return worth and matters and finding.gain > GATE
+    worth = finding.heldout.nats > found.nulls.local_gate if local else finding.heldout.ci95[0] > 0.0
+    return worth and matters and finding.gain > found.nulls.gate
 
 
 def _exchanged_for(best: Fit, other: Fit, name: str) -> str | None:
@@ -113,7 +133,7 @@ def _alike(best: Fit, other: Fit, found: Search) -> bool:
     """Whether the evidence does not tell two fits apart: by BIC, or by the difference's own scatter (Vuong)."""
     if best.bic - other.bic < RIVAL:
         return True
-    size = max(1, round(BLOCK_S / 1.5))
+    size = max(1, round(BLOCK_S / SEGMENT_S))
     each = best.per_segment - other.per_segment
     sums = np.add.reduceat(each, np.arange(0, len(each), size))
     spread = float(sums.std(ddof=1)) * np.sqrt(len(sums))
@@ -124,6 +144,6 @@ def _probability(found: Search, name: str) -> float:
     """Of the effect among itself, its rivals, nothing and something unknown."""
     best = found.best
     behind = [best.bic - o.bic for o in found.others if _exchanged_for(best, o, name)]
-    nothing = best.bic - found.corrected.bic
+    nothing = best.bic - found.without[name].bic
     weights = [*behind, nothing, SURPRISE * TEMPER]
     return float(1.0 / (1.0 + np.sum(np.exp(-np.maximum(weights, 0.0) / TEMPER))))

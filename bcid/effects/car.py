@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
 from bcid.physics.car import Car, motor_force
@@ -45,6 +45,8 @@ class Drive(NamedTuple):
     T: float  # its length, s
     delta: float  # angle at the end of the steering chain (rad)
     u_m: float  # throttle after its delay
+    u_next: float  # what it changes to within the step,
+    late: float  # and the weight of that: none where nothing changes
 
 
 class Lagged(NamedTuple):
@@ -74,9 +76,9 @@ class _Front(NamedTuple):
     v_fx: float
 
 
-@njit
-def throttle_force(u_m: float, v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> float:
-    """F_m (N) at one wheel with the motor's effects."""
+@njit_inline
+def _held_force(u_m: float, v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> float:
+    """F_m (N) at one wheel under one throttle, with the motor's effects."""
     u_m = motor.dead_zone(u_m, e.motor_dead_zone__width)
     F = motor_force(u_m, v_w, p)
     if u_m >= 0.0:
@@ -86,11 +88,20 @@ def throttle_force(u_m: float, v_w: float, drive: Drive, p: Car, e: Any, c: Cons
     return F
 
 
-@njit
+@njit_inline
+def throttle_force(v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> float:
+    """F_m (N) at one wheel; forces are averaged, not throttles, of which the force is no linear function."""
+    F = _held_force(drive.u_m, v_w, drive, p, e, c)
+    if drive.late != 0.0:
+        F += drive.late * (_held_force(drive.u_next, v_w, drive, p, e, c) - F)
+    return F
+
+
+@njit_inline
 def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> _Front:
     """Force along and across the front wheel at the angle `delta_w`."""
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta_w)
-    F_m = throttle_force(drive.u_m, v_fx, drive, p, e, c)
+    F_m = throttle_force(v_fx, drive, p, e, c)
     pull = lagged.F_mf if e.motor_lag__tau > 0.0 else F_m
     rolling = drag(v_fx, p.R_1, p.R_2)
     F_d = rolling
@@ -111,7 +122,7 @@ def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p
     return _Front(F_l, F_a, alpha_s, F_m, v_fx)
 
 
-@njit
+@njit_inline
 def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> float:
     """delta_w: linkage, then compliance with the wheel's own side force, solved together by regula falsi."""
     speed = math.hypot(b.v_x, b.v_y) if e.steering_speed_gain__k != 0.0 else 0.0
@@ -142,7 +153,7 @@ def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: 
     return angle
 
 
-@njit
+@njit_inline
 def _rear_side_force(b: Body, v_rx: float, v_ry: float, grip: float, p: Car, e: Any) -> float:
     """F_ar (N) of one wheel in the middle, or of two."""
     v_0 = corrections.slip_speed(p.v_0, e.slip_speed__d)
@@ -160,7 +171,7 @@ def _rear_side_force(b: Body, v_rx: float, v_ry: float, grip: float, p: Car, e: 
     return total
 
 
-@njit
+@njit_inline
 def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) -> Wrench:
     """Forces and moment on the body with every effect in its place."""
     grip = 1.0
@@ -172,7 +183,7 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
     front = _front(delta_w, b, drive, lagged, grip, p, e, c)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
-    F_mr = throttle_force(drive.u_m, v_rx, drive, p, e, c) if p.front_share < 1.0 else 0.0
+    F_mr = throttle_force(v_rx, drive, p, e, c) if p.front_share < 1.0 else 0.0
     pull_r = lagged.F_mr if e.motor_lag__tau > 0.0 else F_mr
     F_lr = (1.0 - p.front_share) * (pull_r - drag(v_rx, p.R_1, p.R_2))
     sin_d, cos_d = math.sin(delta_w), math.cos(delta_w)

@@ -40,16 +40,19 @@ CORRECTIONS: dict[str, Effect] = {
             "tyre_fall", "tyres' grip falls towards (1 − f)·F̂ past saturation",
             (Parameter("f", "1", 0.0, 0.9, 0.3, "share of the grip lost far past saturation"),),
             "fy", depends_on=("alpha_f", "alpha_r"),
+            source="side force that falls past its peak; Pacejka (2012), ch. 1",
         ),
         Effect(
             "slip_speed", "v_0 → v_0·(1 + d) in the slip angles",
             (Parameter("d", "1", -0.8, 3.0, 0.2, "relative change of the speed below which slip fades"),),
             "fy", depends_on=("v_x", "alpha_f", "alpha_r"),
+            source="the paper's bound on the slip ratio's rolling speed (App. slip, errata 14), refitted",
         ),
         Effect(
             "two_rear_wheels", "the rear axle's side force as that of two wheels, t apart",
             (Parameter("t", "m", 0.0, 5.0, 0.5, "track of the rear wheels"),),
             "fy", depends_on=("alpha_r", "yaw_rate"),
+            source="slip angle of each rear wheel at its own place; rigid-body kinematics",
         ),
     )
 }  # fmt: skip

@@ -27,6 +27,57 @@ class Parameter(NamedTuple):
     meaning: str
     off: float = 0.0
     places: bool = False  # a place or a time, which means nothing while the effect is off
+    inverse_of: str = ""  # what is quoted in its place: its inverse, where off is infinity
+
+    def quoted(self, value: float, se: float | None) -> Quoted:
+        """The value as it is printed and saved, with a unit in words."""
+        if not self.inverse_of or value == 0.0:
+            return Quoted(self.symbol, value, se, unit_in_words(self.unit))
+        unit = " ".join(_inverted(part) for part in self.unit.split())
+        return Quoted(self.inverse_of, 1.0 / value, None if se is None else se / value**2, unit_in_words(unit))
+
+
+class Quoted(NamedTuple):
+    """A parameter as it is told."""
+
+    symbol: str
+    value: float
+    se: float | None
+    unit: str
+
+
+UNITS_IN_WORDS = {
+    "1": "–", "kg m s^-2": "N", "kg s^-1": "N s/m", "kg s^-2": "N/m", "kg m^-1": "N s²/m²", "kg m^2 s^-2": "N m",
+    "kg m^2 s^-1 rad^-1": "N m s", "kg s^-1 rad^-1": "N s/(m rad)", "kg m^2 s^-3": "W", "m s^-1": "m/s",
+    "m s^-2": "m/s²", "kg m s^-2 rad^-1": "N/rad", "rad s^-1": "rad/s", "m^-1 s^2": "s²/m", "m^-1 s": "s/m",
+    "kg^-1 m^-1 s^2 rad": "rad/N", "rad^-2": "rad⁻²", "kg^-1 m^-2 s^3": "1/W",
+}  # fmt: skip
+"""Products of powers as an engineer writes them (specification)."""
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def unit_in_words(unit: str) -> str:
+    """A unit as an engineer writes it.
+
+    >>> unit_in_words("kg s^-1"), unit_in_words("kg m^4")
+    ('N s/m', 'kg m⁴')
+    """
+    if unit in UNITS_IN_WORDS:
+        return UNITS_IN_WORDS[unit]
+    parts = [p.split("^", 1) for p in unit.split(" ")]
+    return " ".join(p[0] + (p[1].translate(_SUPERSCRIPTS) if len(p) > 1 else "") for p in parts)
+
+
+def _inverted(part: str) -> str:
+    """One power of a unit, inverted.
+
+    >>> _inverted("m^-2"), _inverted("s^3")
+    ('m^2', 's^-3')
+    """
+    base, _, power = part.partition("^")
+    inverse = -int(power or 1)
+    return base if inverse == 1 else f"{base}^{inverse}"
 
 
 @dataclass(frozen=True)
@@ -41,15 +92,16 @@ class Effect:
     looks_like: tuple[str, ...] = ()
     depends_on: tuple[str, ...] = ()  # the quantities it varies with, in the words of diagnosis.json
     held: str = ""  # what is visible only because the vehicle file's value is held
+    source: str = ""
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The parameters' names in `Switches`."""
+        """The parameters' names among the switches."""
         return tuple(field_of(self.id, p.symbol) for p in self.parameters)
 
 
 def field_of(effect: str, symbol: str) -> str:
-    """The name of an effect's parameter in `Switches`."""
+    """The name of an effect's parameter among the switches."""
     return f"{effect}__{symbol}"
 
 

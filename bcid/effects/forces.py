@@ -102,36 +102,43 @@ EFFECTS = (
         "rear_rolling_coulomb", "F_x −= c·tanh(v_x/0.05)",
         (Parameter("c", N, 0.0, 2000.0, 20.0, "Coulomb rolling resistance of the rear wheels"),),
         "fx", looks_like=("rear_rolling_viscous",), depends_on=("v_x",),
+        source="dry friction of bearings and rolling resistance; Armstrong-Hélouvry et al. (1994)",
     ),
     Effect(
         "rear_rolling_viscous", "F_x −= b·v_x",
         (Parameter("b", N_S_PER_M, 0.0, 2000.0, 17.0, "viscous rolling resistance of the rear wheels"),),
         "fx", looks_like=("quadratic_drag", "yaw_scrub"), depends_on=("v_x",),
+        source="viscous friction of bearings; Armstrong-Hélouvry et al. (1994)",
     ),
     Effect(
         "front_coulomb_friction", "F_d += c·tanh(v_fx/0.05)",
         (Parameter("c", N, 0.0, 2000.0, 60.0, "Coulomb rolling resistance of the front wheel"),),
         "fx", looks_like=("rear_rolling_coulomb",), depends_on=("v_x", "steering"),
+        source="dry friction in the drive train; Armstrong-Hélouvry et al. (1994)",
     ),
     Effect(
         "quadratic_drag", "F −= k·abs(V)·V",
         (Parameter("k", "kg m^-1", 0.0, 500.0, 11.0, "drag per squared speed"),),
         "fx", looks_like=("rear_rolling_viscous", "yaw_scrub"), depends_on=("speed",),
+        source="air drag; Gillespie (1992), ch. 4",
     ),
     Effect(
         "rear_drag_asymmetry", "F = −abs(b)(v_x ∓ ω·track/2) at the left (b > 0) or right rear wheel",
         (Parameter("b", N_S_PER_M, -500.0, 500.0, 13.0, "drag of one rear wheel"),),
         "fx", looks_like=("rear_rolling_viscous",), depends_on=("v_x", "yaw_rate"),
+        source="a dragging wheel: force at its hub and its moment about the CoG",
     ),
     Effect(
         "steering_drag", "F_d += k·abs(δ_w)·v_fx",
         (Parameter("k", "kg s^-1 rad^-1", 0.0, 1000.0, 23.0, "drag of the steered wheel per angle"),),
         "fx", looks_like=("quadratic_drag",), depends_on=("steering", "v_x"),
+        source="drag of a steered wheel that scrubs, linear in the angle; after Gillespie (1992), ch. 6",
     ),
     Effect(
         "rough_patch", "F_d += b·v_fx while the CoG is in the circle",
         (Parameter("b", N_S_PER_M, 0.0, 1000.0, 28.0, "drag there"), *_PLACE, RADIUS),
         "fx", "environment", depends_on=("place",),
+        source="viscous rolling resistance of another floor covering, within a circle",
     ),
     Effect(
         "floor_slope", "world acceleration (g_x, g_y)",
@@ -140,6 +147,7 @@ EFFECTS = (
             Parameter("g_y", "m s^-2", -1.0, 1.0, 0.035, "along the floor's y"),
         ),
         "fx", "environment", ("tether_pull",), ("heading",),
+        source="gravity along an inclined plane",
     ),
     Effect(
         "tether_pull", "pull k(r − r_0) toward (x, y) beyond r_0",
@@ -148,20 +156,24 @@ EFFECTS = (
             *_PLACE, Parameter("r_0", "m", 0.0, 20.0, 1.0, "slack", places=True),
         ),
         "fx", "environment", ("floor_slope",), ("place", "heading"),
+        source="Hooke's law for a cable beyond its slack length",
     ),
     Effect(
         "yaw_scrub", "M_z −= c·ω",
         (Parameter("c", "kg m^2 s^-1 rad^-1", 0.0, 1000.0, 13.0, "yaw damping"),),
         "mz", looks_like=("rear_rolling_viscous", "marker_offset"), depends_on=("yaw_rate",),
+        source="damping moment of wheels that turn on the spot; linear",
     ),
     Effect(
         "yaw_coulomb", "M_z −= c·tanh(ω/0.05)",
         (Parameter("c", "kg m^2 s^-2", 0.0, 500.0, 17.0, "Coulomb yaw friction"),),
         "mz", looks_like=("yaw_scrub",), depends_on=("yaw_rate",),
+        source="dry friction of wheels that turn on the spot; Armstrong-Hélouvry et al. (1994)",
     ),
     Effect(
         "drive_lateral_offset", "M_z += a·(F_m − F_d)·cos δ_w",
         (Parameter("a", "m", -1.0, 1.0, 0.15, "the driven wheel's offset to the right"),),
         "mz", looks_like=("steering_offset",), depends_on=("throttle", "steering"),
+        source="lever of the drive force about the CoG",
     ),
 )  # fmt: skip

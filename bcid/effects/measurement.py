@@ -41,16 +41,19 @@ EFFECTS = (
             Parameter("t_s", "s", 0.0, 1e5, 0.0, "when", places=True),
         ),
         "any", looks_like=("motor_sag",), depends_on=("time",),
+        source="added load: m and I_z in proportion",
     ),
     Effect(
         "pose_latency", "pose arrives τ late against the commands",
         (Parameter("tau", "s", -0.3, 0.3, 0.011, "latency"),),
         "time", "measurement", ("steering_delay",), ("steering_rate", "throttle"),
+        source="delay of the tracking system against the command clock",
     ),
     Effect(
         "clock_drift", "the pose clock runs (1 + ρ) times the command clock",
         (Parameter("rho", "1", -1e-3, 1e-3, 3.5e-5, "drift"),),
         "time", "measurement", ("pose_latency",), ("time", "steering_rate"),
+        source="two clocks at a constant rate ratio",
     ),
     Effect(
         "marker_offset", "tracked point at (d_x, d_y) from the CoG",
@@ -59,13 +62,16 @@ EFFECTS = (
             Parameter("d_y", "m", -1.0, 1.0, 0.02, "to the left"),
         ),
         "pose", "measurement", ("yaw_scrub",), ("yaw_rate",), _HELD,
+        source="rigid-body kinematics: the tracked point is not the CoG",
     ),
     Effect(
         "body_yaw_misalignment", "tracked yaw = θ + ψ", (Parameter("psi", "rad", -0.5, 0.5, 0.014, "angle"),),
         "pose", "measurement", ("steering_offset",), ("v_x",),
+        source="the tracked body's x axis is not the car's",
     ),
     Effect(
         "pose_scale", "tracked positions × (1 + κ)", (Parameter("kappa", "1", -0.5, 0.5, 0.06, "excess"),),
         "pose", "measurement", depends_on=("speed",), held=_HELD,
+        source="wrong length scale of the tracking calibration",
     ),
 )  # fmt: skip

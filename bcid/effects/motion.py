@@ -21,13 +21,18 @@ from bcid.physics.steering import steering_step
 Floats = npt.NDArray[np.float64]
 
 
+SAME_TIME_S = 1e-9
+
+
 class Chain(NamedTuple):
-    """What the actuators give at every half step: angle (2 n + 1,) and throttle (2 n + 1,) from t_0 on."""
+    """What the actuators give over n steps from t_0 on: the angle at every half step, the throttle in every step."""
 
     t_0: float
     h: float
-    delta: Floats
-    u_m: Floats
+    delta: Floats  # (2 n + 1,)
+    u_m: Floats  # (n + 1,) as each step begins
+    u_next: Floats  # (n + 1,) mean after the first change within the step
+    late: Floats  # (n + 1,) share of the step after that change, 0 where there is none
 
 
 class Servo(NamedTuple):
@@ -88,10 +93,9 @@ def chain_on(
     came, not to its mean.
     """
     u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
-    area_m = np.zeros(len(times))
-    area_m[1:] = np.cumsum(u_m[:-1] * np.diff(times))
     half, tau = 0.5 * h, e.steering_delay__tau
-    delta_out, throttle = np.empty(2 * n + 1), np.empty(2 * n + 1)
+    delta_out = np.empty(2 * n + 1)
+    throttle, throttle_next, late = _throttle(times + e.motor_delay__tau, u_m, t_0, n, h)
     angle, lagged, behind = servo.angle, servo.lagged, servo.behind
     row = 0
     for k in range(2 * n + 1):
@@ -99,7 +103,6 @@ def chain_on(
         lagging = lagged if e.steering_lag__tau > 0.0 else angle
         behind = steering.play(behind, lagging, e.steering_backlash__b) if e.steering_backlash__b > 0.0 else lagging
         delta_out[k] = behind
-        throttle[k] = mean_held(times, u_m, area_m, t - e.motor_delay__tau, t + half - e.motor_delay__tau)
         now, end = t, t + half
         while k < 2 * n and now < end:
             while row + 1 < len(times) and times[row + 1] + tau <= now:
@@ -111,7 +114,23 @@ def chain_on(
             if e.steering_lag__tau > 0.0:
                 lagged = lag_after(lagged, angle, after, (until - now) / e.steering_lag__tau)
             angle, now = after, until
-    return Chain(t_0, h, delta_out, throttle), Servo(angle, lagged, behind)
+    return Chain(t_0, h, delta_out, throttle, throttle_next, late), Servo(angle, lagged, behind)
+
+
+@njit
+def _throttle(times: Floats, u_m: Floats, t_0: float, n: int, h: float) -> tuple[Floats, Floats, Floats]:
+    """`Chain`'s throttle of commands held from `times` on."""
+    area = np.zeros(len(times))
+    area[1:] = np.cumsum(u_m[:-1] * np.diff(times))
+    now, after, late = np.empty(n + 1), np.empty(n + 1), np.zeros(n + 1)
+    for k in range(n + 1):
+        t = t_0 + k * h
+        row = int(np.searchsorted(times, t + SAME_TIME_S, side="right"))  # the next to come
+        now[k] = after[k] = u_m[max(row - 1, 0)]
+        if 0 < row < len(times) and times[row] < t + h - SAME_TIME_S:
+            late[k] = (t + h - times[row]) / h
+            after[k] = mean_held(times, u_m, area, times[row], t + h)
+    return now, after, late
 
 
 @njit
@@ -177,10 +196,12 @@ def body_step(
 ) -> tuple[Body, Lagged]:
     """Pose, twist and lags after step `k` of the chain, one RK4 step; `push` (3,) is a constant further wrench."""
     h, t = chain.h, chain.t_0 + k * chain.h
-    u_m = 0.5 * (chain.u_m[2 * k] + chain.u_m[2 * k + 1])  # its mean: a change within the step keeps its impulse
-    start = Drive(t, T, chain.delta[2 * k], u_m)
-    middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], u_m)
-    end = Drive(t + h, T, chain.delta[2 * k + 2], u_m)
+    u_m, u_next, s = chain.u_m[k], chain.u_next[k], chain.late[k]
+    # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
+    at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)
+    start = Drive(t, T, chain.delta[2 * k], u_m, u_next, at_start)
+    middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], u_m, u_next, s)
+    end = Drive(t + h, T, chain.delta[2 * k + 2], u_m, u_next, at_end)
     # a lag's value at a stage follows from the steady one there: only then is the wrench found twice
     lags = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
     first = wrench(b, start, lagged, p, e, c)
@@ -213,7 +234,7 @@ def body_step(
 @njit
 def settled(b: Body, k: int, chain: Chain, T: float, p: Car, e: Any, c: Constants) -> Lagged:
     """The lagging quantities at step `k` as if nothing had changed for long."""
-    drive = Drive(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[2 * k])
+    drive = Drive(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], 0.0)
     return wrench(b, drive, Lagged(0.0, 0.0, 0.0), p, e, c).steady
 
 

@@ -36,28 +36,34 @@ EFFECTS = (
     Effect(
         "motor_delay", "u_m(t − τ)", (Parameter("tau", "s", 0.0, 0.5, 0.065, "delay"),),
         "motor", looks_like=("motor_lag",), depends_on=("throttle",),
+        source="transport delay of the command",
     ),
     Effect(
         "motor_lag", "Ḟ_m = (F_cmd − F_m)/τ", (Parameter("tau", "s", 0.0, 1.0, 0.06, "time constant"),),
         "motor", looks_like=("motor_delay",), depends_on=("throttle",),
+        source="first-order lag of the drive; after Ljung (1999), ch. 4",
     ),
     Effect(
         "motor_dead_zone", "throttle reference reduced by w, not below 0",
         (Parameter("width", "m s^-1", 0.0, 1.0, 0.13, "width"),),
         "motor", depends_on=("throttle",), held="the throttle's zero (c in the vehicle file)",
+        source="dead zone of the throttle; a standard actuator nonlinearity",
     ),
     Effect(
         "motor_sag", "throttle force × (1 − s·t/T)", (Parameter("s", "1", -1.0, 0.95, 0.27, "share lost at the end"),),
         "motor", looks_like=("mass_change",), depends_on=("time", "throttle"),
+        source="battery voltage falling with time; linear over the recording",
     ),
     Effect(
         "motor_power_limit", "throttle force ≤ P/max(abs(v_fx), 0.2)",
-        (Parameter("inverse_P", "kg^-1 m^-2 s^3", 0.0, 0.1, 0.0055, "inverse of the largest power"),),
+        (Parameter("inverse_P", "kg^-1 m^-2 s^3", 0.0, 0.1, 0.0055, "inverse of the largest power", inverse_of="P"),),
         "motor", depends_on=("throttle", "v_x"),
+        source="constant-power limit of a drive; Gillespie (1992), ch. 2",
     ),
     Effect(
         "motor_regeneration", "throttle brakes above its reference with the share r of K_t",
         (Parameter("r", "1", 0.0, 1.0, 0.22, "share of K_t"),),
         "motor", looks_like=("front_coulomb_friction",), depends_on=("throttle", "v_x"),
+        source="a speed controller that brakes above its reference with a share of its gain",
     ),
 )  # fmt: skip

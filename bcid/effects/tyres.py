@@ -56,31 +56,37 @@ EFFECTS = (
         "tyre_relaxation", "front slip lags: α̇ = abs(v_fx)(α_s − α)/σ",
         (Parameter("sigma", "m", 0.0, 2.0, 0.045, "relaxation length"),),
         "fy", looks_like=("steering_delay", "steering_lag"), depends_on=("steering_rate", "alpha_f"),
+        source="first-order lag in rolled distance; Pacejka (2012), ch. 7",
     ),
     Effect(
         "friction_circle", "F̂_f → F̂_f·√(1 − κ(F_m/F̂_f)²)",
         (Parameter("kappa", "1", 0.0, 4.0, 1.9, "share of the grip that the motor force takes"),),
         "fy", looks_like=("load_transfer",), depends_on=("throttle", "alpha_f"),
+        source="combined slip by the friction ellipse; Pacejka (2012), ch. 3",
     ),
     Effect(
         "tyre_soft_saturation", "blend s of clip with F̂·tanh(Cα/F̂), front and rear",
         (Parameter("s", "1", 0.0, 1.0, 0.8, "softness"),),
         "fy", depends_on=("alpha_f", "alpha_r"),
+        source="a smooth saturating side force in place of a clipped line; Pacejka (2012), ch. 3",
     ),
     Effect(
         "load_transfer", "C_f, F̂_f × (1 − k·a_x), a_x = (F_m − F_d) cos δ_w/m",
         (Parameter("k", "m^-1 s^2", -1.0, 1.0, 0.13, "unloading of the front axle per acceleration"),),
         "fy", looks_like=("friction_circle",), depends_on=("throttle", "alpha_f"),
+        source="axle load under acceleration; Gillespie (1992), ch. 1, with force in proportion to load",
     ),
     Effect(
         "front_ply_steer", "F_αf += f·tanh(v_fx/0.05), before saturation",
         (Parameter("f", "kg m s^-2", -500.0, 500.0, 18.0, "side force of a rolling wheel without slip"),),
         "fy", looks_like=("steering_offset",), depends_on=("v_x",),
+        source="ply steer and conicity: side force without slip; Pacejka (2012), ch. 4",
     ),
     Effect(
         "rear_toe", "α_r −= ε·v_x/max(abs(v_x), v_0)",
         (Parameter("epsilon", "rad", -0.2, 0.2, 0.01, "thrust angle of both rear wheels"),),
         "fy", looks_like=("body_yaw_misalignment",), depends_on=("v_x",),
+        source="both rear wheels pointing aside: a thrust angle",
     ),
     Effect(
         "slippery_patch", "F̂_f, F̂_r × (1 − D) while the CoG is in the circle",
@@ -90,5 +96,6 @@ EFFECTS = (
             Parameter("y", "m", -50.0, 50.0, 0.0, "centre", places=True), RADIUS,
         ),
         "fy", "environment", depends_on=("place", "alpha_f"),
+        source="less friction of another floor covering, within a circle",
     ),
 )  # fmt: skip

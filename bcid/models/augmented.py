@@ -24,7 +24,7 @@ from bcid.compiled import njit
 from bcid.effects.car import Body, Lagged
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Servo, body_step, chain_on, settled
-from bcid.effects.table import ENTRIES, OFF, Switches
+from bcid.effects.table import ENTRIES, OFF, switches
 from bcid.errors import UsageError
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.newton_euler import equation_lines
@@ -169,7 +169,7 @@ class AugmentedNewtonEuler:
     """
 
     car: Car
-    effects: Mapping[str, float]  # by field of `Switches`: those that are on
+    effects: Mapping[str, float]  # by field of the switches: those that are on
     constants: Constants
     angle_limit: float  # of the steering command, rad
     recording_s: float  # T in the effects' equations
@@ -186,11 +186,11 @@ class AugmentedNewtonEuler:
     @property
     def setup(self) -> Setup:
         """What the compiled step takes."""
-        switches: Any = Switches(**{**OFF, **self.effects})
+        e = switches(self.effects)
         steps = max(1, math.ceil(self.period_s / STEP_S - 1e-9))
-        kept = math.ceil(longest_delay(switches, self.recording_s) / self.period_s) + 1
+        kept = math.ceil(longest_delay(e, self.recording_s) / self.period_s) + 1
         return Setup(
-            self.car, switches, self.constants, self.angle_limit, self.recording_s, self.period_s, steps, kept
+            self.car, e, self.constants, self.angle_limit, self.recording_s, self.period_s, steps, kept
         )  # fmt: skip
 
     @classmethod
@@ -260,9 +260,9 @@ class AugmentedNewtonEuler:
         single = ("angle_limit", "recording_s", "period_s")
         alone = _numbers("the model", {n: data[n] for n in single}, single)
         effects = _numbers("effects", data["effects"], OFF)
-        switches: Any = Switches(**{**OFF, **effects})
-        delay = longest_delay(switches, alone["recording_s"])
-        if min(alone.values()) <= 0.0 or switches.pose_scale__kappa <= -1.0 or delay > LONGEST_DELAY_S:
+        e = switches(effects)
+        delay = longest_delay(e, alone["recording_s"])
+        if min(alone.values()) <= 0.0 or e.pose_scale__kappa <= -1.0 or delay > LONGEST_DELAY_S:
             raise ValueError(f"an angle, time or scale in it that no car has (delays of {delay:g} s)")
         facts = data["facts"]
         if not isinstance(facts, Mapping):

@@ -304,9 +304,18 @@ class Pipeline:
         return [str(simulation), sha256_of(module) if module.is_file() else None]
 
     def publish(self, artifact: Artifact, *names: str, to: str) -> Path:
-        """Copy an artifact's files and folders to WORKSPACE/`to`, where they are looked for; returns the first."""
+        """Copy an artifact's files and folders to WORKSPACE/`to`, where they are looked for; returns the first.
+
+        Files of these names from an earlier run that this one has not are removed.
+
+        Raises:
+            UsageError: where a folder of such a name holds something else than a saved model.
+        """
         home = self.plan.workspace / to
         home.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            if (home / name).is_dir() and any((home / name).iterdir()) and not (home / name / "model.json").exists():
+                raise UsageError(f"{home / name} holds something else than a model\n  next: choose another --out")
         for name in names:
             source, beside = artifact.folder / name, home / f".{name}.{artifact.key}"
             if source.is_dir():
@@ -315,6 +324,7 @@ class Pipeline:
             elif source.exists():
                 shutil.copyfile(source, beside)
             else:
+                (home / name).unlink(missing_ok=True)
                 continue
             beside.replace(home / name)
         return home / names[0]

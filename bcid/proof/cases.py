@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,7 +12,8 @@ from bcid.proof.concealed import SIZES, Concealed, conceal, flaws
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import Drive, drive
 
-ROUGHNESS = {"rough_force": 3.0, "rough_moment": 1.5}  # of the floor, N and N m
+ROUGHNESS = {"rough_force": 3.0, "rough_moment": 1.5}
+"""Of the floor, N and N m, wherever the base is imperfect or the recording harder; a matched car has no extras."""
 FAMILIES = {
     "fx": (
         "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag",
@@ -24,6 +26,9 @@ FAMILIES = {
     ),
 }  # fmt: skip
 """What is left out of the vocabulary where one of a family is concealed."""
+
+SEVERAL = {"rear_drag_asymmetry": ("fx", "mz"), "floor_slope": ("fx", "fy"), "tether_pull": ("fx", "fy")}
+"""Effects that act in two channels (specification): either is right."""
 
 
 HARDER = (("two-minutes", 120.0, 60.0, 1.0), ("ten-hertz", 600.0, 10.0, 1.0), ("three-times-noise", 600.0, 60.0, 3.0))
@@ -58,9 +63,15 @@ class Case:
     def plant(self) -> Plant:
         """The car with what is concealed."""
         rng = np.random.default_rng([self.seed, self.number, 7])
-        base = flaws(rng) if self.imperfect else {}
+        base = {**ROUGHNESS, **flaws(rng)} if self.imperfect else {}
+        if (self.duration_s, self.rate_hz, self.noise) != (USUAL.duration_s, USUAL.rate_hz, USUAL.noise):
+            base |= ROUGHNESS
         more = {k: v for c in self.concealed for k, v in c.plant.items()}
-        return Plant(**{**ROUGHNESS, **base, **more})
+        return Plant(**{**base, **more})
+
+    def digest(self) -> str:
+        """Of all that makes the case."""
+        return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
 
     def sensor(self) -> Sensor:
         """The motion capture with what is concealed."""
@@ -75,6 +86,9 @@ class Case:
         """The drive."""
         seed = int(np.random.default_rng([self.seed, self.number, 11]).integers(2**31))
         return drive(self.plant(), self.sensor(), self.duration_s, seed)
+
+
+USUAL = Case("usual", 0, ())
 
 
 def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[Case]:

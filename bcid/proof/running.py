@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -17,6 +16,7 @@ from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.heldout import scores
 from bcid.diagnosis.refit import refit
 from bcid.effects.table import EFFECTS
+from bcid.errors import BcidError
 from bcid.estimate.noise import Noise
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
@@ -92,32 +92,37 @@ def scored(case: Case, found: Diagnosis) -> dict[str, Any]:
 
 def _oracle_share(case: Case, found: Diagnosis) -> float | None:
     """Held-out gain of what was found, over that of refitting the true structure from the true values."""
-    corrected, take = found.search.corrected, found.take
+    corrected, fit, take = found.search.corrected, found.judgement.fit, found.take
     (hidden,) = case.concealed
-    held = (*(n for n in found.judgement.fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
-    hypothesis = corrected.hypothesis.holding(*held)
-    old = found.judgement.fit.values()
+    held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
+    hypothesis, old = corrected.hypothesis.holding(*held), fit.values()
     values = [
         hidden.parameters[p.symbol] if name == hidden.effect else old[field][0]
         for name in held
         for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
     ]
-    oracle = refit(take, hypothesis, hypothesis.start(corrected.car(), values), corrected.start, corrected.scales)
+    near = fit if hypothesis.effects == fit.hypothesis.effects else corrected
+    oracle = refit(take, hypothesis, hypothesis.start(near.car(), values), near.start, near.scales)
     nothing = scores(corrected, take).sum()
     best = scores(oracle, take).sum() - nothing
-    return float((scores(found.judgement.fit, take).sum() - nothing) / best) if best > 0.0 else None
+    reached = scores(fit, take).sum() - nothing if fit is not corrected else 0.0
+    return float(reached / best) if best > 0.0 else None
 
 
 def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[str, Any]]:
-    """Every case's row; rows already in `folder` are read, the others made and kept there, each as it is done."""
+    """Every case's row; rows already in `folder` are read, the others made and kept there, each as it is done.
+
+    A row is kept under its case's digest, so that another seed or suite never meets it; one that ended in an
+    error is made again.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     todo = []
     for case in cases:
-        path = folder / f"{case.name}.json"
-        if path.exists():
-            yield json.loads(path.read_text(encoding="utf-8"))
-        else:
+        row = _known(case, folder)
+        if row is None:
             todo.append(case)
+        else:
+            yield row
     if workers <= 1:
         for case in todo:
             yield _kept(case, folder)
@@ -127,20 +132,32 @@ def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[
             yield done.result()
 
 
+def _file(case: Case, folder: Path) -> Path:
+    return folder / f"{case.name}.{case.digest()}.json"
+
+
+def _known(case: Case, folder: Path) -> dict[str, Any] | None:
+    try:
+        row: dict[str, Any] = json.loads(_file(case, folder).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return None if "error" in row else row
+
+
 def _alone() -> None:
     """One thread in each worker: the workers share the cores."""
     import numba
 
     numba.set_num_threads(1)
-    os.environ["OMP_NUM_THREADS"] = "1"
 
 
 def _kept(case: Case, folder: Path) -> dict[str, Any]:
     try:
         row = run_case(case)
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
         row = {"case": case.name, "tier": case.tier, "answer": list(case.answer), "error": repr(error)}
-    path = folder / f"{case.name}.json"
+        row["channel"] = case.channel
+    path = _file(case, folder)
     beside = path.with_suffix(".part")
     beside.write_text(json.dumps(row), encoding="utf-8")
     beside.replace(path)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bcid.effects.table import EFFECTS
+from bcid.proof.cases import SEVERAL
 
 SCHEMA = "bcid.prove/1"
 LARGEST_SET = 4  # a longer set is a miss
@@ -47,34 +48,45 @@ def tiers(rows: Iterable[dict[str, Any]]) -> list[Tier]:
 
 
 def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
-    rows = [r for r in members if "error" not in r]
+    """The shares; a case that ended in an error is a miss, or a false alarm."""
+    failed = {"findings": [], "verdict": "error", "remainder": {"channel": ""}, "seconds": float("nan")}
+    rows = [r if "error" not in r else {**failed, **r} for r in members]
     known = [r for r in rows if r["answer"] and not r["channel"]]
     nulls = [r for r in rows if not r["answer"]]
     hidden = [r for r in rows if r["channel"]]
     errors, covered = _parameters(known)
-    measured = [r for r in known if EFFECTS[r["answer"][0]].kind == "measurement"]
-    false = [bool(r["findings"]) for r in nulls]
+    measured = [r for r in known if any(EFFECTS[e].kind == "measurement" for e in r["answer"])]
+    false = [bool(r["findings"]) or "error" in r for r in nulls]
     return Tier(
         name, len(members), _mean(r["findings"] != [] and r["findings"][0]["effect"] in r["answer"] for r in known),
-        _mean(set(r["answer"]) <= _set(r) and len(_first_set(r)) <= LARGEST_SET for r in known),
+        _mean(set(r["answer"]) <= _set(r) and len(_set(r)) <= LARGEST_SET for r in known),
         _mean(set(r["answer"]) == {f["effect"] for f in r["findings"]} for r in known),
         _mean(false), _interval(sum(false), len(false)) if false else None,
-        float(np.mean([r["verdict"] == "unknown" for r in rows])) if rows else 0.0,
+        float(np.mean([r["verdict"] == "unknown" for r in rows])),
         _mean(bool({f["effect"] for f in r["findings"]} - _alike(r)) for r in known + hidden),
-        _mean(len(_first_set(r)) for r in known if r["findings"]), _median(errors), _mean(covered),
+        _mean(len(_set(r)) for r in known if r["findings"]), _median(errors), _mean(covered),
         _median([r["oracle_share"] for r in known if r.get("oracle_share") is not None]),
-        _mean(bool(r["findings"]) and r["findings"][0]["kind"] == "measurement" for r in measured),
-        _mean(r["verdict"] == "unknown" and r["remainder"]["channel"] == r["channel"] for r in hidden),
-        _median([r["seconds"] for r in rows]) or 0.0, len(members) - len(rows),
+        _mean(_called_measurement(r) for r in measured),
+        _mean(r["verdict"] == "unknown" and r["remainder"]["channel"] in _channels(r) for r in hidden),
+        _median([r["seconds"] for r in rows if "error" not in r]) or 0.0, sum("error" in r for r in members),
     )  # fmt: skip
 
 
-def _first_set(row: dict[str, Any]) -> set[str]:
-    """The first finding and what it cannot be told from."""
-    return {row["findings"][0]["effect"], *row["findings"][0]["twins"]} if row["findings"] else set()
+def _channels(row: dict[str, Any]) -> tuple[str, ...]:
+    """In which a left-out effect acts."""
+    return next((SEVERAL[e] for e in row["answer"] if e in SEVERAL), (row["channel"],))
+
+
+def _called_measurement(row: dict[str, Any]) -> bool:
+    """Whether as much is called measurement as there is, and nothing beyond what is there is called vehicle."""
+    found = {f["effect"]: f["kind"] for f in row["findings"]}
+    there = [e for e in row["answer"] if EFFECTS[e].kind == "measurement"]
+    called = [e for e, kind in found.items() if kind == "measurement"]
+    return len(called) >= len(there) and all(e in row["answer"] for e in found if e not in called)
 
 
 def _set(row: dict[str, Any]) -> set[str]:
+    """What is returned: all findings and what they cannot be told from.  A pair that is a twin counts as one."""
     return {e for f in row["findings"] for e in (f["effect"], *f["twins"])}
 
 

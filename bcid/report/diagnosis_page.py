@@ -15,6 +15,7 @@ import numpy.typing as npt
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bcid import __version__
+from bcid.effects.entry import unit_in_words
 from bcid.effects.table import ENTRIES
 from bcid.report.diagnosis_figures import VARIABLES, proof_pictures, where_of, where_pictures, windows_of
 
@@ -27,14 +28,6 @@ CHANNELS = {
 GREEK = {
     "tau": "τ", "sigma": "σ", "kappa": "κ", "epsilon": "ε", "rho": "ρ", "psi": "ψ", "inverse_P": "1/P",
 }  # fmt: skip
-UNITS = {
-    "1": "", "kg m s^-2": "N", "kg s^-1": "N s/m", "kg s^-2": "N/m", "kg m^-1": "N s²/m²", "kg m^2 s^-2": "N m",
-    "kg m^2 s^-1 rad^-1": "N m s/rad", "kg s^-1 rad^-1": "N s/(m rad)", "kg^-1 m^-2 s^3": "1/W", "m s^-1": "m/s",
-    "m s^-2": "m/s²", "kg m s^-2 rad^-1": "N/rad", "rad s^-1": "rad/s", "m^-1 s^2": "s²/m", "m^-1 s": "s/m",
-    "kg^-1 m^-1 s^2 rad": "rad/N",
-}  # fmt: skip
-"""Products of powers as an engineer writes them."""
-
 FOLDED = 8  # rows from which a table is folded
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -51,7 +44,7 @@ _FINDING: dict[str, Any] = {
 _MANOEUVRE = {"name": "", "separates": (), "why": "", "file": None, "score": None}
 _UNKNOWN = {"channel": None, "depends_on": (), "form": None, "heldout_gain": None}
 _HORIZON = dict.fromkeys(
-    ("nmse_before", "before_ci95", "nmse_after", "after_ci95", "nmse_floor", "ratio", "ratio_ci95")
+    ("nmse_given", "nmse_before", "before_ci95", "nmse_after", "after_ci95", "nmse_floor", "ratio", "ratio_ci95")
 )
 
 
@@ -130,8 +123,11 @@ def _ambiguous(d: Mapping[str, Any]) -> str:
     ]
     certain = f"Missing in the simulation: {'; '.join(alone)}. " if alone else ""
     more = "Something more" if alone else "Something"
+    missing = f"{more} is missing, and this recording cannot tell which"
+    if kinds == {"measurement"} and not alone:
+        missing = "The recording is off, not the vehicle, though two causes would look the same"
     return (
-        f"{certain}{more} is missing, and this recording cannot tell which: {'; and: '.join(unclear)}. "
+        f"{certain}{missing}: {'; and: '.join(unclear)}. "
         f"{_help(d, 'With the first named' if len(d['findings']) == 1 else 'With those named first')}{_remainder(d)}"
     ).rstrip()
 
@@ -242,10 +238,8 @@ def unit(text: str | None) -> str:
     >>> unit("kg s^-1"), unit("kg m^4")
     ('N s/m', 'kg m⁴')
     """
-    if text is None or text in UNITS:
-        return UNITS.get(text or "1", "")
-    parts = [p.split("^", 1) for p in text.split(" ")]
-    return " ".join(p[0] + (p[1].translate(_SUPERSCRIPTS) if len(p) > 1 else "") for p in parts)
+    words = unit_in_words(text or "1")
+    return "" if words == "–" else words
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -8,6 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bcid.diagnosis.before_after import as_model, compared
 from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
 from bcid.diagnosis.saving import KNOT_UNITS, TRACK_UNITS, as_json, knot_columns, track_columns
@@ -40,7 +42,7 @@ def make(
     found = diagnosed(takes, motions, vehicle, against, progress)
     progress(0.85, "held-out proof")
     horizons, tracks = compared(
-        found.search.base, found.judgement.fit, found.take, takes[0], motions[0], vehicle, tuned
+        found.search.base, found.judgement.fit, found.take, takes[0], motions[0], vehicle, tuned, against
     )  # fmt: skip
     about = {
         "vehicle": vehicle.name,
@@ -87,18 +89,23 @@ def _words(simulation: str | None, simulated: Sequence[tuple[Path, Path]]) -> st
 
 
 def _manoeuvre(folder: Path, found: Diagnosis, content: dict[str, Any]) -> None:
-    """The manoeuvre that separates the best explanation from its nearest rival, where there is one."""
-    from bcid.diagnosis.manoeuvres import best_manoeuvre, write_commands
+    """The manoeuvre that separates what was found from its nearest rival, on the floor that was driven."""
+    from bcid.diagnosis.manoeuvres import Arena, write_commands
+    from bcid.diagnosis.separation import best_manoeuvre
 
     best, others = found.search.best, found.search.others
-    if not others:
+    if not others or not found.judgement.findings or found.judgement.dropped:
         return
-    rival = others[0]
-    chosen = best_manoeuvre(best, rival, best.scales)
+    low, high = found.take.pose[:, :2].min(axis=0), found.take.pose[:, :2].max(axis=0)
+    middle = 0.5 * (low + high)
+    floor = Arena(float(high[0] - low[0]), float(high[1] - low[1]), 0.0, float(middle[0]), float(middle[1]))
+    top = float(np.quantile(found.take.command[:, 1], 0.99))
+    chosen = best_manoeuvre(best, others[0], best.scales, floor, top)
     if chosen is None:
         return
     name = "next_manoeuvre.commands.csv"
     write_commands(folder / name, chosen)
     facts = {k: v for k, v in asdict(chosen).items() if isinstance(v, str | float | int)}
-    separates = sorted(set(best.hypothesis.effects) ^ set(rival.hypothesis.effects))
-    content["next_manoeuvre"] = {**facts, "separates": separates, "file": name}
+    separates = sorted(set(best.hypothesis.effects) ^ set(others[0].hypothesis.effects))
+    start = dict(zip(("x_m", "y_m", "yaw_rad"), (float(v) for v in chosen.start), strict=True))
+    content["next_manoeuvre"] = {**facts, "start": start, "separates": separates, "file": name}
