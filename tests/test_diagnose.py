@@ -94,18 +94,24 @@ def test_a_late_pose_has_the_pair_of_delays_as_its_twin(tmp_path: Path, vehicle:
     assert EFFECTS[finding.effect].kind == "measurement"
 
 
-def test_contacts_are_found_excluded_and_nothing_else_is(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+@pytest.mark.parametrize(("every", "bump"), [(1, 1.2), (2, 1.2), (6, 2.0)])
+def test_contacts_are_found_excluded_and_nothing_else_is(
+    every: int, bump: float, tmp_path: Path, vehicle: Vehicle, tuning: Tuning
+) -> None:
+    """At 60, 30 and 10 poses a second, where a blow has to be harder to be told from driving."""
     recording, estimate = taken(tmp_path, vehicle, tuning, Plant(**ROUGH), 7)
+    poses = Stream(recording.poses.time_s[::every], recording.poses.values[::every])
+    recording = replace(recording, poses=poses, rate_hz=recording.rate_hz / every)
     assert contacts(recording) == []
     time, values = recording.poses.time_s, recording.poses.values.copy()
     hit = int(np.searchsorted(time, 60.0))
-    values[hit:, 0] += 1.2 * (time[hit:] - time[hit])  # a bumper changes the speed at once
+    values[hit:, 0] += bump * (time[hit:] - time[hit])  # a bumper changes the speed at once
     bumped = replace(recording, poses=Stream(time, values))
     (contact,) = contacts(bumped)
     assert contact.begin_s <= 60.0 <= contact.end_s
     whole = take_of(bumped, estimate)
     rest = without_contacts(whole, [contact])
-    assert 1 <= whole.segments - rest.segments <= 2
+    assert 1 <= whole.segments - rest.segments <= 3
     assert not np.any((rest.begin_s < 60.0) & (rest.begin_s + 1.5 > 60.0))
 
 

@@ -73,14 +73,15 @@ def compared(
     weights = scale(estimate.twist)
     side = ((estimate.time_s - estimate.time_s[0]) // BLOCK_S).astype(int) % 2
     trained = [(on_half(before, take, half), on_half(after, take, half)) for half in halves(take)]
-    models = [tuple(as_model(f, take.T, estimate.period_s) for f in pair) for pair in trained]
+    T = float(take.length_s[0])
+    models = [tuple(as_model(f, T, estimate.period_s) for f in pair) for pair in trained]
     again = replayed(after, take, recording)
     floor_estimate = estimate_motion(again, vehicle, tuning, estimate.period_s)
-    floor_model = as_model(after, take.T, estimate.period_s)
+    floor_model = as_model(after, T, estimate.period_s)
     hypothesis, given = before.hypothesis, None
     if simulation is not None:
         given = AugmentedNewtonEuler(
-            simulation.car, simulation.effects, hypothesis.constants, hypothesis.angle_limit, take.T,
+            simulation.car, simulation.effects, hypothesis.constants, hypothesis.angle_limit, T,
             estimate.period_s, {},
         )  # fmt: skip
     rows, tracks = [], None
@@ -128,7 +129,7 @@ def replayed(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recor
     setting = fit.hypothesis.setting(fit.phi, take)
     path = seen_at(
         recording.poses.time_s - recording.poses.time_s[0],
-        states(setting, take.T, fit.scales, seed, fit.start[0]), setting,
+        states(setting, float(take.length_s[0]), fit.scales, seed, fit.start[0]), setting,
     )  # fmt: skip
     each = max(1.0, round(GROUP_S * recording.rate_hz))
     noise = np.random.default_rng([seed, 1]).standard_normal(path.shape) * fit.scales.r * np.sqrt(each)

@@ -10,8 +10,9 @@ from bcid.diagnosis.take import SEGMENT_S, STEP_S, Floats, Ints, Take
 from bcid.recording.types import Recording
 
 HALF_WINDOW_S = 0.05
-STRONGEST = 8.0  # m/s^2: rubber on a floor
-TIMES_USUAL = 4.0  # and so many times what the take shows elsewhere
+BUMP_MPS = 0.4  # a change of velocity at once
+STRONGEST = 3.0  # m/s^2: what small cars' tyres give at most,
+TIMES_USUAL = 2.0  # and so many times what the take shows elsewhere
 MERGED_S = 0.5
 CRASH_S = 1.0  # after it the car stands: a crash
 
@@ -46,7 +47,7 @@ def contacts(recording: Recording) -> list[Contact]:
     lasting = t[n:].mean(axis=1) - t[:-n].mean(axis=1)
     whole = (t[n:, -1] - t[:-n, 0]) < 3.0 * n / recording.rate_hz  # not across a gap
     acceleration = np.where(whole, np.hypot(*step.T) / lasting, 0.0)
-    limit = max(STRONGEST, TIMES_USUAL * float(np.quantile(acceleration, 0.99)))
+    limit = np.maximum(BUMP_MPS / lasting, max(STRONGEST, TIMES_USUAL * float(np.quantile(acceleration, 0.99))))
     return _merged(time, place, velocity, acceleration, np.flatnonzero(acceleration > limit), n)
 
 

@@ -66,7 +66,8 @@ class Diagnosis:
         free = len(found.corrected.hypothesis.parameters) - len(found.base.hypothesis.parameters)
         gained = found.corrected.log_likelihood - found.base.log_likelihood
         simplified = float(chi2.sf(2.0 * gained, free)) if free else 1.0
-        return min(1.0, 4.0 * max(min(found.nulls.p_value, location.place_p, location.window_p, simplified), SMALLEST_P))
+        smallest = min(found.nulls.p_value, location.place_p, location.window_p, simplified)
+        return min(1.0, 4.0 * max(smallest, SMALLEST_P))
 
 
 def constants_of(vehicle: Vehicle) -> Constants:

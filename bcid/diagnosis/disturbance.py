@@ -10,7 +10,7 @@ import numpy as np
 from bcid.compiled import njit_parallel
 from bcid.diagnosis.marginal import N_START, moments, rescaled
 from bcid.diagnosis.refit import Fit, residuals
-from bcid.diagnosis.segments import KNOTS, Layout, layout
+from bcid.diagnosis.segments import KNOTS, Layout, layout, since
 from bcid.diagnosis.take import Floats, Ints, Take
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
@@ -41,11 +41,12 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
     still = np.zeros(3)
     for s in numba.prange(S):
         b = Body(start[s, 0], start[s, 1], start[s, 2], start[s, 3], start[s, 4], start[s, 5])
-        lagged = settled(b, of.step[s], chain, of.T, p, e[0], c)
+        own, T = since(chain, of.zero[s]), of.length[s]
+        lagged = settled(b, of.step[s], own, T, p, e[0], c)
         for i in range(per_knot * KNOTS):
             k = of.step[s] + i
-            t, u_m = chain.t_0 + k * chain.h, chain.u_m[k]
-            drive = Drive(t, of.T, chain.delta[2 * k], u_m, chain.u_next[k], chain.late[k])
+            t, u_m = own.t_0 + k * own.h, chain.u_m[k]
+            drive = Drive(t, T, chain.delta[2 * k], u_m, chain.u_next[k], chain.late[k])
             w = wrench(b, drive, lagged, p, e[0], c)
             v_ry = b.v_y - p.l_r * b.omega
             row = (
@@ -55,7 +56,7 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
             )  # fmt: skip
             for j in range(12):
                 out[s, i // per_knot, j] += row[j] / per_knot
-            b, lagged = body_step(b, lagged, k, chain, of.T, still, p, e[0], c)
+            b, lagged = body_step(b, lagged, k, own, T, still, p, e[0], c)
     return out
 
 

@@ -36,7 +36,7 @@ ON_THE_CHAIN = (
 """The switches that the actuator chain knows; the others leave it as it is."""
 
 KEPT_CHAINS = 4
-_KNOWN: dict[Any, tuple[Floats, Floats, Chain]] = {}  # the commands are held, so that their ids stay theirs
+_KNOWN: dict[Any, tuple[tuple[Floats, ...], Chain]] = {}  # the commands are held, so that their ids stay theirs
 
 
 BUMPER_CAR = Units()
@@ -148,11 +148,12 @@ def _chain(take: Take, car: Car, limit: float, switches: Any) -> Chain:
     runs on the poses' clock.
     """
     acting = tuple(getattr(switches, name) for name in ON_THE_CHAIN)
-    key = (id(take.command_s), id(take.command), take.T, car.T_s, car.d, limit, acting)
+    key = (id(take.command_s), id(take.command_zero_s), id(take.command), take.T, car.T_s, car.d, limit, acting)
     if key not in _KNOWN:
-        times = (take.command_s + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
+        zero = take.command_zero_s
+        times = zero + (take.command_s - zero + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
         chain = steering_chain(times, take.command, 0.0, half_steps(take.T), STEP_S, car, limit, switches)
         if len(_KNOWN) >= KEPT_CHAINS:
             _KNOWN.pop(next(iter(_KNOWN)))
-        _KNOWN[key] = (take.command_s, take.command, chain)
-    return _KNOWN[key][2]
+        _KNOWN[key] = ((take.command_s, take.command_zero_s, take.command), chain)
+    return _KNOWN[key][1]

@@ -24,7 +24,7 @@ from bcid.diagnosis.score import UNSEEN, projected
 from bcid.diagnosis.screen import changes_of
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import driven, information
-from bcid.diagnosis.take import SEGMENT_S, Floats, Take, joined
+from bcid.diagnosis.take import SEGMENT_S, Floats, Take, in_one, joined
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect, Parameter, Units
 from bcid.physics.car import Car
@@ -41,8 +41,7 @@ MOST_DRIVES = 24
 TIMES = (1, 2, 4, 8)  # that the whole plan is driven, for what shows over time
 WORTH_DRIVING = 1e-3  # of what is asked, per second
 MARGIN = 1.5  # over what is needed, when drives are chosen: the gain of a take varies
-PROMISING = 2.0  # times the declared size: what shows from there on shows sooner in a longer plan,
-OVER_TIME = 20.0  # and so much more where an effect grows with time
+PROMISING = 2.0  # times the declared size: what shows from there on shows sooner in a longer plan
 
 NOMINAL = Scales(np.array([3e-4, 3e-4, 6e-4]), np.array([0.02, 0.02, 0.02]))
 """Of a motion capture and a floor as they usually are, where no take is there yet to tell."""
@@ -228,8 +227,8 @@ def _excess(sizes: Sizes | None, effect: Effect) -> float:
 
 
 def _promising(sizes: Sizes | None, effect: Effect) -> bool:
-    """Whether driving longer may show the effect."""
-    return _excess(sizes, effect) < PROMISING * (OVER_TIME if "time" in effect.depends_on else 1.0)
+    """Whether driving longer may show the effect: what grows with time always may."""
+    return "time" in effect.depends_on or _excess(sizes, effect) < PROMISING
 
 
 def _planned(
@@ -237,7 +236,7 @@ def _planned(
 ) -> Plan:
     """The drives one after the other, and what they would show together."""
     takes = [driven(drive, hypothesis, phi, scales, seed)[0] for seed, drive in enumerate(drives)]
-    smallest = detectable(hypothesis, phi, scales, joined(takes), effects)
+    smallest = detectable(hypothesis, phi, scales, in_one(joined(takes)), effects)
     missing = {}
     for name, sizes in smallest.items():
         if _excess(sizes, hypothesis.entries[name]) > 1.0:
@@ -262,7 +261,7 @@ def _chosen(
     All are simulated once, one after the other, and what the picked ones show is added up over their segments.
     """
     takes = [driven(drive, hypothesis, phi)[0] for drive in drives]
-    whole = joined(takes)
+    whole = in_one(joined(takes))
     counts = [take.segments - (k > 0) for k, take in enumerate(takes)]  # joined leaves out later ones' first segment
     options = _options(effects, whole, hypothesis)
     fit = fit_at(hypothesis, phi, scales, whole)

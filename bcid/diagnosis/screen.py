@@ -126,7 +126,7 @@ def _places(effect: Effect, take: Take, odd: Sequence[Circle]) -> list[dict[str,
     if not symbols:
         return [{}]
     if "t_s" in symbols:
-        return [{"t_s": share * take.T} for share in np.linspace(0.1, 0.9, MOMENTS)]
+        return [{"t_s": share * float(take.length_s.max())} for share in np.linspace(0.1, 0.9, MOMENTS)]
     low, high = np.quantile(take.pose[:, :2], 0.01, axis=0), np.quantile(take.pose[:, :2], 0.99, axis=0)
     spacing = float((high - low).max()) / PLACES
     counts = np.maximum(np.round((high - low) / spacing).astype(int), 1)
@@ -170,7 +170,13 @@ def _moved(
 ) -> Candidate:
     """The most promising of the candidate's neighbours in its places."""
     metre = fit.hypothesis.units.m
-    widths = {"t_s": take.T / MOMENTS, "x": 0.6 * metre, "y": 0.6 * metre, "radius": 0.4 * metre, "r_0": 0.6 * metre}
+    widths = {
+        "t_s": float(take.length_s.max()) / MOMENTS,
+        "x": 0.6 * metre,
+        "y": 0.6 * metre,
+        "radius": 0.4 * metre,
+        "r_0": 0.6 * metre,
+    }
     parameters = fit.hypothesis.entries[candidate.effect].parameters
     rows = []
     for move in moves:

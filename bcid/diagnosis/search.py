@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bcid.diagnosis.disturbance import disturbances
+from bcid.diagnosis.places import placed
 from bcid.diagnosis.refit import Fit, refit
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen, sharpened
@@ -98,9 +99,9 @@ def search(
         if not fits or fits[0].bic - best.bic < least:
             break
         best, others = fits[0], fits[1:]
-    before, best = best, _without_idlers(_one_latency(best, take), take, chance.gate)
+    before, best = best, placed(_without_idlers(_one_latency(best, take), take, chance.gate), take)
     without = _each_left_out(best, corrected, base, take)
-    if best is not before or len(named(best)) > 1:
+    if named(best) != named(before) or len(named(best)) > 1:
         others = _exchanged(best, take, trials, without)
         if others and others[0].bic > best.bic:
             best, others = others[0], [best, *others[1:]]

@@ -90,14 +90,22 @@ class Layout(NamedTuple):
     first: Ints
     step: Ints
     steps: int
-    T: float
+    zero: Floats
+    length: Floats
 
 
 def layout(take: Take) -> Layout:
     """The layout of `take`."""
     return Layout(
-        take.stamp_s, take.row, take.share, take.first_stamp, take.first, take.step, take.steps, take.T
+        take.stamp_s, take.row, take.share, take.first_stamp, take.first, take.step, take.steps, take.zero_s,
+        take.length_s,
     )  # fmt: skip
+
+
+@njit
+def since(chain: Chain, zero: float) -> Chain:
+    """The chain with its time counted from `zero`, where a recording began."""
+    return Chain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late)
 
 
 @njit_parallel
@@ -111,8 +119,8 @@ def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constant
     for s in numba.prange(len(of.step)):
         a, b = of.first_stamp[s], of.first_stamp[s + 1]
         segment_poses(
-            out, of.stamps[a:b], of.row[a:b], of.share[a:b], start[s], still, of.step[s], of.steps, chain, of.T, p,
-            e[0], c,
+            out, of.stamps[a:b] - of.zero[s], of.row[a:b], of.share[a:b], start[s], still, of.step[s], of.steps,
+            since(chain, of.zero[s]), of.length[s], p, e[0], c,
         )  # fmt: skip
     return out
 
@@ -123,10 +131,11 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
     out = np.empty((of.first[-1], 3, N_FREE))
     for s in numba.prange(len(of.step)):
         a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
-        stamps, row, share = of.stamps[a:b], of.row[a:b] - f, of.share[a:b]
+        stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
+        own, T = since(chain, of.zero[s]), of.length[s]
         still = np.zeros((g - f, 3))
         push = np.zeros((KNOTS, 3))
-        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, chain, of.T, p, e[0], c)
+        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, own, T, p, e[0], c)
         for j in range(N_FREE):
             x, push = start[s].copy(), np.zeros((KNOTS, 3))
             width = NUDGE if j < 6 else PUSH
@@ -135,7 +144,7 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
             else:
                 push[(j - 6) // 3, (j - 6) % 3] = width * (p.I_z if (j - 6) % 3 == 2 else p.m)
             moved = np.zeros((g - f, 3))
-            segment_poses(moved, stamps, row, share, x, push, of.step[s], of.steps, chain, of.T, p, e[0], c)
+            segment_poses(moved, stamps, row, share, x, push, of.step[s], of.steps, own, T, p, e[0], c)
             for i in range(g - f):
                 for r in range(3):
                     out[f + i, r, j] = (moved[i, r] - still[i, r]) / width

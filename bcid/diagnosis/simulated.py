@@ -61,7 +61,8 @@ def undriven(command_s: Floats, command: Floats, T: float) -> Take:
     none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
     return Take(
         command_s, command.copy(), nothing, none, nothing, np.zeros(1, dtype=np.int64), np.empty((0, 3)),
-        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / STEP_S), T, np.empty((0, 6)),
+        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / STEP_S), T, np.empty((0, 6)), nothing, nothing,
+        np.zeros(len(command_s)),
     )  # fmt: skip
 
 
@@ -110,4 +111,5 @@ def simulated_take(
         np.searchsorted(group[row] // per_segment, edges).astype(np.int64),
         np.column_stack([np.bincount(row, share * seen[:, c]) for c in range(3)]),
         np.searchsorted(group // per_segment, edges).astype(np.int64), step, steps, T, true[step],
+        np.zeros(S), np.full(S, T), np.zeros(len(command_s)),
     )  # fmt: skip

@@ -26,7 +26,7 @@ MIN_COVERAGE = 0.6  # of the groups that a segment may hold
 class Take(NamedTuple):
     """Poses and commands of one recording, and the S segments in which they are predicted.
 
-    Times count from the recording's first pose.  Segment s begins at integration step `step[s]`, owns the
+    Times count from the first recording's first pose.  Segment s begins at integration step `step[s]`, owns the
     stamps `first_stamp[s]` to `first_stamp[s + 1]` and the rows `first[s]` to `first[s + 1]`: a row is the mean
     of the poses of one group.
     """
@@ -41,8 +41,11 @@ class Take(NamedTuple):
     first: Ints  # (S + 1,)
     step: Ints  # (S,)
     steps: int  # integration steps per segment
-    T: float  # length of the recording, s
+    T: float  # s until the last recording ends
     start: Floats  # (S, 6) pose and twist at the segments' starts, roughly
+    zero_s: Floats  # (S,) when each segment's recording began
+    length_s: Floats  # (S,) and how long it is
+    command_zero_s: Floats  # (M,) when each command's recording began
 
     @property
     def segments(self) -> int:
@@ -64,7 +67,7 @@ class Take(NamedTuple):
         return self._replace(
             stamp_s=self.stamp_s[stamps], row=renumbered[self.row[stamps]], share=self.share[stamps],
             first_stamp=first_stamp, pose=self.pose[rows], first=first, step=self.step[chosen],
-            start=self.start[chosen],
+            start=self.start[chosen], zero_s=self.zero_s[chosen], length_s=self.length_s[chosen],
         )  # fmt: skip
 
 
@@ -106,7 +109,8 @@ def take_of(recording: Recording, estimate: Estimate) -> Take:
         1.0 / np.bincount(row)[row] if len(row) else np.empty(0),
         np.r_[0, np.cumsum([len(k) for k in kept])].astype(np.int64),
         np.concatenate(means) if means else np.empty((0, 3)), first, np.array(begin, dtype=np.int64),
-        round(SEGMENT_S / STEP_S), recording.duration_s, np.array(start).reshape(len(start), 6),
+        round(SEGMENT_S / STEP_S), recording.duration_s, np.array(start).reshape(len(start), 6), np.zeros(len(start)),
+        np.full(len(start), recording.duration_s), np.zeros(len(recording.commands.time_s)),
     )  # fmt: skip
 
 
@@ -139,5 +143,15 @@ def joined(takes: Sequence[Take]) -> Take:
             np.r_[whole.share, take.share], np.r_[whole.first_stamp, take.first_stamp[1:] + len(whole.stamp_s)],
             np.vstack([whole.pose, take.pose]), np.r_[whole.first, take.first[1:] + len(whole.pose)],
             np.r_[whole.step, take.step + steps], whole.steps, ahead + take.T, np.vstack([whole.start, take.start]),
+            np.r_[whole.zero_s, take.zero_s + ahead], np.r_[whole.length_s, take.length_s],
+            np.r_[whole.command_zero_s, take.command_zero_s + ahead],
         )  # fmt: skip
     return whole
+
+
+def in_one(take: Take) -> Take:
+    """The take as if it had been recorded in one go."""
+    return take._replace(
+        zero_s=np.zeros(take.segments), length_s=np.full(take.segments, take.T),
+        command_zero_s=np.zeros(len(take.command_s)),
+    )  # fmt: skip

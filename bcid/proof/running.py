@@ -147,8 +147,10 @@ def _known(case: Case, folder: Path) -> dict[str, Any] | None:
 def _alone() -> None:
     """One thread in each worker: the workers share the cores."""
     import numba
+    from threadpoolctl import threadpool_limits
 
     numba.set_num_threads(1)
+    threadpool_limits(1)
 
 
 def _kept(case: Case, folder: Path) -> dict[str, Any]:

@@ -57,7 +57,7 @@ def make(
     write_columns(folder / "knots.parquet", knots, KNOT_UNITS)
     write_columns(folder / "tracks.parquet", lines, TRACK_UNITS)
     (folder / "model").mkdir()
-    save_model(as_model(found.judgement.fit, found.take.T, motions[0].period_s), folder / "model")
+    save_model(as_model(found.judgement.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model")
     write_diagnosis_page(
         content, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
         folder / "diagnosis.html",

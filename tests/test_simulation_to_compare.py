@@ -1,0 +1,97 @@
+"""The simulation that a recording is compared with: another's recording, a saved model, a user's function."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bcid.diagnosis.diagnose import diagnosed
+from bcid.diagnosis.simulation import driven_by, of_model, of_recordings, user_model
+from bcid.errors import InputRefused, UsageError
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
+from bcid.estimate.types import Estimate
+from bcid.models import published
+from bcid.models.saving import save_model
+from bcid.recording.read import read_recording
+from bcid.recording.types import Recording
+from bcid.simulation.car import Plant, Sensor
+from bcid.simulation.samples import Take, write_take
+from bcid.vehicle import Vehicle
+
+ROUGH = {"rough_force": 3.0, "rough_moment": 1.5}
+
+
+def taken(
+    folder: Path, vehicle: Vehicle, tuning: Tuning, plant: Plant, seed: int, seconds: float = 120.0
+) -> tuple[Recording, Estimate]:
+    path = write_take(folder, Take(f"take{seed}", "mcap", seconds), plant, Sensor(), seed)
+    recording = read_recording(path, vehicle)
+    return recording, estimate_motion(recording, vehicle, tuning)
+
+
+@pytest.mark.slow
+def test_only_what_the_simulator_lacks_is_named(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    """Both cars scrub; only the real one has a dragging bearing."""
+    simulator = taken(tmp_path, vehicle, tuning, Plant(yaw_scrub=16.0), 1)
+    real = taken(tmp_path, vehicle, tuning, Plant(**ROUGH, yaw_scrub=16.0, rear_rolling_coulomb=28.0), 2)
+    against = of_recordings([simulator[0]], [simulator[1]], vehicle)
+    assert against.assumed() == ("yaw_scrub",)
+    assert against.effects["yaw_scrub__c"] == pytest.approx(16.0, rel=0.1)
+    found = diagnosed([real[0]], [real[1]], vehicle, against)
+    assert [f.effect for f in found.judgement.findings] == ["rear_rolling_coulomb"]
+    assert found.judgement.fit.values()["yaw_scrub__c"][0] == pytest.approx(16.0, rel=0.1)
+
+
+def test_a_function_s_model_drives_the_recording_s_commands(
+    tmp_path: Path, vehicle: Vehicle, tuning: Tuning, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The published car, as a user's function, goes nearly where the simulated one went; set anew every 20 s."""
+    (tmp_path / "my_car.py").write_text(
+        "from bcid.models import published\n\ndef model():\n    return published.newton_euler()\n", encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    recording, estimate = taken(tmp_path, vehicle, tuning, Plant(), 3, 60.0)
+    driven = driven_by(user_model("my_car:model"), recording, estimate)
+    assert len(driven.poses.time_s) == sum(s.stop - s.start for s in estimate.segments())
+    rows = np.searchsorted(estimate.time_s, driven.poses.time_s)
+    apart = np.hypot(*(driven.poses.values[:, :2] - estimate.pose[rows, :2]).T)
+    assert 1e-4 < np.median(apart) < 0.5
+    anew = np.searchsorted(driven.poses.time_s, driven.breaks_s)
+    assert len(anew) >= 2
+    np.testing.assert_allclose(apart[anew], 0.0, atol=1e-9)
+
+
+def test_a_saved_model_says_what_it_has(tmp_path: Path) -> None:
+    for name, model in (("car", published.newton_euler()), ("black_box", published.k_sindy())):
+        (tmp_path / name).mkdir()
+        save_model(model, tmp_path / name)
+    assert of_model(tmp_path / "car").car == published.newton_euler().car
+    assert of_model(tmp_path / "car").assumed() == ()
+    with pytest.raises(InputRefused, match="no forces"):
+        of_model(tmp_path / "black_box")
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        (":f", "neither a file or folder nor module:function"),
+        ("..x:f", "neither a file or folder nor module:function"),
+        ("missing.mcap", "neither a file or folder nor module:function"),
+        ("no_such_module_here:f", "No module named"),
+        ("math:no_such_function", "no attribute"),
+        ("math:sqrt", "TypeError"),
+        ("time:time", "has no init, step, scan"),
+        ("broken_car:model", "SyntaxError"),
+    ],
+)
+def test_what_is_no_simulation_is_refused(
+    name: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "broken_car.py").write_text("def model(:\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=says) as told:
+        user_model(name)
+    assert "next:" in str(told.value)
