@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import CHANNELS, Disturbances
+from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle, Window, circles, windows
-from bcid.diagnosis.take import Floats
+from bcid.diagnosis.take import Floats, Take
 
 SIGNIFICANT = 0.01
 TIMES = 1.5  # energy in a regime over that elsewhere, from which it is mentioned
@@ -20,7 +22,8 @@ FEWEST = 20  # knots of a regime
 class Location:
     """Where the pushes that a model needs are larger than it expects, or predictable."""
 
-    channel: str
+    channel: str  # where it enters
+    entering: dict[str, float]  # nats that free functions in each channel would gain, most first
     depends_on: tuple[str, ...]
     regime: str
     place: Circle | None
@@ -30,15 +33,16 @@ class Location:
     whole: Remainder  # what of the disturbances is predictable
 
 
-def located(of: Disturbances, whole: Remainder) -> Location:
-    """Where the disturbances stand out."""
+def located(fit: Fit, take: Take, of: Disturbances, whole: Remainder) -> Location:
+    """Where the disturbances `of` a fit stand out; `whole` is what of them is predictable."""
     found, place_p = circles(of, 1)
+    place = found[0] if place_p < SIGNIFICANT else None
     window, window_p = windows(of)
+    entering = explained_by(fit, take, place)
     i = CHANNELS.index(whole.channel)
     return Location(
-        whole.channel, whole.depends_on, regime(of, of.strength[:, i] ** 2),
-        found[0] if place_p < SIGNIFICANT else None, place_p, window if window_p < SIGNIFICANT else None, window_p,
-        whole,
+        entered(entering, whole), entering, whole.depends_on, regime(of, of.strength[:, i] ** 2), place, place_p,
+        window if window_p < SIGNIFICANT else None, window_p, whole,
     )  # fmt: skip
 
 

@@ -46,6 +46,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         **about,
         "verdict": judgement.verdict,
         "mismatch": {"detected": detected, "p_value": found.p_value, "where": _where(found) if detected else None},
+        "channels": {channel: round(nats, 1) for channel, nats in found.location.entering.items()},
         "findings": [_finding(f) for f in judgement.findings],
         "unknown": _unknown(found, corrections) if unknown else None,
         "fit": _fit(horizons),
@@ -135,9 +136,10 @@ def _correction(found: Diagnosis, name: str) -> dict[str, Any]:
 
 def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
     left = found.judgement.remainder
-    if left.predictable:
+    if found.judgement.left > 0.0:
         return {
-            "channel": left.channel, "depends_on": list(left.depends_on), "form": left.form, "heldout_gain": left.gain,
+            "channel": found.judgement.left_in, "depends_on": list(left.depends_on), "form": left.form,
+            "heldout_gain": left.gain, "gain_nats": found.judgement.left,
         }  # fmt: skip
     words = "; ".join(ENTRIES[n].equation for n in corrections)
     depends = list(dict.fromkeys(d for n in corrections for d in ENTRIES[n].depends_on))

@@ -101,6 +101,13 @@ def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
     return best, most
 
 
+def explained(found: Projected, own: slice) -> float:
+    """What the columns `own` would gain with amplitudes as large as they like (nats)."""
+    g, G = found.weights @ found.each_g[:, own], found.G[own, own]
+    scale = np.sqrt(np.maximum(np.diag(G), UNSEEN))
+    return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
+
+
 def promise(found: Projected, own: slice) -> float:
     """What the columns `own` promise together (nats) by their slopes and information alone."""
     g = found.weights @ found.each_g[:, own]

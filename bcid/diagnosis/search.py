@@ -99,7 +99,10 @@ def search(
         if not fits or fits[0].bic - best.bic < least:
             break
         best, others = fits[0], fits[1:]
-    before, best = best, placed(_without_idlers(_one_latency(best, take), take, chance.gate), take)
+    before = best
+    if "pose_latency" not in left_out:
+        best = _one_latency(best, take)
+    best = placed(_without_idlers(best, take, chance.gate), take)
     without = _each_left_out(best, corrected, base, take)
     if named(best) != named(before) or len(named(best)) > 1:
         others = _exchanged(best, take, trials, without)

@@ -9,15 +9,15 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.diagnosis.take import STEP_S, Floats, Ints, Take
+from bcid.diagnosis.take import SEGMENT_S, STEP_S, Floats, Ints, Take
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
 from bcid.physics.car import Car
 
-KNOT_S = 0.5  # a push is constant over this long
-KNOTS = 3
+KNOTS = 3  # of a segment, in each of which a push is constant
+KNOT_S = SEGMENT_S / KNOTS
 N_FREE = 6 + 3 * KNOTS  # initial state, then F_x, F_y, M_z of each knot
 NUDGE = 1e-3  # of the initial state (m, rad, m/s, rad/s): wide enough that a kink met or missed does not rule
 PUSH = 1e-2  # of the wrench, as an acceleration (m/s^2, rad/s^2)
@@ -50,16 +50,15 @@ def segment_poses(
 ) -> None:
     """Add the poses seen at `stamps`, each with its share, to their rows of `out`.
 
-    The state begins at `x` (6,) and is under `pushes` (KNOTS, 3).
+    The state begins at `x` (6,) and is under `pushes` (n, 3), each for an nth of the time.
     """
     b = Body(x[0], x[1], x[2], x[3], x[4], x[5])
     lagged = settled(b, step, chain, T, p, e, c)
     j = 0
     h = chain.h
-    per_knot = round(KNOT_S / h)
+    each = steps // len(pushes)
     for i in range(steps):
-        knot = min(i // per_knot, KNOTS - 1)
-        after, lagged = body_step(b, lagged, step + i, chain, T, pushes[knot], p, e, c)
+        after, lagged = body_step(b, lagged, step + i, chain, T, pushes[i // each], p, e, c)
         end = chain.t_0 + (step + i + 1) * h
         if j < len(stamps) and (stamps[j] <= end or i == steps - 1):
             cos_a, sin_a = math.cos(b.theta), math.sin(b.theta)

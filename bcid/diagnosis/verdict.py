@@ -7,10 +7,12 @@ from typing import Literal
 
 import numpy as np
 
+from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import BLOCK_S, Gain, gain, scores
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import DELAYS, RIVAL, Search, named, refit_with
 from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.table import EFFECTS
@@ -20,7 +22,7 @@ Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
 MOST_TWINS = 3
 WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
-ENOUGH = 0.15  # share of what is explained that may be left predictable, where effects are named
+ENOUGH = 0.1  # share of what is explained that may be left, where effects are named
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
@@ -47,42 +49,66 @@ class Judgement:
     findings: tuple[Finding, ...]  # by evidence
     dropped: tuple[str, ...]  # what the search accepted and the gates did not
     remainder: Remainder  # beside `fit`
+    entering: dict[str, float]  # nats that free functions in each channel would still gain, most first
+    gate: float  # nats that chance does not reach
     corrections: Gain | None  # held-out gain of the base model's own simplifications, where they stand out
     fit: Fit  # with the effects found; the corrected base model where none was
 
     @property
+    def left_in(self) -> str:
+        """The channel where what is left enters."""
+        return entered(self.entering, self.remainder)
+
+    @property
+    def left(self) -> float:
+        """Nats that something more would be worth; none where chance may be all there is."""
+        return _left(self.remainder, self.entering, self.gate)
+
+    @property
     def more_is_left(self) -> bool:
-        """Whether what remains predictable is worth telling beside what was found."""
-        explained = sum(f.gain for f in self.findings)
-        return self.remainder.predictable and self.remainder.gain > WORTH_TELLING * explained
+        """Whether what remains is worth telling beside what was found."""
+        return self.left > WORTH_TELLING * sum(f.gain for f in self.findings)
 
 
-def judged(found: Search, take: Take, left: Remainder | None = None, dropped: tuple[str, ...] = ()) -> Judgement:
-    """The findings that pass the gates, and the verdict; `left` is what remains predictable beside `found.best`.
+def judged(
+    found: Search, take: Take, place: Circle | None = None, left: Remainder | None = None, dropped: tuple[str, ...] = ()
+) -> Judgement:
+    """The findings that pass the gates, and the verdict.
+
+    `place` stands out on the floor; `left` is what remains predictable beside `found.best`.
 
     Where an effect does not pass, the rest is refitted without it and judged anew.
     """
     best = found.best
     left = left or remainder(disturbances(best, take), best.car())
+    entering = explained_by(best, take, place)
     findings = _findings(found, take)
     failed = tuple(f.effect for f in findings if not _passes(f, found))
     explained = sum(f.gain for f in findings if f.effect not in failed)
-    if left.predictable and (left.gain > ENOUGH * explained or left.correlation > STANDING_OUT):
+    more = _left(left, entering, found.nulls.gate)
+    if findings and (more > ENOUGH * explained or left.correlation > STANDING_OUT):
         failed = named(best)  # a mixture of what is in the vocabulary stands in for something that is not
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
-        return judged(found.reduced(rest, take), take, None, (*dropped, *failed))
+        return judged(found.reduced(rest, take), take, place, None, (*dropped, *failed))
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"
-    elif left.predictable or best.hypothesis.effects != found.base.hypothesis.effects:
+    elif more > 0.0 or best.hypothesis.effects != found.base.hypothesis.effects:
         verdict = "unknown"
     corrections = None
     if found.corrected is not found.base:
         corrections = gain(scores(found.corrected, take), scores(found.base, take), take)
     return Judgement(
-        verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, corrections, best
+        verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, entering, found.nulls.gate,
+        corrections, best,
     )  # fmt: skip
+
+
+def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:
+    """Nats that trees, or free functions in one channel, see in what is left; none where chance reaches as far."""
+    seen = max(entering.values())
+    return max(remainder.gain if remainder.predictable else 0.0, seen if seen > gate else 0.0)
 
 
 def _findings(found: Search, take: Take) -> list[Finding]:

@@ -80,7 +80,10 @@ def scored(case: Case, found: Diagnosis) -> dict[str, Any]:
         ],
         "dropped": list(judgement.dropped),
         "corrections": [n for n in judgement.fit.hypothesis.effects if n not in EFFECTS],
-        "remainder": {"channel": left.channel, "correlations": left.correlations, "gain": round(left.gain, 1)},
+        "remainder": {
+            "channel": judgement.left_in, "entering": judgement.entering, "correlations": left.correlations,
+            "gain": round(left.gain, 1),
+        },
         "located": found.location.channel,
         "p_value": found.p_value,
         "truth": {c.effect: dict(c.parameters) for c in case.concealed},
