@@ -77,7 +77,7 @@ def test_what_is_not_in_the_vocabulary_is_unknown_with_its_channel(
     assert found.judgement.verdict == "unknown"
     assert found.judgement.findings == ()
     assert left.predictable
-    assert left.channel == "fx"
+    assert found.judgement.left_in == "fx"
     assert "v_x" in left.depends_on
     assert left.form is not None
     assert "v_x" in left.form
@@ -94,6 +94,17 @@ def test_a_late_pose_has_the_pair_of_delays_as_its_twin(tmp_path: Path, vehicle:
     assert EFFECTS[finding.effect].kind == "measurement"
 
 
+def test_a_car_that_stands_after_a_blow_has_crashed(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
+    recording, estimate = taken(tmp_path, vehicle, tuning, Plant(**ROUGH), 7)
+    fastest = estimate.time_s[int(np.argmax(np.abs(estimate.kinematic[:, 0])))]
+    time, values = recording.poses.time_s, recording.poses.values.copy()
+    hit = int(np.searchsorted(time, fastest))
+    values[hit:] = values[hit] + np.random.default_rng(0).normal(0.0, 5e-4, values[hit:].shape)
+    (crash,) = contacts(replace(recording, poses=Stream(time, values)))
+    assert crash.kind == "crash"
+    assert crash.begin_s == pytest.approx(time[hit] - time[0], abs=0.2)
+
+
 @pytest.mark.parametrize(("every", "bump"), [(1, 1.2), (2, 1.2), (6, 2.0)])
 def test_contacts_are_found_excluded_and_nothing_else_is(
     every: int, bump: float, tmp_path: Path, vehicle: Vehicle, tuning: Tuning
@@ -108,6 +119,7 @@ def test_contacts_are_found_excluded_and_nothing_else_is(
     values[hit:, 0] += bump * (time[hit:] - time[hit])  # a bumper changes the speed at once
     bumped = replace(recording, poses=Stream(time, values))
     (contact,) = contacts(bumped)
+    assert contact.kind == "contact"
     assert contact.begin_s <= 60.0 <= contact.end_s
     whole = take_of(bumped, estimate)
     rest = without_contacts(whole, [contact])

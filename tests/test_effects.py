@@ -12,6 +12,7 @@ from bcid.effects import measurement
 from bcid.effects.car import Body, Drive, Lagged, _front, _wheel_angle, lag_after, wrench
 from bcid.effects.constants import UNITS, Constants
 from bcid.effects.corrections import CORRECTIONS, grip_left
+from bcid.effects.entry import Units, resized
 from bcid.effects.motion import Chain, body_step, drive_on, mean_held, servo_step, steering_chain
 from bcid.effects.table import EFFECTS, ENTRIES, off, switches
 from bcid.physics import car as base
@@ -375,9 +376,30 @@ def test_a_bent_wheel_is_in_balance(k: float, beside: str) -> None:
     e.steering_compliance__k = k
     for _ in range(200):
         b, now = random_body(rng)
-        angle = _wheel_angle(b, now, Lagged(0.0, 0.0, 0.0), 1.0, CAR, e, Constants())
-        side = _front(angle, b, now, Lagged(0.0, 0.0, 0.0), 1.0, CAR, e, Constants()).F_a
+        angle = _wheel_angle(b, now, Lagged(0.0, 0.0, 0.0), 1.0, 40.0, CAR, e, Constants())
+        side = _front(angle, b, now, Lagged(0.0, 0.0, 0.0), 1.0, 40.0, CAR, e, Constants()).F_a
         assert angle == pytest.approx(now.delta + k * side, abs=1e-9)
+
+
+@pytest.mark.parametrize("front_share", [0.0, 0.4, 1.0])
+def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
+    """a (F_m - F_d) cos(delta_w) is the moment whichever axle is driven (specification)."""
+    car = CAR._replace(front_share=front_share)
+    b, now = Body(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Drive(0.0, 1.0, 0.0, 1.8, 1.8, 0.0)
+    nothing, still = Lagged(0.0, 0.0, 0.0), Constants()
+    plain, offset = (
+        wrench(b, now, nothing, car, e, still) for e in (off(), switches({"drive_lateral_offset__a": 0.2}))
+    )
+    assert offset.M_z - plain.M_z == pytest.approx(0.2 * plain.F_x, rel=1e-12)
+    assert plain.F_x > 100.0
+
+
+def test_delays_are_no_shorter_in_a_small_car() -> None:
+    small = Units(0.005, 0.2, 0.25)
+    for name in ("steering_delay", "motor_lag", "pose_latency"):
+        assert resized(EFFECTS[name], small).parameters == EFFECTS[name].parameters
+    viscous = resized(EFFECTS["rear_rolling_viscous"], small).parameters[0]
+    assert viscous.size == pytest.approx(EFFECTS["rear_rolling_viscous"].parameters[0].size * 0.005 / 0.25)
 
 
 def test_grip_falls_only_past_saturation() -> None:

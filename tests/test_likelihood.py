@@ -448,6 +448,15 @@ def test_phi_and_the_car_are_one(unknown: tuple[str, ...], sets_force: float) ->
     assert ((low <= phi) & (phi <= high)).all()
 
 
+def test_a_throttle_that_sets_a_force_has_a_dead_zone_and_no_reference() -> None:
+    force = Hypothesis((), CAR._replace(sets_force=1.0), LIMIT, Constants())
+    assert "u_0" not in force.logs  # what it lacks is the effect's
+    assert "motor_regeneration" in BASE.entries
+    assert "motor_regeneration" not in force.entries
+    width = force.entries["motor_dead_zone"].parameters[0]
+    assert (width.unit, width.high) == ("1", 1.0)
+
+
 def test_late_poses_are_late_commands(take: Take) -> None:
     """pose_latency is exactly equal motor and steering delays (specification)."""
     one, two = BASE.holding("pose_latency"), BASE.holding("motor_delay", "steering_delay")

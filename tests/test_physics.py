@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcid.physics.car import LONGEST_STEP_S, Car, integration_step, wrench
 from bcid.physics.kinematics import body_twist, kinematic_state, pose_rate, wheel_velocity, wrap
 from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
 from bcid.physics.steering import steering_rate, steering_step
@@ -128,3 +129,24 @@ def test_slip_angle_does_not_ask_which_way_the_wheel_rolls(along: float, across:
     assert slip_angle(along, across, 1.0) == slip_angle(-along, across, 1.0)
     assert abs(slip_angle(along, across, 1.0)) <= abs(across) + 1e-12
     assert np.sign(slip_angle(along, across, 1.0)) == np.sign(across)
+
+
+def test_an_integration_step_suits_the_car() -> None:
+    """A step bears the fastest mode of the car at rest, by the eigenvalues of the exact linearisation there."""
+    bumper = Car(
+        m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
+        C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
+    )  # fmt: skip
+    jetracer = bumper._replace(
+        m=1.58, I_z=0.0048, l_f=0.0805, l_r=0.093, C_f=46.0, C_r=46.0, F_f_max=7.0, F_r_max=7.0, K_t=20.0, R_1=2.7,
+        R_2=0.0,
+    )  # fmt: skip
+    assert integration_step(bumper) == LONGEST_STEP_S
+    for car in (bumper, jetracer):
+        h = 1e-6
+        rest = np.array([wrench(0.5, v, w, 0.0, 0.0, car)[1:] for v, w in ((0.0, 0.0), (h, 0.0), (0.0, h))])
+        slopes = (rest[1:] - rest[0]).T / h / np.array([[car.m], [car.I_z]])
+        fastest = np.abs(np.linalg.eigvals(slopes)).max()
+        assert fastest * integration_step(car) < 2.78
+    assert integration_step(jetracer) < LONGEST_STEP_S
+    assert integration_step(jetracer._replace(C_f=1e4)) == pytest.approx(LONGEST_STEP_S / 10)

@@ -71,7 +71,7 @@ def compared(
 ) -> tuple[list[Horizon], Tracks]:  # fmt: skip
     """Both fits, each refitted to one half of the blocks and judged on the other; and `simulation` as it is."""
     weights = scale(estimate.twist)
-    side = ((estimate.time_s - estimate.time_s[0]) // BLOCK_S).astype(int) % 2
+    side = ((estimate.time_s - recording.poses.time_s[0]) // BLOCK_S).astype(int) % 2
     trained = [(on_half(before, take, half), on_half(after, take, half)) for half in halves(take)]
     T = float(take.length_s[0])
     models = [tuple(as_model(f, T, estimate.period_s) for f in pair) for pair in trained]

@@ -10,242 +10,48 @@ of a push in the body's frame does not tell.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
-from bcid.compiled import njit, njit_inline, njit_parallel
+from bcid.diagnosis.free_functions import NUDGE, SIZES, pushed_by
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.score import explained, projected
-from bcid.diagnosis.segments import PUSH, Layout, layout, predict, segment_poses, since
+from bcid.diagnosis.segments import layout, predict
 from bcid.diagnosis.take import Floats, Take
-from bcid.effects.car import Body, Drive, wrench
-from bcid.effects.constants import Constants
-from bcid.effects.motion import Chain, body_step, settled
-from bcid.physics.car import Car
-from bcid.physics.kinematics import wheel_velocity
-from bcid.physics.tyres import slip_angle
 
-NUDGE = 1e-4  # rad
 SERVO_RATE = 0.2  # rad/s above which the servo moves
 SHIFT_S = 1e-3
 TELLING = 5.0  # nats from which a channel's functions explain something
 NOWHERE = Circle(0.0, 0.0, 0.0, 0.0)
 
 
-class State(NamedTuple):
-    """What the functions may depend on, at an instant."""
-
-    share: float  # of the take that has passed
-    b: Body
-    delta: float
-    u_m: float
-    v_fx: float
-    F_m: float
-    F_af: float
-    F_ar: float
-    rate_m: float  # of F_m, N/s
-    rate_af: float  # N/s
-    less_f: float  # N of front side force that a smooth curve near the grip does not reach
-    less_r: float
-    grips: float  # 1 while the front tyre does not slide, else 0
-    inside: float  # 1 in the circle that stands out, else 0
-
-
-@njit_inline
-def _coulomb(v: float, v_c: float) -> float:
-    return math.tanh(v / v_c)
-
-
-@njit_inline
-def along_the_body(q: State, c: Constants) -> tuple[float, ...]:
-    """Drags of the rear axle and the air, N per unit."""
-    v = math.hypot(q.b.v_x, q.b.v_y)
-    return _coulomb(q.b.v_x, c.v_c), q.b.v_x, v * q.b.v_x, q.inside * q.b.v_x
-
-
-@njit_inline
-def along_the_wheel(q: State, c: Constants) -> tuple[float, ...]:
-    """Drags of the front wheel."""
-    return _coulomb(q.v_fx, c.v_c), q.v_fx, abs(q.delta) * q.v_fx, q.inside * q.v_fx
-
-
-@njit_inline
-def over_the_floor(q: State) -> tuple[float, ...]:
-    """Pulls in the world's directions: constant, and growing with the place."""
-    return 1.0, q.b.p_x, q.b.p_y
-
-
-@njit_inline
-def of_the_motor(q: State, c: Constants) -> tuple[float, ...]:
-    """Of the force along driven wheels."""
-    pulling = 1.0 if q.u_m > 0.0 else 0.0
-    return (
-        q.F_m, q.rate_m, q.share * q.F_m, abs(q.v_fx) * q.F_m, pulling, pulling * max(q.v_fx - q.u_m, 0.0),
-        abs(q.F_m) * q.F_m,
-    )  # fmt: skip
-
-
-@njit_inline
-def of_the_front_tyre(q: State, c: Constants) -> tuple[float, ...]:
-    """Of its side force; what shifts its slip does nothing once it slides."""
-    return (
-        q.F_af, q.F_m * math.cos(q.delta) * q.F_af, q.F_m * q.F_m * q.F_af, q.grips * _coulomb(q.v_fx, c.v_c),
-        q.rate_af / max(abs(q.v_fx), c.v_p), q.less_f, q.inside * q.F_af,
-    )  # fmt: skip
-
-
-@njit_inline
-def of_the_rear_tyres(q: State, c: Constants) -> tuple[float, ...]:
-    """Of their side force."""
-    return q.F_ar, _coulomb(q.b.v_x, c.v_c), q.less_r, q.inside * q.F_ar
-
-
-@njit_inline
-def about_the_yaw_axis(q: State, c: Constants) -> tuple[float, ...]:
-    """Moments."""
-    w = q.b.omega
-    return w, _coulomb(w, c.w_c), abs(w) * w, q.F_m * math.cos(q.delta)
-
-
-@njit_inline
-def of_the_steering(q: State, c: Constants) -> tuple[float, ...]:
-    """Of the wheel's angle, as far as it depends on how the car moves."""
-    return math.hypot(q.b.v_x, q.b.v_y) * q.delta, q.F_af
-
-
-@njit_inline
-def _add(out: Floats, j: int, phi: float, F_x: float, F_y: float, M_z: float) -> int:
-    """Column `j` of `out` (3, n) takes phi in the direction given; the next column."""
-    out[0, j] += phi * F_x
-    out[1, j] += phi * F_y
-    out[2, j] += phi * M_z
-    return j + 1
-
-
-def _size(function: Any, *more: Any) -> int:
-    nothing = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return len(function.py_func(State(0.0, nothing, *[0.0] * 12), *more))
-
-
-_C = Constants()
-SIZES = {
-    "fx": _size(along_the_body, _C) + _size(along_the_wheel, _C) + 2 * _size(over_the_floor),
-    "motor": _size(of_the_motor, _C),
-    "fy": _size(of_the_front_tyre, _C) + _size(of_the_rear_tyres, _C),
-    "mz": _size(about_the_yaw_axis, _C),
-    "steering": _size(of_the_steering, _C),
-}
-"""Columns of each channel that pushes the body, in the order of `_spread`."""
-
-
-@njit_inline
-def _spread(out: Floats, q: State, turning: tuple[float, float, float], p: Car, c: Constants) -> None:
-    """Every function in its direction, added to the columns of `out` (3, n)."""
-    sin_d, cos_d, sin_t, cos_t = math.sin(q.delta), math.cos(q.delta), math.sin(q.b.theta), math.cos(q.b.theta)
-    rear, j = 1.0 - p.front_share, 0
-    for phi in along_the_body(q, c):
-        j = _add(out, j, phi, 1.0, 0.0, 0.0)
-    for phi in along_the_wheel(q, c):
-        j = _add(out, j, phi, cos_d, sin_d, p.l_f * sin_d)
-    for phi in over_the_floor(q):
-        j = _add(out, j, phi, cos_t, -sin_t, 0.0)
-    for phi in over_the_floor(q):
-        j = _add(out, j, phi, sin_t, cos_t, 0.0)
-    for phi in of_the_motor(q, c):
-        j = _add(out, j, phi, p.front_share * cos_d + rear, p.front_share * sin_d, p.front_share * p.l_f * sin_d)
-    for phi in of_the_front_tyre(q, c):
-        j = _add(out, j, phi, -sin_d, cos_d, p.l_f * cos_d)
-    for phi in of_the_rear_tyres(q, c):
-        j = _add(out, j, phi, 0.0, 1.0, -p.l_r)
-    for phi in about_the_yaw_axis(q, c):
-        j = _add(out, j, phi, 0.0, 0.0, 1.0)
-    for phi in of_the_steering(q, c):
-        j = _add(out, j, phi, turning[0], turning[1], turning[2])
-
-
-@njit_inline
-def _side(alpha: float, C: float, F: float) -> tuple[float, float]:
-    """A tyre's side force, and how much less of it a smooth curve gives."""
-    clipped = min(max(-C * alpha, -F), F)
-    return clipped, -F * math.tanh(C * alpha / F) - clipped
-
-
-@njit
-def _segment_wrenches(
-    start: Floats, step: int, steps: int, chain: Chain, T: float, p: Car, e: Any, c: Constants, circle: Circle, n: int
-) -> Floats:
-    """The functions' wrenches in every step (steps, 3, n), the means of those at its ends."""
-    out, at, still = np.zeros((steps, 3, n)), np.zeros((2, 3, n)), np.zeros(3)
-    b = Body(start[0], start[1], start[2], start[3], start[4], start[5])
-    lagged, F_m, F_af, h = settled(b, step, chain, T, p, e, c), 0.0, 0.0, chain.h
-    for i in range(steps + 1):
-        k = step + i
-        t, delta, F_m_before, F_af_before = chain.t_0 + k * h, chain.delta[2 * k], F_m, F_af
-        w = wrench(b, Drive(t, T, delta, chain.u_m[k], chain.u_next[k], chain.late[k]), lagged, p, e, c)
-        more = wrench(b, Drive(t, T, delta + NUDGE, chain.u_m[k], chain.u_next[k], chain.late[k]), lagged, p, e, c)
-        turning = ((more.F_x - w.F_x) / NUDGE, (more.F_y - w.F_y) / NUDGE, (more.M_z - w.M_z) / NUDGE)
-        F_m = p.front_share * w.steady.F_mf + (1.0 - p.front_share) * w.steady.F_mr
-        F_af, less_f = _side(w.steady.alpha_f, p.C_f, p.F_f_max)
-        v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
-        F_ar, less_r = _side(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
-        if i == 0:
-            F_m_before, F_af_before = F_m, F_af
-        near = (b.p_x - circle.x) ** 2 + (b.p_y - circle.y) ** 2 < circle.radius**2
-        q = State(
-            t / T, b, delta, chain.u_m[k], w.v_fx, F_m, F_af, F_ar, (F_m - F_m_before) / h, (F_af - F_af_before) / h,
-            less_f, less_r, 1.0 if abs(F_af) < p.F_f_max else 0.0, 1.0 if near else 0.0,
-        )  # fmt: skip
-        at[0] = at[1]
-        at[1] = 0.0
-        _spread(at[1], q, turning, p, c)
-        if i > 0:
-            out[i - 1] = 0.5 * (at[0] + at[1])
-        if i < steps:
-            b, lagged = body_step(b, lagged, k, chain, T, still, p, e, c)
-    return out
-
-
-@njit_parallel
-def _pushed(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants, circle: Circle, n: int) -> Floats:
-    """What the functions' wrenches change in the predicted poses (N, 3, n), per unit."""
-    out, inertia = np.zeros((of.first[-1], 3, n)), np.array([p.m, p.m, p.I_z])
-    for s in numba.prange(len(of.step)):
-        a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
-        stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
-        own, T = since(chain, of.zero[s]), of.length[s]
-        still, push = np.zeros((g - f, 3)), np.zeros((of.steps, 3))
-        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, own, T, p, e[0], c)
-        wrenches = _segment_wrenches(start[s], of.step[s], of.steps, own, T, p, e[0], c, circle, n)
-        for j in range(n):
-            push = wrenches[:, :, j].copy()
-            strongest = np.max(np.abs(push / inertia))
-            if strongest == 0.0:
-                continue
-            moved, small = np.zeros((g - f, 3)), PUSH / strongest
-            segment_poses(moved, stamps, row, share, start[s], small * push, of.step[s], of.steps, own, T, p, e[0], c)
-            out[f:g, :, j] = (moved - still) / small
-    return out
-
-
 def explained_by(fit: Fit, take: Take, circle: Circle | None) -> dict[str, float]:
     """What each channel's functions would gain together (nats of BIC), most first; `circle` stands out."""
-    circle = circle or NOWHERE
-    setting, of = fit.hypothesis.setting(fit.phi, take), layout(take)
-    columns = np.asarray(_pushed(of, fit.start, *setting.acting, circle, sum(SIZES.values())))
-    seen = {"pose": _of_the_pose(fit, take), "time": _of_the_clocks(fit, take)}
-    steered = _of_the_servo(fit, take)  # moves within a knot: behind the pushes of the steering, which come last
-    columns = np.concatenate([columns, steered, *seen.values()], axis=2)
-    columns /= np.maximum(np.sqrt((columns**2).mean(axis=(0, 1))), 1e-12)
-    found, gains, at = projected(fit, take, columns), dict[str, float](), 0
-    sizes = SIZES | {"steering": SIZES["steering"] + steered.shape[2]} | {k: v.shape[2] for k, v in seen.items()}
-    for channel, n in sizes.items():
-        gains[channel] = explained(found, slice(at, at + n)) - 0.5 * n * math.log(take.segments)
-        at += n
+    columns, of = changes_by(fit, take, circle or NOWHERE)
+    found = projected(fit, take, columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1))), 1e-12))
+    gains = {
+        channel: explained(found, own) - 0.5 * (own.stop - own.start) * math.log(take.segments)
+        for channel, own in of.items()
+    }
     return dict(sorted(gains.items(), key=lambda item: -item[1]))
+
+
+def changes_by(fit: Fit, take: Take, circle: Circle) -> tuple[Floats, dict[str, slice]]:
+    """What every function changes in the predicted poses (N, 3, n), and each channel's columns."""
+    setting = fit.hypothesis.setting(fit.phi, take)
+    pushed = pushed_by(layout(take), fit.start, *setting.acting, circle, sum(SIZES.values()))
+    # moves of the servo are behind the pushes of the steering, which come last
+    parts = {"steering": _of_the_servo(fit, take), "pose": _of_the_pose(fit, take), "time": _of_the_clocks(fit, take)}
+    of, at = dict[str, slice](), 0
+    for channel in dict.fromkeys([*SIZES, *parts]):
+        size = SIZES.get(channel, 0) + (parts[channel].shape[2] if channel in parts else 0)
+        of[channel] = slice(at, at + size)
+        at += size
+    columns = np.concatenate([pushed, *parts.values()], axis=2)
+    columns[:, :, ~np.isfinite(columns).all(axis=(0, 1))] = 0.0
+    return columns, of
 
 
 def entered(entering: dict[str, float], left: Remainder) -> str:
@@ -264,7 +70,8 @@ def _of_the_servo(fit: Fit, take: Take) -> Floats:
     def seen(angle: Floats) -> Floats:
         return np.asarray(predict(of, fit.start, *setting._replace(chain=chain._replace(delta=angle)).acting))
 
-    return np.stack([(seen(d + NUDGE * phi) - seen(d)) / NUDGE for phi in functions], axis=2)
+    still = seen(d)
+    return np.stack([(seen(d + NUDGE * phi) - still) / NUDGE for phi in functions], axis=2)
 
 
 def _of_the_pose(fit: Fit, take: Take) -> Floats:
@@ -280,5 +87,6 @@ def _of_the_clocks(fit: Fit, take: Take) -> Floats:
     of, acting = layout(take), fit.hypothesis.setting(fit.phi, take).acting
     later = of._replace(stamps=of.stamps + SHIFT_S)
     velocity = (np.asarray(predict(later, fit.start, *acting)) - predict(of, fit.start, *acting)) / SHIFT_S
-    time = np.bincount(take.row, take.share * take.stamp_s)[:, None]
+    zero = np.repeat(take.zero_s, np.diff(take.first))
+    time = (np.bincount(take.row, take.share * take.stamp_s) - zero)[:, None]
     return np.stack([velocity, velocity * time / take.T], axis=2)

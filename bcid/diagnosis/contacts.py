@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.take import SEGMENT_S, STEP_S, Floats, Ints, Take
+from bcid.diagnosis.take import SEGMENT_S, Floats, Ints, Take
 from bcid.recording.types import Recording
 
 HALF_WINDOW_S = 0.05
@@ -15,6 +15,7 @@ STRONGEST = 3.0  # m/s^2: what small cars' tyres give at most,
 TIMES_USUAL = 2.0  # and so many times what the take shows elsewhere
 MERGED_S = 0.5
 CRASH_S = 1.0  # after it the car stands: a crash
+STANDS_M = 0.05  # further than this it does not come in that time
 
 
 class Contact(NamedTuple):
@@ -57,8 +58,8 @@ def _merged(time: Floats, place: Floats, velocity: Floats, acceleration: Floats,
     for group in groups:
         a, b = group[0], min(group[-1] + 2 * n, len(time) - 1)
         k = group[int(np.argmax(acceleration[group]))] + n
-        after = (time[: len(velocity)] > time[b]) & (time[: len(velocity)] < time[b] + CRASH_S)
-        stands = bool(after.any()) and float(np.hypot(*velocity[after].T).max()) < 0.05
+        after = place[(time > time[b]) & (time < time[b] + CRASH_S)]
+        stands = len(after) > 1 and float(np.hypot(*np.ptp(after, axis=0))) < STANDS_M
         found.append(
             Contact(
                 float(time[a]), float(time[b]), float(place[k, 0]), float(place[k, 1]),
@@ -70,7 +71,7 @@ def _merged(time: Floats, place: Floats, velocity: Floats, acceleration: Floats,
 
 def without_contacts(take: Take, found: list[Contact]) -> Take:
     """The take without the segments in which a contact lies."""
-    begin, end = take.begin_s, take.begin_s + SEGMENT_S + STEP_S
+    begin, end = take.begin_s, take.begin_s + SEGMENT_S + take.h
     free = np.ones(take.segments, dtype=bool)
     for contact in found:
         free &= (end < contact.begin_s) | (begin > contact.end_s)

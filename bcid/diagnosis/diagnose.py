@@ -25,7 +25,7 @@ from bcid.effects.entry import Units
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.models.newton_euler_start import started_car
-from bcid.physics.car import Car
+from bcid.physics.car import LONGEST_STEP_S, Car, integration_step
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -66,7 +66,7 @@ class Diagnosis:
         free = len(found.corrected.hypothesis.parameters) - len(found.base.hypothesis.parameters)
         gained = found.corrected.log_likelihood - found.base.log_likelihood
         simplified = float(chi2.sf(2.0 * gained, free)) if free else 1.0
-        smallest = min(found.nulls.p_value, location.place_p, location.window_p, simplified)
+        smallest = min(found.p_value, location.place_p, location.window_p, simplified)
         return min(1.0, 4.0 * max(smallest, SMALLEST_P))
 
 
@@ -83,8 +83,10 @@ def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
     return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed, 0.05))
 
 
-def prepared(recordings: Sequence[Recording], estimates: Sequence[Estimate]) -> tuple[Take, tuple[Contact, ...]]:
-    """The recordings as one take without its contacts.
+def prepared(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], h: float = LONGEST_STEP_S
+) -> tuple[Take, tuple[Contact, ...]]:
+    """The recordings as one take without its contacts, for steps of `h` s.
 
     Raises:
         InputRefused: when too little of it can be used.
@@ -93,7 +95,7 @@ def prepared(recordings: Sequence[Recording], estimates: Sequence[Estimate]) -> 
     for recording, estimate in zip(recordings, estimates, strict=True):
         found = contacts(recording)
         hits += found
-        take = without_contacts(take_of(recording, estimate), found)
+        take = without_contacts(take_of(recording, estimate, h), found)
         if take.segments < FEWEST_SEGMENTS:
             raise InputRefused(
                 recording.sources[0].path, "poses",
@@ -127,10 +129,10 @@ def diagnosed(
     Raises:
         InputRefused: when too little of the recordings can be used.
     """
-    take, hits = prepared(recordings, estimates)
     facts = estimates[0].facts
     progress(0.02, "a first car")
-    car = simulation.car if simulation else started_car(estimates, vehicle, facts["T_s"], facts["d"])
+    car = simulation.car if simulation else started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)
+    take, hits = prepared(recordings, estimates, integration_step(car))
     steering = vehicle.steering
     unknown = tuple(
         s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
@@ -141,7 +143,15 @@ def diagnosed(
     )  # fmt: skip
     values = list(simulation.effects.values()) if simulation else []
     with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
-        return _of_take(take, hypothesis, hits, progress, left_out, values)
+        try:
+            return _of_take(take, hypothesis, hits, progress, left_out, values)
+        except (FloatingPointError, np.linalg.LinAlgError) as error:
+            raise InputRefused(
+                recordings[0].sources[0].path,
+                "poses and commands",
+                f"the model cannot follow them: {error}",
+                "check the vehicle file's mass, distances and limits, and the recording's units",
+            ) from error
 
 
 def _of_take(

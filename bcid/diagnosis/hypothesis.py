@@ -10,21 +10,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.diagnosis.segments import half_steps
-from bcid.diagnosis.take import STEP_S, Floats, Take
+from bcid.diagnosis.take import Floats, Take
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect, Parameter, Units, resized
 from bcid.effects.motion import Chain, steering_chain
 from bcid.effects.table import ENTRIES, switches
-from bcid.physics.car import Car
+from bcid.physics.car import Car, integration_step
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
 SPEED_LAW = ("F_m_max", "K_t", "K_b")
-FORCE_LAW = ("K_t", "u_0", "K_v", "K_b")
-"""Refitted with every effect, as logarithms (specification); m, l_f, l_r, c and v_0 are held."""
+FORCE_LAW = ("K_t", "K_v", "K_b")
+"""Refitted with every effect, as logarithms (specification); m, l_f, l_r, c and v_0 are held.
+
+So is the throttle u_0 from which a force begins: what it lacks is `motor_dead_zone`.
+"""
 
 DRAG = ("R_1", "R_2")
 """Refitted too, in units of DRAG_UNIT times the mass, since they may have either sign."""
 
+FORCE_DEAD_ZONE = 0.1  # of the throttle
 DRAG_UNIT = 0.1
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
 
@@ -75,7 +79,18 @@ class Hypothesis:
     @cached_property
     def entries(self) -> dict[str, Effect]:
         """All that can be fitted, with sizes as they suit the vehicle."""
-        return {name: resized(e, self.units) for name, e in ENTRIES.items()}
+        known = {name: resized(e, self.units) for name, e in ENTRIES.items()}
+        if self.nominal.sets_force > 0.0:  # a throttle without unit, and no reference above which to brake
+            zone = known["motor_dead_zone"]
+            width = zone.parameters[0]._replace(unit="1", high=1.0, size=FORCE_DEAD_ZONE)
+            known["motor_dead_zone"] = replace(zone, parameters=(width,))
+            del known["motor_regeneration"]
+        return known
+
+    @cached_property
+    def step_s(self) -> float:
+        """Integration step."""
+        return integration_step(self.nominal)
 
     @property
     def logs(self) -> tuple[str, ...]:
@@ -148,11 +163,11 @@ def _chain(take: Take, car: Car, limit: float, switches: Any) -> Chain:
     runs on the poses' clock.
     """
     acting = tuple(getattr(switches, name) for name in ON_THE_CHAIN)
-    key = (id(take.command_s), id(take.command_zero_s), id(take.command), take.T, car.T_s, car.d, limit, acting)
+    key = (id(take.command_s), id(take.command_zero_s), id(take.command), take.T, take.h, car.T_s, car.d, limit, acting)
     if key not in _KNOWN:
         zero = take.command_zero_s
         times = zero + (take.command_s - zero + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
-        chain = steering_chain(times, take.command, 0.0, half_steps(take.T), STEP_S, car, limit, switches)
+        chain = steering_chain(times, take.command, 0.0, half_steps(take.T, take.h), take.h, car, limit, switches)
         if len(_KNOWN) >= KEPT_CHAINS:
             _KNOWN.pop(next(iter(_KNOWN)))
         _KNOWN[key] = ((take.command_s, take.command_zero_s, take.command), chain)

@@ -49,21 +49,23 @@ def located(fit: Fit, take: Take, of: Disturbances, whole: Remainder) -> Locatio
 def regime(of: Disturbances, energies: Floats) -> str:
     """What the car does where the disturbances are largest, in words."""
     m = of.mean
-    v, delta, rate, u = m["v_x"], np.abs(m["delta"]), np.abs(m["delta_rate"]), m["u_m"]
-    fast = np.quantile(np.hypot(v, m["v_y"]), 0.75)
+    v, speed, u = m["v_x"], np.hypot(m["v_x"], m["v_y"]), m["u_m"]
+    delta, rate, omega, alpha = (np.abs(m[n]) for n in ("delta", "delta_rate", "omega", "alpha_f"))
+    fast, much, moving, sliding = (float(np.quantile(x, 0.75)) for x in (speed, delta, rate, alpha))
+    straight, turning = float(np.quantile(delta, 0.25)), float(np.quantile(omega, 0.25))
     choices = {
-        f"fast, above {fast:.1f} m/s": np.hypot(v, m["v_y"]) > fast,
-        "reversing": v < -0.05,
+        f"fast, above {fast:.2g} m/s": speed > fast,
+        "reversing": v < -0.05 * fast,
         "braking": u < 0.0,
         "throttle": u > 0.0,
-        "steering beyond 0.8 rad": delta > 0.8,
-        "steering to the left": m["delta"] > 0.15,
-        "steering to the right": m["delta"] < -0.15,
-        "nearly straight": delta < 0.15,
-        "steering moving": rate > 0.3,
-        "front tyre near its grip": np.abs(m["alpha_f"]) > 0.15,
-        "turning left": m["omega"] > 0.2,
-        "turning right": m["omega"] < -0.2,
+        f"steering beyond {much:.2g} rad": delta > much,
+        "steering to the left": m["delta"] > straight,
+        "steering to the right": m["delta"] < -straight,
+        "nearly straight": delta < straight,
+        "steering moving": rate > moving,
+        f"front slip beyond {sliding:.2g} rad": alpha > sliding,
+        "turning left": m["omega"] > turning,
+        "turning right": m["omega"] < -turning,
     }
     ratios = {
         words: float(energies[inside].mean() / max(energies[~inside].mean(), 1e-9))

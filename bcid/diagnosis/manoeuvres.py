@@ -20,12 +20,12 @@ from bcid.diagnosis.hypothesis import BUMPER_CAR, Setting
 from bcid.diagnosis.patterns import COMMAND_HZ, LONGEST_S, PATTERNS, Envelope, Order, held
 from bcid.diagnosis.segments import half_steps
 from bcid.diagnosis.simulated import STILL, states
-from bcid.diagnosis.take import STEP_S, Floats
+from bcid.diagnosis.take import Floats
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Units
 from bcid.effects.motion import steering_chain
 from bcid.effects.table import off
-from bcid.physics.car import Car, advance, motor_force
+from bcid.physics.car import Car, advance, integration_step, motor_force
 from bcid.physics.kinematics import pose_rate, wrap
 from bcid.physics.motor import drag
 
@@ -164,7 +164,8 @@ def _path(command: Floats, start: Floats, e: Envelope) -> Floats:
     """States (n + 1, 6) of the bare car that drives these commands from rest."""
     T = len(command) / COMMAND_HZ
     times = np.arange(len(command)) / COMMAND_HZ
-    chain = steering_chain(times, command, 0.0, half_steps(T), STEP_S, e.car, e.angle_limit, off())
+    h = integration_step(e.car)
+    chain = steering_chain(times, command, 0.0, half_steps(T, h), h, e.car, e.angle_limit, off())
     return states(Setting(e.car, off(), chain, Constants()), T, STILL, 0, np.r_[start, 0.0, 0.0, 0.0])
 
 

@@ -23,6 +23,7 @@ from bcid.diagnosis.segments import KNOTS, N_FREE
 from bcid.diagnosis.take import Floats, Ints
 
 NU = 8.0
+SMALLEST = 1e-10  # of a variance: what is left of the difference of large numbers may be less than nothing
 SETTLED = 1e-3  # relative change of the scales at which EM ends
 N_START = 6  # of the free part: the initial state
 
@@ -148,20 +149,22 @@ def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
     pushes = e.z[:, N_START:].reshape(-1, KNOTS, 3)
     spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, KNOTS, 3)
     q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
-    return Scales(np.sqrt(r2 / w.mean()), np.sqrt(np.maximum(q2 / w.mean(), 1e-10)))
+    return Scales(np.sqrt(np.maximum(r2 / w.mean(), SMALLEST)), np.sqrt(np.maximum(q2 / w.mean(), SMALLEST)))
 
 
 def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminated]:
     """The scales after at most `steps` of EM, and the likelihood's terms there.
 
     Raises:
-        FloatingPointError: where a prediction is not finite.
+        FloatingPointError: where a prediction or a scale is not finite.
     """
     if not (np.isfinite(of.rr).all() and np.isfinite(of.AA).all()):
         raise FloatingPointError("a prediction left the finite numbers")
     e = eliminate(of, scales.r, scales.precisions())
     for _ in range(steps):
         before, scales = scales, updated(scales, e, of.rows)
+        if not np.isfinite([*scales.r, *scales.q]).all():
+            raise FloatingPointError("the noise left the finite numbers")
         e = eliminate(of, scales.r, scales.precisions())
         if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=SETTLED, atol=0.0):
             break

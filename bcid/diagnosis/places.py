@@ -45,7 +45,9 @@ def _widths(fit: Fit, take: Take, name: str) -> Floats:
     for i, (field, p) in enumerate(fit.hypothesis.parameters, start=fit.hypothesis.base_size):
         if p.places and field.startswith(f"{name}__"):
             reach = [v for f, (v, _) in values.items() if f in (f"{name}__radius", f"{name}__r_0")]
-            widths[i] = 0.1 * take.T if p.symbol == "t_s" else max(*reach, LEAST * fit.hypothesis.units.m)
+            widths[i] = (
+                0.1 * float(take.length_s.max()) if p.symbol == "t_s" else max(*reach, LEAST * fit.hypothesis.units.m)
+            )
     return widths
 
 

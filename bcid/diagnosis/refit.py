@@ -12,7 +12,7 @@ from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis, Setting
 from bcid.diagnosis.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.diagnosis.segments import free_sensitivities, layout, predict, wrapped
 from bcid.diagnosis.take import Floats, Take
-from bcid.physics.car import Car
+from bcid.physics.car import Car, with_usual_tyres
 
 STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
@@ -24,6 +24,8 @@ CONVERGED = 0.3  # nats
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 EM_STEPS = 2
 LAST_EM_STEPS = 20
+GRIPS = (2.0, 8.0)  # N/kg
+ENOUGH = 100  # segments on which starts are compared
 
 
 class Tangent(NamedTuple):
@@ -84,6 +86,8 @@ def jacobian(
         moved = phi.copy()
         moved[j] += width if phi[j] + width <= high[j] else -width
         columns.append(wrapped(r - residuals(take, hypothesis.setting(moved, take), start)) / (moved[j] - phi[j]))
+        if not np.isfinite(columns[-1]).all():  # LAPACK would not come back from it
+            raise FloatingPointError("a prediction left the finite numbers")
     return np.stack(columns, axis=2) if columns else np.zeros((*r.shape, 0))
 
 
@@ -117,8 +121,11 @@ def refit(
     With `known`, a neighbouring fit's tangent stands throughout and only the effects' own columns are
     found anew: a tenth of the work, good enough to compare candidates, though parameters far from the neighbour
     come out biased.
+
+    Raises:
+        FloatingPointError: where predictions leave the finite numbers.
     """
-    base = hypothesis.base_size
+    base, phi = hypothesis.base_size, np.clip(phi, *hypothesis.bounds())
     stiffness = np.zeros(hypothesis.size)
     stiffness[:base] = 1.0 / PRIOR_SD**2
     prior = _Prior(phi.copy(), stiffness)
@@ -201,6 +208,27 @@ def _step(
 
 
 def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> Fit:
-    """The base model refitted to the take, with what it assumes from the values `assumed`."""
-    base = hypothesis.holding()
-    return refit(take, base, base.start(hypothesis.nominal, assumed), take.start, scales)
+    """The base model refitted to the take, with what it assumes from the values `assumed`.
+
+    From the nominal car, which may be far off where it comes from one-step predictions, and from cars with usual
+    tyres that slide or do not: grip that is never reached has no slope.  The best of them on a part of the take is
+    refitted to the whole.
+
+    Raises:
+        FloatingPointError: when none stays within the finite numbers.
+    """
+    base, nominal = hypothesis.holding(), hypothesis.nominal
+    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
+    part, fits, error = take.part(chosen), list[Fit](), FloatingPointError()
+    usual = [with_usual_tyres(nominal, grip) for grip in GRIPS]
+    if "d" in hypothesis.unknown_steering:  # a servo may have no limit that shows
+        usual = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in usual]
+    for car in (nominal, *usual):
+        try:
+            fits.append(refit(part, base, base.start(car, assumed), part.start, scales))
+        except FloatingPointError as failed:
+            error = failed
+    if not fits:
+        raise error
+    best = max(fits, key=lambda f: f.log_likelihood)
+    return refit(take, base, best.phi, take.start, best.scales)

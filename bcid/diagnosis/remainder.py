@@ -18,7 +18,8 @@ TREES = 40
 LEAF = 6
 FOLDS = 4
 BLOCK_KNOTS = 30  # 15 s: neighbours are alike
-PREDICTABLE = 0.25  # correlation above which something is predictable; nulls gave at most 0.13
+PREDICTABLE = 0.25  # correlation above which something is predictable; ten-minute nulls gave at most 0.13,
+BY_CHANCE = 4.0  # and short ones so many standard errors of none
 LEADING = 0.15  # share of the importance above which a variable is named
 SIMPLE = 0.8  # share of what the trees predict that a short sum must reach to be given as a form
 CLIP_SD = 12.0
@@ -34,11 +35,12 @@ class Remainder:
     depends_on: tuple[str, ...]  # most important first
     gain: float  # nats that a model of it would be worth on the knots not seen
     form: str | None  # a short sum with units, where one is nearly as good
+    least: float = PREDICTABLE  # correlation above which it is more than chance
 
     @property
     def predictable(self) -> bool:
         """Whether it is more than nothing."""
-        return self.correlation > PREDICTABLE
+        return self.correlation > self.least
 
 
 def variables(of: Disturbances) -> dict[str, Floats]:
@@ -72,8 +74,9 @@ def remainder(of: Disturbances, car: Car) -> Remainder:
     order = [list(columns)[j] for j in np.argsort(-shares) if shares[j] > LEADING][:2]
     r = max(correlations[channel], 0.0)
     gain = -0.5 * len(targets) * sum(np.log1p(-(min(max(c, 0.0), 0.999) ** 2)) for c in correlations.values())
-    form = _form(of, car, i, order, r) if r > PREDICTABLE else None
-    return Remainder(channel, r, correlations, tuple(order), float(gain), form)
+    least = max(PREDICTABLE, BY_CHANCE / np.sqrt(len(targets)))
+    form = _form(of, car, i, order, r) if r > least else None
+    return Remainder(channel, r, correlations, tuple(order), float(gain), form, least)
 
 
 def _cross_predicted(X: Floats, targets: Floats) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ from bcid.diagnosis.search import RIVAL, named
 from bcid.diagnosis.take import Floats
 from bcid.diagnosis.verdict import Finding
 from bcid.effects.corrections import CORRECTIONS
-from bcid.effects.entry import Parameter
+from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.models.augmented import FORCE_UNITS, UNITS
 
@@ -47,7 +47,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         "verdict": judgement.verdict,
         "mismatch": {"detected": detected, "p_value": found.p_value, "where": _where(found) if detected else None},
         "channels": {channel: round(nats, 1) for channel, nats in found.location.entering.items()},
-        "findings": [_finding(f) for f in judgement.findings],
+        "findings": [_finding(f, judgement.fit.hypothesis.entries[f.effect]) for f in judgement.findings],
         "unknown": _unknown(found, corrections) if unknown else None,
         "fit": _fit(horizons),
         "horizons": [_horizon(h) for h in horizons],
@@ -104,8 +104,7 @@ def _numbers(parameters: Sequence[Parameter], values: dict[str, tuple[float, flo
     return {q.symbol: {"value": q.value, "se": q.se, "unit": q.unit} for q in quoted}
 
 
-def _finding(f: Finding) -> dict[str, Any]:
-    effect = EFFECTS[f.effect]
+def _finding(f: Finding, effect: Effect) -> dict[str, Any]:
     return {
         "effect": f.effect,
         "kind": effect.kind,
@@ -116,13 +115,12 @@ def _finding(f: Finding) -> dict[str, Any]:
         "heldout_gain": f.heldout.nats,
         "heldout_gain_ci95": list(f.heldout.ci95),
         "gain_nats": f.gain,
-        "sentence": _sentence(f),
+        "sentence": _sentence(f, effect),
         "held": effect.held or None,
     }
 
 
-def _sentence(f: Finding) -> str:
-    effect = EFFECTS[f.effect]
+def _sentence(f: Finding, effect: Effect) -> str:
     told = [(p.meaning, p.quoted(*f.values[p.symbol])) for p in effect.parameters if p.symbol in f.values]
     words = ", ".join(f"{m} {q.symbol} = {q.value:.3g} ± {q.se:.1g} {q.unit}".removesuffix(" –") for m, q in told)
     return f"{f.effect.replace('_', ' ')}: {words}"
@@ -138,7 +136,8 @@ def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
     left = found.judgement.remainder
     if found.judgement.left > 0.0:
         return {
-            "channel": found.judgement.left_in, "depends_on": list(left.depends_on), "form": left.form,
+            "channel": found.judgement.left_in, "depends_on": list(left.depends_on) if left.predictable else [],
+            "form": left.form,
             "heldout_gain": left.gain, "gain_nats": found.judgement.left,
         }  # fmt: skip
     words = "; ".join(ENTRIES[n].equation for n in corrections)
@@ -184,9 +183,9 @@ def _base(found: Diagnosis) -> list[dict[str, Any]]:
 
 
 def _rivals(found: Diagnosis) -> list[dict[str, Any]]:
-    best = found.search.best
-    rows = []
-    for other in found.search.others[:4]:
+    search = found.judgement.search
+    best, rows = search.best, []
+    for other in search.others[:4]:
         behind = best.bic - other.bic
         why = "cannot be told apart on this recording" if behind < RIVAL else f"explains {behind:.0f} nats less"
         rows.append({"effects": list(named(other)), "behind_nats": behind, "why_not": why})

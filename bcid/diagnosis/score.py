@@ -57,10 +57,12 @@ def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
         Y[s] = root[s].T @ (As.T @ X[a:b].reshape(len(As), -1))
         y[s] = root[s].T @ (As.T @ rest[a:b].ravel())
     total = _information(X, Y, w, take.first)
-    explained = np.linalg.lstsq(total[:held, :held], total[:held, held:], rcond=None)[0]
-    X, Y = X[:, :, held:] - X[:, :, :held] @ explained, Y[:, :, held:] - Y[:, :, :held] @ explained
+    if not np.isfinite(total).all():  # LAPACK would not come back from it
+        raise FloatingPointError("a change of a prediction left the finite numbers")
+    taken = np.linalg.lstsq(total[:held, :held], total[:held, held:], rcond=None)[0]
+    X, Y = X[:, :, held:] - X[:, :, :held] @ taken, Y[:, :, held:] - Y[:, :, :held] @ taken
     each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
-    G = total[held:, held:] - total[held:, :held] @ explained
+    G = total[held:, held:] - total[held:, :held] @ taken
     return Projected(X, Y, each_g, take.first, w, G, e.chi2, e.numbers)
 
 

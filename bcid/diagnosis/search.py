@@ -60,7 +60,8 @@ class Search:
     without: dict[str, Fit]  # the best fit with each of its named effects left out
     others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
     candidates: tuple[Candidate, ...]  # of the first step, most promising first
-    nulls: Nulls  # what chance promises beside the corrected base model
+    nulls: Nulls  # what chance promises beside the best fit
+    p_value: float  # that all which stands out beside the corrected base model is chance
     trials: Changes  # of the whole vocabulary beside the corrected base model
 
     def reduced(self, best: Fit, take: Take) -> Search:
@@ -82,7 +83,8 @@ def search(
     best, others = corrected, list[Fit]()
     report("a score test of every effect")
     trials = changes(best, take).without(left_out)
-    chance = nulls(corrected, take, trials)
+    chance = nulls(best, take, trials)
+    p_value = chance.p_value
     first: list[Candidate] = []
     while len(named(best)) < MOST_EFFECTS:
         candidates = screen(best, take, trials.without(best.hypothesis.effects))
@@ -99,6 +101,7 @@ def search(
         if not fits or fits[0].bic - best.bic < least:
             break
         best, others = fits[0], fits[1:]
+        chance = nulls(best, take, trials.without(best.hypothesis.effects))  # what it explains is no chance
     before = best
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
@@ -110,7 +113,7 @@ def search(
             best, others = others[0], [best, *others[1:]]
             without = _each_left_out(best, corrected, base, take)
     others = sorted(others, key=lambda f: -f.bic)
-    return Search(base, corrected, best, without, tuple(others), tuple(first), chance, trials)
+    return Search(base, corrected, best, without, tuple(others), tuple(first), chance, p_value, trials)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
@@ -172,18 +175,20 @@ def _from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
     """
     chosen = np.arange(0, take.segments, 4)
     part, found = take.part(chosen), []
-    for name, share in itertools.product(SWALLOWED, FAR_SHARES):
+    for name, share, car in itertools.product(SWALLOWED, FAR_SHARES, (fit.car(), fit.hypothesis.nominal)):
         if name in fit.hypothesis.effects or name in left_out:
             continue
         more = fit.hypothesis.holding(*fit.hypothesis.effects, name)
         sizes = [share * p.size for p in more.entries[name].parameters]
-        phi = more.start(fit.car(), [*fit.hypothesis.values(fit.phi).values(), *sizes])
+        phi = more.start(car, [*fit.hypothesis.values(fit.phi).values(), *sizes])
         with suppress(FloatingPointError):
             found.append(refit(part, more, phi, fit.start[chosen], fit.scales, QUICK))
     if not found:
         return []
     best = max(found, key=lambda f: f.bic)
-    return [refit(take, best.hypothesis, best.phi, fit.start, fit.scales)]
+    with suppress(FloatingPointError):
+        return [refit(take, best.hypothesis, best.phi, fit.start, fit.scales)]
+    return []
 
 
 def _quick(fit: Fit, take: Take, candidate: Candidate) -> Fit:
@@ -195,8 +200,11 @@ def _quick(fit: Fit, take: Take, candidate: Candidate) -> Fit:
 
 
 def _full(fit: Fit, take: Take) -> Fit:
-    """The same hypothesis with its own tangent."""
-    return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
+    """The same hypothesis with its own tangent; as it is where that leads out of the finite numbers."""
+    try:
+        return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
+    except FloatingPointError:
+        return fit
 
 
 def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
@@ -204,7 +212,10 @@ def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[f
     less = fit.hypothesis.holding(*effects)
     old = fit.hypothesis.values(fit.phi)
     known = [old[f] for f, _ in less.parameters if f in old]
-    return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
+    try:
+        return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
+    except FloatingPointError:  # what was taken away had kept the car within the finite numbers
+        return refit(take, less, less.start(less.nominal, [*known, *added]), take.start, fit.scales)
 
 
 def _without_idlers(fit: Fit, take: Take, gate: float) -> Fit:
@@ -237,6 +248,9 @@ def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -
     for less in without.values():
         shortlist = screen(less, take, trials.without(fit.hypothesis.effects))[:3]
         lost = fit.bic - less.bic
-        quick = [_quick(less, take, c) for c in shortlist if c.score > max(WORTH, CLOSE * lost)]
-        found += [_full(f, take) if fit.bic - f.bic < CLOSE * lost else f for f in quick]
+        for candidate in shortlist:
+            if candidate.score > max(WORTH, CLOSE * lost):
+                with suppress(FloatingPointError):
+                    quick = _quick(less, take, candidate)
+                    found.append(_full(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
     return sorted(found, key=lambda f: -f.bic)

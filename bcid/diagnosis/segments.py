@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.diagnosis.take import SEGMENT_S, STEP_S, Floats, Ints, Take
+from bcid.diagnosis.take import SEGMENT_S, Floats, Ints, Take
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
@@ -150,9 +150,9 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
     return out
 
 
-def half_steps(T: float) -> int:
-    """Integration steps that cover a recording of `T` seconds."""
-    return math.ceil(T / STEP_S) + 2
+def half_steps(T: float, h: float) -> int:
+    """Integration steps of `h` seconds that cover a recording of `T` seconds."""
+    return math.ceil(T / h) + 2
 
 
 def wrapped(residual: Floats) -> Floats:

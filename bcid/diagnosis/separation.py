@@ -14,7 +14,7 @@ from bcid.diagnosis.refit import Fit, jacobian, residuals, sensitivities
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.segments import wrapped
 from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
-from bcid.diagnosis.take import STEP_S, Floats, Take
+from bcid.diagnosis.take import Floats, Take
 from bcid.effects.table import ENTRIES
 
 POSE_HZ = 20.0  # of the simulated takes: one pose per group
@@ -34,7 +34,7 @@ def driven(
     drive: Drive, hypothesis: Hypothesis, phi: Floats, scales: Scales = STILL, seed: int = 0, rate_hz: float = POSE_HZ
 ) -> tuple[Take, Setting]:
     """The take that the car at `phi` gives of the drive, and its setting."""
-    setting = hypothesis.setting(phi, undriven(drive.command_s, drive.command, drive.seconds))
+    setting = hypothesis.setting(phi, undriven(drive.command_s, drive.command, drive.seconds, hypothesis.step_s))
     start = np.r_[drive.start, 0.0, 0.0, 0.0]
     return simulated_take(
         setting, drive.command_s, drive.command, drive.seconds, scales, rate_hz, seed, start
@@ -130,7 +130,7 @@ def _why(one: Hypothesis, other: Hypothesis, drive: Drive, phi: Floats) -> str:
 
 def _ranges(drive: Drive, hypothesis: Hypothesis, phi: Floats) -> dict[str, str]:
     """How far each quantity that an effect may depend on goes in the drive, in words."""
-    setting = hypothesis.setting(phi, undriven(drive.command_s, drive.command, drive.seconds))
+    setting = hypothesis.setting(phi, undriven(drive.command_s, drive.command, drive.seconds, hypothesis.step_s))
     path = states(setting, drive.seconds, STILL, 0, np.r_[drive.start, 0.0, 0.0, 0.0])
     p, delta, u = setting.car, setting.chain.delta[::2], drive.command[:, 1]
     v_x, v_y, omega = path[:, 3:].T
@@ -148,7 +148,7 @@ def _ranges(drive: Drive, hypothesis: Hypothesis, phi: Floats) -> dict[str, str]
         "speed": span("speed", np.hypot(v_x, v_y), "m/s"),
         "yaw_rate": span("yaw rate", omega, "rad/s"),
         "steering": span("steering", delta, "rad"),
-        "steering_rate": span("steering rate", np.gradient(delta, STEP_S), "rad/s"),
+        "steering_rate": span("steering rate", np.gradient(delta, setting.chain.h), "rad/s"),
         "throttle": span("throttle", np.maximum(u, 0.0), ""),
         "braking": span("braking", np.maximum(-u, 0.0), ""),
         "alpha_f": span("front slip", np.arctan(across / np.maximum(np.abs(along), p.v_0)), "rad"),

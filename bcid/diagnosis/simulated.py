@@ -14,12 +14,12 @@ from bcid.compiled import njit
 from bcid.diagnosis.hypothesis import Setting
 from bcid.diagnosis.marginal import Scales
 from bcid.diagnosis.segments import KNOT_S, KNOTS
-from bcid.diagnosis.take import GROUP_S, SEGMENT_S, STEP_S, Floats, Take
+from bcid.diagnosis.take import GROUP_S, SEGMENT_S, Floats, Take
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
-from bcid.physics.car import Car
+from bcid.physics.car import LONGEST_STEP_S, Car
 
 # Commands are copied into every take: chains are remembered by the array they came from, whatever a take's length.
 
@@ -56,18 +56,18 @@ def _seen(true: Floats, e: Any) -> Floats:
     return out
 
 
-def undriven(command_s: Floats, command: Floats, T: float) -> Take:
+def undriven(command_s: Floats, command: Floats, T: float, h: float = LONGEST_STEP_S) -> Take:
     """A take of commands (M, 2) at `command_s` (M,) without poses: enough for the `setting` of a hypothesis."""
     none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
     return Take(
         command_s, command.copy(), nothing, none, nothing, np.zeros(1, dtype=np.int64), np.empty((0, 3)),
-        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / STEP_S), T, np.empty((0, 6)), nothing, nothing,
+        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / h), T, np.empty((0, 6)), nothing, nothing,
         np.zeros(len(command_s)),
     )  # fmt: skip
 
 
 def states(setting: Setting, T: float, scales: Scales, seed: int, start: Floats) -> Floats:
-    """True states (n + 1, 6) every STEP_S under random pushes, constant over KNOT_S, with sd `scales.q`."""
+    """True states (n + 1, 6) after every step of the chain, under pushes of sd `scales.q`, constant over KNOT_S."""
     car = setting.car
     knots = int(np.ceil(T / KNOT_S)) + KNOTS
     pushes = np.random.default_rng([seed, 0]).standard_normal((knots, 3)) * scales.q * [car.m, car.m, car.I_z]
@@ -75,13 +75,13 @@ def states(setting: Setting, T: float, scales: Scales, seed: int, start: Floats)
 
 
 def seen_at(stamp: Floats, true: Floats, setting: Setting) -> Floats:
-    """The tracked poses (P, 3) at `stamp` of true states (n + 1, 6) every STEP_S from time zero."""
+    """The tracked poses (P, 3) at `stamp` of true states (n + 1, 6) after every step of the chain."""
     from scipy.interpolate import CubicHermiteSpline
 
     sin_t, cos_t = np.sin(true[:, 2]), np.cos(true[:, 2])
     v_x, v_y, omega = true[:, 3:].T
     rates = np.column_stack([cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y, omega])
-    path = CubicHermiteSpline(np.arange(len(true)) * STEP_S, true[:, :3], rates)(stamp)
+    path = CubicHermiteSpline(np.arange(len(true)) * setting.chain.h, true[:, :3], rates)(stamp)
     return np.asarray(_seen(path, setting.switches))
 
 
@@ -95,7 +95,7 @@ def simulated_take(
     `scales.r`.  Segments follow each other from time zero; their starts are the true states there.
     """
     true = states(setting, T, scales, seed, start)
-    S, steps = int(T / SEGMENT_S + 1e-9), round(SEGMENT_S / STEP_S)
+    S, steps = int(T / SEGMENT_S + 1e-9), round(SEGMENT_S / setting.chain.h)
     stamp = np.arange(int(np.ceil(S * SEGMENT_S * rate_hz - 1e-9))) / rate_hz
     path = seen_at(stamp, true, setting)
     group, row = np.unique(np.floor(stamp / GROUP_S + 1e-6).astype(np.int64), return_inverse=True)

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
+from bcid.physics.car import LONGEST_STEP_S
 from bcid.recording.types import Recording
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 SEGMENT_S = 1.5
-STEP_S = 0.025
 GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
 START_S = 0.4  # of a segment's poses give its initial state
 START_POSES = 5  # at least
@@ -55,8 +55,13 @@ class Take(NamedTuple):
     @property
     def begin_s(self) -> Floats:
         """When the segments begin (S,)."""
-        begin: Floats = (self.step * STEP_S).astype(np.float64)
+        begin: Floats = (self.step * self.h).astype(np.float64)
         return begin
+
+    @property
+    def h(self) -> float:
+        """Integration step, s."""
+        return SEGMENT_S / self.steps
 
     def part(self, chosen: Ints) -> Take:
         """The same take with some of its segments only."""
@@ -78,8 +83,8 @@ def _spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
     return joined, np.r_[0, np.cumsum([len(p) for p in parts])].astype(np.int64)
 
 
-def take_of(recording: Recording, estimate: Estimate) -> Take:
-    """The take in `recording`, with the segments that its estimate covers without a break.
+def take_of(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S) -> Take:
+    """The take in `recording`, with the segments that its estimate covers without a break, for steps of `h` s.
 
     Segments stand one after the other in each uninterrupted stretch of the estimate.
     """
@@ -99,7 +104,7 @@ def take_of(recording: Recording, estimate: Estimate) -> Take:
             groups.append(group.astype(np.int64))
             counts = np.bincount(group)
             means.append(np.column_stack([np.bincount(group, pose[mine, c]) / counts for c in range(3)]))
-            begin.append(round(t_0 / STEP_S))
+            begin.append(round(t_0 / h))
             start.append(_state_at(stamp[mine] - t_0, pose[mine]))
     first = np.r_[0, np.cumsum([len(m) for m in means])].astype(np.int64)
     row = np.concatenate([g + f for g, f in zip(groups, first, strict=False)] or [np.empty(0, dtype=np.int64)])
@@ -109,7 +114,7 @@ def take_of(recording: Recording, estimate: Estimate) -> Take:
         1.0 / np.bincount(row)[row] if len(row) else np.empty(0),
         np.r_[0, np.cumsum([len(k) for k in kept])].astype(np.int64),
         np.concatenate(means) if means else np.empty((0, 3)), first, np.array(begin, dtype=np.int64),
-        round(SEGMENT_S / STEP_S), recording.duration_s, np.array(start).reshape(len(start), 6), np.zeros(len(start)),
+        round(SEGMENT_S / h), recording.duration_s, np.array(start).reshape(len(start), 6), np.zeros(len(start)),
         np.full(len(start), recording.duration_s), np.zeros(len(recording.commands.time_s)),
     )  # fmt: skip
 
@@ -135,8 +140,8 @@ def joined(takes: Sequence[Take]) -> Take:
     whole = takes[0]
     for later in takes[1:]:
         take = later.part(np.flatnonzero(later.begin_s > FORGOTTEN_S))
-        steps = int(np.ceil((whole.T + 1.0) / STEP_S))
-        ahead = steps * STEP_S
+        steps = int(np.ceil((whole.T + 1.0) / whole.h))
+        ahead = steps * whole.h
         whole = Take(
             np.r_[whole.command_s, take.command_s + ahead], np.vstack([whole.command, take.command]),
             np.r_[whole.stamp_s, take.stamp_s + ahead], np.r_[whole.row, take.row + len(whole.pose)],

@@ -22,7 +22,9 @@ Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
 MOST_TWINS = 3
 WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
-ENOUGH = 0.1  # share of what is explained that may be left, where effects are named
+ENOUGH = 0.1  # share of what is explained that may be left predictable, where effects are named
+LEFT_OVER = 0.25  # of what an effect's own channel would explain without it, which may be left in another,
+OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
@@ -52,7 +54,12 @@ class Judgement:
     entering: dict[str, float]  # nats that free functions in each channel would still gain, most first
     gate: float  # nats that chance does not reach
     corrections: Gain | None  # held-out gain of the base model's own simplifications, where they stand out
-    fit: Fit  # with the effects found; the corrected base model where none was
+    search: Search  # without what was dropped
+
+    @property
+    def fit(self) -> Fit:
+        """With the effects found; the corrected base model where none was."""
+        return self.search.best
 
     @property
     def left_in(self) -> str:
@@ -84,9 +91,10 @@ def judged(
     entering = explained_by(best, take, place)
     findings = _findings(found, take)
     failed = tuple(f.effect for f in findings if not _passes(f, found))
+    if not failed:
+        failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, entering))
     explained = sum(f.gain for f in findings if f.effect not in failed)
-    more = _left(left, entering, found.nulls.gate)
-    if findings and (more > ENOUGH * explained or left.correlation > STANDING_OUT):
+    if findings and left.predictable and left.correlation > STANDING_OUT and left.gain > ENOUGH * explained:
         failed = named(best)  # a mixture of what is in the vocabulary stands in for something that is not
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
@@ -94,15 +102,31 @@ def judged(
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"
-    elif more > 0.0 or best.hypothesis.effects != found.base.hypothesis.effects:
+    elif _left(left, entering, found.nulls.gate) > 0.0 or best.hypothesis.effects != found.base.hypothesis.effects:
         verdict = "unknown"
     corrections = None
     if found.corrected is not found.base:
         corrections = gain(scores(found.corrected, take), scores(found.base, take), take)
     return Judgement(
         verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, entering, found.nulls.gate,
-        corrections, best,
+        corrections, found,
     )  # fmt: skip
+
+
+def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None, entering: dict[str, float]) -> bool:
+    """Whether an effect does only roughly what a channel's free functions show to be missing there.
+
+    They still explain much beside it, and without it would explain much of what it does: what is really missing
+    enters there, in another way.
+    """
+    if max(entering.values()) < found.nulls.gate:
+        return False
+    without = explained_by(found.without[finding.effect], take, place)
+    own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are
+    return any(
+        nats > max(LEFT_OVER * own, found.nulls.gate) and without[c] - nats > OVERLAP * own
+        for c, nats in entering.items()
+    )
 
 
 def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:

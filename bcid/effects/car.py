@@ -98,8 +98,10 @@ def throttle_force(v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> fl
 
 
 @njit_inline
-def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> _Front:
-    """Force along and across the front wheel at the angle `delta_w`."""
+def _front(
+    delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, F_lr: float, p: Car, e: Any, c: Constants
+) -> _Front:
+    """Force along and across the front wheel at the angle `delta_w`, with F_lr along the rear ones."""
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta_w)
     F_m = throttle_force(v_fx, drive, p, e, c)
     pull = lagged.F_mf if e.motor_lag__tau > 0.0 else F_m
@@ -114,7 +116,7 @@ def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p
     F_l = p.front_share * (pull - rolling) - (F_d - rolling)
     alpha_s = slip_angle(v_fx, v_fy, corrections.slip_speed(p.v_0, e.slip_speed__d))
     alpha = lagged.alpha_f if e.tyre_relaxation__sigma > 0.0 else alpha_s
-    load = tyres.load_factor(F_l, delta_w, p.m, e.load_transfer__k)
+    load = tyres.load_factor(F_l + F_lr, delta_w, p.m, e.load_transfer__k)
     F_max = tyres.friction_circle(p.F_f_max * grip * load, p.front_share * pull, e.friction_circle__kappa)
     shift = tyres.ply_steer(v_fx, e.front_ply_steer__f, c.v_c)
     F_max = corrections.grip_left(-p.C_f * load * alpha + shift, F_max, e.tyre_fall__f)
@@ -123,7 +125,9 @@ def _front(delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, p
 
 
 @njit_inline
-def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: Any, c: Constants) -> float:
+def _wheel_angle(
+    b: Body, drive: Drive, lagged: Lagged, grip: float, F_lr: float, p: Car, e: Any, c: Constants
+) -> float:
     """delta_w: linkage, then compliance with the wheel's own side force, solved together by regula falsi."""
     speed = math.hypot(b.v_x, b.v_y) if e.steering_speed_gain__k != 0.0 else 0.0
     base: float = steering.linkage(
@@ -135,14 +139,14 @@ def _wheel_angle(b: Body, drive: Drive, lagged: Lagged, grip: float, p: Car, e: 
         return base
     reach = 2.0 * abs(k) * p.F_f_max
     low, high = base - reach, base + reach
-    miss_low = low - base - k * _front(low, b, drive, lagged, grip, p, e, c).F_a
-    miss_high = high - base - k * _front(high, b, drive, lagged, grip, p, e, c).F_a
+    miss_low = low - base - k * _front(low, b, drive, lagged, grip, F_lr, p, e, c).F_a
+    miss_high = high - base - k * _front(high, b, drive, lagged, grip, F_lr, p, e, c).F_a
     angle = base
     for _ in range(COMPLIANCE_STEPS):
         if miss_high == miss_low:  # so weak that the angle does not move
             break
         angle = high - miss_high * (high - low) / (miss_high - miss_low)
-        miss = angle - base - k * _front(angle, b, drive, lagged, grip, p, e, c).F_a
+        miss = angle - base - k * _front(angle, b, drive, lagged, grip, F_lr, p, e, c).F_a
         if abs(miss) < COMPLIANCE_MISS:
             break
         if miss * miss_high < 0.0:
@@ -179,19 +183,19 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
         b.p_x, b.p_y, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius
     ):
         grip = 1.0 - e.slippery_patch__D
-    delta_w = _wheel_angle(b, drive, lagged, grip, p, e, c)
-    front = _front(delta_w, b, drive, lagged, grip, p, e, c)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
-    F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
     F_mr = throttle_force(v_rx, drive, p, e, c) if p.front_share < 1.0 else 0.0
     pull_r = lagged.F_mr if e.motor_lag__tau > 0.0 else F_mr
     F_lr = (1.0 - p.front_share) * (pull_r - drag(v_rx, p.R_1, p.R_2))
+    delta_w = _wheel_angle(b, drive, lagged, grip, F_lr, p, e, c)
+    front = _front(delta_w, b, drive, lagged, grip, F_lr, p, e, c)
+    F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
     sin_d, cos_d = math.sin(delta_w), math.cos(delta_w)
     F_x = cos_d * front.F_l - sin_d * front.F_a + F_lr
     F_fy = sin_d * front.F_l + cos_d * front.F_a
     F_y, M_z = F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
 
-    M_z += forces.drive_lateral_offset(front.F_l, delta_w, e.drive_lateral_offset__a)
+    M_z += forces.drive_lateral_offset(front.F_l + F_lr, delta_w, e.drive_lateral_offset__a)
     F_x += forces.rear_rolling_coulomb(b.v_x, e.rear_rolling_coulomb__c, c.v_c)
     F_x += forces.rear_rolling_viscous(b.v_x, e.rear_rolling_viscous__b)
     air_x, air_y = forces.quadratic_drag(b.v_x, b.v_y, e.quadratic_drag__k)

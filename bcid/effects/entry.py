@@ -124,10 +124,15 @@ class Units(NamedTuple):
 
 
 def resized(effect: Effect, units: Units) -> Effect:
-    """The effect with sizes and bounds as they suit another vehicle; where and when stay free."""
+    """The effect with sizes and bounds as they suit another vehicle.
+
+    Where and when stay free, and so do delays and lags: electronics and servos are no faster in a small car.
+    """
 
     def scaled(p: Parameter) -> Parameter:
         factor = units.of(p.unit)
+        if p.unit == "s":
+            return p
         if p.places:
             return p._replace(low=p.low * factor, off=p.off * factor) if p.symbol == "radius" else p
         return p._replace(low=p.low * factor, high=p.high * factor, size=p.size * factor)

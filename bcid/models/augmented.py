@@ -28,9 +28,8 @@ from bcid.effects.table import ENTRIES, OFF, switches
 from bcid.errors import UsageError
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.newton_euler import equation_lines
-from bcid.physics.car import Car
+from bcid.physics.car import Car, integration_step
 
-STEP_S = 0.025  # the longest integration step
 LONGEST_DELAY_S = 10.0
 N_MOTION = 13  # of the carry: body, lags, steering and time; the commands follow
 UNITS = {
@@ -187,7 +186,7 @@ class AugmentedNewtonEuler:
     def setup(self) -> Setup:
         """What the compiled step takes."""
         e = switches(self.effects)
-        steps = max(1, math.ceil(self.period_s / STEP_S - 1e-9))
+        steps = max(1, math.ceil(self.period_s / integration_step(self.car) - 1e-9))
         kept = math.ceil(longest_delay(e, self.recording_s) / self.period_s) + 1
         return Setup(
             self.car, e, self.constants, self.angle_limit, self.recording_s, self.period_s, steps, kept

@@ -42,6 +42,32 @@ class Car(NamedTuple):
     K_v: float = 0.0  # force law: N s/m
 
 
+LONGEST_STEP_S = 0.025
+STABLE = 2.4  # of a step times the fastest rate; RK4 diverges from 2.78 on
+FINEST = 10  # parts of LONGEST_STEP_S: a faster car was not found right
+
+
+def with_usual_tyres(p: Car, grip: float) -> Car:
+    """The same with inertia and side forces as its mass and size let expect, and grip (N/kg) on either axle.
+
+    Tyres carry the weight, and their side force grows with it; the rear ones are stiffer than the front ones, so
+    that the car goes straight on its own.
+    """
+    m = p.m
+    return p._replace(I_z=1.3 * m * p.l_f * p.l_r, C_f=12.0 * m, C_r=25.0 * m, F_f_max=grip * m, F_r_max=grip * m)
+
+
+def integration_step(p: Car) -> float:
+    """An RK4 step (s) that a car bears at any speed: LONGEST_STEP_S or a whole part of it.
+
+    Side slip and yaw rate settle at C/(m v_0) and C l^2/(I_z v_0) at most, of both axles together.  A moment of
+    inertia is found badly by some fits; no car has a much smaller one than two masses over its axles, m l_f l_r.
+    """
+    I_z = min(p.I_z, p.m * p.l_f * p.l_r)
+    rate = ((p.C_f + p.C_r) / p.m + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / I_z) / p.v_0
+    return LONGEST_STEP_S / min(max(1, math.ceil(LONGEST_STEP_S * rate / STABLE)), FINEST)
+
+
 @njit
 def motor_force(u_m: float, v_w: float, p: Car) -> float:
     """F_m (N) at wheel speed `v_w` (m/s) by the vehicle's motor law."""

@@ -67,6 +67,7 @@ def write_diagnosis_page(
         where=where_of(diagnosis),
         windows=windows_of(diagnosis),
         channels=CHANNELS,
+        entering=[(c, n) for c, n in (diagnosis.get("channels") or {}).items() if n > 0.0],
         entries=ENTRIES,
         with_error=with_error,
         folded=FOLDED,

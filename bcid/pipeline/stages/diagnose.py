@@ -93,8 +93,8 @@ def _manoeuvre(folder: Path, found: Diagnosis, content: dict[str, Any]) -> None:
     from bcid.diagnosis.manoeuvres import Arena, write_commands
     from bcid.diagnosis.separation import best_manoeuvre
 
-    best, others = found.search.best, found.search.others
-    if not others or not found.judgement.findings or found.judgement.dropped:
+    best, others = found.judgement.fit, found.judgement.search.others
+    if not others or not found.judgement.findings:
         return
     low, high = found.take.pose[:, :2].min(axis=0), found.take.pose[:, :2].max(axis=0)
     middle = 0.5 * (low + high)
