@@ -32,7 +32,6 @@ KNOT_UNITS = {
 TRACK_UNITS = {
     "time_s": "s", "x": "m", "y": "m", "before_x": "m", "before_y": "m", "after_x": "m", "after_y": "m", "start": "1"
 }  # fmt: skip
-_OTHERWISE = {"any": "fx"}  # a change of mass acts on all; it is looked for along the car
 
 
 def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]) -> dict[str, Any]:
@@ -71,23 +70,21 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
 
 
 def _where(found: Diagnosis) -> dict[str, Any]:
-    """Where the mismatch is; what was named says it best."""
+    """Where the mismatch is; what was named says it best: the first its channel, the first local one its place."""
     location, findings = found.location, found.judgement.findings
     channel, depends = location.channel, list(location.depends_on)
     place = location.place if "place" in depends else None
     T = found.take.T
     times = [[0.0, T]]
     if findings:
-        top = findings[0]
-        effect = EFFECTS[top.effect]
-        channel, depends = _OTHERWISE.get(effect.channel, effect.channel), list(effect.depends_on)
-        values = {s: v for s, (v, _) in top.values.items()}
-        place = None
-        if "radius" in values:
-            return _located(channel, depends, location.regime, times, (values["x"], values["y"], values["radius"]))
-        if "t_s" in values:
-            times = [[values["t_s"], T]]
-    elif location.window is not None and "time" in depends:
+        effect = EFFECTS[findings[0].effect]
+        depends = list(effect.depends_on)
+        channel = location.channel if effect.channel == "any" else effect.channel  # a change of mass acts on all
+        values = [{s: v for s, (v, _) in f.values.items()} for f in findings]
+        circles = [(v["x"], v["y"], v["radius"]) for v in values if "radius" in v]
+        times = [[v["t_s"], T] for v in values if "t_s" in v] or times
+        return _located(channel, depends, location.regime, times, circles[0] if circles else None)
+    if location.window is not None and "time" in depends:
         times = [[location.window.begin_s, location.window.end_s]]
     return _located(channel, depends, location.regime, times, (place.x, place.y, place.radius) if place else None)
 

@@ -23,7 +23,7 @@ TELLING = 2.0  # standard errors of the difference between two explanations that
 MOST_TWINS = 3
 WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
 ENOUGH = 0.1  # share of what is explained that may be left predictable, where effects are named
-LEFT_OVER = 0.25  # of what an effect's own channel would explain without it, which may be left in another,
+LEFT_OVER = 0.4  # of what an effect's own channel would explain without it, which may be left in another,
 OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
@@ -92,7 +92,9 @@ def judged(
     findings = _findings(found, take)
     failed = tuple(f.effect for f in findings if not _passes(f, found))
     if not failed:
-        failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, entering))
+        least = max(found.nulls.gate, WORTH_TELLING * sum(f.gain for f in findings))
+        over = {c: nats for c, nats in entering.items() if nats > least}
+        failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, over))
     explained = sum(f.gain for f in findings if f.effect not in failed)
     if findings and left.predictable and left.correlation > STANDING_OUT and left.gain > ENOUGH * explained:
         failed = named(best)  # a mixture of what is in the vocabulary stands in for something that is not
@@ -113,20 +115,17 @@ def judged(
     )  # fmt: skip
 
 
-def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None, entering: dict[str, float]) -> bool:
+def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None, over: dict[str, float]) -> bool:
     """Whether an effect does only roughly what a channel's free functions show to be missing there.
 
-    They still explain much beside it, and without it would explain much of what it does: what is really missing
-    enters there, in another way.
+    They still explain much beside it (`over`, nats by channel), and without it would explain much of what it does:
+    what is really missing enters there, in another way.
     """
-    if max(entering.values()) < found.nulls.gate:
+    if not over:
         return False
     without = explained_by(found.without[finding.effect], take, place)
     own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are
-    return any(
-        nats > max(LEFT_OVER * own, found.nulls.gate) and without[c] - nats > OVERLAP * own
-        for c, nats in entering.items()
-    )
+    return any(nats > LEFT_OVER * own and without[c] - nats > OVERLAP * own for c, nats in over.items())
 
 
 def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:
