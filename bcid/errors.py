@@ -17,6 +17,12 @@ class UsageError(BcidError):
     exit_code = 2
 
 
+class GoalMissed(BcidError):
+    """Done, but a stated goal was missed."""
+
+    exit_code = 5
+
+
 class InputRefused(BcidError):
     """A file that cannot be used as it is: which, where in it, why, and what to do."""
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from bcid.cli.app import main
 from bcid.effects.table import EFFECTS
 from bcid.proof import running
 from bcid.proof.cases import Case, suite
@@ -98,6 +100,10 @@ def test_counting() -> None:
             remainder={"channel": "mz"}),
     ]  # fmt: skip
     single, null, hidden = tiers(rows)
+    assert {"top1", "set", "kind"} <= set(single.missed)
+    assert "parameter_error" not in single.missed
+    assert null.missed == ("false",)
+    assert hidden.missed == ()
     assert single.top1 == pytest.approx(2 / 3)
     assert single.exact == pytest.approx(1 / 3)
     assert single.wrong == pytest.approx(2 / 3)
@@ -111,3 +117,30 @@ def test_counting() -> None:
     assert null.false_ci95[0] < 0.5 < null.false_ci95[1]
     assert hidden.channel == 1.0
     assert hidden.wrong == 0.0
+
+
+@pytest.mark.parametrize(("named", "code"), [(True, 0), (False, 5)])
+def test_the_command_ends_as_its_goals_are_met(
+    named: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fake(case: Case) -> dict[str, Any]:
+        found = list(case.answer) if named else []
+        hidden = {"verdict": "unknown", "remainder": {"channel": case.channel}} if case.left_out else {}
+        made = row(case.name, list(case.answer), [] if case.left_out else found, tier=case.tier, channel=case.channel,
+                   oracle_share=1.0, **hidden)  # fmt: skip
+        if case.number % 20 == 0:  # one interval in twenty misses
+            made["truth"] = {e: dict.fromkeys(values, 1.5) for e, values in made["truth"].items()}
+        return made
+
+    monkeypatch.setattr(running, "run_case", fake)
+    words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1", "--nulls", "2", "--imperfect-nulls", "2",
+             "--pairs", "2", "--repeats", "1", "--format", "json"]  # fmt: skip
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr()
+    assert (ended.value.code or 0) == code
+    tier = {t["tier"]: t for t in json.loads(told.out)["tiers"]}
+    assert tier["single"]["goal"]["top1"] == [0.95, 1.0]
+    assert ("top1" in tier["single"]["missed"]) is not named
+    assert ("goals missed" in told.err) is not named

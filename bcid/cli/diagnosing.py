@@ -18,7 +18,7 @@ from bcid.cli.options import (
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
-from bcid.errors import UsageError
+from bcid.errors import GoalMissed, UsageError
 from bcid.pipeline.run import Pipeline
 from bcid.vehicle import read_vehicle
 
@@ -126,7 +126,8 @@ def prove(
         for row in run_all(cases, out, workers):
             rows.append(row)
             progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
-    found = [asdict(t) for t in tiers(rows)]
+    counted = tiers(rows)
+    found = [{**asdict(t), "goal": t.goal, "missed": list(t.missed)} for t in counted]
     if not found:
         raise UsageError("there are no cases\n  next: ask for more")
     data = {"schema": SCHEMA, "seed": seed, "cases": len(rows), "tiers": found}
@@ -161,6 +162,13 @@ def prove(
         data,
         lambda: table(
             f"{len(rows)} cases", columns,
-            [[t["tier"], *("–" if t[k] is None else f"{t[k]:.3g}" for k in keys)] for t in found],
+            [
+                [t["tier"], *("–" if t[k] is None else f"{t[k]:.3g}{'!' if k in t['missed'] else ''}" for k in keys)]
+                for t in found
+            ],
+            "! misses its goal",
         ),
     )  # fmt: skip
+    missed = [f"{t.tier}: {field}" for t in counted for field in t.missed]
+    if missed:
+        raise GoalMissed(f"goals missed ({'; '.join(missed)})\n  next: look at these cases' rows in {out}")

@@ -25,6 +25,7 @@ from bcid.recording.assemble import assemble
 from bcid.recording.raw import RawTake
 from bcid.recording.types import Recording, Source
 from bcid.simulation.samples import VEHICLE
+from bcid.store.code import code_of
 from bcid.vehicle import Vehicle, read_vehicle
 
 TUNING = Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
@@ -115,8 +116,8 @@ def _oracle_share(case: Case, found: Diagnosis) -> float | None:
 def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[str, Any]]:
     """Every case's row; rows already in `folder` are read, the others made and kept there, each as it is done.
 
-    A row is kept under its case's digest, so that another seed or suite never meets it; one that ended in an
-    error is made again.
+    A row is kept under the digests of its case and of the code, so that another seed, suite or version never meets
+    it; one that ended in an error is made again.
     """
     folder.mkdir(parents=True, exist_ok=True)
     todo = []
@@ -136,7 +137,7 @@ def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[
 
 
 def _file(case: Case, folder: Path) -> Path:
-    return folder / f"{case.name}.{case.digest()}.json"
+    return folder / f"{case.name}.{case.digest()}.{code_of(__name__).digest[:12]}.json"
 
 
 def _known(case: Case, folder: Path) -> dict[str, Any] | None:

@@ -12,6 +12,17 @@ from bcid.effects.table import EFFECTS
 from bcid.proof.cases import SEVERAL
 
 SCHEMA = "bcid.prove/1"
+GOALS: dict[str, dict[str, tuple[float, float]]] = {
+    "single": {"top1": (0.95, 1.0), "set": (0.98, 1.0), "set_size": (0.0, 1.6), "parameter_error": (0.0, 0.03),
+               "coverage": (0.85, 0.99), "oracle_share": (0.95, 2.0), "kind": (0.95, 1.0), "seconds": (0.0, 60.0)},
+    "single-imperfect": {"top1": (0.85, 1.0), "set": (0.95, 1.0), "kind": (0.95, 1.0)},
+    "null": {"false": (0.0, 0.01)},
+    "null-imperfect": {"false": (0.0, 0.05)},
+    "left-out": {"channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "pair": {"exact": (0.8, 1.0)},
+}  # fmt: skip
+"""Lowest and highest that the project wants of each tier."""
+
 LARGEST_SET = 4  # a longer set is a miss
 NORMAL95 = 1.96
 
@@ -37,6 +48,17 @@ class Tier:
     channel: float | None  # a left-out family's channel
     seconds: float  # median
     errors: int
+
+    @property
+    def goal(self) -> dict[str, tuple[float, float]]:
+        """What is wanted of it, by field."""
+        return GOALS.get(self.tier, {})
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """The fields outside their goals."""
+        reached = {field: getattr(self, field) for field in self.goal}
+        return tuple(f for f, (low, high) in self.goal.items() if reached[f] is None or not low <= reached[f] <= high)
 
 
 def tiers(rows: Iterable[dict[str, Any]]) -> list[Tier]:
