@@ -338,7 +338,7 @@ def test_a_concealed_effect_is_named_alone(
     [
         (0.0, 1.0, 9),
         (-2.0, 0.0, 8),
-        pytest.param(1.0, 0.5, 8, marks=pytest.mark.xfail(strict=True, reason="no trial circle shows it at all")),
+        (1.0, 0.5, 8),
     ],
 )  # fmt: skip
 def test_a_slippery_patch_is_found_with_its_place(x: float, y: float, seed: int, maker: Maker) -> None:

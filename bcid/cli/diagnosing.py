@@ -131,42 +131,20 @@ def prove(
     if not found:
         raise UsageError("there are no cases\n  next: ask for more")
     data = {"schema": SCHEMA, "seed": seed, "cases": len(rows), "tiers": found}
-    columns = [
-        "tier",
-        "n",
-        "first",
-        "in the set",
-        "exact",
-        "false",
-        "unknown",
-        "wrong",
-        "set size",
-        "error",
-        "covered",
-        "s",
-    ]
-    keys = (
-        "n",
-        "top1",
-        "set",
-        "exact",
-        "false",
-        "unknown",
-        "wrong",
-        "set_size",
-        "parameter_error",
-        "coverage",
-        "seconds",
-    )
+    columns = {
+        "n": "n", "first": "top1", "in the set": "set", "exact": "exact", "false": "false", "unknown": "unknown",
+        "wrong": "wrong", "channel": "channel", "kind": "kind", "set size": "set_size", "error": "parameter_error",
+        "covered": "coverage", "share": "oracle_share", "s": "seconds",
+    }  # fmt: skip
+
+    def cell(tier: dict[str, Any], field: str) -> str:
+        return "–" if tier[field] is None else f"{tier[field]:.3g}{'!' if field in tier['missed'] else ''}"
+
     sink.result(
         data,
         lambda: table(
-            f"{len(rows)} cases", columns,
-            [
-                [t["tier"], *("–" if t[k] is None else f"{t[k]:.3g}{'!' if k in t['missed'] else ''}" for k in keys)]
-                for t in found
-            ],
-            "! misses its goal",
+            f"{len(rows)} cases", ["tier", *columns],
+            [[t["tier"], *(cell(t, field) for field in columns.values())] for t in found], "! misses its goal",
         ),
     )  # fmt: skip
     missed = [f"{t.tier}: {field}" for t in counted for field in t.missed]

@@ -24,6 +24,7 @@ SHARES = (0.5, 1.5)  # trial sizes of an effect of one sign
 PLACES = 5  # across the longer side of what was driven
 MOMENTS = 8  # in the recording
 ODD_PLACES = 4
+WITHIN = (0.3, 0.5, 0.7, 1.0)  # of their radius: a circle inside of what is odd shows it, one that sticks out does not
 SHARPER = 1.0  # nats that a move must gain
 CHANCE = 1e-4  # that a take of nothing passes a gate
 FINEST = 0.04  # share of the first width at which places are sharp
@@ -138,7 +139,7 @@ def _places(effect: Effect, take: Take, odd: Sequence[Circle]) -> list[dict[str,
     rest = {"radius": 0.75 * spacing} if "radius" in symbols else {"r_0": 0.5 * spacing}
     grid = [{"x": float(x), "y": float(y), **rest} for x, y in itertools.product(*axes)]
     if "radius" in symbols:  # a knot's mean place lies up to half a knot's way from where it was pushed
-        grid += [{"x": c.x, "y": c.y, "radius": share * c.radius} for c in odd for share in (0.7, 1.0)]
+        grid += [{"x": c.x, "y": c.y, "radius": share * c.radius} for c in odd for share in WITHIN]
     return grid
 
 
@@ -170,13 +171,8 @@ def _moved(
 ) -> Candidate:
     """The most promising of the candidate's neighbours in its places."""
     metre = fit.hypothesis.units.m
-    widths = {
-        "t_s": float(take.length_s.max()) / MOMENTS,
-        "x": 0.6 * metre,
-        "y": 0.6 * metre,
-        "radius": 0.4 * metre,
-        "r_0": 0.6 * metre,
-    }
+    moment = float(take.length_s.max()) / MOMENTS
+    widths = {"t_s": moment, "x": 0.6 * metre, "y": 0.6 * metre, "radius": 0.4 * metre, "r_0": 0.6 * metre}
     parameters = fit.hypothesis.entries[candidate.effect].parameters
     rows = []
     for move in moves:

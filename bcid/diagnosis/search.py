@@ -59,7 +59,6 @@ class Search:
     best: Fit
     without: dict[str, Fit]  # the best fit with each of its named effects left out
     others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
-    candidates: tuple[Candidate, ...]  # of the first step, most promising first
     nulls: Nulls  # what chance promises beside the best fit
     p_value: float  # that all which stands out beside the corrected base model is chance
     trials: Changes  # of the whole vocabulary beside the corrected base model
@@ -85,10 +84,8 @@ def search(
     trials = changes(best, take).without(left_out)
     chance = nulls(best, take, trials)
     p_value = chance.p_value
-    first: list[Candidate] = []
     while len(named(best)) < MOST_EFFECTS:
         candidates = screen(best, take, trials.without(best.hypothesis.effects))
-        first = first or candidates
         worth = max(WORTH, HOPELESS * candidates[0].score)
         shortlist = [c for c in candidates[:SHORTLIST] if c.score > worth]
         report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
@@ -113,7 +110,7 @@ def search(
             best, others = others[0], [best, *others[1:]]
             without = _each_left_out(best, corrected, base, take)
     others = sorted(others, key=lambda f: -f.bic)
-    return Search(base, corrected, best, without, tuple(others), tuple(first), chance, p_value, trials)
+    return Search(base, corrected, best, without, tuple(others), chance, p_value, trials)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
