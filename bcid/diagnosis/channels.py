@@ -14,11 +14,12 @@ import math
 import numpy as np
 
 from bcid.diagnosis.free_functions import NUDGE, SIZES, pushed_by
+from bcid.diagnosis.hypothesis import Setting
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.score import explained, projected
-from bcid.diagnosis.segments import layout, predict
+from bcid.diagnosis.segments import Layout, layout, predict
 from bcid.diagnosis.take import Floats, Take
 
 SERVO_RATE = 0.2  # rad/s above which the servo moves
@@ -40,10 +41,14 @@ def explained_by(fit: Fit, take: Take, circle: Circle | None) -> dict[str, float
 
 def changes_by(fit: Fit, take: Take, circle: Circle) -> tuple[Floats, dict[str, slice]]:
     """What every function changes in the predicted poses (N, 3, n), and each channel's columns."""
-    setting = fit.hypothesis.setting(fit.phi, take)
-    pushed = pushed_by(layout(take), fit.start, *setting.acting, circle, sum(SIZES.values()))
-    # moves of the servo are behind the pushes of the steering, which come last
-    parts = {"steering": _of_the_servo(fit, take), "pose": _of_the_pose(fit, take), "time": _of_the_clocks(fit, take)}
+    setting, where = fit.hypothesis.setting(fit.phi, take), layout(take)
+    still = np.asarray(predict(where, fit.start, *setting.acting))
+    pushed = pushed_by(where, fit.start, *setting.acting, circle, sum(SIZES.values()))
+    parts = {  # moves of the servo are behind the pushes of the steering, which come last
+        "steering": _of_the_servo(fit, where, setting, still),
+        "pose": _of_the_pose(still),
+        "time": _of_the_clocks(fit, take, setting, still),
+    }
     of, at = dict[str, slice](), 0
     for channel in dict.fromkeys([*SIZES, *parts]):
         size = SIZES.get(channel, 0) + (parts[channel].shape[2] if channel in parts else 0)
@@ -60,9 +65,8 @@ def entered(entering: dict[str, float], left: Remainder) -> str:
     return first if entering[first] > TELLING else left.channel
 
 
-def _of_the_servo(fit: Fit, take: Take) -> Floats:
+def _of_the_servo(fit: Fit, of: Layout, setting: Setting, still: Floats) -> Floats:
     """Changes of the angle that the commands alone determine (N, 3, 7)."""
-    setting, of = fit.hypothesis.setting(fit.phi, take), layout(take)
     chain = setting.chain
     d, rate = chain.delta, np.gradient(chain.delta, 0.5 * chain.h)
     functions = (np.ones_like(d), d, np.abs(d), d**3, rate, np.tanh(rate / SERVO_RATE), np.abs(rate))
@@ -70,23 +74,20 @@ def _of_the_servo(fit: Fit, take: Take) -> Floats:
     def seen(angle: Floats) -> Floats:
         return np.asarray(predict(of, fit.start, *setting._replace(chain=chain._replace(delta=angle)).acting))
 
-    still = seen(d)
     return np.stack([(seen(d + NUDGE * phi) - still) / NUDGE for phi in functions], axis=2)
 
 
-def _of_the_pose(fit: Fit, take: Take) -> Floats:
-    """Another tracked point, a turned body, a longer metre (N, 3, 4)."""
-    p = np.asarray(predict(layout(take), fit.start, *fit.hypothesis.setting(fit.phi, take).acting))
+def _of_the_pose(p: Floats) -> Floats:
+    """Another tracked point, a turned body, a longer metre, of predicted poses p (N, 3, 4)."""
     cos_t, sin_t, none, one = np.cos(p[:, 2]), np.sin(p[:, 2]), np.zeros(len(p)), np.ones(len(p))
     rows = ((cos_t, sin_t, none), (-sin_t, cos_t, none), (none, none, one), (p[:, 0], p[:, 1], none))
     return np.stack([np.column_stack(r) for r in rows], axis=2)
 
 
-def _of_the_clocks(fit: Fit, take: Take) -> Floats:
+def _of_the_clocks(fit: Fit, take: Take, setting: Setting, still: Floats) -> Floats:
     """A shift of the poses against the commands, constant and growing (N, 3, 2)."""
-    of, acting = layout(take), fit.hypothesis.setting(fit.phi, take).acting
-    later = of._replace(stamps=of.stamps + SHIFT_S)
-    velocity = (np.asarray(predict(later, fit.start, *acting)) - predict(of, fit.start, *acting)) / SHIFT_S
+    later = layout(take)._replace(stamps=take.stamp_s + SHIFT_S)
+    velocity = (np.asarray(predict(later, fit.start, *setting.acting)) - still) / SHIFT_S
     zero = np.repeat(take.zero_s, np.diff(take.first))
     time = (np.bincount(take.row, take.share * take.stamp_s) - zero)[:, None]
     return np.stack([velocity, velocity * time / take.T], axis=2)

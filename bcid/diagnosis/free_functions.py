@@ -19,9 +19,10 @@ from bcid.diagnosis.take import Floats
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
+from bcid.effects.tyres import side_force
 from bcid.physics.car import Car
 from bcid.physics.kinematics import wheel_velocity
-from bcid.physics.tyres import slip_angle
+from bcid.physics.tyres import lateral_force, slip_angle
 
 NUDGE = 1e-4  # rad
 
@@ -160,8 +161,8 @@ def _spread(out: Floats, q: State, turning: tuple[float, float, float], p: Car, 
 @njit_inline
 def _side(alpha: float, C: float, F: float) -> tuple[float, float]:
     """A tyre's side force, and how much less of it a smooth curve gives."""
-    clipped = min(max(-C * alpha, -F), F)
-    return clipped, -F * math.tanh(C * alpha / F) - clipped
+    clipped = lateral_force(alpha, C, F)
+    return clipped, side_force(alpha, C, F, 0.0, 1.0) - clipped
 
 
 @njit
