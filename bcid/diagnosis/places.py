@@ -22,7 +22,10 @@ def placed(fit: Fit, take: Take) -> Fit:
     if not any(p.places for _, p in fit.hypothesis.parameters):
         return fit
     for _ in range(WALKS):
-        better = refit(take, fit.hypothesis, _walked(fit, take), fit.start, fit.scales)
+        try:
+            better = refit(take, fit.hypothesis, _walked(fit, take), fit.start, fit.scales)
+        except FloatingPointError:  # beside an edge the car may spin out of the numbers: the place found before stands
+            return fit
         if better.bic - fit.bic < WORTH:
             return fit
         fit = better

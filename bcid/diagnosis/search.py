@@ -130,10 +130,13 @@ def _corrected(base: Fit, take: Take) -> Fit:
     all_of_them = base.hypothesis.holding(*free)
     known = base.hypothesis.values(base.phi).values()
     start = all_of_them.start(base.car(), [*known, *(0.1 * size for size in sizes)])
-    quick = refit(take, all_of_them, start, base.start, base.scales, QUICK, base.tangent)
-    if quick.bic - base.bic < GATE:
+    try:
+        quick = refit(take, all_of_them, start, base.start, base.scales, QUICK, base.tangent)
+        if quick.bic - base.bic < GATE:
+            return base
+        whole = _full(quick, take)
+    except FloatingPointError:  # corrections that spin the car out of the numbers correct nothing
         return base
-    whole = _full(quick, take)
     kept = tuple(n for n in free if _sure(whole, n))
     if len(kept) == len(free):
         return whole
