@@ -149,7 +149,10 @@ def refit(
                 break
         if known is not None or now.objective - first < CONVERGED:
             break
-        tangent = _tangent(take, hypothesis, now.phi, now.start, now.r)
+        try:
+            tangent = _tangent(take, hypothesis, now.phi, now.start, now.r)
+        except FloatingPointError:  # next to where the car spins out of the numbers: the tangent before it stands
+            break
         now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A)
     now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A, LAST_EM_STEPS)
     each = log_likelihood(now.e)
@@ -194,17 +197,23 @@ def _step(
     for damping in DAMPINGS:
         phi = _within(now.phi, slope, curvature + damping * np.diag(np.diag(curvature) + 1e-9), bounds)
         r = residuals(take, hypothesis.setting(phi, take), now.start)
-        if not np.isfinite(r).all():
-            continue
-        trial = _found(take, prior, phi, now.start, now.scales, r, A)
-        if trial.objective > now.objective:
+        trial = _tried(take, prior, phi, now.start, now.scales, r, A, EM_STEPS)
+        if trial and trial.objective > now.objective:
             start = now.start + trial.e.z[:, :6]
             r = residuals(take, hypothesis.setting(phi, take), start)
-            if not np.isfinite(r).all():
-                return trial
-            moved = _found(take, prior, phi, start, trial.scales, r, A, 0)
-            return moved if moved.objective > now.objective else trial
+            moved = _tried(take, prior, phi, start, trial.scales, r, A, 0)
+            return moved if moved and moved.objective > now.objective else trial
     return now
+
+
+def _tried(
+    take: Take, prior: _Prior, phi: Floats, start: Floats, scales: Scales, r: Floats, A: Floats, em: int
+) -> _State | None:
+    """`_found`, or nothing where a step too long has left the finite numbers."""
+    try:
+        return _found(take, prior, phi, start, scales, r, A, em)
+    except FloatingPointError:
+        return None
 
 
 def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> Fit:

@@ -6,25 +6,21 @@ Differences are taken at sizes that matter, never extrapolated from zero: some e
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.refit import Fit, residuals
-from bcid.diagnosis.scan import Circle, circles
+from bcid.diagnosis.scan import circles
 from bcid.diagnosis.score import best_amplitude, level, null_maxima, projected, promise
 from bcid.diagnosis.segments import wrapped
 from bcid.diagnosis.take import Floats, Take
-from bcid.effects.entry import Effect
+from bcid.diagnosis.trials import MOMENTS, Trial, changed_in, concerned, trials_of
 from bcid.effects.table import ENTRIES
 
-SHARES = (0.5, 1.5)  # trial sizes of an effect of one sign
-PLACES = 5  # across the longer side of what was driven
-MOMENTS = 8  # in the recording
 ODD_PLACES = 4
-WITHIN = (0.3, 0.5, 0.7, 1.0)  # of their radius: a circle inside of what is odd shows it, one that sticks out does not
 SHARPER = 1.0  # nats that a move must gain
 CHANCE = 1e-4  # that a take of nothing passes a gate
 FINEST = 0.04  # share of the first width at which places are sharp
@@ -36,14 +32,6 @@ class Candidate(NamedTuple):
     effect: str
     values: list[float]
     score: float
-
-
-class Trial(NamedTuple):
-    """One effect at one place: its trial vectors, combined linearly, and their columns among the changes."""
-
-    effect: str
-    vectors: list[list[float]]
-    own: slice
 
 
 class Changes(NamedTuple):
@@ -83,7 +71,7 @@ def changes(fit: Fit, take: Take) -> Changes:
         (name, vectors)
         for name, effect in fit.hypothesis.entries.items()
         if name not in fit.hypothesis.effects
-        for vectors in _trials(effect, take, odd)
+        for vectors in trials_of(effect, take, odd)
     ]
     return changes_of(fit, take, rows)
 
@@ -97,50 +85,6 @@ def changes_of(fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]
         trials.append(Trial(name, vectors, slice(at, at + len(vectors))))
         at += len(vectors)
     return Changes(np.stack(columns, axis=2), trials)
-
-
-def _trials(effect: Effect, take: Take, odd: Sequence[Circle]) -> Iterator[list[list[float]]]:
-    amplitudes = [i for i, p in enumerate(effect.parameters) if not p.places]
-    for place in _places(effect, take, odd):
-        still = [place.get(p.symbol, p.off) for p in effect.parameters]
-        if len(amplitudes) > 1:
-            yield [_with(still, i, effect.parameters[i].size) for i in amplitudes]
-            continue
-        (i,) = amplitudes
-        size = effect.parameters[i].size
-        if effect.parameters[i].low < 0.0:
-            yield from ([_with(still, i, sign * size)] for sign in (1.0, -1.0))
-        else:
-            yield from ([_with(still, i, share * size)] for share in (SHARES if not place else (1.0,)))
-
-
-def _with(values: list[float], i: int, value: float) -> list[float]:
-    return [*values[:i], value, *values[i + 1 :]]
-
-
-def _places(effect: Effect, take: Take, odd: Sequence[Circle]) -> list[dict[str, float]]:
-    """Trial values of the parameters that are places or times; one empty choice where there are none.
-
-    Circles are tried on a grid and where the disturbances are larger than elsewhere.
-    """
-    symbols = [p.symbol for p in effect.parameters if p.places]
-    if not symbols:
-        return [{}]
-    if "t_s" in symbols:
-        return [{"t_s": share * float(take.length_s.max())} for share in np.linspace(0.1, 0.9, MOMENTS)]
-    low, high = np.quantile(take.pose[:, :2], 0.01, axis=0), np.quantile(take.pose[:, :2], 0.99, axis=0)
-    spacing = float((high - low).max()) / PLACES
-    counts = np.maximum(np.round((high - low) / spacing).astype(int), 1)
-    reach = spacing if "r_0" in symbols else 0.0  # a cable may be fixed outside of what was driven
-    axes = [
-        np.linspace(a - reach, b + reach, n + 1) if reach else a + (np.arange(n) + 0.5) * (b - a) / n
-        for a, b, n in zip(low, high, counts, strict=True)
-    ]
-    rest = {"radius": 0.75 * spacing} if "radius" in symbols else {"r_0": 0.5 * spacing}
-    grid = [{"x": float(x), "y": float(y), **rest} for x, y in itertools.product(*axes)]
-    if "radius" in symbols:  # a knot's mean place lies up to half a knot's way from where it was pushed
-        grid += [{"x": c.x, "y": c.y, "radius": share * c.radius} for c in odd for share in WITHIN]
-    return grid
 
 
 def sharpened(fit: Fit, take: Take, candidate: Candidate) -> Candidate:
@@ -179,7 +123,7 @@ def _moved(
         values = candidate.values
         for i, sign in move:
             p = parameters[i]
-            values = _with(values, i, min(max(values[i] + sign * share * widths[p.symbol], p.low), p.high))
+            values = changed_in(values, i, min(max(values[i] + sign * share * widths[p.symbol], p.low), p.high))
         rows.append((candidate.effect, [values]))
     if not rows:
         return candidate
@@ -196,7 +140,11 @@ def _difference(fit: Fit, take: Take, name: str, values: list[float], r: Floats)
     base = fit.hypothesis
     more = base.holding(*base.effects, name)
     phi = more.start(fit.car(), [*base.values(fit.phi).values(), *values])
-    change = wrapped(r - residuals(take, more.setting(phi, take), fit.start))
+    at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
+    chosen = concerned(take, take.pose - r, at)
+    part, rows = take.part(chosen), take.rows(chosen)
+    change = np.zeros_like(r)
+    change[rows] = wrapped(r[rows] - residuals(part, more.setting(phi, part), fit.start[chosen]))
     return change if np.isfinite(change).all() else np.zeros_like(change)
 
 

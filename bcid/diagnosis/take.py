@@ -63,6 +63,10 @@ class Take(NamedTuple):
         """Integration step, s."""
         return SEGMENT_S / self.steps
 
+    def rows(self, chosen: Ints) -> Ints:
+        """The rows of some of its segments."""
+        return _spans(self.first, chosen)[0]
+
     def part(self, chosen: Ints) -> Take:
         """The same take with some of its segments only."""
         stamps, first_stamp = _spans(self.first_stamp, chosen)
