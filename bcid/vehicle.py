@@ -154,6 +154,13 @@ class Vehicle(Settings):
         return 1.0 if self.body.drive == "front" else 0.0
 
     @property
+    def raw_steering(self) -> bool:
+        """Whether steering commands come in units of their own, which a gain in this file turns into rad."""
+        mapped = (self.columns, self.topics.command_fields if self.topics else None)
+        gains = {g for m in mapped if m for g in (m.steering_rad.gain, m.steering_rad.gain_negative)}
+        return bool(gains - {1.0, None})
+
+    @property
     def mass_kg(self) -> float:
         """The mass; 1 kg where it is not given, so that forces read as accelerations."""
         return self.body.mass_kg or 1.0

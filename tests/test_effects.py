@@ -87,7 +87,7 @@ def test_the_vocabulary_is_the_specification_s() -> None:
 
 def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     """Every parameter of both is a switch, and none belongs to two entries."""
-    assert sorted(ENTRIES) == sorted([*VOCABULARY, "tyre_fall", "slip_speed", "two_rear_wheels"])
+    assert sorted(ENTRIES) == sorted([*VOCABULARY, "tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale"])
     fields = [f for e in ENTRIES.values() for f in e.fields]
     assert sorted(fields) == sorted(off().dtype.names)
     for e in ENTRIES.values():
@@ -162,7 +162,7 @@ def plant(name: str) -> Plant:
     return Plant(**values)
 
 
-@pytest.mark.parametrize("name", [n for n in MOVING if n != "tyre_fall"])
+@pytest.mark.parametrize("name", [n for n in MOVING if n not in ("tyre_fall", "steering_scale")])
 def test_the_simulation_has_the_same_effect(name: str, base_drive: np.ndarray) -> None:
     """Two implementations that share no code: the difference the effect makes is the same in both."""
     _, u = commands()
@@ -172,6 +172,16 @@ def test_the_simulation_has_the_same_effect(name: str, base_drive: np.ndarray) -
     ours, without = moved(switched(name))[rows], base_drive[rows]
     change = np.abs(truth - without).max(axis=0)
     assert (np.abs(ours - truth).max(axis=0) < 0.03 * change + 2e-3).all(), np.abs(ours - truth).max(axis=0) / change
+
+
+def test_a_scaled_steering_is_that_of_scaled_angles() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        b, drive_now = random_body(rng)
+        scaled = wrench(b, drive_now, Lagged(0.0, 0.0, 0.0), CAR, switched("steering_scale"), Constants())
+        angle = (1.0 + switched("steering_scale").steering_scale__g) * drive_now.delta
+        same = wrench(b, drive_now._replace(delta=angle), Lagged(0.0, 0.0, 0.0), CAR, off(), Constants())
+        assert scaled[:3] == pytest.approx(same[:3])
 
 
 def test_falling_grip_is_alike_in_both() -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,17 +16,17 @@ from bcid.diagnosis.excitation import Unexcited, unexcited
 from bcid.diagnosis.hypothesis import Hypothesis
 from bcid.diagnosis.locate import Location, located
 from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.refit import base_fit
+from bcid.diagnosis.refit import Fit, base_fit, held
 from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.search import Search, search
-from bcid.diagnosis.take import Take, joined, take_of
+from bcid.diagnosis.take import Take, joined, moving, take_of
 from bcid.diagnosis.verdict import Judgement, judged
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Units
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.models.newton_euler_start import started_car
-from bcid.physics.car import LONGEST_STEP_S, Car, integration_step
+from bcid.physics.car import Car, integration_step
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -84,9 +85,9 @@ def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
 
 
 def prepared(
-    recordings: Sequence[Recording], estimates: Sequence[Estimate], h: float = LONGEST_STEP_S
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car
 ) -> tuple[Take, tuple[Contact, ...]]:
-    """The recordings as one take without its contacts, for steps of `h` s.
+    """The recordings as one take without contacts and without what stands still, for steps that suit the car.
 
     Raises:
         InputRefused: when too little of it can be used.
@@ -95,11 +96,11 @@ def prepared(
     for recording, estimate in zip(recordings, estimates, strict=True):
         found = contacts(recording)
         hits += found
-        take = without_contacts(take_of(recording, estimate, h), found)
+        take = moving(without_contacts(take_of(recording, estimate, integration_step(car)), found), car.l_f + car.l_r)
         if take.segments < FEWEST_SEGMENTS:
             raise InputRefused(
                 recording.sources[0].path, "poses",
-                f"only {take.segments} stretches of 1.5 s can be used, {FEWEST_SEGMENTS} are the least",
+                f"only {take.segments} stretches of 1.5 s in motion can be used, {FEWEST_SEGMENTS} are the least",
                 "record a longer take with fewer gaps",
             )  # fmt: skip
         parts.append(take)
@@ -132,19 +133,24 @@ def diagnosed(
     facts = estimates[0].facts
     progress(0.02, "a first car")
     car = simulation.car if simulation else started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)
-    take, hits = prepared(recordings, estimates, integration_step(car))
     steering = vehicle.steering
     unknown = tuple(
         s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
     )
     hypothesis = Hypothesis(
         (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates),
-        simulation.assumed() if simulation else (),
+        simulation.assumed() if simulation else (), vehicle.raw_steering,
     )  # fmt: skip
     values = list(simulation.effects.values()) if simulation else []
     with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
         try:
-            return _of_take(take, hypothesis, hits, progress, left_out, values)
+            progress(0.05, "the base model")
+            take, hits, base = _base(recordings, estimates, hypothesis, values)
+            given = None
+            if simulation:
+                with suppress(FloatingPointError):  # as it is it may not drive this take at all
+                    given = held(take, base.hypothesis, base.hypothesis.start(car, values), base.scales)
+            return _of_take(take, base, given, hits, progress, left_out)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
             raise InputRefused(
                 recordings[0].sources[0].path,
@@ -154,17 +160,27 @@ def diagnosed(
             ) from error
 
 
-def _of_take(
-    take: Take, hypothesis: Hypothesis, hits: tuple[Contact, ...], progress: Progress, left_out: Sequence[str],
-    assumed: Sequence[float],
-) -> Diagnosis:  # fmt: skip
-    progress(0.05, "the base model")
+def _base(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], hypothesis: Hypothesis, assumed: Sequence[float]
+) -> tuple[Take, tuple[Contact, ...], Fit]:
+    """The take, its contacts and the base model's fit, in steps that the fitted car bears."""
+    take, hits = prepared(recordings, estimates, hypothesis.nominal)
     base = base_fit(take, hypothesis, first_scales(take), assumed)
+    while integration_step(base.car()) < take.h:  # it is stiffer than the car before
+        take, hits = prepared(recordings, estimates, base.car())
+        known = list(base.hypothesis.values(base.phi).values())
+        base = base_fit(take, replace(hypothesis, nominal=base.car()), first_scales(take), known)
+    return take, hits, base
+
+
+def _of_take(
+    take: Take, base: Fit, given: Fit | None, hits: tuple[Contact, ...], progress: Progress, left_out: Sequence[str]
+) -> Diagnosis:
     progress(0.15, "where the mismatch is")
     before = disturbances(base, take)
     whole = remainder(before, base.car())
     location = located(base, take, before, whole)
-    found = search(base, take, whole, lambda text: progress(0.3, text), left_out)
+    found = search(base, take, whole, lambda text: progress(0.3, text), left_out, given)
     progress(0.8, "what is left")
     judgement = judged(found, take, location.place, whole if found.best is base else None)
     after = disturbances(judgement.fit, take)

@@ -12,6 +12,7 @@ import numpy as np
 from bcid.diagnosis.segments import half_steps
 from bcid.diagnosis.take import Floats, Take
 from bcid.effects.constants import Constants
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, Units, resized
 from bcid.effects.motion import Chain, steering_chain
 from bcid.effects.table import ENTRIES, switches
@@ -28,6 +29,7 @@ So is the throttle u_0 from which a force begins: what it lacks is `motor_dead_z
 DRAG = ("R_1", "R_2")
 """Refitted too, in units of DRAG_UNIT times the mass, since they may have either sign."""
 
+INERTIA, STIFFNESS = 5.0, 100.0  # times two masses over the axles, and N/rad per kg: either way, no car is beyond
 FORCE_DEAD_ZONE = 0.1  # of the throttle
 DRAG_UNIT = 0.1
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
@@ -75,6 +77,7 @@ class Hypothesis:
     unknown_steering: tuple[str, ...] = ()  # of T_s and d, what the vehicle file omits: refitted as well
     units: Units = BUMPER_CAR  # of the vehicle, against the bumper car
     assumed: tuple[str, ...] = ()  # effects that the simulation to compare with has: part of the base model
+    raw_commands: bool = False  # in units of their own, which a gain in the vehicle file turns into rad
 
     @cached_property
     def entries(self) -> dict[str, Effect]:
@@ -85,6 +88,9 @@ class Hypothesis:
             width = zone.parameters[0]._replace(unit="1", high=1.0, size=FORCE_DEAD_ZONE)
             known["motor_dead_zone"] = replace(zone, parameters=(width,))
             del known["motor_regeneration"]
+        if not self.raw_commands:
+            for name in RAW_COMMANDS:
+                del known[name]
         return known
 
     @cached_property
@@ -132,11 +138,21 @@ class Hypothesis:
         return np.array([*logs, *drags, *(np.array(given) / self.sizes())])
 
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest phi."""
-        n = self.base_size
-        low = [p.low / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
-        high = [p.high / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
-        return np.r_[np.full(n, -np.inf), low], np.r_[np.full(n, np.inf), high]
+        """Lowest and highest phi; of the base parameters, where no car is beyond.
+
+        A fit without what is missing runs away with them: a tyre of endless stiffness and hardly any grip, say,
+        does what a drag does that grows with the steering.
+        """
+        n, car = self.base_size, self.nominal
+        inertia = car.m * car.l_f * car.l_r
+        low, high = np.full(n, -np.inf), np.full(n, np.inf)
+        for symbol, usual, times in (("I_z", inertia, INERTIA), ("C_f", car.m, STIFFNESS), ("C_r", car.m, STIFFNESS)):
+            k = self.logs.index(symbol)
+            low[k] = min(np.log(usual / times), np.log(getattr(car, symbol)))
+            high[k] = max(np.log(usual * times), np.log(getattr(car, symbol)))
+        own_low = [p.low / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
+        own_high = [p.high / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
+        return np.r_[low, own_low], np.r_[high, own_high]
 
     def values(self, phi: Floats) -> dict[str, float]:
         """The effects' parameters by field."""

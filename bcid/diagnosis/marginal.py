@@ -25,6 +25,7 @@ from bcid.diagnosis.take import Floats, Ints
 NU = 8.0
 SMALLEST = 1e-10  # of a variance: what is left of the difference of large numbers may be less than nothing
 SETTLED = 1e-3  # relative change of the scales at which EM ends
+ROUNDING = 0.1  # of nu, by which a sum of squares may be less than nothing
 N_START = 6  # of the free part: the initial state
 
 
@@ -152,20 +153,27 @@ def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
     return Scales(np.sqrt(np.maximum(r2 / w.mean(), SMALLEST)), np.sqrt(np.maximum(q2 / w.mean(), SMALLEST)))
 
 
+def _eliminated(of: Moments, scales: Scales) -> Eliminated:
+    e = eliminate(of, scales.r, scales.precisions())
+    if not (e.chi2 > -ROUNDING * NU).all():  # an unstable car answers so strongly that the difference is lost
+        raise FloatingPointError("a quadratic form was lost in rounding")
+    return e
+
+
 def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminated]:
     """The scales after at most `steps` of EM, and the likelihood's terms there.
 
     Raises:
-        FloatingPointError: where a prediction or a scale is not finite.
+        FloatingPointError: where a prediction or a scale is not finite, or is lost in rounding.
     """
     if not (np.isfinite(of.rr).all() and np.isfinite(of.AA).all()):
         raise FloatingPointError("a prediction left the finite numbers")
-    e = eliminate(of, scales.r, scales.precisions())
+    e = _eliminated(of, scales)
     for _ in range(steps):
         before, scales = scales, updated(scales, e, of.rows)
         if not np.isfinite([*scales.r, *scales.q]).all():
             raise FloatingPointError("the noise left the finite numbers")
-        e = eliminate(of, scales.r, scales.precisions())
+        e = _eliminated(of, scales)
         if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=SETTLED, atol=0.0):
             break
     return scales, e

@@ -24,6 +24,7 @@ CONVERGED = 0.3  # nats
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 EM_STEPS = 2
 LAST_EM_STEPS = 20
+HELD_STEPS = 3  # after which initial states have settled
 GRIPS = (2.0, 8.0)  # N/kg
 ENOUGH = 100  # segments on which starts are compared
 
@@ -158,6 +159,27 @@ def refit(
     each = log_likelihood(now.e)
     covariance = np.asarray(np.linalg.pinv(curvature), dtype=float)
     return Fit(hypothesis, now.phi, now.start, now.scales, float(each.sum()), each, covariance, tangent)
+
+
+def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
+    """Phi as it is, with initial states and scales found for it: what a simulation predicts that is not refitted.
+
+    Raises:
+        FloatingPointError: where predictions leave the finite numbers.
+    """
+    start = take.start
+    setting, free = hypothesis.setting(phi, take), _Prior(phi, np.zeros_like(phi))
+    for _ in range(HELD_STEPS):
+        r = residuals(take, setting, start)
+        A = sensitivities(take, setting, start)
+        now = _found(take, free, phi, start, scales, r, A, LAST_EM_STEPS)
+        start, scales = start + now.e.z[:, :6], now.scales
+    r = residuals(take, setting, start)
+    tangent = _tangent(take, hypothesis, phi, start, r)
+    now = _found(take, free, phi, start, scales, r, tangent.A, LAST_EM_STEPS)
+    each = log_likelihood(now.e)
+    size = hypothesis.size
+    return Fit(hypothesis, phi, start, now.scales, float(each.sum()), each, np.zeros((size, size)), tangent)
 
 
 def _tangent(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats) -> Tangent:

@@ -71,11 +71,13 @@ class Search:
 
 
 def search(
-    base: Fit, take: Take, whole: Remainder, report: Report = lambda text: None, left_out: Sequence[str] = ()
-) -> Search:
+    base: Fit, take: Take, whole: Remainder, report: Report = lambda text: None, left_out: Sequence[str] = (),
+    given: Fit | None = None,
+) -> Search:  # fmt: skip
     """Effects are added while they earn their place, then taken away where they no longer do.
 
-    `whole` is what of the base model's disturbances is predictable.
+    `whole` is what of the base model's disturbances is predictable; `given` a simulation's own parameters, beside
+    which the first effect is looked for as well: what is missing may have bent the refitted ones.
     """
     report("the base model's own simplifications")
     corrected = _corrected(base, take)
@@ -91,14 +93,18 @@ def search(
         report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
         left = whole if best is base else remainder(disturbances(best, take), best.car())
         # a mixture of effects would only stand in for something that has no name
-        least = max(chance.gate, RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
+        least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
         fits = _refitted(best, take, shortlist)
-        if left.predictable and (not fits or fits[0].bic - best.bic < least):
+        if given and best is corrected:
+            fits = sorted([*fits, *_beside(given, take, left_out)], key=lambda f: -f.bic)
+        if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *_from_afar(best, take, left_out)], key=lambda f: -f.bic)
-        if not fits or fits[0].bic - best.bic < least:
+        if not fits or fits[0].bic - best.bic < max(least, GATE):
             break
-        best, others = fits[0], fits[1:]
-        chance = nulls(best, take, trials.without(best.hypothesis.effects))  # what it explains is no chance
+        beside = nulls(fits[0], take, trials.without(fits[0].hypothesis.effects))  # what it explains is no chance
+        if fits[0].bic - best.bic < beside.gate:
+            break
+        best, others, chance = fits[0], fits[1:], beside
     before = best
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
@@ -125,7 +131,7 @@ def _one_latency(fit: Fit, take: Take) -> Fit:
 
 def _corrected(base: Fit, take: Take) -> Fit:
     """The base model with those of its simplifications corrected that stand out."""
-    free = [n for n in CORRECTIONS if n not in base.hypothesis.assumed]
+    free = [n for n in CORRECTIONS if n in base.hypothesis.entries and n not in base.hypothesis.assumed]
     sizes = [p.size for n in free for p in base.hypothesis.entries[n].parameters]
     all_of_them = base.hypothesis.holding(*free)
     known = base.hypothesis.values(base.phi).values()
@@ -138,9 +144,10 @@ def _corrected(base: Fit, take: Take) -> Fit:
     except FloatingPointError:  # corrections that spin the car out of the numbers correct nothing
         return base
     kept = tuple(n for n in free if _sure(whole, n))
-    if len(kept) == len(free):
-        return whole
-    return refit_with(whole, take, kept) if kept else base
+    if not kept:
+        return base
+    less = whole if len(kept) == len(free) else refit_with(whole, take, kept)
+    return less if less.bic - base.bic > GATE else base  # a refit may end on another, lower hill
 
 
 def _sure(fit: Fit, name: str) -> bool:
@@ -166,6 +173,12 @@ def _refitted(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]
     near = [f for f in quick[:FINALISTS] if quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL)]
     full = [_full(f, take) for f in near]
     return sorted([*full, *(f for f in quick if f not in near)], key=lambda f: -f.bic)
+
+
+def _beside(given: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of the most promising effects beside parameters that were not refitted."""
+    candidates = screen(given, take, changes(given, take).without(left_out))
+    return _refitted(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
 
 
 def _from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:

@@ -20,6 +20,7 @@ GROUP_S = 0.05  # poses this near each other are averaged, and so are their pred
 START_S = 0.4  # of a segment's poses give its initial state
 START_POSES = 5  # at least
 FORGOTTEN_S = 6.0  # after which a servo has come from lock to lock
+STANDS = 0.01  # rad, and of the wheelbase: a car that moves less in a whole segment stands
 MIN_COVERAGE = 0.6  # of the groups that a segment may hold
 
 
@@ -134,6 +135,21 @@ def _state_at(since: Floats, pose: Floats) -> Floats:
     return np.asarray(
         [x, y, yaw, np.cos(yaw) * u + np.sin(yaw) * v, np.cos(yaw) * v - np.sin(yaw) * u, omega], dtype=np.float64
     )
+
+
+def moving(take: Take, wheelbase: float) -> Take:
+    """The take without the segments in which the car stands.
+
+    Nothing there is predicted wrongly, so that the noise would be taken for what a tracked car at rest shows, and
+    everything that moves for an outlier.
+    """
+    x, y, yaw = take.pose.T
+    at = take.first[:-1]
+    extent = (
+        [np.maximum.reduceat(v, at) - np.minimum.reduceat(v, at) for v in (x, y, yaw)] if take.segments else [at] * 3
+    )
+    moves = (np.hypot(extent[0], extent[1]) > STANDS * wheelbase) | (extent[2] > STANDS)
+    return take if moves.all() else take.part(np.flatnonzero(moves))
 
 
 def joined(takes: Sequence[Take]) -> Take:

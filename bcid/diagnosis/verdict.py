@@ -24,6 +24,7 @@ MOST_TWINS = 3
 WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
 ENOUGH = 0.1  # share of what is explained that may be left predictable, where effects are named
 LEFT_OVER = 0.4  # of what an effect's own channel would explain without it, which may be left in another,
+BEYOND = 3.0  # times what free functions promise, which an effect gains where they are no measure of it
 OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
@@ -124,7 +125,9 @@ def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None
     if not over:
         return False
     without = explained_by(found.without[finding.effect], take, place)
-    own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are
+    own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are,
+    if finding.gain > BEYOND * own:  # the fit had to go so far that the first order says little
+        own = finding.gain
     return any(nats > LEFT_OVER * own and without[c] - nats > OVERLAP * own for c, nats in over.items())
 
 

@@ -131,7 +131,8 @@ def _wheel_angle(
     """delta_w: linkage, then compliance with the wheel's own side force, solved together by regula falsi."""
     speed = math.hypot(b.v_x, b.v_y) if e.steering_speed_gain__k != 0.0 else 0.0
     base: float = steering.linkage(
-        drive.delta, speed, e.steering_nonlinearity__k, e.steering_side_gain__a, e.steering_speed_gain__k,
+        corrections.scaled_steering(drive.delta, e.steering_scale__g), speed,
+        e.steering_nonlinearity__k, e.steering_side_gain__a, e.steering_speed_gain__k,
         e.steering_offset__o,
     )  # fmt: skip
     k: float = e.steering_compliance__k
@@ -161,15 +162,15 @@ def _wheel_angle(
 def _rear_side_force(b: Body, v_rx: float, v_ry: float, grip: float, p: Car, e: Any) -> float:
     """F_ar (N) of one wheel in the middle, or of two."""
     v_0 = corrections.slip_speed(p.v_0, e.slip_speed__d)
-    toe = tyres.rear_toe(v_rx, e.rear_toe__epsilon, v_0)
     F_max = p.F_r_max * grip
     if e.two_rear_wheels__t == 0.0:
-        alpha = slip_angle(v_rx, v_ry, v_0) + toe
+        alpha = slip_angle(v_rx, v_ry, v_0) + tyres.rear_toe(v_rx, e.rear_toe__epsilon, v_0)
         F_there = corrections.grip_left(-p.C_r * alpha, F_max, e.tyre_fall__f)
         return float(tyres.side_force(alpha, p.C_r, F_there, 0.0, e.tyre_soft_saturation__s))
     total = 0.0
     for hand in (-0.5, 0.5):
-        alpha = toe + corrections.wheel_slip(b.v_x, b.v_y, b.omega, p.l_r, hand * e.two_rear_wheels__t, v_0)
+        v_wx = b.v_x - hand * e.two_rear_wheels__t * b.omega
+        alpha = slip_angle(v_wx, v_ry, v_0) + tyres.rear_toe(v_wx, e.rear_toe__epsilon, v_0)
         F_there = corrections.grip_left(-p.C_r * alpha, F_max, e.tyre_fall__f)
         total += 0.5 * tyres.side_force(alpha, p.C_r, F_there, 0.0, e.tyre_soft_saturation__s)
     return total

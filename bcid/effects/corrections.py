@@ -6,8 +6,6 @@ an effect that is there, and take up what would otherwise be mistaken for one.
 
 from __future__ import annotations
 
-import math
-
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
 
@@ -28,10 +26,13 @@ def slip_speed(v_0: float, d: float) -> float:
 
 
 @njit
-def wheel_slip(v_x: float, v_y: float, yaw_rate: float, l_r: float, offset: float, v_0: float) -> float:
-    """Slip angle of a rear wheel `offset` metres to the left of the axle's middle."""
-    return math.atan((v_y - l_r * yaw_rate) / max(abs(v_x - offset * yaw_rate), v_0))
+def scaled_steering(delta: float, g: float) -> float:
+    """(1 + g) delta."""
+    return (1.0 + g) * delta
 
+
+RAW_COMMANDS = ("steering_scale",)
+"""Corrections of a vehicle whose commands come in units of their own, by gains that are known roughly."""
 
 CORRECTIONS: dict[str, Effect] = {
     e.id: e
@@ -53,6 +54,12 @@ CORRECTIONS: dict[str, Effect] = {
             (Parameter("t", "m", 0.0, 5.0, 0.5, "track of the rear wheels"),),
             "fy", depends_on=("alpha_r", "yaw_rate"),
             source="slip angle of each rear wheel at its own place; rigid-body kinematics",
+        ),
+        Effect(
+            "steering_scale", "δ → (1 + g)·δ, the gain of the raw steering command",
+            (Parameter("g", "1", -0.5, 1.0, 0.05, "relative error of the gain in the vehicle file"),),
+            "steering", depends_on=("steering",),
+            source="the vehicle file's gain from raw units to rad, refitted",
         ),
     )
 }  # fmt: skip
