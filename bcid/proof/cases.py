@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from bcid.proof.concealed import SIZES, Concealed, conceal, flaws
+from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, conceal, flaws, outside
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.drive import Drive, drive
+from bcid.simulation.drive import COMMAND_HZ, Drive, drive
 
 ROUGHNESS = {"rough_force": 3.0, "rough_moment": 1.5}
 """Of the floor, N and N m, wherever the base is imperfect or the recording harder; a matched car has no extras."""
@@ -37,13 +39,29 @@ FAMILIES = {
 }  # fmt: skip
 """What is left out of the vocabulary where one of a family is concealed."""
 
-SEVERAL = {"rear_drag_asymmetry": ("fx", "mz"), "floor_slope": ("fx", "fy"), "tether_pull": ("fx", "fy")}
+EQUALS = {"pose_latency": ("steering_delay", "motor_delay")}
+"""Left out with an effect that together they are exactly equal to."""
+
+SEVERAL = {
+    "rear_drag_asymmetry": ("fx", "mz"),
+    "floor_slope": ("fx", "fy"),
+    "tether_pull": ("fx", "fy"),
+    "washboard": ("fx", "fy"),
+}
 """Effects that act in two channels (specification): either is right."""
 
 
 FEWER = 4  # of the effects, one in so many is tried on harder recordings
 HARDER = (("two-minutes", 120.0, 60.0, 1.0), ("ten-hertz", 600.0, 10.0, 1.0), ("three-times-noise", 600.0, 60.0, 3.0))
 """Tier, duration (s), poses per second, times the usual noise."""
+OTHERWISE = (("thirty-minutes", 1800.0, 60.0, 1.0, 8), ("hundred-twenty-hertz", 600.0, 120.0, 1.0, 4))
+"""The same, and one of how many effects is tried."""
+
+QUIET = (
+    "motor_power_limit", "friction_circle", "tyre_soft_saturation", "load_transfer", "steering_rate_asymmetry",
+    "motor_regeneration", "rough_patch", "slippery_patch",
+)  # fmt: skip
+"""Effects that slow circles in one corner of the floor do not show."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +77,7 @@ class Case:
     duration_s: float = 600.0
     rate_hz: float = 60.0
     noise: float = 1.0  # times the usual
+    driver: Literal["drawn", "pursuit", "circles"] = "drawn"
     seed: int = 0
 
     @property
@@ -81,8 +100,11 @@ class Case:
         return Plant(**{**base, **more})
 
     def digest(self) -> str:
-        """Of all that makes the case."""
-        return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+        """Of what is driven and of what the diagnosis may not name; the tier's name and number do not count."""
+        made: list[object] = [self._drive_seed(), self.driver, self.duration_s, self.left_out]
+        for values, usual in ((self.plant(), Plant()), (self.sensor(), Sensor())):
+            made.append([(k, v) for k, v in values._asdict().items() if v != getattr(usual, k)])
+        return hashlib.sha256(repr(made).encode()).hexdigest()[:16]
 
     def sensor(self) -> Sensor:
         """The motion capture with what is concealed."""
@@ -95,15 +117,27 @@ class Case:
 
     def driven(self) -> Drive:
         """The drive."""
-        seed = int(np.random.default_rng([self.seed, self.number, 11]).integers(2**31))
-        return drive(self.plant(), self.sensor(), self.duration_s, seed)
+        given = _circles(self.duration_s) if self.driver == "circles" else None
+        return drive(
+            self.plant(), self.sensor(), self.duration_s, self._drive_seed(), given=given,
+            pursues=self.driver == "pursuit",
+        )  # fmt: skip
+
+    def _drive_seed(self) -> int:
+        return int(np.random.default_rng([self.seed, self.number, 11]).integers(2**31))
+
+
+def _circles(duration: float) -> npt.NDArray[np.float64]:
+    """Slow circles to the left: commands (M, 2) that neither saturate, nor limit, nor brake anything."""
+    t = np.arange(round(duration * COMMAND_HZ)) / COMMAND_HZ
+    return np.column_stack([0.62 + 0.06 * np.sin(0.21 * t), 0.72 + 0.08 * np.sin(0.13 * t)])
 
 
 USUAL = Case("usual", 0, ())
 
 
-def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[Case]:
-    """All tiers of the issue: singles, nulls, left-out families, pairs, and harder recordings."""
+def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int, more: bool = True) -> Iterator[Case]:
+    """All tiers, from one seed; without `more` those that have goals, and harder recordings."""
     number = 0
 
     def rng() -> np.random.Generator:
@@ -123,20 +157,64 @@ def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int)
     for channel, family in FAMILIES.items():
         for effect in family:
             hidden = (conceal(effect, rng(), 600.0),)
-            yield Case("left-out", number, hidden, left_out=family, channel=channel, seed=seed)
+            left_out = (*family, *EQUALS.get(effect, ()))
+            yield Case("left-out", number, hidden, left_out=left_out, channel=channel, seed=seed)
             number += 1
     names = list(SIZES)
     for _ in range(pairs):
-        draw = rng()
-        one, other = draw.choice(len(names), 2, replace=False)
-        both = (conceal(names[one], draw, 600.0), conceal(names[other], draw, 600.0))
-        yield Case("pair", number, both, seed=seed)
+        yield Case("pair", number, _several(rng(), names, 2), seed=seed)
         number += 1
     for tier, duration, rate, noise in HARDER:
         for effect in names[::FEWER]:
             hidden = (conceal(effect, rng(), duration),)
             yield Case(tier, number, hidden, duration_s=duration, rate_hz=rate, noise=noise, seed=seed)
             number += 1
+    if more:
+        yield from _more(seed, number, repeats, pairs)
+
+
+def _more(seed: int, number: int, repeats: int, pairs: int) -> Iterator[Case]:
+    """Other sizes, several at once, what has no name, what is not excited, other drivers and recordings."""
+    names = list(SIZES)
+
+    def rng() -> np.random.Generator:
+        return np.random.default_rng([seed, number, 3])
+
+    for tier, times in (("half-size", 0.5), ("double-size", 2.0)):
+        for effect in names:
+            yield Case(tier, number, (conceal(effect, rng(), 600.0, times),), seed=seed)
+            number += 1
+    for _ in range(2 * pairs // 5):
+        yield Case("triple", number, _several(rng(), names, 3), seed=seed)
+        number += 1
+    vehicle = [n for n in names if n not in MEASUREMENT]
+    for _ in range(2 * pairs // 5):
+        draw = rng()
+        one, other = str(draw.choice(MEASUREMENT)), str(draw.choice(vehicle))
+        both = (conceal(one, draw, 600.0), conceal(other, draw, 600.0))
+        yield Case("measurement-and-vehicle", number, both, seed=seed)
+        number += 1
+    for _ in range(repeats):
+        for effect, (channel, _size) in OUTSIDE.items():
+            yield Case("outside", number, (outside(effect, rng()),), channel=channel, seed=seed)
+            number += 1
+    for effect in QUIET:
+        yield Case("unexcited", number, (conceal(effect, rng(), 600.0),), driver="circles", seed=seed)
+        number += 1
+    for effect in names[1::2]:
+        yield Case("closed-loop", number, (conceal(effect, rng(), 600.0),), driver="pursuit", seed=seed)
+        number += 1
+    for tier, duration, rate, noise, fewer in OTHERWISE:
+        for effect in names[2::fewer]:
+            hidden = (conceal(effect, rng(), duration),)
+            yield Case(tier, number, hidden, duration_s=duration, rate_hz=rate, noise=noise, seed=seed)
+            number += 1
+
+
+def _several(draw: np.random.Generator, names: Sequence[str], count: int) -> tuple[Concealed, ...]:
+    """Different effects at their sizes."""
+    chosen = draw.choice(len(names), count, replace=False)
+    return tuple(conceal(names[i], draw, 600.0) for i in chosen)
 
 
 def subset(cases: list[Case], every: int) -> list[Case]:

@@ -79,6 +79,19 @@ SIZES: dict[str, Size] = {
 
 MEASUREMENT = ("pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale")
 
+OUTSIDE: dict[str, tuple[str, Size]] = {
+    "drive_unevenness": ("fx", Size("drive_unevenness", "", 20, 50)),
+    "washboard": ("fx", Size("washboard", "", 15, 40)),
+    "rear_roll_steer": ("fy", Size("rear_roll_steer", "", 0.006, 0.015, signed=True)),
+    "tyre_wear": ("fy", Size("tyre_wear", "", 0.2, 0.5)),
+    "steering_reaction": ("mz", Size("steering_reaction", "", 10, 25)),
+    "motor_ripple": ("motor", Size("motor_ripple", "", 0.15, 0.4)),
+    "motor_dropout": ("motor", Size("motor_dropout", "", 0.3, 0.8)),
+    "steering_shimmy": ("steering", Size("steering_shimmy", "", 0.01, 0.03)),
+    "lens_distortion": ("pose", Size("lens_distortion", "", 0.001, 0.003)),
+}
+"""What no vocabulary has an id for: it lives in the simulation alone.  Channel, constant and range."""
+
 FLAWS = {"rear_track": (0.4, 0.7), "tyre_fall": (0.1, 0.4), "slip_speed": (0.8, 1.25)}
 """Of an imperfect base, which no effect describes, and their ranges."""
 
@@ -114,6 +127,16 @@ def conceal(effect: str, rng: np.random.Generator, duration: float, times: float
     if effect in MEASUREMENT:
         return Concealed(effect, sensor=where, parameters={size.symbol: value})
     return Concealed(effect, plant=where, parameters={size.symbol: value})
+
+
+def outside(name: str, rng: np.random.Generator) -> Concealed:
+    """An effect without an id at a drawn size and sign."""
+    _, size = OUTSIDE[name]
+    value = float(np.exp(rng.uniform(np.log(size.low), np.log(size.high))))
+    if size.signed and rng.random() < 0.5:
+        value = -value
+    where = {size.constant: value}
+    return Concealed(name, sensor=where) if name == "lens_distortion" else Concealed(name, plant=where)
 
 
 def flaws(rng: np.random.Generator) -> dict[str, float]:

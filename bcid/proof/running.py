@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Iterable, Iterator
@@ -32,6 +33,10 @@ TUNING = Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
 """The estimator only says where segments can be: its noise is that of the simulated sensor."""
 
 
+JUDGED = ("bcid.simulation.drive", "bcid.diagnosis.diagnose")
+"""The modules whose code, with all that they import, makes a row what it is."""
+
+
 def vehicle() -> Vehicle:
     """The simulated car's vehicle file, read."""
     with TemporaryDirectory() as folder:
@@ -51,25 +56,21 @@ def recorded(case: Case, of: Vehicle) -> Recording:
 
 
 def run_case(case: Case) -> dict[str, Any]:
-    """The score of one case."""
+    """What the diagnosis says of the case's recording, and beside it the answer, opened afterwards."""
     of = vehicle()
     recording = recorded(case, of)
     begin = time.perf_counter()
     estimate = estimate_motion(recording, of, TUNING)
     found = diagnosed([recording], [estimate], of, left_out=case.left_out)
     seconds = time.perf_counter() - begin
-    return {**scored(case, found), "seconds": round(seconds, 2)}
+    return {**said(found), "seconds": round(seconds, 2), "oracle_share": _oracle_share(case, found)}
 
 
-def scored(case: Case, found: Diagnosis) -> dict[str, Any]:
-    """The diagnosis against the answer."""
-    judgement = found.judgement
-    left = judgement.remainder
-    row: dict[str, Any] = {
-        "case": case.name,
-        "tier": case.tier,
-        "answer": list(case.answer),
-        "channel": case.channel,
+def said(found: Diagnosis) -> dict[str, Any]:
+    """All of a diagnosis that is scored."""
+    judgement, location = found.judgement, found.location
+    left, place, window = judgement.remainder, location.place, location.window
+    return {
         "verdict": judgement.verdict,
         "findings": [
             {
@@ -83,19 +84,32 @@ def scored(case: Case, found: Diagnosis) -> dict[str, Any]:
         "corrections": [n for n in judgement.fit.hypothesis.effects if n not in EFFECTS],
         "remainder": {
             "channel": judgement.left_in, "entering": judgement.entering, "correlations": left.correlations,
-            "gain": round(left.gain, 1),
+            "gain": round(left.gain, 1), "nats": round(judgement.left, 1),
         },
-        "located": found.location.channel,
+        "located": location.channel,
+        "place": [place.x, place.y, place.radius] if place else None,
+        "window": [window.begin_s, window.end_s] if window else None,
         "p_value": found.p_value,
-        "truth": {c.effect: dict(c.parameters) for c in case.concealed},
+        "not_excited": {u.effect: u.smallest for u in found.unexcited},
     }  # fmt: skip
-    if len(case.concealed) == 1 and not case.left_out:
-        row["oracle_share"] = _oracle_share(case, found)
-    return row
+
+
+def _told(case: Case) -> dict[str, Any]:
+    """The answer."""
+    return {
+        "case": case.name, "tier": case.tier, "answer": list(case.answer), "channel": case.channel,
+        "truth": {c.effect: dict(c.parameters) for c in case.concealed}, "left_out": list(case.left_out),
+        "duration_s": case.duration_s,
+    }  # fmt: skip
 
 
 def _oracle_share(case: Case, found: Diagnosis) -> float | None:
-    """Held-out gain of what was found, over that of refitting the true structure from the true values."""
+    """Held-out gain of what was found, over that of refitting the true structure from the true values.
+
+    None of several effects, of one that has no name here, or that the search was not allowed.
+    """
+    if len(case.concealed) != 1 or case.channel:
+        return None
     corrected, fit, take = found.search.corrected, found.judgement.fit, found.take
     (hidden,) = case.concealed
     held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
@@ -106,7 +120,10 @@ def _oracle_share(case: Case, found: Diagnosis) -> float | None:
         for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
     ]
     near = fit if hypothesis.effects == fit.hypothesis.effects else corrected
-    oracle = refit(take, hypothesis, hypothesis.start(near.car(), values), near.start, near.scales)
+    try:
+        oracle = refit(take, hypothesis, hypothesis.start(near.car(), values), near.start, near.scales)
+    except FloatingPointError:
+        return None
     nothing = scores(corrected, take).sum()
     best = scores(oracle, take).sum() - nothing
     reached = scores(fit, take).sum() - nothing if fit is not corrected else 0.0
@@ -114,30 +131,32 @@ def _oracle_share(case: Case, found: Diagnosis) -> float | None:
 
 
 def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[str, Any]]:
-    """Every case's row; rows already in `folder` are read, the others made and kept there, each as it is done.
+    """Every case's row; what is in `folder` is read, the others made and kept there, each as it is done.
 
-    A row is kept under the digests of its case and of the code, so that another seed, suite or version never meets
-    it; one that ended in an error is made again.
+    What a diagnosis said is kept under the digests of what was driven and of the simulation's and the diagnosis's
+    code; one that ended in an error is made again.
     """
     folder.mkdir(parents=True, exist_ok=True)
     todo = []
     for case in cases:
-        row = _known(case, folder)
-        if row is None:
+        known = _known(case, folder)
+        if known is None:
             todo.append(case)
         else:
-            yield row
+            yield {**_told(case), **known}
     if workers <= 1:
         for case in todo:
-            yield _kept(case, folder)
+            yield {**_told(case), **_kept(case, folder)}
         return
     with ProcessPoolExecutor(workers, initializer=_alone) as pool:
-        for done in as_completed([pool.submit(_kept, case, folder) for case in todo]):
-            yield done.result()
+        running = {pool.submit(_kept, case, folder): case for case in todo}
+        for done in as_completed(running):
+            yield {**_told(running[done]), **done.result()}
 
 
 def _file(case: Case, folder: Path) -> Path:
-    return folder / f"{case.name}.{case.digest()}.{code_of(__name__).digest[:12]}.json"
+    code = hashlib.sha256("".join(code_of(m).digest for m in JUDGED).encode()).hexdigest()
+    return folder / f"{case.digest()}.{code[:12]}.json"
 
 
 def _known(case: Case, folder: Path) -> dict[str, Any] | None:
@@ -161,8 +180,7 @@ def _kept(case: Case, folder: Path) -> dict[str, Any]:
     try:
         row = run_case(case)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
-        row = {"case": case.name, "tier": case.tier, "answer": list(case.answer), "error": repr(error)}
-        row["channel"] = case.channel
+        row = {"error": repr(error)}
     path = _file(case, folder)
     beside = path.with_suffix(".part")
     beside.write_text(json.dumps(row), encoding="utf-8")

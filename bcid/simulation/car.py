@@ -90,6 +90,16 @@ class Plant(NamedTuple):
     steering_rate_asymmetry: float = 0.0
     steering_compliance: float = 0.0
 
+    # effects to conceal that have no id in any vocabulary
+    drive_unevenness: float = 0.0  # N, comes and goes with the way that the driven wheel has rolled
+    rear_roll_steer: float = 0.0  # rad s^2/m, the rear axle steers with the lateral acceleration
+    tyre_wear: float = 0.0  # share of all grip lost by the end
+    motor_ripple: float = 0.0  # share of the motor's force, comes and goes with the speed
+    motor_dropout: float = 0.0  # share of the motor's force lost for a moment, again and again
+    steering_shimmy: float = 0.0  # rad, the wheel swings by itself
+    steering_reaction: float = 0.0  # N m s, moment against the servo's rate
+    washboard: float = 0.0  # N, a floor of waves along x
+
 
 class Sensor(NamedTuple):
     """The motion capture: rate, noise, dropouts, and measurement effects to conceal."""
@@ -105,6 +115,7 @@ class Sensor(NamedTuple):
     marker_offset_y: float = 0.0
     body_yaw_misalignment: float = 0.0
     pose_scale: float = 0.0
+    lens_distortion: float = 0.0  # 1/m^2, positions grow with the square of the distance from the middle
 
 
 REAL_EXTRAS = {

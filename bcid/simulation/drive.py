@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bcid.compiled import njit
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.driver import DRAWS, Arena, decide
+from bcid.simulation.driver import DRAWS, Arena, decide, pursue
 from bcid.simulation.dynamics import STEPS_PER_S, Inputs, N, advanced
 
 Floats = npt.NDArray[np.float64]
@@ -39,9 +39,12 @@ def _held(commands: Floats, column: int, now: float, delay: float) -> tuple[floa
 
 @njit
 def _run(
-    p: Plant, arena: Arena, duration: float, uniform: Floats, normal: Floats, given: Floats
+    p: Plant, arena: Arena, duration: float, uniform: Floats, normal: Floats, given: Floats, pursues: bool
 ) -> tuple[Floats, Floats]:
-    """Fine states (S + 1, 10) and commands (M, 2); `given` commands (M, 2) replace the driver where there are any."""
+    """Fine states (S + 1, N) and commands (M, 2); `given` commands (M, 2) replace the driver where there are any.
+
+    The driver draws targets, or follows a path by what it sees.
+    """
     per_command = STEPS_PER_S // COMMAND_HZ
     count = round(duration * COMMAND_HZ)
     commands = np.zeros((count, 2))
@@ -54,6 +57,8 @@ def _run(
     for m in range(count):
         if len(given):
             commands[m] = given[m]
+        elif pursues:
+            commands[m] = pursue(s, m / COMMAND_HZ, p, arena)
         else:
             steer, throttle, left = decide(s, steer, throttle, left, uniform[m], p, arena)
             left -= 1.0 / COMMAND_HZ
@@ -77,18 +82,20 @@ def _run(
 
 
 def drive(
-    plant: Plant, sensor: Sensor, duration: float, seed: int, arena: Arena | None = None, given: Floats | None = None
-) -> Drive:
+    plant: Plant, sensor: Sensor, duration: float, seed: int, arena: Arena | None = None, given: Floats | None = None,
+    pursues: bool = False,
+) -> Drive:  # fmt: skip
     """A drive of `duration` seconds from rest at the arena's middle.
 
-    `given` commands (duration * 20, 2) are driven instead of the driver's own.
+    `given` commands (duration * 20, 2) are driven instead of the driver's own; one that pursues follows a path in a
+    closed loop instead of drawing its targets.
     """
     rng = np.random.default_rng(seed)
     count = round(duration * COMMAND_HZ)
     uniform = rng.random((count, DRAWS))
     normal = rng.standard_normal((count * (STEPS_PER_S // COMMAND_HZ), 3))
     states, commands = _run(
-        plant, arena or Arena(), duration, uniform, normal, np.empty((0, 2)) if given is None else given
+        plant, arena or Arena(), duration, uniform, normal, np.empty((0, 2)) if given is None else given, pursues
     )
     frame, pose = _capture(states, sensor, duration, rng)
     rows = np.arange(0, len(states), STEPS_PER_S // TRUTH_HZ)
@@ -111,7 +118,7 @@ def _capture(
     cos_h, sin_h = np.cos(heading), np.sin(heading)
     x = x + cos_h * sensor.marker_offset_x - sin_h * sensor.marker_offset_y
     y = y + sin_h * sensor.marker_offset_x + cos_h * sensor.marker_offset_y
-    grown = 1.0 + sensor.pose_scale
+    grown = 1.0 + sensor.pose_scale + sensor.lens_distortion * (x * x + y * y)
     pose = np.column_stack([grown * x, grown * y, heading + sensor.body_yaw_misalignment])
     pose += rng.standard_normal(pose.shape) * [sensor.position_noise, sensor.position_noise, sensor.yaw_noise]
     for start in rng.uniform(0.5, duration, rng.poisson(sensor.dropouts_per_minute * duration / 60.0)):

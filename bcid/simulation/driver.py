@@ -20,6 +20,9 @@ Floats = npt.NDArray[np.float64]
 LOOK_S = 2.4
 LOOK_STEP_S = 0.1
 CANDIDATES = 8
+PATH_POINTS = 240
+AHEAD_M = 1.0
+PURSUIT_GAIN, PURSUIT_LOCK = 1.3, 1.3  # rad
 DRAWS = 4 * (CANDIDATES + 1)
 
 
@@ -91,3 +94,34 @@ def decide(
         if there > room:
             room, steer, throttle, left = there, other, push, hold
     return steer, throttle, left
+
+
+@njit
+def pursue(s: Floats, time: float, p: Plant, arena: Arena) -> tuple[float, float]:
+    """Steering (rad) and throttle (m/s or brake share) of a driver that follows a figure of eight by what it sees.
+
+    It steers at the nearest point of the path that lies AHEAD_M before its front wheel, and gives throttle by the
+    difference of its speed from one that rises and falls: what disturbs the car comes back in its commands.
+    """
+    half_x, half_y = 0.5 * arena.length - 1.5 * arena.margin, 0.5 * arena.width - 1.5 * arena.margin
+    cos_h, sin_h = math.cos(s[2]), math.sin(s[2])
+    hub_x, hub_y = s[0] + p.front_lever * cos_h, s[1] + p.front_lever * sin_h
+    best, aim_x, aim_y = 1e9, 0.0, 0.0
+    for k in range(PATH_POINTS):
+        phase = 2.0 * math.pi * k / PATH_POINTS
+        x, y = half_x * math.sin(phase), half_y * math.sin(2.0 * phase)
+        gap = math.hypot(x - hub_x, y - hub_y)
+        # where the paths cross, the one that goes the car's way; what lies behind is none
+        along = half_x * math.cos(phase) * cos_h + 2.0 * half_y * math.cos(2.0 * phase) * sin_h
+        astray = abs(gap - AHEAD_M) + (2.0 * AHEAD_M if along < 0.0 else 0.0)
+        astray += 2.0 * AHEAD_M if (x - hub_x) * cos_h + (y - hub_y) * sin_h < 0.0 else 0.0
+        if astray < best:
+            best, aim_x, aim_y = astray, x, y
+    bearing = math.atan2(aim_y - hub_y, aim_x - hub_x) - s[2]
+    steer = math.atan2(math.sin(bearing), math.cos(bearing))
+    steer = max(-PURSUIT_LOCK, min(PURSUIT_LOCK, PURSUIT_GAIN * steer))
+    speed = math.hypot(s[3], s[4])
+    wanted = p.top_speed * (0.6 + 0.3 * math.sin(0.37 * time) * math.sin(0.11 * time))
+    if speed > wanted + 0.08:
+        return steer, -0.4
+    return steer, max(0.0, min(p.top_speed, wanted + 1.5 * (wanted - speed)))

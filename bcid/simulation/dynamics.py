@@ -1,7 +1,7 @@
 """The plant: wheel by wheel, in world coordinates, by RK4 at a fine step.
 
 State: X, Y, heading, world velocity U, V, turn rate, servo angle, lagged wheel angle, motor force,
-lagged front slip.  Forces are found at each wheel from its own contact velocity.
+lagged front slip, way rolled by the driven wheel.  Forces are found at each wheel from its own contact velocity.
 """
 
 from __future__ import annotations
@@ -19,7 +19,13 @@ Floats = npt.NDArray[np.float64]
 
 STEPS_PER_S = 480
 MAX_STEPS = 400
-N = 10
+N = 11
+
+UNEVENNESS_M = 0.5  # of way per radian
+RIPPLE_MPS = 0.04  # of speed per radian
+DROPOUT_PERIOD_S, DROPOUT_S = 7.3, 0.6
+SHIMMY_RADPS = 5.7
+WAVES_M = 0.65  # of floor per radian
 
 
 class Inputs(NamedTuple):
@@ -58,6 +64,9 @@ def _drive_force(command: float, rolling: float, time: float, duration: float, p
     if p.inverse_power_limit > 0.0:
         force = min(force, 1.0 / (p.inverse_power_limit * max(abs(rolling), 0.2)))
     force *= 1.0 - p.motor_sag * time / duration
+    force *= 1.0 + p.motor_ripple * math.sin(rolling / RIPPLE_MPS)
+    if time % DROPOUT_PERIOD_S < DROPOUT_S:
+        force *= 1.0 - p.motor_dropout
     if lack < 0.0 and p.motor_regeneration > 0.0:
         force = max(p.motor_regeneration * p.motor_gain * lack, -p.motor_limit)
     return force
@@ -87,6 +96,7 @@ class Hub(NamedTuple):
     across: float
     lagged_slip: float
     lagged_force: float
+    rolled: float  # m
     rough: bool  # on the rough patch
     slippery: float  # share of the grip that is there
     soft: float
@@ -105,6 +115,7 @@ def _front_wheel(angle: float, hub: Hub, i: Inputs, p: Plant) -> tuple[float, fl
     resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
     if hub.rough:
         resist += p.rough_patch * roll
+    resist += p.drive_unevenness * math.sin(hub.rolled / UNEVENNESS_M)
     load = 1.0 - p.load_transfer * (force - resist) * math.cos(angle) / p.mass
     grip = p.front_grip * hub.slippery * load
     if p.friction_circle > 0.0 and grip > 0.0:
@@ -142,8 +153,9 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
     rough = p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius)
     soft = 1.0 - (1.0 - p.softness) * (1.0 - p.tyre_soft_saturation)
 
-    hub = Hub(along, across + p.front_lever * turn, s[9], s[8], rough, slippery, soft)
-    angle = _linkage(s[6], s[7], play, speed, p)
+    slippery *= 1.0 - p.tyre_wear * i.time / i.duration
+    hub = Hub(along, across + p.front_lever * turn, s[9], s[8], s[10], rough, slippery, soft)
+    angle = _linkage(s[6], s[7], play, speed, p) + p.steering_shimmy * math.sin(SHIMMY_RADPS * i.time)
     if p.steering_compliance != 0.0:
         angle = _bent_angle(angle, hub, i, p)
     roll, steady_slip, wanted, pull, side = _front_wheel(angle, hub, i, p)
@@ -158,7 +170,7 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
         wheel_along = along - offset * turn
         wheel_across = across - p.rear_lever * turn
         slip = math.atan(wheel_across / max(abs(wheel_along), p.slip_speed))
-        slip -= p.rear_toe * wheel_along / max(abs(wheel_along), p.slip_speed)
+        slip -= p.rear_toe * wheel_along / max(abs(wheel_along), p.slip_speed) + p.rear_roll_steer * turn * along
         side = 0.5 * _tyre(slip, p.rear_stiffness, p.rear_grip * slippery, 0.0, soft, p.tyre_fall)
         resist = 0.5 * (p.rear_bearing * math.tanh(wheel_along / 0.05) + p.rear_rolling * wheel_along)
         body_x -= resist
@@ -175,6 +187,12 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
     body_x -= p.quadratic_drag * speed * along
     body_y -= p.quadratic_drag * speed * across
     moment -= p.yaw_scrub * turn + p.yaw_coulomb * math.tanh(turn / 0.05)
+    miss = i.steer - s[6]
+    servo = 0.0
+    if abs(miss) >= p.steering_dead_band:
+        skew = p.steering_rate_asymmetry
+        servo = max(-p.servo_rate * (1.0 - skew), min(p.servo_rate * (1.0 + skew), miss / p.servo_time))
+    moment -= p.steering_reaction * servo
     body_x, body_y, moment = body_x + i.push_x, body_y + i.push_y, moment + i.push_turn
     world_x, world_y = cos_h * body_x - sin_h * body_y, sin_h * body_x + cos_h * body_y
     if p.tether_pull != 0.0:
@@ -183,6 +201,7 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
         if reach > p.tether_slack and reach > 0.0:
             world_x += p.tether_pull * (reach - p.tether_slack) * gap_x / reach
             world_y += p.tether_pull * (reach - p.tether_slack) * gap_y / reach
+    world_x += p.washboard * math.sin(s[0] / WAVES_M)
     heavier = 1.0 + p.mass_change if i.time >= p.mass_change_at else 1.0
 
     out = np.empty(N)
@@ -190,14 +209,11 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
     out[3] = world_x / (heavier * p.mass) + p.floor_slope_x
     out[4] = world_y / (heavier * p.mass) + p.floor_slope_y
     out[5] = moment / (heavier * p.inertia)
-    miss = i.steer - s[6]
-    out[6] = 0.0
-    if abs(miss) >= p.steering_dead_band:
-        skew = p.steering_rate_asymmetry
-        out[6] = max(-p.servo_rate * (1.0 - skew), min(p.servo_rate * (1.0 + skew), miss / p.servo_time))
+    out[6] = servo
     out[7] = (s[6] - s[7]) / p.steering_lag if p.steering_lag > 0.0 else 0.0
     out[8] = (wanted - s[8]) / p.motor_lag if p.motor_lag > 0.0 else 0.0
     out[9] = abs(roll) * (steady_slip - s[9]) / p.tyre_relaxation if p.tyre_relaxation > 0.0 else 0.0
+    out[10] = roll
     return out
 
 
