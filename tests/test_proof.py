@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import ast
+import importlib.util
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bcid.cli.app import main
+from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.effects.table import EFFECTS
+from bcid.estimate.run import estimate_motion
 from bcid.proof import running
-from bcid.proof.cases import Case, suite
-from bcid.proof.concealed import MEASUREMENT, SIZES
-from bcid.proof.running import recorded, run_all, vehicle
-from bcid.proof.scoring import tiers
+from bcid.proof.baselines import METHODS, compared, summary
+from bcid.proof.calibration import calibration
+from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
+from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
+from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
+from bcid.proof.outcome import outcome
+from bcid.proof.running import TUNING, recorded, run_all, vehicle
+from bcid.proof.scoring import Tier, tiers
+from bcid.proof.seal import seal_of, sealed
+from bcid.report.proof_page import evidence, write_proof_page
 
 
 def test_every_effect_of_the_vocabulary_can_be_concealed() -> None:
@@ -32,7 +43,7 @@ def test_a_suite_is_the_same_for_the_same_seed_and_another_for_another() -> None
     assert one != other
     assert len({c.name for c in one}) == len(one)
     for case in one:
-        for concealed in case.concealed:
+        for concealed in (c for c in case.concealed if c.effect in EFFECTS):
             assert set(concealed.parameters) == {p.symbol for p in EFFECTS[concealed.effect].parameters}
 
 
@@ -57,7 +68,7 @@ def _leaves(tree: Any) -> list[Any]:
 def test_rows_are_kept_by_case_and_made_again_after_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
 
-    def fake(case: Case) -> dict[str, Any]:
+    def fake(case: Case, others: bool = False) -> dict[str, Any]:
         made.append(case.name)
         if case.seed == 1 and len(made) == 1:
             raise ValueError("no such luck")
@@ -82,7 +93,7 @@ def row(case: str, answer: list[str], found: list[str], **more: Any) -> dict[str
          "values": {EFFECTS[e].parameters[0].symbol: [1.02, 0.02]}}
         for e in found
     ]  # fmt: skip
-    truth = {e: {EFFECTS[e].parameters[0].symbol: 1.0} for e in answer}
+    truth = {e: {EFFECTS[e].parameters[0].symbol: 1.0} if e in EFFECTS else {} for e in answer}
     verdict = "named" if found else "nothing-found"
     base = {"case": case, "tier": "single", "answer": answer, "channel": "", "verdict": verdict, "findings": findings}
     return {**base, "remainder": {"channel": "fx"}, "truth": truth, "seconds": 1.0, **more}
@@ -123,11 +134,12 @@ def test_counting() -> None:
 def test_the_command_ends_as_its_goals_are_met(
     named: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fake(case: Case) -> dict[str, Any]:
+    def fake(case: Case, others: bool = False) -> dict[str, Any]:
         found = list(case.answer) if named else []
-        hidden = {"verdict": "unknown", "remainder": {"channel": case.channel}} if case.left_out else {}
-        made = row(case.name, list(case.answer), [] if case.left_out else found, tier=case.tier, channel=case.channel,
-                   oracle_share=1.0, **hidden)  # fmt: skip
+        hidden = {"verdict": "unknown", "remainder": {"channel": case.channel}} if case.channel else {}
+        silent = case.channel or case.tier == "unexcited"
+        made = row(case.name, list(case.answer), [] if silent else found, tier=case.tier, channel=case.channel,
+                   oracle_share=1.0, not_excited=dict.fromkeys(case.answer) if named else {}, **hidden)  # fmt: skip
         if case.number % 20 == 0:  # one interval in twenty misses
             made["truth"] = {e: dict.fromkeys(values, 1.5) for e, values in made["truth"].items()}
         return made
@@ -144,3 +156,154 @@ def test_the_command_ends_as_its_goals_are_met(
     assert tier["single"]["goal"]["top1"] == [0.95, 1.0]
     assert ("top1" in tier["single"]["missed"]) is not named
     assert ("goals missed" in told.err) is not named
+
+
+def test_a_seal_fits_its_answer_and_salt_alone() -> None:
+    one, other = list(suite(1, 1, 1, 0, 0))[:2]
+    assert sealed(one, "salt") == sealed(one, "salt")
+    assert len({sealed(one, "salt"), sealed(one, "pepper"), sealed(other, "salt")}) == 3
+    told = one.concealed[0]
+    key = next(iter(told.parameters))
+    turned = replace(told, parameters={**told.parameters, key: told.parameters[key] * (1.0 + 1e-12)})
+    assert sealed(replace(one, concealed=(turned,)), "salt") != sealed(one, "salt")
+    assert seal_of([one, other], "salt") != seal_of([other, one], "salt")
+
+
+def test_a_diagnosis_cannot_reach_an_answer() -> None:
+    """Nothing that a diagnosis runs imports the blind test or the simulation, and a recording holds no case."""
+    reached, todo = set[str](), ["bcid.diagnosis.diagnose", "bcid.estimate.run", "bcid.recording.assemble"]
+    while todo:
+        name = todo.pop()
+        if name in reached or not name.startswith("bcid"):
+            continue
+        reached.add(name)
+        try:
+            spec = importlib.util.find_spec(name)
+        except ModuleNotFoundError:  # what is imported from a module is no module
+            continue
+        if spec is None or spec.origin is None:
+            continue
+        for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                todo += [a.name for a in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                todo += [node.module, *(f"{node.module}.{a.name}" for a in node.names if a.name.islower())]
+    assert "bcid.diagnosis.search" in reached
+    assert not [name for name in reached if name.startswith(("bcid.proof", "bcid.simulation"))]
+
+
+@pytest.mark.parametrize("name", list(OUTSIDE))
+def test_what_has_no_name_lives_in_the_simulation_alone(name: str) -> None:
+    """It changes the drive at its size, and nothing at zero; no entry of the vocabulary knows it."""
+    assert name not in EFFECTS
+    _, size = OUTSIDE[name]
+    given = Case("usual", 0, (), duration_s=20.0)
+    hidden = outside(name, np.random.default_rng(1))
+    assert all(size.low <= abs(v) <= size.high for v in {**hidden.plant, **hidden.sensor}.values())
+    still = replace(
+        given, concealed=(Concealed(name, dict.fromkeys(hidden.plant, 0.0), dict.fromkeys(hidden.sensor, 0.0)),)
+    )
+    np.testing.assert_array_equal(still.driven().pose, given.driven().pose)
+    moved = replace(given, concealed=(hidden,)).driven().pose - given.driven().pose
+    assert np.nanmax(np.abs(moved)) > 2e-3
+
+
+def test_all_that_is_asked_for_is_in_the_suite() -> None:
+    whole = list(suite(1, 1, 2, 2, 5))
+    tiers_there = {c.tier for c in whole}
+    assert {
+        "null", "null-imperfect", "single", "half-size", "double-size", "pair", "triple", "measurement-and-vehicle",
+        "outside", "unexcited", "closed-loop", "two-minutes", "thirty-minutes", "ten-hertz", "hundred-twenty-hertz",
+    } <= tiers_there  # fmt: skip
+    assert {c.answer[0] for c in whole if c.tier == "single"} == set(EFFECTS)
+    assert len({c.answer[0] for c in whole if c.tier == "outside"}) >= 6
+    assert all(
+        set(EQUALS["pose_latency"]) <= set(c.left_out) for c in whole if "pose_latency" in c.answer and c.left_out
+    )
+    few = [c.tier for c in quick_suite(list(suite(1, 3, 300, 100, 50)))]
+    assert 15 <= len(few) <= 25
+    assert set(few) == set(QUICK_EVERY)
+
+
+def test_circles_overlap() -> None:
+    assert overlap((0, 0, 1), (0, 0, 1)) == pytest.approx(1.0)
+    assert overlap((0, 0, 1), (3, 0, 1)) == 0.0
+    assert overlap((0, 0, 1), (0.2, 0, 0.5)) == pytest.approx(0.25)
+    # by counting points
+    points = np.random.default_rng(0).uniform(-2.0, 2.0, (200_000, 2))
+    a, b = np.hypot(*points.T) < 1.0, np.hypot(*(points - [0.7, 0.3]).T) < 0.8
+    assert overlap((0, 0, 1), (0.7, 0.3, 0.8)) == pytest.approx((a & b).sum() / (a | b).sum(), abs=0.01)
+
+
+def test_where_is_scored() -> None:
+    patch = {"b": 20.0, "x": 1.0, "y": 0.0, "radius": 1.0}
+    hit = row("a-1", ["rough_patch"], ["rough_patch"], located="fx", duration_s=600.0) | {
+        "truth": {"rough_patch": patch}
+    }
+    hit["findings"][0]["values"] = {k: [v, 0.0] for k, v in patch.items()}
+    assert place_overlap(hit) == pytest.approx(1.0)
+    assert channel_right(hit) is True
+    missed = hit | {"findings": [], "place": None, "located": "fy"}
+    assert place_overlap(missed) == 0.0
+    assert channel_right(missed) is False
+    heavier = row("a-2", ["mass_change"], [], window=[400.0, 600.0], duration_s=600.0, located="fx") | {
+        "truth": {"mass_change": {"d": 0.1, "t_s": 300.0}}
+    }
+    assert time_overlap(heavier) == pytest.approx(200.0 / 300.0)
+    assert channel_right(heavier) is None  # it acts on all
+
+
+def test_stated_probabilities_are_counted() -> None:
+    rows = [row(f"s-{i}", ["yaw_scrub"], ["yaw_scrub" if i < 9 else "rear_toe"]) for i in range(10)]
+    for r in rows:
+        r["findings"][0]["probability"] = 0.9
+    found = calibration(rows)
+    assert found.n == 10
+    assert found.brier == pytest.approx(0.09 * 0.1 + 0.9 * 0.01 + 0.072, abs=0.01)
+    (only,) = found.bins
+    assert (only["stated"], only["there"]) == (pytest.approx(0.9), pytest.approx(0.9))
+
+
+def test_few_cases_refute_a_goal_only_beyond_chance() -> None:
+    def tier(right: int) -> Tier:
+        rows = [row(f"single-{i}", ["yaw_scrub"], ["yaw_scrub" if i < right else "rear_toe"]) for i in range(6)]
+        return tiers(rows)[0]
+
+    assert "top1" in tier(5).missed
+    assert "top1" not in tier(5).refuted  # one of six: chance at a rate of 95 %
+    assert "top1" in tier(2).refuted
+
+
+def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
+    rows = [row("single-1", ["yaw_scrub"], ["rear_toe"]), row("null-2", [], [], tier="null")]
+    found = outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False}) | {"baselines": summary(rows)}
+    assert found["confusion"] == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
+    text = evidence(found)
+    assert "| single | 1 | **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in text
+    assert "| null | 1 | " in text
+    write_proof_page(found, tmp_path / "p.html")
+    page = (tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "0\N{NO-BREAK SPACE}% missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in page
+    assert "&lt;s&gt;" in page
+    assert "default-src 'none'" in page
+    assert page.count("data:image/png") >= 1
+
+
+def test_other_methods_say_what_they_can() -> None:
+    """On a drag that shows, the naming ones name something and the fitting ones explain; on nothing they fit little."""
+    found = _diagnosis(
+        Case("single", 5, (Concealed("rear_rolling_viscous", {"rear_rolling_viscous": 25.0}),), duration_s=150.0)
+    )
+    said = compared(found)
+    assert set(said) == set(METHODS)
+    assert said["SINDy on the residual (pysindy)"]["effect"] in EFFECTS
+    assert said["stepwise BIC, base not refitted"]["effect"] in EFFECTS
+    assert said["residual MLP"]["effect"] is None
+    counted = {m["method"]: m for m in summary([{**row("s-1", ["rear_rolling_viscous"], []), "others": said}])}
+    assert counted["bcid diagnose"]["top1"] is None or counted["bcid diagnose"]["top1"] == 0.0
+    assert counted["residual MLP"]["top1"] is None
+
+
+def _diagnosis(case: Case) -> Diagnosis:
+    recording = recorded(case, vehicle())
+    return diagnosed([recording], [estimate_motion(recording, vehicle(), TUNING)], vehicle())

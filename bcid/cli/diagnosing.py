@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import json
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -105,48 +106,43 @@ def plan(
 
 def prove(
     out: Annotated[Path, typer.Option("--out", help="Where the cases' results are kept; a second run goes on.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A score of cases of all tiers, and the baselines.")] = False,
     seed: Annotated[int, typer.Option(help="Of what is concealed, drivers and noise.")] = 1,
+    salt: Annotated[str, typer.Option(help="Of the seal that is printed before; without one there is no seal.")] = "",
     repeats: Annotated[int, typer.Option(min=1, help="Singles of every effect.")] = 3,
     nulls: Annotated[int, typer.Option(min=0, help="Takes that conceal nothing.")] = 300,
     imperfect_nulls: Annotated[int, typer.Option(min=0, help="The same with an imperfect base.")] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
     every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
-    workers: Annotated[int, typer.Option(min=1, help="Cases at a time.")] = 2,
+    baselines: Annotated[bool, typer.Option("--baselines", help="Run other methods on the same takes.")] = False,
+    workers: Annotated[int, typer.Option(min=0, help="Cases at a time; 0 for as many as there are cores.")] = 0,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Conceal effects in simulated takes and count what the diagnosis makes of them; resumable."""
-    from bcid.proof.cases import subset, suite
+    from bcid.cli import show
+    from bcid.proof.baselines import summary
+    from bcid.proof.cases import quick_suite, subset, suite
+    from bcid.proof.outcome import outcome
     from bcid.proof.running import run_all
-    from bcid.proof.scoring import SCHEMA, tiers
+    from bcid.proof.seal import seal_of
+    from bcid.report.proof_page import write_proof_page
 
     sink = Sink(format)
-    cases = subset(list(suite(seed, repeats, nulls, imperfect_nulls, pairs)), every)
+    whole = list(suite(seed, repeats, nulls, imperfect_nulls, pairs))
+    cases = quick_suite(whole) if quick else subset(whole, every)
+    seal = seal_of(cases, salt) if salt else None
+    if seal:
+        sink.note(f"seal of {len(cases)} answers: {seal}")
     rows: list[dict[str, Any]] = []
     with sink.stage("prove") as progress:
-        for row in run_all(cases, out, workers):
+        for row in run_all(cases, out, workers or os.cpu_count() or 1, quick or baselines):
             rows.append(row)
             progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
-    counted = tiers(rows)
-    found = [{**asdict(t), "goal": t.goal, "missed": list(t.missed)} for t in counted]
-    if not found:
-        raise UsageError("there are no cases\n  next: ask for more")
-    data = {"schema": SCHEMA, "seed": seed, "cases": len(rows), "tiers": found}
-    columns = {
-        "n": "n", "first": "top1", "in the set": "set", "exact": "exact", "false": "false", "unknown": "unknown",
-        "wrong": "wrong", "channel": "channel", "kind": "kind", "set size": "set_size", "error": "parameter_error",
-        "covered": "coverage", "share": "oracle_share", "s": "seconds",
-    }  # fmt: skip
-
-    def cell(tier: dict[str, Any], field: str) -> str:
-        return "–" if tier[field] is None else f"{tier[field]:.3g}{'!' if field in tier['missed'] else ''}"
-
-    sink.result(
-        data,
-        lambda: table(
-            f"{len(rows)} cases", ["tier", *columns],
-            [[t["tier"], *(cell(t, field) for field in columns.values())] for t in found], "! misses its goal",
-        ),
-    )  # fmt: skip
-    missed = [f"{t.tier}: {field}" for t in counted for field in t.missed]
+    found = outcome(rows, {"seed": seed, "salt": salt, "seal": seal, "quick": quick}) | {"baselines": summary(rows)}
+    (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
+    write_proof_page(found, out / "prove.html")
+    sink.result(found, lambda: show.proof(found))
+    sink.note(f"page: {out / 'prove.html'}")
+    missed = [f"{t['tier']}: {field}" for t in found["tiers"] for field in t["missed"]]
     if missed:
         raise GoalMissed(f"goals missed ({'; '.join(missed)})\n  next: look at these cases' rows in {out}")

@@ -133,3 +133,20 @@ def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
 
 def _far(estimate: Mapping[str, Any]) -> bool:
     return not NIS_RANGE[0] < estimate["facts"]["nis"]["mean_per_dof"] < NIS_RANGE[1]
+
+
+def proof(found: dict[str, Any]) -> Group:
+    """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
+    from bcid.report.proof_page import cell, shown
+
+    columns = shown(found["tiers"])
+    rows = [[t["tier"], str(t["n"]), *(cell(t, f, "{}!") for f in columns.values())] for t in found["tiers"]]
+    tables = [table(f"{found['cases']} cases", ["takes of", "n", *columns], rows, "goals in brackets; ! misses it")]
+    if found["baselines"]:
+        fields = {"first": "top1", "false alarms": "false", "detects": "detected", "error explained": "explained"}
+        others = [
+            [b["method"], str(b["n"]), *("–" if b[f] is None else f"{b[f]:.0%}" for f in fields.values())]
+            for b in found["baselines"]
+        ]
+        tables.append(table("the same takes by other methods", ["method", "n", *fields], others))
+    return Group(*tables)

@@ -42,15 +42,6 @@ FAMILIES = {
 EQUALS = {"pose_latency": ("steering_delay", "motor_delay")}
 """Left out with an effect that together they are exactly equal to."""
 
-SEVERAL = {
-    "rear_drag_asymmetry": ("fx", "mz"),
-    "floor_slope": ("fx", "fy"),
-    "tether_pull": ("fx", "fy"),
-    "washboard": ("fx", "fy"),
-}
-"""Effects that act in two channels (specification): either is right."""
-
-
 FEWER = 4  # of the effects, one in so many is tried on harder recordings
 HARDER = (("two-minutes", 120.0, 60.0, 1.0), ("ten-hertz", 600.0, 10.0, 1.0), ("three-times-noise", 600.0, 60.0, 3.0))
 """Tier, duration (s), poses per second, times the usual noise."""
@@ -223,3 +214,15 @@ def subset(cases: list[Case], every: int) -> list[Case]:
     for tier in dict.fromkeys(c.tier for c in cases):
         chosen += [c for c in cases if c.tier == tier][::every]
     return chosen
+
+
+QUICK_EVERY = {
+    "single": 25, "single-imperfect": 41, "null": 100, "null-imperfect": 100, "left-out": 14, "pair": 30, "outside": 14,
+    "unexcited": 8, "closed-loop": 20, "two-minutes": 11,
+}  # fmt: skip
+"""Of each tier, one in so many makes a score of cases."""
+
+
+def quick_suite(cases: Sequence[Case]) -> list[Case]:
+    """About twenty of the cases, of the tiers in which most is at stake."""
+    return [c for tier, every in QUICK_EVERY.items() for c in [c for c in cases if c.tier == tier][every // 2 :: every]]

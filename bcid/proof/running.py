@@ -55,15 +55,20 @@ def recorded(case: Case, of: Vehicle) -> Recording:
     return assemble(raw, of)
 
 
-def run_case(case: Case) -> dict[str, Any]:
-    """What the diagnosis says of the case's recording, and beside it the answer, opened afterwards."""
+def run_case(case: Case, others: bool = False) -> dict[str, Any]:
+    """What the diagnosis says of the case's recording, and with `others` what the baselines make of it."""
     of = vehicle()
     recording = recorded(case, of)
     begin = time.perf_counter()
     estimate = estimate_motion(recording, of, TUNING)
     found = diagnosed([recording], [estimate], of, left_out=case.left_out)
     seconds = time.perf_counter() - begin
-    return {**said(found), "seconds": round(seconds, 2), "oracle_share": _oracle_share(case, found)}
+    row = {**said(found), "seconds": round(seconds, 2), "oracle_share": _oracle_share(case, found)}
+    if others:
+        from bcid.proof.baselines import compared
+
+        row["others"] = compared(found)
+    return row
 
 
 def said(found: Diagnosis) -> dict[str, Any]:
@@ -130,8 +135,8 @@ def _oracle_share(case: Case, found: Diagnosis) -> float | None:
     return float(reached / best) if best > 0.0 else None
 
 
-def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[str, Any]]:
-    """Every case's row; what is in `folder` is read, the others made and kept there, each as it is done.
+def run_all(cases: Iterable[Case], folder: Path, workers: int, others: bool = False) -> Iterator[dict[str, Any]]:
+    """Every case's row: what is in `folder` is read, the others made and kept there, each as it is done.
 
     What a diagnosis said is kept under the digests of what was driven and of the simulation's and the diagnosis's
     code; one that ended in an error is made again.
@@ -139,17 +144,17 @@ def run_all(cases: Iterable[Case], folder: Path, workers: int) -> Iterator[dict[
     folder.mkdir(parents=True, exist_ok=True)
     todo = []
     for case in cases:
-        known = _known(case, folder)
+        known = _known(case, folder, others)
         if known is None:
             todo.append(case)
         else:
             yield {**_told(case), **known}
     if workers <= 1:
         for case in todo:
-            yield {**_told(case), **_kept(case, folder)}
+            yield {**_told(case), **_kept(case, folder, others)}
         return
     with ProcessPoolExecutor(workers, initializer=_alone) as pool:
-        running = {pool.submit(_kept, case, folder): case for case in todo}
+        running = {pool.submit(_kept, case, folder, others): case for case in todo}
         for done in as_completed(running):
             yield {**_told(running[done]), **done.result()}
 
@@ -159,12 +164,12 @@ def _file(case: Case, folder: Path) -> Path:
     return folder / f"{case.digest()}.{code[:12]}.json"
 
 
-def _known(case: Case, folder: Path) -> dict[str, Any] | None:
+def _known(case: Case, folder: Path, others: bool) -> dict[str, Any] | None:
     try:
         row: dict[str, Any] = json.loads(_file(case, folder).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return None if "error" in row else row
+    return None if "error" in row or (others and "others" not in row) else row
 
 
 def _alone() -> None:
@@ -176,9 +181,9 @@ def _alone() -> None:
     threadpool_limits(1)
 
 
-def _kept(case: Case, folder: Path) -> dict[str, Any]:
+def _kept(case: Case, folder: Path, others: bool) -> dict[str, Any]:
     try:
-        row = run_case(case)
+        row = run_case(case, others)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
         row = {"error": repr(error)}
     path = _file(case, folder)

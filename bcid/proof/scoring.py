@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bcid.effects.table import EFFECTS
-from bcid.proof.cases import SEVERAL
+from bcid.proof.localisation import channel_right, channels_of, place_overlap, time_overlap
 
 SCHEMA = "bcid.prove/1"
 GOALS: dict[str, dict[str, tuple[float, float]]] = {
@@ -20,9 +20,14 @@ GOALS: dict[str, dict[str, tuple[float, float]]] = {
     "null-imperfect": {"false": (0.0, 0.05)},
     "left-out": {"channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
     "pair": {"exact": (0.8, 1.0)},
+    "outside": {"channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "unexcited": {"not_seen": (0.8, 1.0), "wrong": (0.0, 0.1)},
 }  # fmt: skip
 """Lowest and highest that the project wants of each tier."""
 
+COUNTED = ("top1", "set", "exact", "false", "wrong", "channel", "not_seen")
+"""Shares of all of a tier's cases."""
+REFUTED = 0.01
 LARGEST_SET = 4  # a longer set is a miss
 NORMAL95 = 1.96
 
@@ -45,7 +50,11 @@ class Tier:
     coverage: float | None  # of 95 % intervals
     oracle_share: float | None  # median, of the held-out gain of the true structure
     kind: float | None  # measurement called measurement
-    channel: float | None  # a left-out family's channel
+    channel: float | None  # of what has no name: verdict unknown, in the right channel
+    located: float | None  # the channel, before any hypothesis
+    place_overlap: float | None  # median, intersection over union
+    time_overlap: float | None
+    not_seen: float | None  # what is there and not named is told as not excited
     seconds: float  # median
     errors: int
 
@@ -59,6 +68,20 @@ class Tier:
         """The fields outside their goals."""
         reached = {field: getattr(self, field) for field in self.goal}
         return tuple(f for f, (low, high) in self.goal.items() if reached[f] is None or not low <= reached[f] <= high)
+
+    @property
+    def refuted(self) -> tuple[str, ...]:
+        """The shares that so few cases would miss by as much less than once in a hundred times, were the goal met."""
+        from scipy.stats import binom
+
+        found = []
+        for field in (f for f in self.missed if f in COUNTED):
+            low, high = self.goal[field]
+            hits = round((getattr(self, field) or 0.0) * self.n)
+            by_chance = binom.cdf(hits, self.n, low) if low > 0.0 else binom.sf(hits - 1, self.n, high)
+            if by_chance < REFUTED:
+                found.append(field)
+        return tuple(found)
 
 
 def tiers(rows: Iterable[dict[str, Any]]) -> list[Tier]:
@@ -90,13 +113,18 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         _median([r["oracle_share"] for r in known if r.get("oracle_share") is not None]),
         _mean(_called_measurement(r) for r in measured),
         _mean(r["verdict"] == "unknown" and r["remainder"]["channel"] in _channels(r) for r in hidden),
+        _mean(x for x in map(channel_right, known + hidden) if x is not None),
+        _median([x for x in map(place_overlap, known) if x is not None]),
+        _median([x for x in map(time_overlap, known) if x is not None]),
+        _mean(not _set(r) & set(r["answer"]) and set(r["answer"]) <= set(r.get("not_excited", {})) for r in known)
+        if name == "unexcited" else None,
         _median([r["seconds"] for r in rows if "error" not in r]) or 0.0, sum("error" in r for r in members),
     )  # fmt: skip
 
 
 def _channels(row: dict[str, Any]) -> tuple[str, ...]:
     """In which a left-out effect acts."""
-    return next((SEVERAL[e] for e in row["answer"] if e in SEVERAL), (row["channel"],))
+    return (*channels_of(row["answer"][0], row["channel"]), row["channel"])
 
 
 def _called_measurement(row: dict[str, Any]) -> bool:

@@ -26,7 +26,8 @@ EXCERPT_S = 40.0
 LONGEST_S = 120.0
 
 
-def _png(figure: Any) -> str:
+def png(figure: Any) -> str:
+    """The figure as a data URL; it is closed."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110, metadata={"Software": None})
     plt.close(figure)
@@ -65,7 +66,7 @@ def trajectories(content: Content) -> str:
     axes[0, 0].legend(fontsize=8, loc="upper right")
     figure.supxlabel("x (m)", fontsize=9)
     figure.supylabel("y (m)", fontsize=9)
-    return _png(figure)
+    return png(figure)
 
 
 def _hardest(content: Content) -> slice:
@@ -96,7 +97,7 @@ def states(content: Content) -> str:
         ax.set_ylabel(f"{name} ({unit})")
     axes[0].legend(fontsize=8, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     axes[-1].set_xlabel("time (s)")
-    return _png(figure)
+    return png(figure)
 
 
 def _around(ax: Any, values: Any) -> None:
@@ -121,7 +122,7 @@ def error_over_steering(content: Content) -> str:
     ax.set_ylabel("RMS of W (predicted − measured)")
     ax.grid(alpha=0.3, which="both")
     ax.legend(fontsize=8, ncols=2)
-    return _png(figure)
+    return png(figure)
 
 
 def all_figures(content: Content) -> Sequence[tuple[str, str, str]]:

@@ -1,0 +1,124 @@
+"""The page of a blind test and its table for the README, from its JSON alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from bcid.effects.table import EFFECTS
+from bcid.report.figures import png
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt  # the backend must be chosen first
+
+COLUMNS = {
+    "first": "top1", "in the set": "set", "exact": "exact", "false alarms": "false", "unknown": "unknown",
+    "wrong name": "wrong", "channel": "channel", "not excited": "not_seen", "measurement so called": "kind",
+    "located": "located", "place": "place_overlap", "time": "time_overlap",
+    "set size": "set_size", "parameter error": "parameter_error", "95 % covers": "coverage",
+    "oracle's gain": "oracle_share", "seconds": "seconds",
+}  # fmt: skip
+PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap")
+"""Fields that are no shares of takes."""
+
+OTHER_ANSWERS = ("unknown", "nothing")
+
+
+def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> str:
+    """A figure with its goal in brackets; marked where the goal is missed."""
+    value: float | None = tier.get(field)
+    goal: Sequence[float] | None = tier["goal"].get(field)
+    if value is None:
+        return "–" if goal is None else marked.format("–")
+    text = _number(value, field)
+    if field in tier["missed"]:
+        text = marked.format(text)
+    return f"{text} ({_goal(goal[0], goal[1], field)})" if goal else text
+
+
+def _number(value: float, field: str) -> str:
+    if field in PLAIN:
+        return f"{value:.3g}"
+    return f"{100.0 * value:.3g}\N{NO-BREAK SPACE}%"
+
+
+def _goal(low: float, high: float, field: str) -> str:
+    if low > 0.0 and high < 1.0:
+        return f"{_number(low, field)} to {_number(high, field)}"
+    return f"≥\N{NO-BREAK SPACE}{_number(low, field)}" if low > 0.0 else f"≤\N{NO-BREAK SPACE}{_number(high, field)}"
+
+
+def shown(tiers: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The columns that any of the tiers fills."""
+    return {title: f for title, f in COLUMNS.items() if any(t.get(f) is not None for t in tiers)}
+
+
+def evidence(outcome: Mapping[str, Any]) -> str:
+    """The README's table: one row a tier, goals in brackets."""
+    columns = shown(outcome["tiers"])
+    rows = [["takes of", "n", *columns], ["---"] * (len(columns) + 2)]
+    rows += [[t["tier"], str(t["n"]), *(cell(t, f) for f in columns.values())] for t in outcome["tiers"]]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> str:
+    """What was concealed against what was answered first, as a PNG."""
+    known = [e for e in EFFECTS if e in confusion]
+    more = [e for e in confusion if e not in EFFECTS]
+    truths = [*known, *more]
+    answers = [*(e for e in EFFECTS if e in known or any(e in said for said in confusion.values())), *OTHER_ANSWERS]
+    counts = np.array([[confusion[t].get(a, 0) for a in answers] for t in truths], dtype=float)
+    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
+    figure, ax = plt.subplots(figsize=(11, 1.5 + 0.2 * len(truths)), layout="constrained")
+    ax.imshow(np.ma.masked_equal(shares, 0.0), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    ax.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=7)
+    ax.set_yticks(range(len(truths)), [t.replace("_", " ") for t in truths], fontsize=7)
+    for i, j in zip(*np.nonzero(counts), strict=True):
+        ax.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=6,
+                color="white" if shares[i, j] > 0.5 else "black")  # fmt: skip
+    ax.set_xlabel("answered first")
+    ax.set_ylabel("concealed alone")
+    ax.grid(False)
+    return png(figure)
+
+
+def calibration_picture(calibration: Mapping[str, Any]) -> str:
+    """Stated probability against the share that was there, as a PNG."""
+    figure, ax = plt.subplots(figsize=(4.5, 4.0), layout="constrained")
+    ax.plot([0, 1], [0, 1], color="#999999", lw=1)
+    bins = calibration["bins"]
+    ax.plot([b["stated"] for b in bins], [b["there"] for b in bins], "o-", color="#0072b2")
+    for b in bins:
+        ax.annotate(f"{b['n']:.0f}", (b["stated"], b["there"]), textcoords="offset points", xytext=(6, -10), fontsize=8)
+    ax.set_xlabel("stated probability")
+    ax.set_ylabel("share that was there")
+    ax.set_xlim(0, 1.03)
+    ax.set_ylim(0, 1.03)
+    return png(figure)
+
+
+def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
+    """Write the page of `outcome` to `path`: offline, no script, everything escaped."""
+    environment = Environment(
+        loader=PackageLoader("bcid.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    columns = shown(outcome["tiers"])
+    rows = [
+        {
+            "tier": t["tier"],
+            "n": t["n"],
+            "cells": [(cell(t, f, "{} missed"), f in t["missed"]) for f in columns.values()],
+        }
+        for t in outcome["tiers"]
+    ]
+    text = environment.get_template("proof.html.j2").render(
+        o=outcome, columns=list(columns), rows=rows, baselines=outcome.get("baselines") or [],
+        confusion=confusion_picture(outcome["confusion"]),
+        calibration=calibration_picture(outcome["calibration"]) if outcome["calibration"]["bins"] else None,
+    )  # fmt: skip
+    path.write_text(text, encoding="utf-8")
