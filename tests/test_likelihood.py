@@ -26,7 +26,8 @@ from bcid.diagnosis.marginal import (
 )
 from bcid.diagnosis.refit import jacobian, residuals
 from bcid.diagnosis.segments import KNOTS, N_FREE, Layout, free_sensitivities, layout, predict, segment_poses
-from bcid.diagnosis.take import FORGOTTEN_S, GROUP_S, SEGMENT_S, Take, joined, take_of
+from bcid.diagnosis.take import FORGOTTEN_S, GROUP_S, SEGMENT_S, Take, joined, moving, take_of
+from bcid.diagnosis.trials import concerned
 from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
@@ -286,6 +287,39 @@ def test_a_part_is_its_segments(take: Take) -> None:
     r, whole = residuals(part, setting, part.start), residuals(take, setting, take.start)
     rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
     np.testing.assert_array_equal(r, whole[rows])
+
+
+def test_what_stands_still_is_left_out(take: Take) -> None:
+    pose = take.pose.copy()
+    for s, moves in ((2, 0.0), (5, 1e-3), (8, 0.05)):  # metres: at rest, trembling, and creeping
+        a, b = take.first[s], take.first[s + 1]
+        pose[a:b] = pose[a]
+        pose[a:b, 0] += np.linspace(0.0, moves, b - a)
+    turning = slice(take.first[11], take.first[12])
+    pose[turning] = pose[take.first[11]]
+    pose[turning, 2] += np.linspace(0.0, 0.1, turning.stop - turning.start)
+    kept = moving(take._replace(pose=pose), 0.87)
+    still = set(np.round(take.begin_s, 6)) - set(np.round(kept.begin_s, 6))
+    assert {round(take.begin_s[s], 6) for s in (2, 5)} <= still
+    assert not {round(take.begin_s[s], 6) for s in (8, 11)} & still
+    assert moving(take._replace(pose=np.zeros_like(pose)), 0.87).segments == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("rough_patch", [60.0, 1.0, 0.5, 0.9]), ("slippery_patch", [0.6, 1.0, 0.5, 1.2]), ("mass_change", [0.2, 30.0])],
+)
+def test_what_an_effect_cannot_change_need_not_be_predicted(take: Take, name: str, values: list[float]) -> None:
+    more = BASE.holding(name)
+    setting = BASE.setting(BASE.start(CAR), take)
+    r = residuals(take, setting, take.start)
+    change = r - residuals(take, more.setting(more.start(CAR, values), take), take.start)
+    at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
+    chosen = concerned(take, take.pose - r, at)
+    others = np.setdiff1d(np.arange(take.segments), chosen)
+    assert 0 < len(chosen) < take.segments
+    assert np.abs(change[take.rows(chosen)]).max() > 1e-3
+    np.testing.assert_array_equal(change[take.rows(others)], 0.0)
 
 
 def joined_and_apart(take: Take, path: Path, vehicle: Vehicle, tuning: Tuning) -> tuple[Take, Take]:

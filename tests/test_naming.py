@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bcid.diagnosis import refit as refitting
 from bcid.diagnosis.disturbance import STATES, Disturbances, disturbances
-from bcid.diagnosis.hypothesis import Hypothesis
+from bcid.diagnosis.hypothesis import Hypothesis, Setting
 from bcid.diagnosis.marginal import Scales, log_likelihood, moments, rescaled
-from bcid.diagnosis.refit import Fit, _within, base_fit, refit, residuals
+from bcid.diagnosis.refit import Fit, _within, base_fit, held, refit, residuals
 from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.scan import circles, energy, windows
 from bcid.diagnosis.screen import changes, screen
@@ -92,6 +93,53 @@ def test_a_first_car_far_off_is_no_hindrance(null_fit: Fit, null_take: Take) -> 
     wrong = CAR._replace(I_z=400.0, C_f=12000.0, C_r=2000.0, F_f_max=150.0, F_r_max=300.0)
     again = base_fit(null_take, replace(BASE, nominal=wrong), SCALES)
     assert again.log_likelihood == pytest.approx(null_fit.log_likelihood, abs=3.0)
+
+
+def test_parameters_that_are_held_are_no_better_than_fitted_ones(null_fit: Fit, null_take: Take) -> None:
+    """They stay, what they start from is found; at the fitted ones it comes to the same."""
+    phi = BASE.start(CAR._replace(C_f=1.2 * CAR.C_f))
+    off = held(null_take, BASE, phi, SCALES)
+    np.testing.assert_array_equal(off.phi, phi)
+    assert off.log_likelihood < null_fit.log_likelihood - 100.0
+    same = held(null_take, null_fit.hypothesis, null_fit.phi, SCALES)
+    assert same.log_likelihood == pytest.approx(null_fit.log_likelihood, abs=5.0)
+
+
+def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refit goes on with shorter ones, or stays where it is."""
+
+    def spun(take: Take, setting: Setting, start: np.ndarray) -> np.ndarray:
+        r = residuals(take, setting, start)
+        return r * np.inf if setting.car.C_f > 1.01 * null_fit.car().C_f else r
+
+    monkeypatch.setattr(refitting, "residuals", spun)
+    fit = refit(null_take, null_fit.hypothesis, null_fit.phi - 0.005, null_fit.start, null_fit.scales)
+    assert np.isfinite(fit.log_likelihood)
+    assert fit.car().C_f <= 1.01 * null_fit.car().C_f
+
+
+def test_no_tyre_is_beyond_any_tyre() -> None:
+    low, high = BASE.bounds()
+    phi = BASE.start(CAR)
+    assert ((low < phi) & (phi < high)).all()
+    stiffest = BASE.car(np.minimum(BASE.start(CAR._replace(C_f=1e9, C_r=1e9, I_z=1e-9)), high))
+    assert stiffest.C_f == pytest.approx(100.0 * CAR.m)
+    odd = replace(BASE, nominal=CAR._replace(C_r=200.0 * CAR.m))  # a first car beyond stays within its own bounds
+    assert (odd.start(odd.nominal) <= odd.bounds()[1] + 1e-12).all()
+
+
+@pytest.mark.parametrize("raw", [True, False])
+def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
+    """Three per cent too much in every command: of a raw one it is the gain, and nothing is missing."""
+    scaled = null_take._replace(command=null_take.command * [1.0 / 1.03, 1.0])
+    hypothesis = replace(BASE, raw_commands=raw)
+    found = searched(base_fit(scaled, hypothesis, SCALES), scaled)
+    if raw:
+        assert found.best.hypothesis.effects == ("steering_scale",)
+        assert found.best.values()["steering_scale__g"][0] == pytest.approx(0.03, abs=0.003)
+    else:
+        assert "steering_scale" not in found.best.hypothesis.entries
+        assert found.best.hypothesis.effects
 
 
 def test_the_scales_are_those_of_the_take(null_fit: Fit, null_take: Take) -> None:
