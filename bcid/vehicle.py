@@ -158,7 +158,7 @@ class Vehicle(Settings):
         """Whether steering commands come in units of their own, which a gain in this file turns into rad."""
         mapped = (self.columns, self.topics.command_fields if self.topics else None)
         gains = {g for m in mapped if m for g in (m.steering_rad.gain, m.steering_rad.gain_negative)}
-        return bool(gains - {1.0, None})
+        return bool({abs(g) for g in gains if g is not None} - {1.0})
 
     @property
     def mass_kg(self) -> float:

@@ -17,14 +17,15 @@ from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.proof import running
-from bcid.proof.baselines import METHODS, compared, summary
+from bcid.proof.asking import TUNING, recorded, vehicle
+from bcid.proof.baselines import METHODS, NAMING, compared, summary
 from bcid.proof.calibration import calibration
 from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
 from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
 from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
-from bcid.proof.outcome import outcome
-from bcid.proof.running import TUNING, recorded, run_all, vehicle
-from bcid.proof.scoring import Tier, tiers
+from bcid.proof.outcome import REFUTED, outcome
+from bcid.proof.running import run_all
+from bcid.proof.scoring import RATES, pooled, right, tiers
 from bcid.proof.seal import seal_of, sealed
 from bcid.report.proof_page import evidence, write_proof_page
 
@@ -220,9 +221,12 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
     assert all(
         set(EQUALS["pose_latency"]) <= set(c.left_out) for c in whole if "pose_latency" in c.answer and c.left_out
     )
-    few = [c.tier for c in quick_suite(list(suite(1, 3, 300, 100, 50)))]
+    few = quick_suite(list(suite(1, 3, 300, 100, 50)))
     assert 15 <= len(few) <= 25
-    assert set(few) == set(QUICK_EVERY)
+    assert {c.tier for c in few} == set(QUICK_EVERY) == set(RATES)
+    for tier in ("single", "single-imperfect", "left-out"):
+        answers = [c.answer for c in few if c.tier == tier]
+        assert len(set(answers)) == len(answers)
 
 
 def test_circles_overlap() -> None:
@@ -264,14 +268,33 @@ def test_stated_probabilities_are_counted() -> None:
     assert (only["stated"], only["there"]) == (pytest.approx(0.9), pytest.approx(0.9))
 
 
-def test_few_cases_refute_a_goal_only_beyond_chance() -> None:
-    def tier(right: int) -> Tier:
-        rows = [row(f"single-{i}", ["yaw_scrub"], ["yaw_scrub" if i < right else "rear_toe"]) for i in range(6)]
-        return tiers(rows)[0]
+def test_few_cases_of_many_tiers_are_judged_together() -> None:
+    def found(wrong: int) -> dict[str, float]:
+        rows = [row(f"single-{i}", ["yaw_scrub"], ["rear_toe" if i < wrong else "yaw_scrub"]) for i in range(12)]
+        rows += [row(f"null-{i}", [], [], tier="null") for i in range(4)]
+        return pooled(rows)
 
-    assert "top1" in tier(5).missed
-    assert "top1" not in tier(5).refuted  # one of six: chance at a rate of 95 %
-    assert "top1" in tier(2).refuted
+    assert found(0)["right"] == found(0)["n"] == 16
+    assert found(1)["p"] > REFUTED  # one of sixteen: chance
+    assert found(5)["p"] < REFUTED
+    # by drawing: twelve at 0.95 and four at 0.99
+    draws = np.random.default_rng(0).random((200_000, 16)) < np.r_[np.full(12, 0.95), np.full(4, 0.99)]
+    assert found(2)["p"] == pytest.approx((draws.sum(axis=1) <= 14).mean(), abs=0.005)
+
+
+def test_what_is_right() -> None:
+    assert right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]))
+    assert not right(row("a-1", ["yaw_scrub"], ["yaw_scrub", "rear_toe"]))
+    assert not right(row("a-1", ["yaw_scrub"], []))
+    assert right(row("a-1", [], [], tier="null"))
+    assert not right(row("a-1", [], [], tier="null", verdict="unknown"))  # something missing where nothing is
+    assert right(row("a-1", [], [], tier="null-imperfect", verdict="unknown"))
+    hidden = row(
+        "a-1", ["yaw_scrub"], [], tier="left-out", channel="mz", verdict="unknown", remainder={"channel": "mz"}
+    )
+    assert right(hidden)
+    assert not right(hidden | {"remainder": {"channel": "fx"}})
+    assert not right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]) | {"error": "ValueError()"})
 
 
 def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
@@ -289,18 +312,17 @@ def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
     assert page.count("data:image/png") >= 1
 
 
-def test_other_methods_say_what_they_can() -> None:
-    """On a drag that shows, the naming ones name something and the fitting ones explain; on nothing they fit little."""
-    found = _diagnosis(
-        Case("single", 5, (Concealed("rear_rolling_viscous", {"rear_rolling_viscous": 25.0}),), duration_s=150.0)
-    )
+@pytest.mark.parametrize("o", [0.012, -0.012])
+def test_other_methods_say_what_they_can(o: float) -> None:
+    """A steering offset of either sign is named by the stepwise method; what fits only, names nothing."""
+    found = _diagnosis(Case("single", 5, (Concealed("steering_offset", {"steering_offset": o}),), duration_s=120.0))
     said = compared(found)
     assert set(said) == set(METHODS)
-    assert said["SINDy on the residual (pysindy)"]["effect"] in EFFECTS
-    assert said["stepwise BIC, base not refitted"]["effect"] in EFFECTS
-    assert said["residual MLP"]["effect"] is None
-    counted = {m["method"]: m for m in summary([{**row("s-1", ["rear_rolling_viscous"], []), "others": said}])}
-    assert counted["bcid diagnose"]["top1"] is None or counted["bcid diagnose"]["top1"] == 0.0
+    assert said["stepwise BIC, base not refitted"]["effect"] in ("steering_offset", "body_yaw_misalignment")
+    assert [m for m in METHODS if said[m]["effect"]] == [m for m in METHODS if m in NAMING and said[m]["effect"]]
+    assert json.loads(json.dumps(said)) == said
+    counted = {m["method"]: m for m in summary([{**row("s-1", ["steering_offset"], []), "others": said}])}
+    assert counted["bcid diagnose"]["top1"] == 0.0
     assert counted["residual MLP"]["top1"] is None
 
 

@@ -122,7 +122,7 @@ def prove(
     from bcid.cli import show
     from bcid.proof.baselines import summary
     from bcid.proof.cases import quick_suite, subset, suite
-    from bcid.proof.outcome import outcome
+    from bcid.proof.outcome import missed, outcome
     from bcid.proof.running import run_all
     from bcid.proof.seal import seal_of
     from bcid.report.proof_page import write_proof_page
@@ -132,17 +132,19 @@ def prove(
     cases = quick_suite(whole) if quick else subset(whole, every)
     seal = seal_of(cases, salt) if salt else None
     if seal:
-        sink.note(f"seal of {len(cases)} answers: {seal}")
+        sink.told(f"seal of {len(cases)} answers: {seal}")
     rows: list[dict[str, Any]] = []
     with sink.stage("prove") as progress:
         for row in run_all(cases, out, workers or os.cpu_count() or 1, quick or baselines):
             rows.append(row)
             progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
-    found = outcome(rows, {"seed": seed, "salt": salt, "seal": seal, "quick": quick}) | {"baselines": summary(rows)}
+    sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs, "every": every}
+    about = {"seed": seed, "salt": salt, "seal": seal, "quick": quick, "sizes": sizes}
+    found = outcome(rows, about) | {"baselines": summary(rows)}
     (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     write_proof_page(found, out / "prove.html")
     sink.result(found, lambda: show.proof(found))
     sink.note(f"page: {out / 'prove.html'}")
-    missed = [f"{t['tier']}: {field}" for t in found["tiers"] for field in t["missed"]]
-    if missed:
-        raise GoalMissed(f"goals missed ({'; '.join(missed)})\n  next: look at these cases' rows in {out}")
+    short = missed(found)
+    if short:
+        raise GoalMissed(f"goals missed ({'; '.join(short)})\n  next: look at these cases' rows in {out}")

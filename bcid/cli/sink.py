@@ -72,6 +72,10 @@ class Sink:
         if self.style is Format.human:
             self.err.print(escape(_inert(text)))
 
+    def told(self, text: str) -> None:
+        """What must be said before a result, in every format, on stderr."""
+        self.err.print(escape(_inert(text)), highlight=False, soft_wrap=True)
+
     def error(self, text: str) -> None:
         """An error, in every format."""
         self.err.print(f"[red]error:[/red] {escape(_inert(text))}")

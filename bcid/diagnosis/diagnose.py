@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -22,7 +22,9 @@ from bcid.diagnosis.search import Search, search
 from bcid.diagnosis.take import Take, joined, moving, take_of
 from bcid.diagnosis.verdict import Judgement, judged
 from bcid.effects.constants import Constants
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Units
+from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.models.newton_euler_start import started_car
@@ -115,7 +117,12 @@ class Compared(NamedTuple):
 
     def assumed(self) -> tuple[str, ...]:
         """The effects' ids."""
-        return tuple(dict.fromkeys(field.partition("__")[0] for field in self.effects))
+        return effects_of(self.effects)
+
+
+def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
+    """The ids of the effects with these fields among the switches."""
+    return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
 
 
 def diagnosed(
@@ -137,11 +144,14 @@ def diagnosed(
     unknown = tuple(
         s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
     )
+    assumed = dict(simulation.effects) if simulation else {}
+    if vehicle.raw_steering:  # its gain belongs to the base model
+        assumed = {field: 0.0 for name in RAW_COMMANDS for field in ENTRIES[name].fields} | assumed
     hypothesis = Hypothesis(
         (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates),
-        simulation.assumed() if simulation else (), vehicle.raw_steering,
+        effects_of(assumed), vehicle.raw_steering,
     )  # fmt: skip
-    values = list(simulation.effects.values()) if simulation else []
+    values = list(assumed.values())
     with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
         try:
             progress(0.05, "the base model")

@@ -101,7 +101,8 @@ def search(
             fits = sorted([*fits, *_from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, GATE):
             break
-        beside = nulls(fits[0], take, trials.without(fits[0].hypothesis.effects))  # what it explains is no chance
+        # what it explains is no chance; that its own kind was tried in many places is
+        beside = nulls(fits[0], take, trials.without(best.hypothesis.effects))
         if fits[0].bic - best.bic < beside.gate:
             break
         best, others, chance = fits[0], fits[1:], beside

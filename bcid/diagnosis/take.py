@@ -141,7 +141,7 @@ def moving(take: Take, wheelbase: float) -> Take:
     """The take without the segments in which the car stands.
 
     Nothing there is predicted wrongly, so that the noise would be taken for what a tracked car at rest shows, and
-    everything that moves for an outlier.
+    everything that moves for an outlier.  What a throttle says that is too small to move the car goes with it.
     """
     x, y, yaw = take.pose.T
     at = take.first[:-1]

@@ -56,7 +56,7 @@ CORRECTIONS: dict[str, Effect] = {
             source="slip angle of each rear wheel at its own place; rigid-body kinematics",
         ),
         Effect(
-            "steering_scale", "δ → (1 + g)·δ, the gain of the raw steering command",
+            "steering_scale", "δ → (1 + g)·δ, from raw steering commands",
             (Parameter("g", "1", -0.5, 1.0, 0.05, "relative error of the gain in the vehicle file"),),
             "steering", depends_on=("steering",),
             source="the vehicle file's gain from raw units to rad, refitted",

@@ -22,12 +22,10 @@ class Calibration:
 
 
 def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
-    """Of all findings of all rows in which every effect could be named."""
+    """Of all findings of all rows; what was not allowed to be named, or has no name, is there under no name."""
     stated, there = [], []
     for row in rows:
-        if row["channel"] or "error" in row:
-            continue
-        for finding in row["findings"]:
+        for finding in row.get("findings", []):
             stated.append(finding["probability"])
             there.append(float(finding["effect"] in row["answer"]))
     p, y = np.array(stated), np.array(there)

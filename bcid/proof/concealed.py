@@ -77,6 +77,9 @@ SIZES: dict[str, Size] = {
 }
 """Of the specification (effects.md), for the bumper car on ten minutes."""
 
+MOST = {"tyre_soft_saturation": 1.0, "friction_circle": 4.0}
+"""What an effect cannot be larger than."""
+
 MEASUREMENT = ("pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale")
 
 OUTSIDE: dict[str, tuple[str, Size]] = {
@@ -100,8 +103,7 @@ def conceal(effect: str, rng: np.random.Generator, duration: float, times: float
     """The effect at a drawn size (`times` the specification's), sign and place."""
     size = SIZES[effect]
     value = times * float(np.exp(rng.uniform(np.log(size.low), np.log(size.high))))
-    if effect == "tyre_soft_saturation":
-        value = min(value, 1.0)
+    value = min(value, MOST.get(effect, np.inf))
     if size.signed and rng.random() < 0.5:
         value = -value
     if effect in ("floor_slope", "marker_offset"):

@@ -11,12 +11,13 @@ from typing import Any
 
 from bcid import __version__
 from bcid.proof.calibration import calibration
-from bcid.proof.scoring import Tier, tiers
+from bcid.proof.scoring import pooled, tiers
 from bcid.store.code import code_of
 
 SCHEMA = "bcid.prove/1"
-NOTHING, UNKNOWN = "nothing", "unknown"
-LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")
+NOTHING, UNKNOWN, ERROR = "nothing", "unknown", "error"
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "pysindy")
+REFUTED = 0.01  # of a quick run: right answers as few are rarer, were the goals met
 
 
 def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, Any]:
@@ -28,25 +29,31 @@ def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, 
         "versions": {"bcid": __version__, "python": platform.python_version()}
         | {name: importlib.metadata.version(name) for name in LIBRARIES},
         "code": code_of("bcid.diagnosis.diagnose").digest,
-        "tiers": [as_json(t, bool(about.get("quick"))) for t in tiers(rows)],
+        "tiers": [{**asdict(t), "goal": t.goal, "missed": list(t.missed)} for t in tiers(rows)],
+        "pooled": pooled(rows),
         "calibration": asdict(calibration(rows)),
         "confusion": confusion(rows),
     }
 
 
-def as_json(tier: Tier, few: bool) -> dict[str, Any]:
-    """One tier with its goals and what of them is missed; of few cases, missed by more than chance."""
-    return {**asdict(tier), "goal": tier.goal, "missed": list(tier.refuted if few else tier.missed)}
+def missed(found: dict[str, Any]) -> list[str]:
+    """The goals that an outcome misses; of a quick one, in which single figures are chance, all cases together."""
+    errors = [f"{t['tier']}: {t['errors']} errors" for t in found["tiers"] if t["errors"]]
+    if found.get("quick"):
+        few = found["pooled"]
+        told = f"{few['right']} of {few['n']} right where {few['expected']:.1f} are wanted"
+        return [*errors, told] if few["p"] < REFUTED else errors
+    return [*errors, *(f"{t['tier']}: {field}" for t in found["tiers"] for field in t["missed"])]
 
 
 def confusion(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
     """How often an effect concealed alone (or nothing) was answered by which first name, nothing, or unknown."""
     counted: dict[str, Counter[str]] = {}
     for row in rows:
-        if len(row["answer"]) > 1 or row.get("left_out") or "error" in row:
+        if len(row["answer"]) > 1 or row.get("left_out"):
             continue
-        said = UNKNOWN if row["verdict"] == "unknown" else NOTHING
-        if row["findings"]:
+        said = ERROR if "error" in row else UNKNOWN if row["verdict"] == "unknown" else NOTHING
+        if row.get("findings"):
             said = row["findings"][0]["effect"]
         counted.setdefault(row["answer"][0] if row["answer"] else NOTHING, Counter())[said] += 1
     return {truth: dict(said) for truth, said in counted.items()}

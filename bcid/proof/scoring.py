@@ -11,7 +11,6 @@ import numpy as np
 from bcid.effects.table import EFFECTS
 from bcid.proof.localisation import channel_right, channels_of, place_overlap, time_overlap
 
-SCHEMA = "bcid.prove/1"
 GOALS: dict[str, dict[str, tuple[float, float]]] = {
     "single": {"top1": (0.95, 1.0), "set": (0.98, 1.0), "set_size": (0.0, 1.6), "parameter_error": (0.0, 0.03),
                "coverage": (0.85, 0.99), "oracle_share": (0.95, 2.0), "kind": (0.95, 1.0), "seconds": (0.0, 60.0)},
@@ -25,9 +24,11 @@ GOALS: dict[str, dict[str, tuple[float, float]]] = {
 }  # fmt: skip
 """Lowest and highest that the project wants of each tier."""
 
-COUNTED = ("top1", "set", "exact", "false", "wrong", "channel", "not_seen")
-"""Shares of all of a tier's cases."""
-REFUTED = 0.01
+RATES = {
+    "single": 0.95, "single-imperfect": 0.85, "null": 0.99, "null-imperfect": 0.95, "left-out": 0.8, "pair": 0.8,
+    "outside": 0.8, "unexcited": 0.8, "closed-loop": 0.9, "two-minutes": 0.9,
+}  # fmt: skip
+"""Share of right answers that is wanted of the tiers of the quick suite."""
 LARGEST_SET = 4  # a longer set is a miss
 NORMAL95 = 1.96
 
@@ -55,7 +56,7 @@ class Tier:
     place_overlap: float | None  # median, intersection over union
     time_overlap: float | None
     not_seen: float | None  # what is there and not named is told as not excited
-    seconds: float  # median
+    seconds: float | None  # median
     errors: int
 
     @property
@@ -68,20 +69,6 @@ class Tier:
         """The fields outside their goals."""
         reached = {field: getattr(self, field) for field in self.goal}
         return tuple(f for f, (low, high) in self.goal.items() if reached[f] is None or not low <= reached[f] <= high)
-
-    @property
-    def refuted(self) -> tuple[str, ...]:
-        """The shares that so few cases would miss by as much less than once in a hundred times, were the goal met."""
-        from scipy.stats import binom
-
-        found = []
-        for field in (f for f in self.missed if f in COUNTED):
-            low, high = self.goal[field]
-            hits = round((getattr(self, field) or 0.0) * self.n)
-            by_chance = binom.cdf(hits, self.n, low) if low > 0.0 else binom.sf(hits - 1, self.n, high)
-            if by_chance < REFUTED:
-                found.append(field)
-        return tuple(found)
 
 
 def tiers(rows: Iterable[dict[str, Any]]) -> list[Tier]:
@@ -101,14 +88,14 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
     hidden = [r for r in rows if r["channel"]]
     errors, covered = _parameters(known)
     measured = [r for r in known if any(EFFECTS[e].kind == "measurement" for e in r["answer"])]
-    false = [bool(r["findings"]) or "error" in r for r in nulls]
+    false = [not right(r) for r in nulls]
     return Tier(
         name, len(members), _mean(r["findings"] != [] and r["findings"][0]["effect"] in r["answer"] for r in known),
         _mean(set(r["answer"]) <= _set(r) and len(_set(r)) <= LARGEST_SET for r in known),
         _mean(set(r["answer"]) == {f["effect"] for f in r["findings"]} for r in known),
         _mean(false), _interval(sum(false), len(false)) if false else None,
         float(np.mean([r["verdict"] == "unknown" for r in rows])),
-        _mean(bool({f["effect"] for f in r["findings"]} - _alike(r)) for r in known + hidden),
+        _mean(bool({f["effect"] for f in r["findings"]} - _alike(r)) or "error" in r for r in known + hidden),
         _mean(len(_set(r)) for r in known if r["findings"]), _median(errors), _mean(covered),
         _median([r["oracle_share"] for r in known if r.get("oracle_share") is not None]),
         _mean(_called_measurement(r) for r in measured),
@@ -118,8 +105,37 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         _median([x for x in map(time_overlap, known) if x is not None]),
         _mean(not _set(r) & set(r["answer"]) and set(r["answer"]) <= set(r.get("not_excited", {})) for r in known)
         if name == "unexcited" else None,
-        _median([r["seconds"] for r in rows if "error" not in r]) or 0.0, sum("error" in r for r in members),
+        _median([r["seconds"] for r in rows if "error" not in r]), sum("error" in r for r in members),
     )  # fmt: skip
+
+
+def right(row: dict[str, Any]) -> bool:
+    """Whether a case was answered as it should be; one that ended in an error was not."""
+    if "error" in row:
+        return False
+    names = {f["effect"] for f in row["findings"]}
+    if not row["answer"]:  # flaws of an imperfect base are there, and have no name
+        return not names and (row["tier"] != "null" or row["verdict"] != "unknown")
+    if row["channel"]:
+        return not names and row["verdict"] == "unknown" and row["remainder"]["channel"] in _channels(row)
+    if row["tier"] == "unexcited":
+        return not names
+    return bool(names) and set(row["answer"]) <= _set(row) and not names - _alike(row)
+
+
+def pooled(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Right answers of a few cases of many tiers together, and how rarely there were as few, were all goals just met.
+
+    The number right is a sum of independent draws with the tiers' own rates (Poisson-binomial).
+    """
+    counted = [r for r in rows if r["tier"] in RATES]
+    chances = np.ones(1)
+    for row in counted:
+        rate = RATES[row["tier"]]
+        chances = np.convolve(chances, [1.0 - rate, rate])
+    hits = sum(right(r) for r in counted)
+    expected = float(np.sum([RATES[r["tier"]] for r in counted]))
+    return {"right": hits, "n": len(counted), "expected": expected, "p": float(chances[: hits + 1].sum())}
 
 
 def _channels(row: dict[str, Any]) -> tuple[str, ...]:

@@ -21,12 +21,12 @@ COLUMNS = {
     "wrong name": "wrong", "channel": "channel", "not excited": "not_seen", "measurement so called": "kind",
     "located": "located", "place": "place_overlap", "time": "time_overlap",
     "set size": "set_size", "parameter error": "parameter_error", "95 % covers": "coverage",
-    "oracle's gain": "oracle_share", "seconds": "seconds",
+    "oracle's gain": "oracle_share", "errors": "errors", "seconds": "seconds",
 }  # fmt: skip
-PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap")
+PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap", "errors")
 """Fields that are no shares of takes."""
 
-OTHER_ANSWERS = ("unknown", "nothing")
+OTHER_ANSWERS = ("unknown", "nothing", "error")
 
 
 def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> str:
@@ -36,6 +36,8 @@ def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> 
     if value is None:
         return "–" if goal is None else marked.format("–")
     text = _number(value, field)
+    if field == "false" and tier.get("false_ci95"):
+        text += f" [{100.0 * tier['false_ci95'][0]:.2g} to {100.0 * tier['false_ci95'][1]:.2g}]"
     if field in tier["missed"]:
         text = marked.format(text)
     return f"{text} ({_goal(goal[0], goal[1], field)})" if goal else text
@@ -55,7 +57,11 @@ def _goal(low: float, high: float, field: str) -> str:
 
 def shown(tiers: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """The columns that any of the tiers fills."""
-    return {title: f for title, f in COLUMNS.items() if any(t.get(f) is not None for t in tiers)}
+    return {
+        title: f
+        for title, f in COLUMNS.items()
+        if any(t.get(f) not in (None, 0) or (f != "errors" and t.get(f) == 0) for t in tiers)
+    }
 
 
 def evidence(outcome: Mapping[str, Any]) -> str:
@@ -73,6 +79,7 @@ def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> str:
     truths = [*known, *more]
     answers = [*(e for e in EFFECTS if e in known or any(e in said for said in confusion.values())), *OTHER_ANSWERS]
     counts = np.array([[confusion[t].get(a, 0) for a in answers] for t in truths], dtype=float)
+    counts = counts.reshape(len(truths), len(answers))
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
     figure, ax = plt.subplots(figsize=(11, 1.5 + 0.2 * len(truths)), layout="constrained")
     ax.imshow(np.ma.masked_equal(shares, 0.0), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")

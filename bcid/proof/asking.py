@@ -1,0 +1,116 @@
+"""One case: drive, recording, diagnosis, and all of it that is scored."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from bcid.diagnosis.diagnose import Diagnosis, diagnosed
+from bcid.diagnosis.heldout import scores
+from bcid.diagnosis.refit import refit
+from bcid.effects.table import EFFECTS
+from bcid.estimate.noise import Noise
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
+from bcid.recording.assemble import assemble
+from bcid.recording.raw import RawTake
+from bcid.recording.types import Recording, Source
+from bcid.simulation.samples import VEHICLE
+from bcid.vehicle import Vehicle, read_vehicle
+
+if TYPE_CHECKING:  # a suite that grows leaves the rows of its cases as they are
+    from bcid.proof.cases import Case
+
+TUNING = Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
+"""The estimator only says where segments can be: its noise is that of the simulated sensor."""
+
+
+def vehicle() -> Vehicle:
+    """The simulated car's vehicle file, read."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "vehicle.toml"
+        path.write_text(VEHICLE, encoding="utf-8")
+        return read_vehicle(path)
+
+
+def recorded(case: Case, of: Vehicle) -> Recording:
+    """The case's recording as the reader would hand it on: the diagnosis sees this and the vehicle file only."""
+    run = case.driven()
+    raw = RawTake(
+        "concealed", (Source("concealed", "", "mcap"),), run.frame / case.rate_hz, run.pose, run.command_time,
+        run.command, case.rate_hz,
+    )  # fmt: skip
+    return assemble(raw, of)
+
+
+def run_case(case: Case, others: bool = False) -> dict[str, Any]:
+    """What the diagnosis says of the case's recording, and with `others` what the baselines make of it."""
+    of = vehicle()
+    recording = recorded(case, of)
+    begin = time.perf_counter()
+    estimate = estimate_motion(recording, of, TUNING)
+    found = diagnosed([recording], [estimate], of, left_out=case.left_out)
+    seconds = time.perf_counter() - begin
+    row = {**said(found), "seconds": round(seconds, 2), "oracle_share": _oracle_share(case, found)}
+    if others:
+        from bcid.proof.baselines import compared
+
+        row["others"] = compared(found)
+    return row
+
+
+def said(found: Diagnosis) -> dict[str, Any]:
+    """All of a diagnosis that is scored."""
+    judgement, location = found.judgement, found.location
+    left, place, window = judgement.remainder, location.place, location.window
+    return {
+        "verdict": judgement.verdict,
+        "findings": [
+            {
+                "effect": f.effect, "kind": EFFECTS[f.effect].kind, "twins": list(f.twins),
+                "probability": round(f.probability, 4), "gain": round(f.gain, 1), "heldout": round(f.heldout.nats, 1),
+                "values": {k: list(v) for k, v in f.values.items()},
+            }
+            for f in judgement.findings
+        ],
+        "dropped": list(judgement.dropped),
+        "corrections": [n for n in judgement.fit.hypothesis.effects if n not in EFFECTS],
+        "remainder": {
+            "channel": judgement.left_in, "entering": judgement.entering, "correlations": left.correlations,
+            "gain": round(left.gain, 1), "nats": round(judgement.left, 1),
+        },
+        "located": location.channel,
+        "place": [place.x, place.y, place.radius] if place else None,
+        "window": [window.begin_s, window.end_s] if window else None,
+        "p_value": found.p_value,
+        "not_excited": {u.effect: u.smallest for u in found.unexcited},
+    }  # fmt: skip
+
+
+def _oracle_share(case: Case, found: Diagnosis) -> float | None:
+    """Held-out gain of what was found, over that of refitting the true structure from the true values.
+
+    None of several effects, of one that has no name here, or that the search was not allowed.
+    """
+    if len(case.concealed) != 1 or case.channel:
+        return None
+    corrected, fit, take = found.search.corrected, found.judgement.fit, found.take
+    (hidden,) = case.concealed
+    held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
+    hypothesis, old = corrected.hypothesis.holding(*held), fit.values()
+    values = [
+        hidden.parameters[p.symbol] if name == hidden.effect else old[field][0]
+        for name in held
+        for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
+    ]
+    near = fit if hypothesis.effects == fit.hypothesis.effects else corrected
+    try:
+        oracle = refit(take, hypothesis, hypothesis.start(near.car(), values), near.start, near.scales)
+    except FloatingPointError:
+        return None
+    nothing = scores(corrected, take).sum()
+    best = scores(oracle, take).sum() - nothing
+    reached = scores(fit, take).sum() - nothing if fit is not corrected else 0.0
+    return float(reached / best) if best > 0.0 else None
