@@ -29,6 +29,7 @@ WORTH = 6.0  # nats of score below which a candidate is not refitted
 RELEVANT = 0.01  # share of all that is explained so far that a further effect must add
 HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
 GATE = 14.0  # what the gate of a usual take comes to; plans count with it before there is a take
+PLAIN = 100.0  # nats that no usual take of nothing comes near
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
@@ -99,11 +100,11 @@ def search(
             fits = sorted([*fits, *_beside(given, take, left_out)], key=lambda f: -f.bic)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *_from_afar(best, take, left_out)], key=lambda f: -f.bic)
-        if not fits or fits[0].bic - best.bic < max(least, GATE):
+        if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
             break
-        # what it explains is no chance; that its own kind was tried in many places is
+        # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
         beside = nulls(fits[0], take, trials.without(best.hypothesis.effects))
-        if fits[0].bic - best.bic < beside.gate:
+        if fits[0].bic - best.bic < min(chance.gate, beside.gate):
             break
         best, others, chance = fits[0], fits[1:], beside
     before = best
