@@ -17,8 +17,7 @@ from bcid.physics.car import Car, with_usual_tyres
 STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
 MAX_ITERATIONS = 12  # along one tangent
-TANGENTS = 24
-SHORTER = (1.0, 0.3, 0.1, 0.03)  # of a step, where the whole of it leads astray
+TANGENTS = 8
 DAMPINGS = (0.0, 0.03, 0.3, 3.0, 30.0)
 LONGEST_STEP = 3.0  # of any component of phi
 CONVERGED = 0.3  # nats
@@ -136,7 +135,7 @@ def refit(
     now = _found(take, prior, phi, start, scales, r, tangent.A)
     curvature = np.eye(hypothesis.size)
     for _ in range(TANGENTS if known is None else 1):
-        anchor = now
+        first = now.objective
         for _ in range(iterations):
             own = jacobian(take, hypothesis, now.phi, now.start, now.r, range(base, hypothesis.size))
             J = np.concatenate([tangent.J, own], axis=2)
@@ -149,40 +148,17 @@ def refit(
                 break
             if known is None and np.max(np.abs(now.phi - before.phi)) > FAR:
                 break
-        if known is not None or now.objective - anchor.objective < CONVERGED:
+        if known is not None or now.objective - first < CONVERGED:
             break
-        fresh = _anew(take, hypothesis, prior, anchor, now)
-        if fresh is None:
-            now = anchor
+        try:
+            tangent = _tangent(take, hypothesis, now.phi, now.start, now.r)
+        except FloatingPointError:  # next to where the car spins out of the numbers: the tangent before it stands
             break
-        tangent, now = fresh
-        if now.objective - anchor.objective < CONVERGED:
-            break
+        now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A)
     now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A, LAST_EM_STEPS)
     each = log_likelihood(now.e)
     covariance = np.asarray(np.linalg.pinv(curvature), dtype=float)
     return Fit(hypothesis, now.phi, now.start, now.scales, float(each.sum()), each, covariance, tangent)
-
-
-def _anew(
-    take: Take, hypothesis: Hypothesis, prior: _Prior, anchor: _State, ahead: _State
-) -> tuple[Tangent, _State] | None:
-    """The tangent at `ahead` and the state by it; nearer to `anchor` where by its own tangent it is no better.
-
-    A tangent that is left far behind promises what is not there, of initial states above all.
-    """
-    for share in SHORTER:
-        phi = anchor.phi + share * (ahead.phi - anchor.phi)
-        start = anchor.start + share * (ahead.start - anchor.start)
-        r = residuals(take, hypothesis.setting(phi, take), start)
-        try:
-            tangent = _tangent(take, hypothesis, phi, start, r)
-            there = _found(take, prior, phi, start, ahead.scales, r, tangent.A)
-        except FloatingPointError:
-            continue
-        if there.objective > anchor.objective:
-            return tangent, there
-    return None
 
 
 def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
