@@ -18,19 +18,17 @@ from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import Disturbances
 from bcid.diagnosis.marginal import moments, products, rescaled, weights
 from bcid.diagnosis.refit import Fit, residuals
-from bcid.diagnosis.remainder import variables
+from bcid.diagnosis.remainder import folds, variables
 from bcid.diagnosis.screen import Changes, changes
 from bcid.diagnosis.take import Floats, Ints, Take
 from bcid.diagnosis.trials import Trial
 from bcid.effects.table import EFFECTS
 
-BLOCK_KNOTS, FOLDS = 30, 4
 SEEN = 0.02  # share of the pushes' squares on blocks not seen, above which a fit counts as a detection
 SIGNIFICANT = 0.01
 THRESHOLD = 0.05  # of STLSQ, in standard deviations of a push
 LAGS = 10
 MOST_STEPS = 4
-CREEP, TURN = 0.05, 0.05  # m/s and rad/s: where the specification's friction turns over
 
 
 class Said(NamedTuple):
@@ -55,6 +53,11 @@ class Ground(NamedTuple):
         return np.asarray((X - X.mean(axis=0)) / np.maximum(X.std(axis=0), 1e-9))
 
     @property
+    def fold(self) -> Ints:
+        """The fold (K,) of each knot: what is fitted has not seen the blocks that it is judged on."""
+        return folds(len(self.pushed.time_s))
+
+    @property
     def targets(self) -> Floats:
         """The pushes in standard deviations (K, 3), outliers cut."""
         y = np.clip(self.pushed.strength, -5.0, 5.0)
@@ -77,14 +80,14 @@ def sparse_regression(ground: Ground) -> Said:
         return np.asarray(test @ coefficients(train, target))
 
     found = np.abs(coefficients(theta, y))
-    explained = _cross_explained(theta, y, linear, np.tile(_blocks(ground), 3))
+    explained = _cross_explained(theta, y, linear, np.tile(ground.fold, 3))
     best = int(np.argmax(found))
     return Said(names[best] if found[best] > 0.0 else None, bool(found[best] > 0.0), explained)
 
 
 def _mechanisms(ground: Ground) -> tuple[list[str], Floats]:
     """Each mechanism's acceleration at the knots, the three channels one after the other (n, 3 K), in their scale."""
-    m, car = ground.pushed.mean, ground.base.car()
+    m, car, c = ground.pushed.mean, ground.base.car(), ground.base.hypothesis.constants
     v_x, v_y, omega, delta = m["v_x"], m["v_y"], m["omega"], m["delta"]
     v_fx = np.cos(delta) * v_x + np.sin(delta) * (v_y + car.l_f * omega)
     speed, nothing = np.hypot(v_x, v_y), np.zeros_like(v_x)
@@ -94,16 +97,16 @@ def _mechanisms(ground: Ground) -> tuple[list[str], Floats]:
         return x, y, car.l_f * y
 
     wrenches = {
-        "rear_rolling_coulomb": (-np.tanh(v_x / CREEP), nothing, nothing),
+        "rear_rolling_coulomb": (-np.tanh(v_x / c.v_c), nothing, nothing),
         "rear_rolling_viscous": (-v_x, nothing, nothing),
-        "front_coulomb_friction": at_front(-np.tanh(v_fx / CREEP)),
+        "front_coulomb_friction": at_front(-np.tanh(v_fx / c.v_c)),
         "quadratic_drag": (-speed * v_x, -speed * v_y, nothing),
         "steering_drag": at_front(-np.abs(delta) * v_fx),
         "floor_slope": (np.cos(m["theta"]), -np.sin(m["theta"]), nothing),
         "yaw_scrub": (nothing, nothing, -omega),
-        "yaw_coulomb": (nothing, nothing, -np.tanh(omega / TURN)),
+        "yaw_coulomb": (nothing, nothing, -np.tanh(omega / c.w_c)),
         "drive_lateral_offset": (nothing, nothing, m["F_m"] * np.cos(delta)),
-        "front_ply_steer": at_front(nothing, np.tanh(v_fx / CREEP)),
+        "front_ply_steer": at_front(nothing, np.tanh(v_fx / c.v_c)),
         "rear_toe": (nothing, np.sign(v_x), -car.l_r * np.sign(v_x)),
         "motor_sag": at_front(-m["F_m"] * ground.pushed.time_s),
         "motor_power_limit": at_front(-np.maximum(m["F_m"], 0.0) * np.abs(v_fx)),
@@ -158,7 +161,7 @@ def perceptron(ground: Ground) -> Said:
         model = MLPRegressor(hidden_layer_sizes=(32, 32), alpha=1e-2, early_stopping=True, max_iter=300, random_state=0)
         return np.asarray(model.fit(train, target).predict(test))
 
-    explained = _cross_explained(ground.features, ground.targets, fitted, _blocks(ground))
+    explained = _cross_explained(ground.features, ground.targets, fitted, ground.fold)
     return Said(None, explained > SEEN, explained)
 
 
@@ -170,7 +173,7 @@ def boosting(ground: Ground) -> Said:
         models = [HistGradientBoostingRegressor(max_iter=80, random_state=0).fit(train, y) for y in target.T]
         return np.column_stack([model.predict(test) for model in models])
 
-    explained = _cross_explained(ground.features, ground.targets, fitted, _blocks(ground))
+    explained = _cross_explained(ground.features, ground.targets, fitted, ground.fold)
     return Said(None, explained > SEEN, explained)
 
 
@@ -197,17 +200,11 @@ METHODS: dict[str, Callable[[Ground], Said]] = {
 }
 
 
-def _blocks(ground: Ground) -> Ints:
-    return np.asarray(np.arange(len(ground.pushed.time_s)) // BLOCK_KNOTS, dtype=np.int64)
-
-
-def _cross_explained(X: Floats, y: Floats, fitted: Callable[[Floats, Floats, Floats], Floats], blocks: Ints) -> float:
-    """Share of the squares of `y` that fits explain on blocks of time that they have not seen."""
-    from sklearn.model_selection import GroupKFold
-
+def _cross_explained(X: Floats, y: Floats, fitted: Callable[[Floats, Floats, Floats], Floats], fold: Ints) -> float:
+    """Share of the squares of `y` that fits explain on folds that they have not seen."""
     predicted = np.zeros_like(y)
-    for train, test in GroupKFold(FOLDS).split(X, groups=blocks):
-        predicted[test] = fitted(X[train], y[train], X[test])
+    for f in np.unique(fold):
+        predicted[fold == f] = fitted(X[fold != f], y[fold != f], X[fold == f])
     return float(1.0 - np.sum((y - predicted) ** 2) / np.sum(y**2))
 
 

@@ -99,13 +99,16 @@ FLAWS = {"rear_track": (0.4, 0.7), "tyre_fall": (0.1, 0.4), "slip_speed": (0.8, 
 """Of an imperfect base, which no effect describes, and their ranges."""
 
 
+def _drawn(size: Size, rng: np.random.Generator, times: float = 1.0, most: float = np.inf) -> float:
+    """A size of the range (`times` it, `most` at the most) and its sign."""
+    value = min(times * float(np.exp(rng.uniform(np.log(size.low), np.log(size.high)))), most)
+    return -value if size.signed and rng.random() < 0.5 else value
+
+
 def conceal(effect: str, rng: np.random.Generator, duration: float, times: float = 1.0) -> Concealed:
     """The effect at a drawn size (`times` the specification's), sign and place."""
     size = SIZES[effect]
-    value = times * float(np.exp(rng.uniform(np.log(size.low), np.log(size.high))))
-    value = min(value, MOST.get(effect, np.inf))
-    if size.signed and rng.random() < 0.5:
-        value = -value
+    value = _drawn(size, rng, times, MOST.get(effect, np.inf))
     if effect in ("floor_slope", "marker_offset"):
         angle = rng.uniform(-np.pi, np.pi)
         pair = [float(value * np.cos(angle)), float(value * np.sin(angle))]
@@ -134,10 +137,7 @@ def conceal(effect: str, rng: np.random.Generator, duration: float, times: float
 def outside(name: str, rng: np.random.Generator) -> Concealed:
     """An effect without an id at a drawn size and sign."""
     _, size = OUTSIDE[name]
-    value = float(np.exp(rng.uniform(np.log(size.low), np.log(size.high))))
-    if size.signed and rng.random() < 0.5:
-        value = -value
-    where = {size.constant: value}
+    where = {size.constant: _drawn(size, rng)}
     return Concealed(name, sensor=where) if name == "lens_distortion" else Concealed(name, plant=where)
 
 

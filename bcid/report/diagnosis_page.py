@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bcid import __version__
 from bcid.effects.entry import unit_in_words
 from bcid.effects.table import ENTRIES
 from bcid.report.diagnosis_figures import VARIABLES, proof_pictures, where_of, where_pictures, windows_of
+from bcid.report.templates import template
 
 Floats = npt.NDArray[np.float64]
 
@@ -52,14 +52,11 @@ def write_diagnosis_page(
     diagnosis: Mapping[str, Any], knots: Mapping[str, Floats], tracks: Mapping[str, Floats], path: Path
 ) -> None:
     """Write the page of `diagnosis` to `path`."""
-    environment = Environment(
-        loader=PackageLoader("bcid.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters |= {
-        "plain": plain, "number": number, "unit": unit, "symbol": symbol, "p": probability, "nmse": thousandths,
-        "either": either, "fixed": fixed, "change": change,
-    }  # fmt: skip
-    text = environment.get_template("diagnosis.html.j2").render(
+    page = template(
+        "diagnosis.html.j2", plain=plain, number=number, unit=unit, symbol=symbol, p=probability, nmse=thousandths,
+        either=either, fixed=fixed, change=change,
+    )  # fmt: skip
+    text = page.render(
         version=__version__,
         sentence=verdict_sentence(diagnosis),
         d=_completed(diagnosis),

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from bcid import __version__
 from bcid.report.content import PAPER_TABLE, Content, report_json
 from bcid.report.figures import all_figures
 from bcid.report.steering import steering_lines
+from bcid.report.templates import template
 
 
 def _number(value: float | None, digits: int = 3) -> str:
@@ -23,11 +22,7 @@ def _thousandths(value: float | None) -> str:
 
 def write_page(content: Content, path: Path) -> None:
     """Write the comparison to `path`."""
-    environment = Environment(
-        loader=PackageLoader("bcid.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters |= {"number": _number, "thousandths": _thousandths}
-    text = environment.get_template("page.html.j2").render(
+    text = template("page.html.j2", number=_number, thousandths=_thousandths).render(
         version=__version__,
         content=content,
         table=report_json(content),

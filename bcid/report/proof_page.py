@@ -8,10 +8,10 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bcid.effects.table import EFFECTS
 from bcid.report.figures import png
+from bcid.report.templates import template
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt  # the backend must be chosen first
@@ -60,7 +60,7 @@ def shown(tiers: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {
         title: f
         for title, f in COLUMNS.items()
-        if any(t.get(f) not in (None, 0) or (f != "errors" and t.get(f) == 0) for t in tiers)
+        if any(t.get(f) is not None and (f != "errors" or t[f] > 0) for t in tiers)
     }
 
 
@@ -111,9 +111,6 @@ def calibration_picture(calibration: Mapping[str, Any]) -> str:
 
 def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
     """Write the page of `outcome` to `path`: offline, no script, everything escaped."""
-    environment = Environment(
-        loader=PackageLoader("bcid.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     columns = shown(outcome["tiers"])
     rows = [
         {
@@ -123,7 +120,7 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
         }
         for t in outcome["tiers"]
     ]
-    text = environment.get_template("proof.html.j2").render(
+    text = template("proof.html.j2").render(
         o=outcome, columns=list(columns), rows=rows, baselines=outcome.get("baselines") or [],
         confusion=confusion_picture(outcome["confusion"]),
         calibration=calibration_picture(outcome["calibration"]) if outcome["calibration"]["bins"] else None,
