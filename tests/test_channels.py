@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.channels import NOWHERE, TELLING, changes_by, entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.free_functions import SIZES
 from bcid.diagnosis.hypothesis import Hypothesis
 from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.refit import Fit, base_fit, residuals
+from bcid.diagnosis.refit import Fit, residuals
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.search import search
 from bcid.diagnosis.segments import wrapped

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.manoeuvres import (
     ARENA,
@@ -29,7 +30,7 @@ from bcid.diagnosis.planning import (
     nominal_units,
     plan,
 )
-from bcid.diagnosis.refit import Fit, base_fit, jacobian, residuals, sensitivities
+from bcid.diagnosis.refit import Fit, jacobian, residuals, sensitivities
 from bcid.diagnosis.search import GATE, refit_with
 from bcid.diagnosis.segments import N_FREE
 from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation

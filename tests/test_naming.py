@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from bcid.diagnosis import refit as refitting
+from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.disturbance import STATES, Disturbances, disturbances
 from bcid.diagnosis.hypothesis import Hypothesis, Setting
 from bcid.diagnosis.marginal import Scales, log_likelihood, moments, rescaled
-from bcid.diagnosis.refit import Fit, _within, base_fit, held, refit, residuals
+from bcid.diagnosis.refit import Fit, _within, held, refit, residuals
 from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.scan import circles, energy, windows
 from bcid.diagnosis.screen import changes, screen

@@ -10,13 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.contacts import Contact, contacts, without_contacts
 from bcid.diagnosis.disturbance import Disturbances, disturbances
 from bcid.diagnosis.excitation import Unexcited, unexcited
 from bcid.diagnosis.hypothesis import Hypothesis
 from bcid.diagnosis.locate import Location, located
 from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.refit import Fit, base_fit, held
+from bcid.diagnosis.refit import Fit, held
 from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.search import Search, search
 from bcid.diagnosis.take import Take, joined, moving, take_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,12 +11,13 @@ from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis, Setting
 from bcid.diagnosis.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.diagnosis.segments import free_sensitivities, layout, predict, wrapped
 from bcid.diagnosis.take import Floats, Take
-from bcid.physics.car import Car, with_usual_tyres
+from bcid.physics.car import Car
 
 STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
 MAX_ITERATIONS = 12  # along one tangent
-TANGENTS = 8
+TANGENTS = 24
+SHORTER = (1.0, 0.3, 0.1, 0.03)  # of a step, where the whole of it leads astray
 DAMPINGS = (0.0, 0.03, 0.3, 3.0, 30.0)
 LONGEST_STEP = 3.0  # of any component of phi
 CONVERGED = 0.3  # nats
@@ -25,8 +25,6 @@ FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base
 EM_STEPS = 2
 LAST_EM_STEPS = 20
 HELD_STEPS = 3  # after which initial states have settled
-GRIPS = (2.0, 8.0)  # N/kg
-ENOUGH = 100  # segments on which starts are compared
 
 
 class Tangent(NamedTuple):
@@ -133,32 +131,65 @@ def refit(
     r = residuals(take, hypothesis.setting(phi, take), start)
     tangent = known or _tangent(take, hypothesis, phi, start, r)
     now = _found(take, prior, phi, start, scales, r, tangent.A)
-    curvature = np.eye(hypothesis.size)
+    best = tangent, now
     for _ in range(TANGENTS if known is None else 1):
-        first = now.objective
-        for _ in range(iterations):
-            own = jacobian(take, hypothesis, now.phi, now.start, now.r, range(base, hypothesis.size))
-            J = np.concatenate([tangent.J, own], axis=2)
-            g, G = products(now.r, tangent.A, J, take.first, now.scales.r, now.e.V)
-            w = weights(now.e)
-            slope = w @ g - stiffness * (now.phi - prior.centre)
-            curvature = np.tensordot(w, G, axes=1) + np.diag(stiffness)
-            before, now = now, _step(take, hypothesis, prior, now, tangent.A, slope, curvature)
-            if now.objective - before.objective < CONVERGED:
-                break
-            if known is None and np.max(np.abs(now.phi - before.phi)) > FAR:
-                break
-        if known is not None or now.objective - first < CONVERGED:
+        anchor = now
+        now, curvature = _along(take, hypothesis, prior, tangent, now, iterations, FAR if known is None else np.inf)
+        if known is not None or now.objective - anchor.objective < CONVERGED:
             break
-        try:
-            tangent = _tangent(take, hypothesis, now.phi, now.start, now.r)
-        except FloatingPointError:  # next to where the car spins out of the numbers: the tangent before it stands
+        fresh = _anew(take, hypothesis, prior, anchor, now)
+        if fresh is None:
+            now = anchor
             break
-        now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A)
+        tangent, now = fresh
+        if now.objective > best[1].objective:
+            best = fresh
+    if known is None and best[1].objective > now.objective:
+        tangent, now = best
     now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A, LAST_EM_STEPS)
     each = log_likelihood(now.e)
     covariance = np.asarray(np.linalg.pinv(curvature), dtype=float)
     return Fit(hypothesis, now.phi, now.start, now.scales, float(each.sum()), each, covariance, tangent)
+
+
+def _along(
+    take: Take, hypothesis: Hypothesis, prior: _Prior, tangent: Tangent, now: _State, iterations: int, far: float
+) -> tuple[_State, Floats]:
+    """Gauss-Newton steps along one tangent until none helps or one goes `far`, and the curvature at the last."""
+    for _ in range(iterations):
+        own = jacobian(take, hypothesis, now.phi, now.start, now.r, range(hypothesis.base_size, hypothesis.size))
+        J = np.concatenate([tangent.J, own], axis=2)
+        g, G = products(now.r, tangent.A, J, take.first, now.scales.r, now.e.V)
+        w = weights(now.e)
+        slope = w @ g - prior.stiffness * (now.phi - prior.centre)
+        curvature = np.tensordot(w, G, axes=1) + np.diag(prior.stiffness)
+        before, now = now, _step(take, hypothesis, prior, now, tangent.A, slope, curvature)
+        if now.objective - before.objective < CONVERGED or np.max(np.abs(now.phi - before.phi)) > far:
+            break
+    return now, curvature
+
+
+def _anew(
+    take: Take, hypothesis: Hypothesis, prior: _Prior, anchor: _State, ahead: _State
+) -> tuple[Tangent, _State] | None:
+    """The tangent at `ahead` and the state by it; nearer to `anchor` where by its own tangent it is no better.
+
+    A tangent that is left far behind promises what is not there, of initial states above all.  Where an edge on the
+    floor makes the likelihood rough, a refit goes on through its dents.
+    """
+    rough = any(p.places for _, p in hypothesis.parameters)
+    for share in SHORTER:
+        phi = anchor.phi + share * (ahead.phi - anchor.phi)
+        start = anchor.start + share * (ahead.start - anchor.start)
+        r = residuals(take, hypothesis.setting(phi, take), start)
+        try:
+            tangent = _tangent(take, hypothesis, phi, start, r)
+            there = _found(take, prior, phi, start, ahead.scales, r, tangent.A)
+        except FloatingPointError:
+            continue
+        if rough or there.objective > anchor.objective:
+            return tangent, there
+    return None
 
 
 def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
@@ -236,30 +267,3 @@ def _tried(
         return _found(take, prior, phi, start, scales, r, A, em)
     except FloatingPointError:
         return None
-
-
-def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> Fit:
-    """The base model refitted to the take, with what it assumes from the values `assumed`.
-
-    From the nominal car, which may be far off where it comes from one-step predictions, and from cars with usual
-    tyres that slide or do not: grip that is never reached has no slope.  The best of them on a part of the take is
-    refitted to the whole.
-
-    Raises:
-        FloatingPointError: when none stays within the finite numbers.
-    """
-    base, nominal = hypothesis.holding(), hypothesis.nominal
-    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
-    part, fits, error = take.part(chosen), list[Fit](), FloatingPointError()
-    usual = [with_usual_tyres(nominal, grip) for grip in GRIPS]
-    if "d" in hypothesis.unknown_steering:  # a servo may have no limit that shows
-        usual = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in usual]
-    for car in (nominal, *usual):
-        try:
-            fits.append(refit(part, base, base.start(car, assumed), part.start, scales))
-        except FloatingPointError as failed:
-            error = failed
-    if not fits:
-        raise error
-    best = max(fits, key=lambda f: f.log_likelihood)
-    return refit(take, base, best.phi, take.start, best.scales)

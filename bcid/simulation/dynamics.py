@@ -140,31 +140,11 @@ def _bent_angle(base: float, hub: Hub, i: Inputs, p: Plant) -> float:
 
 
 @njit
-def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
-    """Rates of the state (10,)."""
-    heading, turn = s[2], s[5]
-    cos_h, sin_h = math.cos(heading), math.sin(heading)
-    along = cos_h * s[3] + sin_h * s[4]
-    across = cos_h * s[4] - sin_h * s[3]
-    speed = math.hypot(s[3], s[4])
-    slippery = 1.0
-    if p.slippery_patch != 0.0 and _inside(s[0], s[1], p.slippery_patch_x, p.slippery_patch_y, p.slippery_patch_radius):
-        slippery = 1.0 - p.slippery_patch
-    rough = p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius)
-    soft = 1.0 - (1.0 - p.softness) * (1.0 - p.tyre_soft_saturation)
-
-    slippery *= 1.0 - p.tyre_wear * i.time / i.duration
-    hub = Hub(along, across + p.front_lever * turn, s[9], s[8], s[10], rough, slippery, soft)
-    angle = _linkage(s[6], s[7], play, speed, p) + p.steering_shimmy * math.sin(SHIMMY_RADPS * i.time)
-    if p.steering_compliance != 0.0:
-        angle = _bent_angle(angle, hub, i, p)
-    roll, steady_slip, wanted, pull, side = _front_wheel(angle, hub, i, p)
-    front_x = math.cos(angle) * pull - math.sin(angle) * side
-    front_y = math.sin(angle) * pull + math.cos(angle) * side
-    body_x, body_y, moment = front_x, front_y, p.front_lever * front_y
-    moment += p.drive_lateral_offset * pull * math.cos(angle)
-
-    # rear wheels, left and right of the axle's middle
+def _rear_wheels(
+    body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, slippery: float,
+    soft: float, p: Plant,
+) -> tuple[float, float, float]:  # fmt: skip
+    """The wrench with that of the two rear wheels, left and right of the axle's middle."""
     for hand in (1.0, -1.0):
         offset = 0.5 * hand * p.rear_track
         wheel_along = along - offset * turn
@@ -176,22 +156,63 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
         body_x -= resist
         body_y += side
         moment += offset * resist - p.rear_lever * side
+    return body_x, body_y, moment
 
-    # on the body
+
+@njit
+def _resisted(
+    body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, p: Plant
+) -> tuple[float, float, float]:
+    """The wrench with what resists the body's motion."""
     body_x -= p.rear_rolling_coulomb * math.tanh(along / 0.05) + p.rear_rolling_viscous * along
     if p.rear_drag_asymmetry != 0.0:
         offset = math.copysign(0.5 * p.asymmetry_track, p.rear_drag_asymmetry)
         resist = abs(p.rear_drag_asymmetry) * (along - offset * turn)
         body_x -= resist
         moment += offset * resist
+    speed = math.hypot(along, across)
     body_x -= p.quadratic_drag * speed * along
     body_y -= p.quadratic_drag * speed * across
     moment -= p.yaw_scrub * turn + p.yaw_coulomb * math.tanh(turn / 0.05)
-    miss = i.steer - s[6]
-    servo = 0.0
-    if abs(miss) >= p.steering_dead_band:
-        skew = p.steering_rate_asymmetry
-        servo = max(-p.servo_rate * (1.0 - skew), min(p.servo_rate * (1.0 + skew), miss / p.servo_time))
+    return body_x, body_y, moment
+
+
+@njit
+def _servo_rate(miss: float, p: Plant) -> float:
+    """How fast the servo turns (rad/s) towards a command `miss` away."""
+    if abs(miss) < p.steering_dead_band:
+        return 0.0
+    skew = p.steering_rate_asymmetry
+    return max(-p.servo_rate * (1.0 - skew), min(p.servo_rate * (1.0 + skew), miss / p.servo_time))
+
+
+@njit
+def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
+    """Rates of the state (10,)."""
+    heading, turn = s[2], s[5]
+    cos_h, sin_h = math.cos(heading), math.sin(heading)
+    along = cos_h * s[3] + sin_h * s[4]
+    across = cos_h * s[4] - sin_h * s[3]
+    slippery = 1.0
+    if p.slippery_patch != 0.0 and _inside(s[0], s[1], p.slippery_patch_x, p.slippery_patch_y, p.slippery_patch_radius):
+        slippery = 1.0 - p.slippery_patch
+    rough = p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius)
+    soft = 1.0 - (1.0 - p.softness) * (1.0 - p.tyre_soft_saturation)
+
+    slippery *= 1.0 - p.tyre_wear * i.time / i.duration
+    hub = Hub(along, across + p.front_lever * turn, s[9], s[8], s[10], rough, slippery, soft)
+    angle = _linkage(s[6], s[7], play, math.hypot(s[3], s[4]), p) + p.steering_shimmy * math.sin(SHIMMY_RADPS * i.time)
+    if p.steering_compliance != 0.0:
+        angle = _bent_angle(angle, hub, i, p)
+    roll, steady_slip, wanted, pull, side = _front_wheel(angle, hub, i, p)
+    front_x = math.cos(angle) * pull - math.sin(angle) * side
+    front_y = math.sin(angle) * pull + math.cos(angle) * side
+    body_x, body_y, moment = front_x, front_y, p.front_lever * front_y
+    moment += p.drive_lateral_offset * pull * math.cos(angle)
+
+    body_x, body_y, moment = _rear_wheels(body_x, body_y, moment, along, across, turn, slippery, soft, p)
+    body_x, body_y, moment = _resisted(body_x, body_y, moment, along, across, turn, p)
+    servo = _servo_rate(i.steer - s[6], p)
     moment -= p.steering_reaction * servo
     body_x, body_y, moment = body_x + i.push_x, body_y + i.push_y, moment + i.push_turn
     world_x, world_y = cos_h * body_x - sin_h * body_y, sin_h * body_x + cos_h * body_y

@@ -1,0 +1,43 @@
+"""The fit of the base model that everything else is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bcid.diagnosis.hypothesis import Hypothesis
+from bcid.diagnosis.marginal import Scales
+from bcid.diagnosis.refit import Fit, refit
+from bcid.diagnosis.take import Take
+from bcid.physics.car import with_usual_tyres
+
+GRIPS = (2.0, 8.0)  # N/kg
+ENOUGH = 100  # segments on which starts are compared
+
+
+def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> Fit:
+    """The base model refitted to the take, with what it assumes from the values `assumed`.
+
+    From the nominal car, which may be far off where it comes from one-step predictions, and from cars with usual
+    tyres that slide or do not: grip that is never reached has no slope.  The best of them on a part of the take is
+    refitted to the whole.
+
+    Raises:
+        FloatingPointError: when none stays within the finite numbers.
+    """
+    base, nominal = hypothesis.holding(), hypothesis.nominal
+    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
+    part, fits, error = take.part(chosen), list[Fit](), FloatingPointError()
+    usual = [with_usual_tyres(nominal, grip) for grip in GRIPS]
+    if "d" in hypothesis.unknown_steering:  # a servo may have no limit that shows
+        usual = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in usual]
+    for car in (nominal, *usual):
+        try:
+            fits.append(refit(part, base, base.start(car, assumed), part.start, scales))
+        except FloatingPointError as failed:
+            error = failed
+    if not fits:
+        raise error
+    best = max(fits, key=lambda f: f.log_likelihood)
+    return refit(take, base, best.phi, take.start, best.scales)
