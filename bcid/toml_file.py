@@ -21,8 +21,8 @@ class Settings(BaseModel):
 S = TypeVar("S", bound=Settings)
 
 
-def read_toml(path: Path, kind: type[S], what: str) -> S:
-    """The file at `path` as a `kind`.
+def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` writes a commented one") -> S:
+    """The file at `path` as a `kind`; errors point to the `example`.
 
     Raises:
         InputRefused: not found, not TOML, or with unknown, missing or impossible entries.
@@ -31,9 +31,7 @@ def read_toml(path: Path, kind: type[S], what: str) -> S:
         text = path.read_text(encoding="utf-8-sig")
         data = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
-        raise InputRefused(
-            path, what, f"cannot be read: {error}", "check the path, or make one with `bcid init`"
-        ) from None
+        raise InputRefused(path, what, f"cannot be read: {error}", f"check the path; {example}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputRefused(path, what, f"not valid TOML: {error}", "mend the line named above") from None
     try:
@@ -45,7 +43,7 @@ def read_toml(path: Path, kind: type[S], what: str) -> S:
             path,
             places,
             "; ".join(text for _, text in problems),
-            f"correct the {what}; `bcid init` writes a commented one",
+            f"correct the {what}; {example}",
         ) from None
 
 

@@ -14,24 +14,27 @@ from bcid.recording.motive import read_header, read_poses
 from bcid.recording.read import read_recording
 from bcid.vehicle import Vehicle, read_vehicle
 
-VEHICLES = Path(__file__).parent / "vehicles"
+VEHICLES = {
+    "dart": Path(__file__).parents[1] / "pipelines" / "dart" / "vehicle.toml",
+    "f1tenth": Path(__file__).parent / "vehicles" / "f1tenth_ini.toml",
+}
 
 DRIVES = {
-    "dart mcap": ("dart_jetracer.toml", "mcap/derived_from_real/dart_0916_100101_json.mcap", 68.0),
+    "dart mcap": ("dart", "mcap/derived_from_real/dart_0916_100101_json.mcap", 68.0),
     "dart csv": (
-        "dart_jetracer.toml", "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_09_16_2024_10_01_01.csv", 68.0,
+        "dart", "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_09_16_2024_10_01_01.csv", 68.0,
     ),
     "dart csv, other take": (
-        "dart_jetracer.toml", "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_09_25_2024_09_50_18.csv", 130.0,
+        "dart", "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_09_25_2024_09_50_18.csv", 130.0,
     ),
-    "f1tenth csv": ("f1tenth_ini.toml", "f1tenth_ini/physical/2025-10-10_04-59-59_sysid_const_steer.csv", 24.0),
+    "f1tenth csv": ("f1tenth", "f1tenth_ini/physical/2025-10-10_04-59-59_sysid_const_steer.csv", 24.0),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", list(DRIVES))
 def test_a_real_drive_is_ingested_and_estimated(name: str, recordings_folder: Path) -> None:
-    vehicle_file, path, seconds = DRIVES[name]
-    vehicle = read_vehicle(VEHICLES / vehicle_file)
+    vehicle_name, path, seconds = DRIVES[name]
+    vehicle = read_vehicle(VEHICLES[vehicle_name])
     recording = read_recording(recordings_folder / path, vehicle)
     assert recording.duration_s == pytest.approx(seconds, rel=0.1)
     tuning = tune([recording], vehicle, 0.1, 0.3, {})
@@ -50,7 +53,7 @@ def test_a_real_drive_is_ingested_and_estimated(name: str, recordings_folder: Pa
 
 
 def test_mcap_and_csv_of_the_same_drive_agree(recordings_folder: Path) -> None:
-    vehicle = read_vehicle(VEHICLES / "dart_jetracer.toml")
+    vehicle = read_vehicle(VEHICLES["dart"])
     one, other = (read_recording(recordings_folder / DRIVES[n][1], vehicle) for n in ("dart mcap", "dart csv"))
     t = np.linspace(5.0, 60.0, 500)
     for channel in range(3):
@@ -60,7 +63,7 @@ def test_mcap_and_csv_of_the_same_drive_agree(recordings_folder: Path) -> None:
 
 def test_the_pose_jump_of_the_f1tenth_log_is_found(recordings_folder: Path) -> None:
     """4.43 m between two poses (notes on the recordings)."""
-    vehicle = read_vehicle(VEHICLES / "f1tenth_ini.toml")
+    vehicle = read_vehicle(VEHICLES["f1tenth"])
     recording = read_recording(recordings_folder / DRIVES["f1tenth csv"][1], vehicle)
     jumps = [i for i in recording.irregularities if i.kind == "pose jump"]
     assert any("4.4" in i.detail for i in jumps)

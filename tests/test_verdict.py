@@ -15,6 +15,7 @@ from bcid.diagnosis.verdict import Finding, _passes, _probability, _twins
 from bcid.effects.table import EFFECTS, ENTRIES
 
 SEGMENTS = 80
+TAKE: Any = SimpleNamespace(T=120.0)
 
 
 def fit(bic: float, *effects: str, per_segment: float = 0.0) -> Any:
@@ -38,10 +39,10 @@ def test_a_second_effect_is_as_probable_as_its_own_gain_makes_it() -> None:
 def test_a_rival_that_explains_as_much_halves_the_probability_and_is_a_twin() -> None:
     best, other = fit(1000.0, "yaw_scrub"), fit(999.9, "quadratic_drag")
     found = search(best, {"yaw_scrub": fit(0.0)}, other)
-    assert _twins(best, found, "yaw_scrub") == ("quadratic_drag",)
+    assert _twins(best, found, TAKE, "yaw_scrub") == ("quadratic_drag",)
     assert _probability(found, "yaw_scrub") == pytest.approx(0.5, abs=0.03)
     behind = fit(900.0, "quadratic_drag", per_segment=-100.0 / SEGMENTS)
-    assert _twins(best, search(best, {}, behind), "yaw_scrub") == ()
+    assert _twins(best, search(best, {}, behind), TAKE, "yaw_scrub") == ()
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,9 @@ def diagnose(
     simulation: Annotated[
         str | None,
         typer.Option(
-            help="What to compare with: a saved newton-euler model's folder, another simulator's recording of the "
-            "same car, or module:function; the default refits newton-euler on the recordings.",
+            help="What to compare with: a saved newton-euler model's folder, a TOML file of its parameters, another "
+            "simulator's recording of the same car, or module:function; the default refits newton-euler on the "
+            "recordings.",
         ),
     ] = None,
     format: FormatOption = Format.human,  # noqa: A002
@@ -116,30 +117,49 @@ def prove(
     every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
     baselines: Annotated[bool, typer.Option("--baselines", help="Run other methods on the same takes.")] = False,
     workers: Annotated[int, typer.Option(min=0, help="Cases at a time; 0 for as many as there are cores.")] = 0,
+    real: Annotated[
+        Path | None,
+        typer.Option(help="A TOML file of questions to real recordings (pipelines/dart/cases.toml), to ask instead."),
+    ] = None,
+    recordings: Annotated[Path, typer.Option(help="Where these recordings are.")] = Path(),
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Conceal effects in simulated takes and count what the diagnosis makes of them; resumable."""
+    """Conceal effects in takes and count what the diagnosis makes of them; resumable."""
+    if real is not None:
+        _prove_real(real, recordings, out, Sink(format))
+    else:
+        sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs}
+        cases = _suite(seed, sizes, None if quick else every)
+        about = {"seed": seed, "salt": salt, "quick": quick, "sizes": {**sizes, "every": every}}
+        _prove(cases, out, about, quick or baselines, workers, Sink(format))
+
+
+def _suite(seed: int, sizes: dict[str, int], every: int | None) -> list[Any]:
+    from bcid.proof.cases import quick_suite, subset, suite
+
+    whole = list(suite(seed, sizes["repeats"], sizes["nulls"], sizes["imperfect_nulls"], sizes["pairs"]))
+    return quick_suite(whole) if every is None else subset(whole, every)
+
+
+def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, workers: int, sink: Sink) -> None:
+    """Answers are sealed, every case is run, the seals are opened, all is counted."""
     from bcid.cli import show
     from bcid.proof.baselines import summary
-    from bcid.proof.cases import quick_suite, subset, suite
     from bcid.proof.outcome import missed, outcome
-    from bcid.proof.running import run_all
-    from bcid.proof.seal import seal_of
+    from bcid.proof.running import known, run_all
+    from bcid.proof.seal import opened, seal_up
     from bcid.report.proof_page import write_proof_page
 
-    sink = Sink(format)
-    whole = list(suite(seed, repeats, nulls, imperfect_nulls, pairs))
-    cases = quick_suite(whole) if quick else subset(whole, every)
-    seal = seal_of(cases, salt) if salt else None
-    if seal:
+    salt, seal = about["salt"], None
+    if salt:
+        seal = seal_up(cases, salt, out, known(cases, out, baselines))
         sink.told(f"seal of {len(cases)} answers: {seal}")
     rows: list[dict[str, Any]] = []
     with sink.stage("prove") as progress:
-        for row in run_all(cases, out, workers or os.cpu_count() or 1, quick or baselines):
+        for row in run_all(cases, out, workers or os.cpu_count() or 1, baselines):
             rows.append(row)
             progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
-    sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs, "every": every}
-    about = {"seed": seed, "salt": salt, "seal": seal, "quick": quick, "sizes": sizes}
+    about |= {"seal": seal} | (opened(cases, salt, out) if salt else {})
     found = outcome(rows, about) | {"baselines": summary(rows)}
     (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     write_proof_page(found, out / "prove.html")
@@ -148,3 +168,21 @@ def prove(
     short = missed(found)
     if short:
         raise GoalMissed(f"goals missed ({'; '.join(short)})\n  next: look at these cases' rows in {out}")
+
+
+def _prove_real(file: Path, recordings: Path, out: Path, sink: Sink) -> None:
+    """Every question to real recordings, counted."""
+    from bcid.cli import show
+    from bcid.proof.real import outcome, run_real
+
+    rows: list[dict[str, Any]] = []
+    with sink.stage("prove on real recordings") as progress:
+        for row, share in run_real(file, recordings, out):
+            rows.append(row)
+            progress(share, row["case"])
+    found = outcome(rows)
+    (out / "real.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
+    sink.result(found, lambda: show.real_proof(found))
+    wrong = [f"{r['tier']} {r['case']}" for r in rows if not r["right"]]
+    if wrong:
+        raise GoalMissed(f"goals missed ({'; '.join(wrong)})\n  next: see their rows in {out / 'real.json'}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.console import Group
@@ -150,3 +151,16 @@ def proof(found: dict[str, Any]) -> Group:
         ]
         tables.append(table("the same takes by other methods", ["method", "n", *fields], others))
     return Group(*tables)
+
+
+def real_proof(found: dict[str, Any]) -> Group:
+    """What was asked of real recordings, what was answered, and whether that is right."""
+    rows = [
+        [
+            r["tier"], Path(r["recording"]).stem[-24:], r["case"], f"{r['ratio']:.2f}" if "ratio" in r else "",
+            ", ".join(f["effect"] for f in r["findings"]) or r["verdict"], "yes" if r["right"] else "NO",
+        ]
+        for r in found["rows"]
+    ]  # fmt: skip
+    told = "; ".join(f"{tier}: {t['right']} of {t['n']}" for tier, t in found["tiers"].items())
+    return Group(table("real recordings", ["tier", "recording", "what", "error", "answered", "right"], rows, told))

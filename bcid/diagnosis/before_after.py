@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.diagnose import Compared
-from bcid.diagnosis.heldout import BLOCK_S, halves, on_half
+from bcid.diagnosis.diagnose import Compared, constants_of
+from bcid.diagnosis.heldout import block_s, halves, on_half
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.simulated import seen_at, states
-from bcid.diagnosis.take import GROUP_S, Floats, Take
+from bcid.diagnosis.take import GROUP_S, Floats, Ints, Take
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
@@ -65,25 +65,28 @@ def as_model(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     )
 
 
+def compared_model(simulation: Compared, vehicle: Vehicle, T: float, period_s: float) -> AugmentedNewtonEuler:
+    """The simulation as it was given, as a model that every command takes."""
+    return AugmentedNewtonEuler(
+        simulation.car, simulation.effects, constants_of(vehicle), vehicle.steering.max_angle_rad, T, period_s, {}
+    )
+
+
 def compared(
     before: Fit, after: Fit, take: Take, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning,
     simulation: Compared | None = None,
 ) -> tuple[list[Horizon], Tracks]:  # fmt: skip
     """Both fits, each refitted to one half of the blocks and judged on the other; and `simulation` as it is."""
     weights = scale(estimate.twist)
-    side = ((estimate.time_s - recording.poses.time_s[0]) // BLOCK_S).astype(int) % 2
+    block = ((estimate.time_s - recording.poses.time_s[0]) // block_s(take)).astype(int)
+    side = block % 2
     trained = [(on_half(before, take, half), on_half(after, take, half)) for half in halves(take)]
     T = float(take.length_s[0])
     models = [tuple(as_model(f, T, estimate.period_s) for f in pair) for pair in trained]
     again = replayed(after, take, recording)
     floor_estimate = estimate_motion(again, vehicle, tuning, estimate.period_s)
     floor_model = as_model(after, T, estimate.period_s)
-    hypothesis, given = before.hypothesis, None
-    if simulation is not None:
-        given = AugmentedNewtonEuler(
-            simulation.car, simulation.effects, hypothesis.constants, hypothesis.angle_limit, T,
-            estimate.period_s, {},
-        )  # fmt: skip
+    given = compared_model(simulation, vehicle, T, estimate.period_s) if simulation else None
     rows, tracks = [], None
     for horizon in HORIZONS_S:
         squares, places = [], []
@@ -95,7 +98,7 @@ def compared(
             places.append(pose[:, :2])
             starts = predictions[0].start
         floor = _nmse(floor_model, floor_estimate, horizon, weights)
-        row = _judged(horizon, squares[0], squares[1], floor, estimate.period_s)
+        row = _judged(horizon, squares[0], squares[1], floor, block)
         rows.append(row if given is None else replace(row, given=_nmse(given, estimate, horizon, weights)))
         if horizon == 2.0:
             tracks = Tracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts.astype(float))
@@ -107,9 +110,8 @@ def _nmse(model: AugmentedNewtonEuler, estimate: Estimate, horizon: float, weigh
     return float(np.nanmean((weights * (restarted(model, estimate, horizon).twist - estimate.twist)) ** 2))
 
 
-def _judged(horizon: float, before: Floats, after: Floats, floor: float, period_s: float) -> Horizon:
+def _judged(horizon: float, before: Floats, after: Floats, floor: float, block: Ints) -> Horizon:
     """Means and their intervals, by resampling blocks."""
-    block = np.arange(len(before)) // max(1, round(BLOCK_S / period_s))
     finite = np.isfinite(before) & np.isfinite(after)
     count = np.maximum(np.bincount(block, finite), 1e-9)
     sums = [np.bincount(block, np.where(finite, s, 0.0)) for s in (before, after)]

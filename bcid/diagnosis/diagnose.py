@@ -115,6 +115,7 @@ class Compared(NamedTuple):
 
     car: Car
     effects: dict[str, float]  # by field of the switches
+    trust: float | None = None  # relative standard deviation of all that; None to refit it freely
 
     def assumed(self) -> tuple[str, ...]:
         """The effects' ids."""
@@ -153,6 +154,8 @@ def diagnosed(
         effects_of(assumed), vehicle.raw_steering,
     )  # fmt: skip
     values = list(assumed.values())
+    if simulation and simulation.trust is not None:
+        hypothesis = hypothesis.trusting(values, simulation.trust)
     with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
         try:
             progress(0.05, "the base model")

@@ -10,7 +10,8 @@ from bcid.diagnosis.marginal import log_likelihood, moments, rescaled
 from bcid.diagnosis.refit import Fit, Tangent, refit, residuals
 from bcid.diagnosis.take import Floats, Ints, Take
 
-BLOCK_S = 20.0
+LONGEST_BLOCK_S = 20.0
+BLOCKS = 12  # at least: of fewer, a bootstrap shows no scatter
 RESAMPLES = 999
 ITERATIONS = 3
 
@@ -22,9 +23,14 @@ class Gain(NamedTuple):
     ci95: tuple[float, float]
 
 
+def block_s(take: Take) -> float:
+    """How long the blocks are that are held out and resampled."""
+    return min(LONGEST_BLOCK_S, take.T / BLOCKS)
+
+
 def halves(take: Take) -> list[Ints]:
     """The segments of every other block, and those between."""
-    block = (take.begin_s // BLOCK_S).astype(int)
+    block = (take.begin_s // block_s(take)).astype(int)
     return [np.flatnonzero(block % 2 == side) for side in (0, 1)]
 
 
@@ -51,7 +57,7 @@ def scores(fit: Fit, take: Take) -> Floats:
 
 def gain(better: Floats, worse: Floats, take: Take) -> Gain:
     """The gain of `better` over `worse`, both as `scores` gives them, with a block bootstrap."""
-    block = (take.begin_s // BLOCK_S).astype(int)
+    block = (take.begin_s // block_s(take)).astype(int)
     sums = np.bincount(block, better - worse)[np.unique(block)]
     rng = np.random.default_rng(0)
     totals = sums[rng.integers(0, len(sums), (RESAMPLES, len(sums)))].sum(axis=1)

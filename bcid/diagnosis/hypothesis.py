@@ -62,6 +62,13 @@ class Setting(NamedTuple):
         return self.chain, self.car, self.switches.reshape(1), self.constants
 
 
+class Simulated(NamedTuple):
+    """A simulation's own parameters, as far as they are trusted."""
+
+    phi: tuple[float, ...]
+    sd: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """The base model and some effects.
@@ -78,6 +85,7 @@ class Hypothesis:
     units: Units = BUMPER_CAR  # of the vehicle, against the bumper car
     assumed: tuple[str, ...] = ()  # effects that the simulation to compare with has: part of the base model
     raw_commands: bool = False  # in units of their own, which a gain in the vehicle file turns into rad
+    simulated: Simulated | None = None  # what a simulation knows of the base model and what is assumed
 
     @cached_property
     def entries(self) -> dict[str, Effect]:
@@ -136,6 +144,33 @@ class Hypothesis:
         logs = [np.log(getattr(car, s)) for s in self.logs]
         drags = [getattr(car, s) / (DRAG_UNIT * car.m) for s in DRAG]
         return np.array([*logs, *drags, *(np.array(given) / self.sizes())])
+
+    def prior(self, start: Floats) -> tuple[Floats, Floats]:
+        """Centre and stiffness (1 / variance) of phi: the simulation's own if it is trusted, else weak about `start`.
+
+        Of effects that nothing assumes, there is none.
+        """
+        centre, stiffness = start.copy(), np.zeros(self.size)
+        if self.simulated is None:
+            stiffness[: self.base_size] = 1.0 / PRIOR_SD**2
+        else:
+            n = len(self.simulated.phi)
+            centre[:n], stiffness[:n] = self.simulated.phi, 1.0 / np.array(self.simulated.sd) ** 2
+        return centre, stiffness
+
+    def trusting(self, values: Sequence[float], relative: float) -> Hypothesis:
+        """The same where the nominal car and the `values` of what is assumed are known as well as `relative` says.
+
+        What is nothing in the simulation is known as well as that share of its unit; a gain that turns raw commands
+        into angles belongs to no simulation, and stays as free as it is.
+        """
+        centre = self.holding().start(self.nominal, values)
+        sd = np.full(len(centre), relative)  # of a logarithm it is relative as it stands
+        sd[len(self.logs) :] *= np.maximum(np.abs(centre[len(self.logs) :]), 1.0)
+        for k, (field, _) in enumerate(self.holding().parameters, start=self.base_size):
+            if field.partition("__")[0] in RAW_COMMANDS:
+                sd[k] = PRIOR_SD
+        return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist())))
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest phi; of the base parameters, where no car is beyond.

@@ -71,7 +71,10 @@ def _walked_over(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
         there[moving] = place
         return there
 
-    found = at(direct(lambda place: -_likelihood(fit, take, at(place)), around, maxfun=LOOKS).x)
+    def against(place: Floats) -> float:
+        return -_likelihood(fit, take, at(place))
+
+    found = at(direct(against, around, maxfun=LOOKS).x)
     return max((_walk(fit, take, start, widths) for start in (phi, found)), key=lambda end: _likelihood(fit, take, end))
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis, Setting
+from bcid.diagnosis.hypothesis import Hypothesis, Setting
 from bcid.diagnosis.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.diagnosis.segments import free_sensitivities, layout, predict, wrapped
 from bcid.diagnosis.take import Floats, Take
@@ -49,9 +49,13 @@ class Fit:
 
     @property
     def bic(self) -> float:
-        """Log-likelihood less half a logarithm of the segments per effect parameter: more is better."""
+        """Log-likelihood less half a logarithm of the segments per effect parameter: more is better.
+
+        Less, too, what it costs to leave the parameters of a simulation that is trusted.
+        """
         extra = len(self.hypothesis.parameters)
-        return self.log_likelihood - 0.5 * extra * float(np.log(len(self.per_segment)))
+        cost = 0.0 if self.hypothesis.simulated is None else _Prior(*self.hypothesis.prior(self.phi))(self.phi)
+        return self.log_likelihood + cost - 0.5 * extra * float(np.log(len(self.per_segment)))
 
     def car(self) -> Car:
         """The fitted base parameters."""
@@ -102,7 +106,7 @@ class _State(NamedTuple):
 
 
 class _Prior(NamedTuple):
-    """Weak, of the base parameters about where the refit starts, for those that the take does not show."""
+    """Of phi (`Hypothesis.prior`)."""
 
     centre: Floats
     stiffness: Floats
@@ -124,10 +128,8 @@ def refit(
     Raises:
         FloatingPointError: where predictions leave the finite numbers.
     """
-    base, phi = hypothesis.base_size, np.clip(phi, *hypothesis.bounds())
-    stiffness = np.zeros(hypothesis.size)
-    stiffness[:base] = 1.0 / PRIOR_SD**2
-    prior = _Prior(phi.copy(), stiffness)
+    phi = np.clip(phi, *hypothesis.bounds())
+    prior = _Prior(*hypothesis.prior(phi))
     r = residuals(take, hypothesis.setting(phi, take), start)
     tangent = known or _tangent(take, hypothesis, phi, start, r)
     now = _found(take, prior, phi, start, scales, r, tangent.A)

@@ -59,7 +59,8 @@ def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
     total = _information(X, Y, w, take.first)
     if not np.isfinite(total).all():  # LAPACK would not come back from it
         raise FloatingPointError("a change of a prediction left the finite numbers")
-    taken = np.linalg.lstsq(total[:held, :held], total[:held, held:], rcond=None)[0]
+    known = np.zeros(held) if hypothesis.simulated is None else hypothesis.prior(fit.phi)[1]
+    taken = np.linalg.lstsq(total[:held, :held] + np.diag(known), total[:held, held:], rcond=None)[0]
     X, Y = X[:, :, held:] - X[:, :, :held] @ taken, Y[:, :, held:] - Y[:, :, :held] @ taken
     each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
     G = total[held:, held:] - total[held:, :held] @ taken

@@ -1,4 +1,4 @@
-"""The simulation that a recording is compared with: a saved model, another simulator's recording, a user's function.
+"""The simulation that a recording is compared with: a model or its parameters, a simulator's recording, a function.
 
 A recording or a function is identified first, as if it were a car of its own: what it has is then part of the
 base model, and the diagnosis says what the real car has beyond.
@@ -14,16 +14,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from bcid.diagnosis.diagnose import Compared, diagnosed
+from bcid.diagnosis.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate
 from bcid.models.augmented import AugmentedNewtonEuler
 from bcid.models.interface import Model, history_at, rollout
 from bcid.models.newton_euler import NewtonEuler
+from bcid.models.newton_euler_start import started_car
 from bcid.models.saving import load_model
 from bcid.recording.types import Recording, Stream
+from bcid.toml_file import Settings, read_toml
 from bcid.vehicle import Vehicle
 
 RESTART_S = 20.0  # a user's function drives this long before it is set to the estimate again
@@ -41,6 +46,41 @@ def of_model(folder: Path) -> Compared:
     if isinstance(model, NewtonEuler):
         return Compared(model.car, {})
     raise InputRefused(folder, "model.json", f"holds {model.name}, which has no forces", "name a newton-euler model")
+
+
+class Parameters(Settings):
+    """A file of parameters, measured or published."""
+
+    relative_sd: float | None = Field(default=None, gt=0.0, le=1.0)
+    parameters: dict[str, float]
+    effects: dict[str, dict[str, float]] = Field(default_factory=dict)
+
+
+def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
+    """The simulation whose parameters a TOML file gives: Newton-Euler's, and those of the effects that it has.
+
+    What the vehicle file says is taken from there.  With `relative_sd` the parameters stay about that near to what
+    they are; without, they are where the refit starts.
+
+    Raises:
+        InputRefused: a parameter that is missing or unknown, or an effect.
+    """
+    file = read_toml(path, Parameters, "simulation file", "pipelines/dart/simulation.toml is one")
+    law = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
+    wanted, may = {*law, *TYRES, *DRAG}, {"T_s", "d"}
+    lacking, strange = sorted(wanted - set(file.parameters)), sorted(set(file.parameters) - wanted - may)
+    if lacking or strange:
+        told = [f"lacks {', '.join(lacking)}"] * bool(lacking) + [f"has unknown {', '.join(strange)}"] * bool(strange)
+        raise InputRefused(path, "parameters", " and ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
+    fields = dict[str, float]()
+    for name, values in file.effects.items():
+        if name not in EFFECTS or set(values) != {p.symbol for p in EFFECTS[name].parameters}:
+            raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
+        entry = EFFECTS[name]
+        fields |= {f: values[p.symbol] for f, p in zip(entry.fields, entry.parameters, strict=True)}
+    facts = estimates[0].facts
+    car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)
+    return Compared(car._replace(**file.parameters), fields, file.relative_sd)
 
 
 def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:

@@ -9,11 +9,11 @@ import numpy as np
 
 from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
-from bcid.diagnosis.heldout import BLOCK_S, Gain, gain, scores
+from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.scan import Circle
-from bcid.diagnosis.search import DELAYS, RIVAL, Search, named, refit_with
+from bcid.diagnosis.search import DELAYS, PLAIN, RIVAL, Search, named, refit_with
 from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.table import EFFECTS
 
@@ -91,8 +91,11 @@ def judged(
     left = left or remainder(disturbances(best, take), best.car())
     entering = explained_by(best, take, place)
     findings = _findings(found, take)
-    failed = tuple(f.effect for f in findings if not _passes(f, found))
-    if not failed:
+    failing = [f for f in findings if not _passes(f, found)]
+    failed: tuple[str, ...] = ()
+    if failing:  # without the weakest the others may pass
+        failed = (min(failing, key=lambda f: f.gain).effect,)
+    else:
         least = max(found.nulls.gate, WORTH_TELLING * sum(f.gain for f in findings))
         over = {c: nats for c, nats in entering.items() if nats > least}
         failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, over))
@@ -145,7 +148,7 @@ def _findings(found: Search, take: Take) -> list[Finding]:
     with_all = scores(best, take)
     return [
         Finding(
-            name, _twins(best, found, name), _probability(found, name), _values(best, name),
+            name, _twins(best, found, take, name), _probability(found, name), _values(best, name),
             best.bic - found.without[name].bic, gain(with_all, scores(found.without[name], take), take),
         )
         for name in named(best)
@@ -161,7 +164,8 @@ def _passes(finding: Finding, found: Search) -> bool:
     entry = found.best.hypothesis.entries[finding.effect]
     local = any(p.places for p in entry.parameters)
     matters = any(abs(finding.values[p.symbol][0]) > RELEVANT_SIZE * p.size for p in entry.parameters if not p.places)
-    worth = finding.heldout.nats > found.nulls.local_gate if local else finding.heldout.ci95[0] > 0.0
+    sure = finding.heldout.ci95[0] > 0.0 or finding.heldout.nats > PLAIN  # few blocks of a short take scatter
+    worth = finding.heldout.nats > found.nulls.local_gate if local else sure
     return worth and matters and finding.gain > found.nulls.gate
 
 
@@ -172,20 +176,20 @@ def _exchanged_for(best: Fit, other: Fit, name: str) -> str | None:
     return more[0] if mine - theirs == {name} and len(more) == 1 else None
 
 
-def _twins(best: Fit, found: Search, name: str) -> tuple[str, ...]:
+def _twins(best: Fit, found: Search, take: Take, name: str) -> tuple[str, ...]:
     twins = ["+".join(DELAYS)] if name == "pose_latency" else []
     for other in found.others:
         rival = _exchanged_for(best, other, name)
-        if rival and rival not in twins and _alike(best, other, found):
+        if rival and rival not in twins and _alike(best, other, take):
             twins.append(rival)
     return tuple(twins[:MOST_TWINS])
 
 
-def _alike(best: Fit, other: Fit, found: Search) -> bool:
+def _alike(best: Fit, other: Fit, take: Take) -> bool:
     """Whether the evidence does not tell two fits apart: by BIC, or by the difference's own scatter (Vuong)."""
     if best.bic - other.bic < RIVAL:
         return True
-    size = max(1, round(BLOCK_S / SEGMENT_S))
+    size = max(1, round(block_s(take) / SEGMENT_S))
     each = best.per_segment - other.per_segment
     sums = np.add.reduceat(each, np.arange(0, len(each), size))
     spread = float(sums.std(ddof=1)) * np.sqrt(len(sums))

@@ -272,12 +272,14 @@ class Pipeline:
     def diagnose(self, simulation: str | None = None) -> Artifact:
         """What physics the plan's recordings show that the base model, or `simulation`, lacks.
 
-        `simulation` is a saved model's folder, another simulator's recording, or module:function.
+        `simulation` is a saved model's folder, a TOML file of parameters, another simulator's recording, or
+        module:function.
         """
         recordings = list(self.plan.diagnose) or self.takes()
         takes, tuned = [(self.ingest(p), self.estimate(p)) for p in recordings], self.tune()
         path = Path(simulation) if simulation is not None else None
-        others = [(self.ingest(path), self.estimate(path))] if path is not None and path.is_file() else []
+        recorded_too = path is not None and path.is_file() and path.suffix != ".toml"
+        others = [(self.ingest(path), self.estimate(path))] if path is not None and recorded_too else []
         inputs = {
             "takes": [[a.content for a in pair] for pair in takes],
             "tuning": tuned.content,
@@ -300,6 +302,8 @@ class Pipeline:
         """What stands for a simulation in a key: its files' digests, or its name, which is not cached reliably."""
         if simulation.is_dir():
             return self.saved(simulation).content
+        if simulation.is_file():
+            return sha256_of(simulation)
         module = Path(str(simulation).partition(":")[0].replace(".", "/") + ".py")
         return [str(simulation), sha256_of(module) if module.is_file() else None]
 

@@ -38,11 +38,11 @@ def run_all(cases: Iterable[Case], folder: Path, workers: int, others: bool = Fa
     folder.mkdir(parents=True, exist_ok=True)
     todo = []
     for case in cases:
-        known = _known(case, folder, others)
-        if known is None:
+        row = _known(case, folder, others)
+        if row is None:
             todo.append(case)
         else:
-            yield {**_told(case), **known}
+            yield {**_told(case), **row}
     if workers <= 1:
         for case in todo:
             yield {**_told(case), **_kept(case, folder, others)}
@@ -51,6 +51,11 @@ def run_all(cases: Iterable[Case], folder: Path, workers: int, others: bool = Fa
         running = {pool.submit(_kept, case, folder, others): case for case in todo}
         for done in as_completed(running):
             yield {**_told(running[done]), **done.result()}
+
+
+def known(cases: Iterable[Case], folder: Path, others: bool = False) -> int:
+    """How many cases' rows lie in `folder` already."""
+    return sum(_known(case, folder, others) is not None for case in cases)
 
 
 def _file(case: Case, folder: Path, others: bool) -> Path:

@@ -10,9 +10,13 @@ import hashlib
 import hmac
 import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from bcid.errors import InputRefused, UsageError
 from bcid.proof.cases import Case
+
+SEALS, ANSWERS = "seals.json", "answers.json"
 
 
 def answer_of(case: Case) -> dict[str, Any]:
@@ -33,3 +37,41 @@ def sealed(case: Case, salt: str) -> str:
 def seal_of(cases: Sequence[Case], salt: str) -> str:
     """One seal over all cases, in their order."""
     return hashlib.sha256("".join(sealed(case, salt) for case in cases).encode()).hexdigest()
+
+
+def seal_up(cases: Sequence[Case], salt: str, folder: Path, known: int) -> str:
+    """Write the seals of all cases into `folder` before any runs; returns the one over all.
+
+    `known` is how many of their rows lie there already, and were therefore made before.
+
+    Raises:
+        UsageError: the folder holds the seals of other answers, or of another salt.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / SEALS
+    content = {"seal": seal_of(cases, salt), "known_before": known, "cases": {c.name: sealed(c, salt) for c in cases}}
+    if path.is_file():
+        before = json.loads(path.read_text(encoding="utf-8"))
+        if before["cases"] != content["cases"]:
+            raise UsageError(f"--out {folder}: holds the seals of other answers\n  next: name another folder")
+        return str(before["seal"])
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    return str(content["seal"])
+
+
+def opened(cases: Sequence[Case], salt: str, folder: Path) -> dict[str, Any]:
+    """Write the answers beside their seals, after all have run, and hold each against its seal.
+
+    Returns how many fit, and how many rows were known before the seal.
+
+    Raises:
+        InputRefused: a seal that does not fit.
+    """
+    path = folder / SEALS
+    content = json.loads(path.read_text(encoding="utf-8"))
+    for case in cases:
+        if not hmac.compare_digest(content["cases"].get(case.name, ""), sealed(case, salt)):
+            raise InputRefused(path, case.name, "the seal does not fit the answer", "run anew in another folder")
+    answers = {"salt": salt, "answers": [answer_of(case) for case in cases]}
+    (folder / ANSWERS).write_text(json.dumps(answers, indent=1), encoding="utf-8")
+    return {"opened": len(cases), "known_before": content["known_before"]}

@@ -13,7 +13,7 @@ import numpy as np
 from bcid.diagnosis.before_after import as_model, compared
 from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
 from bcid.diagnosis.saving import KNOT_UNITS, TRACK_UNITS, as_json, knot_columns, track_columns
-from bcid.diagnosis.simulation import driven_by, of_model, of_recordings, user_model
+from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
@@ -33,8 +33,8 @@ def make(
 ) -> None:  # fmt: skip
     """Diagnose ingested and estimated recordings together.
 
-    `simulation` is a saved model's folder or module:function; `simulated` are the ingest and estimate folders of a
-    simulator's recordings; with neither, the base model is refitted on the recordings.
+    `simulation` is a saved model's folder, a TOML file of parameters, or module:function; `simulated` are the ingest
+    and estimate folders of a simulator's recordings; with neither, the base model is refitted on the recordings.
     """
     takes, motions = [load_recording(f) for f in recordings], [load_estimate(f) for f in estimates]
     tuned = Tuning.from_json(json.loads((tuning / "tuning.json").read_text()))
@@ -76,6 +76,8 @@ def _simulation(
         return None
     if Path(simulation).is_dir():
         return of_model(Path(simulation))
+    if simulation.endswith(".toml"):
+        return of_parameters(Path(simulation), motions, vehicle)
     model = user_model(simulation)
     driven = [driven_by(model, t, m) for t, m in zip(takes, motions, strict=True)]
     return of_recordings(driven, [estimate_motion(d, vehicle, tuned) for d in driven], vehicle)

@@ -1,0 +1,219 @@
+"""Questions to recordings with a known omission: edits, files of parameters, trust in a simulation, and the answers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.cli.app import main
+from bcid.diagnosis.heldout import LONGEST_BLOCK_S, block_s
+from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
+from bcid.diagnosis.simulation import of_parameters
+from bcid.effects.constants import Constants
+from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.table import ENTRIES
+from bcid.errors import InputRefused
+from bcid.physics.car import Car
+from bcid.proof.real import EDITS, outcome, run_real
+from bcid.recording.types import Recording, Source, Stream
+from bcid.simulation.car import Plant, Sensor
+from bcid.simulation.samples import VEHICLE, write_take
+from bcid.simulation.samples import Take as Order
+from bcid.vehicle import Vehicle
+
+CAR = Car(
+    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
+    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
+)  # fmt: skip
+OF_THE_CAR = {s: getattr(CAR, s) for s in (
+    "F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2",
+)}  # fmt: skip
+
+
+def parameters(**more: str) -> str:
+    lines = [*(f"{k} = {v}" for k, v in OF_THE_CAR.items())]
+    tables = [f"[effects.{k}]\n{v}" for k, v in more.items()]
+    return "\n".join(["relative_sd = 0.02", "[parameters]", *lines, *tables])
+
+
+@pytest.fixture
+def drive() -> Recording:
+    rng = np.random.default_rng(3)
+    t, at = np.arange(0.0, 20.0, 1.0 / 60.0), np.arange(0.0, 20.0, 0.1)
+    commands = np.column_stack([np.repeat(rng.normal(0.0, 0.5, 40), 5), np.repeat(rng.uniform(0.0, 2.0, 20), 10)])
+    source = (Source("drive", "", "mcap"),)
+    return Recording("drive", source, Stream(t, rng.normal(0.0, 1.0, (len(t), 3))), Stream(at, commands), 60.0, 0.3)
+
+
+@pytest.mark.parametrize("effect", ["pose_latency", "marker_offset", "body_yaw_misalignment", "steering_offset"])
+def test_an_edit_is_undone_by_its_opposite(effect: str, drive: Recording) -> None:
+    there = EDITS[effect](drive, 0.05)
+    streams = [np.concatenate([s.time_s, s.values.ravel()]) for of in (there, drive) for s in (of.poses, of.commands)]
+    assert not np.allclose(np.concatenate(streams[:2]), np.concatenate(streams[2:]))
+    back = EDITS[effect](there, -0.05)
+    for one, other in ((back.poses, drive.poses), (back.commands, drive.commands)):
+        np.testing.assert_allclose(one.time_s, other.time_s, atol=1e-12)
+        np.testing.assert_allclose(one.values, other.values, atol=1e-12)
+
+
+def test_edits_of_size_and_side_are_what_the_vocabulary_calls_them(drive: Recording) -> None:
+    logged = EDITS["steering_side_gain"](drive, 0.1).commands.values[:, 0]
+    np.testing.assert_allclose(logged * (1.0 + 0.1 * np.sign(logged)), drive.commands.values[:, 0])
+    seen = EDITS["pose_scale"](drive, 0.08).poses.values
+    np.testing.assert_allclose(seen, drive.poses.values * [1.08, 1.08, 1.0])
+
+
+@pytest.mark.parametrize(("effect", "which"), [("steering_delay", 0), ("motor_delay", 1)])
+def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str, which: int, drive: Recording) -> None:
+    edited = EDITS[effect](drive, 0.06).commands
+
+    def acting(of: Stream, t: Any) -> Any:
+        return of.values[np.searchsorted(of.time_s, t, side="right") - 1]
+
+    t = np.random.default_rng(0).uniform(0.5, 19.0, 500)
+    now, was = acting(edited, t - 0.06)[:, which], acting(drive.commands, t)[:, which]
+    np.testing.assert_array_equal(now, was)  # logged 60 ms before the car shows it
+    np.testing.assert_array_equal(acting(edited, t)[:, 1 - which], acting(drive.commands, t)[:, 1 - which])
+
+
+def test_what_makes_no_difference_does_not_count() -> None:
+    rows = [
+        {"tier": "withheld", "wanted": True, "right": True}, {"tier": "withheld", "wanted": True, "right": False},
+        {"tier": "withheld", "wanted": False, "right": True}, {"tier": "control", "wanted": False, "right": True},
+        {"tier": "edited", "right": False},
+    ]  # fmt: skip
+    told = outcome(rows)["tiers"]
+    assert told == {
+        "withheld": {"right": 1, "n": 2}, "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
+    }  # fmt: skip
+
+
+def test_blocks_are_short_in_a_short_take_and_never_long() -> None:
+    lengths = [block_s(SimpleNamespace(T=T)) for T in (60.0, 120.0, 600.0, 3600.0)]  # type: ignore[arg-type]
+    assert lengths == [5.0, 10.0, LONGEST_BLOCK_S, LONGEST_BLOCK_S]
+
+
+def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
+    free = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", *RAW_COMMANDS), raw_commands=True)
+    values = [0.06, *(0.0 for name in RAW_COMMANDS for _ in ENTRIES[name].fields)]
+    start = free.holding().start(CAR._replace(K_t=300.0), values)
+    centre, stiffness = free.holding().prior(start)
+    np.testing.assert_array_equal(centre, start)  # weak, about where the refit starts
+    assert set(stiffness) == {0.0, PRIOR_SD**-2}
+    trusting = free.trusting(values, 0.02).holding("yaw_scrub")
+    more = trusting.start(CAR._replace(K_t=300.0), [*values, 13.0])
+    centre, stiffness = trusting.prior(more)
+    logs, base = len(trusting.logs), trusting.base_size
+    np.testing.assert_allclose(np.exp(centre[:logs]), [getattr(CAR, s) for s in trusting.logs])
+    np.testing.assert_allclose(stiffness[:logs], 0.02**-2)
+    lag = base  # in units of its size, as well known relative to itself
+    assert stiffness[lag] == pytest.approx((0.02 * max(centre[lag], 1.0)) ** -2)
+    assert stiffness[lag + 1] == pytest.approx(PRIOR_SD**-2)  # a gain of raw commands belongs to no simulation
+    assert stiffness[-1] == 0.0  # nor does what may be missing
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        (parameters().replace("K_t", "K_tt"), "lacks K_t and has unknown K_tt"),
+        (parameters(no_such="a = 1.0"), "effects.no_such"),
+        (parameters(motor_lag="sigma = 1.0"), "effects.motor_lag"),
+        ("relative_sd = -1.0\n[parameters]", "relative_sd"),
+        ("parameters = 3", "parameters"),
+        ("[parameters", "not valid TOML"),
+    ],
+)
+def test_a_bad_file_of_parameters_is_refused(text: str, place: str, tmp_path: Path, vehicle: Vehicle) -> None:
+    path = tmp_path / "simulation.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputRefused, match=place):
+        of_parameters(path, [], vehicle)
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of cases about a simulated take with drag of the steered wheel, and all that it names."""
+    folder = tmp_path_factory.mktemp("asked")
+    write_take(folder, Order("take", "motive", 120.0), Plant(steering_drag=60.0), Sensor(), 5)
+    (folder / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    (folder / "simulation.toml").write_text(parameters(steering_drag="k = 60.0"), encoding="utf-8")
+    (folder / "cases.toml").write_text(
+        """vehicle = "vehicle.toml"
+simulation = "simulation.toml"
+[[withheld]]
+recording = "take.csv"
+name = "drag of the steered wheel"
+effect = "steering_drag"
+accepted = ["steering_drag"]
+[[withheld]]
+recording = "take.csv"
+name = "nothing"
+accepted = ["motor_lag"]
+control = true
+[[edited]]
+recording = "take.csv"
+effect = "steering_offset"
+value = 0.02
+""",
+        encoding="utf-8",
+    )
+    return folder
+
+
+def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_path: Path) -> None:
+    rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
+    drag, nothing, offset = rows
+    assert drag["wanted"]
+    assert drag["ratio"] > 1.3
+    assert [f["effect"] for f in drag["findings"]] == ["steering_drag"]
+    assert drag["findings"][0]["values"]["k"][0] == pytest.approx(60.0, rel=0.1)
+    assert nothing["findings"] == []
+    assert nothing["ratio"] == 1.0
+    assert [f["effect"] for f in offset["findings"]] == ["steering_offset"]
+    assert offset["value"] == pytest.approx(0.02, rel=0.1)
+    kept = {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()}
+    assert [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)] == rows
+    assert {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()} == kept
+
+
+def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from bcid.proof import real
+
+    said = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fx"}}
+    monkeypatch.setattr(real, "_withheld", lambda case, _: {
+        "tier": "withheld", "recording": case.recording, "case": case.name, "ratio": 2.0, "wanted": True,
+        "right": case.control, **said,
+    })  # fmt: skip
+    monkeypatch.setattr(real, "_edited", lambda case, _: {
+        "tier": "edited", "recording": case.recording, "case": case.effect, "right": True, **said,
+    })  # fmt: skip
+    words = ["bcid", "prove", "--out", str(tmp_path), "--real", str(asked / "cases.toml"), "--recordings", str(asked)]
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr()
+    assert ended.value.code == 5
+    assert "withheld: 1 of 2; edited: 1 of 1" in " ".join(told.out.split())
+    assert "drag of the steered wheel" in told.err
+    assert json.loads((tmp_path / "real.json").read_text())["tiers"]["edited"] == {"right": 1, "n": 1}
+
+
+def test_a_real_dead_zone_is_told(recordings_folder: Path, tmp_path: Path) -> None:
+    """The published model of the DART car without its motor's dead zone (0.164 of the throttle)."""
+    cases = Path(__file__).parents[1] / "pipelines" / "dart"
+    text = (cases / "cases.toml").read_text(encoding="utf-8")
+    dead_zone = next(part for part in text.split("\n[[")[1:] if 'effect = "motor_dead_zone"' in part)
+    for name in ("vehicle.toml", "simulation.toml"):
+        (tmp_path / name).write_bytes((cases / name).read_bytes())
+    (tmp_path / "cases.toml").write_text(text.split("\n[[")[0] + "\n[[" + dead_zone, encoding="utf-8")
+    ((row, _),) = run_real(tmp_path / "cases.toml", recordings_folder, tmp_path / "out")
+    assert row["ratio"] > 1.3
+    found = {f["effect"]: f for f in row["findings"]}
+    assert found["motor_dead_zone"]["values"]["width"][0] == pytest.approx(0.164, abs=0.02)
