@@ -161,7 +161,7 @@ def diagnosed(
             progress(0.05, "the base model")
             take, hits, base = _base(recordings, estimates, hypothesis, values)
             given = None
-            if simulation:
+            if simulation and simulation.trust is None:
                 with suppress(FloatingPointError):  # as it is it may not drive this take at all
                     given = held(take, base.hypothesis, base.hypothesis.start(car, values), base.scales)
             return _of_take(take, base, given, hits, progress, left_out)

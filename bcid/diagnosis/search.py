@@ -32,6 +32,7 @@ GATE = 14.0  # what the gate of a usual take comes to; plans count with it befor
 PLAIN = 100.0  # nats that no usual take of nothing comes near
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
+ENOUGH = 40  # segments on which effects are compared
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
@@ -98,6 +99,8 @@ def search(
         fits = _refitted(best, take, shortlist)
         if given and best is corrected:
             fits = sorted([*fits, *_beside(given, take, left_out)], key=lambda f: -f.bic)
+        if base.hypothesis.simulated and best is corrected:
+            fits = sorted([*fits, *_missing(base, take, left_out)], key=lambda f: -f.bic)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *_from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
@@ -181,6 +184,34 @@ def _beside(given: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
     """Joint refits of the most promising effects beside parameters that were not refitted."""
     candidates = screen(given, take, changes(given, take).without(left_out))
     return _refitted(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
+
+
+def _missing(base: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of every effect that has no place, at its size beside the parameters of a simulation to be trusted.
+
+    What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
+    the best on the whole.
+    """
+    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
+    part, found, hypothesis = take.part(chosen), list[Fit](), base.hypothesis
+    assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
+    simulated = np.array(hypothesis.simulated.phi)
+    values = list(hypothesis.values(simulated).values())
+    for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
+        own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
+        if not own or any(p.places for p in own):
+            continue
+        more = hypothesis.holding(*hypothesis.effects, name)
+        for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
+            phi = more.start(hypothesis.car(simulated), [*values, *(sign * p.size for p in own)])
+            with suppress(FloatingPointError):
+                found.append(refit(part, more, phi, part.start, base.scales))
+    found.sort(key=lambda f: -f.bic)
+    whole = list[Fit]()
+    for f in found[:FINALISTS]:
+        with suppress(FloatingPointError):
+            whole.append(refit(take, f.hypothesis, f.phi, take.start, f.scales))
+    return whole
 
 
 def _from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
