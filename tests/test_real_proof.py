@@ -139,7 +139,7 @@ def test_a_bad_file_of_parameters_is_refused(text: str, place: str, tmp_path: Pa
 def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file of cases about a simulated take with drag of the steered wheel, and all that it names."""
     folder = tmp_path_factory.mktemp("asked")
-    write_take(folder, Order("take", "motive", 120.0), Plant(steering_drag=60.0), Sensor(), 5)
+    write_take(folder, Order("take", "motive", 60.0), Plant(steering_drag=60.0), Sensor(), 5)
     (folder / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     (folder / "simulation.toml").write_text(parameters(steering_drag="k = 60.0"), encoding="utf-8")
     (folder / "cases.toml").write_text(

@@ -138,11 +138,18 @@ def _far(estimate: Mapping[str, Any]) -> bool:
 
 def proof(found: dict[str, Any]) -> Group:
     """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
-    from bcid.report.proof_page import cell, shown
+    from bcid.report.proof_page import shown
 
     columns = shown(found["tiers"])
-    rows = [[t["tier"], str(t["n"]), *(cell(t, f, "{}!") for f in columns.values())] for t in found["tiers"]]
-    tables = [table(f"{found['cases']} cases", ["takes of", "n", *columns], rows, "goals in brackets; ! misses it")]
+    rows = [
+        [t["tier"], str(t["n"]), "; ".join(f"{title} {told}" for title, f in columns.items() if (told := _cell(t, f)))]
+        for t in found["tiers"]
+    ]
+    tables = [
+        table(
+            f"{found['cases']} cases", ["takes of", "n", "figures"], rows, "goals in brackets; ! misses it", ["figures"]
+        )
+    ]
     if found["baselines"]:
         fields = {"first": "top1", "false alarms": "false", "detects": "detected", "error explained": "explained"}
         others = [
@@ -151,6 +158,13 @@ def proof(found: dict[str, Any]) -> Group:
         ]
         tables.append(table("the same takes by other methods", ["method", "n", *fields], others))
     return Group(*tables)
+
+
+def _cell(tier: Mapping[str, Any], field: str) -> str:
+    from bcid.report.proof_page import cell
+
+    told = cell(tier, field, "{}!").replace("\N{NO-BREAK SPACE}", " ")
+    return "" if told == "–" else told
 
 
 def real_proof(found: dict[str, Any]) -> Group:
@@ -163,4 +177,12 @@ def real_proof(found: dict[str, Any]) -> Group:
         for r in found["rows"]
     ]  # fmt: skip
     told = "; ".join(f"{tier}: {t['right']} of {t['n']}" for tier, t in found["tiers"].items())
-    return Group(table("real recordings", ["tier", "recording", "what", "error", "answered", "right"], rows, told))
+    return Group(
+        table(
+            "real recordings",
+            ["tier", "recording", "what", "error", "answered", "right"],
+            rows,
+            told,
+            ["what", "answered"],
+        )
+    )

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from typing import Any
@@ -108,14 +108,14 @@ class Sink:
             self.err.print(f"[dim]{escape(title):32} cached[/dim]")
 
 
-def table(title: str, columns: list[str], rows: list[list[str]], caption: str = "") -> Table:
-    """A plain table; the first column left, the others right."""
+def table(title: str, columns: list[str], rows: list[list[str]], caption: str = "", texts: Sequence[str] = ()) -> Table:
+    """A plain table; the first column and `texts` left, the others right."""
     made = Table(
         title=escape(title), title_justify="left", caption=escape(caption), caption_justify="left", box=None,
         pad_edge=False, header_style="bold",
     )  # fmt: skip
     for i, name in enumerate(columns):
-        made.add_column(name, justify="left" if i == 0 else "right")
+        made.add_column(name, justify="left" if i == 0 or name in texts else "right")
     for row in rows:
         made.add_row(*(escape(_inert(cell)) for cell in row))
     return made

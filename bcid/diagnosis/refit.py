@@ -18,7 +18,9 @@ STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smalle
 MAX_ITERATIONS = 12  # along one tangent
 TANGENTS = 24
 SHORTER = (1.0, 0.3, 0.1, 0.03)  # of a step, where the whole of it leads astray
-DAMPINGS = (0.0, 0.03, 0.3, 3.0, 30.0)
+DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
+"""Of steps in phi, of which all components are of size one: what the take hardly shows is held back by it, and valleys
+that logarithms of two parameters share stay open (scaled by the curvature's diagonal it would close them)."""
 LONGEST_STEP = 3.0  # of any component of phi
 CONVERGED = 0.3  # nats
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
@@ -117,9 +119,9 @@ class _Prior(NamedTuple):
 
 def refit(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
-    known: Tangent | None = None,
+    known: Tangent | None = None, tangents: int = TANGENTS,
 ) -> Fit:  # fmt: skip
-    """The likeliest phi from `phi`, with initial states and scales re-estimated on the way.
+    """The likeliest phi from `phi`, with initial states and scales re-estimated on the way, along `tangents` at most.
 
     With `known`, a neighbouring fit's tangent stands throughout and only the effects' own columns are
     found anew: a tenth of the work, good enough to compare candidates, though parameters far from the neighbour
@@ -134,7 +136,7 @@ def refit(
     tangent = known or _tangent(take, hypothesis, phi, start, r)
     now = _found(take, prior, phi, start, scales, r, tangent.A)
     best = tangent, now
-    for _ in range(TANGENTS if known is None else 1):
+    for _ in range(tangents if known is None else 1):
         anchor = now
         now, curvature = _along(take, hypothesis, prior, tangent, now, iterations, FAR if known is None else np.inf)
         if known is not None or now.objective - anchor.objective < CONVERGED:
@@ -186,7 +188,8 @@ def _anew(
         r = residuals(take, hypothesis.setting(phi, take), start)
         try:
             tangent = _tangent(take, hypothesis, phi, start, r)
-            there = _found(take, prior, phi, start, ahead.scales, r, tangent.A)
+            scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
+            there = _found(take, prior, phi, start, scales, r, tangent.A)
         except FloatingPointError:
             continue
         if rough or there.objective > anchor.objective:
@@ -250,7 +253,7 @@ def _step(
     """The first damped step that raises the objective, with the initial states that go with it; or none."""
     bounds = hypothesis.bounds()
     for damping in DAMPINGS:
-        phi = _within(now.phi, slope, curvature + damping * np.diag(np.diag(curvature) + 1e-9), bounds)
+        phi = _within(now.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
         r = residuals(take, hypothesis.setting(phi, take), now.start)
         trial = _tried(take, prior, phi, now.start, now.scales, r, A, EM_STEPS)
         if trial and trial.objective > now.objective:

@@ -32,7 +32,7 @@ GATE = 14.0  # what the gate of a usual take comes to; plans count with it befor
 PLAIN = 100.0  # nats that no usual take of nothing comes near
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
-ENOUGH = 40  # segments on which effects are compared
+ENOUGH, FEW = 30, 2  # segments on which effects are compared, and tangents along which
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
@@ -205,10 +205,12 @@ def _missing(base: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
         for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
             phi = more.start(hypothesis.car(simulated), [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
-                found.append(refit(part, more, phi, part.start, base.scales))
-    found.sort(key=lambda f: -f.bic)
+                found.append(refit(part, more, phi, part.start, base.scales, tangents=FEW))
+    best = dict[tuple[str, ...], Fit]()
+    for f in sorted(found, key=lambda f: f.bic):
+        best[f.hypothesis.effects] = f  # of either sign, the better one
     whole = list[Fit]()
-    for f in found[:FINALISTS]:
+    for f in sorted(best.values(), key=lambda f: -f.bic)[:FINALISTS]:
         with suppress(FloatingPointError):
             whole.append(refit(take, f.hypothesis, f.phi, take.start, f.scales))
     return whole
