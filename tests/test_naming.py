@@ -26,6 +26,8 @@ from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.physics.car import Car
+from bcid.proof.asking import TUNING, recorded
+from bcid.proof.cases import Case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import ROUGHNESS_TIME_S
@@ -79,6 +81,16 @@ def null_fit(null_take: Take) -> Fit:
 
 
 # --- refits ------------------------------------------------------------------------------------------------------
+
+
+def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
+    """In slow circles motor and drag share a valley: their ratio is plain, their size shown by small accelerations."""
+    recording = recorded(Case("circles", 0, (), driver="circles", duration_s=240.0, seed=4), vehicle)
+    take = take_of(recording, estimate_motion(recording, vehicle, TUNING))
+    near = refit(take, BASE, BASE.start(CAR), take.start, SCALES)
+    far = refit(take, BASE, BASE.start(CAR._replace(K_t=500.0, R_1=80.0)), take.start, SCALES)
+    assert far.car().K_t == pytest.approx(near.car().K_t, rel=0.03)
+    assert far.car().R_1 == pytest.approx(near.car().R_1, rel=0.05)
 
 
 def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:

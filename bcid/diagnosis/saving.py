@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from bcid.diagnosis.before_after import Horizon, Tracks
+from bcid.diagnosis.candidates import RIVAL
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import CHANNELS
 from bcid.diagnosis.hypothesis import DRAG, DRAG_UNIT
 from bcid.diagnosis.locate import SIGNIFICANT
-from bcid.diagnosis.search import RIVAL, named
+from bcid.diagnosis.search import named
 from bcid.diagnosis.take import Floats
 from bcid.diagnosis.verdict import Finding
 from bcid.effects.corrections import CORRECTIONS

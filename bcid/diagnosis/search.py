@@ -6,41 +6,39 @@ for an effect; like every effect they have to earn their place in the end.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import numpy as np
-
+from bcid.diagnosis.candidates import (
+    CLOSE,
+    QUICK,
+    SHORTLIST,
+    WORTH,
+    beside_given,
+    beside_simulated,
+    from_afar,
+    fully,
+    of_the_shortlist,
+    quickly,
+)
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.refit import Fit, refit
 from bcid.diagnosis.remainder import Remainder, remainder
-from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen, sharpened
+from bcid.diagnosis.screen import Changes, Nulls, changes, nulls, screen
 from bcid.diagnosis.take import Take
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.table import EFFECTS
 
 MOST_EFFECTS = 4
 SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain
-SHORTLIST = 8
-WORTH = 6.0  # nats of score below which a candidate is not refitted
 RELEVANT = 0.01  # share of all that is explained so far that a further effect must add
 HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
 GATE = 14.0  # what the gate of a usual take comes to; plans count with it before there is a take
 PLAIN = 100.0  # nats that no usual take of nothing comes near
-RIVAL = 4.0  # nats within which two explanations cannot be told apart
-FINALISTS = 3
-ENOUGH, FEW = 30, 2  # segments on which effects are compared, and tangents along which
-CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
-QUICK = 6  # iterations
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
 
-SWALLOWED = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
-"""Effects that a refitted base model takes up so far that nothing shows of them near it."""
-
-FAR_SHARES = (1.0, 1.6)
 
 DELAYS = ("steering_delay", "motor_delay")
 
@@ -96,13 +94,13 @@ def search(
         left = whole if best is base else remainder(disturbances(best, take), best.car())
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
-        fits = _refitted(best, take, shortlist)
+        fits = of_the_shortlist(best, take, shortlist)
         if given and best is corrected:
-            fits = sorted([*fits, *_beside(given, take, left_out)], key=lambda f: -f.bic)
+            fits = sorted([*fits, *beside_given(given, take, left_out)], key=lambda f: -f.bic)
         if base.hypothesis.simulated and best is corrected:
-            fits = sorted([*fits, *_missing(base, take, left_out)], key=lambda f: -f.bic)
+            fits = sorted([*fits, *beside_simulated(base, take, left_out)], key=lambda f: -f.bic)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
-            fits = sorted([*fits, *_from_afar(best, take, left_out)], key=lambda f: -f.bic)
+            fits = sorted([*fits, *from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
@@ -145,7 +143,7 @@ def _corrected(base: Fit, take: Take) -> Fit:
         quick = refit(take, all_of_them, start, base.start, base.scales, QUICK, base.tangent)
         if quick.bic - base.bic < GATE:
             return base
-        whole = _full(quick, take)
+        whole = fully(quick, take)
     except FloatingPointError:  # corrections that spin the car out of the numbers correct nothing
         return base
     kept = tuple(n for n in free if _sure(whole, n))
@@ -163,96 +161,6 @@ def _sure(fit: Fit, name: str) -> bool:
         for field, p in zip(entry.fields, entry.parameters, strict=True)
         if not p.places
     )
-
-
-def _refitted(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]:
-    """Joint refits with one more effect, best first: quick ones of all, full ones of those that come close."""
-    quick = []
-    for candidate in shortlist:
-        with suppress(FloatingPointError):  # a start from which the car spins out of the numbers is no candidate
-            quick.append(_quick(fit, take, candidate))
-    quick.sort(key=lambda f: -f.bic)
-    if not quick:
-        return []
-    gain = quick[0].bic - fit.bic
-    near = [f for f in quick[:FINALISTS] if quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL)]
-    full = [_full(f, take) for f in near]
-    return sorted([*full, *(f for f in quick if f not in near)], key=lambda f: -f.bic)
-
-
-def _beside(given: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of the most promising effects beside parameters that were not refitted."""
-    candidates = screen(given, take, changes(given, take).without(left_out))
-    return _refitted(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
-
-
-def _missing(base: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of every effect that has no place, at its size beside the parameters of a simulation to be trusted.
-
-    What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
-    the best on the whole.
-    """
-    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
-    part, found, hypothesis = take.part(chosen), list[Fit](), base.hypothesis
-    assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
-    simulated = np.array(hypothesis.simulated.phi)
-    values = list(hypothesis.values(simulated).values())
-    for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
-        own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
-        if not own or any(p.places for p in own):
-            continue
-        more = hypothesis.holding(*hypothesis.effects, name)
-        for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
-            phi = more.start(hypothesis.car(simulated), [*values, *(sign * p.size for p in own)])
-            with suppress(FloatingPointError):
-                found.append(refit(part, more, phi, part.start, base.scales, tangents=FEW))
-    best = dict[tuple[str, ...], Fit]()
-    for f in sorted(found, key=lambda f: f.bic):
-        best[f.hypothesis.effects] = f  # of either sign, the better one
-    whole = list[Fit]()
-    for f in sorted(best.values(), key=lambda f: -f.bic)[:FINALISTS]:
-        with suppress(FloatingPointError):
-            whole.append(refit(take, f.hypothesis, f.phi, take.start, f.scales))
-    return whole
-
-
-def _from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of the effects in SWALLOWED from sizes that matter, whatever the score test says of them.
-
-    The best of them on a part of the take, then on the whole.
-    """
-    chosen = np.arange(0, take.segments, 4)
-    part, found = take.part(chosen), []
-    for name, share, car in itertools.product(SWALLOWED, FAR_SHARES, (fit.car(), fit.hypothesis.nominal)):
-        if name in fit.hypothesis.effects or name in left_out:
-            continue
-        more = fit.hypothesis.holding(*fit.hypothesis.effects, name)
-        sizes = [share * p.size for p in more.entries[name].parameters]
-        phi = more.start(car, [*fit.hypothesis.values(fit.phi).values(), *sizes])
-        with suppress(FloatingPointError):
-            found.append(refit(part, more, phi, fit.start[chosen], fit.scales, QUICK))
-    if not found:
-        return []
-    best = max(found, key=lambda f: f.bic)
-    with suppress(FloatingPointError):
-        return [refit(take, best.hypothesis, best.phi, fit.start, fit.scales)]
-    return []
-
-
-def _quick(fit: Fit, take: Take, candidate: Candidate) -> Fit:
-    """The joint refit with one more effect along the fit's own tangent, from the score test's values."""
-    sharp = sharpened(fit, take, candidate)
-    more = fit.hypothesis.holding(*fit.hypothesis.effects, candidate.effect)
-    values = [*fit.hypothesis.values(fit.phi).values(), *sharp.values]
-    return refit(take, more, more.start(fit.car(), values), fit.start, fit.scales, QUICK, fit.tangent)
-
-
-def _full(fit: Fit, take: Take) -> Fit:
-    """The same hypothesis with its own tangent; as it is where that leads out of the finite numbers."""
-    try:
-        return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
-    except FloatingPointError:
-        return fit
 
 
 def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
@@ -299,6 +207,6 @@ def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -
         for candidate in shortlist:
             if candidate.score > max(WORTH, CLOSE * lost):
                 with suppress(FloatingPointError):
-                    quick = _quick(less, take, candidate)
-                    found.append(_full(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
+                    quick = quickly(less, take, candidate)
+                    found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
     return sorted(found, key=lambda f: -f.bic)

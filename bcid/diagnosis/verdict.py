@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 
+from bcid.diagnosis.candidates import RIVAL
 from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.scan import Circle
-from bcid.diagnosis.search import DELAYS, PLAIN, RIVAL, Search, named, refit_with
+from bcid.diagnosis.search import DELAYS, PLAIN, Search, named, refit_with
 from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.table import EFFECTS
 

@@ -1,0 +1,117 @@
+"""Joint refits with one effect more: from the score test, beside a simulation's own parameters, from afar."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from bcid.diagnosis.refit import Fit, refit
+from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
+from bcid.diagnosis.take import Take
+from bcid.effects.table import EFFECTS
+
+SHORTLIST = 8
+WORTH = 6.0  # nats of score below which a candidate is not refitted
+RIVAL = 4.0  # nats within which two explanations cannot be told apart
+FINALISTS = 3
+ENOUGH, FEW = 30, 2  # segments on which effects are compared, and tangents along which
+CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
+QUICK = 6  # iterations
+
+SWALLOWED = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
+"""Effects that a refitted base model takes up so far that nothing shows of them near it."""
+
+FAR_SHARES = (1.0, 1.6)
+
+
+def of_the_shortlist(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]:
+    """Joint refits with one more effect, best first: quick ones of all, full ones of those that come close."""
+    quick = []
+    for candidate in shortlist:
+        with suppress(FloatingPointError):  # a start from which the car spins out of the numbers is no candidate
+            quick.append(quickly(fit, take, candidate))
+    quick.sort(key=lambda f: -f.bic)
+    if not quick:
+        return []
+    gain = quick[0].bic - fit.bic
+    near = [f for f in quick[:FINALISTS] if quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL)]
+    full = [fully(f, take) for f in near]
+    return sorted([*full, *(f for f in quick if f not in near)], key=lambda f: -f.bic)
+
+
+def beside_given(given: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of the most promising effects beside parameters that were not refitted."""
+    candidates = screen(given, take, changes(given, take).without(left_out))
+    return of_the_shortlist(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
+
+
+def beside_simulated(base: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of every effect that has no place, at its size beside the parameters of a simulation to be trusted.
+
+    What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
+    the best on the whole.
+    """
+    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
+    part, found, hypothesis = take.part(chosen), list[Fit](), base.hypothesis
+    assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
+    simulated = np.array(hypothesis.simulated.phi)
+    values = list(hypothesis.values(simulated).values())
+    for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
+        own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
+        if not own or any(p.places for p in own):
+            continue
+        more = hypothesis.holding(*hypothesis.effects, name)
+        for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
+            phi = more.start(hypothesis.car(simulated), [*values, *(sign * p.size for p in own)])
+            with suppress(FloatingPointError):
+                found.append(refit(part, more, phi, part.start, base.scales, tangents=FEW))
+    best = dict[tuple[str, ...], Fit]()
+    for f in sorted(found, key=lambda f: f.bic):
+        best[f.hypothesis.effects] = f  # of either sign, the better one
+    whole = list[Fit]()
+    for f in sorted(best.values(), key=lambda f: -f.bic)[:FINALISTS]:
+        with suppress(FloatingPointError):
+            whole.append(refit(take, f.hypothesis, f.phi, take.start, f.scales))
+    return whole
+
+
+def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of the effects in SWALLOWED from sizes that matter, whatever the score test says of them.
+
+    The best of them on a part of the take, then on the whole.
+    """
+    chosen = np.arange(0, take.segments, 4)
+    part, found = take.part(chosen), []
+    for name, share, car in itertools.product(SWALLOWED, FAR_SHARES, (fit.car(), fit.hypothesis.nominal)):
+        if name in fit.hypothesis.effects or name in left_out:
+            continue
+        more = fit.hypothesis.holding(*fit.hypothesis.effects, name)
+        sizes = [share * p.size for p in more.entries[name].parameters]
+        phi = more.start(car, [*fit.hypothesis.values(fit.phi).values(), *sizes])
+        with suppress(FloatingPointError):
+            found.append(refit(part, more, phi, fit.start[chosen], fit.scales, QUICK))
+    if not found:
+        return []
+    best = max(found, key=lambda f: f.bic)
+    with suppress(FloatingPointError):
+        return [refit(take, best.hypothesis, best.phi, fit.start, fit.scales)]
+    return []
+
+
+def quickly(fit: Fit, take: Take, candidate: Candidate) -> Fit:
+    """The joint refit with one more effect along the fit's own tangent, from the score test's values."""
+    sharp = sharpened(fit, take, candidate)
+    more = fit.hypothesis.holding(*fit.hypothesis.effects, candidate.effect)
+    values = [*fit.hypothesis.values(fit.phi).values(), *sharp.values]
+    return refit(take, more, more.start(fit.car(), values), fit.start, fit.scales, QUICK, fit.tangent)
+
+
+def fully(fit: Fit, take: Take) -> Fit:
+    """The same hypothesis with its own tangent; as it is where that leads out of the finite numbers."""
+    try:
+        return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
+    except FloatingPointError:
+        return fit
