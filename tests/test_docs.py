@@ -34,6 +34,13 @@ def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
     assert f"> {verdict_sentence(diagnosis)}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
+    from bcid.report.proof_page import evidence
+
+    outcome = json.loads((ROOT / "docs" / "results" / "prove.json").read_text(encoding="utf-8"))
+    assert evidence(outcome) in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
 def test_the_page_of_effects_is_what_the_command_makes() -> None:
     from bcid.effects.listing import as_markdown
     from bcid.effects.table import EFFECTS

@@ -15,6 +15,7 @@ import pytest
 from bcid.cli.app import main
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.effects.table import EFFECTS
+from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.proof import running
 from bcid.proof.asking import TUNING, recorded, vehicle
@@ -26,7 +27,7 @@ from bcid.proof.localisation import channel_right, overlap, place_overlap, time_
 from bcid.proof.outcome import REFUTED, outcome
 from bcid.proof.running import run_all
 from bcid.proof.scoring import RATES, pooled, right, tiers
-from bcid.proof.seal import seal_of, sealed
+from bcid.proof.seal import opened, seal_of, seal_up, sealed
 from bcid.report.proof_page import evidence, write_proof_page
 
 
@@ -170,6 +171,24 @@ def test_a_seal_fits_its_answer_and_salt_alone() -> None:
     assert seal_of([one, other], "salt") != seal_of([other, one], "salt")
 
 
+def test_seals_lie_there_before_and_are_opened_after(tmp_path: Path) -> None:
+    cases = list(suite(1, 1, 1, 0, 0))[:3]
+    seal = seal_up(cases, "salt", tmp_path, 1)
+    kept = json.loads((tmp_path / "seals.json").read_text(encoding="utf-8"))
+    assert kept["cases"] == {c.name: sealed(c, "salt") for c in cases}
+    assert not any(c.answer[0] in (tmp_path / "seals.json").read_text(encoding="utf-8") for c in cases)
+    assert seal_up(cases, "salt", tmp_path, 3) == seal  # a run that goes on
+    with pytest.raises(UsageError, match="seals of other answers"):
+        seal_up(cases, "pepper", tmp_path, 0)
+    assert opened(cases, "salt", tmp_path) == {"opened": 3, "known_before": 1}
+    told = json.loads((tmp_path / "answers.json").read_text(encoding="utf-8"))
+    assert [list(a["effects"]) for a in told["answers"]] == [list(c.answer) for c in cases]
+    kept["cases"][cases[1].name] = "0" * 64
+    (tmp_path / "seals.json").write_text(json.dumps(kept), encoding="utf-8")
+    with pytest.raises(InputRefused, match="does not fit the answer"):
+        opened(cases, "salt", tmp_path)
+
+
 def test_a_diagnosis_cannot_reach_an_answer() -> None:
     """Nothing that a diagnosis runs imports the blind test or the simulation, and a recording holds no case."""
     reached, todo = set[str](), ["bcid.diagnosis.diagnose", "bcid.estimate.run", "bcid.recording.assemble"]
@@ -302,7 +321,7 @@ def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
     found = outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False}) | {"baselines": summary(rows)}
     assert found["confusion"] == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
     text = evidence(found)
-    assert "| single | 1 | **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in text
+    assert "| single | 1 | first **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in text
     assert "| null | 1 | " in text
     write_proof_page(found, tmp_path / "p.html")
     page = (tmp_path / "p.html").read_text(encoding="utf-8")

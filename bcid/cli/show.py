@@ -138,18 +138,14 @@ def _far(estimate: Mapping[str, Any]) -> bool:
 
 def proof(found: dict[str, Any]) -> Group:
     """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
-    from bcid.report.proof_page import shown
+    from bcid.report.proof_page import figures, shown
 
     columns = shown(found["tiers"])
     rows = [
-        [t["tier"], str(t["n"]), "; ".join(f"{title} {told}" for title, f in columns.items() if (told := _cell(t, f)))]
-        for t in found["tiers"]
+        [t["tier"], str(t["n"]), figures(t, columns, "{}!").replace("\N{NO-BREAK SPACE}", " ")] for t in found["tiers"]
     ]
-    tables = [
-        table(
-            f"{found['cases']} cases", ["takes of", "n", "figures"], rows, "goals in brackets; ! misses it", ["figures"]
-        )
-    ]
+    note = "goals in brackets; ! misses it"
+    tables = [table(f"{found['cases']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
     if found["baselines"]:
         fields = {"first": "top1", "false alarms": "false", "detects": "detected", "error explained": "explained"}
         others = [
@@ -158,13 +154,6 @@ def proof(found: dict[str, Any]) -> Group:
         ]
         tables.append(table("the same takes by other methods", ["method", "n", *fields], others))
     return Group(*tables)
-
-
-def _cell(tier: Mapping[str, Any], field: str) -> str:
-    from bcid.report.proof_page import cell
-
-    told = cell(tier, field, "{}!").replace("\N{NO-BREAK SPACE}", " ")
-    return "" if told == "–" else told
 
 
 def real_proof(found: dict[str, Any]) -> Group:

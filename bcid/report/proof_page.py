@@ -64,11 +64,17 @@ def shown(tiers: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     }
 
 
+def figures(tier: Mapping[str, Any], columns: Mapping[str, str], marked: str) -> str:
+    """All that a tier has of `columns`, in one line; those that miss their goals `marked`."""
+    told = {title: cell(tier, field, marked) for title, field in columns.items()}
+    return "; ".join(f"{title} {text}" for title, text in told.items() if text != "–")
+
+
 def evidence(outcome: Mapping[str, Any]) -> str:
     """The README's table: one row a tier, goals in brackets."""
     columns = shown(outcome["tiers"])
-    rows = [["takes of", "n", *columns], ["---"] * (len(columns) + 2)]
-    rows += [[t["tier"], str(t["n"]), *(cell(t, f) for f in columns.values())] for t in outcome["tiers"]]
+    rows = [["takes of", "n", "figures"], ["---"] * 3]
+    rows += [[t["tier"], str(t["n"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
