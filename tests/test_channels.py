@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cars import CAR
 
 from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.channels import NOWHERE, TELLING, changes_by, entered, explained_by
@@ -23,17 +24,12 @@ from bcid.diagnosis.verdict import Judgement, judged
 from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
-from bcid.physics.car import Car
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import Take as Order
 from bcid.simulation.samples import write_take
 from bcid.vehicle import Vehicle
 
-CAR = Car(
-    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
-    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
-)  # fmt: skip
 SCALES = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.02, 0.02, 0.02]))
 SECONDS = 120.0
 

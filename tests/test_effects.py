@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cars import CAR
 
 from bcid.effects import measurement
 from bcid.effects.car import Body, Drive, Lagged, _front, _wheel_angle, lag_after, wrench
@@ -32,10 +33,6 @@ VOCABULARY = (
 )  # fmt: skip  # the specification's
 
 REST = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-CAR = Car(
-    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
-    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
-)  # fmt: skip
 SECONDS, H = 20.0, 1.0 / 240.0
 SENSED = ("pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale")
 MOVING = [*(name for name in VOCABULARY if name not in SENSED), *CORRECTIONS]

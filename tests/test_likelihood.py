@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from cars import CAR
 from scipy.linalg import null_space
 from scipy.stats import multivariate_t
 
@@ -32,15 +33,10 @@ from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.physics.car import Car
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
-CAR = Car(
-    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
-    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
-)  # fmt: skip
 LIMIT = 2.012
 BASE = Hypothesis((), CAR, LIMIT, Constants())
 RICH = BASE.holding("steering_lag", "steering_delay", "rough_patch")

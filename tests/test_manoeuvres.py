@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cars import CAR
 
 from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
@@ -38,14 +39,9 @@ from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
 from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.constants import Constants
 from bcid.effects.table import EFFECTS
-from bcid.physics.car import Car
 from bcid.recording.commands import read_commands
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
-CAR = Car(
-    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
-    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
-)  # fmt: skip
 LIMIT, TOP = 2.012, 2.033
 SCALES = Scales(np.array([3e-4, 4e-4, 6e-4]), np.array([0.02, 0.015, 0.03]))
 BASE = Hypothesis((), CAR, LIMIT, Constants())

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cars import CAR
 
 from bcid.cli.app import main
 from bcid.diagnosis.heldout import LONGEST_BLOCK_S, block_s
@@ -18,7 +19,6 @@ from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
-from bcid.physics.car import Car
 from bcid.proof.real import EDITS, outcome, run_real
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
@@ -26,10 +26,6 @@ from bcid.simulation.samples import VEHICLE, write_take
 from bcid.simulation.samples import Take as Order
 from bcid.vehicle import Vehicle
 
-CAR = Car(
-    m=319.6, I_z=90.85, l_f=0.54, l_r=0.33, T_s=0.155, d=1.418, F_m_max=423.4, K_t=274.8, K_b=597.0, C_f=3594.0,
-    C_r=7840.0, F_f_max=629.6, F_r_max=1360.0, R_1=43.4, R_2=4.0, v_0=1.0,
-)  # fmt: skip
 OF_THE_CAR = {s: getattr(CAR, s) for s in (
     "F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2",
 )}  # fmt: skip
