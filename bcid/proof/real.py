@@ -26,6 +26,7 @@ from bcid.estimate.tuning import Tuning, tune
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
 from bcid.proof.asking import said
+from bcid.proof.keeping import keep
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.store.code import code_of
@@ -94,8 +95,7 @@ def run_real(file: Path, recordings: Path, folder: Path) -> Iterator[tuple[dict[
         key = hashlib.sha256(json.dumps([case.model_dump(), code, given]).encode()).hexdigest()[:24]
         kept = folder / f"real.{key}.json"
         if not kept.is_file():
-            row = _withheld(case, asked) if isinstance(case, Withheld) else _edited(case, asked)
-            kept.write_text(json.dumps(row), encoding="utf-8")
+            keep(_withheld(case, asked) if isinstance(case, Withheld) else _edited(case, asked), kept)
         yield json.loads(kept.read_text(encoding="utf-8")), k / len(asking)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from bcid.errors import BcidError
 from bcid.proof.asking import run_case
 from bcid.proof.cases import Case
+from bcid.proof.keeping import keep
 from bcid.store.code import code_of
 
 JUDGED = ("bcid.simulation.drive", "bcid.proof.asking")
@@ -87,8 +88,5 @@ def _kept(case: Case, folder: Path, others: bool) -> dict[str, Any]:
         row = run_case(case, others)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
         row = {"error": repr(error)}
-    path = _file(case, folder, others)
-    beside = path.with_suffix(".part")
-    beside.write_text(json.dumps(row), encoding="utf-8")
-    beside.replace(path)
+    keep(row, _file(case, folder, others))
     return row
