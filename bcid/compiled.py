@@ -41,6 +41,11 @@ def njit_inline(function: F) -> F:
     return cast(F, numba.njit(cache=True, error_model="numpy", forceinline=True)(function))
 
 
+def njit_sums(function: F) -> F:
+    """The same for loops that add up: sums may be taken in any order, so that they too become vector instructions."""
+    return cast(F, numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function))
+
+
 def njit_parallel(function: F) -> F:
     """The same with `prange` loops spread over the cores."""
     return cast(F, numba.njit(cache=True, error_model="numpy", parallel=True)(function))

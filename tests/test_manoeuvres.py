@@ -9,6 +9,7 @@ import pytest
 from cars import CAR
 
 from bcid.diagnosis.base_fit import base_fit
+from bcid.diagnosis.candidates import refit_with
 from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.manoeuvres import (
     ARENA,
@@ -32,7 +33,7 @@ from bcid.diagnosis.planning import (
     plan,
 )
 from bcid.diagnosis.refit import Fit, jacobian, residuals, sensitivities
-from bcid.diagnosis.search import GATE, refit_with
+from bcid.diagnosis.search import GATE
 from bcid.diagnosis.segments import N_FREE
 from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation
 from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven

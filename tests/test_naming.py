@@ -11,14 +11,17 @@ from cars import CAR
 
 from bcid.diagnosis import refit as refitting
 from bcid.diagnosis.base_fit import base_fit
+from bcid.diagnosis.candidates import refit_with
 from bcid.diagnosis.disturbance import STATES, Disturbances, disturbances
 from bcid.diagnosis.hypothesis import Hypothesis, Setting
-from bcid.diagnosis.marginal import Scales, log_likelihood, moments, rescaled
+from bcid.diagnosis.marginal import Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.diagnosis.refit import Fit, _within, held, refit, residuals
 from bcid.diagnosis.remainder import remainder
+from bcid.diagnosis.rivals import named
 from bcid.diagnosis.scan import circles, energy, windows
+from bcid.diagnosis.score import projected
 from bcid.diagnosis.screen import changes, screen
-from bcid.diagnosis.search import Search, named, refit_with, search
+from bcid.diagnosis.search import Search, search
 from bcid.diagnosis.segments import KNOTS
 from bcid.diagnosis.take import SEGMENT_S, Take, take_of
 from bcid.effects.constants import Constants
@@ -87,6 +90,7 @@ def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     far = refit(take, BASE, BASE.start(CAR._replace(K_t=500.0, R_1=80.0)), take.start, SCALES)
     for found, there in zip((far.car().K_t, far.car().R_1), (near.car().K_t, near.car().R_1), strict=True):
         assert found == pytest.approx(there, rel=0.05)
+    assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.05)
 
 
 def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:
@@ -238,6 +242,31 @@ def test_a_fit_is_immutable(null_fit: Fit) -> None:
     assert replace(null_fit, log_likelihood=0.0).log_likelihood == 0.0
     with pytest.raises(AttributeError):
         null_fit.log_likelihood = 1.0  # type: ignore[misc]
+
+
+def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: Fit) -> None:
+    """At its maximum the objective has no slope along the fit's own parameters: a trial's is the likelihood's alone.
+
+    Against the dense slope of `products`; a score test that projects the likelihood's slope out would forget the pull.
+    """
+    stiff = CAR._replace(C_f=1.1 * CAR.C_f, R_1=1.2 * CAR.R_1)
+    fit = refit(
+        null_take, replace(BASE, nominal=stiff).trusting([], 0.02), null_fit.phi, null_fit.start, null_fit.scales
+    )
+    rng = np.random.default_rng(3)
+    smooth = np.repeat(rng.standard_normal((null_take.segments, 1, 3)), 1, axis=1)
+    columns = np.concatenate(
+        [np.linspace(0.0, 1e-3, b - a)[:, None] ** 3 * s for s, (a, b) in
+         zip(smooth, zip(null_take.first, null_take.first[1:], strict=False), strict=True)]
+    )[:, :, None]  # fmt: skip
+    found = projected(fit, null_take, columns)
+    r = residuals(null_take, fit.hypothesis.setting(fit.phi, null_take), fit.start)
+    _, e = rescaled(moments(r, fit.tangent.A, null_take.first), fit.scales, 0)
+    g, _ = products(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.V)
+    likelihood = float((weights(e) @ g)[0])
+    information = np.sqrt(found.G[0, 0])
+    assert abs(found.tension @ found.pulls[:, 0]) / information > 1.0  # the pull is no small matter here
+    assert found.slope(slice(0, 1))[0] / information == pytest.approx(likelihood / information, abs=0.3)
 
 
 def test_what_meets_a_bound_stays_there_and_the_rest_goes_on() -> None:

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cars import CAR
 
 from bcid.diagnosis.diagnose import diagnosed
-from bcid.diagnosis.simulation import driven_by, of_model, of_recordings, user_model
+from bcid.diagnosis.hypothesis import DRAG, SPEED_LAW, TYRES
+from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
@@ -95,3 +97,35 @@ def test_what_is_no_simulation_is_refused(
     with pytest.raises(UsageError, match=says) as told:
         user_model(name)
     assert "next:" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"K_t": -1.0}, "needs above zero K_t"),
+        ({"I_z": 0.0}, "needs above zero I_z"),
+        ({"T_s": 0.2}, "has in the vehicle file already T_s"),
+        ({"mass": 1.0}, "has unknown mass"),
+        ({"C_f": None}, "lacks C_f"),
+    ],
+)
+def test_a_file_of_parameters_that_no_car_has_is_refused(
+    change: dict[str, float | None], says: str, tmp_path: Path, estimates: list[Estimate], vehicle: Vehicle
+) -> None:
+    values = {s: getattr(CAR, s) for s in (*SPEED_LAW, *TYRES, *DRAG)} | change
+    lines = [f"{s} = {v!r}" for s, v in values.items() if v is not None]
+    (tmp_path / "sim.toml").write_text("\n".join(["[parameters]", *lines]), encoding="utf-8")
+    with pytest.raises(InputRefused, match=says):
+        of_parameters(tmp_path / "sim.toml", estimates, vehicle)
+
+
+def test_an_effect_beyond_its_bounds_is_refused_not_clipped(
+    tmp_path: Path, estimates: list[Estimate], vehicle: Vehicle
+) -> None:
+    lines = [f"{s} = {getattr(CAR, s)!r}" for s in (*SPEED_LAW, *TYRES, *DRAG)]
+    text = "\n".join(["[parameters]", *lines, "[effects]", "motor_delay = {{ tau = {} }}"])
+    (tmp_path / "sim.toml").write_text(text.format(0.05), encoding="utf-8")
+    assert of_parameters(tmp_path / "sim.toml", estimates, vehicle).effects == {"motor_delay__tau": 0.05}
+    (tmp_path / "sim.toml").write_text(text.format(50.0), encoding="utf-8")
+    with pytest.raises(InputRefused, match="tau = 50 lies outside"):
+        of_parameters(tmp_path / "sim.toml", estimates, vehicle)

@@ -39,5 +39,5 @@ def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
             error = failed
     if not fits:
         raise error
-    best = max(fits, key=lambda f: f.log_likelihood)
+    best = max(fits, key=lambda f: f.bic)
     return refit(take, base, best.phi, take.start, best.scales)

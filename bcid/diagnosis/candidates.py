@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from bcid.diagnosis.refit import Fit, refit
+from bcid.diagnosis.refit import Fit, held, refit
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
 from bcid.diagnosis.take import Take
 from bcid.effects.table import EFFECTS
@@ -37,27 +37,37 @@ def of_the_shortlist(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> li
     if not quick:
         return []
     gain = quick[0].bic - fit.bic
-    near = [f for f in quick[:FINALISTS] if quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL)]
-    full = [fully(f, take) for f in near]
-    return sorted([*full, *(f for f in quick if f not in near)], key=lambda f: -f.bic)
+    near = sum(quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL) for f in quick[:FINALISTS])
+    full, rest = [fully(f, take) for f in quick[:near]], quick[near:]
+    while rest and rest[0].bic > max(f.bic for f in full):  # full refits may end lower: a quick one is no answer
+        full.append(fully(rest.pop(0), take))
+    return sorted([*full, *rest], key=lambda f: -f.bic)
 
 
-def beside_given(given: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of the most promising effects beside parameters that were not refitted."""
+def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of the most promising effects beside parameters that were not refitted, and what `corrected` has."""
+    more = corrected.hypothesis
+    if more.effects != given.hypothesis.effects:
+        values = corrected.hypothesis.values(corrected.phi) | given.hypothesis.values(given.phi)
+        try:
+            given = held(take, more, more.start(given.car(), list(values.values())), given.scales)
+        except FloatingPointError:
+            return []
     candidates = screen(given, take, changes(given, take).without(left_out))
     return of_the_shortlist(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
 
 
-def beside_simulated(base: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
+def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
     """Joint refits of every effect that has no place, at its size beside the parameters of a simulation to be trusted.
 
     What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
     the best on the whole.
     """
     chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
-    part, found, hypothesis = take.part(chosen), list[Fit](), base.hypothesis
+    part, found, hypothesis = take.part(chosen), list[Fit](), corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
-    simulated = np.array(hypothesis.simulated.phi)
+    known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
+    simulated = np.r_[hypothesis.simulated.phi, corrected.phi[known:]]
     values = list(hypothesis.values(simulated).values())
     for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
         own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
@@ -67,7 +77,7 @@ def beside_simulated(base: Fit, take: Take, left_out: Sequence[str]) -> list[Fit
         for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
             phi = more.start(hypothesis.car(simulated), [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
-                found.append(refit(part, more, phi, part.start, base.scales, tangents=FEW))
+                found.append(refit(part, more, phi, part.start, corrected.scales, tangents=FEW))
     best = dict[tuple[str, ...], Fit]()
     for f in sorted(found, key=lambda f: f.bic):
         best[f.hypothesis.effects] = f  # of either sign, the better one
@@ -115,3 +125,14 @@ def fully(fit: Fit, take: Take) -> Fit:
         return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
     except FloatingPointError:
         return fit
+
+
+def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
+    """The joint refit of `effects`: those that `fit` holds start from their values there, others from `added`."""
+    less = fit.hypothesis.holding(*effects)
+    old = fit.hypothesis.values(fit.phi)
+    known = [old[f] for f, _ in less.parameters if f in old]
+    try:
+        return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
+    except FloatingPointError:  # what was taken away had kept the car within the finite numbers
+        return refit(take, less, less.start(less.nominal, [*known, *added]), take.start, fit.scales)

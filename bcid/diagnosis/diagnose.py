@@ -127,6 +127,18 @@ def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
 
 
+def base_of(vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: tuple[str, ...] = ()) -> Hypothesis:
+    """The base model of a vehicle about `car`, with what it assumes."""
+    steering = vehicle.steering
+    unknown = tuple(
+        s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
+    )
+    return Hypothesis(
+        (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates), assumed,
+        vehicle.raw_steering,
+    )  # fmt: skip
+
+
 def diagnosed(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
     simulation: Compared | None = None, progress: Progress = lambda share, text: None, left_out: Sequence[str] = (),
@@ -142,17 +154,10 @@ def diagnosed(
     facts = estimates[0].facts
     progress(0.02, "a first car")
     car = simulation.car if simulation else started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)
-    steering = vehicle.steering
-    unknown = tuple(
-        s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
-    )
     assumed = dict(simulation.effects) if simulation else {}
     if vehicle.raw_steering:  # its gain belongs to the base model
         assumed = {field: 0.0 for name in RAW_COMMANDS for field in ENTRIES[name].fields} | assumed
-    hypothesis = Hypothesis(
-        (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates),
-        effects_of(assumed), vehicle.raw_steering,
-    )  # fmt: skip
+    hypothesis = base_of(vehicle, car, estimates, effects_of(assumed))
     values = list(assumed.values())
     if simulation and simulation.trust is not None:
         hypothesis = hypothesis.trusting(values, simulation.trust)

@@ -138,7 +138,7 @@ def refit(
     best = tangent, now
     for _ in range(tangents if known is None else 1):
         anchor = now
-        now, curvature = _along(take, hypothesis, prior, tangent, now, iterations, FAR if known is None else np.inf)
+        now = _along(take, hypothesis, prior, tangent, now, iterations, FAR if known is None else np.inf)
         if known is not None or now.objective - anchor.objective < CONVERGED:
             break
         fresh = _anew(take, hypothesis, prior, anchor, now)
@@ -152,25 +152,33 @@ def refit(
         tangent, now = best
     now = _found(take, prior, now.phi, now.start, now.scales, now.r, tangent.A, LAST_EM_STEPS)
     each = log_likelihood(now.e)
+    _, curvature = _slope(take, hypothesis, prior, tangent, now)
     covariance = np.asarray(np.linalg.pinv(curvature), dtype=float)
     return Fit(hypothesis, now.phi, now.start, now.scales, float(each.sum()), each, covariance, tangent)
 
 
 def _along(
     take: Take, hypothesis: Hypothesis, prior: _Prior, tangent: Tangent, now: _State, iterations: int, far: float
-) -> tuple[_State, Floats]:
-    """Gauss-Newton steps along one tangent until none helps or one goes `far`, and the curvature at the last."""
+) -> _State:
+    """Gauss-Newton steps along one tangent until none helps or one goes `far`."""
     for _ in range(iterations):
-        own = jacobian(take, hypothesis, now.phi, now.start, now.r, range(hypothesis.base_size, hypothesis.size))
-        J = np.concatenate([tangent.J, own], axis=2)
-        g, G = products(now.r, tangent.A, J, take.first, now.scales.r, now.e.V)
-        w = weights(now.e)
-        slope = w @ g - prior.stiffness * (now.phi - prior.centre)
-        curvature = np.tensordot(w, G, axes=1) + np.diag(prior.stiffness)
+        slope, curvature = _slope(take, hypothesis, prior, tangent, now)
         before, now = now, _step(take, hypothesis, prior, now, tangent.A, slope, curvature)
         if now.objective - before.objective < CONVERGED or np.max(np.abs(now.phi - before.phi)) > far:
             break
-    return now, curvature
+    return now
+
+
+def _slope(take: Take, hypothesis: Hypothesis, prior: _Prior, tangent: Tangent, now: _State) -> tuple[Floats, Floats]:
+    """Slope (n,) and curvature (n, n) of the objective at `now`; effects' own columns are found there."""
+    own = jacobian(take, hypothesis, now.phi, now.start, now.r, range(hypothesis.base_size, hypothesis.size))
+    J = np.concatenate([tangent.J, own], axis=2)
+    g, G = products(now.r, tangent.A, J, take.first, now.scales.r, now.e.V)
+    w = weights(now.e)
+    return (
+        w @ g - prior.stiffness * (now.phi - prior.centre),
+        np.tensordot(w, G, axes=1) + np.diag(prior.stiffness),
+    )
 
 
 def _anew(

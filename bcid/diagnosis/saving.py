@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from bcid.diagnosis.before_after import Horizon, Tracks
-from bcid.diagnosis.candidates import RIVAL
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import CHANNELS
 from bcid.diagnosis.hypothesis import DRAG, DRAG_UNIT
 from bcid.diagnosis.locate import SIGNIFICANT
-from bcid.diagnosis.search import named
+from bcid.diagnosis.rivals import named
 from bcid.diagnosis.take import Floats
-from bcid.diagnosis.verdict import Finding
+from bcid.diagnosis.verdict import Finding, alike
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES
@@ -98,8 +97,8 @@ def _located(
 
 
 def _numbers(parameters: Sequence[Parameter], values: dict[str, tuple[float, float]]) -> dict[str, Any]:
-    quoted = [p.quoted(*values[p.symbol]) for p in parameters if p.symbol in values]
-    return {q.symbol: {"value": q.value, "se": q.se, "unit": q.unit} for q in quoted}
+    quoted = [(p.quoted(*values[p.symbol]), p.at_bound(values[p.symbol][0])) for p in parameters if p.symbol in values]
+    return {q.symbol: {"value": q.value, "se": q.se, "unit": q.unit, "at_bound": stuck} for q, stuck in quoted}
 
 
 def _finding(f: Finding, effect: Effect) -> dict[str, Any]:
@@ -135,7 +134,7 @@ def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
     if found.judgement.left > 0.0:
         return {
             "channel": found.judgement.left_in, "depends_on": list(left.depends_on) if left.predictable else [],
-            "form": left.form,
+            "form": left.form if left.channel == found.judgement.left_in else None,
             "heldout_gain": left.gain, "gain_nats": found.judgement.left,
         }  # fmt: skip
     words = "; ".join(ENTRIES[n].equation for n in corrections)
@@ -185,7 +184,11 @@ def _rivals(found: Diagnosis) -> list[dict[str, Any]]:
     best, rows = search.best, []
     for other in search.others[:4]:
         behind = best.bic - other.bic
-        why = "cannot be told apart on this recording" if behind < RIVAL else f"explains {behind:.0f} nats less"
+        why = (
+            "cannot be told apart on this recording"
+            if alike(best, other, found.take)
+            else f"explains {behind:.0f} nats less"
+        )
         rows.append({"effects": list(named(other)), "behind_nats": behind, "why_not": why})
     return rows
 

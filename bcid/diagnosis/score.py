@@ -32,6 +32,12 @@ class Projected(NamedTuple):
     G: Floats  # (K, K) weighted sum over segments
     chi2: Floats  # (S,) without any trial
     numbers: Floats  # (S,)
+    pulls: Floats  # (held, K) by which a unit of a column bends trusted parameters, in their standard deviations
+    tension: Floats  # (held,) by which they are bent already
+
+    def slope(self, own: slice) -> Floats:
+        """What the columns `own` gain at first: in the likelihood, and by letting trusted parameters go back."""
+        return np.asarray(self.weights @ self.each_g[:, own] + self.tension @ self.pulls[:, own])
 
     def each_information(self, k: int, other: int) -> Floats:
         """J^T P J of two columns in every segment (S,)."""
@@ -50,21 +56,26 @@ def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
     w, noise = weights(e), fit.scales.r[:, None]
     X = np.concatenate([fit.tangent.J, own, columns], axis=2) / noise
     A, rest = fit.tangent.A / noise, r / fit.scales.r
-    root = np.linalg.cholesky(e.V)
+    factor = np.linalg.cholesky(e.V)
     Y, y = np.empty((take.segments, N_FREE, X.shape[2])), np.empty((take.segments, N_FREE))
     for s, (a, b) in enumerate(zip(take.first, take.first[1:], strict=False)):
         As = A[a:b].reshape(-1, N_FREE)
-        Y[s] = root[s].T @ (As.T @ X[a:b].reshape(len(As), -1))
-        y[s] = root[s].T @ (As.T @ rest[a:b].ravel())
+        Y[s] = factor[s].T @ (As.T @ X[a:b].reshape(len(As), -1))
+        y[s] = factor[s].T @ (As.T @ rest[a:b].ravel())
     total = _information(X, Y, w, take.first)
     if not np.isfinite(total).all():  # LAPACK would not come back from it
         raise FloatingPointError("a change of a prediction left the finite numbers")
-    known = np.zeros(held) if hypothesis.simulated is None else hypothesis.prior(fit.phi)[1]
+    centre, known = hypothesis.prior(fit.phi)
+    if hypothesis.simulated is None:
+        known = np.zeros(held)
     taken = np.linalg.lstsq(total[:held, :held] + np.diag(known), total[:held, held:], rcond=None)[0]
     X, Y = X[:, :, held:] - X[:, :, :held] @ taken, Y[:, :, held:] - Y[:, :, :held] @ taken
     each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
     G = total[held:, held:] - total[held:, :held] @ taken
-    return Projected(X, Y, each_g, take.first, w, G, e.chi2, e.numbers)
+    root = np.sqrt(known)
+    return Projected(
+        X, Y, each_g, take.first, w, G, e.chi2, e.numbers, root[:, None] * taken, root * (fit.phi - centre)
+    )
 
 
 def _information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
@@ -86,19 +97,20 @@ def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
         return np.zeros(len(columns)), 0.0
     g = found.each_g[:, own]
     G = np.stack([[found.each_information(k, m) for m in columns] for k in columns]).transpose(2, 0, 1)
+    pull, stiffness = found.tension @ found.pulls[:, own], found.pulls[:, own].T @ found.pulls[:, own]
 
     def chi2(a: Floats) -> Floats:
         return np.asarray(np.maximum(found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0))
 
     def gain(a: Floats) -> float:
         more = np.log1p(chi2(a) / NU) - np.log1p(found.chi2 / NU)
-        return float(-0.5 * np.sum((NU + found.numbers) * more))
+        return float(-0.5 * np.sum((NU + found.numbers) * more) + a @ pull - 0.5 * a @ stiffness @ a)
 
     best, most = np.zeros(len(columns)), 0.0
     for a in (np.zeros(len(columns)), np.ones(len(columns))):
         for _ in range(REWEIGHTED):
             w = (NU + found.numbers) / (NU + chi2(a))
-            a = amplitudes((w @ g)[None], np.tensordot(w, G, axes=1))[0]  # noqa: PLW2901
+            a = amplitudes((w @ g + pull)[None], np.tensordot(w, G, axes=1) + stiffness)[0]  # noqa: PLW2901
             if gain(a) > most:
                 best, most = a, gain(a)
     return best, most
@@ -106,15 +118,14 @@ def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
 
 def explained(found: Projected, own: slice) -> float:
     """What the columns `own` would gain with amplitudes as large as they like (nats)."""
-    g, G = found.weights @ found.each_g[:, own], found.G[own, own]
+    g, G = found.slope(own), found.G[own, own]
     scale = np.sqrt(np.maximum(np.diag(G), UNSEEN))
     return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
 
 
 def promise(found: Projected, own: slice) -> float:
     """What the columns `own` promise together (nats) by their slopes and information alone."""
-    g = found.weights @ found.each_g[:, own]
-    G = found.G[own, own]
+    g, G = found.slope(own), found.G[own, own]
     return float(_gain(amplitudes(g[None], G), g[None], G)[0])
 
 
@@ -125,7 +136,9 @@ def null_maxima(found: Projected, groups: list[slice]) -> Floats:
     trial promises by chance, with the trials' own correlations and the segments' own scatter.
     """
     each = found.weights[:, None] * found.each_g
-    draws = np.random.default_rng(0).choice((-1.0, 1.0), (NULLS, len(each))) @ each
+    rng = np.random.default_rng(0)
+    draws = rng.choice((-1.0, 1.0), (NULLS, len(each))) @ each
+    draws += rng.standard_normal((NULLS, len(found.pulls))) @ found.pulls  # a trusted parameter is off by chance too
     most = np.zeros(NULLS)
     for own in groups:
         g, G = draws[:, own], found.G[own, own]

@@ -7,11 +7,9 @@ for an effect; like every effect they have to earn their place in the end.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from bcid.diagnosis.candidates import (
-    CLOSE,
     QUICK,
     SHORTLIST,
     WORTH,
@@ -20,16 +18,16 @@ from bcid.diagnosis.candidates import (
     from_afar,
     fully,
     of_the_shortlist,
-    quickly,
+    refit_with,
 )
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.refit import Fit, refit
 from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.rivals import distinct, each_left_out, named, settled
 from bcid.diagnosis.screen import Changes, Nulls, changes, nulls, screen
 from bcid.diagnosis.take import Take
 from bcid.effects.corrections import CORRECTIONS
-from bcid.effects.table import EFFECTS
 
 MOST_EFFECTS = 4
 SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain
@@ -43,11 +41,6 @@ SURE = 8.0  # standard errors from nothing at which no refit is needed to see th
 DELAYS = ("steering_delay", "motor_delay")
 
 Report = Callable[[str], None]
-
-
-def named(fit: Fit) -> tuple[str, ...]:
-    """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
-    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
 @dataclass(frozen=True)
@@ -64,10 +57,9 @@ class Search:
     trials: Changes  # of the whole vocabulary beside the corrected base model
 
     def reduced(self, best: Fit, take: Take) -> Search:
-        """The same search with fewer effects in its best fit."""
-        held = set(best.hypothesis.effects)
-        others = tuple(f for f in self.others if len(held - set(f.hypothesis.effects)) == 1)
-        return replace(self, best=best, without=_each_left_out(best, self.corrected, self.base, take), others=others)
+        """The same search with fewer effects in its best fit, whose rivals are others than before."""
+        found = settled(best, take, self.trials, (self.corrected, self.base))
+        return replace(self, best=found.best, without=found.without, others=found.others)
 
 
 def search(
@@ -81,7 +73,7 @@ def search(
     """
     report("the base model's own simplifications")
     corrected = _corrected(base, take)
-    best, others = corrected, list[Fit]()
+    best, accepted = corrected, list[Fit]()
     report("a score test of every effect")
     trials = changes(best, take).without(left_out)
     chance = nulls(best, take, trials)
@@ -96,9 +88,9 @@ def search(
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
         fits = of_the_shortlist(best, take, shortlist)
         if given and best is corrected:
-            fits = sorted([*fits, *beside_given(given, take, left_out)], key=lambda f: -f.bic)
+            fits = sorted([*fits, *beside_given(given, best, take, left_out)], key=lambda f: -f.bic)
         if base.hypothesis.simulated and best is corrected:
-            fits = sorted([*fits, *beside_simulated(base, take, left_out)], key=lambda f: -f.bic)
+            fits = sorted([*fits, *beside_simulated(best, take, left_out)], key=lambda f: -f.bic)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
@@ -107,19 +99,17 @@ def search(
         beside = nulls(fits[0], take, trials.without(best.hypothesis.effects))
         if fits[0].bic - best.bic < min(chance.gate, beside.gate):
             break
-        best, others, chance = fits[0], fits[1:], beside
+        best, accepted, chance = fits[0], fits, beside
     before = best
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
     best = placed(_without_idlers(best, take, chance.gate), take)
-    without = _each_left_out(best, corrected, base, take)
-    if named(best) != named(before) or len(named(best)) > 1:
-        others = _exchanged(best, take, trials, without)
-        if others and others[0].bic > best.bic:
-            best, others = others[0], [best, *others[1:]]
-            without = _each_left_out(best, corrected, base, take)
-    others = sorted(others, key=lambda f: -f.bic)
-    return Search(base, corrected, best, without, tuple(others), chance, p_value, trials)
+    if named(best) == named(before) and len(named(best)) < 2:  # all others have been refitted beside it
+        rest = distinct(best, accepted)
+        without = each_left_out(best, (corrected, base), take)
+    else:
+        best, without, rest = settled(best, take, trials, (corrected, base))
+    return Search(base, corrected, best, without, rest, chance, p_value, trials)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
@@ -163,17 +153,6 @@ def _sure(fit: Fit, name: str) -> bool:
     )
 
 
-def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
-    """The joint refit of `effects`: those that `fit` holds start from their values there, others from `added`."""
-    less = fit.hypothesis.holding(*effects)
-    old = fit.hypothesis.values(fit.phi)
-    known = [old[f] for f, _ in less.parameters if f in old]
-    try:
-        return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
-    except FloatingPointError:  # what was taken away had kept the car within the finite numbers
-        return refit(take, less, less.start(less.nominal, [*known, *added]), take.start, fit.scales)
-
-
 def _without_idlers(fit: Fit, take: Take, gate: float) -> Fit:
     """The fit without those of its effects that do not earn their place beside the others."""
     held = fit.hypothesis.effects
@@ -186,27 +165,3 @@ def _without_idlers(fit: Fit, take: Take, gate: float) -> Fit:
         if fit.bic - without.bic < gate:
             return _without_idlers(without, take, gate)
     return fit
-
-
-def _each_left_out(fit: Fit, corrected: Fit, base: Fit, take: Take) -> dict[str, Fit]:
-    """The joint refit without each of the named effects, where it is not known already."""
-    known = {f.hypothesis.effects: f for f in (corrected, base)}
-    found = {}
-    for name in named(fit):
-        rest = tuple(n for n in fit.hypothesis.effects if n != name)
-        found[name] = known[rest] if rest in known else refit_with(fit, take, rest)
-    return found
-
-
-def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -> list[Fit]:
-    """Refits with one of several effects exchanged for the most promising others, best first."""
-    found = []
-    for less in without.values():
-        shortlist = screen(less, take, trials.without(fit.hypothesis.effects))[:3]
-        lost = fit.bic - less.bic
-        for candidate in shortlist:
-            if candidate.score > max(WORTH, CLOSE * lost):
-                with suppress(FloatingPointError):
-                    quick = quickly(less, take, candidate)
-                    found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
-    return sorted(found, key=lambda f: -f.bic)

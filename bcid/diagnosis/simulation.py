@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from bcid.diagnosis.diagnose import Compared, diagnosed
+from bcid.diagnosis.diagnose import Compared, base_of, diagnosed
 from bcid.diagnosis.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
@@ -59,28 +59,40 @@ class Parameters(Settings):
 def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
     """The simulation whose parameters a TOML file gives: Newton-Euler's, and those of the effects that it has.
 
-    What the vehicle file says is taken from there.  With `relative_sd` the parameters stay about that near to what
-    they are; without, they are where the refit starts.
+    With `relative_sd` the parameters stay about that near to what they are; without, they are where the refit starts.
 
     Raises:
-        InputRefused: a parameter that is missing or unknown, or an effect.
+        InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.
     """
     file = read_toml(path, Parameters, "simulation file", "pipelines/dart/simulation.toml is one")
     law = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
-    wanted, may = {*law, *TYRES, *DRAG}, {"T_s", "d"}
-    lacking, strange = sorted(wanted - set(file.parameters)), sorted(set(file.parameters) - wanted - may)
-    if lacking or strange:
-        told = [f"lacks {', '.join(lacking)}"] * bool(lacking) + [f"has unknown {', '.join(strange)}"] * bool(strange)
-        raise InputRefused(path, "parameters", " and ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
-    fields = dict[str, float]()
-    for name, values in file.effects.items():
-        if name not in EFFECTS or set(values) != {p.symbol for p in EFFECTS[name].parameters}:
-            raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
-        entry = EFFECTS[name]
-        fields |= {f: values[p.symbol] for f, p in zip(entry.fields, entry.parameters, strict=True)}
+    steering = vehicle.steering
+    wanted, may = {*law, *TYRES, *DRAG}, {"T_s": steering.time_constant_s, "d": steering.max_rate_radps}
+    lacking, strange = sorted(wanted - set(file.parameters)), sorted(set(file.parameters) - wanted - set(may))
+    given = sorted(s for s in may if s in file.parameters and may[s] is not None)
+    negative = sorted(s for s, v in file.parameters.items() if s not in DRAG and not v > 0.0)
+    told = [
+        f"{words} {', '.join(symbols)}"
+        for words, symbols in (
+            ("lacks", lacking), ("has unknown", strange), ("has in the vehicle file already", given),
+            ("needs above zero", negative),
+        )
+        if symbols
+    ]  # fmt: skip
+    if told:
+        raise InputRefused(path, "parameters", "; ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
     facts = estimates[0].facts
-    car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)
-    return Compared(car._replace(**file.parameters), fields, file.relative_sd)
+    car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)._replace(**file.parameters)
+    entries, fields = base_of(vehicle, car, estimates).entries, dict[str, float]()
+    for name, values in file.effects.items():
+        if name not in EFFECTS or name not in entries or set(values) != {p.symbol for p in entries[name].parameters}:
+            raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
+        for field, p in zip(entries[name].fields, entries[name].parameters, strict=True):
+            if not p.low <= values[p.symbol] <= p.high:
+                bounds = f"{p.symbol} = {values[p.symbol]:g} lies outside {p.low:g} to {p.high:g} {p.unit}"
+                raise InputRefused(path, f"effects.{name}", bounds, "check its unit; see bcid effects")
+            fields[field] = values[p.symbol]
+    return Compared(car, fields, file.relative_sd)
 
 
 def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:

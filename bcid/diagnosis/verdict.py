@@ -7,14 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from bcid.diagnosis.candidates import RIVAL
+from bcid.diagnosis.candidates import RIVAL, refit_with
 from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.rivals import named
 from bcid.diagnosis.scan import Circle
-from bcid.diagnosis.search import DELAYS, PLAIN, Search, named, refit_with
+from bcid.diagnosis.search import DELAYS, PLAIN, Search
 from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.table import EFFECTS
 
@@ -181,12 +182,12 @@ def _twins(best: Fit, found: Search, take: Take, name: str) -> tuple[str, ...]:
     twins = ["+".join(DELAYS)] if name == "pose_latency" else []
     for other in found.others:
         rival = _exchanged_for(best, other, name)
-        if rival and rival not in twins and _alike(best, other, take):
+        if rival and rival not in twins and alike(best, other, take):
             twins.append(rival)
     return tuple(twins[:MOST_TWINS])
 
 
-def _alike(best: Fit, other: Fit, take: Take) -> bool:
+def alike(best: Fit, other: Fit, take: Take) -> bool:
     """Whether the evidence does not tell two fits apart: by BIC, or by the difference's own scatter (Vuong)."""
     if best.bic - other.bic < RIVAL:
         return True

@@ -17,6 +17,7 @@ from bcid.compiled import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
 from bcid.physics.car import Car, motor_force
+from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import drag
 from bcid.physics.tyres import slip_angle
@@ -191,7 +192,7 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
     delta_w = _wheel_angle(b, drive, lagged, grip, F_lr, p, e, c)
     front = _front(delta_w, b, drive, lagged, grip, F_lr, p, e, c)
     F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
-    sin_d, cos_d = math.sin(delta_w), math.cos(delta_w)
+    sin_d, cos_d = sincos(delta_w)
     F_x = cos_d * front.F_l - sin_d * front.F_a + F_lr
     F_fy = sin_d * front.F_l + cos_d * front.F_a
     F_y, M_z = F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar

@@ -5,6 +5,7 @@ The compiled function beside an entry is the equation itself; `bcid.effects.car`
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
@@ -28,6 +29,10 @@ class Parameter(NamedTuple):
     off: float = 0.0
     places: bool = False  # a place or a time, which means nothing while the effect is off
     inverse_of: str = ""  # what is quoted in its place: its inverse, where off is infinity
+
+    def at_bound(self, value: float) -> bool:
+        """Whether a search that ended here might have gone on."""
+        return any(math.isclose(value, bound, rel_tol=1e-6) for bound in (self.low, self.high))
 
     def quoted(self, value: float, se: float | None) -> Quoted:
         """The value as it is printed and saved, with a unit in words."""

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from bcid.compiled import njit
+from bcid.compiled import njit_inline
+from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
 from bcid.physics.steering import steering_rate
@@ -68,7 +69,7 @@ def integration_step(p: Car) -> float:
     return LONGEST_STEP_S / min(max(1, math.ceil(LONGEST_STEP_S * rate / STABLE)), FINEST)
 
 
-@njit
+@njit_inline
 def motor_force(u_m: float, v_w: float, p: Car) -> float:
     """F_m (N) at wheel speed `v_w` (m/s) by the vehicle's motor law."""
     if p.sets_force > 0.0:
@@ -76,7 +77,7 @@ def motor_force(u_m: float, v_w: float, p: Car) -> float:
     return speed_controlled_force(u_m, v_w, p.K_t, p.K_b, p.F_m_max)
 
 
-@njit
+@njit_inline
 def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p: Car) -> tuple[float, float, float]:
     """F_x (N), F_y (N), M_z (N m) on the body (paper, second equation, with errata 2)."""
     v_fx, v_fy = wheel_velocity(v_x, v_y, yaw_rate, p.l_f, delta)
@@ -85,13 +86,13 @@ def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p:
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
     F_lf = p.front_share * (motor_force(u_m, v_fx, p) - drag(v_fx, p.R_1, p.R_2))
     F_lr = (1.0 - p.front_share) * (motor_force(u_m, v_rx, p) - drag(v_rx, p.R_1, p.R_2))
-    sin_d, cos_d = math.sin(delta), math.cos(delta)
+    sin_d, cos_d = sincos(delta)
     F_x = cos_d * F_lf - sin_d * F_af + F_lr
     F_fy = sin_d * F_lf + cos_d * F_af
     return F_x, F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
 
 
-@njit
+@njit_inline
 def rate(
     v_x: float, v_y: float, yaw_rate: float, delta: float, u_s: float, u_m: float, p: Car
 ) -> tuple[float, float, float, float]:
@@ -101,7 +102,7 @@ def rate(
     return F_x / p.m + yaw_rate * v_y, F_y / p.m - yaw_rate * v_x, M_z / p.I_z, delta_rate
 
 
-@njit
+@njit_inline
 def rk4_step(
     state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, h: float
 ) -> tuple[float, float, float, float]:
@@ -121,7 +122,7 @@ def rk4_step(
     )
 
 
-@njit
+@njit_inline
 def advance(
     state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, period: float
 ) -> tuple[float, float, float, float]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_inline
+from bcid.physics.elementary import sincos
 
 
 @njit
@@ -23,7 +24,7 @@ def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float)
     return v_x, (l_r * v_fy + l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase
 
 
-@njit
+@njit_inline
 def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta: float) -> tuple[float, float]:
     """Velocity of a wheel's contact point along and across the wheel (m/s).
 
@@ -31,7 +32,7 @@ def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta:
     Paper, App. slip, with errata 3 (rotation by -delta).
     """
     v_across = v_y + lever * yaw_rate
-    cos_d, sin_d = math.cos(delta), math.sin(delta)
+    sin_d, cos_d = sincos(delta)
     return cos_d * v_x + sin_d * v_across, cos_d * v_across - sin_d * v_x
 
 

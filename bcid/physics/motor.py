@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-from bcid.compiled import njit
+from bcid.compiled import njit_inline
+from bcid.physics.elementary import clip
 
 
-@njit
+@njit_inline
 def speed_controlled_force(u_m: float, v_w: float, K_t: float, K_b: float, F_max: float) -> float:
     """Motor force (N) of the proportional speed controller (paper, App. actuators, errata 13).
 
     `u_m` >= 0 is a reference speed (m/s): the motor only supplies, clip(K_t (u_m - v_w), 0, F_max).
     `u_m` < 0 is a brake share: clip(u_m K_b v_w, -F_max, F_max).
     """
-    if u_m >= 0.0:
-        return min(max(K_t * (u_m - v_w), 0.0), F_max)
-    return min(max(u_m * K_b * v_w, -F_max), F_max)
+    supplied = clip(K_t * (u_m - v_w), 0.0, F_max)
+    braked = clip(u_m * K_b * v_w, -F_max, F_max)
+    return supplied if u_m >= 0.0 else braked
 
 
-@njit
+@njit_inline
 def force_controlled_force(u_m: float, v_w: float, K: float, u_0: float, K_v: float, K_b: float, F_max: float) -> float:
     """Motor force (N) of a throttle that sets force: K (u_m - u_0) - K_v v_w above u_0, else nothing.
 
     Braking and the limit are those of the speed-controlled motor.
     """
-    if u_m > u_0:
-        return min(max(K * (u_m - u_0) - K_v * v_w, -F_max), F_max)
-    return min(max(min(u_m, 0.0) * K_b * v_w, -F_max), F_max)
+    supplied = clip(K * (u_m - u_0) - K_v * v_w, -F_max, F_max)
+    braked = clip(min(u_m, 0.0) * K_b * v_w, -F_max, F_max)
+    return supplied if u_m > u_0 else braked
 
 
-@njit
+@njit_inline
 def drag(v_w: float, R_1: float, R_2: float) -> float:
     """Drag force (N) against rolling: R_1 v + R_2 v |v|, odd in v (errata 6)."""
     return R_1 * v_w + R_2 * v_w * abs(v_w)

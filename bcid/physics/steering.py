@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_inline
+from bcid.physics.elementary import clip
 
 
-@njit
+@njit_inline
 def steering_rate(u_s: float, delta: float, T_s: float, d: float) -> float:
     """Rate of the steering angle (rad/s): sat((u_s - delta)/T_s) within [-d, d]."""
-    return min(max((u_s - delta) / T_s, -d), d)
+    return clip((u_s - delta) / T_s, -d, d)
 
 
 @njit

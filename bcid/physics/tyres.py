@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import math
+from bcid.compiled import njit_inline
+from bcid.physics.elementary import arctan, clip
 
-from bcid.compiled import njit
 
-
-@njit
+@njit_inline
 def slip_angle(v_along: float, v_across: float, v_0: float) -> float:
     """Slip angle (rad) with the advanced slip ratio's bound `v_0` (m/s) on the rolling speed.
 
     Paper, App. slip; |v_along| lets a wheel roll backwards (errata 15), v_0 is errata 14's.
     """
-    return math.atan(v_across / max(abs(v_along), v_0))
+    return arctan(v_across / max(abs(v_along), v_0))
 
 
-@njit
+@njit_inline
 def lateral_force(alpha: float, C: float, F_max: float) -> float:
     """Lateral tyre force (N): -C alpha, limited to +-F_max (paper, latTireForce).
 
     `C` is the cornering stiffness (N/rad), `F_max` a force (errata 7).
     """
-    return min(max(-C * alpha, -F_max), F_max)
+    return clip(-C * alpha, -F_max, F_max)

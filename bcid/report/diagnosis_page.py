@@ -159,6 +159,7 @@ def _item(finding: Mapping[str, Any], kinds: set[str]) -> str:
     told = f" ({kind})" if kind in ("measurement", "environment") and kinds != {"measurement"} else ""
     values = ", ".join(
         f"{symbol(s)} = {with_error(p.get('value'), p.get('se'), p.get('unit'))}"
+        f"{' (at its bound)' if p.get('at_bound') else ''}"
         for s, p in finding["parameters"].items()
     )
     return f"{plain(finding['effect'])}{told}{', ' if values else ''}{values}"

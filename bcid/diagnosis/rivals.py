@@ -1,0 +1,83 @@
+"""What explains a take nearly as well: the accepted effects with one of them left out, or exchanged for another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import NamedTuple
+
+from bcid.diagnosis.candidates import CLOSE, WORTH, fully, quickly, refit_with
+from bcid.diagnosis.places import placed
+from bcid.diagnosis.refit import Fit
+from bcid.diagnosis.screen import Changes, screen
+from bcid.diagnosis.take import Take
+from bcid.effects.table import EFFECTS
+
+EXCHANGES = 3  # rounds in which an exchange may win
+OF_EACH = 3  # of the most promising others that each effect is exchanged for
+
+
+class Beside(NamedTuple):
+    """A fit and what stands beside it."""
+
+    best: Fit
+    without: dict[str, Fit]  # with each of its named effects left out
+    others: tuple[Fit, ...]  # each with one named effect exchanged, best first
+
+
+def named(fit: Fit) -> tuple[str, ...]:
+    """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
+    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
+
+
+def settled(fit: Fit, take: Take, trials: Changes, known: Iterable[Fit]) -> Beside:
+    """The fit and its rivals, after exchanges of single effects for better ones as long as there are any.
+
+    `known` are fits with fewer effects that need no refit.
+    """
+    known = tuple(known)
+    others: tuple[Fit, ...] = ()
+    for _ in range(EXCHANGES):
+        without = each_left_out(fit, known, take)
+        others = distinct(fit, [*_exchanged(fit, take, trials, without), *others])
+        if not others or others[0].bic <= fit.bic:
+            return Beside(fit, without, others)
+        fit, others = placed(others[0], take), (fit, *others[1:])
+    return Beside(fit, each_left_out(fit, known, take), distinct(fit, others))
+
+
+def distinct(best: Fit, fits: Iterable[Fit]) -> tuple[Fit, ...]:
+    """Of fits that hold the same effects the best one, best first; none that holds those of `best`, or differs more.
+
+    A rival has one named effect in place of another.
+    """
+    mine, found = set(best.hypothesis.effects), dict[frozenset[str], Fit]()
+    for f in sorted(fits, key=lambda f: f.bic):
+        theirs = frozenset(f.hypothesis.effects)
+        if len(mine - theirs) == 1 and len(theirs - mine) == 1:
+            found[theirs] = f
+    return tuple(sorted(found.values(), key=lambda f: -f.bic))
+
+
+def each_left_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
+    """The joint refit without each of the named effects, where it is not known already."""
+    fits = {f.hypothesis.effects: f for f in known}
+    found = {}
+    for name in named(fit):
+        rest = tuple(n for n in fit.hypothesis.effects if n != name)
+        found[name] = fits[rest] if rest in fits else refit_with(fit, take, rest)
+    return found
+
+
+def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -> list[Fit]:
+    """Refits with one of several effects exchanged for the most promising others, best first."""
+    found = []
+    for less in without.values():
+        shortlist = screen(less, take, trials.without(fit.hypothesis.effects))[:OF_EACH]
+        lost = fit.bic - less.bic
+        for candidate in shortlist:
+            if candidate.score > max(WORTH, CLOSE * lost):
+                with suppress(FloatingPointError):
+                    quick = quickly(less, take, candidate)
+                    found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
+    return sorted(found, key=lambda f: -f.bic)
