@@ -17,9 +17,11 @@ from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.measurement import seen_pose
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
-from bcid.proof.real import EDITS, outcome, run_real
+from bcid.proof.edits import EDITS
+from bcid.proof.real import outcome, run_real
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -55,6 +57,16 @@ def test_an_edit_is_undone_by_its_opposite(effect: str, drive: Recording) -> Non
     for one, other in ((back.poses, drive.poses), (back.commands, drive.commands)):
         np.testing.assert_allclose(one.time_s, other.time_s, atol=1e-12)
         np.testing.assert_allclose(one.values, other.values, atol=1e-12)
+
+
+def test_edits_of_the_pose_have_the_vocabulary_s_signs(drive: Recording) -> None:
+    """A tracked point ahead of the CoG, a body turned to the left, poses stamped late."""
+    x, y, yaw = drive.poses.values[7]
+    there = seen_pose(x, y, yaw, 0.05, 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(EDITS["marker_offset"](drive, 0.05).poses.values[7], there[:3])
+    turned = seen_pose(x, y, yaw, 0.0, 0.0, 0.05, 0.0)
+    np.testing.assert_allclose(EDITS["body_yaw_misalignment"](drive, 0.05).poses.values[7], turned[:3])
+    np.testing.assert_allclose(EDITS["pose_latency"](drive, 0.05).poses.time_s, drive.poses.time_s + 0.05)
 
 
 def test_edits_of_size_and_side_are_what_the_vocabulary_calls_them(drive: Recording) -> None:
@@ -164,6 +176,8 @@ value = 0.02
 def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_path: Path) -> None:
     rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
     drag, nothing, offset = rows
+    assert all(row["right"] for row in rows)
+    assert offset["beside"] == []
     assert drag["wanted"]
     assert drag["ratio"] > 1.3
     assert [f["effect"] for f in drag["findings"]] == ["steering_drag"]
@@ -175,6 +189,27 @@ def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_p
     kept = {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()}
     assert [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)] == rows
     assert {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()} == kept
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (('effect = "steering_drag"', 'effect = "steering_dragg"'), "no 'steering_dragg'"),
+        (('accepted = ["motor_lag"]', 'accepted = ["motor_lagg"]'), "motor_lagg"),
+        (('accepted = ["motor_lag"]', "accepted = []"), "accepts nothing"),
+        (('effect = "steering_offset"', 'effect = "no_such_edit"'), "no such edit"),
+    ],
+)
+def test_a_question_that_asks_nothing_is_refused(
+    change: tuple[str, str], says: str, asked: Path, tmp_path: Path
+) -> None:
+    for name in ("vehicle.toml", "simulation.toml"):
+        (tmp_path / name).write_bytes((asked / name).read_bytes())
+    text = (asked / "cases.toml").read_text(encoding="utf-8")
+    assert change[0] in text
+    (tmp_path / "cases.toml").write_text(text.replace(*change), encoding="utf-8")
+    with pytest.raises(InputRefused, match=says):
+        next(run_real(tmp_path / "cases.toml", asked, tmp_path / "out"))
 
 
 def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(

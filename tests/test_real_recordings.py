@@ -16,7 +16,7 @@ from bcid.vehicle import Vehicle, read_vehicle
 
 VEHICLES = {
     "dart": Path(__file__).parents[1] / "pipelines" / "dart" / "vehicle.toml",
-    "f1tenth": Path(__file__).parent / "vehicles" / "f1tenth_ini.toml",
+    "f1tenth": Path(__file__).parents[1] / "pipelines" / "f1tenth" / "vehicle.toml",
 }
 
 DRIVES = {

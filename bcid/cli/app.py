@@ -23,6 +23,7 @@ from bcid.cli.options import (
 )
 from bcid.cli.sink import Format, Sink, table
 from bcid.errors import BcidError, UsageError
+from bcid.models.settings import LOSSES
 from bcid.models.table import MODELS, row_to_fit
 from bcid.pipeline.run import Pipeline
 
@@ -137,6 +138,9 @@ def fit(
     model: Annotated[
         list[str] | None, typer.Option("--model", "-m", help="A model's name; repeat for several. Default: the plan's.")
     ] = None,
+    loss: Annotated[
+        str | None, typer.Option(help="one-step (the paper's) or rollout, for all models. Default: the plan's.")
+    ] = None,
     pipeline: PipelineOption = None,
     vehicle: VehicleOption = None,
     out: OutOption = None,
@@ -147,7 +151,12 @@ def fit(
     sink = Sink(format)
     for name in model or []:
         row_to_fit(name)
-    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    plan = plan_of(pipeline, recordings, vehicle, out, commands)
+    if loss is not None:
+        if loss not in LOSSES:
+            raise UsageError(f"there is no loss {loss!r}\n  next: choose {' or '.join(LOSSES)}")
+        plan = plan.with_loss(loss)
+    work = Pipeline(plan, sink)
     fitted: list[dict[str, Any]] = []
     for name in model or work.plan.models:
         artifact = work.fit(name)

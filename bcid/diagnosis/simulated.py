@@ -78,6 +78,8 @@ def seen_at(stamp: Floats, true: Floats, setting: Setting) -> Floats:
     """The tracked poses (P, 3) at `stamp` of true states (n + 1, 6) after every step of the chain."""
     from scipy.interpolate import CubicHermiteSpline
 
+    if not np.isfinite(true).all():
+        raise FloatingPointError("a simulated drive left the finite numbers")
     sin_t, cos_t = np.sin(true[:, 2]), np.cos(true[:, 2])
     v_x, v_y, omega = true[:, 3:].T
     rates = np.column_stack([cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y, omega])

@@ -80,13 +80,16 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
         if symbols
     ]  # fmt: skip
     if told:
-        raise InputRefused(path, "parameters", "; ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
+        raise InputRefused(path, "parameters", " and ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
+    for name, values in file.effects.items():
+        if name not in EFFECTS or set(values) != {p.symbol for p in EFFECTS[name].parameters}:
+            raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
     facts = estimates[0].facts
     car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)._replace(**file.parameters)
     entries, fields = base_of(vehicle, car, estimates).entries, dict[str, float]()
     for name, values in file.effects.items():
-        if name not in EFFECTS or name not in entries or set(values) != {p.symbol for p in entries[name].parameters}:
-            raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
+        if name not in entries:
+            raise InputRefused(path, f"effects.{name}", "this vehicle cannot have it", "leave it out")
         for field, p in zip(entries[name].fields, entries[name].parameters, strict=True):
             if not p.low <= values[p.symbol] <= p.high:
                 bounds = f"{p.symbol} = {values[p.symbol]:g} lies outside {p.low:g} to {p.high:g} {p.unit}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,11 @@ class Estimate:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def part(self, rows: slice) -> Estimate:
+        """The grid rows `rows` of it."""
+        columns = ("time_s", "segment", "pose", "twist", "kinematic", "command", "twist_sd", "kinematic_sd")
+        return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
     def segments(self) -> list[slice]:
         """The row ranges of the segments, in order."""

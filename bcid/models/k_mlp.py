@@ -16,9 +16,11 @@ from bcid.compiled import njit
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, frame_of, joined, twist_of
+from bcid.models.kinematic_rollout import kinematic_rollouts
 from bcid.models.mlp import Weights, forward
 from bcid.models.samples import transitions
 from bcid.models.settings import TrainingSettings
+from bcid.models.training import train
 from bcid.physics.steering import steering_step
 
 
@@ -63,12 +65,13 @@ class KMlp:
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Train on the one-step NMSE of the kinematic state."""
-        s = transitions(task.estimates)
+        """Train on the one-step NMSE of the kinematic state, or of the twist over rollouts as well."""
+        s, frame = transitions(task.estimates), frame_of(task)
         x = np.column_stack([s.kinematic, s.command[:, 0]])
         settings = TrainingSettings.model_validate(task.settings)
-        weights, facts = mlp.train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress)
-        return cls(weights, frame_of(task), facts)
+        rollouts = kinematic_rollouts(task, settings, frame, lambda network, at: network(at))
+        weights, facts = train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress, *rollouts)
+        return cls(weights, frame, facts)
 
     def init(self, history: History) -> Floats:
         """[v_f, alpha_f, alpha_r, delta]."""

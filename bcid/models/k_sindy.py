@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -16,8 +16,7 @@ from bcid.compiled import njit
 from bcid.models import library
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, frame_of, joined, twist_of
-from bcid.models.library import theta, theta_table
-from bcid.models.samples import transitions
+from bcid.models.library import theta
 from bcid.physics.steering import steering_step
 
 
@@ -61,16 +60,13 @@ def _scan(state: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
     return twists
 
 
-def _regress(terms: Floats, target: Floats, threshold: float, ridge: float) -> Floats:
-    """Sparse coefficients of `target` (N,) over `terms` (N, n), both scaled to unit RMS before the threshold."""
-    from pysindy.optimizers import STLSQ
-
-    scale, size = np.sqrt((terms**2).mean(axis=0)), float(np.sqrt((target**2).mean()))
-    scale = np.where(scale > 1e-12, scale, 1.0)
-    regression = STLSQ(threshold=threshold, alpha=ridge, max_iter=50)
-    regression.fit(terms / scale, (target / size)[:, None])
-    coefficients: Floats = regression.coef_[0] * size / scale
-    return coefficients
+def _sure_lines(sure: Mapping[str, Mapping[str, Sequence[float]]]) -> list[str]:
+    """How sure each term is."""
+    lines = ["terms, the share of resamples that keep them, and their coefficients' 95 % intervals:"] if sure else []
+    return [*lines, *(
+        f"  {name:4} {term:14} {100.0 * kept:3.0f} %  {low:+.3g} … {high:+.3g}"
+        for name, terms in sure.items() for term, (kept, low, high) in terms.items()
+    )]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -96,22 +92,12 @@ class KSindy:
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Sequentially thresholded least squares on the one-step predictions.
+        """Sequentially thresholded least squares on one-step predictions (`SparseSettings`)."""
+        from bcid.models.k_sindy_fit import fit_sparse
 
-        Settings: `SparseSettings`.
-        """
-        s, frame = transitions(task.estimates), frame_of(task)
-        speed = library.SPEED_PUBLISHED if task.settings["library"] == "published" else library.SPEED
-        x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
-        threshold, ridge = float(task.settings["threshold"]), float(task.settings["ridge"])
-        speed_terms, slip_terms = theta_table(x, speed, frame), theta_table(x, library.SLIP, frame)
-        # v_f and the angles change little within a period: sparsity is asked of the change
-        v_unit = (speed == library._terms((library.V,))[0]).all(axis=1)
-        xi_v = _regress(speed_terms, s.next_kinematic[:, 0] - s.kinematic[:, 0], threshold, ridge) + v_unit
-        xi_f = _regress(slip_terms, s.next_kinematic[:, 1], threshold, ridge)
-        xi_r = _regress(slip_terms, s.next_kinematic[:, 2], threshold, ridge)
-        facts = {"threshold": threshold, "ridge": ridge, "library": task.settings["library"]}
-        return cls(Sparse(xi_v, xi_f, xi_r, speed, library.SLIP), frame, facts)
+        frame = frame_of(task)
+        sparse, facts = fit_sparse(task, frame)
+        return cls(sparse, frame, facts)
 
     def init(self, history: History) -> Floats:
         """[v_f, alpha_f, alpha_r, delta]."""
@@ -137,6 +123,7 @@ class KSindy:
                 library.equation("α_f(k+1)", s.xi_f, s.slip),
                 library.equation("α_r(k+1)", s.xi_r, s.slip),
                 f"δ' = sat((u_s − δ)/{self.frame.T_s:g} s) within ±{self.frame.d:g} rad/s;  period {self.period_s:g} s",
+                *_sure_lines(self.facts.get("sure", {})),
             ]
         )
         return text if self.frame.follow else text.replace("max(0,u_m−v)", "max(0,u_m)")

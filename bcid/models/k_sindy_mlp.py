@@ -17,9 +17,11 @@ from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.k_sindy import KSindy, Sparse, f_sindy
 from bcid.models.kinematic import Frame, joined, twist_of
+from bcid.models.kinematic_rollout import kinematic_rollouts, sparse_sums
 from bcid.models.mlp import Weights, forward
 from bcid.models.samples import transitions
 from bcid.models.settings import TrainingSettings
+from bcid.models.training import train
 from bcid.physics.steering import steering_step
 
 
@@ -73,16 +75,17 @@ class KSindyMlp:
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Train the perceptron on the one-step residual of the fitted K-SINDy."""
+        """Train the perceptron on the one-step residual of the fitted K-SINDy, or over rollouts as well."""
         if not isinstance(task.base, KSindy):
             raise TypeError("k-sindy-mlp is derived from a fitted k-sindy model")
         sindy = task.base
         s = transitions(task.estimates)
         x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
         residual = s.next_kinematic[:, :3] - _sindy_table(x, sindy.sparse, sindy.frame)
-        weights, facts = mlp.train(
-            x, residual, TrainingSettings.model_validate(task.settings), task.seed, task.progress
-        )
+        settings = TrainingSettings.model_validate(task.settings)
+        sparse = sparse_sums(sindy.sparse, sindy.frame)
+        rollouts = kinematic_rollouts(task, settings, sindy.frame, lambda network, at: sparse(at) + network(at))
+        weights, facts = train(x, residual, settings, task.seed, task.progress, *rollouts)
         return cls(sindy, weights, facts)
 
     def init(self, history: History) -> Floats:

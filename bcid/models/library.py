@@ -79,6 +79,11 @@ SLIP = _terms(*_SLIP)
 """Candidates of both slip angles (errata 11)."""
 
 
+def is_speed(terms: npt.NDArray[np.int64]) -> Floats:
+    """1 at the term v alone."""
+    return np.asarray((terms == _terms((V,))[0]).all(axis=1), dtype=float)
+
+
 def name_of(exponents: npt.NDArray[np.int64]) -> str:
     """A term in print, such as `v² |δ̇|`."""
     power = {1: "", 2: "²", 3: "³"}

@@ -1,4 +1,4 @@
-"""A multilayer perceptron with two hidden ReLU layers: compiled evaluation, training in torch."""
+"""A multilayer perceptron with two hidden ReLU layers, compiled; `bcid.models.training` trains it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.compiled import njit
-from bcid.models.interface import Arrays, Progress
-from bcid.models.settings import TrainingSettings
+from bcid.models.interface import Arrays
 
 Floats = npt.NDArray[np.float64]
 
@@ -69,61 +68,3 @@ def to_arrays(w: Weights) -> Arrays:
 def from_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> Weights:
     """The inverse of `to_arrays`."""
     return Weights(*(np.ascontiguousarray(arrays[name], dtype=float) for name in Weights._fields))
-
-
-def _moments(values: Floats) -> tuple[Floats, Floats]:
-    sd = values.std(axis=0)
-    return values.mean(axis=0), np.where(sd > 1e-9, sd, 1.0)
-
-
-def train(
-    x: Floats, y: Floats, settings: TrainingSettings, seed: int, progress: Progress
-) -> tuple[Weights, dict[str, Any]]:
-    """Weights that map `x` (N, n) to `y` (N, m), and the loss of each epoch.
-
-    Mean squared error of the normalised output (paper, lossv with W = 1/sigma); Adam with weight
-    decay, a learning rate that falls by `decay_factor` every `decay_epochs`, dropout while training.
-    """
-    import torch
-    from torch import nn
-
-    torch.set_num_threads(1)  # nets this small lose time on more
-    generator = torch.Generator().manual_seed(seed)
-    (x_mean, x_sd), (y_mean, y_sd) = _moments(x), _moments(y)
-    inputs = torch.tensor((x - x_mean) / x_sd, dtype=torch.float32)
-    targets = torch.tensor((y - y_mean) / y_sd, dtype=torch.float32)
-    first, second = settings.hidden
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        net = nn.Sequential(
-            nn.Linear(x.shape[1], first), nn.ReLU(), nn.Dropout(settings.dropout),
-            nn.Linear(first, second), nn.ReLU(), nn.Dropout(settings.dropout),
-            nn.Linear(second, y.shape[1]),
-        )  # fmt: skip
-        adam = torch.optim.Adam(
-            net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
-        )
-        schedule = torch.optim.lr_scheduler.StepLR(adam, settings.decay_epochs, settings.decay_factor)
-        losses = []
-        for epoch in range(settings.epochs):
-            total = 0.0
-            for rows in torch.randperm(len(inputs), generator=generator).split(settings.batch_size):  # type: ignore[no-untyped-call]
-                loss = nn.functional.mse_loss(net(inputs[rows]), targets[rows])
-                adam.zero_grad()
-                loss.backward()  # type: ignore[no-untyped-call]
-                adam.step()
-                total += float(loss.detach()) * len(rows)
-            schedule.step()
-            losses.append(total / len(inputs))
-            progress((epoch + 1) / settings.epochs, f"epoch {epoch + 1}, loss {losses[-1]:.2e}")
-    layers = [layer for layer in net if isinstance(layer, nn.Linear)]
-    trained = [
-        a for layer in layers for a in (layer.weight.detach().numpy().T.copy(), layer.bias.detach().numpy().copy())
-    ]
-    W1, b1, W2, b2, W3, b3 = (a.astype(float) for a in trained)
-    weights = Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd)
-    return weights, {
-        "epochs": settings.epochs,
-        "final_loss": losses[-1],
-        "losses": losses[:: max(1, len(losses) // 100)],
-    }

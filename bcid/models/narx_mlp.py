@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,11 @@ from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.mlp import Weights, forward
 from bcid.models.samples import transitions
 from bcid.models.settings import TrainingSettings
+from bcid.models.training import EVERY, Network, train
+from bcid.models.windows import steps_of, windows
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 LAGS = 2
 N_TWIST = 3 * (LAGS + 1)
@@ -48,6 +53,19 @@ def _scan(carry: Floats, commands: Floats, w: Weights) -> Floats:
     return twists
 
 
+def _unrolled(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
+    """The rollout in torch, for training; rows newest first, as `advance` has them."""
+    import torch
+
+    past, out = twist[:, : LAGS + 1].flip(1).flatten(1), []
+    for k in range(LAGS, twist.shape[1] - 1):
+        driven = command[:, k - LAGS : k + 1].flip(1).flatten(1)
+        following = network(torch.cat([past, driven], dim=1))
+        past = torch.cat([following, past[:, : N_TWIST - 3]], dim=1)
+        out.append(following)
+    return torch.stack(out, dim=1)
+
+
 @dataclass(frozen=True)
 class NarxMlp:
     """A fitted NARX-MLP."""
@@ -65,13 +83,14 @@ class NarxMlp:
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Train on the one-step NMSE of the twist."""
+        """Train on the one-step NMSE of the twist, or over rollouts as well."""
         s = transitions(task.estimates, LAGS)
         n = len(s.twist)
         x = np.column_stack([s.twist.reshape(n, -1), s.command.reshape(n, -1)])
-        weights, facts = mlp.train(
-            x, s.next_twist, TrainingSettings.model_validate(task.settings), task.seed, task.progress
-        )
+        settings = TrainingSettings.model_validate(task.settings)
+        steps = steps_of(settings.loss, settings.horizon_s, task.period_s)
+        taken = windows(task.estimates, steps, max(1, steps // EVERY), LAGS)
+        weights, facts = train(x, s.next_twist, settings, task.seed, task.progress, taken, _unrolled)
         return cls(weights, task.period_s, facts)
 
     def init(self, history: History) -> Floats:

@@ -60,7 +60,7 @@ class NewtonEuler:
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Genetic algorithm on the one-step NMSE of the twist (paper, App. parameters)."""
+        """The constants whose predictions of the twist are best (paper, App. parameters, and `NewtonEulerSettings`)."""
         from bcid.models.newton_euler_fit import fit_car
 
         car, facts = fit_car(task)
@@ -87,7 +87,7 @@ class NewtonEuler:
 
     def describe(self) -> str:
         """The equations and the table of constants, fitted ones marked with *."""
-        from bcid.models.newton_euler_fit import parameter_lines
+        from bcid.models.newton_euler_parameters import parameter_lines
 
         return "\n".join([*equation_lines(self.car), *parameter_lines(self.car, self.facts)])
 

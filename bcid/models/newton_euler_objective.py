@@ -34,6 +34,10 @@ class Stretches(NamedTuple):
         command, after = (np.ascontiguousarray(a.transpose(1, 2, 0)) for a in (w.command[:, :-1], w.twist[:, 1:]))
         return cls(np.ascontiguousarray(start), command, after)
 
+    def part(self, chosen: npt.NDArray[np.intp]) -> Stretches:
+        """Some of the stretches."""
+        return Stretches(*(np.ascontiguousarray(a[..., chosen]) for a in self))
+
 
 @njit_sums
 def _advance_all(state: Floats, command: Floats, after: Floats, weight: Floats, p: Car, period: float) -> float:

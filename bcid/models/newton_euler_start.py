@@ -11,7 +11,8 @@ import numpy as np
 
 from bcid.estimate.types import Estimate
 from bcid.models.interface import Floats
-from bcid.models.newton_euler_fit import Parameter, car_from, one_step_predictions, parameters
+from bcid.models.newton_euler_objective import Stretches, predictions
+from bcid.models.newton_euler_parameters import Box
 from bcid.models.samples import scale, transitions
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
@@ -31,30 +32,26 @@ def started_car(estimates: Sequence[Estimate], vehicle: Vehicle, T_s: float, d: 
     usual = np.quantile(change, 0.9, axis=0)
     rows = np.flatnonzero((change < LOUDEST * usual).all(axis=1))
     rows = rows[:: max(1, len(rows) // MOST_SAMPLES)]
-    weight = scale(twist[rows])
-    delta, command = samples.kinematic[rows, 3], samples.command[rows, 0]
-    top_speed = float(np.quantile(np.abs(samples.kinematic[rows, 0]), 0.999))
-    ranges = parameters(vehicle, top_speed)
-    low, high = (np.log([getattr(p, side) for p in ranges]) for side in ("low", "high"))
-
-    def car(x: Floats) -> Car:
-        values = {p.symbol: float(v) for p, v in zip(ranges, np.exp(x), strict=True)}
-        return car_from(values, vehicle, T_s, d, v_0, top_speed)
+    weight = scale(twist[rows])[:, None]
+    start = np.vstack([twist[rows].T, samples.kinematic[rows, 3]])
+    one = Stretches(start, *(np.ascontiguousarray(a[rows].T[None]) for a in (samples.command[:, 0], after)))
+    box = Box(vehicle, T_s, d, v_0, float(np.quantile(np.abs(samples.kinematic[rows, 0]), 0.999)))
+    low = np.log([p.low for p in box.table])
 
     def misses(x: Floats) -> Floats:
-        predicted = one_step_predictions(car(x), twist[rows], delta, command, estimates[0].period_s)
-        return np.asarray((weight * (predicted - after[rows])).ravel())
+        predicted = predictions([box.car((x - low) / box.log_range)], one, estimates[0].period_s)[0]
+        return np.asarray((weight * (predicted - one.after)).ravel())
 
     found = [
-        least_squares(misses, start, bounds=(low, high), loss="soft_l1", f_scale=0.05, max_nfev=40)
-        for start in _starts(ranges, low, high)
+        least_squares(misses, start, bounds=(low, low + box.log_range), loss="soft_l1", f_scale=0.05, max_nfev=40)
+        for start in _starts(low, low + box.log_range)
     ]
-    return car(min(found, key=lambda f: f.cost).x)
+    return box.car((min(found, key=lambda f: f.cost).x - low) / box.log_range)
 
 
-def _starts(ranges: Sequence[Parameter], low: Floats, high: Floats) -> list[Floats]:
+def _starts(low: Floats, high: Floats) -> list[Floats]:
     """The middle of the ranges, which scale with the car, and points about it."""
     middle = 0.5 * (low + high)
     rng = np.random.default_rng(0)
     spread = 0.15 * (high - low)
-    return [middle, *(middle + spread * rng.uniform(-1.0, 1.0, len(ranges)) for _ in range(STARTS - 1))]
+    return [middle, *(middle + spread * rng.uniform(-1.0, 1.0, len(middle)) for _ in range(STARTS - 1))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 
@@ -18,17 +18,36 @@ class NoSettings(Settings):
     """Nothing to choose."""
 
 
-class GeneticSettings(Settings):
-    """The genetic algorithm (paper, App. parameters); generations and v_0 are ours (errata 14, 18)."""
+Loss = Literal["one-step", "rollout"]
+"""What a fit minimises: predictions one period ahead, or over `horizon_s` from many starts."""
 
+LOSSES: tuple[Loss, ...] = get_args(Loss)
+
+
+class NewtonEulerSettings(Settings):
+    """The paper's genetic algorithm (App. parameters) or Levenberg-Marquardt; what is not printed is ours (errata)."""
+
+    loss: Loss = "one-step"
+    horizon_s: Positive = 2.0
+    optimiser: Literal["levenberg-marquardt", "genetic"] = "levenberg-marquardt"
+    starts: Count = 8
+    subset: Annotated[float, Field(gt=0, le=1)] = 0.1  # of the stretches, on which starts are compared
     population: Annotated[int, Field(ge=10)] = 150
     generations: Count = 100
     v_0_mps: Annotated[float, Field(ge=0.65)] = 1.0  # RK4 at 0.05 s is unstable below
 
 
 class TrainingSettings(Settings):
-    """Training of a perceptron (paper, App. mlp); epochs and dropout are not printed there (errata 18)."""
+    """Training of a perceptron (paper, App. mlp); epochs and dropout are not printed there (errata 18).
 
+    With the loss "rollout" the epochs on single steps come first.
+    """
+
+    loss: Loss = "one-step"
+    horizon_s: Positive = 2.0
+    rollout_epochs: Count = 60
+    rollout_learning_rate: Positive = 1e-3
+    rollout_batch: Count = 32  # stretches
     hidden: Layers = (256, 128)
     epochs: Count = 200
     batch_size: Count = 256
@@ -46,8 +65,11 @@ class ResidualTrainingSettings(TrainingSettings):
 
 
 class SparseSettings(Settings):
-    """Sequentially thresholded least squares; the threshold is of terms scaled to unit RMS (errata 18)."""
+    """Sequentially thresholded least squares; threshold and ridge are of terms scaled to unit RMS (errata 18)."""
 
-    threshold: Annotated[float, Field(ge=0)] = 0.06
+    threshold: Annotated[float, Field(ge=0)] | None = None  # none: the one that predicts the takes' ends best
     ridge: Annotated[float, Field(ge=0)] = 1e-6
+    resamples: Annotated[int, Field(ge=2)] = 50  # from which is told how sure a term is
+    loss: Loss = "one-step"
+    horizon_s: Positive = 2.0
     library: Literal["vanishing", "published"] = "vanishing"  # errata 9

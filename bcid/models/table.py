@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from bcid.errors import UsageError
 from bcid.models.interface import Model
 from bcid.models.settings import (
-    GeneticSettings,
+    NewtonEulerSettings,
     NoSettings,
     ResidualTrainingSettings,
     SparseSettings,
@@ -27,6 +28,7 @@ class TableRow:
     settings: type[Settings]  # of [fit.NAME] in the pipeline file
     summary: str
     base: str | None = None  # the model whose fit it starts from
+    base_settings: Mapping[str, Any] = field(default_factory=dict)  # with which, whatever the plan says of it
     made_by: str | None = None  # the command that makes it, where that is not `bcid fit`
 
     def load(self) -> type[Model]:
@@ -42,8 +44,8 @@ class TableRow:
 
 MODELS: dict[str, TableRow] = {
     "newton-euler": TableRow(
-        "bcid.models.newton_euler", "NewtonEuler", GeneticSettings,
-        "rigid body, motor, drag and saturating tyres; genetic algorithm",
+        "bcid.models.newton_euler", "NewtonEuler", NewtonEulerSettings,
+        "rigid body, motor, drag and saturating tyres",
     ),
     "newton-euler-linear": TableRow(
         "bcid.models.newton_euler_linear", "NewtonEulerLinear", NoSettings,
@@ -61,6 +63,7 @@ MODELS: dict[str, TableRow] = {
     "k-sindy-mlp": TableRow(
         "bcid.models.k_sindy_mlp", "KSindyMlp", ResidualTrainingSettings,
         "the sparse sum and a smaller perceptron on its residual", base="k-sindy",
+        base_settings={"loss": "one-step"},  # its rollouts alone leave a residual that is harder to learn
     ),
     "newton-euler-augmented": TableRow(
         "bcid.models.augmented", "AugmentedNewtonEuler", NoSettings,

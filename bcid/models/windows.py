@@ -20,13 +20,21 @@ class Windows(NamedTuple):
     twist: Floats  # (B, lags + 1 + steps, 3)
     kinematic: Floats  # (B, lags + 1 + steps, 4)
     command: Floats  # (B, lags + 1 + steps, 2); the last row's is not driven within the stretch
+    lags: int
 
-    def __len__(self) -> int:
+    @property
+    def number(self) -> int:
+        """How many they are."""
         return len(self.twist)
+
+    @property
+    def steps(self) -> int:
+        """Steps after each start."""
+        return int(self.twist.shape[1]) - 1 - self.lags
 
     def part(self, rows: npt.NDArray[np.intp] | slice) -> Windows:
         """Some of the stretches."""
-        return Windows(*(column[rows] for column in self))
+        return Windows(self.twist[rows], self.kinematic[rows], self.command[rows], self.lags)
 
 
 def windows(estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0) -> Windows:
@@ -36,7 +44,7 @@ def windows(estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0
         InputRefused: when no segment is long enough for one.
     """
     parts = [_of_segment(e, s, steps, every, lags) for e in estimates for s in e.segments()]
-    parts = [p for p in parts if len(p)]
+    parts = [p for p in parts if p.number]
     if not parts:
         raise InputRefused(
             ", ".join(e.name for e in estimates) or "no recording",
@@ -44,10 +52,16 @@ def windows(estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0
             cause=f"no uninterrupted stretch holds {lags + 1 + steps} grid rows",
             next_step="use longer takes, a shorter horizon_s, or check the gaps listed by `bcid ingest`",
         )
-    return Windows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    twist, kinematic, command = (np.concatenate(column) for column in list(zip(*parts, strict=True))[:3])
+    return Windows(twist, kinematic, command, lags)
 
 
 def _of_segment(e: Estimate, s: slice, steps: int, every: int, lags: int) -> Windows:
     starts = np.arange(s.start + lags, s.stop - steps, every)
     rows = starts[:, None] + np.arange(-lags, steps + 1)
-    return Windows(e.twist[rows], e.kinematic[rows], e.command[rows])
+    return Windows(e.twist[rows], e.kinematic[rows], e.command[rows], lags)
+
+
+def steps_of(loss: str, horizon_s: float, period_s: float) -> int:
+    """The steps from each start that a loss counts: one, or those of the horizon."""
+    return 1 if loss == "one-step" else max(2, round(horizon_s / period_s))

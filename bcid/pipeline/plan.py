@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, create_model
 
 from bcid.errors import InputRefused
+from bcid.models.settings import Loss
 from bcid.models.table import FITTED
 from bcid.toml_file import Settings, read_toml
 
@@ -42,6 +43,7 @@ class ReportTable(Settings):
 
     restart_s: Annotated[float, Field(gt=0)] = 2.0
     timing_repeats: Annotated[int, Field(ge=1)] = 21
+    losses: list[Loss] = Field(default_factory=list)  # that are compared, beside the comparison of models
 
 
 _FIELDS: dict[str, Any] = {
@@ -93,6 +95,11 @@ class Plan(Settings):
     report: ReportTable
     diagnose: tuple[Path, ...] = ()
     commands: Path | None = None  # of a single recording named on the command line
+
+    def with_loss(self, loss: Loss) -> Plan:
+        """The same plan with every model that can be fitted so fitted by `loss`."""
+        known = {name: self.fit_settings(name) for name in FITTED}
+        return self.model_copy(update={"fit": {n: s | {"loss": loss} if "loss" in s else s for n, s in known.items()}})
 
     def fit_settings(self, model: str) -> dict[str, Any]:
         """The pipeline file's settings of a model, or its defaults."""

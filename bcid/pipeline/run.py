@@ -165,12 +165,12 @@ class Pipeline:
         code = code_of(f"{_STAGES}.check")
         return self._get(f"check {recording.name}", Recipe("check", inputs, settings, code), make)
 
-    def fit(self, model: str) -> Artifact:
-        """One fitted model."""
+    def fit(self, model: str, **otherwise: Any) -> Artifact:
+        """One fitted model, with the plan's settings but for those given `otherwise`."""
         row = row_to_fit(model)
-        base = self.fit(row.base) if row.base else None
+        base = self.fit(row.base, **row.base_settings) if row.base else None
         estimates = [self.estimate(p) for p in self.plan.training]
-        settings = self.plan.fit_settings(model)
+        settings = self.plan.fit_settings(model) | otherwise
         inputs = {
             "model": model,
             "estimates": [a.content for a in estimates],
@@ -186,7 +186,8 @@ class Pipeline:
             base_folder = base.folder if base else None
             fit.make(folder, model, folders, self.vehicle, settings, self.plan.seed, base_folder, progress)
 
-        return self._get(f"fit {model}", recipe, make)
+        on = " on rollouts" if settings.get("loss") == "rollout" else ""
+        return self._get(f"fit {model}{on}", recipe, make)
 
     def fitted(self, model: str) -> Candidate:
         """One fitted model."""
@@ -249,11 +250,13 @@ class Pipeline:
         if not judged:
             raise UsageError("the plan names no models\n  next: list some in the pipeline file")
         settings = self.plan.report.model_dump()
+        compared = self._by_loss()
         takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.takes()]
         diagnosis = self.diagnose() if self.plan.diagnose else None
         inputs = {
             "diagnosis": diagnosis.content if diagnosis else None,
             "models": [[c.label, c.content, e.content] for c, e in judged],
+            "losses": [[c.label, loss, e.content] for c, loss, e in compared],
             "takes": [[a.content if a else None for a in take] for take in takes],
             "vehicle": self.vehicle.name,
         }
@@ -265,9 +268,19 @@ class Pipeline:
             models = [report.Judged(c.label, c.settings, c.folder, e.folder) for c, e in judged]
             folders = [tuple(a.folder if a else None for a in take) for take in takes]
             where = diagnosis.folder if diagnosis else None
-            report.make(folder, models, validation.folder, folders, settings, self.vehicle.name, where)
+            losses = [report.ByLoss(c.label, loss, e.folder) for c, loss, e in compared]
+            report.make(folder, models, validation.folder, folders, settings, self.vehicle.name, where, losses)
 
         return self._get("report", Recipe("report", inputs, settings, code_of(f"{_STAGES}.report", *roots)), make)
+
+    def _by_loss(self) -> list[tuple[Candidate, str, Artifact]]:
+        """The plan's models fitted by each of the losses that the report compares, with the same seed, and judged."""
+        found = []
+        for loss in self.plan.report.losses:
+            work = Pipeline(self.plan.with_loss(loss), self.watcher)
+            names = [m for m in self.plan.models if "loss" in work.plan.fit_settings(m)]
+            found += [(c, str(loss), work.evaluate(c)) for c in (work.fitted(m) for m in names)]
+        return found
 
     def diagnose(self, simulation: str | None = None) -> Artifact:
         """What physics the plan's recordings show that the base model, or `simulation`, lacks.

@@ -1,15 +1,16 @@
 """Real recordings with a known omission: a published model less one of its effects must be told which one.
 
-A second tier edits real recordings in ways that can be undone, so that what the edited ones show beyond the
-recording as it was is known exactly.
+Controls are what must not be named: an effect that a drive does not excite, or any vehicle physics where the tracking
+failed.  A last tier edits recordings (`bcid.proof.edits`), so that what the edited ones show beyond the recording as it
+was is known exactly.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,17 +19,21 @@ import numpy.typing as npt
 from pydantic import Field
 
 from bcid.diagnosis.before_after import compared_model
-from bcid.diagnosis.diagnose import Compared, diagnosed
+from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
+from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.simulation import of_parameters
+from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning, tune
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
 from bcid.proof.asking import said
+from bcid.proof.edits import EDITS
 from bcid.proof.keeping import keep
 from bcid.recording.read import read_recording
-from bcid.recording.types import Recording, Stream
+from bcid.recording.types import Recording
+from bcid.store.artifact import sha256_of
 from bcid.store.code import code_of
 from bcid.toml_file import Settings, read_toml
 from bcid.vehicle import Vehicle, read_vehicle
@@ -39,17 +44,21 @@ SCHEMA = "bcid.prove-real/1"
 HORIZON_S = 1.0
 MOVING = 0.3  # m/s: slower predictions are not compared
 MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
+AS_IT_WAS = 0.02  # relative trust in what a recording showed before it was edited
+NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found
+VEHICLE = "vehicle"
 
 
 class Withheld(Settings):
-    """An effect that the simulation is denied, or parameters that make it so."""
+    """What the simulation is denied: an effect, parameters, or what the vehicle file knows."""
 
     recording: str
     name: str
     effect: str = ""
-    parameters: dict[str, float] = Field(default_factory=dict)
-    accepted: list[str]
-    control: bool = False  # it is not excited there: none of `accepted` may be named
+    parameters: dict[str, float] = Field(default_factory=dict)  # of the simulation, that make it so
+    vehicle: dict[str, Any] = Field(default_factory=dict)  # tables laid over the vehicle file's
+    accepted: list[str]  # ids, "unknown in CHANNEL", or "vehicle" for all that is neither measurement nor floor
+    control: bool = False  # none of `accepted` may be named
 
 
 class Edited(Settings):
@@ -64,7 +73,7 @@ class Cases(Settings):
     """What is asked of real recordings of one vehicle; files count from this one, recordings from their folder."""
 
     vehicle: str
-    simulation: str
+    simulation: str | None = None  # none: the base model is refitted to each recording
     withheld: list[Withheld] = Field(default_factory=list)
     edited: list[Edited] = Field(default_factory=list)
 
@@ -72,9 +81,11 @@ class Cases(Settings):
 class _Asked(NamedTuple):
     """One vehicle's files, read."""
 
+    file: Path
     vehicle: Vehicle
-    simulation: Path
+    simulation: Path | None
     recordings: Path
+    known: dict[str, Compared]  # recordings identified as they are, by name
 
 
 def run_real(file: Path, recordings: Path, folder: Path) -> Iterator[tuple[dict[str, Any], float]]:
@@ -86,44 +97,106 @@ def run_real(file: Path, recordings: Path, folder: Path) -> Iterator[tuple[dict[
         InputRefused: the file, or what it names.
     """
     cases = read_toml(file, Cases, "file of real cases", "pipelines/dart/cases.toml is one")
-    asked = _Asked(read_vehicle(file.parent / cases.vehicle), file.parent / cases.simulation, recordings)
+    simulation = None if cases.simulation is None else file.parent / cases.simulation
+    asked = _Asked(file, read_vehicle(file.parent / cases.vehicle), simulation, recordings, {})
+    _check(cases, asked)
     folder.mkdir(parents=True, exist_ok=True)
-    code = code_of(__name__).digest
-    given = [p.read_text(encoding="utf-8") for p in (file.parent / cases.vehicle, asked.simulation)]
+    code = code_of(__name__)
+    given = [p.read_text(encoding="utf-8") for p in (file.parent / cases.vehicle, simulation) if p]
     asking: tuple[Withheld | Edited, ...] = (*cases.withheld, *cases.edited)
     for k, case in enumerate(asking, start=1):
-        key = hashlib.sha256(json.dumps([case.model_dump(), code, given]).encode()).hexdigest()[:24]
-        kept = folder / f"real.{key}.json"
+        what = [case.model_dump(), sha256_of(recordings / case.recording), code.digest, code.packages, given]
+        kept = folder / f"real.{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]}.json"
         if not kept.is_file():
             keep(_withheld(case, asked) if isinstance(case, Withheld) else _edited(case, asked), kept)
         yield json.loads(kept.read_text(encoding="utf-8")), k / len(asking)
 
 
-def _moved(name: str, asked: _Asked) -> tuple[Recording, Estimate, Tuning]:
-    recording = read_recording(asked.recordings / name, asked.vehicle)
-    tuning = tune([recording], asked.vehicle, 0.1, 0.3, {})
-    return recording, estimate_motion(recording, asked.vehicle, tuning), tuning
+def _check(cases: Cases, asked: _Asked) -> None:
+    """Refuse what would be answered rightly by asking nothing."""
+    effects = (
+        set(tomllib.loads(asked.simulation.read_text(encoding="utf-8")).get("effects", {}))
+        if asked.simulation
+        else set()
+    )
+    for case in cases.withheld:
+        place = f"withheld {case.name!r}"
+        if case.effect and case.effect not in effects:
+            raise InputRefused(
+                asked.file, place, f"the simulation has no {case.effect!r}", f"one of {', '.join(effects)}"
+            )
+        strange = [a for a in case.accepted if a not in EFFECTS and a != VEHICLE and not a.startswith("unknown in ")]
+        if strange or not case.accepted:
+            raise InputRefused(asked.file, place, f"accepts {strange or 'nothing'}", "see `bcid effects` for the ids")
+        if case.parameters and asked.simulation is None:
+            raise InputRefused(asked.file, place, "changes parameters of no simulation", "name a simulation")
+    for edit in cases.edited:
+        if edit.effect not in EDITS:
+            raise InputRefused(asked.file, f"edited {edit.effect!r}", "no such edit", f"one of {', '.join(EDITS)}")
+
+
+def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of `above` over those of `below`."""
+    merged = dict(below)
+    for key, value in above.items():
+        under = merged.get(key)
+        merged[key] = _laid_over(under, value) if isinstance(value, Mapping) and isinstance(under, Mapping) else value
+    return merged
+
+
+def _moved(name: str, vehicle: Vehicle, asked: _Asked) -> tuple[Recording, Estimate, Tuning]:
+    recording = read_recording(asked.recordings / name, vehicle)
+    tuning = tune([recording], vehicle, 0.1, 0.3, {})
+    return recording, estimate_motion(recording, vehicle, tuning), tuning
 
 
 def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
-    recording, estimate, _ = _moved(case.recording, asked)
-    whole = of_parameters(asked.simulation, [estimate], asked.vehicle)
-    less = whole._replace(
-        car=whole.car._replace(**case.parameters),
-        effects={f: v for f, v in whole.effects.items() if f.partition("__")[0] != case.effect},
-    )
-    row = said(diagnosed([recording], [estimate], asked.vehicle, less))
+    vehicle = Vehicle.model_validate(_laid_over(asked.vehicle.model_dump(), case.vehicle))
+    recording, estimate, _ = _moved(case.recording, vehicle, asked)
+    less: Compared | None = None
+    if asked.simulation is not None:
+        published = of_parameters(asked.simulation, [estimate], vehicle)
+        less = published._replace(
+            car=published.car._replace(**case.parameters),
+            effects={f: v for f, v in published.effects.items() if f.partition("__")[0] != case.effect},
+        )
+    found = diagnosed([recording], [estimate], vehicle, less)
+    row = said(found)
     named = {e for f in row["findings"] for e in (f["effect"], *f["twins"])}
+    if any(EFFECTS[e].kind == "vehicle" for e in named):
+        named.add(VEHICLE)
     if row["verdict"] == "unknown":
         named.add(f"unknown in {row['remainder']['channel']}")
-    ratios = errors(less, asked.vehicle, estimate) / errors(whole, asked.vehicle, estimate)
+    without = errors(less or _of_fit(found.search.base), vehicle, estimate)
+    ratio = float((without / _errors_of_the_whole(case, asked)).max()) if _denied(case) else 1.0
     told = bool(named & set(case.accepted))
-    wanted = not case.control and float(ratios.max()) > MATTERS
+    wanted = not case.control and ratio > MATTERS
     return {
         "tier": "control" if case.control else "withheld", "recording": case.recording, "case": case.name,
-        "ratio": round(float(ratios.max()), 3), "wanted": wanted,
+        "ratio": round(ratio, 3), "wanted": wanted,
         "right": not told if case.control else told or not wanted, **row,
     }  # fmt: skip
+
+
+def _denied(case: Withheld) -> bool:
+    return bool(case.effect or case.parameters or case.vehicle)
+
+
+def _of_fit(fit: Fit) -> Compared:
+    return Compared(fit.car(), fit.hypothesis.values(fit.phi))
+
+
+def _errors_of_the_whole(case: Withheld, asked: _Asked) -> Floats:
+    """Errors of the simulation, or of the refitted base model, with everything."""
+    _, estimate, _ = _moved(case.recording, asked.vehicle, asked)
+    if asked.simulation is not None:
+        return errors(of_parameters(asked.simulation, [estimate], asked.vehicle), asked.vehicle, estimate)
+    return errors(_of_fit(_identified(case.recording, asked, None).search.base), asked.vehicle, estimate)
+
+
+def _identified(name: str, asked: _Asked, simulation: Compared | None) -> Diagnosis:
+    recording, estimate, _ = _moved(name, asked.vehicle, asked)
+    return diagnosed([recording], [estimate], asked.vehicle, simulation)
 
 
 def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
@@ -135,63 +208,25 @@ def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats
 
 
 def _edited(case: Edited, asked: _Asked) -> dict[str, Any]:
-    if case.effect not in EDITS:
-        raise InputRefused(asked.simulation.parent, case.effect, "no such edit", f"one of {', '.join(EDITS)}")
-    recording, estimate, tuning = _moved(case.recording, asked)
-    published = of_parameters(asked.simulation, [estimate], asked.vehicle)
-    before = diagnosed([recording], [estimate], asked.vehicle, published._replace(trust=None)).search.best
-    known = Compared(before.car(), before.hypothesis.values(before.phi), published.trust)
+    recording, estimate, tuning = _moved(case.recording, asked.vehicle, asked)
+    if case.recording not in asked.known:
+        start = (
+            of_parameters(asked.simulation, [estimate], asked.vehicle)._replace(trust=None)
+            if asked.simulation
+            else None
+        )
+        asked.known[case.recording] = _of_fit(_identified(case.recording, asked, start).search.best)
+    known = asked.known[case.recording]._replace(trust=AS_IT_WAS)
     changed = EDITS[case.effect](recording, case.value)
     row = said(diagnosed([changed], [estimate_motion(changed, asked.vehicle, tuning)], asked.vehicle, known))
-    values = [next(iter(f["values"].values()))[0] for f in row["findings"] if f["effect"] == case.effect]
+    values = [next(iter(f["values"].values())) for f in row["findings"] if f["effect"] == case.effect]
+    value, se = values[0] if values else (None, 0.0)
+    beside = [f["effect"] for f in row["findings"] if f["effect"] != case.effect]
     return {
         "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
-        "value": values[0] if values else None, "right": bool(values), **row,
+        "value": value, "beside": beside,
+        "right": value is not None and abs(value - case.value) < max(NEAR * abs(case.value), SURE * se), **row,
     }  # fmt: skip
-
-
-def _later(of: Recording, tau: float) -> Recording:
-    return replace(of, poses=Stream(of.poses.time_s + tau, of.poses.values))
-
-
-def _posed(of: Recording, factor: float = 1.0, turned: float = 0.0) -> Recording:
-    return replace(of, poses=Stream(of.poses.time_s, of.poses.values * [factor, factor, 1.0] + [0.0, 0.0, turned]))
-
-
-def _shifted(of: Recording, d: float) -> Recording:
-    x, y, yaw = of.poses.values.T
-    values = np.column_stack([x + d * np.cos(yaw), y + d * np.sin(yaw), yaw])
-    return replace(of, poses=Stream(of.poses.time_s, values))
-
-
-def _commanded(of: Recording, angle: Callable[[Floats], Floats]) -> Recording:
-    """With other logged steering commands."""
-    values = of.commands.values.copy()
-    values[:, 0] = angle(values[:, 0])
-    return replace(of, commands=Stream(of.commands.time_s, values))
-
-
-def _earlier(of: Recording, tau: float, which: int) -> Recording:
-    """One of the commands logged `tau` before it came: as if it acted that much later."""
-    t, values = of.commands.time_s, of.commands.values
-    times = np.union1d(t, t - tau)
-    times = times[(times >= t[0]) & (times <= t[-1] - tau)]
-    now = values[np.searchsorted(t, times, side="right") - 1].copy()
-    now[:, which] = values[np.searchsorted(t, times + tau, side="right") - 1, which]
-    return replace(of, commands=Stream(times, now))
-
-
-EDITS: Mapping[str, Callable[[Recording, float], Recording]] = {
-    "pose_latency": _later,
-    "marker_offset": _shifted,
-    "body_yaw_misalignment": lambda of, psi: _posed(of, turned=psi),
-    "pose_scale": lambda of, kappa: _posed(of, factor=1.0 + kappa),
-    "steering_offset": lambda of, o: _commanded(of, lambda u: u - o),
-    "steering_side_gain": lambda of, a: _commanded(of, lambda u: u / (1.0 + a * np.sign(u))),
-    "steering_delay": lambda of, tau: _earlier(of, tau, 0),
-    "motor_delay": lambda of, tau: _earlier(of, tau, 1),
-}
-"""What is done to a recording so that the car in it has the effect of this size."""
 
 
 def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ RATES = {
     "single": 0.95, "single-imperfect": 0.85, "null": 0.99, "null-imperfect": 0.95, "left-out": 0.8, "pair": 0.8,
     "outside": 0.8, "unexcited": 0.8, "closed-loop": 0.9, "two-minutes": 0.9,
 }  # fmt: skip
-"""Share of right answers that is wanted of the tiers of the quick suite."""
+"""Share of `right` answers that is wanted of the tiers of the quick suite."""
 LARGEST_SET = 4  # a longer set is a miss
 NORMAL95 = 1.96
 
@@ -67,8 +67,10 @@ class Tier:
     @property
     def missed(self) -> tuple[str, ...]:
         """The fields outside their goals."""
-        reached = {field: getattr(self, field) for field in self.goal}
-        return tuple(f for f, (low, high) in self.goal.items() if reached[f] is None or not low <= reached[f] <= high)
+        reached = {field: getattr(self, field) for field in self.goal}  # None: nothing in the tier asks for it
+        return tuple(
+            f for f, (low, high) in self.goal.items() if reached[f] is not None and not low <= reached[f] <= high
+        )
 
 
 def tiers(rows: Iterable[dict[str, Any]]) -> list[Tier]:
@@ -103,8 +105,7 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         _mean(x for x in map(channel_right, known + hidden) if x is not None),
         _median([x for x in map(place_overlap, known) if x is not None]),
         _median([x for x in map(time_overlap, known) if x is not None]),
-        _mean(not _set(r) & set(r["answer"]) and set(r["answer"]) <= set(r.get("not_excited", {})) for r in known)
-        if name == "unexcited" else None,
+        _mean(map(_told_unseen, known)) if name == "unexcited" else None,
         _median([r["seconds"] for r in rows if "error" not in r]), sum("error" in r for r in members),
     )  # fmt: skip
 
@@ -119,8 +120,14 @@ def right(row: dict[str, Any]) -> bool:
     if row["channel"]:
         return not names and row["verdict"] == "unknown" and row["remainder"]["channel"] in _channels(row)
     if row["tier"] == "unexcited":
-        return not names
+        return not names and _told_unseen(row)
     return bool(names) and set(row["answer"]) <= _set(row) and not names - _alike(row)
+
+
+def _told_unseen(row: dict[str, Any]) -> bool:
+    """Whether what a drive does not excite is not named, and told as not excited."""
+    answer = set(row["answer"])
+    return not _set(row) & answer and answer <= set(row.get("not_excited", {}))
 
 
 def pooled(rows: Sequence[dict[str, Any]]) -> dict[str, float]:

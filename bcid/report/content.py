@@ -68,6 +68,7 @@ class Content:
     takes: Sequence[TakeFacts]
     restart_s: float
     diagnosis: Mapping[str, Any] | None = None  # diagnosis.json of the plan's last stage
+    losses: Sequence[Mapping[str, Any]] = ()  # figures of models fitted by several losses, with the same seed
 
     def ranked(self) -> list[ModelResult]:
         """Best first; diverged ones last."""
@@ -115,6 +116,7 @@ def report_json(content: Content) -> dict[str, Any]:
         "restart_s": content.restart_s,
         "machine": machine(),
         "models": [{k: m.figures[k] for k in keys} for m in content.ranked()],
+        "losses": list(content.losses),
         "diagnosis": content.diagnosis and _verdict(content.diagnosis),
     }
 

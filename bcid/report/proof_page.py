@@ -71,11 +71,19 @@ def figures(tier: Mapping[str, Any], columns: Mapping[str, str], marked: str) ->
 
 
 def evidence(outcome: Mapping[str, Any]) -> str:
-    """The README's table: one row a tier, goals in brackets."""
+    """The README's table: one row a tier, goals in brackets, and one for each method on all these takes."""
     columns = shown(outcome["tiers"])
     rows = [["takes of", "n", "figures"], ["---"] * 3]
     rows += [[t["tier"], str(t["n"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]]
+    rows += [[f"all: {b['method']}", str(b["n"]), _of_a_method(b)] for b in outcome.get("baselines") or []]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _of_a_method(method: Mapping[str, Any]) -> str:
+    """What a method that may not name anything has to show."""
+    titles = {"top1": "first", "detected": "detects", "false": "false alarms", "explained": "of the error explained"}
+    told = [f"{title} {_number(method[f], f)}" for f, title in titles.items() if method[f] is not None]
+    return "; ".join([*told, f"seconds {_number(method['seconds'], 'seconds')}"])
 
 
 def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> str:

@@ -23,6 +23,14 @@ class Judged(NamedTuple):
     evaluation: Path
 
 
+class ByLoss(NamedTuple):
+    """A model fitted by one of the losses that are compared."""
+
+    model: str
+    loss: str
+    evaluation: Path
+
+
 def make(
     folder: Path,
     models: Sequence[Judged],
@@ -31,6 +39,7 @@ def make(
     settings: Mapping[str, Any],
     vehicle_name: str,
     diagnosis: Path | None,
+    losses: Sequence[ByLoss] = (),
 ) -> None:
     """`takes` are triples of ingest, estimate and check folders."""
     take = load_estimate(validation)
@@ -48,6 +57,11 @@ def make(
         takes=[TakeFacts(*(_facts(f, n) for f, n in zip(take, names, strict=True))) for take in takes],
         restart_s=float(settings["restart_s"]),
         diagnosis=_facts(diagnosis, "diagnosis.json"),
+        losses=[
+            {"model": b.model, "loss": b.loss} | {k: figures[k] for k in ("nmse", "nmse_ci95", "nmse_restarted")}
+            for b in losses
+            for figures in [_facts(b.evaluation, "evaluation.json")]
+        ],
     )
     (folder / "report.json").write_text(json.dumps(report_json(content), indent=1), encoding="utf-8")
     write_page(content, folder / "index.html")

@@ -1,0 +1,169 @@
+"""Training a perceptron in torch: on single steps (paper, App. mlp), then, if asked, on whole rollouts.
+
+The rollout loss is what reports quote: the squared error of the twist, over many steps of the model's own state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.models.interface import Progress
+from bcid.models.mlp import Weights
+from bcid.models.settings import TrainingSettings
+from bcid.models.windows import Windows
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Floats = npt.NDArray[np.float64]
+Network = Callable[["Tensor"], "Tensor"]  # inputs (B, n) in their units to outputs (B, m) in theirs
+Unrolled = Callable[[Network, "Tensor", "Tensor", "Tensor"], "Tensor"]
+"""A network, twists, kinematic states and commands of stretches as `Windows` has them, to the twists (B, S, 3) after
+each step; the kinematic states hold the steering angles as the servo alone determines them."""
+
+HELD_OUT = 0.1  # of the stretches, the last ones, on which the best epoch is chosen
+LOUDEST = 1.0  # norm of a gradient, above which it is shortened: a rollout near its limit has no useful slope
+EVERY = 4  # of a stretch's length, the distance of neighbouring starts
+
+
+def _moments(values: Floats) -> tuple[Floats, Floats]:
+    sd = values.std(axis=0)
+    return values.mean(axis=0), np.where(sd > 1e-9, sd, 1.0)
+
+
+def train(
+    x: Floats, y: Floats, settings: TrainingSettings, seed: int, progress: Progress,
+    taken: Windows | None = None, unrolled: Unrolled | None = None,
+) -> tuple[Weights, dict[str, Any]]:  # fmt: skip
+    """Weights that map `x` (N, n) to `y` (N, m), and the losses of the epochs.
+
+    First the mean squared error of the normalised output (paper, lossv with W = 1/sigma): Adam with weight decay, a
+    learning rate that falls by `decay_factor` every `decay_epochs`, dropout while training.  With the settings' loss
+    "rollout" the twists that `unrolled` makes of the stretches `taken` follow.
+    """
+    import torch
+    from torch import nn
+
+    torch.set_num_threads(1)  # nets this small lose time on more
+    moments = _moments(x), _moments(y)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        net = _net(x.shape[1], settings, y.shape[1])
+        inputs, targets = (_normal(v, m) for v, m in zip((x, y), moments, strict=True))
+        losses = _on_single_steps(net, inputs, targets, settings, seed, progress)
+        facts: dict[str, Any] = {"loss": settings.loss, "epochs": settings.epochs, "losses": losses}
+        if settings.loss == "rollout" and taken is not None and unrolled is not None:
+            facts |= _on_rollouts(net, moments, taken, unrolled, settings, seed, progress)
+    layers = [layer for layer in net if isinstance(layer, nn.Linear)]
+    W1, b1, W2, b2, W3, b3 = (
+        a.detach().numpy().T.astype(float, order="C") for layer in layers for a in (layer.weight, layer.bias)
+    )
+    (x_mean, x_sd), (y_mean, y_sd) = moments
+    return Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd), facts
+
+
+def _normal(values: Floats, moments: tuple[Floats, Floats]) -> Tensor:
+    import torch
+
+    return torch.tensor((values - moments[0]) / moments[1], dtype=torch.float32)
+
+
+def _net(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
+    from torch import nn
+
+    first, second = settings.hidden
+    return nn.Sequential(
+        nn.Linear(inputs, first), nn.ReLU(), nn.Dropout(settings.dropout),
+        nn.Linear(first, second), nn.ReLU(), nn.Dropout(settings.dropout),
+        nn.Linear(second, outputs),
+    )  # fmt: skip
+
+
+def _on_single_steps(
+    net: Any, inputs: Tensor, targets: Tensor, settings: TrainingSettings, seed: int, progress: Progress
+) -> list[float]:
+    """Trains `net`; the losses of at most a hundred epochs."""
+    import torch
+    from torch import nn
+
+    generator = torch.Generator().manual_seed(seed)
+    adam = torch.optim.Adam(net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
+    schedule = torch.optim.lr_scheduler.StepLR(adam, settings.decay_epochs, settings.decay_factor)
+    losses = []
+    share = 1.0 if settings.loss == "one-step" else 0.5
+    for epoch in range(settings.epochs):
+        total = 0.0
+        for rows in torch.randperm(len(inputs), generator=generator).split(settings.batch_size):  # type: ignore[no-untyped-call]
+            loss = nn.functional.mse_loss(net(inputs[rows]), targets[rows])
+            adam.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            adam.step()
+            total += float(loss.detach()) * len(rows)
+        schedule.step()
+        losses.append(total / len(inputs))
+        progress(share * (epoch + 1) / settings.epochs, f"epoch {epoch + 1}, loss {losses[-1]:.2e}")
+    return losses[:: max(1, len(losses) // 100)]
+
+
+def _on_rollouts(
+    net: Any, moments: Any, taken: Windows, unrolled: Unrolled, settings: TrainingSettings, seed: int,
+    progress: Progress,
+) -> dict[str, Any]:  # fmt: skip
+    """Trains `net` further, without dropout, at a rate that falls to nothing; it ends as it was at its best epoch.
+
+    An epoch goes once over as many steps as there are samples, from starts drawn anew.
+    """
+    import torch
+
+    (x_mean, x_sd), (y_mean, y_sd) = ((torch.tensor(v, dtype=torch.float32) for v in pair) for pair in moments)
+
+    def network(at: Tensor) -> Tensor:
+        return y_mean + y_sd * net((at - x_mean) / x_sd)  # type: ignore[no-any-return]
+
+    scale = 1.0 / torch.tensor(_moments(taken.twist[:, 0])[1], dtype=torch.float32)
+    columns = [torch.tensor(c, dtype=torch.float32) for c in taken[:3]]
+    steps = taken.steps
+
+    def loss_of(rows: Tensor) -> Tensor:
+        twist, kinematic, command = (c[rows] for c in columns)
+        off = unrolled(network, twist, kinematic, command) - twist[:, -steps:]
+        return ((scale * off) ** 2).mean()
+
+    kept = max(1, round(HELD_OUT * taken.number))
+    used, held = torch.arange(taken.number - kept), torch.arange(taken.number - kept, taken.number, EVERY)
+    generator = torch.Generator().manual_seed(seed + 1)
+    net.eval()
+    adam = torch.optim.Adam(net.parameters(), lr=settings.rollout_learning_rate, fused=True)
+    per_epoch = max(1, len(used) // EVERY)
+
+    def judged() -> float:
+        with torch.no_grad():
+            return float(loss_of(held))
+
+    best, least, history = _copied(net), judged(), list[float]()
+    for epoch in range(settings.rollout_epochs):
+        for group in adam.param_groups:
+            group["lr"] = (
+                settings.rollout_learning_rate * 0.5 * (1 + math.cos(math.pi * epoch / settings.rollout_epochs))
+            )
+        for rows in used[torch.randperm(len(used), generator=generator)[:per_epoch]].split(settings.rollout_batch):  # type: ignore[no-untyped-call]
+            loss = loss_of(rows)
+            adam.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            torch.nn.utils.clip_grad_norm_(net.parameters(), LOUDEST)
+            adam.step()
+        history.append(judged())
+        if history[-1] < least:
+            best, least = _copied(net), history[-1]
+        progress(0.5 + 0.5 * (epoch + 1) / settings.rollout_epochs, f"rollouts {epoch + 1}, loss {history[-1]:.2e}")
+    net.load_state_dict(best)
+    return {"rollout_epochs": settings.rollout_epochs, "held_out_rollout_loss": least, "rollout_losses": history}
+
+
+def _copied(net: Any) -> dict[str, Tensor]:
+    return {name: value.detach().clone() for name, value in net.state_dict().items()}

@@ -1,0 +1,99 @@
+"""The sparse regression against pysindy's, resamples, the threshold, and coefficients refitted on rollouts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.estimate.types import Estimate
+from bcid.models import published
+from bcid.models.interface import FitTask, history_at, rollout
+from bcid.models.k_sindy import KSindy
+from bcid.models.k_sindy_fit import Products, stlsq
+from bcid.models.kinematic import twist_of
+from bcid.models.samples import scale
+from bcid.models.table import row_of
+from bcid.vehicle import Vehicle
+
+DEFAULTS = row_of("k-sindy").defaults
+
+
+def sums(seed: int, n: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """Terms of unit RMS, and a sparse sum of them with noise."""
+    rng = np.random.default_rng(seed)
+    X = rng.standard_normal((n, 8)) @ (np.eye(8) + 0.3 * rng.standard_normal((8, 8)))
+    X /= np.sqrt((X**2).mean(axis=0))
+    y = X @ np.array([1.0, 0.0, -0.5, 0.0, 0.05, 0.0, 0.0, 0.3]) + 0.05 * rng.standard_normal(n)
+    return X, y / np.sqrt((y**2).mean())
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("threshold", [0.0, 0.02, 0.1, 0.3])
+def test_thresholding_is_pysindy_s(seed: int, threshold: float) -> None:
+    from pysindy.optimizers import STLSQ
+
+    X, y = sums(seed)
+    theirs = STLSQ(threshold=threshold, alpha=1e-9, max_iter=50).fit(X, y[:, None]).coef_[0]
+    ours = stlsq(X.T @ X / len(X), X.T @ y / len(X), threshold, 1e-9)
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
+
+
+def test_units_do_not_matter() -> None:
+    X, y = sums(1)
+    units = np.array([1e3, 1.0, 1e-4, 7.0, 1.0, 2.0, 0.1, 50.0])
+    plain, scaled = Products.of(X, y, 20), Products.of(X * units, 30.0 * y, 20)
+    np.testing.assert_allclose(scaled.coefficients(0.1, 1e-9) * units / 30.0, plain.coefficients(0.1, 1e-9), rtol=1e-6)
+
+
+def test_a_resample_is_the_fit_of_its_rows() -> None:
+    X, y = sums(2)
+    times = np.array([2.0, 0.0, 1.0, *[1.0] * 17])
+    rows = np.r_[0:20, 0:20, 40:400]
+    found = Products.of(X, y, 20).coefficients(0.05, 1e-9, times)
+    np.testing.assert_allclose(found, Products.of(X[rows], y[rows], 20).coefficients(0.05, 1e-9), rtol=1e-9)
+
+
+def made_by(model: KSindy, take: Estimate) -> Estimate:
+    """The take as the model would have driven it: its own truth."""
+    states = [take.kinematic[0]]
+    for command in take.command[:-1]:
+        states.append(model.step(states[-1], command)[0])
+    kinematic = np.array(states)
+    return replace(take, kinematic=kinematic, twist=np.array([twist_of(s, model.frame) for s in kinematic]))
+
+
+def fitted(estimates: list[Estimate], vehicle: Vehicle, **settings: Any) -> KSindy:
+    return KSindy.fit(FitTask(estimates, vehicle, {**DEFAULTS, "library": "published", **settings}, 1))
+
+
+def test_equations_are_found_again_and_told_as_sure(estimates: list[Estimate], vehicle: Vehicle) -> None:
+    """With nothing but the model's own sum in the data, and no threshold, every coefficient comes back."""
+    truth = published.k_sindy()
+    takes = [made_by(truth, e) for e in estimates]
+    found = fitted(takes, vehicle, threshold=0.0)
+    np.testing.assert_allclose(found.sparse.xi_f, truth.sparse.xi_f, atol=1e-6)
+    np.testing.assert_allclose(found.sparse.xi_r, truth.sparse.xi_r, atol=1e-6)
+    np.testing.assert_allclose(found.sparse.xi_v, truth.sparse.xi_v, atol=0.03)  # v_f stays at zero or above
+    chosen = fitted(takes, vehicle)
+    assert chosen.facts["threshold"] == float(chosen.facts["threshold"])
+    assert chosen.facts["thresholds"][f"{chosen.facts['threshold']:g}"] < 1e-3
+    sure = chosen.facts["sure"]["α_f"]
+    assert sure["α_f"][0] == 1.0
+    assert sure["α_f"][1] <= 0.777 + 2e-3
+    assert any(line.split()[:3] == ["α_f", "α_f", "100"] for line in chosen.describe().splitlines())
+
+
+def test_rollouts_lower_what_is_reported(estimates: list[Estimate], vehicle: Vehicle) -> None:
+    weight, errors = scale(np.concatenate([e.twist for e in estimates])), []
+    for loss in ("one-step", "rollout"):
+        model = fitted(estimates, vehicle, loss=loss, library="vanishing", threshold=0.02)
+        off = [
+            rollout(model, history_at(e, k, 0), e.command[k : k + 20]) - e.twist[k : k + 21]
+            for e in estimates
+            for k in range(0, len(e) - 20, 20)
+        ]
+        errors.append(np.mean((weight * np.concatenate(off)) ** 2))
+    assert errors[1] < 0.9 * errors[0]

@@ -1,0 +1,102 @@
+"""The Newton-Euler fit: the vectorised objective is the plain model, and what is said of its constants is true."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cars import CAR
+
+from bcid.estimate.types import Estimate
+from bcid.models import levenberg_marquardt
+from bcid.models.newton_euler import NewtonEuler
+from bcid.models.newton_euler_objective import Stretches, costs, predictions
+from bcid.models.samples import scale
+from bcid.models.windows import Windows, steps_of, windows
+from bcid.physics.car import Car, advance
+
+PERIOD_S = 0.1
+
+
+def plain(car: Car, w: Windows) -> np.ndarray:
+    """Twists (B, S, 3) by `advance` alone, stretch by stretch."""
+    out = np.empty((w.number, w.command.shape[1] - 1, 3))
+    for b in range(w.number):
+        state = (*w.twist[b, 0], w.kinematic[b, 0, 3])
+        for k in range(out.shape[1]):
+            state = advance(state, *w.command[b, k], car, PERIOD_S)
+            out[b, k] = state[:3]
+    return out
+
+
+CARS = (CAR, CAR._replace(sets_force=1.0, K_t=500.0, u_0=0.1, K_v=40.0, front_share=0.3), CAR._replace(K_b=100.0))
+
+
+@pytest.mark.parametrize("steps", [1, 20])
+def test_the_objective_is_the_plain_model(steps: int, estimates: list[Estimate]) -> None:
+    taken = windows(estimates, steps, steps)
+    of, weight = Stretches.of(taken), scale(taken.twist[:, 0])
+    found, cost = predictions(CARS, of, PERIOD_S), costs(CARS, of, weight, PERIOD_S)
+    for car, twists, nmse in zip(CARS, found, cost, strict=True):
+        reference = plain(car, taken)
+        np.testing.assert_allclose(twists.transpose(2, 0, 1), reference, rtol=0.0, atol=1e-11)
+        assert nmse == pytest.approx(np.mean((weight * (reference - taken.twist[:, 1:])) ** 2), rel=1e-10)
+
+
+def test_one_step_stretches_are_the_transitions(estimates: list[Estimate]) -> None:
+    from bcid.models.samples import transitions
+
+    taken, one = windows(estimates, 1, 1), transitions(estimates)
+    np.testing.assert_array_equal(taken.twist[:, 0], one.twist[:, 0])
+    np.testing.assert_array_equal(taken.twist[:, 1], one.next_twist)
+    np.testing.assert_array_equal(taken.command[:, 0], one.command[:, 0])
+    assert steps_of("one-step", 2.0, PERIOD_S) == 1
+    assert steps_of("rollout", 2.0, PERIOD_S) == 20
+
+
+def test_no_stretch_straddles_two_segments(estimates: list[Estimate]) -> None:
+    whole = estimates[0]
+    cut = np.where(np.arange(len(whole)) < 100, 1, 2)
+    taken = windows([Estimate(**{**whole.__dict__, "segment": cut})], 20, 7, lags=2)
+    rows = np.array([np.flatnonzero((whole.twist == t[0]).all(axis=1))[0] for t in taken.twist])
+    assert ((rows + 22 < 100) | (rows >= 100)).all()
+    assert taken.twist.shape[1] == 23
+
+
+def test_least_squares_ends_no_worse_than_where_it_starts() -> None:
+    """Rosenbrock's valley, within a box that holds its end."""
+
+    def misses(x: np.ndarray) -> np.ndarray:
+        u = 3.0 * x - 1.0
+        return np.column_stack([10.0 * (u[:, 1] - u[:, 0] ** 2), 1.0 - u[:, 0]])
+
+    found = levenberg_marquardt.minimise(misses, misses, [np.array([0.1, 0.9])], lambda share, text: None)
+    np.testing.assert_allclose(3.0 * found.x - 1.0, 1.0, atol=1e-6)
+    assert found.cost < 1e-12
+
+
+def test_a_start_that_leaves_the_numbers_is_no_start() -> None:
+    def misses(x: np.ndarray) -> np.ndarray:
+        return np.where(x > 0.5, np.nan, x - 0.2)
+
+    found = levenberg_marquardt.minimise(misses, misses, [np.array([0.9]), np.array([0.4])], lambda share, text: None)
+    assert found.x == pytest.approx([0.2])
+    with pytest.raises(FloatingPointError):
+        levenberg_marquardt.minimise(misses, misses, [np.array([0.9])], lambda share, text: None)
+
+
+def test_the_description_says_what_is_tied_and_what_is_held(estimates: list[Estimate], tmp_path: Path) -> None:
+    facts = {
+        "optimiser": "Levenberg-Marquardt from 8 starts", "loss": "rollout", "nmse": 1.5e-3, "at_bound": ["F_r_max"],
+        "correlated": [("K_t", "R_1", 0.97)], "mass_given": False,
+        "fitted": {
+            s: {"unit": "N", "low": 0.0, "high": 1.0, "meaning": "so", "relative_se": 0.01} for s in ("K_t", "F_r_max")
+        },
+    }  # fmt: skip
+    text = NewtonEuler(CAR, PERIOD_S, facts).describe()
+    assert "K_t and R_1 go together (correlation +0.97)" in text
+    assert "F_r_max   * not identified" in text
+    assert "m, I_z and all forces scale together: m is held" in text
+    assert "forces read as accelerations" in text
+    assert "Levenberg-Marquardt from 8 starts; rollout NMSE of the training takes 0.0015" in text

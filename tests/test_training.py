@@ -1,0 +1,101 @@
+"""The rollout loss: what torch unrolls the compiled model drives, and training on it lowers what is reported."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from bcid.estimate.types import Estimate
+from bcid.models import published
+from bcid.models.interface import FitTask, history_at, rollout
+from bcid.models.k_mlp import KMlp
+from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
+from bcid.models.library import SLIP, SPEED, theta
+from bcid.models.mlp import Weights
+from bcid.models.narx_mlp import LAGS, NarxMlp, _unrolled
+from bcid.models.samples import scale
+from bcid.models.table import row_of
+from bcid.models.training import Network
+from bcid.models.windows import Windows, windows
+from bcid.vehicle import Vehicle
+
+FRAME = published.k_sindy().frame
+SETTINGS: dict[str, Any] = {"epochs": 8, "learning_rate": 2e-3, "decay_epochs": 4, "hidden": [32, 16],
+                            "rollout_epochs": 12, "rollout_learning_rate": 2e-3, "rollout_batch": 8}  # fmt: skip
+
+
+def weights(inputs: int, seed: int, y_mean: np.ndarray, y_sd: np.ndarray) -> Weights:
+    rng = np.random.default_rng(seed)
+    sizes = [inputs, 12, 8, 3]
+    layers = [a for n, m in itertools.pairwise(sizes)
+              for a in (rng.normal(0.0, n**-0.5, (n, m)), rng.normal(0.0, 0.1, m))]  # fmt: skip
+    return Weights(np.zeros(inputs), np.ones(inputs), *layers, y_mean, y_sd)
+
+
+def network(w: Weights) -> Network:
+    arrays = {name: torch.tensor(value, dtype=torch.float64) for name, value in w._asdict().items()}
+
+    def of(x: torch.Tensor) -> torch.Tensor:
+        h = ((x - arrays["x_mean"]) / arrays["x_sd"] @ arrays["W1"] + arrays["b1"]).relu()
+        h = (h @ arrays["W2"] + arrays["b2"]).relu()
+        return arrays["y_mean"] + arrays["y_sd"] * (h @ arrays["W3"] + arrays["b3"])
+
+    return of
+
+
+def tensors(taken: Windows) -> list[torch.Tensor]:
+    return [torch.tensor(c, dtype=torch.float64) for c in taken[:3]]
+
+
+def test_a_kinematic_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
+    w = weights(6, 1, np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))
+    model, take = KMlp(w, FRAME, {}), estimates[0]
+    taken = with_servo(windows([take], 20, 40), FRAME)
+    found = unrolled(FRAME, lambda net, x: net(x))(network(w), *tensors(taken)).numpy()
+    for b, start in enumerate(range(0, len(take) - 20, 40)):
+        driven = rollout(model, history_at(take, start, 0), take.command[start : start + 20])
+        np.testing.assert_allclose(found[b], driven[1:], atol=1e-9)
+
+
+def test_an_autoregressive_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
+    w = weights(15, 2, np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))
+    model, take = NarxMlp(w, 0.1, {}), estimates[0]
+    found = _unrolled(network(w), *tensors(windows([take], 20, 40, LAGS))).numpy()
+    for b, start in enumerate(range(LAGS, len(take) - 20, 40)):
+        driven = rollout(model, history_at(take, start, LAGS), take.command[start : start + 20])
+        np.testing.assert_allclose(found[b], driven[1:], atol=1e-9)
+
+
+def test_sparse_sums_in_torch_are_the_compiled_ones() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.uniform([0.0, -1.0, -0.5, -1.9, -1.9, -1.0], [2.0, 1.0, 0.5, 1.9, 1.9, 2.0], (50, 6))
+    sparse = published.k_sindy().sparse
+    found = sparse_sums(sparse, FRAME)(torch.tensor(x, dtype=torch.float32)).numpy()
+    columns = ((sparse.xi_v, sparse.speed), (sparse.xi_f, SLIP), (sparse.xi_r, SLIP))
+    for row, at in zip(found, x, strict=True):
+        np.testing.assert_allclose(row, [xi @ theta(at, terms, FRAME) for xi, terms in columns], atol=1e-5)
+    assert len(SPEED) == len(sparse.speed)
+
+
+@pytest.mark.parametrize("name", ["k-mlp", "narx-mlp", "k-sindy-mlp"])
+def test_rollouts_lower_what_is_reported(name: str, estimates: list[Estimate], vehicle: Vehicle) -> None:
+    """The multi-step error of the training takes, from the same seed."""
+    row, errors = row_of(name), []
+    base = None
+    if row.base:
+        base = row_of(row.base).load().fit(FitTask(estimates, vehicle, row_of(row.base).defaults, 1))
+    weight = scale(np.concatenate([e.twist for e in estimates]))
+    for loss in ("one-step", "rollout"):
+        task = FitTask(estimates, vehicle, {**row.defaults, **SETTINGS, "loss": loss}, 1, base)
+        model = row.load().fit(task)
+        off = [
+            rollout(model, history_at(e, k, model.lags), e.command[k : k + 20]) - e.twist[k : k + 21]
+            for e in estimates
+            for k in range(2, len(e) - 20, 20)
+        ]
+        errors.append(np.mean((weight * np.concatenate(off)) ** 2))
+    assert errors[1] < (0.99 if name == "k-sindy-mlp" else 0.9) * errors[0]  # the sparse part alone is near its best
