@@ -17,10 +17,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_parallel
 from bcid.effects.car import Body, Lagged
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Servo, body_step, chain_on, settled
@@ -159,6 +160,14 @@ def _scan(carry: Floats, commands: Floats, s: Setup) -> Floats:
     return twists
 
 
+@njit_parallel
+def _scan_many(carries: Floats, commands: Floats, s: Setup) -> Floats:
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for b in numba.prange(len(carries)):
+        twists[b] = _scan(carries[b], commands[b], s)
+    return twists
+
+
 @dataclass(frozen=True)
 class AugmentedNewtonEuler:
     """The Newton-Euler car with effects.
@@ -221,6 +230,11 @@ class AugmentedNewtonEuler:
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
         twists: Floats = _scan(carry, commands, self.setup)
+        return twists
+
+    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
+        """See `Model.scan_many`."""
+        twists: Floats = _scan_many(carries, commands, self.setup)
         return twists
 
     def describe(self) -> str:

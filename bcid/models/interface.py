@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -99,6 +99,9 @@ class Model(Protocol):
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """The twists (N, 3) after each of `commands` (N, 2): the compiled loop over `step`."""
 
+    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
+        """The twists (B, N, 3) of B vehicles from `carries` (B, n) under `commands` (B, N, 2), on all cores."""
+
     def describe(self) -> str:
         """The fitted equations with values and units."""
 
@@ -138,3 +141,23 @@ def rollout(model: Model, history: History, commands: Floats) -> Floats:
     if not finite.all():
         raise Diverged(model.name, int(np.argmin(finite)))
     return twists
+
+
+class Rollouts(NamedTuple):
+    """Closed-loop twists of many vehicles at once."""
+
+    twist: Floats  # (B, N, 3) after each command; of one that diverged the last finite twist stands
+    diverged_at: npt.NDArray[np.int64]  # (B,) the step at which it left the finite numbers; -1 where it never did
+
+
+def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:
+    """Rollouts of B vehicles from `carries` (B, n) under `commands` (B, N, 2); divergence is told, never NaN.
+
+    Of one whose carry itself is not finite the twist is zero.
+    """
+    twist = model.scan_many(np.ascontiguousarray(carries), np.ascontiguousarray(commands))
+    lost = np.any(~np.isfinite(twist), axis=2)
+    at = np.where(np.any(lost, axis=1), np.argmax(lost, axis=1), -1)
+    for b in np.flatnonzero(at >= 0):
+        twist[b, at[b] :] = twist[b, at[b] - 1] if at[b] > 0 else 0.0
+    return Rollouts(twist, at)

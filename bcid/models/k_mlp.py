@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, frame_of, joined, twist_of
@@ -40,6 +41,14 @@ def _scan(state: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
     for k in range(len(commands)):
         state = advance(state, commands[k], w, c)
         twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(state, c)
+    return twists
+
+
+@njit_parallel
+def _scan_many(carries: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for b in numba.prange(len(carries)):
+        twists[b] = _scan(carries[b], commands[b], w, c)
     return twists
 
 
@@ -85,6 +94,11 @@ class KMlp:
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
         twists: Floats = _scan(carry, commands, self.weights, self.frame)
+        return twists
+
+    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
+        """See `Model.scan_many`."""
+        twists: Floats = _scan_many(carries, commands, self.weights, self.frame)
         return twists
 
     def describe(self) -> str:

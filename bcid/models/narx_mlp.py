@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.mlp import Weights, forward
@@ -50,6 +51,14 @@ def _scan(carry: Floats, commands: Floats, w: Weights) -> Floats:
     for k in range(len(commands)):
         carry = advance(carry, commands[k], w)
         twists[k] = carry[:3]
+    return twists
+
+
+@njit_parallel
+def _scan_many(carries: Floats, commands: Floats, w: Weights) -> Floats:
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for b in numba.prange(len(carries)):
+        twists[b] = _scan(carries[b], commands[b], w)
     return twists
 
 
@@ -105,6 +114,11 @@ class NarxMlp:
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
         twists: Floats = _scan(carry, commands, self.weights)
+        return twists
+
+    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
+        """See `Model.scan_many`."""
+        twists: Floats = _scan_many(carries, commands, self.weights)
         return twists
 
     def describe(self) -> str:

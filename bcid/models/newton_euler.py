@@ -6,12 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_parallel
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.physics.car import Car, advance
+from bcid.physics.car import Car, advance, advance_all
+
+ABREAST = 256  # vehicles whose states advance together: few enough to stay in the nearest cache
 
 
 @njit
@@ -21,6 +24,20 @@ def _scan(carry: Floats, commands: Floats, p: Car, period: float) -> Floats:
     for k in range(len(commands)):
         state = advance(state, commands[k, 0], commands[k, 1], p, period)
         twists[k, 0], twists[k, 1], twists[k, 2] = state[0], state[1], state[2]
+    return twists
+
+
+@njit_parallel
+def _scan_many(carries: Floats, commands: Floats, p: Car, period: float) -> Floats:
+    B, N = commands.shape[:2]
+    twists = np.empty((B, N, 3))
+    for chunk in numba.prange((B + ABREAST - 1) // ABREAST):
+        rows = slice(chunk * ABREAST, min((chunk + 1) * ABREAST, B))
+        state, driven = carries[rows].T.copy(), np.empty((2, rows.stop - rows.start))
+        for k in range(N):
+            driven[:] = commands[rows, k].T
+            advance_all(state, driven, p, period)
+            twists[rows, k] = state[:3].T
     return twists
 
 
@@ -83,6 +100,11 @@ class NewtonEuler:
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
         twists: Floats = _scan(carry, commands, self.car, self.period_s)
+        return twists
+
+    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
+        """See `Model.scan_many`."""
+        twists: Floats = _scan_many(carries, commands, self.car, self.period_s)
         return twists
 
     def describe(self) -> str:

@@ -15,10 +15,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_parallel
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.samples import transitions
@@ -83,6 +84,14 @@ def _scan(carry: Floats, commands: Floats, lin: Linear, period: float) -> Floats
     return twists
 
 
+@njit_parallel
+def _scan_many(carries: Floats, commands: Floats, lin: Linear, period: float) -> Floats:
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for b in numba.prange(len(carries)):
+        twists[b] = _scan(carries[b], commands[b], lin, period)
+    return twists
+
+
 @dataclass(frozen=True)
 class NewtonEulerLinear:
     """The linearisation of a fitted Newton-Euler model."""
@@ -124,6 +133,11 @@ class NewtonEulerLinear:
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
         twists: Floats = _scan(carry, commands, self.linear, self.period_s)
+        return twists
+
+    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
+        """See `Model.scan_many`."""
+        twists: Floats = _scan_many(carries, commands, self.linear, self.period_s)
         return twists
 
     def describe(self) -> str:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from bcid.compiled import njit, njit_parallel, njit_sums
 from bcid.models.windows import Windows
-from bcid.physics.car import Car, advance
+from bcid.physics.car import Car, advance_all
 
 Floats = npt.NDArray[np.float64]
 
@@ -40,35 +40,30 @@ class Stretches(NamedTuple):
 
 
 @njit_sums
-def _advance_all(state: Floats, command: Floats, after: Floats, weight: Floats, p: Car, period: float) -> float:
-    """Every stretch one step on, in place; returns the sum of squared weighted misses."""
-    v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]  # unpacking `state` hides that rows are contiguous
-    u_s, u_m = command[0], command[1]
-    m_x, m_y, m_w = after[0], after[1], after[2]
+def _squares(state: Floats, after: Floats, weight: Floats) -> float:
+    """Sum of squared weighted misses of all stretches at one step."""
     total = 0.0
-    for b in range(len(v_x)):
-        v_x[b], v_y[b], omega[b], delta[b] = advance((v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], p, period)
-        e_x = weight[0] * (v_x[b] - m_x[b])
-        e_y = weight[1] * (v_y[b] - m_y[b])
-        e_w = weight[2] * (omega[b] - m_w[b])
-        total += e_x * e_x + e_y * e_y + e_w * e_w
+    for c in range(3):
+        predicted, measured = state[c], after[c]
+        for b in range(len(predicted)):
+            miss = weight[c] * (predicted[b] - measured[b])
+            total += miss * miss
     return total
 
 
 @njit
-def _predict(p: Car, s: Stretches, weight: Floats, period: float, out: Floats) -> float:
-    """Fills `out` (S, 3, B) with the predicted twists; returns the sum of squared weighted misses."""
-    state, total = s.start.copy(), 0.0
+def _predict(p: Car, s: Stretches, period: float, out: Floats) -> None:
+    """Fills `out` (S, 3, B) with the predicted twists."""
+    state = s.start.copy()
     for k in range(len(s.command)):
-        total += _advance_all(state, s.command[k], s.after[k], weight, p, period)
+        advance_all(state, s.command[k], p, period)
         out[k] = state[:3]
-    return total
 
 
 @njit_parallel
-def _predict_each(cars: list[Car], s: Stretches, weight: Floats, period: float, out: Floats) -> None:
+def _predict_each(cars: list[Car], s: Stretches, period: float, out: Floats) -> None:
     for i in numba.prange(len(cars)):
-        _predict(cars[np.int64(i)], s, weight, period, out[i])
+        _predict(cars[np.int64(i)], s, period, out[i])
 
 
 @njit_parallel
@@ -77,7 +72,8 @@ def _costs(cars: list[Car], s: Stretches, weight: Floats, period: float) -> Floa
     for i in numba.prange(len(cars)):
         state, total = s.start.copy(), 0.0
         for k in range(len(s.command)):
-            total += _advance_all(state, s.command[k], s.after[k], weight, cars[np.int64(i)], period)
+            advance_all(state, s.command[k], cars[np.int64(i)], period)
+            total += _squares(state, s.after[k], weight)
         out[i] = total / s.after.size
     return out
 
@@ -90,5 +86,5 @@ def costs(cars: Sequence[Car], s: Stretches, weight: Floats, period: float) -> F
 def predictions(cars: Sequence[Car], s: Stretches, period: float) -> Floats:
     """The twists (P, S, 3, B) that each car predicts."""
     out = np.empty((len(cars), *s.after.shape))
-    _predict_each(numba.typed.List(cars), s, np.ones(3), period, out)
+    _predict_each(numba.typed.List(cars), s, period, out)
     return out

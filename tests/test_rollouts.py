@@ -1,0 +1,71 @@
+"""Many vehicles at once: the batched rollout is each vehicle's own, and what diverges is told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.estimate.types import Estimate
+from bcid.models import published
+from bcid.models.interface import Model, at_rest, history_at, rollouts
+from bcid.models.k_mlp import KMlp
+from bcid.models.k_sindy_mlp import KSindyMlp
+from bcid.models.mlp import Weights
+from bcid.models.narx_mlp import NarxMlp
+from bcid.models.newton_euler_linear import NewtonEulerLinear
+
+RNG = np.random.default_rng(0)
+
+
+def weights(inputs: int) -> Weights:
+    W1, W2, W3 = (RNG.normal(0.0, n**-0.5, (n, m)) for n, m in ((inputs, 12), (12, 8), (8, 3)))
+    return Weights(np.zeros(inputs), np.ones(inputs), W1, np.zeros(12), W2, np.zeros(8), W3, np.zeros(3),
+                   np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))  # fmt: skip
+
+
+SINDY = published.k_sindy()
+MODELS: dict[str, Model] = {
+    "newton-euler": published.newton_euler(),
+    "newton-euler-linear": NewtonEulerLinear(published.newton_euler().car, 1.2, 0.1),
+    "narx-mlp": NarxMlp(weights(15), 0.1, {}),
+    "k-mlp": KMlp(weights(6), SINDY.frame, {}),
+    "k-sindy": SINDY,
+    "k-sindy-mlp": KSindyMlp(SINDY, weights(6)._replace(y_mean=np.zeros(3), y_sd=np.full(3, 0.02)), {}),
+}
+every_model = pytest.mark.parametrize("name", list(MODELS))
+
+
+@every_model
+@pytest.mark.parametrize("count", [1, 7, 600])
+def test_a_batch_is_each_vehicle_alone(name: str, count: int, estimates: list[Estimate]) -> None:
+    """600 are more than advance abreast; a few of them are checked, the last ones too."""
+    model, take = MODELS[name], estimates[0]
+    starts = np.random.default_rng(1).integers(5, len(take) - 60, count)
+    carries = np.stack([model.init(history_at(take, int(k), model.lags)) for k in starts])
+    commands = np.stack([take.command[k : k + 50] for k in starts])
+    found = rollouts(model, carries, commands)
+    assert (found.diverged_at == -1).all()
+    for b in {0, count // 2, count - 1, min(count - 1, 256)}:
+        np.testing.assert_allclose(found.twist[b], model.scan(carries[b], commands[b]), rtol=0.0, atol=1e-9)
+
+
+@every_model
+def test_a_vehicle_that_diverges_is_told_and_harms_no_other(name: str) -> None:
+    model = MODELS[name]
+    carries = np.stack([model.init(at_rest(model.lags))] * 5)
+    commands = np.tile([0.3, 1.5], (5, 30, 1))
+    alone = rollouts(model, carries, commands).twist
+    carries[3] = np.nan
+    commands[1, 12, 0] = np.nan
+    found = rollouts(model, carries, commands)
+    assert np.isfinite(found.twist).all()
+    assert found.diverged_at[3] == 0
+    assert (found.twist[3] == 0.0).all()
+    assert 12 <= found.diverged_at[1] <= 13
+    first = found.diverged_at[1]
+    np.testing.assert_array_equal(found.twist[1, first:], np.tile(found.twist[1, first - 1], (30 - first, 1)))
+    rest: Any = [0, 2, 4]
+    np.testing.assert_array_equal(found.twist[rest], alone[rest])
+    assert (found.diverged_at[rest] == -1).all()
