@@ -11,6 +11,7 @@ import typer
 
 from bcid import __version__
 from bcid.cli import diagnosing
+from bcid.cli.benching import bench
 from bcid.cli.options import (
     LONGEST_S,
     CommandsOption,
@@ -56,6 +57,7 @@ def options(
 app.command()(diagnosing.diagnose)
 app.command()(diagnosing.plan)
 app.command()(diagnosing.prove)
+app.command()(bench)
 
 
 @app.command()

@@ -175,3 +175,21 @@ def real_proof(found: dict[str, Any]) -> Group:
             ["what", "answered"],
         )
     )
+
+
+def bench(found: Mapping[str, Any]) -> Table:
+    """Hot paths beside their peers."""
+    rows = [
+        [
+            r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.3g}", f"{r['ratio']:.3g} ×",
+            "–" if r["goal"] is None else f"{r['goal']:g} ×{' missed' if r['missed'] else ''}",
+            "–" if r["difference"] is None else f"{r['difference']:.1g}",
+        ]
+        for r in found["rows"]
+    ]  # fmt: skip
+    absent = [name for name, version in found["versions"].items() if version is None]
+    caption = f"{found['machine']['processor']}, {found['machine']['cores']} cores; medians of {found['repeats']} turns"
+    if absent:
+        caption += f"; not installed and left out: {', '.join(absent)} (pip install bcid[bench])"
+    columns = ["path", "ours, ms", "peer", "peer, ms", "ratio", "goal", "largest difference"]
+    return table("hot paths beside their peers", columns, rows, caption)

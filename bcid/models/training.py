@@ -53,7 +53,7 @@ def train(
     moments = _moments(x), _moments(y)
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        net = _net(x.shape[1], settings, y.shape[1])
+        net = network(x.shape[1], settings, y.shape[1])
         inputs, targets = (_normal(v, m) for v, m in zip((x, y), moments, strict=True))
         losses = _on_single_steps(net, inputs, targets, settings, seed, progress)
         facts: dict[str, Any] = {"loss": settings.loss, "epochs": settings.epochs, "losses": losses}
@@ -73,7 +73,8 @@ def _normal(values: Floats, moments: tuple[Floats, Floats]) -> Tensor:
     return torch.tensor((values - moments[0]) / moments[1], dtype=torch.float32)
 
 
-def _net(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
+def network(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
+    """A perceptron to be trained."""
     from torch import nn
 
     first, second = settings.hidden
@@ -89,25 +90,41 @@ def _on_single_steps(
 ) -> list[float]:
     """Trains `net`; the losses of at most a hundred epochs."""
     import torch
-    from torch import nn
 
     generator = torch.Generator().manual_seed(seed)
-    adam = torch.optim.Adam(net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
+    adam = optimiser(net, settings)
     schedule = torch.optim.lr_scheduler.StepLR(adam, settings.decay_epochs, settings.decay_factor)
     losses = []
     share = 1.0 if settings.loss == "one-step" else 0.5
-    for epoch in range(settings.epochs):
-        total = 0.0
-        for rows in torch.randperm(len(inputs), generator=generator).split(settings.batch_size):  # type: ignore[no-untyped-call]
-            loss = nn.functional.mse_loss(net(inputs[rows]), targets[rows])
-            adam.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            adam.step()
-            total += float(loss.detach()) * len(rows)
+    for k in range(settings.epochs):
+        losses.append(epoch(net, adam, inputs, targets, settings.batch_size, generator))
         schedule.step()
-        losses.append(total / len(inputs))
-        progress(share * (epoch + 1) / settings.epochs, f"epoch {epoch + 1}, loss {losses[-1]:.2e}")
+        progress(share * (k + 1) / settings.epochs, f"epoch {k + 1}, loss {losses[-1]:.2e}")
     return losses[:: max(1, len(losses) // 100)]
+
+
+def optimiser(net: Any, settings: TrainingSettings) -> Any:
+    """Adam with weight decay, its steps fused."""
+    import torch
+
+    return torch.optim.Adam(net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
+
+
+def epoch(net: Any, adam: Any, inputs: Tensor, targets: Tensor, batch_size: int, generator: Any) -> float:
+    """One pass over all samples in an order of its own; the mean loss.
+
+    Batches are rows of tensors that lie in memory: a DataLoader would gather them one by one.
+    """
+    import torch
+
+    total = 0.0
+    for rows in torch.randperm(len(inputs), generator=generator).split(batch_size):  # type: ignore[no-untyped-call]
+        loss = torch.nn.functional.mse_loss(net(inputs[rows]), targets[rows])
+        adam.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        adam.step()
+        total += float(loss.detach()) * len(rows)
+    return total / len(inputs)
 
 
 def _on_rollouts(
@@ -122,7 +139,7 @@ def _on_rollouts(
 
     (x_mean, x_sd), (y_mean, y_sd) = ((torch.tensor(v, dtype=torch.float32) for v in pair) for pair in moments)
 
-    def network(at: Tensor) -> Tensor:
+    def in_units(at: Tensor) -> Tensor:
         return y_mean + y_sd * net((at - x_mean) / x_sd)  # type: ignore[no-any-return]
 
     scale = 1.0 / torch.tensor(_moments(taken.twist[:, 0])[1], dtype=torch.float32)
@@ -131,7 +148,7 @@ def _on_rollouts(
 
     def loss_of(rows: Tensor) -> Tensor:
         twist, kinematic, command = (c[rows] for c in columns)
-        off = unrolled(network, twist, kinematic, command) - twist[:, -steps:]
+        off = unrolled(in_units, twist, kinematic, command) - twist[:, -steps:]
         return ((scale * off) ** 2).mean()
 
     kept = max(1, round(HELD_OUT * taken.number))
