@@ -42,8 +42,11 @@ def njit_inline(function: F) -> F:
 
 
 def njit_sums(function: F) -> F:
-    """The same for loops that add up: sums may be taken in any order, so that they too become vector instructions."""
-    return cast(F, numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function))
+    """The same for loops that add up.
+
+    Sums may be taken in any order and products added without rounding first, so that they too become vector code.
+    """
+    return cast(F, numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})(function))
 
 
 def njit_parallel(function: F) -> F:

@@ -148,7 +148,6 @@ def test_a_misprint_put_back_fails_the_cross_check(
 
 def test_row_1_put_back_fails_the_cross_check() -> None:
     """The kinematic output map alone: the K-SINDy state is the same, its v_y is not."""
-    from bcid.models import k_sindy
     from bcid.models.kinematic import SLIP_LIMIT
 
     sindy = published.k_sindy()
@@ -157,7 +156,7 @@ def test_row_1_put_back_fails_the_cross_check() -> None:
         commands = random_commands(seed)
         state, twists = np.zeros(4), [np.zeros(3)]
         for command in commands:
-            state = k_sindy.advance(state, command, sindy.sparse, sindy.frame)
+            state, _ = sindy.step(state, command)
             slip = min(max(state[2], -SLIP_LIMIT), SLIP_LIMIT)
             twists.append(np.array(row_1_undone(state[0], state[3] + state[1], slip, 0.54, 0.33)))
         ne = rollout(published.newton_euler(), REST, commands)

@@ -62,7 +62,7 @@ def made_by(model: KSindy, take: Estimate) -> Estimate:
     for command in take.command[:-1]:
         states.append(model.step(states[-1], command)[0])
     kinematic = np.array(states)
-    return replace(take, kinematic=kinematic, twist=np.array([twist_of(s, model.frame) for s in kinematic]))
+    return replace(take, kinematic=kinematic, twist=np.array([twist_of(*s, model.frame) for s in kinematic]))
 
 
 def fitted(estimates: list[Estimate], vehicle: Vehicle, **settings: Any) -> KSindy:

@@ -13,9 +13,10 @@ import pytest
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import whole_take
-from bcid.models import k_mlp, k_sindy, k_sindy_mlp, library, narx_mlp, newton_euler_linear, published
+from bcid.models import library, newton_euler_linear, published
 from bcid.models.genetic import minimise
 from bcid.models.interface import Diverged, FitTask, History, Model, at_rest, history_at, no_progress, rollout
+from bcid.models.kinematic import Frame
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.samples import scale, transitions
 from bcid.models.saving import load_model, save_model
@@ -43,6 +44,10 @@ def fitted(name: str, estimates: list[Estimate], vehicle: Vehicle, seed: int = 1
 @pytest.fixture(scope="session")
 def models(estimates: list[Estimate], vehicle: Vehicle) -> dict[str, Model]:
     return {name: fitted(name, estimates, vehicle) for name in FITTED}
+
+
+def theta(x: np.ndarray, terms: np.ndarray, frame: Frame) -> np.ndarray:
+    return np.asarray(library.theta_table(x[None], terms, frame)[0])
 
 
 every_model = pytest.mark.parametrize("name", list(FITTED))
@@ -132,22 +137,37 @@ def test_a_model_is_immutable(name: str, models: dict[str, Model]) -> None:
         models[name].facts = {}  # type: ignore[attr-defined]
 
 
-def test_compiled_steps_are_the_plain_ones(
-    models: dict[str, Any], estimates: list[Estimate], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The compiled `advance` of every kinematic and autoregressive model against its Python body."""
-    state, command = estimates[0].kinematic[40], estimates[0].command[40]
+def plain_network(w: Any, x: np.ndarray) -> np.ndarray:
+    hidden = np.maximum((x - w.x_mean) / w.x_sd @ w.W1 + w.b1, 0.0)
+    return w.y_mean + w.y_sd * (np.maximum(hidden @ w.W2 + w.b2, 0.0) @ w.W3 + w.b3)
+
+
+def plain_sum(sparse: Any, x: np.ndarray, frame: Any) -> np.ndarray:
+    v, alpha_f, alpha_r, delta, u_s, u_m = x
+    rate = np.clip((u_s - delta) / frame.T_s, -frame.d, frame.d)
+    q = np.array(
+        [v, alpha_f, alpha_r, delta, rate, abs(alpha_f), abs(delta), abs(rate), max(0.0, u_m - v), min(0.0, u_m)]
+    )
+    columns = ((sparse.xi_v, sparse.speed), (sparse.xi_f, sparse.slip), (sparse.xi_r, sparse.slip))
+    return np.array([xi @ np.prod(q**terms, axis=1) for xi, terms in columns])
+
+
+def test_compiled_steps_are_the_plain_ones(models: dict[str, Any], estimates: list[Estimate]) -> None:
+    """Sums to 1e-9; networks, which run in single precision, to 1e-5."""
+    take = estimates[0]
     sindy, k, res, narx = (models[n] for n in ("k-sindy", "k-mlp", "k-sindy-mlp", "narx-mlp"))
-    carry = narx.init(history_at(estimates[0], 40, 2))
-    cases = [
-        (k_sindy.advance, (state, command, sindy.sparse, sindy.frame)),
-        (k_mlp.advance, (state, command, k.weights, k.frame)),
-        (k_sindy_mlp.advance, (state, command, res.sindy.sparse, res.weights, res.sindy.frame)),
-        (narx_mlp.advance, (carry, command, narx.weights)),
-    ]
-    for compiled, arguments in cases:
-        result = compiled(*arguments)
-        np.testing.assert_allclose(compiled.py_func(*arguments), result, atol=1e-9)
+    for row in (40, 200, 333):
+        state, command = take.kinematic[row], take.command[row]
+        x = np.concatenate([state, command])
+        after = plain_sum(sindy.sparse, x, sindy.frame)
+        np.testing.assert_allclose(sindy.step(state, command)[0][:3], [max(after[0], 0.0), *after[1:]], atol=1e-9)
+        np.testing.assert_allclose(k.step(state, command)[0][:3], plain_network(k.weights, x), atol=1e-5)
+        both = plain_sum(res.sindy.sparse, x, res.sindy.frame) + plain_network(res.weights, x)
+        np.testing.assert_allclose(res.step(state, command)[0][:3], both, atol=1e-5)
+        rows = [row, row - 1, row - 2]
+        past = np.concatenate([take.twist[rows].ravel(), take.command[rows].ravel()])
+        carry = narx.init(history_at(take, row, 2))
+        np.testing.assert_allclose(narx.step(carry, command)[1], plain_network(narx.weights, past), atol=1e-5)
 
 
 # --- Newton-Euler ------------------------------------------------------------------------------------------------
@@ -295,11 +315,9 @@ def test_every_speed_term_but_the_throttle_vanishes_with_the_speed() -> None:
     """Errata 9: with v_f = 0 only q_v,1 may be left; the published library keeps alpha_f^2 as well."""
     frame = published.k_sindy().frame
     x = np.array([0.0, 0.3, 0.1, 0.7, -0.4, 1.5])
-    names = [
-        library.name_of(e) for e, q in zip(library.SPEED, library.theta(x, library.SPEED, frame), strict=True) if q
-    ]
+    names = [library.name_of(e) for e, q in zip(library.SPEED, theta(x, library.SPEED, frame), strict=True) if q]
     assert names == ["max(0,u_m−v)"]
-    kept = library.theta(x, library.SPEED_PUBLISHED, frame)
+    kept = theta(x, library.SPEED_PUBLISHED, frame)
     names = [library.name_of(e) for e, q in zip(library.SPEED_PUBLISHED, kept, strict=True) if q]
     assert names == ["max(0,u_m−v)", "α_f²"]
 
@@ -308,8 +326,14 @@ def test_slip_terms_are_odd_and_speed_terms_even() -> None:
     """Left and right are alike: mirrored, the slip terms change sign and the speed terms do not."""
     frame = published.k_sindy().frame
     x, mirrored = np.array([0.8, 0.3, 0.1, 0.7, -0.4, 1.5]), np.array([0.8, -0.3, -0.1, -0.7, 0.4, 1.5])
-    np.testing.assert_allclose(library.theta(x, library.SLIP, frame), -library.theta(mirrored, library.SLIP, frame))
-    np.testing.assert_allclose(library.theta(x, library.SPEED, frame), library.theta(mirrored, library.SPEED, frame))
+    np.testing.assert_allclose(
+        theta(x, library.SLIP, frame),
+        -theta(mirrored, library.SLIP, frame),
+    )
+    np.testing.assert_allclose(
+        theta(x, library.SPEED, frame),
+        theta(mirrored, library.SPEED, frame),
+    )
 
 
 def test_the_published_equations_print_as_published() -> None:

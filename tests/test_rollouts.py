@@ -20,8 +20,9 @@ RNG = np.random.default_rng(0)
 
 
 def weights(inputs: int) -> Weights:
-    W1, W2, W3 = (RNG.normal(0.0, n**-0.5, (n, m)) for n, m in ((inputs, 12), (12, 8), (8, 3)))
-    return Weights(np.zeros(inputs), np.ones(inputs), W1, np.zeros(12), W2, np.zeros(8), W3, np.zeros(3),
+    W1, W2, W3 = (RNG.normal(0.0, n**-0.5, (n, m)).astype(np.float32) for n, m in ((inputs, 12), (12, 8), (8, 3)))
+    return Weights(np.zeros(inputs), np.ones(inputs), W1, np.zeros(12, np.float32), W2, np.zeros(8, np.float32),
+                   W3, np.zeros(3, np.float32),
                    np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))  # fmt: skip
 
 

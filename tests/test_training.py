@@ -14,7 +14,7 @@ from bcid.models import published
 from bcid.models.interface import FitTask, history_at, rollout
 from bcid.models.k_mlp import KMlp
 from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
-from bcid.models.library import SLIP, SPEED, theta
+from bcid.models.library import SLIP, theta_table
 from bcid.models.mlp import Weights
 from bcid.models.narx_mlp import LAGS, NarxMlp, _unrolled
 from bcid.models.samples import scale
@@ -31,9 +31,9 @@ SETTINGS: dict[str, Any] = {"epochs": 8, "learning_rate": 2e-3, "decay_epochs": 
 def weights(inputs: int, seed: int, y_mean: np.ndarray, y_sd: np.ndarray) -> Weights:
     rng = np.random.default_rng(seed)
     sizes = [inputs, 12, 8, 3]
-    layers = [a for n, m in itertools.pairwise(sizes)
-              for a in (rng.normal(0.0, n**-0.5, (n, m)), rng.normal(0.0, 0.1, m))]  # fmt: skip
-    return Weights(np.zeros(inputs), np.ones(inputs), *layers, y_mean, y_sd)
+    W1, W2, W3 = (rng.normal(0.0, n**-0.5, (n, m)).astype(np.float32) for n, m in itertools.pairwise(sizes))
+    b1, b2, b3 = (rng.normal(0.0, 0.1, m).astype(np.float32) for m in sizes[1:])
+    return Weights(np.zeros(inputs), np.ones(inputs), W1, b1, W2, b2, W3, b3, y_mean, y_sd)
 
 
 def network(w: Weights) -> Network:
@@ -58,7 +58,7 @@ def test_a_kinematic_rollout_is_the_compiled_one(estimates: list[Estimate]) -> N
     found = unrolled(FRAME, lambda net, x: net(x))(network(w), *tensors(taken)).numpy()
     for b, start in enumerate(range(0, len(take) - 20, 40)):
         driven = rollout(model, history_at(take, start, 0), take.command[start : start + 20])
-        np.testing.assert_allclose(found[b], driven[1:], atol=1e-9)
+        np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
 
 
 def test_an_autoregressive_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
@@ -67,7 +67,7 @@ def test_an_autoregressive_rollout_is_the_compiled_one(estimates: list[Estimate]
     found = _unrolled(network(w), *tensors(windows([take], 20, 40, LAGS))).numpy()
     for b, start in enumerate(range(LAGS, len(take) - 20, 40)):
         driven = rollout(model, history_at(take, start, LAGS), take.command[start : start + 20])
-        np.testing.assert_allclose(found[b], driven[1:], atol=1e-9)
+        np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
 
 
 def test_sparse_sums_in_torch_are_the_compiled_ones() -> None:
@@ -76,9 +76,8 @@ def test_sparse_sums_in_torch_are_the_compiled_ones() -> None:
     sparse = published.k_sindy().sparse
     found = sparse_sums(sparse, FRAME)(torch.tensor(x, dtype=torch.float32)).numpy()
     columns = ((sparse.xi_v, sparse.speed), (sparse.xi_f, SLIP), (sparse.xi_r, SLIP))
-    for row, at in zip(found, x, strict=True):
-        np.testing.assert_allclose(row, [xi @ theta(at, terms, FRAME) for xi, terms in columns], atol=1e-5)
-    assert len(SPEED) == len(sparse.speed)
+    for column, (xi, terms) in zip(found.T, columns, strict=True):
+        np.testing.assert_allclose(column, theta_table(x, terms, FRAME) @ xi, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["k-mlp", "narx-mlp", "k-sindy-mlp"])

@@ -149,11 +149,10 @@ def _driven_by(net: Any, start: Floats, driven: Floats, c: Frame) -> Floats:
 def _weights(hidden: tuple[int, int]) -> Weights:
     """A network that stays near a steady drive."""
     rng, sizes = np.random.default_rng(0), (6, *hidden, 3)
-    W1, W2, W3 = (rng.normal(0.0, n**-0.5, (n, m)) for n, m in itertools.pairwise(sizes))
-    b1, b2, b3 = (rng.normal(0.0, 0.1, m) for m in sizes[1:])
-    return Weights(
-        np.zeros(6), np.ones(6), W1, b1, W2, b2, W3, b3, np.array([1.0, 0.0, 0.0]), np.array([0.3, 0.2, 0.1])
-    )  # fmt: skip
+    W1, W2, W3 = (rng.normal(0.0, n**-0.5, (n, m)).astype(np.float32) for n, m in itertools.pairwise(sizes))
+    b1, b2, b3 = (rng.normal(0.0, 0.1, m).astype(np.float32) for m in sizes[1:])
+    mean, sd = np.array([1.0, 0.0, 0.0]), np.array([0.3, 0.2, 0.1])
+    return Weights(np.zeros(6), np.ones(6), W1, b1, W2, b2, W3, b3, mean, sd)
 
 
 def _torch_net(w: Weights) -> Any:
@@ -161,9 +160,10 @@ def _torch_net(w: Weights) -> Any:
     from torch import nn
 
     torch.set_num_threads(1)
-    layers = [nn.Linear(*W.shape) for W in (w.W1, w.W2, w.W3)]
-    for layer, W, b in zip(layers, (w.W1, w.W2, w.W3), (w.b1, w.b2, w.b3), strict=True):
-        layer.weight.data, layer.bias.data = torch.tensor(W.T.astype(np.float32)), torch.tensor(b.astype(np.float32))
+    layers = []
+    for W, b in ((w.W1, w.b1), (w.W2, w.b2), (w.W3, w.b3)):
+        layers.append(nn.Linear(*W.shape))
+        layers[-1].weight.data, layers[-1].bias.data = torch.tensor(W.T), torch.tensor(b)
     net = nn.Sequential(layers[0], nn.ReLU(), layers[1], nn.ReLU(), layers[2])
     mean, sd = (torch.tensor(a.astype(np.float32)) for a in (w.y_mean, w.y_sd))
 
@@ -178,7 +178,9 @@ def _onnx_net(w: Weights) -> Any:
     import onnxruntime
     from onnx import TensorProto, helper, numpy_helper
 
-    arrays = {"W1": w.W1, "b1": w.b1, "W2": w.W2, "b2": w.b2, "W3": w.W3 * w.y_sd, "b3": w.b3 * w.y_sd + w.y_mean}
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "W1": w.W1, "b1": w.b1, "W2": w.W2, "b2": w.b2, "W3": w.W3 * w.y_sd, "b3": w.b3 * w.y_sd + w.y_mean
+    }  # fmt: skip
     nodes = [
         helper.make_node("Gemm", ["x", "W1", "b1"], ["h1"]), helper.make_node("Relu", ["h1"], ["r1"]),
         helper.make_node("Gemm", ["r1", "W2", "b2"], ["h2"]), helper.make_node("Relu", ["h2"], ["r2"]),

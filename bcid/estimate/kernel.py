@@ -46,23 +46,44 @@ class Filtered(NamedTuple):
 
 
 @njit
+def _added_product(A: Floats, B: Floats, out: Floats) -> None:
+    """Adds A B to `out`; two thirds of A, the Jacobian of f, are nothing."""
+    for i in range(N_STATE):
+        for k in range(N_STATE):
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(N_STATE):
+                    out[i, j] += a * B[k, j]
+
+
+@njit
 def rk4_moments(
     x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, step: float
 ) -> tuple[Floats, Floats, Floats]:
     """Mean, covariance and transition after one RK4 step of `step` seconds."""
-    k_x, k_P, k_Phi = np.zeros(N_STATE), np.zeros((N_STATE, N_STATE)), np.zeros((N_STATE, N_STATE))
-    sum_x, sum_P, sum_Phi = k_x.copy(), k_P.copy(), k_Phi.copy()
+    square = (N_STATE, N_STATE)
+    k_x, k_P, k_Phi = np.zeros(N_STATE), np.zeros(square), np.zeros(square)
+    x_s, P_s, Phi_s, AP = np.empty(N_STATE), np.empty(square), np.empty(square), np.empty(square)
+    x_1, P_1, Phi_1 = x.copy(), P.copy(), Phi.copy()
     for stage in range(4):
         ahead = 0.0 if stage == 0 else (step if stage == 3 else 0.5 * step)
         weight = step / 6.0 if stage in (0, 3) else step / 3.0
-        x_s, P_s, Phi_s = x + ahead * k_x, P + ahead * k_P, Phi + ahead * k_Phi
-        A = F(x_s, u_s, c)
-        AP = np.dot(A, P_s)
-        k_x, k_P, k_Phi = f(x_s, u_s, c), AP + AP.T + Q, np.dot(A, Phi_s)
-        sum_x += weight * k_x
-        sum_P += weight * k_P
-        sum_Phi += weight * k_Phi
-    return x + sum_x, P + sum_P, Phi + sum_Phi
+        for i in range(N_STATE):
+            x_s[i] = x[i] + ahead * k_x[i]
+            for j in range(N_STATE):
+                P_s[i, j] = P[i, j] + ahead * k_P[i, j]
+                Phi_s[i, j] = Phi[i, j] + ahead * k_Phi[i, j]
+        A, k_x = F(x_s, u_s, c), f(x_s, u_s, c)
+        AP[:], k_Phi[:] = 0.0, 0.0
+        _added_product(A, P_s, AP)
+        _added_product(A, Phi_s, k_Phi)
+        for i in range(N_STATE):
+            x_1[i] += weight * k_x[i]
+            for j in range(N_STATE):
+                k_P[i, j] = AP[i, j] + AP[j, i] + Q[i, j]
+                P_1[i, j] += weight * k_P[i, j]
+                Phi_1[i, j] += weight * k_Phi[i, j]
+    return x_1, P_1, Phi_1
 
 
 @njit
@@ -82,7 +103,7 @@ def update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis) -> tuple[Floa
     h and H are evaluated once at the prior; `R` (6,) holds the variances.
     """
     expected, C = h(x, c), H(x, c)
-    shift = np.zeros(N_STATE)
+    shift, PC, after = np.zeros(N_STATE), np.empty(N_STATE), P.copy()
     nis, dof, log_likelihood = 0.0, 0, 0.0
     for i in range(N_MEASURED):
         if np.isnan(z[i]):
@@ -90,16 +111,22 @@ def update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis) -> tuple[Floa
         residual = z[i] - expected[i]
         if i == 2:
             residual = wrap(residual)
-        residual -= np.dot(C[i], shift)
-        PC = np.dot(P, C[i])
-        S = np.dot(C[i], PC) + R[i]
-        K = PC / S
-        shift = shift + K * residual
-        P = P - np.outer(K, PC)
+        S = R[i]
+        for j in range(N_STATE):
+            PC[j] = 0.0
+            for k in range(N_STATE):
+                PC[j] += after[j, k] * C[i, k]
+            residual -= C[i, j] * shift[j]
+            S += C[i, j] * PC[j]
+        for j in range(N_STATE):
+            K = PC[j] / S
+            shift[j] += K * residual
+            for k in range(N_STATE):
+                after[j, k] -= K * PC[k]
         nis += residual * residual / S
         dof += 1
         log_likelihood -= 0.5 * (residual * residual / S + math.log(2.0 * math.pi * S))
-    return x + shift, 0.5 * (P + P.T), nis, dof, log_likelihood
+    return x + shift, 0.5 * (after + after.T), nis, dof, log_likelihood
 
 
 @njit
@@ -133,16 +160,45 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
 
 
 @njit
+def _solved(A: Floats, B: Floats) -> Floats:
+    """A^-1 B of a positive definite A, by Cholesky; LAPACK's call costs more than the work."""
+    L, X = np.empty((N_STATE, N_STATE)), B.copy()
+    for i in range(N_STATE):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = 1.0 / math.sqrt(s) if i == j else s * L[j, j]  # of the diagonal, the inverse
+    for i in range(N_STATE):
+        for k in range(i):
+            for j in range(N_STATE):
+                X[i, j] -= L[i, k] * X[k, j]
+        for j in range(N_STATE):
+            X[i, j] *= L[i, i]
+    for i in range(N_STATE - 1, -1, -1):
+        for k in range(i + 1, N_STATE):
+            for j in range(N_STATE):
+                X[i, j] -= L[k, i] * X[k, j]
+        for j in range(N_STATE):
+            X[i, j] *= L[i, i]
+    return X
+
+
+@njit
 def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
     """Smoothed means (M, 7) and covariances (M, 7, 7), backwards from each stretch's end."""
     x, P = filtered.x.copy(), filtered.P.copy()
     for k in range(len(x) - 2, -1, -1):
         if restart[k + 1] > 0.0:
             continue
-        cross = np.dot(filtered.P[k], filtered.Phi[k + 1].T)
-        C = np.linalg.solve(filtered.P_prior[k + 1], cross.T).T
-        x[k] = filtered.x[k] + np.dot(C, x[k + 1] - filtered.x_prior[k + 1])
-        gained = P[k + 1] - filtered.P_prior[k + 1]
-        smoothed = filtered.P[k] + np.dot(np.dot(C, gained), C.T)
-        P[k] = 0.5 * (smoothed + smoothed.T)
+        cross, gained = np.zeros((N_STATE, N_STATE)), P[k + 1] - filtered.P_prior[k + 1]
+        _added_product(filtered.Phi[k + 1], filtered.P[k], cross)
+        G = _solved(filtered.P_prior[k + 1], cross)  # the gain's transpose
+        ahead, smoothed = np.zeros((N_STATE, N_STATE)), filtered.P[k].copy()
+        _added_product(gained, G, ahead)
+        _added_product(G.T.copy(), ahead, smoothed)
+        for i in range(N_STATE):
+            for j in range(N_STATE):
+                x[k, i] += G[j, i] * (x[k + 1, j] - filtered.x_prior[k + 1, j])
+                P[k, i, j] = 0.5 * (smoothed[i, j] + smoothed[j, i])
     return x, P

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.compiled import njit
+from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import body_twist, pose_rate
 from bcid.physics.steering import steering_rate
 
@@ -60,7 +61,8 @@ def f(x: Floats, u_s: float, c: Chassis) -> Floats:
 @njit
 def twist_jacobian(x: Floats, c: Chassis) -> Floats:
     """d[v_x, v_y, omega] / d[v_f, beta_f, beta_r] (3, 3)."""
-    sin_f, cos_f, tan_r = math.sin(x[BETAF]), math.cos(x[BETAF]), math.tan(x[BETAR])
+    (sin_f, cos_f), (sin_r, cos_r) = sincos(x[BETAF]), sincos(x[BETAR])
+    tan_r = sin_r / cos_r
     v_f, wheelbase = x[VF], c.l_f + c.l_r
     d_tan = 1.0 + tan_r * tan_r
     J = np.zeros((3, 3))
@@ -80,7 +82,7 @@ def F(x: Floats, u_s: float, c: Chassis) -> Floats:
     """df/dx (7, 7)."""
     J = twist_jacobian(x, c)
     v_x, v_y, _ = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
-    sin_t, cos_t = math.sin(x[THETA]), math.cos(x[THETA])
+    sin_t, cos_t = sincos(x[THETA])
     out = np.zeros((N_STATE, N_STATE))
     out[PX, THETA] = -sin_t * v_x - cos_t * v_y
     out[PY, THETA] = cos_t * v_x - sin_t * v_y

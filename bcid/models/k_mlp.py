@@ -16,31 +16,29 @@ import numpy.typing as npt
 from bcid.compiled import njit, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.kinematic import Frame, frame_of, joined, twist_of
+from bcid.models.kinematic import Frame, State, fill, frame_of, moved, twist_of
 from bcid.models.kinematic_rollout import kinematic_rollouts
-from bcid.models.mlp import Weights, forward
+from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
 from bcid.models.settings import TrainingSettings
 from bcid.models.training import train
-from bcid.physics.steering import steering_step
 
 
 @njit
-def advance(state: Floats, command: Floats, w: Weights, c: Frame) -> Floats:
+def advance(state: State, u_s: float, u_m: float, w: Weights, c: Frame, at: Buffers) -> State:
     """[v_f, alpha_f, alpha_r, delta] one period later."""
-    after = np.empty(4)
-    after[:3] = forward(joined(state, command), w)
-    after[0] = max(after[0], 0.0)
-    after[3] = steering_step(state[3], command[0], c.T_s, c.d, c.period)
-    return after
+    fill(at.x, state, u_s, u_m)
+    evaluate(at, w)
+    return moved(at.y, state[3], u_s, c)
 
 
 @njit
-def _scan(state: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
-    twists = np.empty((len(commands), 3))
+def _scan(carry: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
+    twists, at = np.empty((len(commands), 3)), buffers(w)
+    state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k], w, c)
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(state, c)
+        state = advance(state, commands[k, 0], commands[k, 1], w, c, at)
+        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
     return twists
 
 
@@ -88,8 +86,10 @@ class KMlp:
 
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
         """See `Model.step`."""
-        after = advance(carry, command, self.weights, self.frame)
-        return after, np.array(twist_of(after, self.frame))
+        v_f, alpha_f, alpha_r, delta = carry
+        at = buffers(self.weights)
+        after = advance((v_f, alpha_f, alpha_r, delta), command[0], command[1], self.weights, self.frame, at)
+        return np.array(after), np.array(twist_of(*after, self.frame))
 
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""

@@ -16,9 +16,8 @@ import numpy.typing as npt
 from bcid.compiled import njit, njit_parallel
 from bcid.models import library
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.kinematic import Frame, frame_of, joined, twist_of
-from bcid.models.library import theta
-from bcid.physics.steering import steering_step
+from bcid.models.kinematic import Frame, State, frame_of, moved, twist_of
+from bcid.models.library import ONE, fill_factors
 
 
 class Sparse(NamedTuple):
@@ -31,38 +30,73 @@ class Sparse(NamedTuple):
     slip: npt.NDArray[np.int64]  # (m, 10)
 
 
-@njit
-def f_sindy(x: Floats, s: Sparse, c: Frame) -> Floats:
-    """[v_f, alpha_f, alpha_r] one period later at x = [v_f, alpha_f, alpha_r, delta, u_s, u_m]."""
-    slip = theta(x, s.slip, c)
-    after = np.empty(3)
-    after[0] = np.dot(s.xi_v, theta(x, s.speed, c))
-    after[1] = np.dot(s.xi_f, slip)
-    after[2] = np.dot(s.xi_r, slip)
-    return after
+class Terms(NamedTuple):
+    """The terms whose coefficient is not zero, as a rollout takes them."""
+
+    xi: Floats  # (T,)
+    equation: npt.NDArray[np.int64]  # (T,) 0, 1, 2: of v_f, alpha_f, alpha_r
+    factors: npt.NDArray[np.int64]  # (T, most) whose product a term is, filled up with ones
+    q: Floats  # (11,) to work on: the factors' values,
+    after: Floats  # (3,) and the sums'
 
 
 @njit
-def advance(state: Floats, command: Floats, s: Sparse, c: Frame) -> Floats:
+def terms_of(s: Sparse) -> Terms:
+    """The terms of the three equations."""
+    most, count = 1, 0
+    equations = ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))
+    for xi, exponents in equations:
+        for i in range(len(xi)):
+            if xi[i] != 0.0:
+                count += 1
+                most = max(most, exponents[i].sum())
+    out = Terms(np.empty(count), np.empty(count, np.int64), np.full((count, most), ONE), np.empty(ONE + 1), np.empty(3))
+    n = 0
+    for e in range(3):
+        xi, exponents = equations[e]
+        for i in range(len(xi)):
+            if xi[i] != 0.0:
+                out.xi[n], out.equation[n], at = xi[i], e, 0
+                for j in range(exponents.shape[1]):
+                    for _ in range(exponents[i, j]):
+                        out.factors[n, at] = j
+                        at += 1
+                n += 1
+    return out
+
+
+@njit
+def f_sindy(state: State, u_s: float, u_m: float, t: Terms, c: Frame) -> None:
+    """Fills `t.after` with [v_f, alpha_f, alpha_r] one period later."""
+    fill_factors(t.q, state, u_s, u_m, c)
+    t.after[:] = 0.0
+    for i in range(len(t.xi)):
+        product = t.xi[i]
+        for j in range(t.factors.shape[1]):
+            product *= t.q[t.factors[i, j]]
+        t.after[t.equation[i]] += product
+
+
+@njit
+def advance(state: State, u_s: float, u_m: float, t: Terms, c: Frame) -> State:
     """[v_f, alpha_f, alpha_r, delta] one period later."""
-    after = np.empty(4)
-    after[:3] = f_sindy(joined(state, command), s, c)
-    after[0] = max(after[0], 0.0)
-    after[3] = steering_step(state[3], command[0], c.T_s, c.d, c.period)
-    return after
+    f_sindy(state, u_s, u_m, t, c)
+    return moved(t.after, state[3], u_s, c)
 
 
 @njit
-def _scan(state: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
-    twists = np.empty((len(commands), 3))
+def _scan(carry: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
+    twists, terms = np.empty((len(commands), 3)), terms_of(s)
+    state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k], s, c)
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(state, c)
+        state = advance(state, commands[k, 0], commands[k, 1], terms, c)
+        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
     return twists
 
 
 @njit_parallel
-def _scan_many(carries: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
+def scan_many(carries: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
+    """See `Model.scan_many`."""
     twists = np.empty((len(carries), commands.shape[1], 3))
     for b in numba.prange(len(carries)):
         twists[b] = _scan(carries[b], commands[b], s, c)
@@ -114,8 +148,9 @@ class KSindy:
 
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
         """See `Model.step`."""
-        after = advance(carry, command, self.sparse, self.frame)
-        return after, np.array(twist_of(after, self.frame))
+        v_f, alpha_f, alpha_r, delta = carry
+        after = advance((v_f, alpha_f, alpha_r, delta), command[0], command[1], terms_of(self.sparse), self.frame)
+        return np.array(after), np.array(twist_of(*after, self.frame))
 
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
@@ -124,7 +159,7 @@ class KSindy:
 
     def scan_many(self, carries: Floats, commands: Floats) -> Floats:
         """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.sparse, self.frame)
+        twists: Floats = scan_many(carries, commands, self.sparse, self.frame)
         return twists
 
     def describe(self) -> str:

@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit_parallel
 from bcid.estimate.types import Estimate
 from bcid.models import library
 from bcid.models.interface import FitTask, Floats
-from bcid.models.k_sindy import Sparse, advance
-from bcid.models.kinematic import Frame, twist_of
+from bcid.models.k_sindy import Sparse, scan_many
+from bcid.models.kinematic import Frame
 from bcid.models.library import theta_table
 from bcid.models.samples import scale, transitions
 from bcid.models.settings import SparseSettings
@@ -155,22 +153,10 @@ def _divided(e: Estimate) -> tuple[Estimate, Estimate]:
     return e.part(slice(0, cut)), e.part(slice(cut, len(e)))
 
 
-@njit_parallel
-def _predict(start: Floats, command: Floats, s: Sparse, c: Frame) -> Floats:
-    B, S = command.shape[:2]
-    out = np.empty((B, S, 3))
-    for b in numba.prange(B):
-        state = start[b].copy()
-        for k in range(S):
-            state = advance(state, command[b, k], s, c)
-            out[b, k, 0], out[b, k, 1], out[b, k, 2] = twist_of(state, c)
-    return out
-
-
 def _predicted(s: Sparse, c: Frame, of: Windows) -> Floats:
     """Twists (B, S, 3) that the equations predict over the stretches."""
     start, command = np.ascontiguousarray(of.kinematic[:, 0]), np.ascontiguousarray(of.command[:, :-1])
-    return np.asarray(_predict(start, command, s, c))
+    return np.asarray(scan_many(start, command, s, c))
 
 
 def _sure(

@@ -16,33 +16,33 @@ import numpy.typing as npt
 from bcid.compiled import njit, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.k_sindy import KSindy, Sparse, f_sindy
-from bcid.models.kinematic import Frame, joined, twist_of
+from bcid.models.k_sindy import KSindy, Sparse, Terms, f_sindy, terms_of
+from bcid.models.kinematic import Frame, State, fill, moved, twist_of
 from bcid.models.kinematic_rollout import kinematic_rollouts, sparse_sums
-from bcid.models.mlp import Weights, forward
+from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
 from bcid.models.settings import TrainingSettings
 from bcid.models.training import train
-from bcid.physics.steering import steering_step
 
 
 @njit
-def advance(state: Floats, command: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
+def advance(state: State, u_s: float, u_m: float, t: Terms, w: Weights, c: Frame, at: Buffers) -> State:
     """[v_f, alpha_f, alpha_r, delta] one period later."""
-    x = joined(state, command)
-    after = np.empty(4)
-    after[:3] = f_sindy(x, s, c) + forward(x, w)
-    after[0] = max(after[0], 0.0)
-    after[3] = steering_step(state[3], command[0], c.T_s, c.d, c.period)
-    return after
+    f_sindy(state, u_s, u_m, t, c)
+    fill(at.x, state, u_s, u_m)
+    evaluate(at, w)
+    for i in range(3):
+        t.after[i] += at.y[i]
+    return moved(t.after, state[3], u_s, c)
 
 
 @njit
-def _scan(state: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
-    twists = np.empty((len(commands), 3))
+def _scan(carry: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
+    twists, terms, at = np.empty((len(commands), 3)), terms_of(s), buffers(w)
+    state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k], s, w, c)
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(state, c)
+        state = advance(state, commands[k, 0], commands[k, 1], terms, w, c, at)
+        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
     return twists
 
 
@@ -56,9 +56,10 @@ def _scan_many(carries: Floats, commands: Floats, s: Sparse, w: Weights, c: Fram
 
 @njit
 def _sindy_table(x: Floats, s: Sparse, c: Frame) -> Floats:
-    out = np.empty((len(x), 3))
+    out, terms = np.empty((len(x), 3)), terms_of(s)
     for k in range(len(x)):
-        out[k] = f_sindy(x[k], s, c)
+        f_sindy((x[k, 0], x[k, 1], x[k, 2], x[k, 3]), x[k, 4], x[k, 5], terms, c)
+        out[k] = terms.after
     return out
 
 
@@ -103,8 +104,10 @@ class KSindyMlp:
 
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
         """See `Model.step`."""
-        after = advance(carry, command, self.sindy.sparse, self.weights, self.sindy.frame)
-        return after, np.array(twist_of(after, self.sindy.frame))
+        v_f, alpha_f, alpha_r, delta = carry
+        terms, frame, at = terms_of(self.sindy.sparse), self.sindy.frame, buffers(self.weights)
+        after = advance((v_f, alpha_f, alpha_r, delta), command[0], command[1], terms, self.weights, frame, at)
+        return np.array(after), np.array(twist_of(*after, frame))
 
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""

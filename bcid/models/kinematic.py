@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
-from bcid.compiled import njit
+from bcid.compiled import njit_inline
 from bcid.models.interface import FitTask, Floats
+from bcid.physics.elementary import clip
 from bcid.physics.kinematics import body_twist
+from bcid.physics.steering import steering_step
 
 SLIP_LIMIT = 0.49 * math.pi  # tan(alpha_r) stays finite in a rollout
 
@@ -36,16 +36,22 @@ def frame_of(task: FitTask) -> Frame:
     return Frame(body.cog_to_front_m, body.cog_to_rear_m, facts["T_s"], facts["d"], task.period_s, follow)
 
 
-@njit
-def twist_of(state: Floats, c: Frame) -> tuple[float, float, float]:
-    """v_x, v_y, yaw rate of [v_f, alpha_f, alpha_r, delta]: beta_f = delta + alpha_f, beta_r = alpha_r."""
-    return body_twist(state[0], state[3] + state[1], max(-SLIP_LIMIT, min(SLIP_LIMIT, state[2])), c.l_f, c.l_r)
+State = tuple[float, float, float, float]  # v_f, alpha_f, alpha_r, delta
 
 
-@njit
-def joined(state: Floats, command: Floats) -> Floats:
-    """[v_f, alpha_f, alpha_r, delta, u_s, u_m]: the input of the fitted maps."""
-    x = np.empty(6)
-    x[:4] = state
-    x[4:] = command
-    return x
+@njit_inline
+def twist_of(v_f: float, alpha_f: float, alpha_r: float, delta: float, c: Frame) -> tuple[float, float, float]:
+    """v_x, v_y, yaw rate: beta_f = delta + alpha_f, beta_r = alpha_r."""
+    return body_twist(v_f, delta + alpha_f, clip(alpha_r, -SLIP_LIMIT, SLIP_LIMIT), c.l_f, c.l_r)
+
+
+@njit_inline
+def moved(after: Floats, delta: float, u_s: float, c: Frame) -> State:
+    """The state a period later, from what a fitted map says of [v_f, alpha_f, alpha_r] and the servo by itself."""
+    return max(after[0], 0.0), after[1], after[2], steering_step(delta, u_s, c.T_s, c.d, c.period)
+
+
+@njit_inline
+def fill(x: Floats, state: State, u_s: float, u_m: float) -> None:
+    """The input of the fitted maps, [v_f, alpha_f, alpha_r, delta, u_s, u_m], into x."""
+    x[0], x[1], x[2], x[3], x[4], x[5] = state[0], state[1], state[2], state[3], u_s, u_m

@@ -11,47 +11,40 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
-from bcid.models.kinematic import Frame
+from bcid.compiled import njit, njit_inline
+from bcid.models.kinematic import Frame, State
 from bcid.physics.steering import steering_rate
 
 Floats = npt.NDArray[np.float64]
 
 FACTORS = ("v", "α_f", "α_r", "δ", "δ̇", "|α_f|", "|δ|", "|δ̇|", "max(0,u_m−v)", "min(0,u_m)")
 V, AF, AR, DELTA, RATE, ABS_AF, ABS_DELTA, ABS_RATE, THROTTLE, BRAKE = range(len(FACTORS))
+ONE = len(FACTORS)  # the place of a constant one behind the factors
 
 
-@njit
-def factors(x: Floats, c: Frame) -> Floats:
-    """The ten factors at x = [v_f, alpha_f, alpha_r, delta, u_s, u_m]; the rate is errata 17's."""
-    rate = steering_rate(x[4], x[3], c.T_s, c.d)
-    out = np.empty(10)
-    out[0], out[1], out[2], out[3], out[4] = x[0], x[1], x[2], x[3], rate
-    out[5], out[6], out[7] = abs(x[1]), abs(x[3]), abs(rate)
+@njit_inline
+def fill_factors(q: Floats, state: State, u_s: float, u_m: float, c: Frame) -> None:
+    """The ten factors, and one, into q (11,); the rate is errata 17's."""
+    v, alpha_f, alpha_r, delta = state
+    rate = steering_rate(u_s, delta, c.T_s, c.d)
+    q[0], q[1], q[2], q[3], q[4] = v, alpha_f, alpha_r, delta, rate
+    q[5], q[6], q[7] = abs(alpha_f), abs(delta), abs(rate)
     # one convention for the throttle (errata 8): a reference speed above zero, a brake share below
-    out[8] = max(0.0, x[5] - c.follow * x[0])
-    out[9] = min(0.0, x[5])
-    return out
-
-
-@njit
-def theta(x: Floats, exponents: npt.NDArray[np.int64], c: Frame) -> Floats:
-    """The candidate terms (n,) at x; `exponents` (n, 10)."""
-    q = factors(x, c)
-    out = np.ones(len(exponents))
-    for i in range(len(exponents)):
-        for j in range(exponents.shape[1]):
-            for _ in range(exponents[i, j]):
-                out[i] *= q[j]
-    return out
+    q[8] = max(0.0, u_m - c.follow * v)
+    q[9] = min(0.0, u_m)
+    q[ONE] = 1.0
 
 
 @njit
 def theta_table(x: Floats, exponents: npt.NDArray[np.int64], c: Frame) -> Floats:
-    """Candidate terms (N, n) of many samples x (N, 6)."""
-    out = np.empty((len(x), len(exponents)))
+    """Candidate terms (N, n) of many samples x (N, 6); `exponents` (n, 10)."""
+    out, q = np.ones((len(x), len(exponents))), np.empty(ONE + 1)
     for k in range(len(x)):
-        out[k] = theta(x[k], exponents, c)
+        fill_factors(q, (x[k, 0], x[k, 1], x[k, 2], x[k, 3]), x[k, 4], x[k, 5], c)
+        for i in range(len(exponents)):
+            for j in range(exponents.shape[1]):
+                for _ in range(exponents[i, j]):
+                    out[k, i] *= q[j]
     return out
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from bcid.compiled import njit, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.mlp import Weights, forward
+from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
 from bcid.models.settings import TrainingSettings
 from bcid.models.training import EVERY, Network, train
@@ -31,26 +31,24 @@ N_COMMAND = 2 * LAGS  # commands before t_k that the carry holds
 
 
 @njit
-def advance(carry: Floats, command: Floats, w: Weights) -> Floats:
-    """The carry [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}] one period later."""
-    x = np.empty(N_TWIST + N_COMMAND + 2)
-    x[:N_TWIST] = carry[:N_TWIST]
-    x[N_TWIST : N_TWIST + 2] = command
-    x[N_TWIST + 2 :] = carry[N_TWIST:]
-    after = np.empty_like(carry)
-    after[:3] = forward(x, w)
-    after[3:N_TWIST] = carry[: N_TWIST - 3]
-    after[N_TWIST : N_TWIST + 2] = command
-    after[N_TWIST + 2 :] = carry[N_TWIST:-2]
-    return after
+def advance(carry: Floats, u_s: float, u_m: float, w: Weights, at: Buffers) -> None:
+    """The carry [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}] one period on, in place."""
+    at.x[:N_TWIST] = carry[:N_TWIST]
+    at.x[N_TWIST], at.x[N_TWIST + 1] = u_s, u_m
+    at.x[N_TWIST + 2 :] = carry[N_TWIST:]
+    evaluate(at, w)
+    carry[3:N_TWIST] = at.x[: N_TWIST - 3]
+    carry[:3] = at.y
+    carry[N_TWIST + 2 :] = at.x[N_TWIST + 2 : -2]
+    carry[N_TWIST], carry[N_TWIST + 1] = u_s, u_m
 
 
 @njit
 def _scan(carry: Floats, commands: Floats, w: Weights) -> Floats:
-    twists = np.empty((len(commands), 3))
+    twists, at, now = np.empty((len(commands), 3)), buffers(w), carry.copy()
     for k in range(len(commands)):
-        carry = advance(carry, commands[k], w)
-        twists[k] = carry[:3]
+        advance(now, commands[k, 0], commands[k, 1], w, at)
+        twists[k] = now[:3]
     return twists
 
 
@@ -108,7 +106,8 @@ class NarxMlp:
 
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
         """See `Model.step`."""
-        after: Floats = advance(carry, command, self.weights)
+        after = carry.copy()
+        advance(after, command[0], command[1], self.weights, buffers(self.weights))
         return after, after[:3]
 
     def scan(self, carry: Floats, commands: Floats) -> Floats:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bcid.models import genetic, levenberg_marquardt
 from bcid.models.genetic import Optimum
 from bcid.models.interface import FitTask, Floats
-from bcid.models.newton_euler_objective import Stretches, costs, predictions
+from bcid.models.newton_euler_objective import Normal, Stretches, costs, normal_equations, predictions
 from bcid.models.newton_euler_parameters import Box
 from bcid.models.samples import scale
 from bcid.models.settings import NewtonEulerSettings
@@ -20,6 +20,8 @@ from bcid.physics.car import Car
 BLOCK_S = 5.0  # within which residuals are alike
 TIED = 0.95  # correlation from which two constants are told to go together
 NO_END = 1e6  # cost of a car that leaves the finite numbers
+STEP = 1e-5  # of the box, for differences
+FEWEST = 100  # stretches on which starts are compared
 INNER = (0.2, 0.8)  # of the box, where starts are drawn
 
 
@@ -41,11 +43,28 @@ class Objective:
         found = self.weight[:, None] * (predicted - of.after) / np.sqrt(of.after.size)
         return np.asarray(found.reshape(len(points), -1))
 
+    def normal(self, x: Floats) -> Normal:
+        """The normal equations at a point."""
+        steps = inward(x)
+        cars = np.array([self.box.car(p) for p in np.vstack([x, x + np.diag(steps)])])
+        return normal_equations(cars, steps, self.stretches, self.weight, self.period_s)
+
+    def slopes(self, x: Floats) -> Floats:
+        """D misses / d x (N, n)."""
+        steps = inward(x)
+        found = self.misses(np.vstack([x, x + np.diag(steps)]))
+        return np.asarray(((found[1:] - found[0]) / steps[:, None]).T)
+
     def part(self, share: float, seed: int) -> Objective:
         """The same over a share of the stretches."""
         count = self.stretches.start.shape[1]
-        chosen = np.sort(np.random.default_rng(seed).permutation(count)[: max(1, round(share * count))])
+        chosen = np.sort(np.random.default_rng(seed).permutation(count)[: max(FEWEST, round(share * count))])
         return Objective(self.box, self.stretches.part(chosen), self.weight, self.period_s)
+
+
+def inward(x: Floats) -> Floats:
+    """Steps for differences, towards the middle of the box."""
+    return np.where(x < 0.5, STEP, -STEP)
 
 
 def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
@@ -87,7 +106,7 @@ def _optimised(objective: Objective, settings: NewtonEulerSettings, task: FitTas
         return best, f"genetic algorithm, {settings.population} individuals, {len(best.history)} generations"
     drawn = np.random.default_rng(task.seed).uniform(*INNER, (settings.starts - 1, n))
     part = objective.part(settings.subset, task.seed)
-    best = levenberg_marquardt.minimise(part.misses, objective.misses, [np.full(n, 0.5), *drawn], task.progress)
+    best = levenberg_marquardt.minimise(part.normal, objective.normal, [np.full(n, 0.5), *drawn], task.progress)
     return best, f"Levenberg-Marquardt from {settings.starts} starts"
 
 
@@ -97,7 +116,7 @@ def _covariance(objective: Objective, best: Optimum, block: int) -> Floats:
     Slopes of blocks of neighbouring stretches are taken as independent, not residuals (the sandwich of White, 1980):
     smoothed velocities are alike over seconds, and what the model lacks longer than that.
     """
-    J = levenberg_marquardt.slopes(objective.misses, best.x)
+    J = objective.slopes(best.x)
     r = objective.misses(best.x[None])[0]
     acting = np.sqrt((J**2).mean(axis=0)) * np.sqrt(len(r)) > 1e-6
     J = J[:, acting]

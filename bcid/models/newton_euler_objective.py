@@ -20,6 +20,17 @@ from bcid.physics.car import Car, advance_all
 Floats = npt.NDArray[np.float64]
 
 
+ABREAST = 256  # stretches that are worked on together: few enough to stay in the nearest cache
+
+
+class Normal(NamedTuple):
+    """J^T J, J^T r and r^T r at a point."""
+
+    JJ: Floats  # (n, n)
+    Jr: Floats  # (n,)
+    rr: float
+
+
 class Stretches(NamedTuple):
     """`Windows` turned so that the stretches lie side by side in memory; S steps, B stretches."""
 
@@ -60,31 +71,71 @@ def _predict(p: Car, s: Stretches, period: float, out: Floats) -> None:
         out[k] = state[:3]
 
 
+@njit
+def _car(row: Floats) -> Car:
+    """The car whose constants stand in a row, in the order of its fields."""
+    return Car(
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
+        row[13], row[14], row[15], row[16], row[17], row[18], row[19],
+    )  # fmt: skip
+
+
 @njit_parallel
-def _predict_each(cars: list[Car], s: Stretches, period: float, out: Floats) -> None:
+def _predict_each(cars: Floats, s: Stretches, period: float, out: Floats) -> None:
     for i in numba.prange(len(cars)):
-        _predict(cars[np.int64(i)], s, period, out[i])
+        _predict(_car(cars[i]), s, period, out[i])
 
 
 @njit_parallel
-def _costs(cars: list[Car], s: Stretches, weight: Floats, period: float) -> Floats:
+def _costs(cars: Floats, s: Stretches, weight: Floats, period: float) -> Floats:
     out = np.empty(len(cars))
     for i in numba.prange(len(cars)):
-        state, total = s.start.copy(), 0.0
+        car, state, total = _car(cars[i]), s.start.copy(), 0.0
         for k in range(len(s.command)):
-            advance_all(state, s.command[k], cars[np.int64(i)], period)
+            advance_all(state, s.command[k], car, period)
             total += _squares(state, s.after[k], weight)
         out[i] = total / s.after.size
     return out
 
 
-def costs(cars: Sequence[Car], s: Stretches, weight: Floats, period: float) -> Floats:
+@njit_parallel
+def _normal(cars: Floats, steps: Floats, s: Stretches, weight: Floats, period: float) -> tuple[Floats, Floats, Floats]:
+    n, (S, _, B) = len(steps), s.after.shape
+    chunks = (B + ABREAST - 1) // ABREAST
+    JJ, Jr, rr = np.empty((chunks, n, n)), np.empty((chunks, n)), np.empty(chunks)
+    for chunk in numba.prange(chunks):
+        a, b = chunk * ABREAST, min((chunk + 1) * ABREAST, B)
+        r, J, out = np.empty((S, 3, b - a)), np.empty((n, S * 3 * (b - a))), np.empty((S, 3, b - a))
+        own = Stretches(s.start[:, a:b].copy(), s.command[:, :, a:b].copy(), s.after[:, :, a:b].copy())
+        _predict(_car(cars[0]), own, period, r)
+        for i in range(n):
+            _predict(_car(cars[i + 1]), own, period, out)
+            for c in range(3):
+                out[:, c] = (weight[c] / steps[i]) * (out[:, c] - r[:, c])
+            J[i] = out.ravel()
+        for c in range(3):
+            r[:, c] = weight[c] * (r[:, c] - own.after[:, c])
+        JJ[chunk], Jr[chunk], rr[chunk] = np.dot(J, J.T), np.dot(J, r.ravel()), np.sum(r * r)
+    return JJ, Jr, rr
+
+
+def normal_equations(cars: Floats, steps: Floats, s: Stretches, weight: Floats, period: float) -> Normal:
+    """Of the mean squared weighted miss about the first of `cars`, by differences to the others, each a step away.
+
+    Summed stretch by stretch: the Jacobian of an hour, a hundred thousand rows, is never put together.
+    """
+    JJ, Jr, rr = _normal(cars, steps, s, weight, period)
+    size = s.after.size
+    return Normal(JJ.sum(axis=0) / size, Jr.sum(axis=0) / size, float(rr.sum()) / size)
+
+
+def costs(cars: Sequence[Car] | Floats, s: Stretches, weight: Floats, period: float) -> Floats:
     """Mean squared weighted miss of each car (P,): the NMSE of its predictions (errata 12)."""
-    return np.asarray(_costs(numba.typed.List(cars), s, weight, period))
+    return np.asarray(_costs(np.array(cars, dtype=float), s, weight, period))
 
 
-def predictions(cars: Sequence[Car], s: Stretches, period: float) -> Floats:
-    """The twists (P, S, 3, B) that each car predicts."""
+def predictions(cars: Sequence[Car] | Floats, s: Stretches, period: float) -> Floats:
+    """The twists (P, S, 3, B) that each car predicts; cars may be rows of their constants."""
     out = np.empty((len(cars), *s.after.shape))
-    _predict_each(numba.typed.List(cars), s, period, out)
+    _predict_each(np.array(cars, dtype=float), s, period, out)
     return out

@@ -31,7 +31,7 @@ class NewtonEulerSettings(Settings):
     horizon_s: Positive = 2.0
     optimiser: Literal["levenberg-marquardt", "genetic"] = "levenberg-marquardt"
     starts: Count = 8
-    subset: Annotated[float, Field(gt=0, le=1)] = 0.1  # of the stretches, on which starts are compared
+    subset: Annotated[float, Field(gt=0, le=1)] = 0.05  # of the stretches, on which starts are compared
     population: Annotated[int, Field(ge=10)] = 150
     generations: Count = 100
     v_0_mps: Annotated[float, Field(ge=0.65)] = 1.0  # RK4 at 0.05 s is unstable below

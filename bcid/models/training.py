@@ -61,7 +61,7 @@ def train(
             facts |= _on_rollouts(net, moments, taken, unrolled, settings, seed, progress)
     layers = [layer for layer in net if isinstance(layer, nn.Linear)]
     W1, b1, W2, b2, W3, b3 = (
-        a.detach().numpy().T.astype(float, order="C") for layer in layers for a in (layer.weight, layer.bias)
+        np.ascontiguousarray(a.detach().numpy().T) for layer in layers for a in (layer.weight, layer.bias)
     )
     (x_mean, x_sd), (y_mean, y_sd) = moments
     return Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd), facts

@@ -17,9 +17,10 @@ def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float)
 
     Returns v_x (m/s), v_y (m/s), yaw rate (rad/s).
     """
-    v_x = math.cos(beta_f) * v_f
-    v_fy = math.sin(beta_f) * v_f
-    v_ry = v_x * math.tan(beta_r)
+    (sin_f, cos_f), (sin_r, cos_r) = sincos(beta_f), sincos(beta_r)
+    v_x = cos_f * v_f
+    v_fy = sin_f * v_f
+    v_ry = v_x * (sin_r / cos_r)
     wheelbase = l_f + l_r
     return v_x, (l_r * v_fy + l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase
 
@@ -39,7 +40,7 @@ def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta:
 @njit
 def pose_rate(theta: float, v_x: float, v_y: float) -> tuple[float, float]:
     """World velocity of the CoG (m/s) at heading `theta`: rotation by theta (errata 4 and 5)."""
-    cos_t, sin_t = math.cos(theta), math.sin(theta)
+    sin_t, cos_t = sincos(theta)
     return cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y
 
 
