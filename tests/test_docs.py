@@ -22,6 +22,35 @@ def table(report: dict[str, object]) -> str:
     return "\n".join(rows)
 
 
+def losses(report: dict[str, object]) -> str:
+    """Each model's NMSE × 10³ by either loss."""
+    found: dict[str, dict[str, float]] = {}
+    for m in report["losses"]:  # type: ignore[attr-defined]
+        found.setdefault(m["model"], {})[m["loss"]] = 1e3 * m["nmse"]
+    pairs = (f"{name} {v['one-step']:.2f} → {v['rollout']:.2f}" for name, v in found.items())
+    return "; ".join(pairs) + "."
+
+
+def bench_table(bench: dict[str, object]) -> str:
+    rows = ["| path | ours (ms) | peer | peer (ms) | ratio | goal |", "|---|---|---|---|---|---|"]
+    for r in bench["rows"]:  # type: ignore[attr-defined]
+        goal = f"{r['goal']:g} ×" + (" **missed**" if r["missed"] else "")
+        rows.append(
+            f"| {r['path']} | {r['ours_ms']:.3g} | {r['peer']} | {r['peer_ms']:.4g} | {r['ratio']:.3g} × | {goal} |"
+        )
+    return "\n".join(rows)
+
+
+def test_the_readme_s_speeds_are_the_committed_benchmark() -> None:
+    bench = json.loads((ROOT / "docs" / "results" / "bench.json").read_text(encoding="utf-8"))
+    assert bench_table(bench) in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readme_s_losses_are_the_committed_report() -> None:
+    report = json.loads((ROOT / "docs" / "results" / "report.json").read_text(encoding="utf-8"))
+    assert losses(report) in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
 def test_the_readme_s_table_is_the_committed_report() -> None:
     report = json.loads((ROOT / "docs" / "results" / "report.json").read_text())
     assert table(report) in (ROOT / "README.md").read_text(encoding="utf-8")
