@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bcid.estimate.types import Estimate
 from bcid.models import published
 from bcid.models.interface import Model, at_rest, history_at, rollouts
 from bcid.models.k_mlp import KMlp
 from bcid.models.k_sindy_mlp import KSindyMlp
+from bcid.models.kinematic import doubled_energy
 from bcid.models.mlp import Weights
 from bcid.models.narx_mlp import NarxMlp
 from bcid.models.newton_euler_linear import NewtonEulerLinear
@@ -70,3 +73,36 @@ def test_a_vehicle_that_diverges_is_told_and_harms_no_other(name: str) -> None:
     rest: Any = [0, 2, 4]
     np.testing.assert_array_equal(found.twist[rest], alone[rest])
     assert (found.diverged_at[rest] == -1).all()
+
+
+@given(
+    v_f=st.floats(0.0, 3.0), alpha=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.2, 1.2)), delta=st.floats(-2.0, 2.0),
+    u_s=st.floats(-2.0, 2.0), u_m=st.floats(-1.0, 0.0), seed=st.integers(0, 20),
+)  # fmt: skip
+@settings(deadline=None)  # the first call compiles
+def test_a_dissipative_model_gains_no_energy_without_throttle(
+    v_f: float, alpha: tuple[float, float], delta: float, u_s: float, u_m: float, seed: int
+) -> None:
+    """Whatever its network says, wherever it starts; with throttle it is the plain model."""
+    W1, W2, W3 = (
+        np.random.default_rng(seed).normal(0.0, 0.5, s).astype(np.float32) for s in ((6, 12), (12, 8), (8, 3))
+    )
+    wild = weights(6)._replace(W1=W1, W2=W2, W3=W3, y_mean=np.array([0.3, 0.0, 0.0]), y_sd=np.full(3, 0.5))
+    tame, plain = (KSindyMlp(SINDY, wild, {}, dissipative) for dissipative in (True, False))
+    state = np.array([v_f, *alpha, delta])
+    energies = [doubled_energy(tuple(state), SINDY.frame)]
+    for _ in range(5):
+        state, _ = tame.step(state, np.array([u_s, u_m]))
+        energies.append(doubled_energy(tuple(state), SINDY.frame))
+    assert (np.diff(energies) <= 0.0).all()
+    driven = np.array([u_s, 1.5])
+    np.testing.assert_array_equal(tame.step(state, driven)[0], plain.step(state, driven)[0])
+
+
+def test_the_plain_model_would_gain_energy() -> None:
+    """What the guarantee is for."""
+    pushing = weights(6)._replace(y_mean=np.array([0.3, 0.0, 0.0]), y_sd=np.zeros(3))
+    start, coasting = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((10, 2))
+    tame, plain = (KSindyMlp(SINDY, pushing, {}, d).scan(start, coasting) for d in (True, False))
+    assert plain[-1, 0] > 1.5
+    assert tame[-1, 0] <= 1.0

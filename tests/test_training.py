@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from bcid.estimate.types import Estimate
 from bcid.models import published
 from bcid.models.interface import FitTask, history_at, rollout
 from bcid.models.k_mlp import KMlp
+from bcid.models.k_sindy_mlp import KSindyMlp
 from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
 from bcid.models.library import SLIP, theta_table
 from bcid.models.mlp import Weights
@@ -59,6 +61,20 @@ def test_a_kinematic_rollout_is_the_compiled_one(estimates: list[Estimate]) -> N
     for b, start in enumerate(range(0, len(take) - 20, 40)):
         driven = rollout(model, history_at(take, start, 0), take.command[start : start + 20])
         np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
+
+
+def test_a_dissipative_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
+    """Coasting, with a network that pushes: the guarantee is at work in every step."""
+    w = weights(6, 3, np.array([0.2, 0.0, 0.0]), np.array([0.05, 0.02, 0.02]))
+    sindy, take = published.k_sindy(), estimates[0]
+    coasting = replace(take, command=take.command * [1.0, 0.0])
+    model, sums = KSindyMlp(sindy, w, {}, True), sparse_sums(sindy.sparse, FRAME)
+    taken = with_servo(windows([coasting], 20, 40), FRAME)
+    run = unrolled(FRAME, lambda net, x: sums(x.float()).double() + net(x), dissipative=True)
+    found = run(network(w), *tensors(taken)).numpy()
+    for b, start in enumerate(range(0, len(take) - 20, 40)):
+        driven = rollout(model, history_at(coasting, start, 0), coasting.command[start : start + 20])
+        np.testing.assert_allclose(found[b], driven[1:], atol=2e-4)
 
 
 def test_an_autoregressive_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:

@@ -1,6 +1,9 @@
 """K-SINDy-MLP: K-SINDy and a smaller perceptron on what it leaves.
 
 x_{k+1} = f_SINDy(x_k, u_k) + f_RES-MLP(x_k, u_k)        (paper, grey-box modeling)
+
+The dissipative variant (the paper's future work) is guaranteed not to gain kinetic energy while the throttle is at
+zero or brakes: v_f is lowered where the sum would.
 """
 
 from __future__ import annotations
@@ -17,40 +20,43 @@ from bcid.compiled import njit, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.k_sindy import KSindy, Sparse, Terms, f_sindy, terms_of
-from bcid.models.kinematic import Frame, State, fill, moved, twist_of
+from bcid.models.kinematic import Frame, State, fill, moved, twist_of, without_gain
 from bcid.models.kinematic_rollout import kinematic_rollouts, sparse_sums
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
-from bcid.models.settings import TrainingSettings
+from bcid.models.settings import ResidualTrainingSettings
 from bcid.models.training import train
 
 
 @njit
-def advance(state: State, u_s: float, u_m: float, t: Terms, w: Weights, c: Frame, at: Buffers) -> State:
+def advance(
+    state: State, u_s: float, u_m: float, t: Terms, w: Weights, c: Frame, dissipative: bool, at: Buffers
+) -> State:
     """[v_f, alpha_f, alpha_r, delta] one period later."""
     f_sindy(state, u_s, u_m, t, c)
     fill(at.x, state, u_s, u_m)
     evaluate(at, w)
     for i in range(3):
         t.after[i] += at.y[i]
-    return moved(t.after, state[3], u_s, c)
+    after = moved(t.after, state[3], u_s, c)
+    return without_gain(state, after, c) if dissipative and u_m <= 0.0 else after
 
 
 @njit
-def _scan(carry: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
+def _scan(carry: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame, dissipative: bool) -> Floats:
     twists, terms, at = np.empty((len(commands), 3)), terms_of(s), buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k, 0], commands[k, 1], terms, w, c, at)
+        state = advance(state, commands[k, 0], commands[k, 1], terms, w, c, dissipative, at)
         twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
     return twists
 
 
 @njit_parallel
-def _scan_many(carries: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame) -> Floats:
+def _scan_many(carries: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame, dissipative: bool) -> Floats:
     twists = np.empty((len(carries), commands.shape[1], 3))
     for b in numba.prange(len(carries)):
-        twists[b] = _scan(carries[b], commands[b], s, w, c)
+        twists[b] = _scan(carries[b], commands[b], s, w, c, dissipative)
     return twists
 
 
@@ -70,6 +76,7 @@ class KSindyMlp:
     sindy: KSindy
     weights: Weights
     facts: Mapping[str, Any]
+    dissipative: bool = False
     name: ClassVar[str] = "k-sindy-mlp"
     lags: ClassVar[int] = 0
 
@@ -92,11 +99,14 @@ class KSindyMlp:
         s = transitions(task.estimates)
         x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
         residual = s.next_kinematic[:, :3] - _sindy_table(x, sindy.sparse, sindy.frame)
-        settings = TrainingSettings.model_validate(task.settings)
+        settings = ResidualTrainingSettings.model_validate(task.settings)
+        dissipative = settings.residual == "dissipative"
         sparse = sparse_sums(sindy.sparse, sindy.frame)
-        rollouts = kinematic_rollouts(task, settings, sindy.frame, lambda network, at: sparse(at) + network(at))
+        rollouts = kinematic_rollouts(
+            task, settings, sindy.frame, lambda network, at: sparse(at) + network(at), dissipative
+        )
         weights, facts = train(x, residual, settings, task.seed, task.progress, *rollouts)
-        return cls(sindy, weights, facts)
+        return cls(sindy, weights, facts, dissipative)
 
     def init(self, history: History) -> Floats:
         """[v_f, alpha_f, alpha_r, delta]."""
@@ -106,31 +116,44 @@ class KSindyMlp:
         """See `Model.step`."""
         v_f, alpha_f, alpha_r, delta = carry
         terms, frame, at = terms_of(self.sindy.sparse), self.sindy.frame, buffers(self.weights)
-        after = advance((v_f, alpha_f, alpha_r, delta), command[0], command[1], terms, self.weights, frame, at)
+        state = (v_f, alpha_f, alpha_r, delta)
+        after = advance(state, command[0], command[1], terms, self.weights, frame, self.dissipative, at)
         return np.array(after), np.array(twist_of(*after, frame))
 
     def scan(self, carry: Floats, commands: Floats) -> Floats:
         """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.sindy.sparse, self.weights, self.sindy.frame)
+        twists: Floats = _scan(carry, commands, self.sindy.sparse, self.weights, self.sindy.frame, self.dissipative)
         return twists
 
     def scan_many(self, carries: Floats, commands: Floats) -> Floats:
         """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.sindy.sparse, self.weights, self.sindy.frame)
+        twists: Floats = _scan_many(
+            carries, commands, self.sindy.sparse, self.weights, self.sindy.frame, self.dissipative
+        )
         return twists
 
     def describe(self) -> str:
         """The sparse equations and the perceptron's structure."""
         a, b = self.weights.W2.shape
         residual = f"plus MLP(v_f, α_f, α_r, δ, u_s, u_m): hidden {a} and {b}, ReLU, {mlp.count(self.weights)} weights"
-        return f"{self.sindy.describe()}\n{residual}"
+        lines = [self.sindy.describe(), residual]
+        if self.dissipative:
+            lines.append("v_f lowered where v_x² + v_y² + l_f l_r w² would grow while u_m ≤ 0")
+        return "\n".join(lines)
 
     def state(self) -> tuple[dict[str, Any], Arrays]:
         """See `Model.state`."""
         data, arrays = self.sindy.state()
-        return {"sindy": data, "facts": dict(self.facts)}, arrays | mlp.to_arrays(self.weights)
+        return {"sindy": data, "facts": dict(self.facts), "dissipative": self.dissipative}, arrays | mlp.to_arrays(
+            self.weights
+        )
 
     @classmethod
     def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
         """See `Model.from_state`."""
-        return cls(KSindy.from_state(data["sindy"], arrays), mlp.from_arrays(arrays), data["facts"])
+        return cls(
+            KSindy.from_state(data["sindy"], arrays),
+            mlp.from_arrays(arrays),
+            data["facts"],
+            bool(data.get("dissipative", False)),
+        )

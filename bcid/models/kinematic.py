@@ -15,6 +15,7 @@ from bcid.physics.elementary import clip
 from bcid.physics.kinematics import body_twist
 from bcid.physics.steering import steering_step
 
+LESS = 1.0 - 1e-12  # so that rounding gains nothing either
 SLIP_LIMIT = 0.49 * math.pi  # tan(alpha_r) stays finite in a rollout
 
 
@@ -49,6 +50,24 @@ def twist_of(v_f: float, alpha_f: float, alpha_r: float, delta: float, c: Frame)
 def moved(after: Floats, delta: float, u_s: float, c: Frame) -> State:
     """The state a period later, from what a fitted map says of [v_f, alpha_f, alpha_r] and the servo by itself."""
     return max(after[0], 0.0), after[1], after[2], steering_step(delta, u_s, c.T_s, c.d, c.period)
+
+
+@njit_inline
+def doubled_energy(state: State, c: Frame) -> float:
+    """Twice the kinetic energy per mass (m^2/s^2), with l_f l_r for the square of the radius of gyration.
+
+    That is the body whose axles' loads move as if they were by themselves; a kinematic model knows no inertia.
+    """
+    v_x, v_y, yaw_rate = twist_of(state[0], state[1], state[2], state[3], c)
+    return v_x * v_x + v_y * v_y + c.l_f * c.l_r * yaw_rate * yaw_rate
+
+
+@njit_inline
+def without_gain(before: State, after: State, c: Frame) -> State:
+    """`after` with v_f, to which the twist is proportional, lowered until no kinetic energy is gained."""
+    had, has = doubled_energy(before, c), doubled_energy(after, c)
+    kept = LESS * math.sqrt(had / has) if has > had else 1.0
+    return kept * after[0], after[1], after[2], after[3]
 
 
 @njit_inline

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Ints = npt.NDArray[np.int64]
 
+STILL = 1e-8  # m^2/s^2: below it an energy has no useful slope
+
 
 def with_servo(taken: Windows, c: Frame) -> Windows:
     """The stretches with the steering angles that the servo gives from their starts on; it knows no other state."""
@@ -42,20 +44,33 @@ def twist_of(v_f: Tensor, alpha_f: Tensor, alpha_r: Tensor, delta: Tensor, c: Fr
     return torch.stack([v_x, (c.l_r * v_fy + c.l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase], dim=1)
 
 
-def unrolled(c: Frame, after: Callable[[Network, Tensor], Tensor]) -> Unrolled:
-    """The rollout of a model: of [v_f, alpha_f, alpha_r, delta, u_s, u_m] `after` gives the first three a step on."""
+def unrolled(c: Frame, after: Callable[[Network, Tensor], Tensor], dissipative: bool = False) -> Unrolled:
+    """The rollout of a model: of [v_f, alpha_f, alpha_r, delta, u_s, u_m] `after` gives the first three a step on.
+
+    A dissipative one gains no kinetic energy without throttle: see `bcid.models.kinematic.without_gain`.
+    """
     import torch
 
     def run(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
         state, out = kinematic[:, 0, :3], []
+        moving = twist_of(state[:, 0], state[:, 1], state[:, 2], kinematic[:, 0, 3], c)
         for k in range(kinematic.shape[1] - 1):
             x = torch.cat([state, kinematic[:, k, 3:], command[:, k]], dim=1)
             following = after(network, x)
             state = torch.cat([following[:, :1].clamp(min=0.0), following[:, 1:]], dim=1)
-            out.append(twist_of(state[:, 0], state[:, 1], state[:, 2], kinematic[:, k + 1, 3], c))
+            before, moving = moving, twist_of(state[:, 0], state[:, 1], state[:, 2], kinematic[:, k + 1, 3], c)
+            if dissipative:
+                had, has = (_doubled_energy(m, c).clamp(min=STILL) for m in (before, moving))
+                kept = torch.where((command[:, k, 1] <= 0.0) & (has > had), (had / has).sqrt(), 1.0)[:, None]
+                state, moving = torch.cat([kept * state[:, :1], state[:, 1:]], dim=1), kept * moving
+            out.append(moving)
         return torch.stack(out, dim=1)
 
     return run
+
+
+def _doubled_energy(twist: Tensor, c: Frame) -> Tensor:
+    return twist[:, 0] ** 2 + twist[:, 1] ** 2 + c.l_f * c.l_r * twist[:, 2] ** 2
 
 
 def sparse_sum(xi: npt.NDArray[np.float64], exponents: Ints, c: Frame) -> Callable[[Tensor], Tensor]:
@@ -91,11 +106,15 @@ def sparse_sums(s: Sparse, c: Frame) -> Callable[[Tensor], Tensor]:
 
 
 def kinematic_rollouts(
-    task: FitTask, settings: TrainingSettings, c: Frame, after: Callable[[Network, Tensor], Tensor]
+    task: FitTask,
+    settings: TrainingSettings,
+    c: Frame,
+    after: Callable[[Network, Tensor], Tensor],
+    dissipative: bool = False,
 ) -> tuple[Windows, Unrolled] | tuple[()]:
     """What `train` needs for the rollout loss; nothing where it is not asked for."""
     if settings.loss == "one-step":
         return ()
     steps = steps_of(settings.loss, settings.horizon_s, task.period_s)
     taken = windows(task.estimates, steps, max(1, steps // EVERY))
-    return with_servo(taken, c), unrolled(c, after)
+    return with_servo(taken, c), unrolled(c, after, dissipative)

@@ -59,8 +59,9 @@ class TrainingSettings(Settings):
 
 
 class ResidualTrainingSettings(TrainingSettings):
-    """The same with half the neurons (paper, K-SINDy-MLP)."""
+    """The same with half the neurons (paper, K-SINDy-MLP); a dissipative model gains no energy without throttle."""
 
+    residual: Literal["plain", "dissipative"] = "plain"
     hidden: Layers = (128, 64)
 
 
