@@ -70,7 +70,9 @@ def diagnosis(found: Mapping[str, Any]) -> Group:
     parts.append(table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged))
     if found["not_excited"]:
         unseen = ", ".join(
-            f"{u['effect']} below {number(u['smallest_detectable']['value'])} {unit(u['smallest_detectable']['unit'])}"
+            f"{u['effect']} at any size"
+            if (least := u["smallest_detectable"])["value"] is None
+            else f"{u['effect']} below {number(least['value'])} {unit(least['unit'])}".rstrip(" –")
             for u in found["not_excited"]
         )
         parts.append(escape(f"could not be seen here: {unseen}"))
