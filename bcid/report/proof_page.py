@@ -34,7 +34,7 @@ def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> 
     value: float | None = tier.get(field)
     goal: Sequence[float] | None = tier["goal"].get(field)
     if value is None:
-        return "–" if goal is None else marked.format("–")
+        return "–"  # nothing in the tier asks for it
     text = _number(value, field)
     if field == "false" and tier.get("false_ci95"):
         text += f" [{100.0 * tier['false_ci95'][0]:.2g} to {100.0 * tier['false_ci95'][1]:.2g}]"
