@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.channels import NOWHERE, TELLING, changes_by, entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.free_functions import SIZES
-from bcid.diagnosis.hypothesis import Hypothesis
-from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.refit import Fit, residuals
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.search import search
-from bcid.diagnosis.segments import wrapped
-from bcid.diagnosis.take import Take, take_of
 from bcid.diagnosis.verdict import Judgement, judged
 from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
+from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, residuals
+from bcid.likelihood.segments import wrapped
+from bcid.likelihood.take import Take, take_of
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import Take as Order

@@ -11,14 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
-from bcid.diagnosis.contacts import contacts, without_contacts
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.remainder import Remainder
-from bcid.diagnosis.take import take_of
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.likelihood.contacts import contacts, without_contacts
+from bcid.likelihood.take import take_of
 from bcid.models.saving import load_model
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream

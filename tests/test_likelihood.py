@@ -12,8 +12,13 @@ from cars import CAR
 from scipy.linalg import null_space
 from scipy.stats import multivariate_t
 
-from bcid.diagnosis.hypothesis import Hypothesis, Setting
-from bcid.diagnosis.marginal import (
+from bcid.diagnosis.trials import concerned
+from bcid.effects.constants import Constants
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
+from bcid.estimate.types import Estimate
+from bcid.likelihood.hypothesis import Hypothesis, Setting
+from bcid.likelihood.marginal import (
     N_START,
     NU,
     Eliminated,
@@ -25,14 +30,9 @@ from bcid.diagnosis.marginal import (
     rescaled,
     weights,
 )
-from bcid.diagnosis.refit import jacobian, residuals
-from bcid.diagnosis.segments import KNOTS, N_FREE, Layout, free_sensitivities, layout, predict, segment_poses
-from bcid.diagnosis.take import FORGOTTEN_S, GROUP_S, SEGMENT_S, Take, joined, moving, take_of
-from bcid.diagnosis.trials import concerned
-from bcid.effects.constants import Constants
-from bcid.estimate.run import estimate_motion
-from bcid.estimate.tuning import Tuning
-from bcid.estimate.types import Estimate
+from bcid.likelihood.refit import jacobian, residuals
+from bcid.likelihood.segments import KNOTS, N_FREE, Layout, free_sensitivities, layout, predict, segment_poses
+from bcid.likelihood.take import FORGOTTEN_S, GROUP_S, SEGMENT_S, Take, joined, moving, take_of
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle

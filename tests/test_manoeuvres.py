@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.candidates import refit_with
-from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.manoeuvres import (
     ARENA,
     LEAST_S,
@@ -21,7 +19,6 @@ from bcid.diagnosis.manoeuvres import (
     usual_throttle,
     write_commands,
 )
-from bcid.diagnosis.marginal import Scales
 from bcid.diagnosis.patterns import COMMAND_HZ, LONGEST_S, PATTERNS
 from bcid.diagnosis.planning import (
     NOMINAL,
@@ -32,14 +29,17 @@ from bcid.diagnosis.planning import (
     nominal_units,
     plan,
 )
-from bcid.diagnosis.refit import Fit, jacobian, residuals, sensitivities
 from bcid.diagnosis.search import GATE
-from bcid.diagnosis.segments import N_FREE
 from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation
 from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
-from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.constants import Constants
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, jacobian, residuals, sensitivities
+from bcid.likelihood.segments import N_FREE
+from bcid.likelihood.take import SEGMENT_S, Take
 from bcid.recording.commands import read_commands
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 

@@ -9,26 +9,26 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import refit as refitting
-from bcid.diagnosis.base_fit import base_fit
 from bcid.diagnosis.candidates import refit_with
 from bcid.diagnosis.disturbance import STATES, Disturbances, disturbances
-from bcid.diagnosis.hypothesis import Hypothesis, Setting
-from bcid.diagnosis.marginal import Scales, log_likelihood, moments, products, rescaled, weights
-from bcid.diagnosis.refit import Fit, _within, held, refit, residuals
 from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.rivals import named
 from bcid.diagnosis.scan import circles, energy, windows
 from bcid.diagnosis.score import projected
 from bcid.diagnosis.screen import changes, screen
 from bcid.diagnosis.search import Search, search
-from bcid.diagnosis.segments import KNOTS
-from bcid.diagnosis.take import SEGMENT_S, Take, take_of
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS, RAW_COMMANDS
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
+from bcid.likelihood import refit as refitting
+from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.hypothesis import Hypothesis, Setting
+from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
+from bcid.likelihood.refit import Fit, _within, held, refit, residuals
+from bcid.likelihood.segments import KNOTS
+from bcid.likelihood.take import SEGMENT_S, Take, take_of
 from bcid.proof.asking import TUNING, recorded
 from bcid.proof.cases import Case
 from bcid.recording.read import read_recording

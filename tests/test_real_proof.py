@@ -13,13 +13,13 @@ from cars import CAR
 
 from bcid.cli.app import main
 from bcid.diagnosis.heldout import LONGEST_BLOCK_S, block_s
-from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.measurement import seen_pose
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
+from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.proof.edits import EDITS
 from bcid.proof.real import outcome, run_real
 from bcid.recording.types import Recording, Source, Stream

@@ -9,12 +9,12 @@ import pytest
 from cars import CAR
 
 from bcid.diagnosis.diagnose import diagnosed
-from bcid.diagnosis.hypothesis import DRAG, SPEED_LAW, TYRES
 from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.likelihood.hypothesis import DRAG, SPEED_LAW, TYRES
 from bcid.models import published
 from bcid.models.saving import save_model
 from bcid.recording.read import read_recording

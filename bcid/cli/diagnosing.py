@@ -62,11 +62,11 @@ def plan(
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Say what to drive so that the asked effects become detectable in this arena, and write its commands."""
-    from bcid.diagnosis.diagnose import constants_of
     from bcid.diagnosis.manoeuvres import Arena, write_commands
     from bcid.diagnosis.planning import NOMINAL, largest_throttle, nominal_car
     from bcid.diagnosis.planning import plan as planned
     from bcid.effects.table import EFFECTS, effect_of
+    from bcid.likelihood.recordings import constants_of
 
     asked = [effect_of(name).id for name in effects or EFFECTS]
     of, sink = read_vehicle(vehicle), Sink(format)

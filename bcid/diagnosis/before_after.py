@@ -8,15 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.diagnose import Compared, constants_of
+from bcid.diagnosis.diagnose import Compared
 from bcid.diagnosis.heldout import block_s, halves, on_half
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.simulated import seen_at, states
-from bcid.diagnosis.take import GROUP_S, Floats, Ints, Take
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
+from bcid.likelihood.recordings import constants_of
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import GROUP_S, Floats, Ints, Take
 from bcid.models.augmented import AugmentedNewtonEuler
 from bcid.models.samples import scale
 from bcid.recording.types import Recording, Stream

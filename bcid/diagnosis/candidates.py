@@ -8,10 +8,10 @@ from contextlib import suppress
 
 import numpy as np
 
-from bcid.diagnosis.refit import Fit, held, refit
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
-from bcid.diagnosis.take import Take
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.refit import Fit, held, refit
+from bcid.likelihood.take import Take
 
 SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted

@@ -14,13 +14,13 @@ import math
 import numpy as np
 
 from bcid.diagnosis.free_functions import NUDGE, SIZES, pushed_by
-from bcid.diagnosis.hypothesis import Setting
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.score import explained, projected
-from bcid.diagnosis.segments import Layout, layout, predict
-from bcid.diagnosis.take import Floats, Take
+from bcid.likelihood.hypothesis import Setting
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.segments import Layout, layout, predict
+from bcid.likelihood.take import Floats, Take
 
 SERVO_RATE = 0.2  # rad/s above which the servo moves
 SHIFT_S = 1e-3

@@ -4,46 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bcid.diagnosis.base_fit import base_fit
-from bcid.diagnosis.contacts import Contact, contacts, without_contacts
 from bcid.diagnosis.disturbance import Disturbances, disturbances
 from bcid.diagnosis.excitation import Unexcited, unexcited
-from bcid.diagnosis.hypothesis import Hypothesis
 from bcid.diagnosis.locate import Location, located
-from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.refit import Fit, held
 from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.search import Search, search
-from bcid.diagnosis.take import Take, joined, moving, take_of
 from bcid.diagnosis.verdict import Judgement, judged
-from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
-from bcid.effects.entry import Units
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
+from bcid.likelihood.contacts import Contact
+from bcid.likelihood.recordings import base_from, base_of
+from bcid.likelihood.refit import Fit, held
+from bcid.likelihood.take import Take
 from bcid.models.newton_euler_start import started_car
-from bcid.physics.car import Car, integration_step
+from bcid.physics.car import Car
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-
-class _Yardstick(NamedTuple):
-    mass_kg: float
-    length_m: float
-    speed_mps: float
-
-
-BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
-FEWEST_SEGMENTS = 20
 SMALLEST_P = 1e-3  # that is claimed: the null takes drawn are about a thousand
-FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
 
 Progress = Callable[[float, str], None]
 
@@ -74,42 +60,6 @@ class Diagnosis:
         return min(1.0, 4.0 * max(smallest, SMALLEST_P))
 
 
-def constants_of(vehicle: Vehicle) -> Constants:
-    """The effects' held constants."""
-    track = vehicle.body.rear_track_m
-    return Constants() if track is None else Constants(track=track)
-
-
-def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
-    """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
-    length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
-    speed = float(np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9))
-    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed, 0.05))
-
-
-def prepared(
-    recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car
-) -> tuple[Take, tuple[Contact, ...]]:
-    """The recordings as one take without contacts and without what stands still, for steps that suit the car.
-
-    Raises:
-        InputRefused: when too little of it can be used.
-    """
-    parts, hits = [], []
-    for recording, estimate in zip(recordings, estimates, strict=True):
-        found = contacts(recording)
-        hits += found
-        take = moving(without_contacts(take_of(recording, estimate, integration_step(car)), found), car.l_f + car.l_r)
-        if take.segments < FEWEST_SEGMENTS:
-            raise InputRefused(
-                recording.sources[0].path, "poses",
-                f"only {take.segments} stretches of 1.5 s in motion can be used, {FEWEST_SEGMENTS} are the least",
-                "record a longer take with fewer gaps",
-            )  # fmt: skip
-        parts.append(take)
-    return joined(parts), tuple(hits)
-
-
 class Compared(NamedTuple):
     """The simulation that a recording is compared with, as a car and the effects that it has."""
 
@@ -125,18 +75,6 @@ class Compared(NamedTuple):
 def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
     """The ids of the effects with these fields among the switches."""
     return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
-
-
-def base_of(vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: tuple[str, ...] = ()) -> Hypothesis:
-    """The base model of a vehicle about `car`, with what it assumes."""
-    steering = vehicle.steering
-    unknown = tuple(
-        s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
-    )
-    return Hypothesis(
-        (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates), assumed,
-        vehicle.raw_steering,
-    )  # fmt: skip
 
 
 def diagnosed(
@@ -164,7 +102,7 @@ def diagnosed(
     with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
         try:
             progress(0.05, "the base model")
-            take, hits, base = _base(recordings, estimates, hypothesis, values)
+            take, hits, base = base_from(recordings, estimates, hypothesis, values)
             given = None
             if simulation and simulation.trust is None:
                 with suppress(FloatingPointError):  # as it is it may not drive this take at all
@@ -177,19 +115,6 @@ def diagnosed(
                 f"the model cannot follow them: {error}",
                 "check the vehicle file's mass, distances and limits, and the recording's units",
             ) from error
-
-
-def _base(
-    recordings: Sequence[Recording], estimates: Sequence[Estimate], hypothesis: Hypothesis, assumed: Sequence[float]
-) -> tuple[Take, tuple[Contact, ...], Fit]:
-    """The take, its contacts and the base model's fit, in steps that the fitted car bears."""
-    take, hits = prepared(recordings, estimates, hypothesis.nominal)
-    base = base_fit(take, hypothesis, first_scales(take), assumed)
-    while integration_step(base.car()) < take.h:  # it is stiffer than the car before
-        take, hits = prepared(recordings, estimates, base.car())
-        known = list(base.hypothesis.values(base.phi).values())
-        base = base_fit(take, replace(hypothesis, nominal=base.car()), first_scales(take), known)
-    return take, hits, base
 
 
 def _of_take(
@@ -205,12 +130,3 @@ def _of_take(
     after = disturbances(judgement.fit, take)
     not_seen = unexcited(judgement.fit, take, found.trials, found.nulls.gate)
     return Diagnosis(take, hits, found, judgement, location, before, after, not_seen)
-
-
-def first_scales(take: Take) -> Scales:
-    """Noise from the scatter of neighbouring poses, and a push to begin with."""
-    second = np.concatenate(
-        [np.diff(take.pose[a:b], 2, axis=0) for a, b in zip(take.first, take.first[1:], strict=False)]
-    )
-    r = 1.4826 * np.median(np.abs(second), axis=0) / np.sqrt(6.0)
-    return Scales(np.maximum(r, 1e-6), np.full(3, FIRST_PUSH))

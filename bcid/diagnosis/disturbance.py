@@ -8,13 +8,13 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit_parallel
-from bcid.diagnosis.marginal import N_START, moments, rescaled
-from bcid.diagnosis.refit import Fit, residuals
-from bcid.diagnosis.segments import KNOTS, Layout, layout, since
-from bcid.diagnosis.take import Floats, Ints, Take
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
+from bcid.likelihood.marginal import N_START, moments, rescaled
+from bcid.likelihood.refit import Fit, residuals
+from bcid.likelihood.segments import KNOTS, Layout, layout, since
+from bcid.likelihood.take import Floats, Ints, Take
 from bcid.physics.car import Car
 
 STATES = ("p_x", "p_y", "theta", "v_x", "v_y", "omega", "delta", "delta_rate", "u_m", "alpha_f", "alpha_r", "F_m")

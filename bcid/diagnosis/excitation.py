@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.score import projected
 from bcid.diagnosis.screen import Changes
-from bcid.diagnosis.take import Take
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Take
 
 LARGE = 3.0  # times an effect's size: what is only seen beyond counts as not excited
 

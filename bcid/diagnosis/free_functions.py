@@ -14,12 +14,12 @@ import numpy as np
 
 from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.diagnosis.scan import Circle
-from bcid.diagnosis.segments import PUSH, Layout, segment_poses, since
-from bcid.diagnosis.take import Floats
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
 from bcid.effects.tyres import side_force
+from bcid.likelihood.segments import PUSH, Layout, segment_poses, since
+from bcid.likelihood.take import Floats
 from bcid.physics.car import Car
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.tyres import lateral_force, slip_angle

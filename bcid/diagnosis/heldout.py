@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.marginal import log_likelihood, moments, rescaled
-from bcid.diagnosis.refit import Fit, Tangent, refit, residuals
-from bcid.diagnosis.take import Floats, Ints, Take
+from bcid.likelihood.marginal import log_likelihood, moments, rescaled
+from bcid.likelihood.refit import Fit, Tangent, refit, residuals
+from bcid.likelihood.take import Floats, Ints, Take
 
 LONGEST_BLOCK_S = 20.0
 BLOCKS = 12  # at least: of fewer, a bootstrap shows no scatter

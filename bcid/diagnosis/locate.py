@@ -8,10 +8,10 @@ import numpy as np
 
 from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import CHANNELS, Disturbances
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle, Window, circles, windows
-from bcid.diagnosis.take import Floats, Take
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Floats, Take
 
 SIGNIFICANT = 0.01
 TIMES = 1.5  # energy in a regime over that elsewhere, from which it is mentioned

@@ -16,15 +16,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bcid.compiled import njit
-from bcid.diagnosis.hypothesis import BUMPER_CAR, Setting
 from bcid.diagnosis.patterns import COMMAND_HZ, LONGEST_S, PATTERNS, Envelope, Order, held
-from bcid.diagnosis.segments import half_steps
 from bcid.diagnosis.simulated import STILL, states
-from bcid.diagnosis.take import Floats
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Units
 from bcid.effects.motion import steering_chain
 from bcid.effects.table import off
+from bcid.likelihood.hypothesis import BUMPER_CAR, Setting
+from bcid.likelihood.segments import half_steps
+from bcid.likelihood.take import Floats
 from bcid.physics.car import Car, advance, integration_step, motor_force
 from bcid.physics.kinematics import pose_rate, wrap
 from bcid.physics.motor import drag

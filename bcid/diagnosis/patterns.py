@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.take import Floats
+from bcid.likelihood.take import Floats
 from bcid.physics.car import Car
 from bcid.physics.motor import drag
 

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 from scipy.optimize import Bounds, direct
 
-from bcid.diagnosis.marginal import eliminate, log_likelihood, moments
-from bcid.diagnosis.refit import Fit, refit, residuals
-from bcid.diagnosis.take import Floats, Take
+from bcid.likelihood.marginal import eliminate, log_likelihood, moments
+from bcid.likelihood.refit import Fit, refit, residuals
+from bcid.likelihood.take import Floats, Take
 
 WIDEST, FINEST = 0.6, 0.02  # of the radius (of a tenth of the take, for a time)
 LEAST = 0.3  # m, for the bumper car

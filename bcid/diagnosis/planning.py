@@ -15,18 +15,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis
 from bcid.diagnosis.manoeuvres import ARENA, SPEED_MPS, Arena, Drive, catalogue, top_speed, usual_throttle
-from bcid.diagnosis.marginal import Scales
 from bcid.diagnosis.patterns import COMMAND_HZ
-from bcid.diagnosis.refit import Fit, Tangent, jacobian, residuals, sensitivities
 from bcid.diagnosis.score import UNSEEN, projected
 from bcid.diagnosis.screen import changes_of
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import driven, information
-from bcid.diagnosis.take import SEGMENT_S, Floats, Take, in_one, joined
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect, Parameter, Units
+from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, Tangent, jacobian, residuals, sensitivities
+from bcid.likelihood.take import SEGMENT_S, Floats, Take, in_one, joined
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
 
@@ -307,7 +307,7 @@ def _share(name: str, options: Sequence[Option], gains: Floats, need: float) -> 
 
 def nominal_units(car: Car, top: float) -> Units:
     """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
-    from bcid.diagnosis.diagnose import BUMPER_CAR
+    from bcid.likelihood.recordings import BUMPER_CAR
 
     length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
     return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(top_speed(car, top), 0.05))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bcid.diagnosis.disturbance import CHANNELS, Disturbances
-from bcid.diagnosis.take import Floats, Ints
+from bcid.likelihood.take import Floats, Ints
 from bcid.physics.car import Car
 
 TREES = 40

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from bcid.diagnosis.candidates import CLOSE, WORTH, fully, quickly, refit_with
 from bcid.diagnosis.places import placed
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.screen import Changes, screen
-from bcid.diagnosis.take import Take
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Take
 
 EXCHANGES = 3  # rounds in which an exchange may win
 OF_EACH = 3  # of the most promising others that each effect is exchanged for

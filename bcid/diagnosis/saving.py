@@ -10,14 +10,14 @@ import numpy as np
 from bcid.diagnosis.before_after import Horizon, Tracks
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import CHANNELS
-from bcid.diagnosis.hypothesis import DRAG, DRAG_UNIT
 from bcid.diagnosis.locate import SIGNIFICANT
 from bcid.diagnosis.rivals import named
-from bcid.diagnosis.take import Floats
 from bcid.diagnosis.verdict import Finding, alike
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES
+from bcid.likelihood.hypothesis import DRAG, DRAG_UNIT
+from bcid.likelihood.take import Floats
 from bcid.models.augmented import FORCE_UNITS, UNITS
 
 SCHEMA = "bcid.diagnosis/1"

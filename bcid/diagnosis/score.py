@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.marginal import NU, moments, rescaled, weights
-from bcid.diagnosis.refit import Fit, jacobian, residuals
-from bcid.diagnosis.segments import N_FREE
-from bcid.diagnosis.take import Floats, Ints, Take
+from bcid.likelihood.marginal import NU, moments, rescaled, weights
+from bcid.likelihood.refit import Fit, jacobian, residuals
+from bcid.likelihood.segments import N_FREE
+from bcid.likelihood.take import Floats, Ints, Take
 
 LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
 UNSEEN = 1e-9  # information below which a take does not excite a trial at all

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.disturbance import disturbances
-from bcid.diagnosis.refit import Fit, residuals
 from bcid.diagnosis.scan import circles
 from bcid.diagnosis.score import best_amplitude, level, null_maxima, projected, promise
-from bcid.diagnosis.segments import wrapped
-from bcid.diagnosis.take import Floats, Take
 from bcid.diagnosis.trials import MOMENTS, Trial, changed_in, concerned, trials_of
 from bcid.effects.table import ENTRIES
+from bcid.likelihood.refit import Fit, residuals
+from bcid.likelihood.segments import wrapped
+from bcid.likelihood.take import Floats, Take
 
 ODD_PLACES = 4
 SHARPER = 1.0  # nats that a move must gain

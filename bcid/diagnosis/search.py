@@ -22,12 +22,12 @@ from bcid.diagnosis.candidates import (
 )
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
-from bcid.diagnosis.refit import Fit, refit
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.rivals import distinct, each_left_out, named, settled
 from bcid.diagnosis.screen import Changes, Nulls, changes, nulls, screen
-from bcid.diagnosis.take import Take
 from bcid.effects.corrections import CORRECTIONS
+from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.take import Take
 
 MOST_EFFECTS = 4
 SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain

@@ -7,15 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.hypothesis import PRIOR_SD, Hypothesis, Setting
 from bcid.diagnosis.manoeuvres import ARENA, Arena, Drive, catalogue, inside, usual_throttle
-from bcid.diagnosis.marginal import Scales, eliminate, moments, products
-from bcid.diagnosis.refit import Fit, jacobian, residuals, sensitivities
 from bcid.diagnosis.search import GATE
-from bcid.diagnosis.segments import wrapped
 from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
-from bcid.diagnosis.take import Floats, Take
 from bcid.effects.table import ENTRIES
+from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis, Setting
+from bcid.likelihood.marginal import Scales, eliminate, moments, products
+from bcid.likelihood.refit import Fit, jacobian, residuals, sensitivities
+from bcid.likelihood.segments import wrapped
+from bcid.likelihood.take import Floats, Take
 
 POSE_HZ = 20.0  # of the simulated takes: one pose per group
 MOST_REPEATS = 50

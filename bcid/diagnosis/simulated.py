@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from bcid.compiled import njit
-from bcid.diagnosis.hypothesis import Setting
-from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.segments import KNOT_S, KNOTS
-from bcid.diagnosis.take import GROUP_S, SEGMENT_S, Floats, Take
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
+from bcid.likelihood.hypothesis import Setting
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.segments import KNOT_S, KNOTS
+from bcid.likelihood.take import GROUP_S, SEGMENT_S, Floats, Take
 from bcid.physics.car import LONGEST_STEP_S, Car
 
 # Commands are copied into every take: chains are remembered by the array they came from, whatever a take's length.

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from bcid.diagnosis.diagnose import Compared, base_of, diagnosed
-from bcid.diagnosis.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.diagnosis.diagnose import Compared, diagnosed
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate
+from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.likelihood.recordings import base_of
 from bcid.models.augmented import AugmentedNewtonEuler
 from bcid.models.interface import Model, history_at, rollout
 from bcid.models.newton_euler import NewtonEuler

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.scan import Circle
-from bcid.diagnosis.take import SEGMENT_S, Floats, Ints, Take
 from bcid.effects.entry import Effect
+from bcid.likelihood.take import SEGMENT_S, Floats, Ints, Take
 
 SHARES = (0.5, 1.5)  # trial sizes of an effect of one sign
 PLACES = 5  # across the longer side of what was driven

@@ -11,13 +11,13 @@ from bcid.diagnosis.candidates import RIVAL, refit_with
 from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.rivals import named
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import DELAYS, PLAIN, Search
-from bcid.diagnosis.take import SEGMENT_S, Take
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import SEGMENT_S, Take
 
 Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 

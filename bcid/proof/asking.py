@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.heldout import scores
-from bcid.diagnosis.refit import refit
 from bcid.effects.table import EFFECTS
 from bcid.estimate.noise import Noise
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
+from bcid.likelihood.refit import refit
 from bcid.recording.assemble import assemble
 from bcid.recording.raw import RawTake
 from bcid.recording.types import Recording, Source

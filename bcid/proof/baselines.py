@@ -16,13 +16,13 @@ from threadpoolctl import threadpool_limits
 
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import Disturbances
-from bcid.diagnosis.marginal import moments, products, rescaled, weights
-from bcid.diagnosis.refit import Fit, residuals
 from bcid.diagnosis.remainder import folds, variables
 from bcid.diagnosis.screen import Changes, changes
-from bcid.diagnosis.take import Floats, Ints, Take
 from bcid.diagnosis.trials import Trial
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.marginal import moments, products, rescaled, weights
+from bcid.likelihood.refit import Fit, residuals
+from bcid.likelihood.take import Floats, Ints, Take
 
 SEEN = 0.02  # share of the pushes' squares on blocks not seen, above which a fit counts as a detection
 SIGNIFICANT = 0.01

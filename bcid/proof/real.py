@@ -20,7 +20,6 @@ from pydantic import Field
 
 from bcid.diagnosis.before_after import compared_model
 from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
-from bcid.diagnosis.refit import Fit
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
@@ -28,6 +27,7 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning, tune
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
+from bcid.likelihood.refit import Fit
 from bcid.proof.asking import said
 from bcid.proof.edits import EDITS
 from bcid.proof.keeping import keep

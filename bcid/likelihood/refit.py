@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.hypothesis import Hypothesis, Setting
-from bcid.diagnosis.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
-from bcid.diagnosis.segments import free_sensitivities, layout, predict, wrapped
-from bcid.diagnosis.take import Floats, Take
+from bcid.likelihood.hypothesis import Hypothesis, Setting
+from bcid.likelihood.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
+from bcid.likelihood.segments import free_sensitivities, layout, predict, wrapped
+from bcid.likelihood.take import Floats, Take
 from bcid.physics.car import Car
 
 STEP_PHI = 1e-3  # of base parameters, for differences

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bcid.diagnosis.hypothesis import Hypothesis
-from bcid.diagnosis.marginal import Scales
-from bcid.diagnosis.refit import Fit, refit
-from bcid.diagnosis.take import Take
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.take import Take
 from bcid.physics.car import with_usual_tyres
 
 GRIPS = (2.0, 8.0)  # N/kg

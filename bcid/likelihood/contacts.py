@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.take import SEGMENT_S, Floats, Ints, Take
+from bcid.likelihood.take import SEGMENT_S, Floats, Ints, Take
 from bcid.recording.types import Recording
 
 HALF_WINDOW_S = 0.05

@@ -9,11 +9,11 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.diagnosis.take import SEGMENT_S, Floats, Ints, Take
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
+from bcid.likelihood.take import SEGMENT_S, Floats, Ints, Take
 from bcid.physics.car import Car
 
 KNOTS = 3  # of a segment, in each of which a push is constant

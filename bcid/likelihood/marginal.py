@@ -19,8 +19,8 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit_parallel
-from bcid.diagnosis.segments import KNOTS, N_FREE
-from bcid.diagnosis.take import Floats, Ints
+from bcid.likelihood.segments import KNOTS, N_FREE
+from bcid.likelihood.take import Floats, Ints
 
 NU = 8.0
 SMALLEST = 1e-10  # of a variance: what is left of the difference of large numbers may be less than nothing

@@ -1,0 +1,109 @@
+"""Recordings of a vehicle as one take, and the base model fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.effects.constants import Constants
+from bcid.effects.entry import Units
+from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
+from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.contacts import Contact, contacts, without_contacts
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Take, joined, moving, take_of
+from bcid.physics.car import Car, integration_step
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+
+class _Yardstick(NamedTuple):
+    mass_kg: float
+    length_m: float
+    speed_mps: float
+
+
+BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
+FEWEST_SEGMENTS = 20
+FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
+
+
+def constants_of(vehicle: Vehicle) -> Constants:
+    """The effects' held constants."""
+    track = vehicle.body.rear_track_m
+    return Constants() if track is None else Constants(track=track)
+
+
+def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
+    """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
+    length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
+    speed = float(np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9))
+    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed, 0.05))
+
+
+def prepared(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car
+) -> tuple[Take, tuple[Contact, ...]]:
+    """The recordings as one take without contacts and without what stands still, for steps that suit the car.
+
+    Raises:
+        InputRefused: when too little of it can be used.
+    """
+    parts, hits = [], []
+    for recording, estimate in zip(recordings, estimates, strict=True):
+        found = contacts(recording)
+        hits += found
+        take = moving(without_contacts(take_of(recording, estimate, integration_step(car)), found), car.l_f + car.l_r)
+        if take.segments < FEWEST_SEGMENTS:
+            raise InputRefused(
+                recording.sources[0].path, "poses",
+                f"only {take.segments} stretches of 1.5 s in motion can be used, {FEWEST_SEGMENTS} are the least",
+                "record a longer take with fewer gaps",
+            )  # fmt: skip
+        parts.append(take)
+    return joined(parts), tuple(hits)
+
+
+def base_of(vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: tuple[str, ...] = ()) -> Hypothesis:
+    """The base model of a vehicle about `car`, with what it assumes."""
+    steering = vehicle.steering
+    unknown = tuple(
+        s for s, given in (("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)) if given is None
+    )
+    return Hypothesis(
+        (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates), assumed,
+        vehicle.raw_steering,
+    )  # fmt: skip
+
+
+def base_from(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], hypothesis: Hypothesis, assumed: Sequence[float]
+) -> tuple[Take, tuple[Contact, ...], Fit]:
+    """The take, its contacts and the base model's fit, in steps that the fitted car bears.
+
+    Raises:
+        InputRefused: when too little of the recordings can be used.
+        FloatingPointError: when the base model cannot follow them.
+    """
+    take, hits = prepared(recordings, estimates, hypothesis.nominal)
+    base = base_fit(take, hypothesis, first_scales(take), assumed)
+    while integration_step(base.car()) < take.h:  # it is stiffer than the car before
+        take, hits = prepared(recordings, estimates, base.car())
+        known = list(base.hypothesis.values(base.phi).values())
+        base = base_fit(take, replace(hypothesis, nominal=base.car()), first_scales(take), known)
+    return take, hits, base
+
+
+def first_scales(take: Take) -> Scales:
+    """Noise from the scatter of neighbouring poses, and a push to begin with."""
+    second = np.concatenate(
+        [np.diff(take.pose[a:b], 2, axis=0) for a, b in zip(take.first, take.first[1:], strict=False)]
+    )
+    r = 1.4826 * np.median(np.abs(second), axis=0) / np.sqrt(6.0)
+    return Scales(np.maximum(r, 1e-6), np.full(3, FIRST_PUSH))
