@@ -26,8 +26,8 @@ from bcid.diagnosis.planning import (
     detectable,
     largest_throttle,
     nominal_car,
-    nominal_units,
     plan,
+    top_speed,
 )
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation
@@ -37,6 +37,7 @@ from bcid.effects.table import EFFECTS
 from bcid.likelihood.base_fit import base_fit
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
+from bcid.likelihood.recordings import units_at
 from bcid.likelihood.refit import Fit, jacobian, residuals, sensitivities
 from bcid.likelihood.segments import N_FREE
 from bcid.likelihood.take import SEGMENT_S, Take
@@ -349,9 +350,9 @@ def test_the_nominal_car_is_the_vehicle_file_s() -> None:
 
 
 def test_sizes_are_asked_for_as_they_suit_the_vehicle() -> None:
-    assert nominal_units(CAR, 2.3) == pytest.approx((1.0, 1.0, 1.0, 1.0), rel=0.03)
+    assert units_at(CAR, top_speed(CAR, 2.3)) == pytest.approx((1.0, 1.0, 1.0, 1.0), rel=0.03)
     fast = nominal_car(VEHICLES["fast"])
-    units = nominal_units(fast, 7.0)
+    units = units_at(fast, top_speed(fast, 7.0))
     assert units.kg == pytest.approx(3.5 / 319.6)
     assert units.m / units.s == pytest.approx(top_speed(fast, 7.0) / 1.9)
     assert usual_throttle(CAR) == pytest.approx(2.0)

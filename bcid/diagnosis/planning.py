@@ -22,9 +22,10 @@ from bcid.diagnosis.screen import changes_of
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import driven, information
 from bcid.effects.constants import Constants
-from bcid.effects.entry import Effect, Parameter, Units
+from bcid.effects.entry import Effect, Parameter
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
+from bcid.likelihood.recordings import units_at
 from bcid.likelihood.refit import Fit, Tangent, jacobian, residuals, sensitivities
 from bcid.likelihood.take import SEGMENT_S, Floats, Take, in_one, joined
 from bcid.physics.car import Car
@@ -198,7 +199,7 @@ def plan(
     is lacking.  `top` is the largest throttle, `unknown_steering` those of T_s and d that a diagnosis will refit.
     """
     top = usual_throttle(car) if top is None else top
-    hypothesis = Hypothesis((), car, angle_limit, constants, unknown_steering, nominal_units(car, top))
+    hypothesis = Hypothesis((), car, angle_limit, constants, unknown_steering, units_at(car, top_speed(car, top)))
     phi = hypothesis.start(car)
     drives = catalogue(car, angle_limit, top, arena)
     if not drives:
@@ -303,14 +304,6 @@ def _share(name: str, options: Sequence[Option], gains: Floats, need: float) -> 
                          if (o.effect, o.which) == (name, i)]))
         for i in indices
     )  # fmt: skip
-
-
-def nominal_units(car: Car, top: float) -> Units:
-    """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
-    from bcid.likelihood.recordings import BUMPER_CAR
-
-    length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
-    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(top_speed(car, top), 0.05))
 
 
 def largest_throttle(vehicle: Vehicle) -> float:

@@ -40,11 +40,18 @@ def constants_of(vehicle: Vehicle) -> Constants:
     return Constants() if track is None else Constants(track=track)
 
 
-def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
-    """The vehicle against the bumper car, for which sizes are declared: mass, wheelbase, time to drive a wheelbase."""
+def units_at(car: Car, speed_mps: float) -> Units:
+    """A vehicle of that speed against the bumper car, for which sizes are declared.
+
+    By its mass, its wheelbase and the time to drive a wheelbase.
+    """
     length = (car.l_f + car.l_r) / BUMPER_CAR.length_m
-    speed = float(np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9))
-    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed, 0.05))
+    return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed_mps, 0.05))
+
+
+def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
+    """The same of a car as fast as it was driven."""
+    return units_at(car, float(np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9)))
 
 
 def prepared(
