@@ -27,7 +27,6 @@ from bcid.diagnosis.planning import (
     largest_throttle,
     nominal_car,
     plan,
-    top_speed,
 )
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation

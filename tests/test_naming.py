@@ -29,7 +29,6 @@ from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, 
 from bcid.likelihood.refit import Fit, _within, held, refit, residuals
 from bcid.likelihood.segments import KNOTS
 from bcid.likelihood.take import SEGMENT_S, Take, take_of
-from bcid.proof.asking import TUNING, recorded
 from bcid.proof.cases import Case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
@@ -37,6 +36,7 @@ from bcid.simulation.drive import ROUGHNESS_TIME_S
 from bcid.simulation.samples import Take as Order
 from bcid.simulation.samples import write_take
 from bcid.vehicle import Vehicle
+from bcid.virtual_lab import TUNING, recorded
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SCALES = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.02, 0.02, 0.02]))
@@ -84,7 +84,8 @@ def null_fit(null_take: Take) -> Fit:
 
 def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     """In slow circles motor and drag share a valley: their ratio is plain, their size shown by small accelerations."""
-    recording = recorded(Case("circles", 0, (), driver="circles", duration_s=240.0, seed=4), vehicle)
+    circles = Case("circles", 0, (), driver="circles", duration_s=240.0, seed=4)
+    recording = recorded(circles.driven(), circles.rate_hz, vehicle)
     take = take_of(recording, estimate_motion(recording, vehicle, TUNING))
     near = refit(take, BASE, BASE.start(CAR), take.start, SCALES)
     far = refit(take, BASE, BASE.start(CAR._replace(K_t=500.0, R_1=80.0)), take.start, SCALES)

@@ -18,7 +18,6 @@ from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.proof import running
-from bcid.proof.asking import TUNING, recorded, vehicle
 from bcid.proof.baselines import METHODS, NAMING, compared, summary
 from bcid.proof.calibration import calibration
 from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
@@ -29,6 +28,7 @@ from bcid.proof.running import run_all
 from bcid.proof.scoring import RATES, pooled, right, tiers
 from bcid.proof.seal import opened, seal_of, seal_up, sealed
 from bcid.report.proof_page import evidence, write_proof_page
+from bcid.virtual_lab import TUNING, recorded, vehicle
 
 
 def test_every_effect_of_the_vocabulary_can_be_concealed() -> None:
@@ -51,7 +51,7 @@ def test_a_suite_is_the_same_for_the_same_seed_and_another_for_another() -> None
 
 def test_the_diagnosis_is_handed_no_answer() -> None:
     case = next(c for c in suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
-    recording = recorded(case, vehicle())
+    recording = recorded(case.driven(), case.rate_hz, vehicle())
     words = [v for v in _leaves(asdict(recording)) if isinstance(v, str)]
     assert "concealed" in words
     assert not [w for w in words if "yaw" in w or "scrub" in w or "single" in w]
@@ -346,5 +346,5 @@ def test_other_methods_say_what_they_can(o: float) -> None:
 
 
 def _diagnosis(case: Case) -> Diagnosis:
-    recording = recorded(case, vehicle())
+    recording = recorded(case.driven(), case.rate_hz, vehicle())
     return diagnosed([recording], [estimate_motion(recording, vehicle(), TUNING)], vehicle())

@@ -52,7 +52,18 @@ def test_a_batch_is_each_vehicle_alone(name: str, count: int, estimates: list[Es
     found = rollouts(model, carries, commands)
     assert (found.diverged_at == -1).all()
     for b in {0, count // 2, count - 1, min(count - 1, 256)}:
-        np.testing.assert_allclose(found.twist[b], model.scan(carries[b], commands[b]), rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(found.twist[b], model.scan(carries[b], commands[b])[1], rtol=0.0, atol=1e-9)
+
+
+@every_model
+def test_a_rollout_goes_on_where_it_was_left(name: str, estimates: list[Estimate]) -> None:
+    model, take = MODELS[name], estimates[0]
+    carry = model.init(history_at(take, 40, model.lags))
+    whole, commands = model.scan(carry, take.command[40:90])[1], take.command[40:90]
+    half, first = model.scan(carry, commands[:20])
+    carries, second = model.scan_many(np.tile(half, (3, 1)), np.tile(commands[20:40], (3, 1, 1)))
+    _, third = model.scan(carries[2], commands[40:])
+    np.testing.assert_array_equal(np.vstack([first, second[1], third]), whole)
 
 
 @every_model
@@ -103,6 +114,6 @@ def test_the_plain_model_would_gain_energy() -> None:
     """What the guarantee is for."""
     pushing = weights(6)._replace(y_mean=np.array([0.3, 0.0, 0.0]), y_sd=np.zeros(3))
     start, coasting = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros((10, 2))
-    tame, plain = (KSindyMlp(SINDY, pushing, {}, d).scan(start, coasting) for d in (True, False))
+    tame, plain = (KSindyMlp(SINDY, pushing, {}, d).scan(start, coasting)[1] for d in (True, False))
     assert plain[-1, 0] > 1.5
     assert tame[-1, 0] <= 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,8 @@ def test_a_function_s_model_drives_the_recording_s_commands(
     anew = np.searchsorted(driven.poses.time_s, driven.breaks_s)
     assert len(anew) >= 2
     np.testing.assert_allclose(apart[anew], 0.0, atol=1e-9)
+    with pytest.raises(UsageError, match=r"steps by 0\.1 s, the grid by 0\.05 s"):
+        driven_by(user_model("my_car:model"), recording, replace(estimate, period_s=0.05))
 
 
 def test_a_saved_model_says_what_it_has(tmp_path: Path) -> None:
@@ -85,7 +88,7 @@ def test_a_saved_model_says_what_it_has(tmp_path: Path) -> None:
         ("no_such_module_here:f", "No module named"),
         ("math:no_such_function", "no attribute"),
         ("math:sqrt", "TypeError"),
-        ("time:time", "has no init, step, scan"),
+        ("time:time", "has no init, step, period_s"),
         ("broken_car:model", "SyntaxError"),
     ],
 )

@@ -40,7 +40,7 @@ def newton_euler(repeats: int) -> Iterator[Row]:
     """One car."""
     car = published.newton_euler().car._replace(R_2=4.0)
     model, driven, start = NewtonEuler(car, PERIOD_S, {}), commands(STEPS), np.array([1.0, 0.0, 0.0, 0.0])
-    found = model.scan(start, driven)
+    found = model.scan(start, driven)[1]
 
     def numpy_loop() -> Floats:
         state, out = tuple(start), np.empty((STEPS, 3))
@@ -89,7 +89,7 @@ def many_newton_eulers(repeats: int) -> Iterator[Row]:
             out.append(torch.stack(state[:3], dim=1))
         return torch.stack(out, dim=1)
 
-    off = float(np.abs(torch_eager().numpy() - model.scan_many(carries, driven)).max())
+    off = float(np.abs(torch_eager().numpy() - model.scan_many(carries, driven)[1]).max())
     peers = {"torch eager": (torch_eager, 10.0, off)}
     path = f"rollouts newton-euler, {VEHICLES} × {AHEAD}"
     yield from compared(path, lambda: model.scan_many(carries, driven), peers, repeats)
@@ -113,7 +113,7 @@ def perceptrons(repeats: int) -> Iterator[Row]:
         weights = _weights(hidden)
         model = KMlp(weights, published.k_sindy().frame, {})
         driven, start = commands(STEPS), np.array([1.0, 0.0, 0.0, 0.0])
-        found, c = model.scan(start, driven), model.frame
+        found, c = model.scan(start, driven)[1], model.frame
         nets = {"torch eager": (_torch_net(weights), goal)}
         if find_spec("onnxruntime") and find_spec("onnx"):
             nets["onnxruntime"] = (_onnx_net(weights), 5.0)

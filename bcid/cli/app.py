@@ -141,7 +141,7 @@ def fit(
         list[str] | None, typer.Option("--model", "-m", help="A model's name; repeat for several. Default: the plan's.")
     ] = None,
     loss: Annotated[
-        str | None, typer.Option(help="one-step (the paper's) or rollout, for all models. Default: the plan's.")
+        str | None, typer.Option(help="one-step (the paper's), rollout, or poses (newton-euler). Default: the plan's.")
     ] = None,
     pipeline: PipelineOption = None,
     vehicle: VehicleOption = None,
@@ -157,6 +157,11 @@ def fit(
     if loss is not None:
         if loss not in LOSSES:
             raise UsageError(f"there is no loss {loss!r}\n  next: choose {' or '.join(LOSSES)}")
+        unable = [name for name in model or [] if loss not in row_to_fit(name).losses]
+        if unable:
+            raise UsageError(
+                f"{unable[0]} cannot be fitted on {loss}\n  next: see [fit.{unable[0]}], or leave --loss out"
+            )
         plan = plan.with_loss(loss)
     work = Pipeline(plan, sink)
     fitted: list[dict[str, Any]] = []

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from bcid.evaluation.closed_loop import integrate
 from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
 from bcid.likelihood.recordings import base_of
 from bcid.models.augmented import AugmentedNewtonEuler
-from bcid.models.interface import Model, history_at, rollout
+from bcid.models.interface import Floats, History, history_at, rollout
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.newton_euler_start import started_car
 from bcid.models.saving import load_model
@@ -105,8 +105,37 @@ def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate]
     return Compared(fit.car(), fit.hypothesis.values(fit.phi))
 
 
-def user_model(name: str) -> Model:
-    """What `module:function` returns: an object with `init`, `step`, `scan` and `period_s` (`bcid.models.interface`).
+@dataclass(frozen=True)
+class Stepped:
+    """A user's model as far as it is used: how it begins and steps; it may look back by so many `lags`."""
+
+    model: Any
+    name: str
+
+    @property
+    def period_s(self) -> float:
+        """The time a step advances (s)."""
+        return float(self.model.period_s)
+
+    @property
+    def lags(self) -> int:
+        """Rows of history before the start that it wants."""
+        return int(getattr(self.model, "lags", 0))
+
+    def init(self, history: History) -> Any:
+        """See `Model.init`."""
+        return self.model.init(history)
+
+    def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
+        """See `Model.scan`."""
+        twists = np.empty((len(commands), 3))
+        for k, command in enumerate(commands):
+            carry, twists[k] = self.model.step(carry, command)
+        return carry, twists
+
+
+def user_model(name: str) -> Stepped:
+    """What `module:function` returns: an object with `init`, `step` and `period_s` (`bcid.models.interface`).
 
     Raises:
         UsageError: no such function, or it returns something else.
@@ -122,16 +151,21 @@ def user_model(name: str) -> Model:
         raise UsageError(f"--simulation {name}: {type(error).__name__}: {error}\n  next: {next_step}") from error
     finally:
         sys.path.pop(0)
-    missing = [m for m in ("init", "step", "scan", "period_s", "lags", "name") if not hasattr(made, m)]
+    missing = [m for m in ("init", "step", "period_s") if not hasattr(made, m)]
     if missing:
         raise UsageError(
             f"--simulation {name}: what it returns has no {', '.join(missing)}\n  next: see bcid.models.interface.Model"
         )
-    return made  # type: ignore[no-any-return]
+    return Stepped(made, name)
 
 
-def driven_by(model: Model, recording: Recording, estimate: Estimate) -> Recording:
+def driven_by(model: Stepped, recording: Recording, estimate: Estimate) -> Recording:
     """The recording as the model would have driven it, started anew at RESTART_S and at each stretch's beginning."""
+    if abs(model.period_s - estimate.period_s) > 1e-9:
+        step, grid = f"{model.period_s:g} s", f"{estimate.period_s:g} s"
+        raise UsageError(
+            f"{model.name} steps by {step}, the grid by {grid}\n  next: set period_s in [estimate], or its step"
+        )
     size = max(2, round(RESTART_S / estimate.period_s))
     times, poses, breaks = [], [], []
     for stretch in estimate.segments():

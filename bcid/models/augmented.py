@@ -29,6 +29,7 @@ from bcid.effects.table import ENTRIES, OFF, switches
 from bcid.errors import UsageError
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.newton_euler import equation_lines
+from bcid.models.scanned import Kernels, Scanned
 from bcid.physics.car import Car, integration_step
 
 LONGEST_DELAY_S = 10.0
@@ -157,6 +158,7 @@ def _scan(carry: Floats, commands: Floats, s: Setup) -> Floats:
     for k in range(len(commands)):
         now = advance(now, commands[k, 0], commands[k, 1], s)
         twists[k, 0], twists[k, 1], twists[k, 2] = seen_twist(now.body, s.switches)
+    carry[:] = packed(now)
     return twists
 
 
@@ -169,7 +171,7 @@ def _scan_many(carries: Floats, commands: Floats, s: Setup) -> Floats:
 
 
 @dataclass(frozen=True)
-class AugmentedNewtonEuler:
+class AugmentedNewtonEuler(Scanned):
     """The Newton-Euler car with effects.
 
     `facts` say how it was made: "fitted" names the constants of the car that were refitted, "se" holds standard
@@ -183,6 +185,7 @@ class AugmentedNewtonEuler:
     recording_s: float  # T in the effects' equations
     period_s: float
     facts: Mapping[str, Any]
+    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "newton-euler-augmented"
     lags: ClassVar[int] = 10
 
@@ -221,21 +224,10 @@ class AugmentedNewtonEuler:
         carry: Floats = packed(now)
         return carry
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        s = self.setup
-        now = advance(unpacked(carry), float(command[0]), float(command[1]), s)
-        return packed(now), np.array(seen_twist(now.body, s.switches))
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.setup)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.setup)
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.setup,)
 
     def describe(self) -> str:
         """The car's equations and constants, refitted ones marked with *; then every effect with its own."""

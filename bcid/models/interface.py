@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
+from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 Floats = npt.NDArray[np.float64]
@@ -64,6 +65,7 @@ class FitTask:
     settings: Mapping[str, Any]
     seed: int
     base: Model | None = None  # the fitted model this one is derived from (`TableRow.base`)
+    recordings: Sequence[Recording] = ()  # that the estimates were made of, where the loss asks for their poses
     progress: Progress = no_progress
 
     @property
@@ -96,11 +98,11 @@ class Model(Protocol):
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
         """The carry one period later under `command` = [u_s, u_m], and the twist there (3,)."""
 
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """The twists (N, 3) after each of `commands` (N, 2): the compiled loop over `step`."""
+    def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """The carry after the last of `commands` (N, 2) and the twists (N, 3) after each: `step` in a compiled loop."""
 
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """The twists (B, N, 3) of B vehicles from `carries` (B, n) under `commands` (B, N, 2), on all cores."""
+    def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """Of B vehicles, the carries (B, n) after the last of `commands` (B, N, 2) and the twists (B, N, 3)."""
 
     def describe(self) -> str:
         """The fitted equations with values and units."""
@@ -121,6 +123,20 @@ class Continuous(Protocol):
         """The same car in steps of `period_s`."""
 
 
+class Scans(Protocol):
+    """All that a rollout needs of a model."""
+
+    @property
+    def name(self) -> str:
+        """What an error calls it."""
+
+    def init(self, history: History) -> Any:
+        """See `Model.init`."""
+
+    def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
+        """See `Model.scan`."""
+
+
 class Diverged(ArithmeticError):
     """A rollout left the finite numbers; `step` says where."""
 
@@ -129,14 +145,14 @@ class Diverged(ArithmeticError):
         self.step = step
 
 
-def rollout(model: Model, history: History, commands: Floats) -> Floats:
+def rollout(model: Scans, history: History, commands: Floats) -> Floats:
     """Closed-loop twists (N + 1, 3): the start, then one row after each of `commands` (N, 2).
 
     Raises:
         Diverged: when a value is no longer finite.
     """
     carry = model.init(history)
-    twists = np.vstack([history.twist[-1], model.scan(carry, np.ascontiguousarray(commands))])
+    twists = np.vstack([history.twist[-1], model.scan(carry, commands)[1]])
     finite = np.isfinite(twists).all(axis=1)
     if not finite.all():
         raise Diverged(model.name, int(np.argmin(finite)))
@@ -155,7 +171,7 @@ def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:
 
     Of one whose carry itself is not finite the twist is zero.
     """
-    twist = model.scan_many(np.ascontiguousarray(carries), np.ascontiguousarray(commands))
+    _, twist = model.scan_many(carries, commands)
     lost = np.any(~np.isfinite(twist), axis=2)
     at = np.where(np.any(lost, axis=1), np.argmax(lost, axis=1), -1)
     for b in np.flatnonzero(at >= 0):

@@ -20,6 +20,7 @@ from bcid.models.kinematic import Frame, State, fill, frame_of, moved, twist_of
 from bcid.models.kinematic_rollout import kinematic_rollouts
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
+from bcid.models.scanned import Kernels, Scanned
 from bcid.models.settings import TrainingSettings
 from bcid.models.training import train
 
@@ -39,6 +40,7 @@ def _scan(carry: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
     for k in range(len(commands)):
         state = advance(state, commands[k, 0], commands[k, 1], w, c, at)
         twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
+    carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
@@ -51,12 +53,13 @@ def _scan_many(carries: Floats, commands: Floats, w: Weights, c: Frame) -> Float
 
 
 @dataclass(frozen=True)
-class KMlp:
+class KMlp(Scanned):
     """A fitted K-MLP."""
 
     weights: Weights
     frame: Frame
     facts: Mapping[str, Any]
+    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "k-mlp"
     lags: ClassVar[int] = 0
 
@@ -84,22 +87,10 @@ class KMlp:
         """[v_f, alpha_f, alpha_r, delta]."""
         return np.array(history.kinematic[-1])
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        v_f, alpha_f, alpha_r, delta = carry
-        at = buffers(self.weights)
-        after = advance((v_f, alpha_f, alpha_r, delta), command[0], command[1], self.weights, self.frame, at)
-        return np.array(after), np.array(twist_of(*after, self.frame))
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.weights, self.frame)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.weights, self.frame)
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.weights, self.frame)
 
     def describe(self) -> str:
         """The structure."""

@@ -18,6 +18,7 @@ from bcid.models import library
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, State, frame_of, moved, twist_of
 from bcid.models.library import ONE, fill_factors
+from bcid.models.scanned import Kernels, Scanned
 
 
 class Sparse(NamedTuple):
@@ -91,6 +92,7 @@ def _scan(carry: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
     for k in range(len(commands)):
         state = advance(state, commands[k, 0], commands[k, 1], terms, c)
         twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
+    carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
@@ -113,12 +115,13 @@ def _sure_lines(sure: Mapping[str, Mapping[str, Sequence[float]]]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class KSindy:
+class KSindy(Scanned):
     """A fitted K-SINDy."""
 
     sparse: Sparse
     frame: Frame
     facts: Mapping[str, Any]
+    kernels: ClassVar[Kernels] = Kernels(_scan, scan_many)
     name: ClassVar[str] = "k-sindy"
     lags: ClassVar[int] = 0
 
@@ -146,21 +149,10 @@ class KSindy:
         """[v_f, alpha_f, alpha_r, delta]."""
         return np.array(history.kinematic[-1])
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        v_f, alpha_f, alpha_r, delta = carry
-        after = advance((v_f, alpha_f, alpha_r, delta), command[0], command[1], terms_of(self.sparse), self.frame)
-        return np.array(after), np.array(twist_of(*after, self.frame))
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.sparse, self.frame)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = scan_many(carries, commands, self.sparse, self.frame)
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.sparse, self.frame)
 
     def describe(self) -> str:
         """The three equations (SI: v m/s, angles rad, δ̇ rad/s; u_m m/s, or a brake share below zero)."""

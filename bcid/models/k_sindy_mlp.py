@@ -24,6 +24,7 @@ from bcid.models.kinematic import Frame, State, fill, moved, twist_of, without_g
 from bcid.models.kinematic_rollout import kinematic_rollouts, sparse_sums
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
+from bcid.models.scanned import Kernels, Scanned
 from bcid.models.settings import ResidualTrainingSettings
 from bcid.models.training import train
 
@@ -49,6 +50,7 @@ def _scan(carry: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame, diss
     for k in range(len(commands)):
         state = advance(state, commands[k, 0], commands[k, 1], terms, w, c, dissipative, at)
         twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
+    carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
@@ -70,13 +72,14 @@ def _sindy_table(x: Floats, s: Sparse, c: Frame) -> Floats:
 
 
 @dataclass(frozen=True)
-class KSindyMlp:
+class KSindyMlp(Scanned):
     """A fitted K-SINDy-MLP: its sparse part is the fitted K-SINDy."""
 
     sindy: KSindy
     weights: Weights
     facts: Mapping[str, Any]
     dissipative: bool = False
+    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "k-sindy-mlp"
     lags: ClassVar[int] = 0
 
@@ -112,25 +115,10 @@ class KSindyMlp:
         """[v_f, alpha_f, alpha_r, delta]."""
         return np.array(history.kinematic[-1])
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        v_f, alpha_f, alpha_r, delta = carry
-        terms, frame, at = terms_of(self.sindy.sparse), self.sindy.frame, buffers(self.weights)
-        state = (v_f, alpha_f, alpha_r, delta)
-        after = advance(state, command[0], command[1], terms, self.weights, frame, self.dissipative, at)
-        return np.array(after), np.array(twist_of(*after, frame))
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.sindy.sparse, self.weights, self.sindy.frame, self.dissipative)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = _scan_many(
-            carries, commands, self.sindy.sparse, self.weights, self.sindy.frame, self.dissipative
-        )
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.sindy.sparse, self.weights, self.sindy.frame, self.dissipative)
 
     def describe(self) -> str:
         """The sparse equations and the perceptron's structure."""

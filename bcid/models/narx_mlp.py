@@ -18,6 +18,7 @@ from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
+from bcid.models.scanned import Kernels, Scanned
 from bcid.models.settings import TrainingSettings
 from bcid.models.training import EVERY, Network, train
 from bcid.models.windows import steps_of, windows
@@ -45,10 +46,10 @@ def advance(carry: Floats, u_s: float, u_m: float, w: Weights, at: Buffers) -> N
 
 @njit
 def _scan(carry: Floats, commands: Floats, w: Weights) -> Floats:
-    twists, at, now = np.empty((len(commands), 3)), buffers(w), carry.copy()
+    twists, at = np.empty((len(commands), 3)), buffers(w)
     for k in range(len(commands)):
-        advance(now, commands[k, 0], commands[k, 1], w, at)
-        twists[k] = now[:3]
+        advance(carry, commands[k, 0], commands[k, 1], w, at)
+        twists[k] = carry[:3]
     return twists
 
 
@@ -74,12 +75,13 @@ def _unrolled(network: Network, twist: Tensor, kinematic: Tensor, command: Tenso
 
 
 @dataclass(frozen=True)
-class NarxMlp:
+class NarxMlp(Scanned):
     """A fitted NARX-MLP."""
 
     weights: Weights
     period_s: float
     facts: Mapping[str, Any]
+    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "narx-mlp"
     lags: ClassVar[int] = LAGS
 
@@ -104,21 +106,10 @@ class NarxMlp:
         """The last three twists, newest first, then the two commands before t_k."""
         return np.concatenate([history.twist[::-1].ravel(), history.command[::-1].ravel()])
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        after = carry.copy()
-        advance(after, command[0], command[1], self.weights, buffers(self.weights))
-        return after, after[:3]
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.weights)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.weights)
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.weights,)
 
     def describe(self) -> str:
         """The structure."""

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bcid.compiled import njit, njit_parallel
 from bcid.models.interface import Arrays, FitTask, Floats, History
+from bcid.models.scanned import Kernels, Scanned
 from bcid.physics.car import Car, advance, advance_all
 
 ABREAST = 256  # vehicles whose states advance together: few enough to stay in the nearest cache
@@ -24,6 +25,7 @@ def _scan(carry: Floats, commands: Floats, p: Car, period: float) -> Floats:
     for k in range(len(commands)):
         state = advance(state, commands[k, 0], commands[k, 1], p, period)
         twists[k, 0], twists[k, 1], twists[k, 2] = state[0], state[1], state[2]
+    carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
@@ -38,6 +40,7 @@ def _scan_many(carries: Floats, commands: Floats, p: Car, period: float) -> Floa
             driven[:] = commands[rows, k].T
             advance_all(state, driven, p, period)
             twists[rows, k] = state[:3].T
+        carries[rows] = state.T
     return twists
 
 
@@ -61,12 +64,13 @@ def equation_lines(p: Car) -> list[str]:
 
 
 @dataclass(frozen=True)
-class NewtonEuler:
+class NewtonEuler(Scanned):
     """The fitted Newton-Euler model."""
 
     car: Car
     period_s: float
     facts: Mapping[str, Any]  # how it was fitted: optimiser, objective, parameters at a bound
+    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "newton-euler"
     lags: ClassVar[int] = 0
 
@@ -79,8 +83,9 @@ class NewtonEuler:
     def fit(cls, task: FitTask) -> Self:
         """The constants whose predictions of the twist are best (paper, App. parameters, and `NewtonEulerSettings`)."""
         from bcid.models.newton_euler_fit import fit_car
+        from bcid.models.newton_euler_poses import fit_car_to_poses
 
-        car, facts = fit_car(task)
+        car, facts = (fit_car_to_poses if task.settings.get("loss") == "poses" else fit_car)(task)
         return cls(car, task.period_s, facts)
 
     def in_steps_of(self, period_s: float) -> Self:
@@ -91,21 +96,10 @@ class NewtonEuler:
         """[v_x, v_y, w, delta]."""
         return np.append(history.twist[-1], history.kinematic[-1, 3])
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        v_x, v_y, yaw_rate, delta = carry
-        after = np.array(advance((v_x, v_y, yaw_rate, delta), command[0], command[1], self.car, self.period_s))
-        return after, after[:3]
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.car, self.period_s)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.car, self.period_s)
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.car, self.period_s)
 
     def describe(self) -> str:
         """The equations and the table of constants, fitted ones marked with *."""

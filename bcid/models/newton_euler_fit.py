@@ -83,6 +83,7 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
         "optimiser": how,
         "loss": settings.loss,
         "nmse": best.cost,
+        "reached": f"{settings.loss} NMSE of the training takes {best.cost:.3g}",
         "history": best.history,
         "fitted": {
             p.symbol: {

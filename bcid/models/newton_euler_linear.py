@@ -23,6 +23,7 @@ from bcid.compiled import njit, njit_parallel
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.samples import transitions
+from bcid.models.scanned import Kernels, Scanned
 from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
 
@@ -81,6 +82,7 @@ def _scan(carry: Floats, commands: Floats, lin: Linear, period: float) -> Floats
     for k in range(len(commands)):
         x, delta = advance(x, delta, commands[k, 0], commands[k, 1], lin, period)
         twists[k] = x
+    carry[:3], carry[3] = x, delta
     return twists
 
 
@@ -93,12 +95,13 @@ def _scan_many(carries: Floats, commands: Floats, lin: Linear, period: float) ->
 
 
 @dataclass(frozen=True)
-class NewtonEulerLinear:
+class NewtonEulerLinear(Scanned):
     """The linearisation of a fitted Newton-Euler model."""
 
     car: Car
     speed_mps: float
     period_s: float
+    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "newton-euler-linear"
     lags: ClassVar[int] = 0
 
@@ -125,20 +128,10 @@ class NewtonEulerLinear:
         """[v_x, v_y, w, delta]."""
         return np.append(history.twist[-1], history.kinematic[-1, 3])
 
-    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
-        x, delta = advance(carry[:3].copy(), carry[3], command[0], command[1], self.linear, self.period_s)
-        return np.append(x, delta), x
-
-    def scan(self, carry: Floats, commands: Floats) -> Floats:
-        """See `Model.scan`."""
-        twists: Floats = _scan(carry, commands, self.linear, self.period_s)
-        return twists
-
-    def scan_many(self, carries: Floats, commands: Floats) -> Floats:
-        """See `Model.scan_many`."""
-        twists: Floats = _scan_many(carries, commands, self.linear, self.period_s)
-        return twists
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """See `Scanned`."""
+        return (self.linear, self.period_s)
 
     def describe(self) -> str:
         """The equations with their values (SI)."""

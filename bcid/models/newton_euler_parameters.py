@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -104,11 +104,18 @@ class Box:
         return [p.symbol for p, g in zip(self.table, x, strict=True) if min(g, 1.0 - g) < NEAR_BOUND]
 
 
-def _told(name: str, value: float, fitted: Mapping[str, Any], at_bound: Sequence[str]) -> str:
+def identified(symbol: str, facts: Mapping[str, Any]) -> bool:
+    """Whether the takes show a fitted constant, or leave it at its bound or unknown to half of itself."""
+    error = facts["fitted"][symbol]["relative_se"]
+    return error is not None and error <= UNIDENTIFIED and symbol not in facts["at_bound"]
+
+
+def _told(name: str, value: float, facts: Mapping[str, Any]) -> str:
     """One line of the table of constants."""
+    fitted = facts["fitted"][name]
     error = fitted["relative_se"]
-    if error is None or error > UNIDENTIFIED or name in at_bound:
-        why = "at its bound" if name in at_bound else "the takes do not show it"
+    if not identified(name, facts):
+        why = "at its bound" if name in facts["at_bound"] else "the takes do not show it"
         return f"  {name:10}* not identified       {fitted['unit']:7} {fitted['meaning']} ({why})"
     return f"  {name:10}* = {value:<10.4g} ±{100 * error:<5.2g}% {fitted['unit']:7} {fitted['meaning']}"
 
@@ -117,7 +124,7 @@ def parameter_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
     """The table of constants, one per line: value, standard error, unit, meaning; fitted ones carry a *."""
     fitted = facts.get("fitted", {})
     values = car._asdict() | {"R_v": car.R_1 + car.R_2 * facts.get("top_speed_mps", 0.0)}
-    lines = [_told(s, values[s], p, facts["at_bound"]) for s, p in fitted.items()]
+    lines = [_told(s, values[s], facts) for s in fitted]
     lines.append(f"  {'R_2':11} = {car.R_2:<10.4g}        N s²/m² from R_1 and R_v, so that the drag dissipates")
     given = {"m": "kg", "l_f": "m", "l_r": "m", "T_s": "s", "d": "rad/s", "v_0": "m/s", "front_share": "-"}
     lines += [f"  {s:11} = {values[s]:<10.4g}        {unit:7} held" for s, unit in given.items()]
@@ -129,5 +136,5 @@ def parameter_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
     if not facts.get("mass_given", True):
         lines.append("  the mass is not given: m = 1 kg, forces read as accelerations")
     if "optimiser" in facts and fitted:
-        lines.append(f"  {facts['optimiser']}; {facts['loss']} NMSE of the training takes {facts['nmse']:.3g}")
+        lines.append(f"  {facts['optimiser']}; {facts['reached']}")
     return lines

@@ -21,13 +21,16 @@ class NoSettings(Settings):
 Loss = Literal["one-step", "rollout"]
 """What a fit minimises: predictions one period ahead, or over `horizon_s` from many starts."""
 
-LOSSES: tuple[Loss, ...] = get_args(Loss)
+CarLoss = Literal["one-step", "rollout", "poses"]
+"""A car's constants may also make the recorded poses as likely as can be: slower, and without a smoother's bias."""
+
+LOSSES: tuple[CarLoss, ...] = get_args(CarLoss)
 
 
 class NewtonEulerSettings(Settings):
     """The paper's genetic algorithm (App. parameters) or Levenberg-Marquardt; what is not printed is ours (errata)."""
 
-    loss: Loss = "one-step"
+    loss: CarLoss = "one-step"
     horizon_s: Positive = 2.0
     optimiser: Literal["levenberg-marquardt", "genetic"] = "levenberg-marquardt"
     starts: Count = 8

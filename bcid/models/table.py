@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 from bcid.errors import UsageError
 from bcid.models.interface import Model
@@ -35,6 +35,12 @@ class TableRow:
         """The model's class."""
         kind: type[Model] = getattr(importlib.import_module(self.module), self.kind)
         return kind
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What its fit can minimise, where there is a choice."""
+        choice = self.settings.model_fields.get("loss")
+        return get_args(choice.annotation) if choice else ()
 
     @property
     def defaults(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, create_model
 
 from bcid.errors import InputRefused
-from bcid.models.settings import Loss
+from bcid.models.settings import CarLoss
 from bcid.models.table import FITTED
 from bcid.toml_file import Settings, read_toml
 
@@ -43,7 +43,7 @@ class ReportTable(Settings):
 
     restart_s: Annotated[float, Field(gt=0)] = 2.0
     timing_repeats: Annotated[int, Field(ge=1)] = 21
-    losses: list[Loss] = Field(default_factory=list)  # that are compared, beside the comparison of models
+    losses: list[CarLoss] = Field(default_factory=list)  # that are compared, beside the comparison of models
 
 
 _FIELDS: dict[str, Any] = {
@@ -96,10 +96,10 @@ class Plan(Settings):
     diagnose: tuple[Path, ...] = ()
     commands: Path | None = None  # of a single recording named on the command line
 
-    def with_loss(self, loss: Loss) -> Plan:
+    def with_loss(self, loss: CarLoss) -> Plan:
         """The same plan with every model that can be fitted so fitted by `loss`."""
-        known = {name: self.fit_settings(name) for name in FITTED}
-        return self.model_copy(update={"fit": {n: s | {"loss": loss} if "loss" in s else s for n, s in known.items()}})
+        changed = {n: {"loss": loss} if loss in row.losses else {} for n, row in FITTED.items()}
+        return self.model_copy(update={"fit": {n: self.fit_settings(n) | more for n, more in changed.items()}})
 
     def fit_settings(self, model: str) -> dict[str, Any]:
         """The pipeline file's settings of a model, or its defaults."""

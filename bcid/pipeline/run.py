@@ -171,9 +171,11 @@ class Pipeline:
         base = self.fit(row.base, **row.base_settings) if row.base else None
         estimates = [self.estimate(p) for p in self.plan.training]
         settings = self.plan.fit_settings(model) | otherwise
+        takes = [self.ingest(p) for p in self.plan.training] if settings.get("loss") == "poses" else []
         inputs = {
             "model": model,
             "estimates": [a.content for a in estimates],
+            "recordings": [a.content for a in takes],
             "vehicle": self._of_vehicle("body", "steering", "motor"),
             "base": base.content if base else None,
         }
@@ -182,11 +184,11 @@ class Pipeline:
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import fit
 
-            folders = [a.folder for a in estimates]
+            folders, recorded = [a.folder for a in estimates], [a.folder for a in takes]
             base_folder = base.folder if base else None
-            fit.make(folder, model, folders, self.vehicle, settings, self.plan.seed, base_folder, progress)
+            fit.make(folder, model, folders, self.vehicle, settings, self.plan.seed, base_folder, recorded, progress)
 
-        on = " on rollouts" if settings.get("loss") == "rollout" else ""
+        on = {"rollout": " on rollouts", "poses": " on poses"}.get(str(settings.get("loss")), "")
         return self._get(f"fit {model}{on}", recipe, make)
 
     def fitted(self, model: str) -> Candidate:
@@ -278,7 +280,7 @@ class Pipeline:
         found = []
         for loss in self.plan.report.losses:
             work = Pipeline(self.plan.with_loss(loss), self.watcher)
-            names = [m for m in self.plan.models if "loss" in work.plan.fit_settings(m)]
+            names = [m for m in self.plan.models if loss in row_of(m).losses]
             found += [(c, str(loss), work.evaluate(c)) for c in (work.fitted(m) for m in names)]
         return found
 

@@ -3,52 +3,23 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.heldout import scores
 from bcid.effects.table import EFFECTS
-from bcid.estimate.noise import Noise
 from bcid.estimate.run import estimate_motion
-from bcid.estimate.tuning import Tuning
 from bcid.likelihood.refit import refit
-from bcid.recording.assemble import assemble
-from bcid.recording.raw import RawTake
-from bcid.recording.types import Recording, Source
-from bcid.simulation.samples import VEHICLE
-from bcid.vehicle import Vehicle, read_vehicle
+from bcid.virtual_lab import TUNING, recorded, vehicle
 
 if TYPE_CHECKING:  # a suite that grows leaves the rows of its cases as they are
     from bcid.proof.cases import Case
-
-TUNING = Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
-"""The estimator only says where segments can be: its noise is that of the simulated sensor."""
-
-
-def vehicle() -> Vehicle:
-    """The simulated car's vehicle file, read."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "vehicle.toml"
-        path.write_text(VEHICLE, encoding="utf-8")
-        return read_vehicle(path)
-
-
-def recorded(case: Case, of: Vehicle) -> Recording:
-    """The case's recording as the reader would hand it on: the diagnosis sees this and the vehicle file only."""
-    run = case.driven()
-    raw = RawTake(
-        "concealed", (Source("concealed", "", "mcap"),), run.frame / case.rate_hz, run.pose, run.command_time,
-        run.command, case.rate_hz,
-    )  # fmt: skip
-    return assemble(raw, of)
 
 
 def run_case(case: Case, others: bool = False) -> dict[str, Any]:
     """What the diagnosis says of the case's recording, and with `others` what the baselines make of it."""
     of = vehicle()
-    recording = recorded(case, of)
+    recording = recorded(case.driven(), case.rate_hz, of, "concealed")  # all that the diagnosis sees, with the vehicle
     begin = time.perf_counter()
     estimate = estimate_motion(recording, of, TUNING)
     found = diagnosed([recording], [estimate], of, left_out=case.left_out)

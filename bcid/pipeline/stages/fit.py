@@ -10,6 +10,7 @@ from bcid.estimate.saving import load_estimate
 from bcid.models.interface import FitTask, Progress
 from bcid.models.saving import load_model, save_model
 from bcid.models.table import row_of
+from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
 
@@ -21,12 +22,14 @@ def make(
     settings: Mapping[str, Any],
     seed: int,
     base: Path | None,
+    recordings: Sequence[Path],
     progress: Progress,
 ) -> None:
     """Fit and save; the description goes beside the model for people."""
     task = FitTask(
-        [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None, progress
-    )
+        [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
+        [load_recording(f) for f in recordings], progress,
+    )  # fmt: skip
     model = row_of(name).load().fit(task)
     save_model(model, folder)
     (folder / "description.txt").write_text(model.describe() + "\n", encoding="utf-8")
