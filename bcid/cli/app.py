@@ -259,7 +259,11 @@ def simulate(
                 from bcid.cli.driving import check_noise_alone, write_driven
 
                 check_noise_alone(change or [])
-                paths = [write_driven(out, Take(name, recorder, duration or 0.0), model, commands, sensor, seed)]
+                paths, warnings = write_driven(
+                    out, Take(name, recorder, duration or 0.0), model, commands, sensor, seed
+                )
+                for text in warnings:
+                    sink.note(f"warning: {text}")
             else:
                 paths = [write_take(out, Take(name, recorder, duration or 300.0), plant, sensor, seed)]
     sink.result(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,11 @@ import numpy.typing as npt
 from bcid.cli.options import LONGEST_S
 from bcid.errors import InputRefused, UsageError
 from bcid.evaluation.closed_loop import integrate
+from bcid.evaluation.limits import load_limits
+from bcid.evaluation.uncertainty import predicted
 from bcid.models.interface import Continuous, Diverged, Model, at_rest, rollout
 from bcid.models.saving import load_model
+from bcid.parquet import write_columns
 from bcid.recording.commands import read_commands
 from bcid.simulation.car import Sensor
 from bcid.simulation.drive import COMMAND_HZ, Drive
@@ -23,6 +27,11 @@ from bcid.simulation.writing import write_mcap, write_motive
 Floats = npt.NDArray[np.float64]
 
 STEP_S = 0.005  # of a model that may take any, and of the poses between a model's own steps
+PREDICTION = {
+    "time": "s", "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s",
+    "v_x_low": "m/s", "v_y_low": "m/s", "yaw_rate_low": "rad/s",
+    "v_x_high": "m/s", "v_y_high": "m/s", "yaw_rate_high": "rad/s",
+}  # fmt: skip
 NOISE = ("position_noise", "yaw_noise")
 _TIME_DECIMALS = 7
 
@@ -34,8 +43,15 @@ def check_noise_alone(changes: Sequence[str]) -> None:
         raise UsageError(f"--set {others[0]}: a saved model is driven as it is\n  next: set {' or '.join(NOISE)} only")
 
 
-def write_driven(folder: Path, take: Take, model: Path, commands: Path, sensor: Sensor, seed: int) -> Path:
-    """Drive the model saved in the folder `model` and write the take; returns the recording's path.
+class Driven(NamedTuple):
+    """What was written, and what is to be said of it."""
+
+    paths: list[Path]  # the recording and, where the model knows how sure it is, the prediction
+    warnings: list[str]
+
+
+def write_driven(folder: Path, take: Take, model: Path, commands: Path, sensor: Sensor, seed: int) -> Driven:
+    """Drive the model saved in the folder `model` and write the take, and its prediction with 95 % intervals.
 
     A take of 0 s lasts as long as the commands.
 
@@ -45,7 +61,7 @@ def write_driven(folder: Path, take: Take, model: Path, commands: Path, sensor: 
     path = folder / f"{take.name}.{'mcap' if take.format == 'mcap' else 'csv'}"
     if path.with_suffix(".commands.csv").resolve() == commands.resolve():
         raise UsageError(f"{commands} would be written over\n  next: name the take otherwise, or another --out")
-    saved = load_model(model)
+    saved, limits = load_model(model), load_limits(model)
     _, time_s, command, _, _ = read_commands(commands)
     if not (np.isfinite(time_s).all() and np.isfinite(command).all()) or np.any(np.diff(time_s) <= 0.0):
         cause = "holds blank cells, or times that do not increase"
@@ -61,7 +77,26 @@ def write_driven(folder: Path, take: Take, model: Path, commands: Path, sensor: 
         raise InputRefused(model, "model.json", f"{error} under {commands.name}", "drive it more gently") from None
     folder.mkdir(parents=True, exist_ok=True)
     (write_mcap if take.format == "mcap" else write_motive)(path, run, sensor.rate_hz, seed)
-    return path
+    if limits is None:
+        return Driven(
+            [path], ["no limits.json beside the model: neither intervals nor the range of its data are known"]
+        )
+    given = _given(time_s, command, duration_s, saved.period_s)
+    prediction, twist = folder / f"{take.name}.prediction.parquet", rollout(saved, at_rest(saved.lags), given)[1:]
+    half = np.full_like(twist, np.nan)
+    if limits.noise is not None:
+        half = predicted(saved, at_rest(saved.lags), given, limits.noise, seed=seed).half
+    times = saved.period_s * np.arange(1, len(given) + 1)
+    write_columns(prediction, np.column_stack([times, twist, twist - half, twist + half]), PREDICTION)
+    beyond = [b.words(saved.period_s) for b in limits.range.beyond(twist, given)]
+    return Driven([path, prediction], [f"beyond the data it was fitted on: {'; '.join(beyond)}"] if beyond else [])
+
+
+def _given(time_s: Floats, command: Floats, duration_s: float, h: float) -> Floats:
+    """The command (N, 2) in force when each step of `h` begins; nothing is commanded before the first."""
+    begin = np.round(np.arange(math.ceil(duration_s / h - 1e-6)) * h, _TIME_DECIMALS)
+    rows = np.searchsorted(np.round(time_s, _TIME_DECIMALS), begin, side="right") - 1
+    return np.where(rows[:, None] >= 0, command[np.maximum(rows, 0)], 0.0)
 
 
 def driven(model: Model, time_s: Floats, command: Floats, duration_s: float, sensor: Sensor, seed: int) -> Drive:
@@ -73,9 +108,8 @@ def driven(model: Model, time_s: Floats, command: Floats, duration_s: float, sen
     if isinstance(model, Continuous):
         model = model.in_steps_of(STEP_S)
     h = model.period_s
-    begin = np.round(np.arange(math.ceil(duration_s / h - 1e-6)) * h, _TIME_DECIMALS)
-    rows = np.searchsorted(np.round(time_s, _TIME_DECIMALS), begin, side="right") - 1
-    given = np.where(rows[:, None] >= 0, command[np.maximum(rows, 0)], 0.0)
+    given = _given(time_s, command, duration_s, h)
+    begin = np.round(np.arange(len(given)) * h, _TIME_DECIMALS)
     twist = rollout(model, at_rest(model.lags), given)
     fine = np.arange(math.floor(len(begin) * h / STEP_S + 1e-6) + 1) * STEP_S
     edges = np.append(begin, len(begin) * h)

@@ -8,23 +8,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import misses, restarted, whole_take
+from bcid.evaluation.limits import Limits
 from bcid.evaluation.nmse import nmse
+from bcid.evaluation.uncertainty import coverage, half_widths
 from bcid.models.interface import Model
 from bcid.models.samples import scale
 from bcid.parquet import write_columns
+
+Floats = npt.NDArray[np.float64]
 
 ROWS = {
     "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s",
     "restart_x": "m", "restart_y": "m", "restart_yaw": "rad",
     "restart_v_x": "m/s", "restart_v_y": "m/s", "restart_yaw_rate": "rad/s", "restart": "1",
+    "half_v_x": "m/s", "half_v_y": "m/s", "half_yaw_rate": "rad/s",
 }  # fmt: skip
 
 
 def judge(
-    model: Model, validation: Estimate, training: Sequence[Estimate], every_s: float, folder: Path
+    model: Model,
+    validation: Estimate,
+    training: Sequence[Estimate],
+    every_s: float,
+    folder: Path,
+    limits: Limits | None = None,
 ) -> dict[str, Any]:
     """Write evaluation.json and rows.parquet into `folder`; returns the figures.
 
@@ -48,10 +59,25 @@ def judge(
         "nmse_restarted": short and short.mean,
         "end_miss_m": float(np.median(miss)) if len(miss) and np.isfinite(np.median(miss)) else None,
         "parameters": model.parameter_count,
+        **_how_sure(model, validation, twist, limits),
         "weights": weights.tolist(),
         "description": model.describe(),
     }
     (folder / "evaluation.json").write_text(json.dumps(figures, indent=1, ensure_ascii=False), encoding="utf-8")
-    rows = np.column_stack([twist, again.pose, again.twist, again.start])
+    half = half_widths(model, validation, limits.noise if limits else None)
+    rows = np.column_stack([twist, again.pose, again.twist, again.start, half])
     write_columns(folder / "rows.parquet", rows, ROWS)
     return figures
+
+
+def _how_sure(model: Model, take: Estimate, twist: Floats, limits: Limits | None) -> dict[str, Any]:
+    """The process noise, how often its intervals hold on the take, and where the rollout leaves the data's range."""
+    if limits is None:
+        return {"process_noise": None, "coverage": None, "outside_range": None, "beyond": None}
+    beyond = limits.range.beyond(np.nan_to_num(twist), take.command)
+    return {
+        "process_noise": limits.noise and limits.noise._asdict(),
+        "coverage": coverage(model, take, limits.noise) if limits.noise else None,
+        "outside_range": limits.range.share_outside(take.twist, take.command),
+        "beyond": [b.words(take.period_s) for b in beyond],
+    }

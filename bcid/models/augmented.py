@@ -185,6 +185,7 @@ class AugmentedNewtonEuler(Scanned):
     recording_s: float  # T in the effects' equations
     period_s: float
     facts: Mapping[str, Any]
+    motion: ClassVar[slice] = slice(3, 6)
     kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
     name: ClassVar[str] = "newton-euler-augmented"
     lags: ClassVar[int] = 10

@@ -79,6 +79,7 @@ class Model(Protocol):
 
     name: ClassVar[str]
     lags: ClassVar[int]
+    motion: ClassVar[slice]  # the three numbers of the carry that are its motion: a twist, or v_f, alpha_f, alpha_r
 
     @property
     def period_s(self) -> float:

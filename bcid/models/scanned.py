@@ -21,6 +21,7 @@ class Scanned:
     """`step`, `scan` and `scan_many` of a model that has `kernels` and the `arguments` they take."""
 
     kernels: ClassVar[Kernels]
+    motion: ClassVar[slice] = slice(0, 3)
 
     @property
     def arguments(self) -> tuple[Any, ...]:

@@ -204,13 +204,14 @@ class Pipeline:
         Raises:
             InputRefused: no model there, or one that steps by another period than the plan's.
         """
+        from bcid.evaluation.limits import FILE as LIMITS
         from bcid.models.saving import FILES, load_model
 
         model, period_s = load_model(folder), self.plan.estimate.period_s
         if abs(model.period_s - period_s) > 1e-9:
             cause = f"steps by {model.period_s:g} s, but the plan's grid has {period_s:g} s"
             raise InputRefused(folder, "model.json", cause, f"set period_s = {model.period_s:g} in [estimate]")
-        content = {name: sha256_of(folder / name) for name in FILES if (folder / name).exists()}
+        content = {name: sha256_of(folder / name) for name in (*FILES, LIMITS) if (folder / name).exists()}
         return Candidate(model.name, folder, content, row_of(model.name).module, {})
 
     def evaluate(self, candidate: Candidate) -> Artifact:

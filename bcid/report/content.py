@@ -37,6 +37,7 @@ class ModelResult:
     restart_pose: Floats  # (K, 3)
     restart_twist: Floats  # (K, 3)
     restart: npt.NDArray[np.bool_]  # (K,)
+    half: Floats  # (K, 3) half widths of the whole rollout's 95 % interval, NaN where none is known
 
     @property
     def name(self) -> str:
@@ -47,7 +48,7 @@ class ModelResult:
     def read(cls, figures: Mapping[str, Any], settings: Mapping[str, Any], folder: Path) -> ModelResult:
         """With the rows of an evaluation's folder."""
         rows = read_columns(folder / "rows.parquet", ROWS)
-        return cls(figures, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5)
+        return cls(figures, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5, rows[:, 10:13])
 
 
 class TakeFacts(NamedTuple):
@@ -100,7 +101,7 @@ def report_json(content: Content) -> dict[str, Any]:
     take = content.validation
     keys = (
         "model", "nmse", "nmse_ci95", "nmse_vx", "nmse_vy", "nmse_yaw_rate", "nmse_restarted", "end_miss_m",
-        "rollout_ms", "parameters",
+        "rollout_ms", "parameters", "process_noise", "coverage", "outside_range", "beyond",
     )  # fmt: skip
     return {
         "schema": "bcid.report/1",

@@ -92,6 +92,9 @@ def states(content: Content) -> str:
     for c, (ax, (name, unit)) in enumerate(zip(axes, CHANNELS, strict=True)):
         for model in reversed(content.ranked()):
             ax.plot(take.time_s[shown], model.twist[shown, c], color=_colour(model.name), lw=0.9, label=model.name)
+        best = content.ranked()[0]
+        band = (best.twist[shown, c] - best.half[shown, c], best.twist[shown, c] + best.half[shown, c])
+        ax.fill_between(take.time_s[shown], *band, color=_colour(best.name), alpha=0.2, lw=0.0)
         ax.plot(take.time_s[shown], take.twist[shown, c], **MEASURED)
         _around(ax, take.twist[shown, c])
         ax.set_ylabel(f"{name} ({unit})")
@@ -144,7 +147,7 @@ def all_figures(content: Content) -> Sequence[tuple[str, str, str]]:
         (
             "Closed-loop states",
             "All models driven by the take's commands alone from its first sample; black is the smoothed estimate. "
-            "Curves that leave the frame are cut.",
+            "Shaded: the best model's 95 % interval. Curves that leave the frame are cut.",
             states(content),
         ),
     )

@@ -18,6 +18,8 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.evaluation.data_range import DataRange
+from bcid.evaluation.limits import Limits
 from bcid.models.interface import Progress
 from bcid.models.saving import save_model
 from bcid.parquet import write_columns
@@ -58,6 +60,7 @@ def make(
     write_columns(folder / "tracks.parquet", lines, TRACK_UNITS)
     (folder / "model").mkdir()
     save_model(as_model(found.judgement.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model")
+    Limits(None, DataRange.of(motions)).save(folder / "model")
     write_diagnosis_page(
         content, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
         folder / "diagnosis.html",

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bcid.estimate.saving import load_estimate
+from bcid.evaluation.limits import Limits
 from bcid.models.interface import FitTask, Progress
 from bcid.models.saving import load_model, save_model
 from bcid.models.table import row_of
@@ -25,11 +26,13 @@ def make(
     recordings: Sequence[Path],
     progress: Progress,
 ) -> None:
-    """Fit and save; the description goes beside the model for people."""
+    """Fit and save; the description goes beside the model for people, and how far it may be off."""
     task = FitTask(
         [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
         [load_recording(f) for f in recordings], progress,
     )  # fmt: skip
     model = row_of(name).load().fit(task)
     save_model(model, folder)
+    progress(1.0, "process noise")
+    Limits.of(model, task.estimates, seed).save(folder)
     (folder / "description.txt").write_text(model.describe() + "\n", encoding="utf-8")

@@ -1,0 +1,157 @@
+"""Process noise, prediction intervals and the data's range."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+from typer.testing import CliRunner
+
+from bcid.cli.app import app
+from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
+from bcid.evaluation.data_range import DataRange
+from bcid.evaluation.limits import FILE, Limits, load_limits
+from bcid.evaluation.uncertainty import ProcessNoise, _pushes, calibrated, coverage, predicted, pushed
+from bcid.models import published
+from bcid.models.interface import at_rest
+from bcid.models.saving import save_model
+from bcid.parquet import read_columns
+
+MODEL = published.newton_euler()
+H = MODEL.period_s
+Q = np.array([0.06, 0.04, 0.08])
+
+
+def driven(q: np.ndarray, tau: float, seconds: float, seed: int) -> Estimate:
+    """The model's own motion with known pushes, as an estimate without error."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds / H)
+    command = np.repeat(np.column_stack([rng.uniform(-1.2, 1.2, n // 10 + 1), rng.uniform(0.6, 1.8, n // 10 + 1)]),
+                        10, axis=0)[:n]  # fmt: skip
+    twist = np.vstack([np.zeros(3), pushed(MODEL, MODEL.init(at_rest(0))[None], command[None, :-1], q, tau, rng)[0]])
+    delta = np.zeros(n)
+    carry = MODEL.init(at_rest(0))
+    for k in range(n - 1):
+        carry, _ = MODEL.step(carry, command[k])
+        delta[k + 1] = carry[3]
+    kinematic = np.column_stack([np.hypot(twist[:, 0], twist[:, 1]), np.zeros(n), np.zeros(n), delta])
+    return Estimate(
+        "made", H, H * np.arange(n), np.ones(n, dtype=np.int64), np.zeros((n, 3)), twist, kinematic, command,
+        np.zeros((n, 3)), np.zeros((n, 4)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.5])
+def test_pushes_add_up_to_their_spectral_density(tau: float) -> None:
+    steps, count = 400, 4000
+    total = sum(_pushes(count, steps, Q, tau, 0.1, np.random.default_rng(1)))
+    t = 0.1 * steps
+    expected = Q**2 * (t if tau == 0.0 else t - tau * (1.0 - np.exp(-t / tau)))
+    np.testing.assert_allclose(total.var(axis=0), expected, rtol=4.0 * np.sqrt(2.0 / count))
+
+
+def test_the_noise_that_acted_is_found_and_its_intervals_hold() -> None:
+    take = driven(Q, 0.0, 2400.0, 2)
+    noise = calibrated(MODEL, [take], 3)
+    assert noise is not None
+    np.testing.assert_allclose(noise.q, Q, rtol=0.3)  # 24 starts' misses
+    assert noise.tau_s == 0.0
+    assert noise.factor == pytest.approx(1.96, abs=0.35)
+    for told in coverage(MODEL, driven(Q, 0.0, 600.0, 4), noise):
+        n = 3 * told["starts"]
+        assert binom.cdf(round(told["covered"] * n), n, 0.95) > 1e-4
+        assert told["covered"] > 0.85
+        assert told["ci95"][0] <= told["covered"] <= told["ci95"][1]
+
+
+def test_half_the_noise_does_not_hold() -> None:
+    take = driven(Q, 0.0, 600.0, 5)
+    narrow = ProcessNoise(tuple(0.4 * Q), 0.0, 1.96)  # type: ignore[arg-type]
+    assert all(told["covered"] < 0.75 for told in coverage(MODEL, take, narrow))
+
+
+def test_a_model_that_misses_nothing_needs_no_noise() -> None:
+    noise = calibrated(MODEL, [driven(np.zeros(3), 0.0, 300.0, 6)])
+    assert noise is not None
+    assert max(noise.q) < 1e-4
+
+
+def test_takes_too_short_for_any_miss_give_none() -> None:
+    take = driven(Q, 0.0, 20.0, 7)
+    assert calibrated(MODEL, [replace(take, segment=np.arange(len(take)))]) is None
+
+
+def test_an_interval_widens_and_is_the_same_for_the_same_seed() -> None:
+    take = driven(Q, 0.0, 20.0, 8)
+    noise = ProcessNoise(tuple(Q), 0.0, 1.96)  # type: ignore[arg-type]
+    one, same = (predicted(MODEL, at_rest(0), take.command, noise, seed=1) for _ in range(2))
+    np.testing.assert_array_equal(one.half, same.half)
+    assert (one.half[0] < one.half[20]).all()
+    assert one.half[0, 0] == pytest.approx(1.96 * Q[0] * np.sqrt(H), rel=0.35)  # tyres hold the other two at once
+
+
+def test_what_is_beyond_the_data_is_told_with_its_time() -> None:
+    take = driven(np.zeros(3), 0.0, 60.0, 9)
+    known = DataRange.of([take])
+    assert known.beyond(take.twist, take.command) == []
+    assert known.share_outside(take.twist, take.command) == 0.0
+    fast = take.twist.copy()
+    fast[300:, 0] = 5.0
+    first = known.beyond(fast, take.command)[0]
+    assert (first.step, first.quantity) in {(300, "v_x"), (300, "v_x yaw_rate")}
+    words = {b.quantity: b.words(H) for b in known.beyond(fast, take.command)}
+    assert words["v_x"] == f"v_x is 5 m/s at 30.0 s, the takes go up to {take.twist[:, 0].max():.3g} m/s"
+    assert known.share_outside(fast, take.command) == pytest.approx(0.5, abs=0.01)
+
+
+def test_limits_are_saved_beside_the_model(tmp_path: Path) -> None:
+    take = driven(Q, 0.0, 60.0, 10)
+    for limits in (Limits(ProcessNoise((0.1, 0.2, 0.3), 1.0, 2.1), DataRange.of([take])),
+                   Limits(None, DataRange.of([take]))):  # fmt: skip
+        limits.save(tmp_path)
+        assert load_limits(tmp_path) == limits
+    good = (tmp_path / FILE).read_text()
+    endless = '"process_noise": {"q": [1, NaN, 2], "tau_s": 0, "factor": 2}'
+    for bad in (
+        "{", "[]", good.replace("limits/1", "limits/9"), json.dumps(json.loads(good) | {"range": {}}),
+        good.replace('"process_noise": null', endless),
+    ):  # fmt: skip
+        (tmp_path / FILE).write_text(bad)
+        with pytest.raises(InputRefused, match="fit the model again"):
+            load_limits(tmp_path)
+    (tmp_path / FILE).unlink()
+    assert load_limits(tmp_path) is None
+
+
+def test_a_driven_model_writes_its_prediction_and_warns_beyond_the_data(tmp_path: Path) -> None:
+    take = driven(Q, 0.0, 120.0, 11)
+    folder = tmp_path / "model"
+    folder.mkdir()
+    save_model(MODEL, folder)
+    slow = replace(take, twist=0.2 * take.twist, command=take.command * [1.0, 0.5])
+    Limits(ProcessNoise((0.05, 0.05, 0.05), 0.0, 1.96), DataRange.of([slow])).save(folder)
+    rows = [f"{0.1 * k:.2f},0.3,1.8" for k in range(100)]
+    (tmp_path / "go.csv").write_text("\n".join(["time_s,steering_rad,throttle_mps", *rows, ""]))
+    words = [
+        "simulate",
+        "ahead",
+        "--out",
+        str(tmp_path),
+        "--model",
+        str(folder),
+        "--commands",
+        str(tmp_path / "go.csv"),
+    ]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert "beyond the data it was fitted on" in done.stderr
+    assert "u_m is 1.8 m/s at 0.0 s" in done.stderr
+    names = ("v_x", "v_x_low", "v_x_high")
+    v_x, low, high = read_columns(tmp_path / "ahead.prediction.parquet", dict.fromkeys(names, "m/s")).T
+    assert len(v_x) == 100
+    assert (low < v_x).all()
+    assert (v_x < high).all()
