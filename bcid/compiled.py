@@ -42,11 +42,12 @@ def njit_inline(function: F) -> F:
 
 
 def njit_sums(function: F) -> F:
-    """The same for loops that add up.
+    """The same, always inlined, for loops that add up.
 
     Sums may be taken in any order and products added without rounding first, so that they too become vector code.
     """
-    return cast(F, numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})(function))
+    fastmath = {"reassoc", "nsz", "contract"}
+    return cast(F, numba.njit(cache=True, error_model="numpy", fastmath=fastmath, forceinline=True)(function))
 
 
 def njit_parallel(function: F) -> F:

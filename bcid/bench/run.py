@@ -10,7 +10,7 @@ from bcid.bench import fits, rollouts
 from bcid.bench.timing import Row
 
 SCHEMA = "bcid.bench/1"
-PEERS = ("numpy", "casadi", "torch", "onnxruntime", "pysindy", "deap", "filterpy")
+PEERS = ("numpy", "casadi", "torch", "onnxruntime", "pysindy", "deepSI", "deap", "filterpy")
 
 PATHS: dict[str, Callable[[int], Iterator[Row]]] = {
     "newton-euler": rollouts.newton_euler,
@@ -33,12 +33,13 @@ def run(names: Sequence[str], repeats: int) -> Iterator[Row]:
 def outcome(rows: Sequence[Row], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
     """The benchmark's JSON."""
     return {
-        "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": _versions(),
-        "rows": [row.as_json() for row in rows],
+        "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": versions(),
+        "rows": [row.as_json() for row in rows], "missed": [f"{r.path} against {r.peer}" for r in rows if r.missed],
     }  # fmt: skip
 
 
-def _versions() -> dict[str, str | None]:
+def versions() -> dict[str, str | None]:
+    """Of numba and the peers; None of one that is not installed."""
     found = dict[str, str | None]()
     for name in ("numba", *PEERS):
         try:

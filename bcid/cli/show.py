@@ -195,3 +195,34 @@ def bench(found: Mapping[str, Any]) -> Table:
         caption += f"; not installed and left out: {', '.join(absent)} (pip install bcid[bench])"
     columns = ["path", "ours, ms", "peer", "peer, ms", "ratio", "goal", "largest difference"]
     return table("hot paths beside their peers", columns, rows, caption)
+
+
+def accuracy(found: Mapping[str, Any]) -> Group:
+    """Our models beside their peers, best at the end first, a table for each data."""
+    parts: list[Any] = []
+    for data in dict.fromkeys(line["data"] for line in found["table"]):
+        some = [line for line in found["table"] if line["data"] == data]
+        horizons = [k for k, v in some[0].items() if isinstance(v, Mapping)]
+        some.sort(key=lambda line: line["end"]["nmse"] or float("inf"))
+        rows = [
+            [line["model"], *(thousandths(line[h]["nmse"]) for h in horizons),
+             "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"]
+            for line in some
+        ]  # fmt: skip
+        title = f"{data}: closed loop, NMSE × 10³, started anew every so often, or never; median of the seeds"
+        parts.append(table(title, ["model", *horizons, "seeds change"], rows))
+    return Group(*parts, *(f"missed: {text}" for text in found["missed"]))
+
+
+def recovery(found: Mapping[str, Any]) -> Table:
+    """How often the intervals of a simulated car's constants hold."""
+    rows = [
+        [r["loss"], r["symbol"], str(r["n"]),
+         *(("–",) * 3 if not r["n"] else (
+             f"{100 * r['covered']:.0f} %", f"{100 * r['median_error']:.2g} %", f"{r['bias_in_errors']:+.1f}"))]
+        for r in found["rows"]
+    ]  # fmt: skip
+    title = (
+        f"{found['fits']} takes of {found['seconds']:g} s, the paper's car: true constants in the stated 95 % intervals"
+    )
+    return table(title, ["loss", "constant", "told", "within", "median error", "bias, s.e."], rows)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_inline
 from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
 from bcid.physics.kinematics import wrap
 from bcid.physics.steering import steering_step
@@ -159,10 +159,9 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
     return Filtered(x_prior, P_prior, x_post, P_post, Phis, nis, dof, total)
 
 
-@njit
-def _solved(A: Floats, B: Floats) -> Floats:
-    """A^-1 B of a positive definite A, by Cholesky; LAPACK's call costs more than the work."""
-    L, X = np.empty((N_STATE, N_STATE)), B.copy()
+@njit_inline
+def _solve(A: Floats, X: Floats, L: Floats) -> None:
+    """Turns X into A^-1 X, of a positive definite A, by Cholesky; LAPACK's call costs more than the work."""
     for i in range(N_STATE):
         for j in range(i + 1):
             s = A[i, j]
@@ -181,24 +180,36 @@ def _solved(A: Floats, B: Floats) -> Floats:
                 X[i, j] -= L[k, i] * X[k, j]
         for j in range(N_STATE):
             X[i, j] *= L[i, i]
-    return X
 
 
 @njit
 def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
     """Smoothed means (M, 7) and covariances (M, 7, 7), backwards from each stretch's end."""
     x, P = filtered.x.copy(), filtered.P.copy()
+    square = (N_STATE, N_STATE)
+    L, G, ahead = np.empty(square), np.empty(square), np.empty(square)  # made once: they cost more than the sums
     for k in range(len(x) - 2, -1, -1):
         if restart[k + 1] > 0.0:
             continue
-        cross, gained = np.zeros((N_STATE, N_STATE)), P[k + 1] - filtered.P_prior[k + 1]
-        _added_product(filtered.Phi[k + 1], filtered.P[k], cross)
-        G = _solved(filtered.P_prior[k + 1], cross)  # the gain's transpose
-        ahead, smoothed = np.zeros((N_STATE, N_STATE)), filtered.P[k].copy()
-        _added_product(gained, G, ahead)
-        _added_product(G.T.copy(), ahead, smoothed)
+        Phi, P_k, later, prior = filtered.Phi[k + 1], filtered.P[k], P[k + 1], filtered.P_prior[k + 1]
         for i in range(N_STATE):
             for j in range(N_STATE):
-                x[k, i] += G[j, i] * (x[k + 1, j] - filtered.x_prior[k + 1, j])
-                P[k, i, j] = 0.5 * (smoothed[i, j] + smoothed[j, i])
+                G[i, j], ahead[i, j] = 0.0, 0.0
+            for m in range(N_STATE):
+                for j in range(N_STATE):
+                    G[i, j] += Phi[i, m] * P_k[m, j]
+        _solve(prior, G, L)  # the gain's transpose
+        for i in range(N_STATE):
+            for m in range(N_STATE):
+                gained = later[i, m] - prior[i, m]
+                for j in range(N_STATE):
+                    ahead[i, j] += gained * G[m, j]
+        for i in range(N_STATE):
+            for m in range(N_STATE):
+                x[k, i] += G[m, i] * (x[k + 1, m] - filtered.x_prior[k + 1, m])
+                for j in range(N_STATE):
+                    P[k, i, j] += G[m, i] * ahead[m, j]
+        for i in range(N_STATE):
+            for j in range(i):
+                P[k, i, j] = P[k, j, i] = 0.5 * (P[k, i, j] + P[k, j, i])
     return x, P

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
-from bcid.models.interface import Diverged, Model, history_at, rollout
+from bcid.models.interface import Diverged, Model, Scans, history_at, rollout
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Restarted(NamedTuple):
     start: npt.NDArray[np.bool_]  # (K,) rows at which a prediction starts
 
 
-def whole_take(model: Model, estimate: Estimate) -> Floats:
+def whole_take(model: Scans, estimate: Estimate) -> Floats:
     """Twists (K, 3) predicted from the take's first sample with its commands.
 
     Where the take has several segments each starts anew.  A stretch that diverges is NaN after its start.
@@ -30,7 +30,7 @@ def whole_take(model: Model, estimate: Estimate) -> Floats:
     return _from_starts(model, estimate, [s.start for s in estimate.segments()])
 
 
-def _from_starts(model: Model, estimate: Estimate, starts: list[int]) -> Floats:
+def _from_starts(model: Scans, estimate: Estimate, starts: list[int]) -> Floats:
     twist = np.full((len(estimate), 3), np.nan)
     for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
         try:
@@ -40,7 +40,7 @@ def _from_starts(model: Model, estimate: Estimate, starts: list[int]) -> Floats:
     return twist
 
 
-def restarted(model: Model, estimate: Estimate, every_s: float) -> Restarted:
+def restarted(model: Scans, estimate: Estimate, every_s: float) -> Restarted:
     """Poses and twists predicted from the estimate, started anew every `every_s` and at each segment."""
     size = max(2, round(every_s / estimate.period_s))
     starts = [k for s in estimate.segments() for k in range(s.start, s.stop, size)]

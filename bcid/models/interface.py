@@ -131,6 +131,10 @@ class Scans(Protocol):
     def name(self) -> str:
         """What an error calls it."""
 
+    @property
+    def lags(self) -> int:
+        """Rows of history before the start that it wants."""
+
     def init(self, history: History) -> Any:
         """See `Model.init`."""
 

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit, njit_parallel
+from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, State, fill, frame_of, moved, twist_of
@@ -25,7 +25,7 @@ from bcid.models.settings import TrainingSettings
 from bcid.models.training import train
 
 
-@njit
+@njit_inline
 def advance(state: State, u_s: float, u_m: float, w: Weights, c: Frame, at: Buffers) -> State:
     """[v_f, alpha_f, alpha_r, delta] one period later."""
     fill(at.x, state, u_s, u_m)

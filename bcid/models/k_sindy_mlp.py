@@ -16,7 +16,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit, njit_parallel
+from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.k_sindy import KSindy, Sparse, Terms, f_sindy, terms_of
@@ -29,7 +29,7 @@ from bcid.models.settings import ResidualTrainingSettings
 from bcid.models.training import train
 
 
-@njit
+@njit_inline
 def advance(
     state: State, u_s: float, u_m: float, t: Terms, w: Weights, c: Frame, dissipative: bool, at: Buffers
 ) -> State:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit, njit_sums
+from bcid.compiled import njit, njit_inline, njit_sums
 from bcid.models.interface import Arrays
 
 Floats = npt.NDArray[np.float64]
@@ -40,6 +40,7 @@ class Buffers(NamedTuple):
     h2: Singles
     h3: Singles
     active: Ints  # indices of what is not zero
+    V3: Singles  # W3 turned, a row for each output
     y: Floats  # (out,) the output
 
 
@@ -50,14 +51,27 @@ def buffers(w: Weights) -> Buffers:
     single = np.float32
     return Buffers(
         np.empty(n), np.empty(n, single), np.empty(a, single), np.empty(b, single), np.empty(m, single),
-        np.empty(max(n, a, b), np.int64), np.empty(m),
+        np.empty(a, np.int64), np.ascontiguousarray(w.W3.T), np.empty(m),
     )  # fmt: skip
 
 
 @njit_sums
-def _added(x: Singles, active: Ints, W: Singles, y: Singles) -> None:
-    """Adds x W to y over the rows `active` of W, eight at a time: so y is read and written an eighth as often."""
-    whole = len(active) - len(active) % 8
+def _by_twos(x: Singles, W: Singles, b: Singles, y: Singles) -> None:
+    """Fills y with x W + b, two rows of W at a time: for few inputs."""
+    whole = len(x) - len(x) % 2
+    y[:] = b
+    for i in range(0, whole, 2):
+        for j in range(len(y)):
+            y[j] += x[i] * W[i, j] + x[i + 1] * W[i + 1, j]
+    for i in range(whole, len(x)):
+        for j in range(len(y)):
+            y[j] += x[i] * W[i, j]
+
+
+@njit_sums
+def _by_eights(x: Singles, active: Ints, count: int, W: Singles, y: Singles) -> None:
+    """Adds x W to y over the first `count` rows `active` of W, eight at a time: y is read and written less often."""
+    whole = count - count % 8
     for n in range(0, whole, 8):
         a, b, c, d = active[n], active[n + 1], active[n + 2], active[n + 3]
         e, f, g, h = active[n + 4], active[n + 5], active[n + 6], active[n + 7]
@@ -67,39 +81,52 @@ def _added(x: Singles, active: Ints, W: Singles, y: Singles) -> None:
                 xa * W[a, j] + xb * W[b, j] + xc * W[c, j] + xd * W[d, j]
                 + xe * W[e, j] + xf * W[f, j] + xg * W[g, j] + xh * W[h, j]
             )  # fmt: skip
-    for n in range(whole, len(active)):
+    for n in range(whole, count):
         a, xa = active[n], x[active[n]]
         for j in range(len(y)):
             y[j] += xa * W[a, j]
 
 
-@njit
-def _layer(x: Singles, W: Singles, b: Singles, active: Ints, y: Singles) -> None:
-    """Fills y with x W + b; rows of W that meet a zero, as half of them do behind a ReLU, are skipped."""
-    count = 0
-    for i in range(len(x)):
-        active[count] = i
-        count += x[i] != 0.0
-    y[:] = b
-    _added(x, active[:count], W, y)
+@njit_sums
+def _by_dots(x: Singles, V: Singles, b: Singles, y: Singles) -> None:
+    """Fills y with V x + b: for few outputs."""
+    for j in range(len(y)):
+        total = np.float32(0.0)
+        for i in range(len(x)):
+            total += x[i] * V[j, i]
+        y[j] = b[j] + total
 
 
-@njit
+@njit_inline
 def _relu(x: Singles) -> None:
     for j in range(len(x)):
         x[j] = max(x[j], np.float32(0.0))
 
 
-@njit
+@njit_inline
+def _nonzero(x: Singles, active: Ints) -> int:
+    """Fills `active` with the indices of what is not zero; returns how many they are."""
+    count = 0
+    for i in range(len(x)):
+        active[count] = i
+        count += x[i] != 0.0
+    return count
+
+
+@njit_inline
 def evaluate(at: Buffers, w: Weights) -> None:
-    """Fills `at.y` with the network's output at `at.x`; single precision but for the units of input and output."""
+    """Fills `at.y` with the network's output at `at.x`; single precision but for the units of input and output.
+
+    Rows of W2 that meet a zero, as half of them do behind a ReLU, are skipped.
+    """
     for i in range(len(at.x)):
         at.z[i] = np.float32((at.x[i] - w.x_mean[i]) / w.x_sd[i])
-    _layer(at.z, w.W1, w.b1, at.active, at.h1)
+    _by_twos(at.z, w.W1, w.b1, at.h1)
     _relu(at.h1)
-    _layer(at.h1, w.W2, w.b2, at.active, at.h2)
+    at.h2[:] = w.b2
+    _by_eights(at.h1, at.active, _nonzero(at.h1, at.active), w.W2, at.h2)
     _relu(at.h2)
-    _layer(at.h2, w.W3, w.b3, at.active, at.h3)
+    _by_dots(at.h2, at.V3, w.b3, at.h3)
     for i in range(len(at.y)):
         at.y[i] = w.y_mean[i] + w.y_sd[i] * at.h3[i]
 

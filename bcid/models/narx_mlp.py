@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit, njit_parallel
+from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
@@ -31,7 +31,7 @@ N_TWIST = 3 * (LAGS + 1)
 N_COMMAND = 2 * LAGS  # commands before t_k that the carry holds
 
 
-@njit
+@njit_inline
 def advance(carry: Floats, u_s: float, u_m: float, w: Weights, at: Buffers) -> None:
     """The carry [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}] one period on, in place."""
     at.x[:N_TWIST] = carry[:N_TWIST]
