@@ -11,9 +11,10 @@ from cars import CAR
 
 from bcid.estimate.types import Estimate
 from bcid.models import levenberg_marquardt
+from bcid.models.levenberg_marquardt import Normal
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.newton_euler_fit import Objective
-from bcid.models.newton_euler_objective import Normal, Stretches, costs, predictions
+from bcid.models.newton_euler_objective import Stretches, costs, predictions
 from bcid.models.newton_euler_parameters import Box
 from bcid.models.samples import scale
 from bcid.models.windows import Windows, steps_of, windows

@@ -37,8 +37,8 @@ class Terms(NamedTuple):
     xi: Floats  # (T,)
     equation: npt.NDArray[np.int64]  # (T,) 0, 1, 2: of v_f, alpha_f, alpha_r
     factors: npt.NDArray[np.int64]  # (T, most) whose product a term is, filled up with ones
-    q: Floats  # (11,) to work on: the factors' values,
-    after: Floats  # (3,) and the sums'
+    q: Floats  # (11,) to work on: the values of the factors
+    after: Floats  # (3,) and of the sums
 
 
 @njit

@@ -7,15 +7,25 @@ and Jacobian [R, 0] has the same slope, curvature and cost.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bcid.models.genetic import Optimum
 from bcid.models.interface import Progress
-from bcid.models.newton_euler_objective import Normal
 
 Floats = npt.NDArray[np.float64]
+
+
+class Normal(NamedTuple):
+    """J^T J, J^T r and r^T r at a point."""
+
+    JJ: Floats  # (n, n)
+    Jr: Floats  # (n,)
+    rr: float
+
+
 At = Callable[[Floats], Normal]  # a point (n,) of the unit box
 
 FIRST, LAST = 30, 15  # evaluations from each start, and of the best on all samples
@@ -32,22 +42,24 @@ def minimise(part: At, whole: At, starts: Sequence[Floats], progress: Progress) 
     """
     ends, history = list[Optimum](), list[float]()
     for k, start in enumerate(starts):
-        if np.isfinite(part(start).rr):
-            ends.append(_descended(part, start, FIRST, SETTLED))
+        here = part(start)
+        if np.isfinite(here.rr):
+            ends.append(_descended(part, start, here, FIRST, SETTLED))
             history.append(min(end.cost for end in ends))
         progress((k + 1) / (len(starts) + 1), f"start {k + 1} of {len(starts)}")
     if not ends:
         raise FloatingPointError("no start of the fit stays within the finite numbers")
-    best = _descended(whole, min(ends, key=lambda end: end.cost).x, LAST, ENDED)
+    nearest = min(ends, key=lambda end: end.cost).x
+    best = _descended(whole, nearest, whole(nearest), LAST, ENDED)
     progress(1.0, f"NMSE {best.cost:.3e}")
     return Optimum(best.x, best.cost, [*history, best.cost])
 
 
-def _descended(at: At, start: Floats, most: int, settled: float) -> Optimum:
-    """Where one descent ends."""
+def _descended(at: At, start: Floats, here: Normal, most: int, settled: float) -> Optimum:
+    """Where one descent from `start`, whose normal equations are `here`, ends."""
     from scipy.optimize import least_squares
 
-    known: dict[bytes, tuple[Floats, Floats]] = {}
+    known = {start.tobytes(): compressed(here)}
 
     def small(x: Floats) -> tuple[Floats, Floats]:
         key = x.tobytes()

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 LAGS = 2
 N_TWIST = 3 * (LAGS + 1)
-N_COMMAND = 2 * LAGS  # commands before t_k that the carry holds
 
 
 @njit_inline

@@ -10,7 +10,8 @@ import numpy.typing as npt
 from bcid.models import genetic, levenberg_marquardt
 from bcid.models.genetic import Optimum
 from bcid.models.interface import FitTask, Floats
-from bcid.models.newton_euler_objective import Normal, Stretches, costs, normal_equations, predictions
+from bcid.models.levenberg_marquardt import Normal
+from bcid.models.newton_euler_objective import Stretches, costs, normal_equations, predictions
 from bcid.models.newton_euler_parameters import Box
 from bcid.models.samples import scale
 from bcid.models.settings import NewtonEulerSettings

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.compiled import njit, njit_parallel, njit_sums
+from bcid.models.levenberg_marquardt import Normal
 from bcid.models.windows import Windows
 from bcid.physics.car import Car, advance_all
 
@@ -21,14 +22,6 @@ Floats = npt.NDArray[np.float64]
 
 
 ABREAST = 256  # stretches that are worked on together: few enough to stay in the nearest cache
-
-
-class Normal(NamedTuple):
-    """J^T J, J^T r and r^T r at a point."""
-
-    JJ: Floats  # (n, n)
-    Jr: Floats  # (n,)
-    rr: float
 
 
 class Stretches(NamedTuple):

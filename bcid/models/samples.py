@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
+from bcid.models.windows import windows
 
 Floats = npt.NDArray[np.float64]
 
@@ -30,25 +30,18 @@ def transitions(estimates: Sequence[Estimate], lags: int = 0) -> Transitions:
     Raises:
         InputRefused: when no segment is long enough for one sample.
     """
-    parts = [_of_segment(e, s, lags) for e in estimates for s in e.segments() if s.stop - s.start > lags + 1]
-    if not parts:
-        raise InputRefused(
-            ", ".join(e.name for e in estimates) or "no recording",
-            place="estimate",
-            cause=f"no uninterrupted stretch holds {lags + 2} grid rows",
-            next_step="use longer takes, or check the gaps listed by `bcid ingest`",
-        )
-    return Transitions(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    w, newest_first = windows(estimates, 1, 1, lags), slice(lags, None, -1)
+    return Transitions(
+        w.twist[:, newest_first], w.command[:, newest_first], w.kinematic[:, lags], w.twist[:, -1], w.kinematic[:, -1]
+    )
 
 
-def _of_segment(e: Estimate, s: slice, lags: int) -> Transitions:
-    k = np.arange(s.start + lags, s.stop - 1)
-    rows = k[:, None] - np.arange(lags + 1)
-    return Transitions(e.twist[rows], e.command[rows], e.kinematic[k], e.twist[k + 1], e.kinematic[k + 1])
+def spread(values: Floats) -> Floats:
+    """The standard deviation of each column; of a constant one, 1."""
+    sd = values.std(axis=0)
+    return np.where(sd > 1e-9, sd, 1.0)
 
 
 def scale(values: Floats) -> Floats:
     """The diagonal of W: 1/sigma of each column (errata 12); a constant column keeps weight 1."""
-    sd = values.std(axis=0)
-    weights: Floats = 1.0 / np.where(sd > 1e-9, sd, 1.0)
-    return weights
+    return 1.0 / spread(values)

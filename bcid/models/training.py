@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from bcid.models.interface import Progress
 from bcid.models.mlp import Weights
+from bcid.models.samples import scale, spread
 from bcid.models.settings import TrainingSettings
 from bcid.models.windows import Windows
 
@@ -32,8 +33,7 @@ EVERY = 4  # of a stretch's length, the distance of neighbouring starts
 
 
 def _moments(values: Floats) -> tuple[Floats, Floats]:
-    sd = values.std(axis=0)
-    return values.mean(axis=0), np.where(sd > 1e-9, sd, 1.0)
+    return values.mean(axis=0), spread(values)
 
 
 def train(
@@ -142,14 +142,14 @@ def _on_rollouts(
     def in_units(at: Tensor) -> Tensor:
         return y_mean + y_sd * net((at - x_mean) / x_sd)  # type: ignore[no-any-return]
 
-    scale = 1.0 / torch.tensor(_moments(taken.twist[:, 0])[1], dtype=torch.float32)
+    weight = torch.tensor(scale(taken.twist[:, 0]), dtype=torch.float32)
     columns = [torch.tensor(c, dtype=torch.float32) for c in taken[:3]]
     steps = taken.steps
 
     def loss_of(rows: Tensor) -> Tensor:
         twist, kinematic, command = (c[rows] for c in columns)
         off = unrolled(in_units, twist, kinematic, command) - twist[:, -steps:]
-        return ((scale * off) ** 2).mean()
+        return ((weight * off) ** 2).mean()
 
     kept = max(1, round(HELD_OUT * taken.number))
     used, held = torch.arange(taken.number - kept), torch.arange(taken.number - kept, taken.number, EVERY)
