@@ -17,9 +17,9 @@ from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.likelihood.contacts import contacts, without_contacts
-from bcid.likelihood.take import take_of
+from bcid.likelihood.take import take_of, without_contacts
 from bcid.models.saving import load_model
+from bcid.recording.contacts import contacts
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.simulation.car import Plant, Sensor

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from bcid import __version__
-from bcid.cli import diagnosing
+from bcid.cli import checking, diagnosing
 from bcid.cli.benching import bench
 from bcid.cli.options import (
     LONGEST_S,
@@ -100,12 +100,18 @@ def ingest(
     vehicle: VehicleOption = None,
     out: OutOption = None,
     commands: CommandsOption = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="A health report of each: go, or no-go and why. Nothing is written.")
+    ] = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Read recordings and say what is odd about them."""
     from bcid.cli import show
 
     sink = Sink(format)
+    if check:
+        checking.report(checking.checked(pipeline, recordings, vehicle, commands), sink)
+        return
     work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
     made = [work.ingest(path) for path in work.takes()]
     taken = [a.json("recording.json") | {"folder": str(a.folder)} for a in made]

@@ -226,3 +226,14 @@ def recovery(found: Mapping[str, Any]) -> Table:
         f"{found['fits']} takes of {found['seconds']:g} s, the paper's car: true constants in the stated 95 % intervals"
     )
     return table(title, ["loss", "constant", "told", "within", "median error", "bias, s.e."], rows)
+
+
+def health(told: Sequence[Mapping[str, Any]]) -> str:
+    """The health of recordings, a paragraph each."""
+    lines = []
+    for t in told:
+        lines += [str(t["recording"]), f"  {t['sentence']}"]
+        if not t["refused"]:
+            lines.append(f"  clock offset: {_clock(t['clock'])}")
+            lines += [f"  {text}" for text in t["odd"]]
+    return "\n".join(lines)

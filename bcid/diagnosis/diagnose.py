@@ -20,12 +20,12 @@ from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.likelihood.contacts import Contact
 from bcid.likelihood.recordings import base_from, base_of
 from bcid.likelihood.refit import Fit, held
 from bcid.likelihood.take import Take
 from bcid.models.newton_euler_start import started_car
 from bcid.physics.car import Car
+from bcid.recording.contacts import Contact
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

@@ -13,12 +13,12 @@ from bcid.effects.entry import Units
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.base_fit import base_fit
-from bcid.likelihood.contacts import Contact, contacts, without_contacts
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take, joined, moving, take_of
+from bcid.likelihood.take import Take, joined, moving, take_of, without_contacts
 from bcid.physics.car import Car, integration_step
+from bcid.recording.contacts import Contact, contacts
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

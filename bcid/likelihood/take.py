@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
 from bcid.physics.car import LONGEST_STEP_S
+from bcid.recording.contacts import Contact
 from bcid.recording.types import Recording
 
 Floats = npt.NDArray[np.float64]
@@ -150,6 +151,15 @@ def moving(take: Take, wheelbase: float) -> Take:
     )
     moves = (np.hypot(extent[0], extent[1]) > STANDS * wheelbase) | (extent[2] > STANDS)
     return take if moves.all() else take.part(np.flatnonzero(moves))
+
+
+def without_contacts(take: Take, found: Sequence[Contact]) -> Take:
+    """The take without the segments in which a contact lies."""
+    begin, end = take.begin_s, take.begin_s + SEGMENT_S + take.h
+    free = np.ones(take.segments, dtype=bool)
+    for contact in found:
+        free &= (end < contact.begin_s) | (begin > contact.end_s)
+    return take if free.all() else take.part(np.flatnonzero(free))
 
 
 def joined(takes: Sequence[Take]) -> Take:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from bcid.likelihood.take import SEGMENT_S, Floats, Ints, Take
-from bcid.recording.types import Recording
+from bcid.recording.types import Floats, Recording
+
+Ints = npt.NDArray[np.int64]
 
 HALF_WINDOW_S = 0.05
 BUMP_MPS = 0.4  # a change of velocity at once
@@ -67,12 +69,3 @@ def _merged(time: Floats, place: Floats, velocity: Floats, acceleration: Floats,
             )
         )  # fmt: skip
     return found
-
-
-def without_contacts(take: Take, found: list[Contact]) -> Take:
-    """The take without the segments in which a contact lies."""
-    begin, end = take.begin_s, take.begin_s + SEGMENT_S + take.h
-    free = np.ones(take.segments, dtype=bool)
-    for contact in found:
-        free &= (end < contact.begin_s) | (begin > contact.end_s)
-    return take if free.all() else take.part(np.flatnonzero(free))

@@ -1,0 +1,98 @@
+"""`bcid ingest --check`: go or no-go, and why."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from making import circling_take
+from typer.testing import CliRunner
+
+from bcid.cli.app import app
+from bcid.errors import InputRefused
+from bcid.recording.health import health
+from bcid.recording.read import read_recording
+from bcid.recording.types import Recording, Stream
+from bcid.vehicle import Vehicle
+
+
+def test_a_usual_take_is_a_go(recording: Recording, vehicle: Vehicle) -> None:
+    found = health(recording, vehicle)
+    assert found.go
+    assert found.sentence.startswith("go: ")
+    assert found.facts["pose_known"] > 0.95
+    assert found.facts["command_known"] > 0.95
+    assert 0.8 * recording.duration_s < found.facts["moving_s"] <= recording.duration_s
+    assert found.unknown == ()
+
+
+def test_what_is_driven_in_one_circle_is_known_in_part_only(tmp_path: Path, vehicle: Vehicle) -> None:
+    found = health(read_recording(circling_take(tmp_path, seconds=60.0), vehicle), vehicle)
+    assert found.go
+    assert [text.partition(":")[0] for text in found.unknown] == ["other speeds", "braking"]
+    assert "K_b" in found.sentence
+    assert "C_f" not in found.sentence
+
+
+def test_a_take_that_is_worth_nothing_is_no_go(recording: Recording, vehicle: Vehicle) -> None:
+    """Standing; mostly lost; without commands; straight on."""
+    time, pose = recording.poses.time_s, recording.poses.values
+
+    def said(**changed: Stream) -> str:
+        found = health(replace(recording, **changed), vehicle)
+        assert not found.go
+        return found.sentence
+
+    assert "moves for 0 s only" in said(poses=Stream(time, np.tile(pose[0], (len(pose), 1))))
+    lost = (np.arange(len(time)) // 60) % 3 == 0
+    assert "the pose is known in 3" in said(poses=Stream(time[lost], pose[lost]))
+    few = recording.commands
+    assert "commands are known in" in said(commands=Stream(few.time_s[::40], few.values[::40]))
+    straight = Stream(few.time_s, few.values * [0.02, 1.0])
+    assert "straight driving only" in said(commands=straight)
+
+
+def test_a_bump_is_told(recording: Recording, vehicle: Vehicle) -> None:
+    pose = recording.poses.values.copy()
+    row = len(pose) // 2
+    pose[row:, 0] += 1.2 * (recording.poses.time_s[row:] - recording.poses.time_s[row])  # its velocity changes at once
+    found = health(replace(recording, poses=Stream(recording.poses.time_s, pose)), vehicle)
+    assert any("left out" in text and "m/s²" in text for text in found.odd)
+
+
+def test_all_recordings_are_told_whatever_is_wrong_with_one(
+    tmp_path: Path, takes: dict[str, Path], vehicle_file: Path
+) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(takes["mcap"].read_bytes()[:-400])
+    none = tmp_path / "none.mcap"
+    words = ["ingest", str(bad), str(takes["mcap"]), str(none), "--check", "--vehicle", str(vehicle_file)]
+    done = CliRunner().invoke(app, [*words, "--format", "json"])
+    told = json.loads(done.stdout)["recordings"]
+    assert [t["go"] for t in told] == [False, True, False]
+    assert isinstance(done.exception, InputRefused)
+    assert done.exception.exit_code == 4
+    for part in ("bad.mcap", "cut", "none.mcap", "does not exist"):
+        assert part in str(done.exception)
+    human = CliRunner().invoke(app, words)
+    assert "no-go: refused" in human.stdout
+    assert "  go: " in human.stdout
+    assert not (tmp_path / "workspace").exists()
+
+
+def test_check_needs_a_vehicle(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["ingest", str(tmp_path / "a.mcap"), "--check"])
+    assert "vehicle" in str(done.exception)
+
+
+@pytest.mark.parametrize("words", [["ingest", "--check"]])
+def test_the_plan_s_recordings_are_checked_where_none_is_named(
+    words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(Path(__file__).parent.parent)
+    told = json.loads(CliRunner().invoke(app, [*words, "--format", "json"]).stdout)["recordings"]
+    assert len(told) == 5
+    assert all(t["go"] for t in told)
