@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 from bcid.bench import peers
 from bcid.bench.accuracy import compared, outcome, plans
@@ -57,7 +57,7 @@ def test_ours_and_peers_are_judged_on_the_same_take(rows: list[dict[str, Any]]) 
     assert {r["model"] for r in rows} == expected
     assert len(rows) == 2 * len(expected)
     for r in rows:
-        assert r["validation"] == "validation_1_25s"
+        assert r["validation"].startswith("validation_1_25s_")
         assert set(r["horizons"]) == {"0.5 s", "2 s", "10 s", "end"}
     by = {(r["model"], r["seed"]): r["horizons"] for r in rows}
     for model in ("newton-euler", "torch MLP", "pysindy"):  # a minute teaches each of them to see half a second ahead
@@ -74,20 +74,35 @@ def test_the_outcome_takes_medians_and_says_what_is_missed() -> None:
     found = outcome(
         [
             row("newton-euler", True, 1, 3e-3), row("k-mlp", True, 1, 2e-3), row("k-mlp", True, 2, 2.4e-3),
-            row("k-sindy-mlp", True, 1, 6e-3), row("torch MLP", False, 1, None), row("pysindy", False, 1, 1e-3),
+            row("k-mlp", True, 3, 2.2e-3),
+            row("k-sindy-mlp", True, 1, 6e-3), row("torch MLP", False, 1, None), row("pysindy", False, 1, 2.1e-3),
         ],
         {"machine": {}},
     )  # fmt: skip
     lines = {line["model"]: line for line in found["table"]}
-    assert lines["k-mlp"]["end"]["nmse"] == pytest.approx(2.2e-3)
+    assert lines["k-mlp"]["end"]["nmse"] == 2.2e-3
+    assert lines["k-mlp"]["end"]["ci95"] == [1.1e-3, 4.4e-3]
     assert lines["torch MLP"]["end"]["nmse"] is None
     assert found["missed"] == [
-        "simulated hour, 2 s: a peer is better (1.00 against 2.20)",
-        "simulated hour, end: a peer is better (1.00 against 2.20)",
         "simulated hour, k-mlp: seeds change 18 % at the end",
+        "simulated hour, 2 s: pysindy 2.10, newton-euler 3.00",
+        "simulated hour, 2 s: pysindy 2.10, k-mlp 2.20",
+        "simulated hour, 2 s: pysindy 2.10, k-sindy-mlp 6.00",
+        "simulated hour, end: pysindy 2.10, newton-euler 3.00",
+        "simulated hour, end: pysindy 2.10, k-mlp 2.20",
+        "simulated hour, end: pysindy 2.10, k-sindy-mlp 6.00",
         "simulated hour: k-sindy-mlp is not below newton-euler",
         "simulated hour: k-sindy-mlp is above 5",
     ]
+
+
+def test_what_diverges_is_missed() -> None:
+    fine, lost = {"nmse": 1e-3, "ci95": [0.0, 1.0]}, None
+    rows = [
+        {"data": "DART", "model": "k-mlp", "ours": True, "seed": seed, "horizons": {"end": end}}
+        for seed, end in ((1, fine), (2, lost))
+    ]
+    assert outcome(rows, {})["missed"] == ["DART, k-mlp: diverges (end)"]
 
 
 def test_a_file_of_data_with_problems_is_refused(tmp_path: Path) -> None:
@@ -106,6 +121,8 @@ def test_fits_to_poses_state_intervals_that_hold_and_one_step_fits_do_not() -> N
     assert n >= 14 * 7
     low, high = binom.ppf([0.005, 0.995], n, GOAL) / n  # the goal's ends, as so many intervals can tell them
     assert low <= poses["covered"] <= high
+    squares = chi2.ppf([1e-4, 1.0 - 1e-4], n) / n  # of errors in standard errors: twice too wide would be a quarter
+    assert squares[0] < poses["rms_in_errors"] ** 2 < 1.3 * squares[1]  # constants of one fit go together a little
     assert abs(poses["bias_in_errors"]) < 0.5
     assert one_step["covered"] < 0.85
     assert one_step["median_error"] > 5.0 * poses["median_error"]
@@ -117,5 +134,21 @@ def test_fits_to_poses_state_intervals_that_hold_and_one_step_fits_do_not() -> N
 def test_a_constant_that_a_take_does_not_show_is_not_told() -> None:
     """The rear tyre never slides in half a minute of town driving: its grip is not quoted."""
     rows = fitted(7, 45.0, ["poses"])
+    assert {"K_t", "C_f", "C_r", "I_z", "F_f_max"} <= {r["symbol"] for r in rows}
     assert "F_r_max" not in {r["symbol"] for r in rows}
     assert all(np.isfinite(r["relative_se"]) for r in rows)
+
+
+def test_what_a_peer_cannot_fit_is_told_and_the_others_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unable(estimates: object, seed: int) -> peers.TorchMlp:
+        raise AssertionError("too few")
+
+    (tmp_path / "pipeline.toml").write_text('vehicle = "v.toml"\ntraining = ["t"]\nmodels = []\n')
+    (tmp_path / "data.toml").write_text(DATA)
+    monkeypatch.setattr(peers.TorchMlp, "fit", unable)
+    monkeypatch.setattr("bcid.bench.accuracy.PEERS", {"torch": peers.TorchMlp, "pysindy": peers.PySindy})
+    ((name, plan),) = plans(tmp_path / "data.toml", None, tmp_path)
+    first, second = compared(name, plan, [1])
+    assert first["error"] == "AssertionError: too few"
+    assert set(first["horizons"].values()) == {None}
+    assert second["horizons"]["0.5 s"]["nmse"] > 0.0

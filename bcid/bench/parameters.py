@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
 
+import numba
 import numpy as np
 
 from bcid.bench.run import SCHEMA
@@ -30,7 +31,7 @@ GOAL = (0.90, 0.98)  # of the 95 % intervals of the fit to poses
 
 
 def fitted(seed: int, seconds: float, losses: Sequence[str] = LOSSES) -> list[dict[str, Any]]:
-    """One take of the paper's car fitted by each loss: every constant's error in standard errors and per cent."""
+    """One take of the paper's car, all of which the model has, fitted by each loss: the errors of its constants."""
     plant, of = Plant(), vehicle()
     recording = recorded(drive(plant, Sensor(), seconds, seed), 60.0, of)
     estimate, found = estimate_motion(recording, of, TUNING), []
@@ -48,7 +49,7 @@ def fitted(seed: int, seconds: float, losses: Sequence[str] = LOSSES) -> list[di
 
 def recovery(fits: int, seconds: float, seed: int, cores: int) -> Iterator[list[dict[str, Any]]]:
     """`fitted` of so many takes, one after the other."""
-    with ProcessPoolExecutor(cores, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(cores, get_context("spawn"), numba.set_num_threads, (1,)) as pool:
         yield from pool.map(fitted, range(seed, seed + fits), [seconds] * fits)
 
 
@@ -66,6 +67,7 @@ def outcome(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> dict
                     "covered": float((np.abs(off) <= TWO_SIDED * se).mean()),
                     "median_error": float(np.median(np.abs(off))),
                     "bias_in_errors": float(np.median(off / se)),
+                    "rms_in_errors": float(np.sqrt(np.mean((off / se) ** 2))),
                 }
             table.append(told)
     held = next(r for r in table if (r["loss"], r["symbol"]) == ("poses", "all"))["covered"]

@@ -6,7 +6,9 @@ themselves.  Settings are what their documentation begins with, sized to the dat
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol, Self
 from unittest.mock import patch
@@ -21,7 +23,7 @@ Floats = npt.NDArray[np.float64]
 
 EPOCHS, BATCH, HIDDEN, RATE = 100, 256, (128, 64), 1e-3
 DEGREE, THRESHOLD = 2, 1e-3
-STATES, PAST, AHEAD, ITERATIONS, VALIDATED = 8, 10, 20, 3000, 250
+STATES, PAST, AHEAD, ITERATIONS, VALIDATED = 10, 20, 20, 10_000, 100
 
 
 class Peer(Scans, Protocol):
@@ -156,17 +158,22 @@ class DeepSi:
         train, held = (data[:cut], data[cut:]) if cut < len(data) else _divided(data)
         nu, ny, norm = deepSI.get_nu_ny_and_auto_norm(train)
         model = deepSI.SUBNET(nu, ny, norm, nx=STATES, nb=PAST, na=PAST)
-        with TemporaryDirectory() as folder, patch("deepSI.fitting.get_checkpoint_dir", lambda: folder):
-            done = deepSI.fit(model, train, held, n_its=ITERATIONS, T=AHEAD, batch_size=BATCH, val_freq=VALIDATED)
+        stretches = sum(len(d) - PAST - AHEAD for d in train)
+        with (
+            TemporaryDirectory() as folder, patch("deepSI.fitting.get_checkpoint_dir", lambda: folder),
+            redirect_stdout(sys.stderr),
+        ):  # fmt: skip
+            done = deepSI.fit(
+                model, train, held, n_its=ITERATIONS, T=AHEAD, batch_size=min(BATCH, stretches), val_freq=VALIDATED
+            )
         return cls(done["best_model"].eval())
 
     def init(self, history: History) -> Any:
-        """The encoded state at the history's last row."""
+        """The measured past; the state is encoded with the first command, so that the last twist counts too."""
         import torch
 
-        with torch.no_grad():
-            u, y = (torch.tensor(v[-PAST:], dtype=torch.float32) for v in (history.command, history.twist[:-1]))
-            return self.model.encoder(u[None], y[None])
+        u, y = (torch.tensor(v, dtype=torch.float32) for v in (history.command[1 - PAST :], history.twist[-PAST:]))
+        return u, y
 
     def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
         """See `Model.scan`."""
@@ -175,7 +182,10 @@ class DeepSi:
         twists = np.empty((len(commands), 3))
         with torch.no_grad():
             for k, u in enumerate(torch.tensor(commands, dtype=torch.float32)):
-                carry = self.model.f(carry, u[None])
+                if isinstance(carry, tuple):
+                    carry = self.model.encoder(torch.cat([carry[0], u[None]])[None], carry[1][None])
+                else:
+                    carry = self.model.f(carry, u[None])
                 twists[k] = self.model.h(carry)[0].numpy()
         return carry, twists
 

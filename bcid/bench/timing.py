@@ -23,6 +23,7 @@ class Row:
     peer_ms: float
     goal: float | None  # the least ratio wanted
     difference: float | None  # largest one of the results; None where they are not the same thing
+    tolerated: float | None = None  # of the difference, where a faster way may not be a worse one
 
     @property
     def ratio(self) -> float:
@@ -31,8 +32,9 @@ class Row:
 
     @property
     def missed(self) -> bool:
-        """Whether the ratio falls short of its goal."""
-        return self.goal is not None and self.ratio < self.goal
+        """Whether the ratio falls short of its goal, or the result does."""
+        worse = None not in (self.tolerated, self.difference) and self.difference > self.tolerated  # type: ignore[operator]
+        return worse or (self.goal is not None and self.ratio < self.goal)
 
     def as_json(self) -> dict[str, Any]:
         """See contracts, `bcid.bench/1`."""

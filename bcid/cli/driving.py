@@ -71,8 +71,10 @@ def write_driven(folder: Path, take: Take, model: Path, commands: Path, sensor: 
     if not 1.0 <= duration_s <= LONGEST_S:
         cause = f"lasts {duration_s:g} s"
         raise InputRefused(commands, "time_s", cause, f"drive 1 to {LONGEST_S:g} s, or give --duration")
+    given = _given(time_s, command, duration_s, saved.period_s)
     try:
         run = driven(saved, time_s, command, duration_s, sensor, seed)
+        twist = rollout(saved, at_rest(saved.lags), given)
     except Diverged as error:
         raise InputRefused(model, "model.json", f"{error} under {commands.name}", "drive it more gently") from None
     folder.mkdir(parents=True, exist_ok=True)
@@ -81,15 +83,19 @@ def write_driven(folder: Path, take: Take, model: Path, commands: Path, sensor: 
         return Driven(
             [path], ["no limits.json beside the model: neither intervals nor the range of its data are known"]
         )
-    given = _given(time_s, command, duration_s, saved.period_s)
-    prediction, twist = folder / f"{take.name}.prediction.parquet", rollout(saved, at_rest(saved.lags), given)[1:]
-    half = np.full_like(twist, np.nan)
+    warnings, half, end = [], np.zeros((1, 3)), np.full((len(given), 3), np.nan)
     if limits.noise is not None:
-        half = predicted(saved, at_rest(saved.lags), given, limits.noise, seed=seed).half
-    times = saved.period_s * np.arange(1, len(given) + 1)
+        end = predicted(saved, at_rest(saved.lags), given, limits.noise, seed=seed).half
+    if not np.isfinite(end).all():
+        warnings.append("no intervals: its process noise is not known, or its rollouts run away")
+    half = np.vstack([half, end])
+    prediction = folder / f"{take.name}.prediction.parquet"
+    times = saved.period_s * np.arange(len(twist))
     write_columns(prediction, np.column_stack([times, twist, twist - half, twist + half]), PREDICTION)
-    beyond = [b.words(saved.period_s) for b in limits.range.beyond(twist, given)]
-    return Driven([path, prediction], [f"beyond the data it was fitted on: {'; '.join(beyond)}"] if beyond else [])
+    beyond = [b.words(saved.period_s) for b in limits.range.beyond(twist, np.vstack([given, given[-1:]]))]
+    if beyond:
+        warnings.append(f"beyond the data it was fitted on: {'; '.join(beyond)}")
+    return Driven([path, prediction], warnings)
 
 
 def _given(time_s: Floats, command: Floats, duration_s: float, h: float) -> Floats:

@@ -205,13 +205,18 @@ def accuracy(found: Mapping[str, Any]) -> Group:
         horizons = [k for k, v in some[0].items() if isinstance(v, Mapping)]
         some.sort(key=lambda line: line["end"]["nmse"] or float("inf"))
         rows = [
-            [line["model"], *(thousandths(line[h]["nmse"]) for h in horizons),
+            [line["model"], *(_with_interval(line[h]) for h in horizons),
              "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"]
             for line in some
         ]  # fmt: skip
-        title = f"{data}: closed loop, NMSE × 10³, started anew every so often, or never; median of the seeds"
+        title = f"{data}: closed loop, NMSE × 10³ (95 %), started anew every so often or never; median of the seeds"
         parts.append(table(title, ["model", *horizons, "seeds change"], rows))
     return Group(*parts, *(f"missed: {text}" for text in found["missed"]))
+
+
+def _with_interval(figure: Mapping[str, Any]) -> str:
+    low, high = (thousandths(v) for v in figure["ci95"] or (None, None))
+    return "diverged" if figure["nmse"] is None else f"{thousandths(figure['nmse'])} ({low} – {high})"
 
 
 def recovery(found: Mapping[str, Any]) -> Table:

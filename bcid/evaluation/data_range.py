@@ -13,7 +13,7 @@ from bcid.estimate.types import Estimate
 Floats = npt.NDArray[np.float64]
 
 QUANTITIES = {
-    "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "v_x yaw_rate": "m/s²", "u_s": "rad", "u_m": "m/s"
+    "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "v_x yaw_rate": "m/s²", "u_s": "rad", "u_m": ""
 }  # fmt: skip
 MARGIN = 0.05  # of a quantity's span that it may go beyond
 
@@ -29,8 +29,8 @@ class Beyond(NamedTuple):
     def words(self, period_s: float) -> str:
         """As a warning says it."""
         unit, side = QUANTITIES[self.quantity], "up to" if self.value > self.limit else "down to"
-        at = f"{self.value:.3g} {unit} at {self.step * period_s:.1f} s"
-        return f"{self.quantity} is {at}, the takes go {side} {self.limit:.3g} {unit}"
+        value, limit = (f"{v:.3g} {unit}".strip() for v in (self.value, self.limit))
+        return f"{self.quantity} is {value} at {self.step * period_s:.1f} s, the takes go {side} {limit}"
 
 
 class DataRange(NamedTuple):

@@ -73,11 +73,12 @@ def judge(
 def _how_sure(model: Model, take: Estimate, twist: Floats, limits: Limits | None) -> dict[str, Any]:
     """The process noise, how often its intervals hold on the take, and where the rollout leaves the data's range."""
     if limits is None:
-        return {"process_noise": None, "coverage": None, "outside_range": None, "beyond": None}
-    beyond = limits.range.beyond(np.nan_to_num(twist), take.command)
+        return {"process_noise": None, "coverage": None, "take_outside_range": None, "beyond": None}
+    finite = bool(np.isfinite(twist).all())
+    beyond = [b.words(take.period_s) for b in limits.range.beyond(twist, take.command)] if finite else ["it diverges"]
     return {
         "process_noise": limits.noise and limits.noise._asdict(),
         "coverage": coverage(model, take, limits.noise) if limits.noise else None,
-        "outside_range": limits.range.share_outside(take.twist, take.command),
-        "beyond": [b.words(take.period_s) for b in beyond],
+        "take_outside_range": limits.range.share_outside(take.twist, take.command),
+        "beyond": beyond,
     }

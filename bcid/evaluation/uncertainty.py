@@ -20,14 +20,17 @@ import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
 from bcid.models.interface import History, Model, history_at
+from bcid.models.windows import divided
 
 Floats = npt.NDArray[np.float64]
 
 HORIZONS_S = (0.5, 2.0, 10.0)  # at which intervals are checked
 CALIBRATED_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # after a start, the misses that noise is found from
 TAUS_S = (0.0, 1.0, 4.0)
-HELD_OUT = 0.1  # of the takes, their end: the part on which networks choose their epoch
-FEWEST, MOST = 8, 24  # starts that noise is found from
+FAR, WILD = 10.0, 10.0  # times what was driven, a miss that is no miss any more; deviations that no law has
+MOVES = 0.1  # of the fastest stretch's mean speed
+WITHIN = 0.6827  # of a normal law within one deviation
+FEWEST, MOST = 8, 24  # starts that noise is found from, of each take and in all
 SAMPLES, MANY = 16, 200  # pushed vehicles per start: to find the noise, to draw an interval
 SMALL = 0.02  # of a component's spread, the pushes per root second that still add up linearly
 COVERED = 0.95
@@ -78,38 +81,52 @@ def pushed(
     return out
 
 
-def starts(estimates: Sequence[Estimate], steps: int, every: int) -> list[tuple[Estimate, int]]:
-    """Rows from which `steps` follow without a break, `every` so many."""
-    return [(e, k) for e in estimates for s in e.segments() for k in range(s.start, s.stop - steps, every)]
+def starts(estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0) -> list[tuple[Estimate, int]]:
+    """Rows from which `steps` follow without a break and before which `lags` lie, `every` so many."""
+    return [(e, k) for e in estimates for s in e.segments() for k in range(s.start + lags, s.stop - steps, every)]
+
+
+def _moving(found: list[tuple[Estimate, int]], steps: int) -> list[tuple[Estimate, int]]:
+    """Those starts from which the car moves: a car at rest misses nothing."""
+    v = [float(np.abs(e.kinematic[k : k + steps + 1, 0]).mean()) for e, k in found]
+    return [start for start, speed in zip(found, v, strict=True) if speed > MOVES * max(v)]
 
 
 def calibrated(model: Model, estimates: Sequence[Estimate], seed: int = 0) -> ProcessNoise | None:
-    """The noise that makes the model's misses at the takes' end likeliest; None where no stretch is long enough.
+    """The noise that makes the model's misses at the takes' ends likeliest.
 
-    The deviations that hold 95 % are counted, not taken from the normal law: what a model lacks comes in bouts.
+    None where no stretch is long enough, or where the model runs away: no noise explains that.  The deviations that
+    hold 95 % are counted, not taken from the normal law: what a model lacks comes in bouts.
     """
-    longest = max((s.stop - s.start for e in estimates for s in e.segments()), default=0) - 1
+    longest = max((s.stop - s.start for e in estimates for s in e.segments()), default=0) - 1 - model.lags
     at = np.unique([max(1, round(t / model.period_s)) for t in CALIBRATED_S])
     at = at[at <= longest]
     if len(at) == 0:
         return None
-    found = starts(estimates, int(at[-1]), max(1, int(at[-1]) // 4))
-    held = found[-max(FEWEST, round(HELD_OUT * len(found))) :]
-    held = held[:: math.ceil(len(held) / MOST)]
+    steps = int(at[-1])
+    _, ends = divided(estimates, FEWEST * steps // 4)
+    every = max(1, steps // 4)
+    found = _moving(starts(ends, steps, every, model.lags) or starts(estimates, steps, every, model.lags), steps)
+    held = found[:: math.ceil(len(found) / MOST)]
     tried = []
-    for tau in TAUS_S:
+    for tau in TAUS_S if held else ():
         misses = _misses(model, held, at, tau, np.random.default_rng(seed))
+        if misses is None:
+            return None
         tried.append((*_likeliest(misses), tau, misses))
+    if not tried:
+        return None
     _, q2, tau, misses = min(tried, key=lambda found: found[0])
     ratio = np.abs(misses.miss) / np.sqrt(_variance(misses, q2))
     x, y, z = np.sqrt(q2).tolist()
-    return ProcessNoise((x, y, z), tau, float(np.quantile(ratio, COVERED)))
+    factor = float(np.quantile(ratio, COVERED))
+    return ProcessNoise((x, y, z), tau, factor) if factor < WILD else None
 
 
 def _misses(
     model: Model, held: Sequence[tuple[Estimate, int]], at: npt.NDArray[np.intp], tau: float, rng: np.random.Generator
-) -> _Misses:
-    """Of the rollouts from the starts `held`, `at` steps after each."""
+) -> _Misses | None:
+    """Of the rollouts from the starts `held`, `at` steps after each; None where one goes far beyond what was driven."""
     steps = int(at[-1])
     carries = np.stack([model.init(history_at(e, k, model.lags)) for e, k in held])
     commands = np.stack([e.command[k : k + steps] for e, k in held])
@@ -117,6 +134,8 @@ def _misses(
     rows = [k + at for _, k in held]
     measured = np.stack([e.twist[r] for (e, _), r in zip(held, rows, strict=True)])
     known = np.stack([e.twist_sd[r] ** 2 for (e, _), r in zip(held, rows, strict=True)])
+    if not (np.abs(plain - measured) <= FAR * (np.abs(measured).max(axis=(0, 1)) + np.ptp(measured))).all():
+        return None
     unit = SMALL * np.maximum(carries[:, model.motion].std(axis=0), 1e-3)
     answer = []
     for j in range(3):
@@ -124,8 +143,7 @@ def _misses(
         many = pushed(model, np.repeat(carries, SAMPLES, axis=0), np.repeat(commands, SAMPLES, axis=0), q, tau, rng)
         off = many.reshape(len(held), SAMPLES, steps, 3)[:, :, at - 1] - plain[:, None]
         answer.append((off**2).mean(axis=1) / unit[j] ** 2)
-    finite = np.isfinite(plain).all(axis=(1, 2)) & np.isfinite(answer).all(axis=(0, 2, 3))
-    return _Misses((plain - measured)[finite], known[finite], np.array(answer)[:, finite])
+    return _Misses(plain - measured, known, np.array(answer)) if np.isfinite(answer).all() else None
 
 
 def _variance(of: _Misses, q2: Floats) -> Floats:
@@ -153,14 +171,18 @@ def _likeliest(of: _Misses) -> tuple[float, Floats]:
 def predicted(
     model: Model, history: History, commands: Floats, noise: ProcessNoise, samples: int = MANY, seed: int = 0
 ) -> Prediction:
-    """The rollout under `commands` (N, 2) and its interval, from `samples` of its noise; of what diverges, none."""
+    """The rollout under `commands` (N, 2) and its interval, from `samples` of its noise.
+
+    By the share of them that lies within one deviation, which a few that run away do not change; where a third does,
+    the interval has no end.
+    """
     carry, rng = model.init(history), np.random.default_rng(seed)
     plain = model.scan(carry, commands)[1]
     many = pushed(
         model, np.tile(carry, (samples, 1)), np.tile(commands, (samples, 1, 1)), np.array(noise.q), noise.tau_s, rng
     )  # fmt: skip
-    with np.errstate(invalid="ignore", over="ignore"):
-        return Prediction(plain, noise.factor * np.sqrt(((many - plain) ** 2).mean(axis=0)))
+    off = np.abs(many - plain)
+    return Prediction(plain, noise.factor * np.quantile(np.where(np.isfinite(off), off, np.inf), WITHIN, axis=0))
 
 
 def half_widths(model: Model, estimate: Estimate, noise: ProcessNoise | None) -> Floats:
@@ -177,28 +199,22 @@ def half_widths(model: Model, estimate: Estimate, noise: ProcessNoise | None) ->
 
 
 def coverage(model: Model, estimate: Estimate, noise: ProcessNoise, seed: int = 0) -> list[dict[str, Any]]:
-    """How often the take's twist lies within the 95 % interval at each of HORIZONS_S, with the share's own interval.
+    """How often the take's twist lies within the 95 % interval at each of HORIZONS_S.
 
-    Starts are half the longest horizon apart; the smoothed twist's own standard deviation widens the interval.
+    Starts are a horizon apart, so that no two rollouts share a row; the share's own interval (Wilson's) counts each as
+    one, whatever its three channels say.  The smoothed twist's own standard deviation widens the interval.
     """
-    from scipy.stats import bootstrap
+    from scipy.stats import binomtest
 
-    at = [round(t / model.period_s) for t in HORIZONS_S]
-    longest = max(s.stop - s.start for s in estimate.segments()) - 1
-    within, rows = list[Floats](), [n for n in at if 1 <= n <= longest]
-    for e, k in starts([estimate], rows[-1], max(1, rows[-1] // 2)) if rows else []:
-        found = predicted(model, history_at(e, k, model.lags), e.command[k : k + rows[-1]], noise, seed=seed)
-        picked, then = np.array(rows) - 1, k + np.array(rows)
-        half = np.hypot(found.half[picked], noise.factor * e.twist_sd[then])
-        within.append((np.abs(found.twist[picked] - e.twist[then]) <= half).mean(axis=1))
     told = []
-    for n, shares in zip(rows, np.array(within).T.reshape(len(rows), -1), strict=True):
-        if len(shares) >= 2 and np.ptp(shares) > 0.0:
-            made = bootstrap((shares,), np.mean, n_resamples=999, rng=np.random.default_rng(0), method="percentile")
-            low, high = (float(v) for v in made.confidence_interval)
-        else:
-            low = high = float(shares.mean())
-        told.append({
-            "horizon_s": n * model.period_s, "covered": float(shares.mean()), "ci95": [low, high], "starts": len(shares)
-        })  # fmt: skip
+    for horizon in HORIZONS_S:
+        n, within = round(horizon / model.period_s), list[float]()
+        for e, k in starts([estimate], n, n, model.lags) if n else []:
+            found = predicted(model, history_at(e, k, model.lags), e.command[k : k + n], noise, seed=seed)
+            half = np.hypot(found.half[-1], noise.factor * e.twist_sd[k + n])
+            within.append(float((np.abs(found.twist[-1] - e.twist[k + n]) <= half).mean()))
+        if within:
+            share = float(np.mean(within))
+            low, high = binomtest(round(share * len(within)), len(within)).proportion_ci(0.95, "wilson")
+            told.append({"horizon_s": horizon, "covered": share, "ci95": [low, high], "starts": len(within)})
     return told

@@ -67,14 +67,15 @@ def prepared(
         found = contacts(recording)
         hits += found
         take = moving(without_contacts(take_of(recording, estimate, integration_step(car)), found), car.l_f + car.l_r)
-        if take.segments < FEWEST_SEGMENTS:
-            raise InputRefused(
-                recording.sources[0].path, "poses",
-                f"only {take.segments} stretches of 1.5 s in motion can be used, {FEWEST_SEGMENTS} are the least",
-                "record a longer take with fewer gaps",
-            )  # fmt: skip
         parts.append(take)
-    return joined(parts), tuple(hits)
+    usable = sum(take.segments for take in parts)
+    if usable < FEWEST_SEGMENTS:
+        raise InputRefused(
+            recordings[0].sources[0].path, "poses",
+            f"only {usable} stretches of 1.5 s in motion can be used, {FEWEST_SEGMENTS} are the least",
+            "record a longer take with fewer gaps",
+        )  # fmt: skip
+    return joined([take for take in parts if take.segments]), tuple(hits)
 
 
 def base_of(vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: tuple[str, ...] = ()) -> Hypothesis:

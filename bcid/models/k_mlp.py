@@ -17,12 +17,12 @@ from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.kinematic import Frame, State, fill, frame_of, moved, twist_of
-from bcid.models.kinematic_rollout import kinematic_rollouts
+from bcid.models.kinematic_rollout import unrolled, with_servo
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
 from bcid.models.scanned import Kernels, Scanned
 from bcid.models.settings import TrainingSettings
-from bcid.models.training import train
+from bcid.models.training import parts_of, stretches_of, train
 
 
 @njit_inline
@@ -76,11 +76,13 @@ class KMlp(Scanned):
     @classmethod
     def fit(cls, task: FitTask) -> Self:
         """Train on the one-step NMSE of the kinematic state, or of the twist over rollouts as well."""
-        s, frame = transitions(task.estimates), frame_of(task)
+        settings, frame = TrainingSettings.model_validate(task.settings), frame_of(task)
+        used, held = parts_of(task, settings)
+        s = transitions(used)
         x = np.column_stack([s.kinematic, s.command[:, 0]])
-        settings = TrainingSettings.model_validate(task.settings)
-        rollouts = kinematic_rollouts(task, settings, frame, lambda network, at: network(at))
-        weights, facts = train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress, *rollouts)
+        ahead = unrolled(frame, lambda network, at: network(at))
+        stretches = stretches_of(used, held, settings, ahead, prepared=lambda taken: with_servo(taken, frame))
+        weights, facts = train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress, stretches)
         return cls(weights, frame, facts)
 
     def init(self, history: History) -> Floats:

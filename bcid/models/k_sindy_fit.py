@@ -20,13 +20,14 @@ from bcid.models.kinematic import Frame
 from bcid.models.library import theta_table
 from bcid.models.samples import scale, transitions
 from bcid.models.settings import SparseSettings
-from bcid.models.windows import Windows, steps_of, windows
+from bcid.models.windows import Windows, divided, steps_of, windows
 
 Ints = npt.NDArray[np.int64]
 
 BLOCK_S = 5.0  # within which samples are alike
 THRESHOLDS = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15)
 HELD_OUT = 0.2  # of every take, its end, on which thresholds are compared
+LEAST_HELD = 3  # stretches' lengths, at least
 MOST = 50  # rounds of thresholding
 LOST = 10.0  # weighted miss of a rollout that leaves the finite numbers
 NUDGE = 1e-4  # of a coefficient, for differences
@@ -133,7 +134,8 @@ def _stretches(estimates: Sequence[Estimate], settings: SparseSettings) -> Windo
 
 def _chosen(task: FitTask, settings: SparseSettings, speed: Ints, frame: Frame) -> tuple[float, dict[str, float]]:
     """The largest threshold whose rollouts on the takes' ends are as good as the best's within its standard error."""
-    early, late = zip(*(_divided(e) for e in task.estimates), strict=True)
+    steps = steps_of("rollout", settings.horizon_s, task.period_s)
+    early, late = divided(task.estimates, LEAST_HELD * steps, HELD_OUT)
     products, judged = _products(early, speed, frame), _stretches(late, settings)
     weight = scale(judged.twist[:, 0])
     errors = {}
@@ -142,15 +144,10 @@ def _chosen(task: FitTask, settings: SparseSettings, speed: Ints, frame: Frame) 
         off = weight * (predicted - judged.twist[:, 1:])
         errors[threshold] = np.minimum(np.nan_to_num(off, nan=LOST) ** 2, LOST**2).mean(axis=(1, 2))
     best = min(THRESHOLDS, key=lambda t: errors[t].mean())
-    good = errors[best].mean() + errors[best].std(ddof=1) / np.sqrt(len(errors[best]))
+    several = len(errors[best]) > 1
+    good = errors[best].mean() + (errors[best].std(ddof=1) / np.sqrt(len(errors[best])) if several else 0.0)
     chosen = max(t for t in THRESHOLDS if errors[t].mean() <= good)
     return chosen, {f"{t:g}": float(e.mean()) for t, e in errors.items()}
-
-
-def _divided(e: Estimate) -> tuple[Estimate, Estimate]:
-    """A take's beginning and its end."""
-    cut = round((1.0 - HELD_OUT) * len(e))
-    return e.part(slice(0, cut)), e.part(slice(cut, len(e)))
 
 
 def _predicted(s: Sparse, c: Frame, of: Windows) -> Floats:

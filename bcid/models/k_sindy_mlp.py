@@ -21,12 +21,12 @@ from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.k_sindy import KSindy, Sparse, Terms, f_sindy, terms_of
 from bcid.models.kinematic import Frame, State, fill, moved, twist_of, without_gain
-from bcid.models.kinematic_rollout import kinematic_rollouts, sparse_sums
+from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
 from bcid.models.scanned import Kernels, Scanned
 from bcid.models.settings import ResidualTrainingSettings
-from bcid.models.training import train
+from bcid.models.training import parts_of, stretches_of, train
 
 
 @njit_inline
@@ -98,17 +98,16 @@ class KSindyMlp(Scanned):
         """Train the perceptron on the one-step residual of the fitted K-SINDy, or over rollouts as well."""
         if not isinstance(task.base, KSindy):
             raise TypeError("k-sindy-mlp is derived from a fitted k-sindy model")
-        sindy = task.base
-        s = transitions(task.estimates)
+        sindy, settings = task.base, ResidualTrainingSettings.model_validate(task.settings)
+        used, held = parts_of(task, settings)
+        s = transitions(used)
         x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
         residual = s.next_kinematic[:, :3] - _sindy_table(x, sindy.sparse, sindy.frame)
-        settings = ResidualTrainingSettings.model_validate(task.settings)
         dissipative = settings.residual == "dissipative"
         sparse = sparse_sums(sindy.sparse, sindy.frame)
-        rollouts = kinematic_rollouts(
-            task, settings, sindy.frame, lambda network, at: sparse(at) + network(at), dissipative
-        )
-        weights, facts = train(x, residual, settings, task.seed, task.progress, *rollouts)
+        ahead = unrolled(sindy.frame, lambda network, at: sparse(at) + network(at), dissipative)
+        stretches = stretches_of(used, held, settings, ahead, prepared=lambda taken: with_servo(taken, sindy.frame))
+        weights, facts = train(x, residual, settings, task.seed, task.progress, stretches)
         return cls(sindy, weights, facts, dissipative)
 
     def init(self, history: History) -> Floats:
@@ -126,7 +125,7 @@ class KSindyMlp(Scanned):
         residual = f"plus MLP(v_f, α_f, α_r, δ, u_s, u_m): hidden {a} and {b}, ReLU, {mlp.count(self.weights)} weights"
         lines = [self.sindy.describe(), residual]
         if self.dissipative:
-            lines.append("v_f lowered where v_x² + v_y² + l_f l_r w² would grow while u_m ≤ 0")
+            lines.append("v_f lowered where v_x² + v_y² + l_f l_r w² would grow while u_m ≤ 0 (as if I_z = m l_f l_r)")
         return "\n".join(lines)
 
     def state(self) -> tuple[dict[str, Any], Arrays]:

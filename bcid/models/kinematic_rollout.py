@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bcid.models.interface import FitTask
 from bcid.models.k_sindy import Sparse
 from bcid.models.kinematic import SLIP_LIMIT, Frame
 from bcid.models.library import ABS_AF, ABS_DELTA, ABS_RATE, AF, AR, BRAKE, DELTA, FACTORS, RATE, THROTTLE, V
-from bcid.models.settings import TrainingSettings
-from bcid.models.training import EVERY, Network, Unrolled
-from bcid.models.windows import Windows, steps_of, windows
+from bcid.models.training import Network, Unrolled
+from bcid.models.windows import Windows
 from bcid.physics.steering import steering_step
 
 if TYPE_CHECKING:
@@ -103,18 +101,3 @@ def sparse_sums(s: Sparse, c: Frame) -> Callable[[Tensor], Tensor]:
 
     each = [sparse_sum(xi, e, c) for xi, e in ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))]
     return lambda x: torch.stack([f(x) for f in each], dim=1)
-
-
-def kinematic_rollouts(
-    task: FitTask,
-    settings: TrainingSettings,
-    c: Frame,
-    after: Callable[[Network, Tensor], Tensor],
-    dissipative: bool = False,
-) -> tuple[Windows, Unrolled] | tuple[()]:
-    """What `train` needs for the rollout loss; nothing where it is not asked for."""
-    if settings.loss == "one-step":
-        return ()
-    steps = steps_of(settings.loss, settings.horizon_s, task.period_s)
-    taken = windows(task.estimates, steps, max(1, steps // EVERY))
-    return with_servo(taken, c), unrolled(c, after, dissipative)

@@ -20,8 +20,7 @@ from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
 from bcid.models.scanned import Kernels, Scanned
 from bcid.models.settings import TrainingSettings
-from bcid.models.training import EVERY, Network, train
-from bcid.models.windows import steps_of, windows
+from bcid.models.training import Network, parts_of, stretches_of, train
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -92,13 +91,13 @@ class NarxMlp(Scanned):
     @classmethod
     def fit(cls, task: FitTask) -> Self:
         """Train on the one-step NMSE of the twist, or over rollouts as well."""
-        s = transitions(task.estimates, LAGS)
+        settings = TrainingSettings.model_validate(task.settings)
+        used, held = parts_of(task, settings, LAGS)
+        s = transitions(used, LAGS)
         n = len(s.twist)
         x = np.column_stack([s.twist.reshape(n, -1), s.command.reshape(n, -1)])
-        settings = TrainingSettings.model_validate(task.settings)
-        steps = steps_of(settings.loss, settings.horizon_s, task.period_s)
-        taken = windows(task.estimates, steps, max(1, steps // EVERY), LAGS)
-        weights, facts = train(x, s.next_twist, settings, task.seed, task.progress, taken, _unrolled)
+        stretches = stretches_of(used, held, settings, _unrolled, LAGS)
+        weights, facts = train(x, s.next_twist, settings, task.seed, task.progress, stretches)
         return cls(weights, task.period_s, facts)
 
     def init(self, history: History) -> Floats:

@@ -5,21 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bcid.models import genetic, levenberg_marquardt
 from bcid.models.genetic import Optimum
 from bcid.models.interface import FitTask, Floats
 from bcid.models.levenberg_marquardt import Normal
 from bcid.models.newton_euler_objective import Stretches, costs, normal_equations, predictions
-from bcid.models.newton_euler_parameters import Box
+from bcid.models.newton_euler_parameters import Box, correlated
 from bcid.models.samples import scale
 from bcid.models.settings import NewtonEulerSettings
 from bcid.models.windows import steps_of, windows
 from bcid.physics.car import Car
 
 BLOCK_S = 5.0  # within which residuals are alike
-TIED = 0.95  # correlation from which two constants are told to go together
 NO_END = 1e6  # cost of a car that leaves the finite numbers
 STEP = 1e-5  # of the box, for differences
 FEWEST = 100  # stretches on which starts are compared
@@ -93,7 +91,7 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
             }
             for p, s in zip(box.table, spread, strict=True)
         },
-        "correlated": _correlated(covariance, [p.symbol for p in box.table]),
+        "correlated": correlated(covariance, [p.symbol for p in box.table]),
         "at_bound": box.at_bound(best.x),
         "top_speed_mps": top_speed,
         "mass_given": task.vehicle.body.mass_kg is not None,
@@ -128,14 +126,3 @@ def _covariance(objective: Objective, best: Optimum, block: int) -> Floats:
     found = np.full((len(best.x), len(best.x)), np.nan)
     found[np.ix_(acting, acting)] = bread @ (blocks.T @ blocks) @ bread * len(blocks) / max(len(blocks) - 1, 1)
     return found
-
-
-def _correlated(covariance: Floats, symbols: list[str]) -> list[tuple[str, str, float]]:
-    """Pairs of constants whose errors go together."""
-    sd = np.sqrt(np.diag(covariance))
-    rho: npt.NDArray[np.float64] = covariance / np.outer(sd, sd)
-    return [
-        (symbols[i], symbols[j], float(rho[i, j]))
-        for i, j in zip(*np.triu_indices(len(symbols), 1), strict=True)
-        if abs(rho[i, j]) > TIED
-    ]

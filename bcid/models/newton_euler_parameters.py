@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ Floats = npt.NDArray[np.float64]
 
 GRAVITY = 9.81
 UNIDENTIFIED = 0.5  # relative standard error
+TIED = 0.95  # correlation from which two constants are told to go together
 NEAR_BOUND = 0.01  # share of the (logarithmic) range
 
 
@@ -104,6 +106,17 @@ class Box:
         return [p.symbol for p, g in zip(self.table, x, strict=True) if min(g, 1.0 - g) < NEAR_BOUND]
 
 
+def correlated(covariance: Floats, symbols: Sequence[str]) -> list[tuple[str, str, float]]:
+    """Pairs of constants whose errors go together."""
+    sd = np.sqrt(np.diag(covariance))
+    rho = covariance / np.outer(sd, sd)
+    return [
+        (symbols[i], symbols[j], float(rho[i, j]))
+        for i, j in itertools.combinations(range(len(symbols)), 2)
+        if abs(rho[i, j]) > TIED
+    ]
+
+
 def identified(symbol: str, facts: Mapping[str, Any]) -> bool:
     """Whether the takes show a fitted constant, or leave it at its bound or unknown to half of itself."""
     error = facts["fitted"][symbol]["relative_se"]
@@ -127,7 +140,8 @@ def parameter_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
     lines = [_told(s, values[s], facts) for s in fitted]
     lines.append(f"  {'R_2':11} = {car.R_2:<10.4g}        N s²/m² from R_1 and R_v, so that the drag dissipates")
     given = {"m": "kg", "l_f": "m", "l_r": "m", "T_s": "s", "d": "rad/s", "v_0": "m/s", "front_share": "-"}
-    lines += [f"  {s:11} = {values[s]:<10.4g}        {unit:7} held" for s, unit in given.items()]
+    given |= {"u_0": "-"} if car.sets_force else {}
+    lines += [f"  {s:11} = {values[s]:<10.4g}        {unit:7} held" for s, unit in given.items() if s not in fitted]
     lines += [
         f"  {a} and {b} go together (correlation {rho:+.2f}): one is known as far as the other is"
         for a, b, rho in facts.get("correlated", ())

@@ -13,16 +13,19 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bcid.errors import InputRefused
-from bcid.likelihood.hypothesis import DRAG, DRAG_UNIT
+from bcid.likelihood.hypothesis import DRAG, DRAG_UNIT, PRIOR_SD
 from bcid.likelihood.recordings import base_from, base_of
 from bcid.likelihood.refit import Fit
-from bcid.models.interface import FitTask
-from bcid.models.newton_euler_parameters import parameters
+from bcid.models.interface import FitTask, Floats
+from bcid.models.newton_euler_parameters import correlated, parameters
 from bcid.models.newton_euler_start import started_car
 from bcid.models.settings import NewtonEulerSettings
 from bcid.physics.car import Car
 
 NEAR_BOUND = 1e-3  # of phi
+OF_THE_PRIOR = 0.5  # of its standard deviation: who knows no more has learnt little from the poses
+TINY = 1e-12
+STEERING = {"T_s": ("s", "steering time constant"), "d": ("rad/s", "steering rate limit")}
 
 
 def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
@@ -50,35 +53,45 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
 
 
 def _facts(fit: Fit, stretches: int, task: FitTask, top: float) -> dict[str, Any]:
-    errors, about = relative_errors(fit, top), {p.symbol: p for p in parameters(task.vehicle, top)}
+    about = {p.symbol: (p.unit, p.meaning) for p in parameters(task.vehicle, top)} | STEERING
+    symbols, covariance = stated(fit, top)
+    errors = np.sqrt(np.diag(covariance))
     hypothesis, (low, high) = fit.hypothesis, fit.hypothesis.bounds()
     ends = np.minimum(fit.phi - low, high - fit.phi) < NEAR_BOUND
     x, y, yaw = 1e3 * fit.scales.r
     return {
         "optimiser": f"likelihood of the poses in {stretches} stretches of 1.5 s",
         "loss": "poses",
-        "reached": f"noise of {x:.2g} and {y:.2g} mm, {yaw:.2g} mrad",
+        "reached": f"noise of {x:.2g} and {y:.2g} mm, {yaw:.2g} mrad; ± as far as the model lacks nothing",
         "log_likelihood": fit.log_likelihood,
         "fitted": {
-            symbol: {"unit": about[symbol].unit, "meaning": about[symbol].meaning, "relative_se": se}
-            for symbol, se in errors.items()
-            if symbol in about
+            symbol: {
+                "unit": about[symbol][0], "meaning": about[symbol][1],
+                "relative_se": float(se) if np.isfinite(se) else None,
+            }
+            for symbol, se in zip(symbols, errors, strict=True)
         },
-        "correlated": [],
+        "correlated": correlated(covariance, symbols),
         "at_bound": [s for s, at_end in zip(hypothesis.logs, ends, strict=False) if at_end],
         "top_speed_mps": top,
         "mass_given": task.vehicle.body.mass_kg is not None,
-    }
+    }  # fmt: skip
 
 
-def relative_errors(fit: Fit, top_speed: float) -> dict[str, float]:
-    """Standard errors of a fit's constants, and of the drag per speed R_v at the top speed, as shares of them."""
-    car, logs = fit.car(), fit.hypothesis.logs
-    n = len(logs)
-    unit = DRAG_UNIT * car.m
-    drag = unit**2 * fit.covariance[n : n + len(DRAG), n : n + len(DRAG)]
-    along = np.array([1.0, top_speed])
-    values = {"R_1": car.R_1, "R_2": car.R_2, "R_v": float(along @ [car.R_1, car.R_2])}
-    variances = {"R_1": drag[0, 0], "R_2": drag[1, 1], "R_v": along @ drag @ along}
-    spread = dict(zip(logs, np.sqrt(np.diag(fit.covariance)[:n]).tolist(), strict=True))
-    return spread | {s: float(np.sqrt(v) / max(abs(values[s]), 1e-12)) for s, v in variances.items()}
+def stated(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
+    """The constants that a fit states, and the covariance of their relative errors.
+
+    Of the drag, R_1 and the drag per speed R_v at the top speed.  NaN where the poses say less than the prior does.
+    """
+    car, logs = fit.car(), list(fit.hypothesis.logs)
+    n, unit = len(logs), DRAG_UNIT * fit.car().m
+    R_v = car.R_1 + car.R_2 * top_speed
+    to = np.zeros((n + 2, n + len(DRAG)))  # relative errors of what is stated, per unit of phi
+    to[:n, :n] = np.eye(n)
+    to[n, n], to[n + 1, n:] = unit / max(abs(car.R_1), TINY), unit * np.array([1.0, top_speed]) / max(abs(R_v), TINY)
+    base = fit.covariance[: n + len(DRAG), : n + len(DRAG)]
+    covariance: Floats = to @ base @ to.T
+    unshown = np.sqrt(np.diag(base)) > OF_THE_PRIOR * PRIOR_SD
+    unshown = np.r_[unshown[:n], unshown[n], unshown[n:].any()]
+    covariance[unshown], covariance[:, unshown] = np.nan, np.nan
+    return [*logs, "R_1", "R_v"], covariance

@@ -36,9 +36,9 @@ class Scanned:
     def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """See `Model.scan`."""
         after = np.array(carry, dtype=np.float64)
-        return after, self.kernels.scan(after, np.ascontiguousarray(commands), *self.arguments)
+        return after, self.kernels.scan(after, np.ascontiguousarray(commands, dtype=np.float64), *self.arguments)
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """See `Model.scan_many`."""
         after = np.array(carries, dtype=np.float64, order="C")
-        return after, self.kernels.scan_many(after, np.ascontiguousarray(commands), *self.arguments)
+        return after, self.kernels.scan_many(after, np.ascontiguousarray(commands, dtype=np.float64), *self.arguments)

@@ -6,17 +6,18 @@ The rollout loss is what reports quote: the squared error of the twist, over man
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from bcid.models.interface import Progress
+from bcid.estimate.types import Estimate
+from bcid.models.interface import FitTask, Progress
 from bcid.models.mlp import Weights
 from bcid.models.samples import scale, spread
 from bcid.models.settings import TrainingSettings
-from bcid.models.windows import Windows
+from bcid.models.windows import Windows, divided, steps_of, windows
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -27,9 +28,35 @@ Unrolled = Callable[[Network, "Tensor", "Tensor", "Tensor"], "Tensor"]
 """A network, twists, kinematic states and commands of stretches as `Windows` has them, to the twists (B, S, 3) after
 each step; the kinematic states hold the steering angles as the servo alone determines them."""
 
-HELD_OUT = 0.1  # of the stretches, the last ones, on which the best epoch is chosen
 LOUDEST = 1.0  # norm of a gradient, above which it is shortened: a rollout near its limit has no useful slope
 EVERY = 4  # of a stretch's length, the distance of neighbouring starts
+
+
+class Stretches(NamedTuple):
+    """What the rollout loss is taken of."""
+
+    used: Windows
+    held: Windows  # on which the best epoch is chosen
+    unrolled: Unrolled
+
+
+def parts_of(task: FitTask, settings: TrainingSettings, lags: int = 0) -> tuple[list[Estimate], list[Estimate]]:
+    """The takes to train on, and their ends on which the best epoch is chosen; all and none with the one-step loss."""
+    if settings.loss == "one-step":
+        return list(task.estimates), []
+    return divided(task.estimates, lags + 1 + steps_of(settings.loss, settings.horizon_s, task.period_s))
+
+
+def stretches_of(
+    used: Sequence[Estimate], held: Sequence[Estimate], settings: TrainingSettings, unrolled: Unrolled,
+    lags: int = 0, prepared: Callable[[Windows], Windows] = lambda taken: taken,
+) -> Stretches | None:  # fmt: skip
+    """Those of the parts, `prepared`; None with the one-step loss."""
+    if not held:
+        return None
+    steps = steps_of(settings.loss, settings.horizon_s, used[0].period_s)
+    first, second = (prepared(windows(part, steps, max(1, steps // EVERY), lags)) for part in (used, held))
+    return Stretches(first, second, unrolled)
 
 
 def _moments(values: Floats) -> tuple[Floats, Floats]:
@@ -38,13 +65,13 @@ def _moments(values: Floats) -> tuple[Floats, Floats]:
 
 def train(
     x: Floats, y: Floats, settings: TrainingSettings, seed: int, progress: Progress,
-    taken: Windows | None = None, unrolled: Unrolled | None = None,
+    rollouts: Stretches | None = None,
 ) -> tuple[Weights, dict[str, Any]]:  # fmt: skip
     """Weights that map `x` (N, n) to `y` (N, m), and the losses of the epochs.
 
     First the mean squared error of the normalised output (paper, lossv with W = 1/sigma): Adam with weight decay, a
-    learning rate that falls by `decay_factor` every `decay_epochs`, dropout while training.  With the settings' loss
-    "rollout" the twists that `unrolled` makes of the stretches `taken` follow.
+    learning rate that falls by `decay_factor` every `decay_epochs`, dropout while training.  Then, where there are
+    stretches, that of their twists in the model's own rollouts.
     """
     import torch
     from torch import nn
@@ -57,8 +84,8 @@ def train(
         inputs, targets = (_normal(v, m) for v, m in zip((x, y), moments, strict=True))
         losses = _on_single_steps(net, inputs, targets, settings, seed, progress)
         facts: dict[str, Any] = {"loss": settings.loss, "epochs": settings.epochs, "losses": losses}
-        if settings.loss == "rollout" and taken is not None and unrolled is not None:
-            facts |= _on_rollouts(net, moments, taken, unrolled, settings, seed, progress)
+        if rollouts is not None:
+            facts |= _on_rollouts(net, moments, rollouts, settings, seed, progress)
     layers = [layer for layer in net if isinstance(layer, nn.Linear)]
     W1, b1, W2, b2, W3, b3 = (
         np.ascontiguousarray(a.detach().numpy().T) for layer in layers for a in (layer.weight, layer.bias)
@@ -128,8 +155,7 @@ def epoch(net: Any, adam: Any, inputs: Tensor, targets: Tensor, batch_size: int,
 
 
 def _on_rollouts(
-    net: Any, moments: Any, taken: Windows, unrolled: Unrolled, settings: TrainingSettings, seed: int,
-    progress: Progress,
+    net: Any, moments: Any, stretches: Stretches, settings: TrainingSettings, seed: int, progress: Progress
 ) -> dict[str, Any]:  # fmt: skip
     """Trains `net` further, without dropout, at a rate that falls to nothing; it ends as it was at its best epoch.
 
@@ -142,25 +168,23 @@ def _on_rollouts(
     def in_units(at: Tensor) -> Tensor:
         return y_mean + y_sd * net((at - x_mean) / x_sd)  # type: ignore[no-any-return]
 
-    weight = torch.tensor(scale(taken.twist[:, 0]), dtype=torch.float32)
-    columns = [torch.tensor(c, dtype=torch.float32) for c in taken[:3]]
-    steps = taken.steps
+    weight = torch.tensor(scale(stretches.used.twist[:, 0]), dtype=torch.float32)
+    used, held = ([torch.tensor(c, dtype=torch.float32) for c in w[:3]] for w in stretches[:2])
+    steps = stretches.used.steps
 
-    def loss_of(rows: Tensor) -> Tensor:
-        twist, kinematic, command = (c[rows] for c in columns)
-        off = unrolled(in_units, twist, kinematic, command) - twist[:, -steps:]
+    def loss_of(twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
+        off = stretches.unrolled(in_units, twist, kinematic, command) - twist[:, -steps:]
         return ((weight * off) ** 2).mean()
 
-    kept = max(1, round(HELD_OUT * taken.number))
-    used, held = torch.arange(taken.number - kept), torch.arange(taken.number - kept, taken.number, EVERY)
     generator = torch.Generator().manual_seed(seed + 1)
     net.eval()
     adam = torch.optim.Adam(net.parameters(), lr=settings.rollout_learning_rate, fused=True)
-    per_epoch = max(1, len(used) // EVERY)
+    count = stretches.used.number
+    per_epoch = max(1, count // EVERY)
 
     def judged() -> float:
         with torch.no_grad():
-            return float(loss_of(held))
+            return float(loss_of(*(c[::EVERY] for c in held)))
 
     best, least, history = _copied(net), judged(), list[float]()
     for epoch in range(settings.rollout_epochs):
@@ -168,8 +192,9 @@ def _on_rollouts(
             group["lr"] = (
                 settings.rollout_learning_rate * 0.5 * (1 + math.cos(math.pi * epoch / settings.rollout_epochs))
             )
-        for rows in used[torch.randperm(len(used), generator=generator)[:per_epoch]].split(settings.rollout_batch):  # type: ignore[no-untyped-call]
-            loss = loss_of(rows)
+        drawn = torch.randperm(count, generator=generator)[:per_epoch]
+        for rows in drawn.split(settings.rollout_batch):  # type: ignore[no-untyped-call]
+            loss = loss_of(*(c[rows] for c in used))
             adam.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             torch.nn.utils.clip_grad_norm_(net.parameters(), LOUDEST)

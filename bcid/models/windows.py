@@ -13,6 +13,9 @@ from bcid.estimate.types import Estimate
 
 Floats = npt.NDArray[np.float64]
 
+HELD_OUT = 0.1  # of every take, its end: where networks choose their epoch, and from where process noise is found
+LONG_ENOUGH = 4  # times its end, a take from which one is held out
+
 
 class Windows(NamedTuple):
     """B stretches of `lags` rows before a start, the start, and the steps after it, oldest row first."""
@@ -60,6 +63,24 @@ def _of_segment(e: Estimate, s: slice, steps: int, every: int, lags: int) -> Win
     starts = np.arange(s.start + lags, s.stop - steps, every)
     rows = starts[:, None] + np.arange(-lags, steps + 1)
     return Windows(e.twist[rows], e.kinematic[rows], e.command[rows], lags)
+
+
+def divided(
+    estimates: Sequence[Estimate], least: int, share: float = HELD_OUT
+) -> tuple[list[Estimate], list[Estimate]]:
+    """The takes without their ends, and the ends: a `share` of each take, `least` rows of it where that is more.
+
+    Where no take is four times as long as that, there is nothing to spare: all of them are both.
+    """
+    kept, held = list[Estimate](), list[Estimate]()
+    for e in estimates:
+        rows = max(least, round(share * len(e)))
+        if len(e) < LONG_ENOUGH * rows:
+            kept.append(e)
+            continue
+        kept.append(e.part(slice(0, len(e) - rows)))
+        held.append(e.part(slice(len(e) - rows, len(e))))
+    return (kept, held) if held else (list(estimates), list(estimates))
 
 
 def steps_of(loss: str, horizon_s: float, period_s: float) -> int:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bcid.recording.contacts import contacts
 from bcid.recording.course import Course, course
-from bcid.recording.types import Floats, Recording
+from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 STANDS = 0.1  # wheelbases a second, below which a car stands
@@ -81,7 +82,7 @@ def _commanded_share(recording: Recording) -> float:
     return float(holds.mean())
 
 
-def _unknown(recording: Recording, vehicle: Vehicle, motion: Course, moving: Floats) -> list[str]:
+def _unknown(recording: Recording, vehicle: Vehicle, motion: Course, moving: npt.NDArray[np.bool_]) -> list[str]:
     """What the drive does not excite: the constants that no fit can find in it."""
     rows = np.searchsorted(recording.commands.time_s, motion.time_s, side="right") - 1
     u_s, u_m = recording.commands.values[np.maximum(rows, 0)].T

@@ -101,7 +101,7 @@ def report_json(content: Content) -> dict[str, Any]:
     take = content.validation
     keys = (
         "model", "nmse", "nmse_ci95", "nmse_vx", "nmse_vy", "nmse_yaw_rate", "nmse_restarted", "end_miss_m",
-        "rollout_ms", "parameters", "process_noise", "coverage", "outside_range", "beyond",
+        "rollout_ms", "parameters", "process_noise", "coverage", "take_outside_range", "beyond",
     )  # fmt: skip
     return {
         "schema": "bcid.report/1",
