@@ -23,6 +23,12 @@ class GoalMissed(BcidError):
     exit_code = 5
 
 
+class PartLost(BcidError):
+    """Done, but a part of the input could not be read and was left out, as was allowed."""
+
+    exit_code = 3
+
+
 class InputRefused(BcidError):
     """A file that cannot be used as it is: which, where in it, why, and what to do."""
 

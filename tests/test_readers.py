@@ -613,7 +613,7 @@ def test_broken_mcap_files_are_refused(takes: dict[str, Path], vehicle: Vehicle,
     flipped = bytearray(whole)
     flipped[len(whole) // 3] ^= 0xFF
     (tmp_path / "flipped.mcap").write_bytes(bytes(flipped))
-    refused(tmp_path / "flipped.mcap", vehicle, "MCAP")
+    refused(tmp_path / "flipped.mcap", vehicle, "byte 40: a chunk")
     topics = {
         "/mocap/bumper_car/pos": ("foxglove.PoseInFrame", [(0.0, {})]),
         "/bumper_car/command": ("own", [(0.0, {})]),
@@ -629,7 +629,14 @@ def test_broken_mcap_files_are_refused(takes: dict[str, Path], vehicle: Vehicle,
     topics = {"/mocap/bumper_car/pose": ("foxglove.PoseInFrame", []), "/bumper_car/command": ("own", [(0.0, {})])}
     refused(json_mcap(tmp_path / "empty.mcap", topics), vehicle, "no messages")
     refused(
-        json_mcap(tmp_path / "encoding.mcap", {"/mocap/bumper_car/pose": ("p", [(0.0, {})])}, "flatbuffer"),
+        json_mcap(
+            tmp_path / "encoding.mcap",
+            {
+                "/mocap/bumper_car/pose": ("foxglove.PoseInFrame", [(0.0, {})]),
+                "/bumper_car/command": ("own", [(0.0, {})]),
+            },
+            "flatbuffer",
+        ),
         vehicle,
         "flatbuffer",
     )

@@ -97,9 +97,14 @@ def test_a_model_that_runs_away_has_no_noise() -> None:
 def test_a_rollout_that_runs_away_does_not_void_the_interval() -> None:
     """With noise of a metre a second some samples of this car do."""
     take = driven(np.zeros(3), 0.0, 20.0, 17)
-    model = replace(MODEL, car=MODEL.car._replace(R_2=-60.0))
-    half = predicted(model, at_rest(0), take.command, ProcessNoise((1.0, 0.1, 0.1), 0.0, 1.96)).half
-    assert not np.isnan(half).any()
+    model = replace(MODEL, car=MODEL.car._replace(R_2=-20.0))  # at twice its top speed, the drag drives
+    noise = ProcessNoise((2.0, 0.1, 0.1), 0.0, 1.96)
+    carries, commands = np.tile(model.init(at_rest(0)), (200, 1)), np.tile(take.command, (200, 1, 1))
+    lost = ~np.isfinite(pushed(model, carries, commands, np.array(noise.q), 0.0, np.random.default_rng(0)))
+    assert 0.0 < lost[:, -1].any(axis=1).mean() < 0.3
+    found = predicted(model, at_rest(0), take.command, noise)
+    assert np.isfinite(found.twist).all()
+    assert np.isfinite(found.half).all()
 
 
 def test_half_the_noise_does_not_hold() -> None:

@@ -14,12 +14,14 @@ from bcid.cli import checking, diagnosing
 from bcid.cli.benching import bench
 from bcid.cli.options import (
     LONGEST_S,
+    AllowPartialOption,
     CommandsOption,
     FormatOption,
     OutOption,
     PipelineOption,
     Recordings,
     VehicleOption,
+    end,
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
@@ -61,9 +63,13 @@ app.command()(bench)
 
 
 @app.command()
-def run(pipeline: PipelineOption = None, format: FormatOption = Format.human) -> None:  # noqa: A002
+def run(
+    pipeline: PipelineOption = None,
+    allow_partial: AllowPartialOption = False,
+    format: FormatOption = Format.human,  # noqa: A002
+) -> None:
     """Do everything: ingest, estimate, fit every model, evaluate, report."""
-    _report(pipeline, [], Sink(format))
+    _report(pipeline, [], allow_partial, Sink(format))
 
 
 @app.command()
@@ -73,16 +79,17 @@ def report(
         typer.Option("--model", "-m", help="A folder with a saved model that joins the plan's; repeat for several."),
     ] = None,
     pipeline: PipelineOption = None,
+    allow_partial: AllowPartialOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Compare the fitted models on the validation take: a page, a JSON, a table."""
-    _report(pipeline, model or [], Sink(format))
+    _report(pipeline, model or [], allow_partial, Sink(format))
 
 
-def _report(pipeline: Path | None, models: list[Path], sink: Sink) -> None:
+def _report(pipeline: Path | None, models: list[Path], allow_partial: bool, sink: Sink) -> None:
     from bcid.cli import show
 
-    work = Pipeline(plan_of(pipeline), sink)
+    work = Pipeline(plan_of(pipeline, allow_partial=allow_partial), sink)
     artifact = work.report(models)
     page = work.publish(artifact, "index.html", "report.json", to="report")
     found = artifact.json("report.json")
@@ -91,6 +98,7 @@ def _report(pipeline: Path | None, models: list[Path], sink: Sink) -> None:
         sink.note(f"diagnosis: {found['diagnosis']['sentence']}")
         sink.note(f"diagnosis page: {work.publish(work.diagnose(), *diagnosing.PUBLISHED, to='diagnosis')}")
     sink.note(f"report: {page}")
+    end(work)
 
 
 @app.command()
@@ -103,6 +111,7 @@ def ingest(
     check: Annotated[
         bool, typer.Option("--check", help="A health report of each: go, or no-go and why. Nothing is written.")
     ] = False,
+    allow_partial: AllowPartialOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Read recordings and say what is odd about them."""
@@ -110,12 +119,13 @@ def ingest(
 
     sink = Sink(format)
     if check:
-        checking.report(checking.checked(pipeline, recordings, vehicle, commands), sink)
+        checking.report(checking.checked(pipeline, recordings, vehicle, commands, allow_partial), sink)
         return
-    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
     made = [work.ingest(path) for path in work.takes()]
     taken = [a.json("recording.json") | {"folder": str(a.folder)} for a in made]
     sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recordings(taken))
+    end(work)
 
 
 @app.command()
@@ -125,19 +135,21 @@ def estimate(
     vehicle: VehicleOption = None,
     out: OutOption = None,
     commands: CommandsOption = None,
+    allow_partial: AllowPartialOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Estimate velocities and slip angles by the extended Kalman filter and its smoother."""
     from bcid.cli import show
 
     sink = Sink(format)
-    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
     estimates = []
     for path in work.takes():
         made, check = work.estimate(path), work.check(path)
         more = {"folder": str(made.folder), "check": check.json("check.json") if check else None}
         estimates.append(made.json("estimate.json") | more)
     sink.result({"schema": "bcid.estimate/1", "estimates": estimates}, lambda: show.estimates(estimates))
+    end(work)
 
 
 @app.command()
@@ -153,13 +165,14 @@ def fit(
     vehicle: VehicleOption = None,
     out: OutOption = None,
     commands: CommandsOption = None,
+    allow_partial: AllowPartialOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Fit models to the training takes and print their equations."""
     sink = Sink(format)
     for name in model or []:
         row_to_fit(name)
-    plan = plan_of(pipeline, recordings, vehicle, out, commands)
+    plan = plan_of(pipeline, recordings, vehicle, out, commands, allow_partial)
     if loss is not None:
         if loss not in LOSSES:
             raise UsageError(f"there is no loss {loss!r}\n  next: choose {' or '.join(LOSSES)}")
@@ -180,6 +193,7 @@ def fit(
         return "\n".join(f"{f['model']}\n{f['description']}written to {f['folder']}\n" for f in fitted).rstrip()
 
     sink.result({"schema": "bcid.fit/1", "models": fitted}, human)
+    end(work)
 
 
 @app.command()

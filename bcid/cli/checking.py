@@ -12,7 +12,11 @@ from bcid.vehicle import read_vehicle
 
 
 def checked(
-    pipeline: Path | None, recordings: list[Path] | None, vehicle: Path | None, commands: Path | None
+    pipeline: Path | None,
+    recordings: list[Path] | None,
+    vehicle: Path | None,
+    commands: Path | None,
+    allow_partial: bool,
 ) -> list[dict[str, Any]]:
     """Of each recording its health, or why it is refused."""
     from bcid.recording.formats import commands_of
@@ -31,7 +35,7 @@ def checked(
     for path in paths:
         row: dict[str, Any] = {"recording": str(path)}
         try:
-            recording = read_recording(path, of, commands_of(path, commands))
+            recording = read_recording(path, of, commands_of(path, commands), allow_partial)
         except InputRefused as error:
             told.append(
                 row | {"go": False, "sentence": f"no-go: refused, {error.place}: {error.cause}", "refused": str(error)}

@@ -10,12 +10,14 @@ from typing import Annotated, Any
 import typer
 
 from bcid.cli.options import (
+    AllowPartialOption,
     CommandsOption,
     FormatOption,
     OutOption,
     PipelineOption,
     Recordings,
     VehicleOption,
+    end,
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
@@ -40,18 +42,20 @@ def diagnose(
             "recordings.",
         ),
     ] = None,
+    allow_partial: AllowPartialOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Say what physics the recordings show that the model lacks, and prove it on held-out blocks."""
     from bcid.cli import show
 
     sink = Sink(format)
-    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands), sink)
+    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
     artifact = work.diagnose(simulation)
     page = work.publish(artifact, *PUBLISHED, to="" if recordings else "diagnosis")
     found = artifact.json("diagnosis.json")
     sink.result(found, lambda: show.diagnosis(found))
     sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
+    end(work)
 
 
 def plan(

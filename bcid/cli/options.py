@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from bcid.cli.sink import Format
-from bcid.errors import UsageError
+from bcid.errors import PartLost, UsageError
 from bcid.models.table import FITTED
 from bcid.pipeline.plan import DEFAULT, EstimateTable, Plan, ReportTable, read_plan
+from bcid.pipeline.run import Pipeline
 
 LONGEST_S = 7200.0  # of a simulated drive
 
@@ -31,6 +32,10 @@ CommandsOption = Annotated[
     Path | None, typer.Option("--commands", help="A Motive export's commands file, where it is not NAME.commands.csv.")
 ]
 
+AllowPartialOption = Annotated[
+    bool, typer.Option("--allow-partial", help="Use what is whole of a damaged MCAP file; ends with exit code 3.")
+]
+
 
 def plan_of(
     pipeline: Path | None = None,
@@ -38,6 +43,7 @@ def plan_of(
     vehicle: Path | None = None,
     out: Path | None = None,
     commands: Path | None = None,
+    allow_partial: bool = False,
 ) -> Plan:
     """The pipeline file's plan, or one of the recordings named on the command line with its or default settings.
 
@@ -48,7 +54,7 @@ def plan_of(
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")
-        return read_plan(pipeline or DEFAULT)
+        return read_plan(pipeline or DEFAULT).model_copy(update={"allow_partial": allow_partial})
     if commands is not None and len(recordings) > 1:
         raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
     if out is None or (vehicle is None and pipeline is None):
@@ -62,5 +68,15 @@ def plan_of(
             source="the command line", vehicle=Path(), training=(), validation=None, truth=None, workspace=out, seed=1,
             models=tuple(FITTED), estimate=EstimateTable(), fit={}, report=ReportTable(),
         )  # fmt: skip
-    takes = {"training": tuple(recordings), "validation": None, "truth": None, "commands": commands}
+    takes = {
+        "training": tuple(recordings), "validation": None, "truth": None, "commands": commands,
+        "allow_partial": allow_partial,
+    }  # fmt: skip
     return plan.model_copy(update={**takes, "workspace": out, "vehicle": vehicle or plan.vehicle})
+
+
+def end(work: Pipeline) -> None:
+    """Raise `PartLost` where a part of the recordings was left out."""
+    lost = work.lost()
+    if lost:
+        raise PartLost(f"a part of the input is lost: {'; '.join(lost)}\n  next: repair or record it again")

@@ -181,7 +181,8 @@ def predicted(
     many = pushed(
         model, np.tile(carry, (samples, 1)), np.tile(commands, (samples, 1, 1)), np.array(noise.q), noise.tau_s, rng
     )  # fmt: skip
-    off = np.abs(many - plain)
+    with np.errstate(invalid="ignore", over="ignore"):
+        off = np.abs(many - plain)
     return Prediction(plain, noise.factor * np.quantile(np.where(np.isfinite(off), off, np.inf), WITHIN, axis=0))
 
 

@@ -95,6 +95,7 @@ class Plan(Settings):
     report: ReportTable
     diagnose: tuple[Path, ...] = ()
     commands: Path | None = None  # of a single recording named on the command line
+    allow_partial: bool = False  # recordings of which a part cannot be read are used without it
 
     def with_loss(self, loss: CarLoss) -> Plan:
         """The same plan with every model that can be fitted so fitted by `loss`."""

@@ -106,9 +106,16 @@ class Pipeline:
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import ingest
 
-            ingest.make(folder, recording, commands, self.vehicle)
+            ingest.make(folder, recording, commands, self.vehicle, self.plan.allow_partial)
 
-        return self._get(f"ingest {recording.name}", Recipe("ingest", inputs, {}, code_of(f"{_STAGES}.ingest")), make)
+        settings = {"allow_partial": True} if self.plan.allow_partial else {}
+        recipe = Recipe("ingest", inputs, settings, code_of(f"{_STAGES}.ingest"))
+        return self._get(f"ingest {recording.name}", recipe, make)
+
+    def lost(self) -> list[str]:
+        """What of the recordings read so far could not be read."""
+        facts = [a.json("recording.json") for a in self._known.values() if a.folder.parent.name == "ingest"]
+        return [f"{f['name']}: {i['detail']}" for f in facts for i in f["irregularities"] if i["kind"] == "lost"]
 
     def tune(self) -> Artifact:
         """The estimator's constants, from the training takes."""

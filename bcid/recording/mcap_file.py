@@ -5,30 +5,22 @@ from __future__ import annotations
 import difflib
 import json
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from mcap.decoder import DecoderFactory
 from mcap.exceptions import McapError
-from mcap.reader import McapReader, NonSeekingReader, make_reader
-from mcap.records import Channel, Schema
 
 from bcid.errors import InputRefused
 from bcid.recording import messages
-from bcid.recording.formats import MCAP_MAGIC
 from bcid.recording.mapping import mapped
+from bcid.recording.mcap_contents import Contents, contents
 from bcid.recording.orientation import yaw_of_quaternions
 from bcid.recording.raw import RawTake, source_of
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import CHANNELS, CommandFields, Mapped, Topics, Vehicle
-
-
-class _JsonDecoder(DecoderFactory):
-    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
-        return json.loads if message_encoding == "json" else None
 
 
 class Track(NamedTuple):
@@ -39,15 +31,14 @@ class Track(NamedTuple):
     values: Floats  # (N, n)
 
 
-def _reading_errors() -> tuple[type[Exception], ...]:
-    """What the libraries raise on broken data: format, decompression, decoding.
+BROKEN = (
+    struct.error, EOFError, OverflowError, json.JSONDecodeError, UnicodeDecodeError, AssertionError, TypeError,
+    ValueError, IndexError, McapError,
+)  # fmt: skip
+"""What decoders raise on content that is not as its schema says."""
 
-    lz4 knows no better than RuntimeError.
-    """
-    from zstandard import ZstdError
-
-    broken = (McapError, ZstdError, RuntimeError, struct.error, EOFError, OSError, OverflowError)
-    return (*broken, json.JSONDecodeError, UnicodeDecodeError, AssertionError, TypeError, ValueError)
+LAST_STAMP = float(1 << 62)  # ns: a century beyond
+UNUSED_NS = 1e10  # a clock that starts at zero comes to other stamps within seconds
 
 
 @contextmanager
@@ -68,89 +59,49 @@ def _refusing(path: Path) -> Iterator[None]:
             f"a field is missing: {error}",
             "name the fields in [topics.pose_fields] or [topics.command_fields]",
         ) from None
-    except _reading_errors() as error:
-        raise InputRefused(
-            path, "MCAP data", f"cannot be read: {type(error).__name__}: {error}",
-            "record again, or repair a copy with `mcap recover`",
-        ) from None  # fmt: skip
+    except BROKEN as error:
+        cause = f"a message cannot be decoded: {type(error).__name__}: {error}"
+        raise InputRefused(path, "message", cause, "check its schema, or record it anew") from None
 
 
-def _check_end(path: Path) -> None:
-    """Raise `InputRefused` where the closing magic is missing."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        file.seek(max(0, size - len(MCAP_MAGIC)))
-        if file.read() != MCAP_MAGIC or size < 2 * len(MCAP_MAGIC):
-            raise InputRefused(
-                path,
-                f"byte {size}",
-                "is cut: the closing magic is missing",
-                "record again, or repair a copy with `mcap recover`",
-            )
-
-
-class Inventory(NamedTuple):
-    """The file's topics: from the summary, or counted message by message where it has none."""
-
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    counts: dict[int, int]
-
-
-def _inventory(path: Path) -> Inventory:
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    if summary is not None and summary.channels and summary.statistics is not None:
-        return Inventory(summary.schemas, summary.channels, dict(summary.statistics.channel_message_counts))
-    found = Inventory({}, {}, {})
-    with path.open("rb") as file:
-        for schema, channel, _ in NonSeekingReader(file).iter_messages(log_time_order=False):
-            if schema is not None:
-                found.schemas[schema.id] = schema
-            found.channels[channel.id] = channel
-            found.counts[channel.id] = found.counts.get(channel.id, 0) + 1
-    return found
-
-
-def _decoders() -> list[DecoderFactory]:
-    from mcap_protobuf.decoder import DecoderFactory as Protobuf
-    from mcap_ros2.decoder import DecoderFactory as Ros2
-
-    return [_JsonDecoder(), Ros2(), Protobuf()]
-
-
-def _schema_of(inventory: Inventory, topic: str, path: Path) -> str:
+def _schema_of(found: Contents, topic: str) -> str:
     """The topic's schema name.
 
     Raises:
-        InputRefused: no such topic (with the nearest name), no message, several schemas or an unreadable encoding.
+        InputRefused: no such topic (with the nearest name), no message, or several types on it.
     """
-    every = inventory.channels.values()
-    channels = [c for c in every if c.topic == topic]
-    place = f"topic {topic}"
-    if not channels:
-        listing = ", ".join(f"{c.topic} ({_name(inventory, c.schema_id)})" for c in every)
+    every, path, place = found.channels.values(), found.path, f"topic {topic}"
+    if not every:
+        raise InputRefused(path, place, "is not in the file, which has no channels", "record the topics")
+    if topic not in {c.topic for c in every}:
+        listing = ", ".join(f"{c.topic} ({found.schema_name(c.schema_id)})" for c in every)
         near = difflib.get_close_matches(topic, [c.topic for c in every], n=1)
         hint = f"; nearest: {near[0]}" if near else ""
-        cause = f"is not in the file, which has {listing or 'no messages'}{hint}"
+        cause = f"is not in the file, which has {listing}{hint}"
         raise InputRefused(path, place, cause, "correct [topics] in the vehicle file")
-    names = {_name(inventory, c.schema_id) for c in channels}
-    if len(names) > 1:
-        raise InputRefused(
-            path, place, f"carries several schemas: {', '.join(sorted(names))}", "record one type a topic"
-        )
-    unknown = {c.message_encoding for c in channels} - {"json", "cdr", "protobuf"}
-    if unknown:
-        cause = f"encoding {sorted(unknown)[0]!r} is not read"
-        raise InputRefused(path, place, cause, "record as JSON, CDR or protobuf")
-    if not any(inventory.counts.get(c.id, 0) for c in channels):
+    channels = found.of(topic)
+    if not channels:
         raise InputRefused(path, place, "has no messages", "check that it was published during the take")
-    return names.pop()
+    schemas = [found.schemas.get(c.schema_id) for c in channels]
+    types = {
+        (c.message_encoding, *((s.name, s.encoding, s.data) if s else ()))
+        for c, s in zip(channels, schemas, strict=True)
+    }
+    if len(types) > 1:
+        names = sorted({f"{found.schema_name(c.schema_id)} in {c.message_encoding}" for c in channels})
+        same = " (two definitions of it)" if len(names) == 1 else ""
+        cause = f"carries several schemas: {', '.join(names)}{same}"
+        raise InputRefused(path, place, cause, "record one type a topic")
+    return found.schema_name(channels[0].schema_id)
 
 
-def _name(inventory: Inventory, schema_id: int) -> str:
-    schema = inventory.schemas.get(schema_id)
-    return messages.base_name(schema.name) if schema else "no schema"
+def _publishers(found: Contents, topics: Iterable[str]) -> list[Irregularity]:
+    """Topics that more than one channel writes to."""
+    counts = {topic: len(found.of(topic)) for topic in topics}
+    return [
+        Irregularity("publishers", "warning", n, f"topic {topic}", "several publishers: their messages are mixed")
+        for topic, n in counts.items() if n > 1
+    ]  # fmt: skip
 
 
 def _field_names(fields: Iterable[Mapped]) -> list[str]:
@@ -158,34 +109,34 @@ def _field_names(fields: Iterable[Mapped]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _mapped_track(reader: McapReader, topic: str, fields: list[Mapped], time_field: str | None) -> Track:
+def _mapped_track(found: Contents, topic: str, fields: list[Mapped], time_field: str | None) -> Track:
     """The mapped `fields` of every message, one column each."""
     names = _field_names(fields)
     log_ns, stamps, rows = [], [], []
-    for decoded in reader.iter_decoded_messages(topics=[topic], log_time_order=False):
-        message = decoded.decoded_message
-        log_ns.append(decoded.message.log_time)
+    for logged, message in found.decoded(topic):
+        log_ns.append(logged)
         own = messages.nanoseconds(messages.get(message, time_field)) if time_field else messages.stamp_of(message)
         stamps.append(own)
-        rows.append([float(messages.get(message, name)) for name in names])
+        rows.append([messages.number(messages.get(message, name)) for name in names])
     raw = np.array(rows, dtype=float).reshape(len(rows), len(names))
     columns = dict(zip(names, raw.T, strict=True))
     return Track(log_ns, stamps, np.column_stack([mapped(f, columns.__getitem__) for f in fields]))
 
 
-def _pose_track(reader: McapReader, schema: str, vehicle: Vehicle, topics: Topics, path: Path) -> Track:
+def _pose_track(found: Contents, schema: str, vehicle: Vehicle, topics: Topics) -> Track:
+    path = found.path
     fields = topics.pose_fields
     if fields is not None:
-        return _mapped_track(reader, topics.pose, [fields.x_m, fields.y_m, fields.yaw_rad], fields.time_s)
+        return _mapped_track(found, topics.pose, [fields.x_m, fields.y_m, fields.yaw_rad], fields.time_s)
     if schema not in messages.POSES:
         cause = f"type {schema} is no known pose; known: {', '.join(messages.POSES)}"
         raise InputRefused(path, f"topic {topics.pose}", cause, "name its fields in [topics.pose_fields]")
     body = topics.child_frame or vehicle.mocap.rigid_body
     log_ns, stamps, rows = [], [], []
-    for decoded in reader.iter_decoded_messages(topics=[topics.pose], log_time_order=False):
-        pose = messages.POSES[schema](decoded.decoded_message, body)
+    for logged, message in found.decoded(topics.pose):
+        pose = messages.POSES[schema](message, body)
         if pose is not None:
-            log_ns.append(decoded.message.log_time)
+            log_ns.append(logged)
             stamps.append(pose.stamp_ns)
             rows.append([*pose.position, *pose.xyzw])
     if not rows:
@@ -212,19 +163,38 @@ def _command_fields(schema: str, first: Any, topics: Topics, path: Path) -> Comm
     return CommandFields.model_validate({"steering_rad": steering, "throttle_mps": throttle, **extra})
 
 
-def _command_track(reader: McapReader, schema: str, topics: Topics, path: Path) -> tuple[Track, list[str]]:
+def _command_track(found: Contents, schema: str, topics: Topics) -> tuple[Track, list[str]]:
     """Steering, throttle and what further channels there are, with their names."""
-    messages_of = reader.iter_decoded_messages(topics=[topics.command], log_time_order=False)
-    fields = _command_fields(schema, next(iter(messages_of)).decoded_message, topics, path)
+    _, first = next(found.decoded(topics.command))
+    fields = _command_fields(schema, first, topics, found.path)
     extra = {name: field for name in CHANNELS if (field := getattr(fields, name)) is not None}
     wanted = [fields.steering_rad, fields.throttle_mps, *extra.values()]
-    track = _mapped_track(reader, topics.command, wanted, fields.time_s)
-    if schema in messages.COMMANDS and topics.command_fields is None and track.values[:, 1].min() < 0.0:
+    missing = [name for name in _field_names(wanted) if messages.get(first, name, None) is None]
+    if missing:
+        cause = f"type {schema} has no {', '.join(missing)}: it is no known command"
+        raise InputRefused(found.path, f"topic {topics.command}", cause, "name its fields in [topics.command_fields]")
+    track = _mapped_track(found, topics.command, wanted, fields.time_s)
+    if schema in messages.COMMANDS and topics.command_fields is None and np.nanmin(track.values[:, 1]) < 0.0:
         raise InputRefused(
-            path, f"topic {topics.command}", "holds negative speeds, which would read as brake shares",
+            found.path, f"topic {topics.command}", "holds negative speeds, which would read as brake shares",
             "map them in [topics.command_fields], with low = 0.0 where the car only coasts",
         )  # fmt: skip
     return track, list(extra)
+
+
+def _check_stamps(track: Track, topic: str, path: Path) -> None:
+    """Raise `InputRefused` where header stamps are no times: negative, beyond all, or zero among others."""
+    stamps = np.array([float(s) for s in track.stamp_ns if s is not None])
+    first, last = min(track.log_ns), max(track.log_ns)
+    wrong = (stamps < 0.0) | (stamps >= LAST_STAMP)
+    later = stamps[~wrong & (stamps > 0.0)]
+    if len(later) and later.min() > last - first + UNUSED_NS:
+        wrong |= stamps == 0.0
+    if wrong.any():
+        raise InputRefused(
+            path, f"topic {topic}", f"{wrong.sum()} of {len(stamps)} stamps are no times ({stamps[wrong][0]:.0f} ns; "
+            f"logged {first / 1e9:.3f} to {last / 1e9:.3f} s)", 'correct the stamps, or set topics.time = "log"',
+        )  # fmt: skip
 
 
 def _common_times(pose: Track, command: Track, topics: Topics, path: Path) -> tuple[Floats, Floats, str]:
@@ -235,13 +205,16 @@ def _common_times(pose: Track, command: Track, topics: Topics, path: Path) -> tu
             path, "stamps", "topics.time is header, but a message carries none", 'set topics.time = "log"'
         )
     header = stamped and topics.time != "log"
+    if header:
+        _check_stamps(pose, topics.pose, path)
+        _check_stamps(command, topics.command, path)
     pose_ns, command_ns = (np.array(t.stamp_ns if header else t.log_ns, dtype=np.int64) for t in (pose, command))
     zero = pose_ns.min()
     return (pose_ns - zero) / 1e9, (command_ns - zero) / 1e9, "header stamps" if header else "log times"
 
 
-def read_mcap(path: Path, vehicle: Vehicle) -> RawTake:
-    """The take in an MCAP file.
+def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawTake:
+    """The take in an MCAP file; with `allow_partial` without what cannot be read of it.
 
     Raises:
         InputRefused: with the topic and the reason, where the file cannot be used.
@@ -250,18 +223,17 @@ def read_mcap(path: Path, vehicle: Vehicle) -> RawTake:
     topics = vehicle.topics
     if topics is None:
         raise InputRefused(path, "vehicle file", "has no [topics]", "name the pose and command topics there")
-    _check_end(path)
-    with path.open("rb") as file, _refusing(path):
-        inventory = _inventory(path)
-        schemas = [_schema_of(inventory, topic, path) for topic in (topics.pose, topics.command)]
-        reader = make_reader(file, validate_crcs=True, decoder_factories=_decoders())
-        pose = _pose_track(reader, schemas[0], vehicle, topics, path)
-        command, extra = _command_track(reader, schemas[1], topics, path)
+    wanted = (topics.pose, topics.command)
+    found = contents(path, wanted, allow_partial)
+    with _refusing(path):
+        schemas = [_schema_of(found, topic) for topic in wanted]
+        pose = _pose_track(found, schemas[0], vehicle, topics)
+        command, extra = _command_track(found, schemas[1], topics)
         pose_s, command_s, base = _common_times(pose, command, topics, path)
-    odd: tuple[Irregularity, ...] = ()
+    odd = [*found.odd(), *_publishers(found, wanted)]
     if base == "log times":
         text = "log times stand for both streams: a topic has no stamps, or the vehicle file says so"
-        odd = (Irregularity("time base", "warning", 1, path.name, text),)
+        odd.append(Irregularity("time base", "warning", 1, path.name, text))
     channels = {name: (command_s, command.values[:, 2 + i]) for i, name in enumerate(extra)}
     values = command.values[:, :2]
-    return RawTake(path.stem, (source,), pose_s, pose.values, command_s, values, None, channels, odd)
+    return RawTake(path.stem, (source,), pose_s, pose.values, command_s, values, None, channels, tuple(odd))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 _MISSING = object()
@@ -17,19 +17,28 @@ class Pose3(NamedTuple):
 
 
 def get(message: Any, path: str, default: Any = _MISSING) -> Any:
-    """The field at a dotted `path` of a JSON object or a decoded message.
+    """The field at a dotted `path` of a JSON object or a decoded message; numbers count in lists (`axes.0`).
 
     Raises:
         KeyError: when it is not there and no default is given.
     """
     for part in path.split("."):
-        known = isinstance(message, Mapping)
-        message = message.get(part, _MISSING) if known else getattr(message, part, _MISSING)
+        if part.isdecimal() and isinstance(message, Sequence):
+            message = message[int(part)] if int(part) < len(message) else _MISSING
+        elif isinstance(message, Mapping):
+            message = message.get(part, _MISSING)
+        else:
+            message = getattr(message, part, _MISSING)
         if message is _MISSING:
             if default is _MISSING:
                 raise KeyError(path)
             return default
     return message
+
+
+def number(value: Any) -> float:
+    """A field as a number; JSON's null is none."""
+    return float("nan") if value is None else float(value)
 
 
 def nanoseconds(stamp: Any) -> int | None:
@@ -56,8 +65,8 @@ def _pose(message: Any, stamp: int | None) -> Pose3:
     p, q = get(message, "position"), get(message, "orientation")
     return Pose3(
         stamp,
-        (float(get(p, "x")), float(get(p, "y")), float(get(p, "z"))),
-        (float(get(q, "x")), float(get(q, "y")), float(get(q, "z")), float(get(q, "w"))),
+        (number(get(p, "x")), number(get(p, "y")), number(get(p, "z"))),
+        (number(get(q, "x")), number(get(q, "y")), number(get(q, "z")), number(get(q, "w"))),
     )
 
 

@@ -11,7 +11,7 @@ from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 
-def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None) -> RawTake:
+def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False) -> RawTake:
     """The file's streams as they stand, by the reader its content asks for.
 
     Raises:
@@ -21,7 +21,7 @@ def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None) -> RawT
     if kind == "mcap":
         from bcid.recording.mcap_file import read_mcap
 
-        return read_mcap(path, vehicle)
+        return read_mcap(path, vehicle, allow_partial)
     beside = commands_of(path, commands)
     if beside is not None:
         from bcid.recording.motive import read_motive
@@ -32,6 +32,11 @@ def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None) -> RawT
     return read_table(path, vehicle)
 
 
-def read_recording(path: Path, vehicle: Vehicle, commands: Path | None = None) -> Recording:
-    """The take at `path`; `commands` names a Motive export's commands file where it lies elsewhere."""
-    return assemble(read_raw(path, vehicle, commands), vehicle)
+def read_recording(
+    path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False
+) -> Recording:
+    """The take at `path`; `commands` names a Motive export's commands file where it lies elsewhere.
+
+    With `allow_partial`, what cannot be read of it is left out, and told as lost.
+    """
+    return assemble(read_raw(path, vehicle, commands, allow_partial), vehicle)

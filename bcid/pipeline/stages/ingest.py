@@ -9,6 +9,6 @@ from bcid.recording.saving import save_recording
 from bcid.vehicle import Vehicle
 
 
-def make(folder: Path, recording: Path, commands: Path | None, vehicle: Vehicle) -> None:
+def make(folder: Path, recording: Path, commands: Path | None, vehicle: Vehicle, allow_partial: bool) -> None:
     """Read, judge and write one recording."""
-    save_recording(read_recording(recording, vehicle, commands), folder)
+    save_recording(read_recording(recording, vehicle, commands, allow_partial), folder)

@@ -1,0 +1,155 @@
+"""What an MCAP file holds of the topics that are wanted, and how far its contents can be vouched for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap import records as kinds
+
+from bcid.errors import InputRefused
+from bcid.recording.mcap_records import Broken, Read, records
+from bcid.recording.types import Irregularity
+
+RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"
+READ = {"json": None, "cdr": ("ros2msg", "ros2idl"), "protobuf": ("protobuf",)}
+"""Encodings of messages that are read, and of the schemas that they need."""
+
+
+class Message(NamedTuple):
+    """One message as it was recorded."""
+
+    channel: int
+    log_ns: int
+    data: bytes
+
+
+class Lost(NamedTuple):
+    """A part of the file that cannot be read."""
+
+    begin_ns: int | None
+    end_ns: int | None
+    cause: str
+
+
+@dataclass
+class Contents:
+    """All of a file that is used."""
+
+    path: Path
+    schemas: dict[int, kinds.Schema] = field(default_factory=dict)
+    channels: dict[int, kinds.Channel] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)  # messages found, by channel
+    messages: dict[str, list[Message]] = field(default_factory=dict)  # of the wanted topics, in file order
+    statistics: kinds.Statistics | None = None
+    lost: list[Lost] = field(default_factory=list)
+    unchecked: int = 0  # messages that no checksum covers
+    last_ns: int | None = None
+
+    def schema_name(self, schema_id: int) -> str:
+        """A schema's name without its namespace's middle part."""
+        from bcid.recording.messages import base_name
+
+        schema = self.schemas.get(schema_id)
+        return base_name(schema.name) if schema else "no schema"
+
+    def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Log time (ns) and content of each of a topic's messages."""
+        decoders = {c.id: _decoder(c, self.schemas.get(c.schema_id), self.path) for c in self.of(topic)}
+        for message in self.messages[topic]:
+            yield message.log_ns, decoders[message.channel](message.data)
+
+    def of(self, topic: str) -> list[kinds.Channel]:
+        """A topic's channels that hold messages."""
+        return [c for c in self.channels.values() if c.topic == topic and self.counts.get(c.id)]
+
+    def odd(self) -> list[Irregularity]:
+        """What is told of the file itself."""
+        told, name = [], self.path.name
+        if self.unchecked:
+            text = "not verifiable: no checksum covers the messages"
+            told.append(Irregularity("integrity", "warning", self.unchecked, name, text))
+        if self.statistics is not None and not self.lost:
+            stated = dict(self.statistics.channel_message_counts)
+            found = {k: n for k, n in self.counts.items() if n}
+            if stated and {k: n for k, n in stated.items() if n} != found:
+                text = f"the summary counts {sum(stated.values())} messages, the file holds {sum(found.values())}"
+                told.append(Irregularity("message counts", "warning", 1, name, text))
+        for part in self.lost:
+            length = None if part.begin_ns is None or part.end_ns is None else (part.end_ns - part.begin_ns) / 1e9
+            where = "to the end" if length is None else f"{length:.3f} s"
+            told.append(Irregularity("lost", "excluded", 1, where, part.cause))
+        return told
+
+
+def _decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: Path) -> Any:
+    """The function that decodes a channel's messages.
+
+    Raises:
+        InputRefused: an encoding, of messages or of their schema, that is not read.
+    """
+    import json
+
+    from mcap_protobuf.decoder import DecoderFactory as Protobuf
+    from mcap_ros2.decoder import DecoderFactory as Ros2
+
+    encoding, place = channel.message_encoding, f"topic {channel.topic}"
+    remedy = "record as JSON, CDR (ros2msg) or protobuf"
+    if encoding not in READ:
+        raise InputRefused(path, place, f"encoding {encoding!r} is not read", remedy)
+    if encoding == "json":
+        return json.loads
+    decode = (Ros2() if encoding == "cdr" else Protobuf()).decoder_for(encoding, schema)
+    if decode is None:
+        of = f"a schema in {schema.encoding!r}" if schema else "no schema"
+        raise InputRefused(path, place, f"encoding {encoding!r} with {of} is not read", remedy)
+    return decode
+
+
+def contents(path: Path, topics: Collection[str], allow_partial: bool) -> Contents:
+    """The file's contents; with `allow_partial` what cannot be read is left out and told.
+
+    Raises:
+        InputRefused: with the byte, where a checksum does not match or the file is cut, and no part may be missing.
+    """
+    found = Contents(path, messages={topic: [] for topic in topics})
+    try:
+        for read in records(path):
+            if isinstance(read.record, Broken):
+                _lose(found, read.record, allow_partial)
+            else:
+                _take(found, read)
+    except Broken as error:
+        if not (allow_partial and found.counts):
+            raise InputRefused(path, f"byte {error.offset}", error.cause, RECORD_AGAIN) from None
+        if not found.lost or "data section" not in error.cause:  # whose checksum covers the chunk that is lost
+            found.lost.append(Lost(found.last_ns, None, str(error)))
+    return found
+
+
+def _lose(found: Contents, broken: Broken, allow_partial: bool) -> None:
+    chunk = broken.chunk
+    if not allow_partial or chunk is None:
+        raise InputRefused(found.path, f"byte {broken.offset}", broken.cause, RECORD_AGAIN)
+    found.lost.append(Lost(chunk.message_start_time, chunk.message_end_time, str(broken)))
+
+
+def _take(found: Contents, read: Read) -> None:
+    record = read.record
+    if isinstance(record, kinds.Schema):
+        found.schemas[record.id] = record
+    elif isinstance(record, kinds.Channel):
+        found.channels[record.id] = record
+    elif isinstance(record, kinds.Message):
+        found.counts[record.channel_id] = found.counts.get(record.channel_id, 0) + 1
+        found.unchecked += not read.checked
+        found.last_ns = record.log_time
+        channel = found.channels.get(record.channel_id)
+        if channel is not None and channel.topic in found.messages:
+            found.messages[channel.topic].append(Message(channel.id, record.log_time, record.data))
+    elif isinstance(record, kinds.DataEnd) and record.data_section_crc:
+        found.unchecked = 0
+    elif isinstance(record, kinds.Statistics):
+        found.statistics = record

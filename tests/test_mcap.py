@@ -1,0 +1,217 @@
+"""MCAP files read from end to end: checksums, salvage, bombs, and the format's own conformance suite."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import resource
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.reader import NonSeekingReader
+from mcap.records import Channel, Message, MessageIndex, Schema
+from mcap.writer import CompressionType, Writer
+from typer.testing import CliRunner
+
+from bcid.cli.app import app
+from bcid.errors import InputRefused, PartLost
+from bcid.recording.mcap_records import MAGIC, Broken, records
+from bcid.recording.read import read_raw
+from bcid.vehicle import Vehicle
+
+WAYS: dict[str, dict[str, Any]] = {
+    "zstd": {"compression": CompressionType.ZSTD}, "lz4": {"compression": CompressionType.LZ4},
+    "none": {"compression": CompressionType.NONE},
+    "unchunked": {"use_chunking": False, "enable_data_crcs": True},
+    "without index": {"use_summary_offsets": False, "use_statistics": False, "index_types": 0},
+}  # fmt: skip
+
+
+def rewritten(source: Path, path: Path, seconds: float = 600.0, **ways: Any) -> Path:
+    """The take's first seconds written anew."""
+    if "index_types" in ways:
+        from mcap.writer import IndexType
+
+        ways["index_types"] = IndexType(ways["index_types"])
+    with source.open("rb") as file, path.open("wb") as out:
+        writer, ids, first = Writer(out, chunk_size=20_000, **ways), dict[int, int](), None
+        writer.start()
+        for schema, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            first = message.log_time if first is None else first
+            if message.log_time > first + seconds * 1e9:
+                continue
+            if channel.id not in ids:
+                assert schema is not None
+                new = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, new)
+            writer.add_message(ids[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+@pytest.mark.parametrize("way", list(WAYS))
+def test_every_way_of_writing_reads_the_same(
+    way: str, takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
+) -> None:
+    whole = read_raw(takes["mcap"], vehicle)
+    again = read_raw(rewritten(takes["mcap"], tmp_path / "t.mcap", **WAYS[way]), vehicle)
+    np.testing.assert_array_equal(again.pose, whole.pose)
+    np.testing.assert_array_equal(again.command, whole.command)
+    assert again.irregularities == ()
+
+
+def test_a_file_without_checksums_is_read_and_told(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
+    path = rewritten(takes["mcap"], tmp_path / "t.mcap", enable_crcs=False)
+    (odd,) = read_raw(path, vehicle).irregularities
+    assert (odd.kind, odd.action) == ("integrity", "warning")
+    assert "not verifiable" in odd.detail
+
+
+@pytest.mark.parametrize("way", list(WAYS))
+def test_no_flipped_bit_and_no_cut_is_silent(way: str, takes: dict[str, Path], tmp_path: Path) -> None:
+    """Refused, told as a broken chunk, or the same messages; an index is not followed and may say what it likes."""
+
+    def used() -> list[Any]:
+        return [r.record for r in records(path) if isinstance(r.record, Schema | Channel | Message | Broken)]
+
+    path = rewritten(takes["mcap"], tmp_path / "t.mcap", seconds=3.0, **WAYS[way])
+    whole, good = path.read_bytes(), used()
+    rng = np.random.default_rng(1)
+    for at in rng.integers(0, len(whole), 250):
+        flipped = bytearray(whole)
+        flipped[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(flipped)
+        try:
+            found = used()
+        except Broken:
+            continue
+        assert found == good or any(isinstance(r, Broken) for r in found), at
+    for end in rng.integers(0, len(whole), 60):
+        path.write_bytes(whole[:end])
+        with pytest.raises(Broken):
+            list(records(path))
+
+
+def broken_in_the_middle(source: Path, path: Path) -> Path:
+    """One chunk's content changed; its checksum stands."""
+    rewritten(source, path, compression=CompressionType.NONE)
+    data = bytearray(path.read_bytes())
+    at = data.index(b'"position"', len(data) // 2)
+    data[at : at + 10] = b'"positiom"'
+    path.write_bytes(data)
+    return path
+
+
+def test_a_broken_chunk_is_refused_or_left_out_as_told(
+    takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
+) -> None:
+    path = broken_in_the_middle(takes["mcap"], tmp_path / "t.mcap")
+    with pytest.raises(InputRefused, match=r"byte \d+: a chunk's checksum does not match") as told:
+        read_raw(path, vehicle)
+    assert "--allow-partial" in str(told.value)
+    part, whole = read_raw(path, vehicle, allow_partial=True), read_raw(takes["mcap"], vehicle)
+    (odd,) = part.irregularities
+    assert (odd.kind, odd.action) == ("lost", "excluded")
+    assert "checksum" in odd.detail
+    assert 0 < len(whole.pose) - len(part.pose) < 0.1 * len(whole.pose)
+    assert set(map(tuple, part.pose)) < set(map(tuple, whole.pose))
+
+
+def test_a_cut_file_is_refused_or_read_to_the_cut(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
+    path = rewritten(takes["mcap"], tmp_path / "t.mcap")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputRefused, match="is cut"):
+        read_raw(path, vehicle)
+    part, whole = read_raw(path, vehicle, allow_partial=True), read_raw(takes["mcap"], vehicle)
+    assert [i.kind for i in part.irregularities] == ["lost"]
+    assert 0.2 * len(whole.pose) < len(part.pose) < 0.8 * len(whole.pose)
+    np.testing.assert_array_equal(part.pose, whole.pose[: len(part.pose)])
+    path.write_bytes(MAGIC)
+    with pytest.raises(InputRefused):
+        read_raw(path, vehicle, allow_partial=True)
+
+
+def test_what_is_lost_ends_with_exit_code_3(takes: dict[str, Path], vehicle_file: Path, tmp_path: Path) -> None:
+    path = broken_in_the_middle(takes["mcap"], tmp_path / "t.mcap")
+    words = ["ingest", str(path), "--vehicle", str(vehicle_file), "--out", str(tmp_path / "w"), "--format", "json"]
+    refused = CliRunner().invoke(app, words)
+    assert isinstance(refused.exception, InputRefused)
+    done = CliRunner().invoke(app, [*words, "--allow-partial"])
+    assert isinstance(done.exception, PartLost)
+    assert done.exception.exit_code == 3
+    kinds = [i["kind"] for i in json.loads(done.stdout)["recordings"][0]["irregularities"]]
+    assert "lost" in kinds
+
+
+def record(opcode: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(body)) + body
+
+
+def text(value: str) -> bytes:
+    return struct.pack("<I", len(value)) + value.encode()
+
+
+def with_chunk(path: Path, content: bytes, declared: int, compression: str = "zstd") -> Path:
+    """A file with one chunk that declares so many bytes."""
+    fields = struct.pack("<QQQI", 1, 1, declared, 0) + text(compression) + struct.pack("<Q", len(content)) + content
+    ends = record(15, struct.pack("<I", 0)) + record(2, struct.pack("<QQI", 0, 0, 0))
+    path.write_bytes(MAGIC + record(1, text("") + text("")) + record(6, fields) + ends + MAGIC)
+    return path
+
+
+@pytest.mark.parametrize("declared", [3 << 30, 1000])
+def test_a_bomb_is_refused_before_it_goes_off(declared: int, vehicle: Vehicle, tmp_path: Path) -> None:
+    """98 kB that expand to 3 GiB, whether the chunk says so or lies."""
+    packer, block = zstandard.ZstdCompressor(level=3).compressobj(), bytes(1 << 20)
+    content = b"".join(packer.compress(block) for _ in range(3 << 10)) + packer.flush()
+    assert len(content) < 400_000
+    path = with_chunk(tmp_path / "bomb.mcap", content, declared)
+    before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+    with pytest.raises(InputRefused, match="declares"):
+        read_raw(path, vehicle)
+    assert time.perf_counter() - begin < 5.0  # a hang, not a benchmark
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # kB
+
+
+def test_what_no_one_can_decompress_is_named(vehicle: Vehicle, tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="compression 'brotli' is not known"):
+        read_raw(with_chunk(tmp_path / "t.mcap", b"x", 1, "brotli"), vehicle)
+
+
+def test_counts_that_do_not_add_up_are_told(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
+    path = rewritten(takes["mcap"], tmp_path / "t.mcap", enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    counted = sum(1 for r in records(path) if type(r.record).__name__ == "Message")
+    at = data.rindex(struct.pack("<Q", counted))
+    data[at : at + 8] = struct.pack("<Q", counted + 5)
+    single = data.rindex(struct.pack("<Q", len(read_raw(takes["mcap"], vehicle).pose)))
+    data[single : single + 8] = struct.pack("<Q", 99_999)
+    path.write_bytes(data)
+    told = {i.kind: i.detail for i in read_raw(path, vehicle).irregularities}
+    assert "message counts" in told
+
+
+def described(record: Any) -> dict[str, Any]:
+    """A record as the conformance suite's descriptions write it: numbers as text, bytes as a list of numbers."""
+
+    def told(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {str(k): told(v) for k, v in value.items()}
+        return [str(b) for b in value] if isinstance(value, bytes) else str(value)
+
+    fields = sorted((f.name, told(getattr(record, f.name))) for f in dataclasses.fields(record))
+    return {"type": type(record).__name__, "fields": [list(f) for f in fields]}
+
+
+def test_the_conformance_suite_reads_as_described(recordings_folder: Path) -> None:
+    paths = sorted((recordings_folder / "mcap" / "conformance").rglob("*.mcap"))
+    assert len(paths) == 416
+    for path in paths:
+        wanted = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["records"]
+        read = (r.record for r in records(path, attachments=True))
+        assert [described(r) for r in read if not isinstance(r, MessageIndex)] == wanted, path.name
