@@ -21,6 +21,9 @@ MAX_NON_FINITE = 0.05
 MIN_RATE_HZ, MAX_RATE_HZ = 2.0, 2000.0
 LONGEST_HOLE_S = 600.0
 MAX_YAW_RATE = 40.0  # rad/s
+LATE_SAMPLES = 10  # that arrive out of order; more is a clock that was set back
+FROZEN_S = 0.25  # that a pose may stand to the last digit while the throttle is on
+FLIP = 0.2  # rad about half a turn between two samples
 MAX_JUMPS = 0.05  # share of the pose steps; more is no tracking failure but a wrong unit
 
 
@@ -55,6 +58,7 @@ def _clean(time_s: Floats, values: Floats, what: str, source: str) -> _Cleaned:
     time_s, values = time_s[~blank], values[~blank]
     if np.any(np.diff(time_s) < 0):
         late = np.r_[False, np.diff(time_s) < 0]
+        _check_overlap(time_s, late, what, source)
         order = np.argsort(time_s, kind="stable")
         odd.append(
             Irregularity(
@@ -64,6 +68,53 @@ def _clean(time_s: Floats, values: Floats, what: str, source: str) -> _Cleaned:
         time_s, values = time_s[order], values[order]
     time_s, values, duplicates = _without_duplicates(time_s, values, what)
     return _Cleaned(time_s, values, odd + duplicates)
+
+
+def _check_overlap(time_s: Floats, late: npt.NDArray[np.bool_], what: str, source: str) -> None:
+    """Raise `InputRefused` where the clock steps back: two stretches of the same times cannot be put in order."""
+    step = float(np.median(np.abs(np.diff(time_s))))
+    far = np.r_[0.0, -np.diff(time_s)] > 0.5 * LATE_SAMPLES * step
+    for row in np.flatnonzero(late & far):
+        again = int((time_s[:row] > time_s[row]).sum())
+        ahead = int((time_s[row:] < time_s[row - 1]).sum())
+        if min(again, ahead) > LATE_SAMPLES:
+            back = time_s[row - 1] - time_s[row]
+            cause = f"the clock steps back by {back:.3f} s at {time_s[row - 1]:.3f} s: {again} samples have times twice"
+            raise InputRefused(source, f"{what} times", cause, "cut the recording there, or use the other time base")
+
+
+def _unfrozen(poses: _Cleaned, commands: _Cleaned) -> _Cleaned:
+    """The poses without those that only repeat the last one while the throttle is on: the tracking held it."""
+    time_s, values = poses.time_s, poses.values
+    same = np.r_[False, (np.diff(values, axis=0) == 0.0).all(axis=1)]
+    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
+    frozen = np.zeros(len(time_s), dtype=bool)
+    row = np.searchsorted(commands.time_s, time_s, side="right") - 1
+    throttle = np.where(row >= 0, commands.values[np.maximum(row, 0), 1], 0.0)
+    for a, b in edges.reshape(-1, 2):
+        if time_s[b - 1] - time_s[a - 1] > FROZEN_S and throttle[a:b].min() > 0.0:
+            frozen[a:b] = True
+    if not frozen.any():
+        return poses
+    text = "the same pose again and again while the throttle is on: held by the tracking"
+    odd = Irregularity("frozen pose", "excluded", int(frozen.sum()), _where(time_s, frozen), text)
+    return _Cleaned(time_s[~frozen], values[~frozen], [*poses.odd, odd])
+
+
+def _without_flips(poses: _Cleaned) -> _Cleaned:
+    """The poses without stretches whose yaw is turned by 180 degrees: markers that look the same both ways."""
+    yaw = poses.values[:, 2]
+    step = np.diff(poses.time_s)
+    half = np.abs(np.abs(np.angle(np.exp(1j * np.diff(yaw)))) - math.pi) < FLIP
+    half &= step < 3.0 * float(np.median(step))  # over a gap the car may have turned round
+    if not half.any():
+        return poses
+    turned = np.r_[0, np.cumsum(half)] % 2 == 1
+    if turned.mean() > 0.5:
+        turned = ~turned
+    text = "the yaw jumps by 180 degrees: symmetric markers; the shorter part is left out"
+    odd = Irregularity("yaw flip", "excluded", int(turned.sum()), _where(poses.time_s, turned), text)
+    return _Cleaned(poses.time_s[~turned], poses.values[~turned], [*poses.odd, odd])
 
 
 def _without_duplicates(time_s: Floats, values: Floats, what: str) -> tuple[Floats, Floats, list[Irregularity]]:
@@ -157,6 +208,7 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     if len(poses.time_s) < 10:
         raise InputRefused(source, "pose", f"only {len(poses.time_s)} poses remain", "record a longer take")
     _check_times(poses.time_s, commands.time_s, vehicle.command.max_hold_s, source)
+    poses = _without_flips(_unfrozen(poses, commands))
     _check_yaw(poses.time_s, poses.values[:, 2], source)
     yaw = np.unwrap(poses.values[:, 2])
     pose = _to_cog(np.column_stack([poses.values[:, :2], yaw]), vehicle)

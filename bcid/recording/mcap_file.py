@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from bcid.errors import InputRefused
 from bcid.recording import messages
 from bcid.recording.mapping import mapped
 from bcid.recording.mcap_contents import Contents, contents
-from bcid.recording.orientation import yaw_of_quaternions
+from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import CHANNELS, CommandFields, Mapped, Topics, Vehicle
@@ -29,6 +29,7 @@ class Track(NamedTuple):
     log_ns: list[int]
     stamp_ns: list[int | None]
     values: Floats  # (N, n)
+    odd: Sequence[Irregularity] = ()
 
 
 BROKEN = (
@@ -143,8 +144,8 @@ def _pose_track(found: Contents, schema: str, vehicle: Vehicle, topics: Topics) 
         cause = f"no message holds the body {body!r}"
         raise InputRefused(path, f"topic {topics.pose}", cause, "set topics.child_frame in the vehicle file")
     raw = np.array(rows)
-    yaw = yaw_of_quaternions(raw[:, 3:], "Z")
-    return Track(log_ns, stamps, np.column_stack([raw[:, :2], yaw]))
+    yaw, odd = judged_yaw(raw[:, 3:], "Z", (np.array(log_ns) - log_ns[0]) / 1e9, path)
+    return Track(log_ns, stamps, np.column_stack([raw[:, :2], yaw]), odd)
 
 
 def _command_fields(schema: str, first: Any, topics: Topics, path: Path) -> CommandFields:
@@ -230,7 +231,7 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
         pose = _pose_track(found, schemas[0], vehicle, topics)
         command, extra = _command_track(found, schemas[1], topics)
         pose_s, command_s, base = _common_times(pose, command, topics, path)
-    odd = [*found.odd(), *_publishers(found, wanted)]
+    odd = [*found.odd(), *_publishers(found, wanted), *pose.odd]
     if base == "log times":
         text = "log times stand for both streams: a topic has no stamps, or the vehicle file says so"
         odd.append(Irregularity("time base", "warning", 1, path.name, text))

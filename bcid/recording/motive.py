@@ -19,7 +19,8 @@ import pandas as pd
 
 from bcid.errors import InputRefused
 from bcid.recording.commands import read_commands
-from bcid.recording.orientation import on_floor, yaw_of_euler, yaw_of_quaternions
+from bcid.recording.orientation import on_floor, yaw_of_euler
+from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import Vehicle
@@ -206,7 +207,8 @@ def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
     floor = on_floor(metres * _numbers(table, [position[a] for a in "XYZ"], header, path), vehicle.mocap.up_axis)
     turn = _numbers(table, [rotation[a] for a in ("XYZW" if "W" in rotation else "XYZ")], header, path)
     if "W" in rotation:
-        yaw = yaw_of_quaternions(turn, vehicle.mocap.up_axis)
+        yaw, turns = judged_yaw(turn, vehicle.mocap.up_axis, time_s, path)
+        odd = (*odd, *turns)
     else:
         order = header.keys.get("Rotation Type", "XYZ").upper()
         if sorted(order) != ["X", "Y", "Z"]:

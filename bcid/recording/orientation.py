@@ -30,6 +30,17 @@ def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
     return np.arctan2(floor[:, 1], floor[:, 0])
 
 
+def turned_up(xyzw: Floats) -> Floats:
+    """Where the axis of the world that a body turns about least points in it (N, 3): Z, or Y where that is up.
+
+    The row of the rotation matrix that changes least is the world's vertical in the body's axes.
+    """
+    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
+    of_y = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
+    of_z = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    return min((of_y, of_z), key=lambda rows: float(np.var(rows, axis=0).sum()))
+
+
 def yaw_of_euler(degrees: Floats, order: str, up_axis: Literal["Y", "Z"]) -> Floats:
     """Yaw (rad) from intrinsic Euler angles; NaN rows stay NaN.
 
