@@ -71,6 +71,61 @@ def test_a_yaw_turned_round_for_a_while_is_left_out(raw: RawTake, vehicle: Vehic
     np.testing.assert_allclose(found.poses.values, good.values[kept], atol=1e-9)
 
 
+def channels(raw: RawTake, vehicle: Vehicle, **made: tuple[str, float]) -> RawTake:
+    """The take with channels that are what the poses say, times a factor."""
+    yaw, l_f = raw.pose[:, 2], vehicle.body.cog_to_front_m
+    ahead = raw.pose[:, :2] + l_f * np.column_stack([np.cos(yaw), np.sin(yaw)])  # the front wheel
+    known = {
+        "yaw_rate": np.gradient(np.unwrap(raw.pose[:, 2]), raw.pose_time_s),
+        "speed": np.hypot(*np.gradient(ahead, raw.pose_time_s, axis=0).T),
+        "angle": np.interp(raw.pose_time_s, raw.command_time_s, raw.command[:, 0]),
+    }
+    smooth = {k: np.convolve(v, np.ones(15) / 15.0, "same") for k, v in known.items()}
+    return replace(raw, channels={n: (raw.pose_time_s, f * smooth[k]) for n, (k, f) in made.items()})
+
+
+def test_channels_that_follow_the_motion_are_kept(raw: RawTake, vehicle: Vehicle) -> None:
+    take = channels(raw, vehicle, yaw_rate_radps=("yaw_rate", 1.02), wheel_speed_mps=("speed", 1.0),
+                    measured_steering_rad=("angle", 0.95))  # fmt: skip
+    found = assemble(take, vehicle)
+    assert set(found.channels) == {"yaw_rate_radps", "wheel_speed_mps", "measured_steering_rad"}
+    assert told(found, "channel") == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "made", "says"),
+    [
+        ("yaw_rate_radps", ("yaw_rate", 57.3), "degrees"), ("yaw_rate_radps", ("yaw_rate", -1.0), "inverted"),
+        ("measured_steering_rad", ("angle", -1.0), "inverted"), ("measured_steering_rad", ("angle", 57.3), "degrees"),
+        ("wheel_speed_mps", ("speed", 1000.0), "mm"),
+    ],
+)  # fmt: skip
+def test_a_channel_in_other_units_is_refused(
+    name: str, made: tuple[str, float], says: str, raw: RawTake, vehicle: Vehicle
+) -> None:
+    with pytest.raises(InputRefused, match=says) as error:
+        assemble(channels(raw, vehicle, **{name: made}), vehicle)
+    assert error.value.place == name
+
+
+def test_a_channel_of_something_else_is_told(raw: RawTake, vehicle: Vehicle) -> None:
+    noise = np.random.default_rng(1).standard_normal(len(raw.pose_time_s))
+    found = assemble(replace(raw, channels={"yaw_rate_radps": (raw.pose_time_s, noise)}), vehicle)
+    assert told(found, "channel") == 1
+
+
+def test_an_export_that_lacks_frames_is_told(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
+    whole = takes["motive"].read_text().splitlines(keepends=True)
+    stated = whole[0].split("Total Exported Frames,")
+    if len(stated) < 2:
+        whole[0] = whole[0].rstrip() + f",Total Exported Frames,{len(whole) - 7}\n"
+    (tmp_path / "cut.csv").write_text("".join(whole[:-300]))
+    commands = takes["motive"].with_suffix(".commands.csv")
+    kinds = {i.kind: i.count for i in read_raw(tmp_path / "cut.csv", vehicle, commands).irregularities}
+    assert kinds["frames missing"] >= 300
+    assert "frames missing" not in {i.kind for i in read_raw(takes["motive"], vehicle, commands).irregularities}
+
+
 TIME = np.arange(2000) / 100.0
 YAW = 0.7 * TIME
 XYZW = np.column_stack([np.zeros((2000, 2)), np.sin(0.5 * YAW), np.cos(0.5 * YAW)])

@@ -179,6 +179,15 @@ def _times(frames: Floats, stated_s: Floats, rate: float, path: Path, header: He
     return time_s
 
 
+def _missing(header: Header, rows: int, path: Path) -> list[Irregularity]:
+    """What the header counts and the table lacks: an export or a copy that was cut."""
+    stated = header.keys.get("Total Exported Frames", "")
+    if not stated.isdecimal() or int(stated) <= rows:
+        return []
+    text = f"the header counts {stated} frames, the table has {rows}: it is cut, or rows were removed"
+    return [Irregularity("frames missing", "warning", int(stated) - rows, path.name, text)]
+
+
 def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
     """The poses of the vehicle's rigid body in a Motive export, with no commands (M = 0).
 
@@ -203,6 +212,7 @@ def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
     if time_column is None:
         raise InputRefused(path, f"line {header.table_row + 1}", "has no Time column", "export the take again")
     frames, stated = _numbers(table, [0, time_column], header, path).T
+    odd = (*odd, *_missing(header, len(table), path))
     time_s = _times(frames, stated, rate, path, header)
     floor = on_floor(metres * _numbers(table, [position[a] for a in "XYZ"], header, path), vehicle.mocap.up_axis)
     turn = _numbers(table, [rotation[a] for a in ("XYZW" if "W" in rotation else "XYZ")], header, path)

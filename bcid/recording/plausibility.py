@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.errors import InputRefused
+from bcid.recording.channels import check_channels
 from bcid.recording.course import commanded_angle, course
 from bcid.recording.types import Irregularity, Recording, Stream
 from bcid.vehicle import Vehicle
@@ -34,7 +35,7 @@ def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
     Raises:
         InputRefused: steering in degrees or inverted, lengths or yaw in other units, brake shares below -1.
     """
-    odd = _check_commands(recording, vehicle) + _check_turning(recording, vehicle)
+    odd = _check_commands(recording, vehicle) + _check_turning(recording, vehicle) + check_channels(recording, vehicle)
     return replace(recording, irregularities=(*recording.irregularities, *odd))
 
 

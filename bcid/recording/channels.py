@@ -1,0 +1,60 @@
+"""Further channels judged by the motion: a quantity in other units, or with the other sign, is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bcid.errors import InputRefused
+from bcid.recording.course import Course, commanded_angle, course
+from bcid.recording.types import Floats, Irregularity, Recording
+from bcid.vehicle import Vehicle
+
+CLEAR = 0.7  # correlation with what the poses or commands say of the same quantity
+UNITS = 3.0  # times what they say, or its inverse: another unit
+FEWEST = 200  # rows of the grid on which they are compared
+HINTS = {
+    "measured_steering_rad": ("the commanded angle", "log it in rad, positive to the left"),
+    "wheel_speed_mps": ("the speed of the front axle", "log it in m/s, positive forward"),
+    "yaw_rate_radps": ("the yaw rate of the poses", "log it in rad/s, positive counter-clockwise"),
+}
+
+
+def check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
+    """What is odd about the channels.
+
+    Raises:
+        InputRefused: one that follows the motion in other units or with the other sign.
+    """
+    if not recording.channels:
+        return []
+    motion, odd = course(recording, vehicle), list[Irregularity]()
+    if len(motion.time_s) < FEWEST:
+        return []
+    source = recording.sources[-1].path
+    for name, stream in recording.channels.items():
+        expected, (what, hint) = _expected(name, motion, recording, vehicle), HINTS[name]
+        seen = np.interp(motion.time_s, stream.time_s, stream.values[:, 0])
+        inside = (motion.time_s >= stream.time_s[0]) & (motion.time_s <= stream.time_s[-1])
+        x, y = expected[motion.good & inside], seen[motion.good & inside]
+        if len(x) < FEWEST or x.std() < 1e-6 or y.std() < 1e-12:
+            continue
+        if name == "wheel_speed_mps":
+            y = np.abs(y)  # what the poses say has no sign
+        like = float(np.corrcoef(x, y)[0, 1])
+        times = float(np.sqrt((y @ y) / (x @ x)))
+        if like < -CLEAR:
+            cause = f"runs against {what} (correlation {like:.2f}): its sign is inverted"
+            raise InputRefused(source, name, cause, hint)
+        if like > CLEAR and not 1.0 / UNITS < times < UNITS:
+            raise InputRefused(source, name, f"is {times:.3g} times {what}: degrees, or mm?", hint)
+        if abs(like) < CLEAR:
+            text = f"does not follow {what} (correlation {like:.2f})"
+            odd.append(Irregularity("channel", "warning", 1, name, text))
+    return odd
+
+
+def _expected(name: str, motion: Course, recording: Recording, vehicle: Vehicle) -> Floats:
+    """What the poses, or the commands, say of the channel on the motion's grid."""
+    if name == "yaw_rate_radps":
+        return motion.yaw_rate
+    return motion.v_f if name == "wheel_speed_mps" else commanded_angle(recording, vehicle, motion.time_s)
