@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,11 +12,11 @@ from mcap import records as kinds
 
 from bcid.errors import InputRefused
 from bcid.recording.mcap_records import Broken, Read, records
+from bcid.recording.messages import base_name
 from bcid.recording.types import Irregularity
 
 RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"
-READ = {"json": None, "cdr": ("ros2msg", "ros2idl"), "protobuf": ("protobuf",)}
-"""Encodings of messages that are read, and of the schemas that they need."""
+ENCODINGS = ("json", "cdr", "protobuf")  # of messages that are read
 
 
 class Message(NamedTuple):
@@ -50,8 +51,6 @@ class Contents:
 
     def schema_name(self, schema_id: int) -> str:
         """A schema's name without its namespace's middle part."""
-        from bcid.recording.messages import base_name
-
         schema = self.schemas.get(schema_id)
         return base_name(schema.name) if schema else "no schema"
 
@@ -90,14 +89,12 @@ def _decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: Path) ->
     Raises:
         InputRefused: an encoding, of messages or of their schema, that is not read.
     """
-    import json
-
     from mcap_protobuf.decoder import DecoderFactory as Protobuf
     from mcap_ros2.decoder import DecoderFactory as Ros2
 
     encoding, place = channel.message_encoding, f"topic {channel.topic}"
     remedy = "record as JSON, CDR (ros2msg) or protobuf"
-    if encoding not in READ:
+    if encoding not in ENCODINGS:
         raise InputRefused(path, place, f"encoding {encoding!r} is not read", remedy)
     if encoding == "json":
         return json.loads
