@@ -1,15 +1,18 @@
-# make run: set up, then do the main job on the sample logs.  make test: set up, then the tests.
+# make run: set up, then do the main job on the sample logs.  make test: set up, then the tests (make proofs: those that take minutes).
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test check samples clean
+.PHONY: run test proofs check samples clean
 
 run: $(READY)
 	$(BIN)/bcid run
 
 test: $(READY)
-	$(BIN)/pytest -q -n 2 --dist loadfile
+	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 --dist loadfile  # a worker for each core: their kernels would fight
+
+proofs: $(READY)
+	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 -m proof
 
 check: $(READY)
 	$(BIN)/ruff format --check .

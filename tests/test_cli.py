@@ -128,6 +128,13 @@ def test_recordings_may_be_named_directly(tmp_path: Path, takes: dict[str, Path]
     fit = bcid("fit", takes["motive"], "--model", "k-sindy", *where)
     assert fit.returncode == 0
     assert "v_f(k+1) =" in fit.stdout
+    poses = bcid("fit", takes["motive"], "--model", "newton-euler", "--loss", "poses", *where)
+    assert poses.returncode == 0
+    assert "likelihood of the poses" in poses.stdout
+    assert (Path(poses.stdout.rsplit("written to ", 1)[1].strip()) / "limits.json").exists()
+    unable = bcid("fit", takes["motive"], "--model", "k-mlp", "--loss", "poses", *where)
+    assert unable.returncode == 2
+    assert "choose one-step or rollout" in unable.stderr
 
 
 def test_hostile_names_are_inert(tmp_path: Path, vehicle_file: Path) -> None:

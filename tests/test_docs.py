@@ -64,10 +64,18 @@ def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
 
 
 def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
-    from bcid.report.proof_page import evidence
+    from bcid.report.proof_page import evidence, methods
 
-    outcome = json.loads((ROOT / "docs" / "results" / "prove.json").read_text(encoding="utf-8"))
-    assert evidence(outcome) in (ROOT / "README.md").read_text(encoding="utf-8")
+    whole, quick = (
+        json.loads((ROOT / "docs" / "results" / name).read_text(encoding="utf-8"))
+        for name in ("prove.json", "prove_quick.json")
+    )
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert evidence(whole) in readme
+    assert methods(quick) in readme
+    assert f"seed {quick['seed']}" in readme
+    right, wanted = quick["pooled"]["right"], quick["pooled"]["expected"]
+    assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
 
 
 def test_the_page_of_effects_is_what_the_command_makes() -> None:

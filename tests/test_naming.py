@@ -419,10 +419,10 @@ def test_a_concealed_effect_is_named_alone(
     ("x", "y", "seed"),
     [
         (0.0, 1.0, 9),
-        (-2.0, 0.0, 8),
-        (1.0, 0.5, 8),
+        pytest.param(-2.0, 0.0, 8, marks=pytest.mark.proof),
+        pytest.param(1.0, 0.5, 8, marks=pytest.mark.proof),
     ],
-)  # fmt: skip
+)
 def test_a_slippery_patch_is_found_with_its_place(x: float, y: float, seed: int, maker: Maker) -> None:
     """Within a third of its radius, and no place that explains much more is missed."""
     patch = dict(

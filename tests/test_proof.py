@@ -51,7 +51,7 @@ def test_a_suite_is_the_same_for_the_same_seed_and_another_for_another() -> None
 
 def test_the_diagnosis_is_handed_no_answer() -> None:
     case = next(c for c in suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
-    recording = recorded(case.driven(), case.rate_hz, vehicle())
+    recording = recorded(case.driven(), case.rate_hz, vehicle(), "concealed")
     words = [v for v in _leaves(asdict(recording)) if isinstance(v, str)]
     assert "concealed" in words
     assert not [w for w in words if "yaw" in w or "scrub" in w or "single" in w]

@@ -173,6 +173,7 @@ value = 0.02
     return folder
 
 
+@pytest.mark.proof
 def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_path: Path) -> None:
     rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
     drag, nothing, offset = rows
@@ -236,6 +237,7 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
     assert json.loads((tmp_path / "real.json").read_text())["tiers"]["edited"] == {"right": 1, "n": 1}
 
 
+@pytest.mark.proof
 def test_a_real_dead_zone_is_told(recordings_folder: Path, tmp_path: Path) -> None:
     """The published model of the DART car without its motor's dead zone (0.164 of the throttle)."""
     cases = Path(__file__).parents[1] / "pipelines" / "dart"

@@ -5,9 +5,10 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from bcid.diagnosis import rivals, search
+from bcid.diagnosis import heldout, rivals, search
 from bcid.diagnosis.rivals import distinct, settled
 
 TAKE: Any = None
@@ -52,3 +53,20 @@ def test_rivals_of_what_is_left_do_not_hold_what_was_dropped(monkeypatch: pytest
     none = fit(0.0)
     found = search.Search(none, none, dropped, {}, old, TAKE, 0.0, TAKE)
     assert found.reduced(left, TAKE).others == (twin,)
+
+
+def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What half a take makes of a poor explanation may not even drive the other half."""
+    take = SimpleNamespace(segments=4, begin_s=np.array([0.0, 1.0, 2.0, 3.0]), T=12.0)
+    stays = SimpleNamespace(phi=np.zeros(1), scales="of the whole")
+
+    def on(fit: Any, take: Any, chosen: Any, phi: Any, scales: Any) -> Any:
+        if scales == "of half" and 0 in chosen:
+            raise FloatingPointError("a prediction left the finite numbers")
+        return np.full(len(chosen), -1.0 if scales == "of half" else -2.0)
+
+    monkeypatch.setattr(heldout, "on_half", lambda *_: SimpleNamespace(phi=np.ones(1), scales="of half"))
+    monkeypatch.setattr(heldout, "_on", on)
+    found = heldout.scores(stays, take)  # type: ignore[arg-type]
+    assert sorted(found) == [-2.0, -2.0, -1.0, -1.0]
+    assert found[0] == -2.0

@@ -35,7 +35,7 @@ def taken(
     return recording, estimate_motion(recording, vehicle, tuning)
 
 
-@pytest.mark.slow
+@pytest.mark.proof
 def test_only_what_the_simulator_lacks_is_named(tmp_path: Path, vehicle: Vehicle, tuning: Tuning) -> None:
     """Both cars scrub; only the real one has a dragging bearing."""
     simulator = taken(tmp_path, vehicle, tuning, Plant(yaw_scrub=16.0), 1)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.likelihood.marginal import log_likelihood, moments, rescaled
+from bcid.likelihood.marginal import Scales, log_likelihood, moments, rescaled
 from bcid.likelihood.refit import Fit, Tangent, refit, residuals
 from bcid.likelihood.take import Floats, Ints, Take
 
@@ -42,17 +42,29 @@ def on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
 
 
 def scores(fit: Fit, take: Take) -> Floats:
-    """Log-likelihood of every segment (S,) under parameters fitted to the other half."""
+    """Log-likelihood of every segment (S,) under parameters fitted to the other half.
+
+    Where half a take leads a poor explanation out of the finite numbers on the other, it is judged by the parameters of
+    the whole take, which flatters it: what it lacks is not made larger by that.
+    """
     one, other = halves(take)
     out = np.zeros(take.segments)
     for train, test in ((one, other), (other, one)):
-        trained = on_half(fit, take, train)
-        part, hypothesis = take.part(test), fit.hypothesis
-        rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in test])
-        r = residuals(part, hypothesis.setting(trained.phi, part), fit.start[test])
-        _, e = rescaled(moments(r, np.ascontiguousarray(fit.tangent.A[rows]), part.first), trained.scales, 0)
-        out[test] = log_likelihood(e)
+        try:
+            trained = on_half(fit, take, train)
+            out[test] = _on(fit, take, test, trained.phi, trained.scales)
+        except FloatingPointError:
+            out[test] = _on(fit, take, test, fit.phi, fit.scales)
     return out
+
+
+def _on(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floats:
+    """Log-likelihood of some of the segments at phi."""
+    part = take.part(chosen)
+    rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
+    r = residuals(part, fit.hypothesis.setting(phi, part), fit.start[chosen])
+    _, e = rescaled(moments(r, np.ascontiguousarray(fit.tangent.A[rows]), part.first), scales, 0)
+    return log_likelihood(e)
 
 
 def gain(better: Floats, worse: Floats, take: Take) -> Gain:

@@ -31,6 +31,7 @@ FAR, WILD = 10.0, 10.0  # times what was driven, a miss that is no miss any more
 MOVES = 0.1  # of the fastest stretch's mean speed
 WITHIN = 0.6827  # of a normal law within one deviation
 FEWEST, MOST = 8, 24  # starts that noise is found from, of each take and in all
+ABREAST = 50  # rollouts whose samples are drawn together
 SAMPLES, MANY = 16, 200  # pushed vehicles per start: to find the noise, to draw an interval
 SMALL = 0.02  # of a component's spread, the pushes per root second that still add up linearly
 COVERED = 0.95
@@ -171,19 +172,27 @@ def _likeliest(of: _Misses) -> tuple[float, Floats]:
 def predicted(
     model: Model, history: History, commands: Floats, noise: ProcessNoise, samples: int = MANY, seed: int = 0
 ) -> Prediction:
-    """The rollout under `commands` (N, 2) and its interval, from `samples` of its noise.
+    """The rollout under `commands` (N, 2) and its interval, from `samples` of its noise."""
+    found = _predicted(model, model.init(history)[None], commands[None], noise, samples, seed)
+    return Prediction(found.twist[0], found.half[0])
 
-    By the share of them that lies within one deviation, which a few that run away do not change; where a third does,
-    the interval has no end.
+
+def _predicted(
+    model: Model, carries: Floats, commands: Floats, noise: ProcessNoise, samples: int, seed: int
+) -> Prediction:
+    """The same of B rollouts from `carries` (B, n) under `commands` (B, N, 2): twists and half widths (B, N, 3).
+
+    By the share of the samples that lies within one deviation, which a few that run away do not change; where a third
+    does, the interval has no end.
     """
-    carry, rng = model.init(history), np.random.default_rng(seed)
-    plain = model.scan(carry, commands)[1]
+    plain = model.scan_many(carries, commands)[1]
     many = pushed(
-        model, np.tile(carry, (samples, 1)), np.tile(commands, (samples, 1, 1)), np.array(noise.q), noise.tau_s, rng
-    )  # fmt: skip
+        model, np.repeat(carries, samples, axis=0), np.repeat(commands, samples, axis=0), np.array(noise.q),
+        noise.tau_s, np.random.default_rng(seed),
+    ).reshape(len(plain), samples, *plain.shape[1:])  # fmt: skip
     with np.errstate(invalid="ignore", over="ignore"):
-        off = np.abs(many - plain)
-    return Prediction(plain, noise.factor * np.quantile(np.where(np.isfinite(off), off, np.inf), WITHIN, axis=0))
+        off = np.abs(many - plain[:, None])
+    return Prediction(plain, noise.factor * np.quantile(np.where(np.isfinite(off), off, np.inf), WITHIN, axis=1))
 
 
 def half_widths(model: Model, estimate: Estimate, noise: ProcessNoise | None) -> Floats:
@@ -210,10 +219,13 @@ def coverage(model: Model, estimate: Estimate, noise: ProcessNoise, seed: int = 
     told = []
     for horizon in HORIZONS_S:
         n, within = round(horizon / model.period_s), list[float]()
-        for e, k in starts([estimate], n, n, model.lags) if n else []:
-            found = predicted(model, history_at(e, k, model.lags), e.command[k : k + n], noise, seed=seed)
-            half = np.hypot(found.half[-1], noise.factor * e.twist_sd[k + n])
-            within.append(float((np.abs(found.twist[-1] - e.twist[k + n]) <= half).mean()))
+        found = starts([estimate], n, n, model.lags) if n else []
+        for some in (found[i : i + ABREAST] for i in range(0, len(found), ABREAST)):
+            carries = np.stack([model.init(history_at(e, k, model.lags)) for e, k in some])
+            made = _predicted(model, carries, np.stack([e.command[k : k + n] for e, k in some]), noise, MANY, seed)
+            ends = np.array([k + n for _, k in some])
+            half = np.hypot(made.half[:, -1], noise.factor * estimate.twist_sd[ends])
+            within += (np.abs(made.twist[:, -1] - estimate.twist[ends]) <= half).mean(axis=1).tolist()
         if within:
             share = float(np.mean(within))
             low, high = binomtest(round(share * len(within)), len(within)).proportion_ci(0.95, "wilson")

@@ -71,12 +71,24 @@ def figures(tier: Mapping[str, Any], columns: Mapping[str, str], marked: str) ->
 
 
 def evidence(outcome: Mapping[str, Any]) -> str:
-    """The README's table: one row a tier, goals in brackets, and one for each method on all these takes."""
+    """The README's table of a run: one row a tier, goals in brackets."""
     columns = shown(outcome["tiers"])
-    rows = [["takes of", "n", "figures"], ["---"] * 3]
-    rows += [[t["tier"], str(t["n"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]]
-    rows += [[f"all: {b['method']}", str(b["n"]), _of_a_method(b)] for b in outcome.get("baselines") or []]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return _markdown(
+        ["takes of", "n", "figures"],
+        [[t["tier"], str(t["n"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]],
+    )
+
+
+def methods(outcome: Mapping[str, Any]) -> str:
+    """The README's table of the diagnosis beside other methods on the same takes."""
+    return _markdown(
+        ["method", "n", "figures"],
+        [[b["method"], str(b["n"]), _of_a_method(b)] for b in outcome.get("baselines") or []],
+    )
+
+
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
 
 
 def _of_a_method(method: Mapping[str, Any]) -> str:
