@@ -176,11 +176,10 @@ def fit(
     if loss is not None:
         if loss not in LOSSES:
             raise UsageError(f"there is no loss {loss!r}\n  next: choose {' or '.join(LOSSES)}")
-        unable = [name for name in model or [] if loss not in row_to_fit(name).losses]
-        if unable:
-            raise UsageError(
-                f"{unable[0]} cannot be fitted on {loss}\n  next: see [fit.{unable[0]}], or leave --loss out"
-            )
+        for name in model or []:  # one that has no loss of its own has its base model's
+            losses = row_to_fit(name).losses or LOSSES
+            if loss not in losses:
+                raise UsageError(f"{name} is not fitted on {loss}\n  next: choose {' or '.join(losses)}")
         plan = plan.with_loss(loss)
     work = Pipeline(plan, sink)
     fitted: list[dict[str, Any]] = []
