@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from bcid.cli.sink import thousandths
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -39,6 +41,27 @@ def bench_table(bench: dict[str, object]) -> str:
             f"| {r['path']} | {r['ours_ms']:.3g} | {r['peer']} | {r['peer_ms']:.4g} | {r['ratio']:.3g} × | {goal} |"
         )
     return "\n".join(rows)
+
+
+def accuracy_table(found: dict[str, object]) -> str:
+    """NMSE × 10³ of our models and their peers, best at the end first."""
+    rows = [
+        "| data | model | 0.5 s | 2 s | 10 s | to the end | 95 % | seeds change |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    lines = sorted(found["table"], key=lambda t: (t["data"], t["end"]["nmse"] or float("inf")))  # type: ignore[attr-defined]
+    for line in lines:
+        shown = [thousandths(line[h]["nmse"]) for h in ("0.5 s", "2 s", "10 s", "end")]
+        interval = " – ".join(thousandths(v) for v in line["end"]["ci95"]) if line["end"]["ci95"] else "–"
+        change = "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"
+        name = line["model"] if line["ours"] else f"*{line['model']}*"
+        rows.append(f"| {' | '.join([line['data'], name, *shown, interval, change])} |")
+    return "\n".join(rows)
+
+
+def test_the_readme_s_accuracies_are_the_committed_comparison() -> None:
+    found = json.loads((ROOT / "docs" / "results" / "accuracy.json").read_text(encoding="utf-8"))
+    assert accuracy_table(found) in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_readme_s_speeds_are_the_committed_benchmark() -> None:

@@ -144,7 +144,9 @@ def outcome(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> dict
                 values = sorted((r["horizons"][horizon] for r in some if r["horizons"][horizon]), key=_value)
                 whole = len(values) == len(some)  # no seed's rollout diverges
                 middle = values[(len(values) - 1) // 2] if whole else None
-                spread = (_value(values[-1]) - _value(values[0])) / _value(middle) if middle else None
+                spread = None  # of one seed
+                if middle and len(values) > 1:
+                    spread = (_value(values[-1]) - _value(values[0])) / _value(middle)
                 line[horizon] = {**(middle or {"nmse": None, "ci95": None}), "spread": spread}
             table.append(line)
     return {
