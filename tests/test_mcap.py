@@ -20,7 +20,8 @@ from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.errors import InputRefused, PartLost
-from bcid.recording.mcap_records import MAGIC, Broken, records
+from bcid.recording.formats import MCAP_MAGIC
+from bcid.recording.mcap_records import Broken, records
 from bcid.recording.read import read_raw
 from bcid.vehicle import Vehicle
 
@@ -131,7 +132,7 @@ def test_a_cut_file_is_refused_or_read_to_the_cut(takes: dict[str, Path], vehicl
     assert [i.kind for i in part.irregularities] == ["lost"]
     assert 0.2 * len(whole.pose) < len(part.pose) < 0.8 * len(whole.pose)
     np.testing.assert_array_equal(part.pose, whole.pose[: len(part.pose)])
-    path.write_bytes(MAGIC)
+    path.write_bytes(MCAP_MAGIC)
     with pytest.raises(InputRefused):
         read_raw(path, vehicle, allow_partial=True)
 
@@ -160,7 +161,7 @@ def with_chunk(path: Path, content: bytes, declared: int, compression: str = "zs
     """A file with one chunk that declares so many bytes."""
     fields = struct.pack("<QQQI", 1, 1, declared, 0) + text(compression) + struct.pack("<Q", len(content)) + content
     ends = record(15, struct.pack("<I", 0)) + record(2, struct.pack("<QQI", 0, 0, 0))
-    path.write_bytes(MAGIC + record(1, text("") + text("")) + record(6, fields) + ends + MAGIC)
+    path.write_bytes(MCAP_MAGIC + record(1, text("") + text("")) + record(6, fields) + ends + MCAP_MAGIC)
     return path
 
 

@@ -198,13 +198,13 @@ def _predicted(
 def half_widths(model: Model, estimate: Estimate, noise: ProcessNoise | None) -> Floats:
     """Half widths (K, 3) of the intervals of a rollout from each segment's start; NaN without a noise."""
     half = np.full_like(estimate.twist, np.nan)
-    for s in estimate.segments() if noise else []:
+    if noise is None:
+        return half
+    for s in estimate.segments():
         half[s.start] = 0.0
-        commands = estimate.command[s.start : s.stop - 1]
-        if noise and len(commands):
-            half[s.start + 1 : s.stop] = predicted(
-                model, history_at(estimate, s.start, model.lags), commands, noise
-            ).half
+        if s.stop - s.start > 1:
+            commands, history = estimate.command[s.start : s.stop - 1], history_at(estimate, s.start, model.lags)
+            half[s.start + 1 : s.stop] = predicted(model, history, commands, noise).half
     return half
 
 

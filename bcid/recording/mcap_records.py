@@ -17,7 +17,8 @@ from mcap import records as kinds
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-MAGIC = b"\x89MCAP0\r\n"
+from bcid.recording.formats import MCAP_MAGIC
+
 MAX_RECORD = 1 << 28  # bytes, of a record and of a chunk's content
 BLOCK = 1 << 20
 HEAD = struct.Struct("<BQ")  # opcode and length
@@ -146,13 +147,13 @@ def records(path: Path, attachments: bool = False) -> Iterator[Read]:
     """
     end = path.stat().st_size
     with path.open("rb") as file:
-        if file.read(len(MAGIC)) != MAGIC:
+        if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
             raise Broken(0, "is no MCAP file")
-        running, offset, footer = zlib.crc32(MAGIC), len(MAGIC), False
+        running, offset, footer = zlib.crc32(MCAP_MAGIC), len(MCAP_MAGIC), False
         while not footer:
             head = _exactly(file, HEAD.size, offset)
             opcode, length = HEAD.unpack(head)
-            if offset + HEAD.size + length > end - len(MAGIC):
+            if offset + HEAD.size + length > end - len(MCAP_MAGIC):
                 raise Broken(offset, "is cut: a record reaches beyond the file's end")
             before, crc = running, zlib.crc32(head, running)
             if opcode not in KINDS or (opcode == ATTACHMENT and not attachments):
@@ -168,7 +169,7 @@ def records(path: Path, attachments: bool = False) -> Iterator[Read]:
                     footer = footer or isinstance(read.record, kinds.Footer)
                 running = 0 if KINDS[opcode] is kinds.DataEnd else running  # from here on, of the summary
             offset += HEAD.size + length
-        if file.read() != MAGIC:
+        if file.read() != MCAP_MAGIC:
             raise Broken(offset, "is cut, or something follows its end: the closing magic is not the last")
 
 

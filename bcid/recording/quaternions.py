@@ -32,12 +32,15 @@ def judged_yaw(
     if off.sum() > MANY * len(xyzw):
         cause = f"{off.mean():.0%} of the quaternions are not of unit length (one has {length[off][0]:.3g})"
         raise InputRefused(path, "orientation", cause, "export or record the orientation again")
-    _check_order(xyzw[~blank & ~off], path)
-    tipped = _tipped(xyzw, ~blank & ~off)
+    good = ~blank & ~off
+    up = turned_up(xyzw[good])
+    _check_order(xyzw[good], up, path)
+    tipped = np.zeros(len(xyzw), dtype=bool)
+    tipped[good] = _tipped(up)
     yaw, odd = yaw_of_quaternions(xyzw, up_axis), list[Irregularity]()
     yaw[off | tipped] = np.nan
     flips = int((np.einsum("ij,ij->i", xyzw[1:], xyzw[:-1]) < 0.0).sum())
-    grown = ~blank & ~off & (np.abs(length - 1.0) > ROUNDED)
+    grown = good & (np.abs(length - 1.0) > ROUNDED)
     for rows, kind, action, text in (
         (off, "quaternion", "excluded", "not of unit length"),
         (grown, "quaternion length", "fixed", "brought to unit length"),
@@ -52,25 +55,22 @@ def judged_yaw(
     return yaw, odd
 
 
-def _steady(xyzw: Floats) -> float:
+def _steady(up: Floats) -> float:
     """The share of the samples in which the body's up points where it usually does."""
-    up = turned_up(xyzw)
     usual = np.median(up, axis=0)
     size = float(np.linalg.norm(usual))
     return float((up @ usual > UPRIGHT * size).mean()) if size > UPRIGHT else 0.0
 
 
-def _check_order(xyzw: Floats, path: Path) -> None:
+def _check_order(xyzw: Floats, up: Floats, path: Path) -> None:
     """Raise `InputRefused` where only w first is a car that keeps its wheels on one floor."""
-    if len(xyzw) and _steady(xyzw) < UNSTEADY and _steady(np.roll(xyzw, -1, axis=1)) > STEADY:
+    if len(up) and _steady(up) < UNSTEADY and _steady(turned_up(np.roll(xyzw, -1, axis=1))) > STEADY:
         cause = "the quaternions are those of a car on its wheels only if they are written w first"
         raise InputRefused(path, "orientation", cause, "write them x, y, z, w, or map the fields")
 
 
-def _tipped(xyzw: Floats, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _tipped(up: Floats) -> npt.NDArray[np.bool_]:
     """Samples that lean far from the rest; none where the body leans all the time, as on a hand."""
-    tipped = np.zeros(len(xyzw), dtype=bool)
-    if known.any() and _steady(xyzw[known]) > STEADY:
-        up = turned_up(xyzw[known])
-        tipped[known] = up @ np.median(up, axis=0) < TIPPED
-    return tipped
+    if not len(up) or _steady(up) <= STEADY:
+        return np.zeros(len(up), dtype=bool)
+    return np.asarray(up @ np.median(up, axis=0) < TIPPED)
