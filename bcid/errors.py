@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 
 class BcidError(Exception):
@@ -37,3 +40,30 @@ class InputRefused(BcidError):
     def __init__(self, source: str | Path, place: str, cause: str, next_step: str) -> None:
         self.source, self.place, self.cause, self.next_step = str(source), place, cause, next_step
         super().__init__(f"{self.source}: {place}: {cause}\n  next: {next_step}")
+
+
+class Problem(NamedTuple):
+    """One thing that is wrong with a file."""
+
+    place: str
+    cause: str
+    next_step: str
+
+
+class Problems(list[Problem]):
+    """What is wrong with one file, gathered so that all of it is told at once."""
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """A check whose refusal waits for the others."""
+        try:
+            yield
+        except InputRefused as error:
+            self.append(Problem(error.place, error.cause, error.next_step))
+
+    def refuse(self, source: str | Path) -> None:
+        """Raise one `InputRefused` that tells all of them; nothing where there are none."""
+        if self:
+            steps = dict.fromkeys(p.next_step for p in self)
+            causes = [p.cause if len(self) == 1 else f"{p.place}: {p.cause}" for p in self]
+            raise InputRefused(source, ", ".join(p.place for p in self), "; ".join(causes), "; ".join(steps))

@@ -110,6 +110,7 @@ class Topics(Settings):
     command: str
     time: Literal["auto", "header", "log"] = "auto"
     child_frame: str | None = None  # which body of a TFMessage or RigidBodies
+    world_frame: str | None = None  # the frame of a TFMessage in which the body is wanted; else the tree's root
     pose_fields: PoseFields | None = None
     command_fields: CommandFields | None = None
 

@@ -10,6 +10,7 @@ import pytest
 
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble
+from bcid.recording.height import check_up_axis, off_the_floor
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake
 from bcid.recording.read import read_raw
@@ -42,6 +43,7 @@ def test_a_pose_that_the_tracking_holds_is_left_out(raw: RawTake, vehicle: Vehic
 def test_a_car_that_stands_is_not_frozen(raw: RawTake, vehicle: Vehicle) -> None:
     """To the last digit, as a simulator's log may say it, but with the throttle off."""
     pose, command = raw.pose.copy(), raw.command.copy()
+    pose[120:, :2] += pose[0, :2] - pose[120, :2]  # no jump at the end of it
     pose[:120] = pose[0]
     command[raw.command_time_s < raw.pose_time_s[125]] = 0.0
     found = assemble(replace(raw, pose=pose, command=command), vehicle)
@@ -188,3 +190,106 @@ def test_a_body_in_a_hand_is_read_as_it_is() -> None:
     yaw, odd = judged(Rotation.random(2000, random_state=1).as_quat())
     assert "tipped over" not in odd
     assert np.isfinite(yaw).all()
+
+
+def driven(raw: RawTake, least: int = 240) -> int:
+    """The first row after 10 s from which the throttle is on for `least` rows."""
+    row = np.searchsorted(raw.command_time_s, raw.pose_time_s, side="right") - 1
+    on = raw.command[np.maximum(row, 0), 1] > 0.1
+    return next(k for k in range(600, len(on)) if on[k : k + least].all())
+
+
+@pytest.mark.parametrize("jump_in", [True, False])
+def test_a_ghost_that_stands_while_the_car_is_driven_is_left_out(jump_in: bool, raw: RawTake, vehicle: Vehicle) -> None:
+    """As in the DART lap whose body swaps to a static one; or held where it was, but for the noise, then a jump."""
+    k = driven(raw)
+    pose = raw.pose.copy()
+    still = np.array([3.0, -2.0, 0.3]) if jump_in else pose[k]
+    pose[k : k + 240] = still + 2e-4 * np.random.default_rng(1).standard_normal((240, 3))
+    found = assemble(replace(raw, pose=pose), vehicle)
+    times = raw.pose_time_s[k + 10 : k + 240]
+    assert not np.isin(times, found.poses.time_s).any()
+    assert 230 <= told(found, "tracking") <= 270  # held, it also stands for a while before
+    assert told(found, "pose jump") == (2 if jump_in else 1)
+    assert found.breaks_s
+
+
+def test_single_outliers_are_left_out_and_the_rest_kept(raw: RawTake, vehicle: Vehicle) -> None:
+    pose = raw.pose.copy()
+    pose[[300, 900, 901]] += [0.4, 0.2, 0.0]
+    found, clean = assemble(replace(raw, pose=pose), vehicle), assemble(raw, vehicle)
+    assert told(found, "tracking") == 3
+    kept = np.isin(clean.poses.time_s, found.poses.time_s)
+    assert (~kept).sum() == 3
+    np.testing.assert_allclose(found.poses.values, clean.poses.values[kept], atol=1e-9)
+    assert told(clean, "tracking") == 0
+    assert told(clean, "pose jump") == 0
+
+
+def test_two_bodies_in_turn_are_refused(raw: RawTake, vehicle: Vehicle) -> None:
+    both = np.repeat(raw.pose, 2, axis=0)
+    both[1::2, 0] += 0.1
+    times = np.repeat(raw.pose_time_s, 2)
+    times[1::2] += 0.008
+    with pytest.raises(InputRefused, match="come in turn"):
+        assemble(replace(raw, pose=both, pose_time_s=times), vehicle)
+
+
+def test_two_sources_of_commands_in_turn_are_refused(raw: RawTake, vehicle: Vehicle) -> None:
+    both = np.repeat(raw.command, 2, axis=0)
+    both[1::2] = 0.0
+    times = np.repeat(raw.command_time_s, 2)
+    times[1::2] += 0.02
+    with pytest.raises(InputRefused, match="come in turn"):
+        assemble(replace(raw, command=both, command_time_s=times), vehicle)
+
+
+def test_a_block_of_rows_that_comes_twice_is_read_once(raw: RawTake, vehicle: Vehicle) -> None:
+    order = np.r_[: len(raw.pose), 400:460]
+    found = assemble(replace(raw, pose=raw.pose[order], pose_time_s=raw.pose_time_s[order]), vehicle)
+    clean = assemble(raw, vehicle)
+    np.testing.assert_array_equal(found.poses.values, clean.poses.values)
+    assert told(found, "pose duplicate") == told(clean, "pose duplicate") + 60
+
+
+def floor(tilt: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, floor positions and heights of a car that keeps to a plane, seen with 1 mm noise."""
+    rng = np.random.default_rng(3)
+    t = np.arange(3000) / 100.0
+    xy = np.column_stack([3.0 * np.sin(0.4 * t), 2.0 * np.cos(0.3 * t)])
+    return t, xy, 0.3 + xy @ [tilt, -tilt] + 1e-3 * rng.standard_normal(len(t))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.02, 0.2])
+def test_what_leaves_the_floor_is_seen_on_any_floor(tilt: float) -> None:
+    t, xy, height = floor(tilt)
+    up, odd = off_the_floor(xy, height, t)
+    assert not up.any()
+    assert odd == []
+    height[1000:1500] += np.concatenate([np.linspace(0, 0.9, 100), np.full(300, 0.9), np.linspace(0.9, 0, 100)])
+    up, odd = off_the_floor(xy, height, t)
+    assert up[1010:1490].all()
+    assert up.sum() < 500
+    assert odd[0].count == up.sum()
+
+
+def test_an_axis_that_is_not_up_is_refused() -> None:
+    _, xy, height = floor()
+    world = np.column_stack([xy[:, 0], height, -xy[:, 1]])  # Y up
+    check_up_axis(world, "Y", Path("take.csv"))
+    with pytest.raises(InputRefused, match='up_axis = "Y"'):
+        check_up_axis(world, "Z", Path("take.csv"))
+    line = np.column_stack([xy[:, 0], height, np.zeros(len(xy))])
+    check_up_axis(line, "Y", Path("take.csv"))  # straight along X: which axis is up is not seen
+
+
+def test_clocks_that_are_surely_apart_are_told(takes: dict[str, Path], vehicle: Vehicle) -> None:
+    raw = read_raw(takes["motive"], vehicle)
+    for late in (0.0, 0.08):
+        found = assemble(replace(raw, command_time_s=raw.command_time_s - late), vehicle)
+        assert told(found, "clock offset") == (1 if late else 0)
+
+
+def test_a_car_that_is_faster_than_its_motor_is_told(raw: RawTake, vehicle: Vehicle) -> None:
+    assert told(assemble(raw, vehicle), "scale") == 0
+    assert told(assemble(replace(raw, pose=raw.pose * [2.0, 2.0, 1.0]), vehicle), "scale") == 1

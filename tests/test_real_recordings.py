@@ -10,8 +10,10 @@ import pytest
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import tune
-from bcid.recording.motive import read_header, read_poses
+from bcid.recording.motive import read_poses
+from bcid.recording.motive_header import read_header
 from bcid.recording.read import read_recording
+from bcid.recording.text import read_text
 from bcid.vehicle import Vehicle, read_vehicle
 
 VEHICLES = {
@@ -97,7 +99,7 @@ def test_an_export_without_assets_is_refused(recordings_folder: Path, vehicle: V
 
 def test_the_bodies_of_an_export_are_listed(recordings_folder: Path, vehicle: Vehicle) -> None:
     path = recordings_folder / "motive_csv" / "v1.24_quat_2bodies_markers_240Hz__kronium.csv"
-    assert read_header(path).bodies() == ["shimonsWall", "wall_2"]
+    assert read_header(read_text(path)).bodies() == ["shimonsWall", "wall_2"]
     with pytest.raises(InputRefused, match="shimonsWall, wall_2"):
         read_poses(path, vehicle)
 

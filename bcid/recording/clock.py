@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.recording.course import Course, commanded_angle, course
-from bcid.recording.types import Floats, Recording
+from bcid.recording.types import Floats, Irregularity, Recording
 from bcid.recording.yaw_response import WINDOW_S, held_throttle, unexplained, usable_rows, yaw_acceleration
 from bcid.vehicle import Vehicle
 
@@ -24,6 +24,7 @@ BLOCK_S = 10.0
 MAX_DELAY_S = 0.3
 MIN_BLOCKS = 4
 MIN_EXPLAINED = 0.5
+RESIDUAL_S = 0.005  # apart by more is told
 
 
 class Delays(NamedTuple):
@@ -65,7 +66,21 @@ def estimate_clock(recording: Recording, vehicle: Vehicle) -> Recording:
         "drift_ci95": [float(line[2]), float(line[3])],
         "includes": "delays of the steering actuator beyond the vehicle file's; systematic error of the method",
     }
-    return replace(recording, clock=facts)
+    return replace(recording, clock=facts, irregularities=(*recording.irregularities, *_apart(facts, recording)))
+
+
+def _apart(facts: dict[str, Any], recording: Recording) -> list[Irregularity]:
+    """Word of clocks that are surely apart by more than `RESIDUAL_S`, at once or by the end of the take."""
+    grown = [recording.duration_s * d for d in facts["drift_ci95"]]
+    told = []
+    for what, (low, high) in (("offset", facts["offset_ci95"]), ("drift", grown)):
+        if low > RESIDUAL_S or high < -RESIDUAL_S:
+            text = f"commands are {1e3 * low:.0f} to {1e3 * high:.0f} ms early" + (
+                " by the end" if what == "drift" else ""
+            )
+            odd = Irregularity(f"clock {what}", "warning", 1, recording.name, text + ": [clock] offset_s, or one clock")
+            told.append(odd)
+    return told
 
 
 def _block_delays(motion: Course, recording: Recording, vehicle: Vehicle) -> tuple[Delays, float]:

@@ -9,6 +9,7 @@ import numpy as np
 from bcid.errors import InputRefused
 from bcid.recording.raw import source_of
 from bcid.recording.tables import numbers, read_csv
+from bcid.recording.text import read_text
 from bcid.recording.types import Floats, Irregularity, Source
 from bcid.vehicle import CHANNELS
 
@@ -30,21 +31,14 @@ def read_commands(
             "does not exist",
             "put the commands beside the export as NAME.commands.csv, or name them with --commands",
         )
-    source = source_of(path, "commands-csv")
-    table = read_csv(path)
-    missing = [c for c in REQUIRED if c not in table.columns]
-    if missing:
-        raise InputRefused(
-            path,
-            "line 1",
-            f"the header lacks {', '.join(missing)} (found: {', '.join(map(str, table.columns))})",
-            f"the header must read {','.join(REQUIRED)}",
-        )
+    source, text = source_of(path, "commands-csv"), read_text(path)
+    table = read_csv(text)
+    present = [c for c in CHANNELS if c in table.columns]
+    column = numbers(table, [*REQUIRED, *present], path, f"the header must read {','.join(REQUIRED)}")
     if table.empty:
         raise InputRefused(path, "line 2", "holds a header and no commands", "record the commands again")
-    time_s = numbers(table, "time_s", path)
-    command = np.column_stack([numbers(table, c, path) for c in REQUIRED[1:]])
-    channels = {c: (time_s, numbers(table, c, path)) for c in CHANNELS if c in table.columns}
+    command = np.column_stack([column[c] for c in REQUIRED[1:]])
+    channels = {c: (column["time_s"], column[c]) for c in present}
     extra = [str(c) for c in table.columns if c not in (*REQUIRED, *CHANNELS)]
     odd = Irregularity("unknown column", "warning", len(extra), f"{path.name} line 1", ", ".join(extra))
-    return source, time_s, command, channels, (odd,) if extra else ()
+    return source, column["time_s"], command, channels, (*text.odd, *((odd,) if extra else ()))

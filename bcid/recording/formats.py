@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from pathlib import Path
 from typing import Literal
 
@@ -16,9 +17,13 @@ _HEAD = 4096
 
 def check_file(path: Path) -> None:
     """Raise `InputRefused` unless `path` is a file with something in it."""
-    if not path.exists():
+    try:
+        there, file = path.exists(), path.is_file()
+    except (OSError, ValueError) as error:
+        raise InputRefused(path, "file", f"is no usable name: {error}"[:200], "check the path") from None
+    if not there:
         raise InputRefused(path, "file", "does not exist", "check the path")
-    if not path.is_file():
+    if not file:
         raise InputRefused(path, "file", "is not a regular file", "name a recording, not a folder or device")
     if path.stat().st_size == 0:
         raise InputRefused(path, "file", "is empty", "record or export the take again")
@@ -37,16 +42,16 @@ def format_of(path: Path) -> Format:
         return "mcap"
     if head.startswith(PARQUET_MAGIC):
         return "table"
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputRefused(path, "byte 0", "is UTF-16", "save the file as UTF-8")
-    if b"\0" in head:
+    utf_16 = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if b"\0" in head.rstrip(b"\0") and not utf_16:
         raise InputRefused(
             path,
             f"byte {head.index(0)}",
             "is no MCAP file, Motive CSV or table",
             "name a .mcap, a Motive .csv or a table",
         )
-    if head.lstrip(b"\xef\xbb\xbf").startswith(b"Format Version"):
+    text = head.decode("utf-16", "ignore") if utf_16 else head.decode("utf-8-sig", "ignore")
+    if text.startswith("Format Version"):
         return "motive"
     if path.suffix.lower() in (".csv", ".txt", ".tsv"):
         return "table"
@@ -56,6 +61,12 @@ def format_of(path: Path) -> Format:
         "is no MCAP file, Motive CSV or table",
         "name a .mcap, a Motive .csv or a mapped .csv or .parquet",
     )
+
+
+def is_parquet(path: Path) -> bool:
+    """Whether a table is a Parquet file, by its first bytes."""
+    with path.open("rb") as file:
+        return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
 
 
 def commands_of(path: Path, named: Path | None) -> Path | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -23,3 +23,9 @@ def mapped(field: Mapped, column: Callable[[str], Floats]) -> Floats:
     if field.zero_where is not None:
         values = np.where(column(field.zero_where.field) == field.zero_where.equals, 0.0, values)
     return values
+
+
+def field_names(fields: Iterable[Mapped]) -> list[str]:
+    """The raw fields that mappings look up, each once."""
+    names = [name for f in fields for name in (f.source, f.zero_where.field if f.zero_where else None) if name]
+    return list(dict.fromkeys(names))

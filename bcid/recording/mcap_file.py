@@ -5,41 +5,32 @@ from __future__ import annotations
 import difflib
 import json
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mcap.exceptions import McapError
 
 from bcid.errors import InputRefused
 from bcid.recording import messages
-from bcid.recording.mapping import mapped
+from bcid.recording.height import off_the_floor
+from bcid.recording.mapping import field_names, mapped
 from bcid.recording.mcap_contents import Contents, contents
+from bcid.recording.mcap_times import Track, common_times
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
+from bcid.recording.tf_tree import SCHEMA as TF
+from bcid.recording.tf_tree import STATIC, chain, put_together, read_tree
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import CHANNELS, CommandFields, Mapped, Topics, Vehicle
-
-
-class Track(NamedTuple):
-    """The messages of one topic, in file order."""
-
-    log_ns: list[int]
-    stamp_ns: list[int | None]
-    values: Floats  # (N, n)
-    odd: Sequence[Irregularity] = ()
-
 
 BROKEN = (
     struct.error, EOFError, OverflowError, json.JSONDecodeError, UnicodeDecodeError, AssertionError, TypeError,
     ValueError, IndexError, McapError,
 )  # fmt: skip
 """What decoders raise on content that is not as its schema says."""
-
-LAST_STAMP = float(1 << 62)  # ns: a century beyond
-UNUSED_NS = 1e10  # a clock that starts at zero comes to other stamps within seconds
 
 
 @contextmanager
@@ -105,14 +96,9 @@ def _publishers(found: Contents, topics: Iterable[str]) -> list[Irregularity]:
     ]  # fmt: skip
 
 
-def _field_names(fields: Iterable[Mapped]) -> list[str]:
-    names = [name for f in fields for name in (f.source, f.zero_where.field if f.zero_where else None) if name]
-    return list(dict.fromkeys(names))
-
-
 def _mapped_track(found: Contents, topic: str, fields: list[Mapped], time_field: str | None) -> Track:
     """The mapped `fields` of every message, one column each."""
-    names = _field_names(fields)
+    names = field_names(fields)
     log_ns, stamps, rows = [], [], []
     for logged, message in found.decoded(topic):
         log_ns.append(logged)
@@ -129,10 +115,14 @@ def _pose_track(found: Contents, schema: str, vehicle: Vehicle, topics: Topics) 
     fields = topics.pose_fields
     if fields is not None:
         return _mapped_track(found, topics.pose, [fields.x_m, fields.y_m, fields.yaw_rad], fields.time_s)
-    if schema not in messages.POSES:
-        cause = f"type {schema} is no known pose; known: {', '.join(messages.POSES)}"
+    if schema not in (*messages.POSES, TF):
+        cause = f"type {schema} is no known pose; known: {', '.join((*messages.POSES, TF))}"
         raise InputRefused(path, f"topic {topics.pose}", cause, "name its fields in [topics.pose_fields]")
     body = topics.child_frame or vehicle.mocap.rigid_body
+    if schema == TF:
+        tree = read_tree([*found.decoded(topics.pose), *_static(found, topics.pose)])
+        edges = chain(tree, body, topics.world_frame, path)
+        return _judged(edges[0].log_ns, edges[0].stamp_ns, put_together(edges), path)
     log_ns, stamps, rows = [], [], []
     for logged, message in found.decoded(topics.pose):
         pose = messages.POSES[schema](message, body)
@@ -143,9 +133,24 @@ def _pose_track(found: Contents, schema: str, vehicle: Vehicle, topics: Topics) 
     if not rows:
         cause = f"no message holds the body {body!r}"
         raise InputRefused(path, f"topic {topics.pose}", cause, "set topics.child_frame in the vehicle file")
-    raw = np.array(rows)
-    yaw, odd = judged_yaw(raw[:, 3:], "Z", (np.array(log_ns) - log_ns[0]) / 1e9, path)
-    return Track(log_ns, stamps, np.column_stack([raw[:, :2], yaw]), odd)
+    return _judged(log_ns, stamps, np.array(rows), path)
+
+
+def _static(found: Contents, pose_topic: str) -> list[tuple[int, Any]]:
+    """Transforms that hold from the first to the last moment."""
+    if pose_topic == STATIC or not found.of(STATIC):
+        return []
+    return [(0, message) for _, message in found.decoded(STATIC)]
+
+
+def _judged(log_ns: list[int], stamps: list[int | None], rows: Floats, path: Path) -> Track:
+    """Positions and quaternions (N, 7) as poses on the floor."""
+    time_s = (np.array(log_ns) - log_ns[0]) / 1e9
+    yaw, odd = judged_yaw(rows[:, 3:], "Z", time_s, path)
+    up, lifts = off_the_floor(rows[:, :2], rows[:, 2], time_s)
+    values = np.column_stack([rows[:, :2], yaw])
+    values[up] = np.nan
+    return Track(log_ns, stamps, values, [*odd, *lifts])
 
 
 def _command_fields(schema: str, first: Any, topics: Topics, path: Path) -> CommandFields:
@@ -170,7 +175,7 @@ def _command_track(found: Contents, schema: str, topics: Topics) -> tuple[Track,
     fields = _command_fields(schema, first, topics, found.path)
     extra = {name: field for name in CHANNELS if (field := getattr(fields, name)) is not None}
     wanted = [fields.steering_rad, fields.throttle_mps, *extra.values()]
-    missing = [name for name in _field_names(wanted) if messages.get(first, name, None) is None]
+    missing = [name for name in field_names(wanted) if messages.get(first, name, None) is None]
     if missing:
         cause = f"type {schema} has no {', '.join(missing)}: it is no known command"
         raise InputRefused(found.path, f"topic {topics.command}", cause, "name its fields in [topics.command_fields]")
@@ -181,37 +186,6 @@ def _command_track(found: Contents, schema: str, topics: Topics) -> tuple[Track,
             "map them in [topics.command_fields], with low = 0.0 where the car only coasts",
         )  # fmt: skip
     return track, list(extra)
-
-
-def _check_stamps(track: Track, topic: str, path: Path) -> None:
-    """Raise `InputRefused` where header stamps are no times: negative, beyond all, or zero among others."""
-    stamps = np.array([float(s) for s in track.stamp_ns if s is not None])
-    first, last = min(track.log_ns), max(track.log_ns)
-    wrong = (stamps < 0.0) | (stamps >= LAST_STAMP)
-    later = stamps[~wrong & (stamps > 0.0)]
-    if len(later) and later.min() > last - first + UNUSED_NS:
-        wrong |= stamps == 0.0
-    if wrong.any():
-        raise InputRefused(
-            path, f"topic {topic}", f"{wrong.sum()} of {len(stamps)} stamps are no times ({stamps[wrong][0]:.0f} ns; "
-            f"logged {first / 1e9:.3f} to {last / 1e9:.3f} s)", 'correct the stamps, or set topics.time = "log"',
-        )  # fmt: skip
-
-
-def _common_times(pose: Track, command: Track, topics: Topics, path: Path) -> tuple[Floats, Floats, str]:
-    """Seconds from the first pose for both tracks: header stamps for both or log times for both."""
-    stamped = all(s is not None for s in (*pose.stamp_ns, *command.stamp_ns))
-    if topics.time == "header" and not stamped:
-        raise InputRefused(
-            path, "stamps", "topics.time is header, but a message carries none", 'set topics.time = "log"'
-        )
-    header = stamped and topics.time != "log"
-    if header:
-        _check_stamps(pose, topics.pose, path)
-        _check_stamps(command, topics.command, path)
-    pose_ns, command_ns = (np.array(t.stamp_ns if header else t.log_ns, dtype=np.int64) for t in (pose, command))
-    zero = pose_ns.min()
-    return (pose_ns - zero) / 1e9, (command_ns - zero) / 1e9, "header stamps" if header else "log times"
 
 
 def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawTake:
@@ -225,16 +199,15 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
     if topics is None:
         raise InputRefused(path, "vehicle file", "has no [topics]", "name the pose and command topics there")
     wanted = (topics.pose, topics.command)
-    found = contents(path, wanted, allow_partial)
+    found = contents(path, (*wanted, STATIC), allow_partial)
     with _refusing(path):
         schemas = [_schema_of(found, topic) for topic in wanted]
         pose = _pose_track(found, schemas[0], vehicle, topics)
         command, extra = _command_track(found, schemas[1], topics)
-        pose_s, command_s, base = _common_times(pose, command, topics, path)
-    odd = [*found.odd(), *_publishers(found, wanted), *pose.odd]
-    if base == "log times":
-        text = "log times stand for both streams: a topic has no stamps, or the vehicle file says so"
-        odd.append(Irregularity("time base", "warning", 1, path.name, text))
-    channels = {name: (command_s, command.values[:, 2 + i]) for i, name in enumerate(extra)}
-    values = command.values[:, :2]
-    return RawTake(path.stem, (source,), pose_s, pose.values, command_s, values, None, channels, tuple(odd))
+        times = common_times(pose, command, topics, path)
+    channels = {name: (times.command_s, command.values[:, 2 + i]) for i, name in enumerate(extra)}
+    odd = (*found.odd(), *_publishers(found, wanted), *pose.odd, *times.odd)
+    return RawTake(
+        path.stem, (source,), times.pose_s, pose.values, times.command_s, command.values[:, :2], None, channels, odd,
+        times.splits_s,
+    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -37,8 +38,10 @@ def get(message: Any, path: str, default: Any = _MISSING) -> Any:
 
 
 def number(value: Any) -> float:
-    """A field as a number; JSON's null is none."""
-    return float("nan") if value is None else float(value)
+    """A field as a number: NaN where it is blank (JSON's null), infinite where it holds no finite number."""
+    if value is None:
+        return math.nan
+    return float(value) if math.isfinite(float(value)) else math.inf
 
 
 def nanoseconds(stamp: Any) -> int | None:
@@ -100,11 +103,6 @@ def _transform_stamped(message: Any, body: str | None) -> Pose3 | None:
     return _transform(get(message, "transform"), stamp_of(message))
 
 
-def _tf_message(message: Any, body: str | None) -> Pose3 | None:
-    chosen = _chosen(get(message, "transforms"), "child_frame_id", body)
-    return None if chosen is None else _transform_stamped(chosen, body)
-
-
 def _rigid_bodies(message: Any, body: str | None) -> Pose3 | None:
     chosen = _chosen(get(message, "rigidbodies"), "rigid_body_name", body)
     return None if chosen is None else _pose(get(chosen, "pose"), stamp_of(message))
@@ -116,7 +114,6 @@ POSES: dict[str, Callable[[Any, str | None], Pose3 | None]] = {
     "geometry_msgs/PoseWithCovarianceStamped": _at("pose.pose"),
     "geometry_msgs/TransformStamped": _transform_stamped,
     "nav_msgs/Odometry": _at("pose.pose"),
-    "tf2_msgs/TFMessage": _tf_message,
     "mocap4r2_msgs/RigidBodies": _rigid_bodies,
 }
 """Pose reader by schema name: (message, body's name) -> pose, or None where it holds another body."""

@@ -1,150 +1,54 @@
-"""OptiTrack Motive's CSV export, format versions 1.22 to 1.25.
-
-The first row is key,value pairs (their set varies by version); the table's header is found by its
-first cell `Frame`, the row above it names what each column measures, and the row that reads
-`Rigid Body` (labelled `Type` from 1.23 on) is followed by the bodies' names.
-"""
+"""OptiTrack Motive's CSV export, format versions 1.22 to 1.25."""
 
 from __future__ import annotations
 
-import csv
-import difflib
+import io
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, Problems
 from bcid.recording.commands import read_commands
+from bcid.recording.height import check_up_axis, off_the_floor
+from bcid.recording.motive_header import (
+    Header,
+    choose_body,
+    frame_rate,
+    global_space,
+    metres,
+    read_header,
+    rotation_order,
+    time_column,
+)
 from bcid.recording.orientation import on_floor, yaw_of_euler
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
+from bcid.recording.text import CsvText, read_text
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import Vehicle
 
-METRES = {"meters": 1.0, "centimeters": 1e-2, "millimeters": 1e-3, "m": 1.0, "cm": 1e-2, "mm": 1e-3}
-VERSIONS = ("1.22", "1.23", "1.24", "1.25")
-_HEADER_ROWS = 30
+WRAPS_AT = 3.0  # that an angle in radians reaches on both sides before it wraps
+MARKER_ERROR_M, MARKER_FACTOR = 0.005, 5.0  # a mean marker error beyond both this and the usual by this is no solution
 
 
-@dataclass(frozen=True)
-class Header:
-    """What stands above the table."""
-
-    keys: dict[str, str]
-    table_row: int  # index of the row that begins with Frame
-    axes: list[str]  # X, Y, Z, W, ... per column
-    measures: list[str]  # Rotation, Position, Mean Marker Error, ... per column
-    types: list[str]  # Rigid Body, Marker, ... per column
-    names: list[str]  # the asset's name per column
-
-    def bodies(self) -> list[str]:
-        """The rigid bodies' names, in order."""
-        return list(dict.fromkeys(n for n, t in zip(self.names, self.types, strict=True) if t == "Rigid Body"))
-
-    def columns(self, body: str, measure: str) -> dict[str, int]:
-        """Column index by axis letter of one body's measure."""
-        rows = zip(self.types, self.names, self.measures, self.axes, strict=True)
-        return {
-            axis.upper(): i
-            for i, (t, n, m, axis) in enumerate(rows)
-            if t == "Rigid Body" and n == body and m == measure
-        }
-
-
-def read_header(path: Path) -> Header:
-    """The export's header, found by content.
-
-    Raises:
-        InputRefused: no header, an unknown version, or no rigid body in it.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            rows = [row for row, _ in zip(reader, range(_HEADER_ROWS), strict=False)]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputRefused(path, "header", f"cannot be read as CSV: {error}", "export the take again") from None
-    first = rows[0]
-    keys = {k.strip(): v.strip() for k, v in zip(first[::2], first[1::2], strict=False) if k.strip()}
-    version = keys.get("Format Version", "")
-    if version not in VERSIONS:
-        raise InputRefused(
-            path, "line 1", f"Motive format version {version!r} is not known", f"export as one of {', '.join(VERSIONS)}"
-        )
-    table = next((i for i, row in enumerate(rows) if row and row[0].strip() == "Frame"), None)
-    if table is None:
-        raise InputRefused(path, "header", "no row begins with Frame", "export the take with its table")
-    kinds = next((i for i, row in enumerate(rows[:table]) if i > 0 and "Rigid Body" in row), None)
-    if kinds is None:
-        raise InputRefused(
-            path,
-            f"lines 1 to {table + 1}",
-            "the export holds no rigid body (no assets)",
-            "create a rigid body in Motive, solve the take and export with Rigid Bodies ticked",
-        )
-    width = len(rows[table])
-    padded = [[*(cell.strip() for cell in row), *[""] * (width - len(row))][:width] for row in rows[: table + 1]]
-    return Header(keys, table, padded[table], padded[table - 1], padded[kinds], padded[kinds + 1])
-
-
-def _choose_body(header: Header, wanted: str | None, path: Path) -> str:
-    bodies = header.bodies()
-    if wanted in bodies:
-        return str(wanted)
-    if wanted is None and len(bodies) == 1:
-        return bodies[0]
-    near = difflib.get_close_matches(wanted or "", bodies, n=1)
-    cause = "mocap.rigid_body is not set" if wanted is None else f"there is no rigid body {wanted!r}"
-    hint = f"; nearest: {near[0]}" if near else ""
-    raise InputRefused(
-        path,
-        "rigid bodies",
-        f"{cause}; the export has {', '.join(bodies)}{hint}",
-        "set mocap.rigid_body in the vehicle file",
-    )
-
-
-def _metres(header: Header, vehicle: Vehicle, path: Path) -> float:
-    unit = header.keys.get("Length Units") or vehicle.mocap.length_unit
-    if unit is None:
-        raise InputRefused(
-            path, "line 1", "states no Length Units", 'set mocap.length_unit = "m", "cm" or "mm" in the vehicle file'
-        )
-    if unit.lower() not in METRES:
-        raise InputRefused(path, "line 1", f"Length Units {unit!r} are not known", "export in meters")
-    return METRES[unit.lower()]
-
-
-def _rate(header: Header, path: Path) -> tuple[float, tuple[Irregularity, ...]]:
-    try:
-        rate = float(header.keys["Export Frame Rate"])
-        capture = float(header.keys.get("Capture Frame Rate", rate))
-    except (KeyError, ValueError):
-        raise InputRefused(path, "line 1", "states no frame rate that is a number", "export the take again") from None
-    if rate <= 0:
-        raise InputRefused(path, "line 1", f"Export Frame Rate is {rate:g}", "export the take again")
-    if rate == capture:
-        return rate, ()
-    text = f"exported at {rate:g} Hz of {capture:g} Hz captured"
-    return rate, (Irregularity("export rate", "warning", 1, f"{path.name} line 1", text),)
-
-
-def _table(path: Path, header: Header) -> pd.DataFrame:
+def _table(file: CsvText, header: Header) -> pd.DataFrame:
     """The rows after the header; blank lines at the end are no rows."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
             table = pd.read_csv(
-                path, skiprows=header.table_row + 1, header=None, names=list(range(len(header.axes))),
-                index_col=False, encoding="utf-8-sig", low_memory=False, skip_blank_lines=False,
+                io.StringIO(file.text), skiprows=header.table_row + 1, header=None, sep=file.separator,
+                names=list(range(len(header.axes))), decimal=file.decimal, index_col=False, low_memory=False,
+                skip_blank_lines=False,
             )  # fmt: skip
     except pd.errors.EmptyDataError:
         return pd.DataFrame()
-    except (pd.errors.ParserError, pd.errors.ParserWarning, UnicodeDecodeError) as error:
-        raise InputRefused(path, "table", f"cannot be read: {error}", "export the take again") from None
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        raise InputRefused(file.path, "table", f"cannot be read: {error}", "export the take again") from None
     return table.dropna(how="all")
 
 
@@ -188,44 +92,80 @@ def _missing(header: Header, rows: int, path: Path) -> list[Irregularity]:
     return [Irregularity("frames missing", "warning", int(stated) - rows, path.name, text)]
 
 
+def _rotation(header: Header, body: str, path: Path) -> tuple[dict[str, int], dict[str, int]]:
+    """Position and rotation columns by axis."""
+    position, rotation = header.columns(body, "Position"), header.columns(body, "Rotation")
+    if set(position) != set("XYZ") or set(rotation) not in ({*"XYZ"}, {*"XYZW"}):
+        raise InputRefused(path, f"rigid body {body!r}", "lacks rotation or position columns", "export both")
+    return position, rotation
+
+
+def _poorly_solved(header: Header, body: str, table: pd.DataFrame, scale: float, path: Path) -> npt.NDArray[np.bool_]:
+    """Where the mean marker error is so large, or so exactly zero, that the pose was not measured (N,)."""
+    columns = [i for name in ("Mean Marker Error", "Marker Error") for i in header.columns(body, name).values()]
+    if not columns:
+        return np.zeros(len(table), dtype=bool)
+    error = scale * _numbers(table, columns[:1], header, path)[:, 0]
+    known = error[np.isfinite(error)]
+    limit = max(MARKER_ERROR_M, MARKER_FACTOR * float(np.median(known))) if len(known) else np.inf
+    filled = (error == 0.0) & (np.median(known) > 0.0) if len(known) else False  # solved by interpolation
+    return np.asarray((error > limit) | filled)
+
+
+def _yaw(
+    header: Header, turn: Floats, vehicle: Vehicle, time_s: Floats, path: Path
+) -> tuple[Floats, list[Irregularity]]:
+    """Yaw (N,) of quaternions (N, 4) or Euler angles in degrees (N, 3), and what was odd."""
+    if turn.shape[1] == 4:
+        return judged_yaw(turn, vehicle.mocap.up_axis, time_s, path)
+    low, high = np.nanmin(turn, axis=0, initial=0.0), np.nanmax(turn, axis=0, initial=0.0)
+    if max(-low.min(), high.max()) <= np.pi and ((low < -WRAPS_AT) & (high > WRAPS_AT)).any():
+        cause = "the angles fill -3.14 to 3.14: radians, where Motive writes degrees"
+        raise InputRefused(path, "rotation", cause, "export the take again, with quaternions")
+    return yaw_of_euler(turn, rotation_order(header, path), vehicle.mocap.up_axis), []
+
+
 def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
     """The poses of the vehicle's rigid body in a Motive export, with no commands (M = 0).
 
     Raises:
         InputRefused: with the line and the reason, where the export cannot be used.
     """
-    source = source_of(path, "motive-csv")
-    header = read_header(path)
-    if header.keys.get("Coordinate Space", "Global") != "Global":
-        raise InputRefused(path, "line 1", "Coordinate Space is not Global", "export with global coordinates")
-    body = _choose_body(header, vehicle.mocap.rigid_body, path)
-    rate, odd = _rate(header, path)
-    metres = _metres(header, vehicle, path)
-    position = header.columns(body, "Position")
-    rotation = header.columns(body, "Rotation")
-    if set(position) != set("XYZ") or set(rotation) not in ({*"XYZ"}, {*"XYZW"}):
-        raise InputRefused(path, f"rigid body {body!r}", "lacks rotation or position columns", "export both")
-    table = _table(path, header)
+    source, file = source_of(path, "motive-csv"), read_text(path)
+    header, problems = read_header(file), Problems()
+    with problems.gathered():
+        global_space(header, path)
+    with problems.gathered():
+        rate, odd_rate = frame_rate(header, path)
+    with problems.gathered():
+        scale = metres(header, vehicle, path)
+    with problems.gathered():
+        clock = time_column(header, path)
+    with problems.gathered():
+        body = choose_body(header, vehicle.mocap.rigid_body, path)
+        position, rotation = _rotation(header, body, path)
+        if "W" not in rotation:
+            rotation_order(header, path)
+    problems.refuse(path)
+    table = _table(file, header)
     if table.empty:
         raise InputRefused(path, f"line {header.table_row + 2}", "no frame follows the header", "export the take again")
-    time_column = next((i for i, a in enumerate(header.axes) if a.startswith("Time (")), None)
-    if time_column is None:
-        raise InputRefused(path, f"line {header.table_row + 1}", "has no Time column", "export the take again")
-    frames, stated = _numbers(table, [0, time_column], header, path).T
-    odd = (*odd, *_missing(header, len(table), path))
+    frames, stated = _numbers(table, [0, clock], header, path).T
     time_s = _times(frames, stated, rate, path, header)
-    floor = on_floor(metres * _numbers(table, [position[a] for a in "XYZ"], header, path), vehicle.mocap.up_axis)
-    turn = _numbers(table, [rotation[a] for a in ("XYZW" if "W" in rotation else "XYZ")], header, path)
-    if "W" in rotation:
-        yaw, turns = judged_yaw(turn, vehicle.mocap.up_axis, time_s, path)
-        odd = (*odd, *turns)
-    else:
-        order = header.keys.get("Rotation Type", "XYZ").upper()
-        if sorted(order) != ["X", "Y", "Z"]:
-            raise InputRefused(path, "line 1", f"Rotation Type {order!r} is no order of X, Y, Z", "export quaternions")
-        yaw = yaw_of_euler(turn, order, vehicle.mocap.up_axis)
-    empty = np.empty(0)
-    return RawTake(path.stem, (source,), time_s, np.column_stack([floor, yaw]), empty, np.empty((0, 2)), rate, {}, odd)
+    world = scale * _numbers(table, [position[a] for a in "XYZ"], header, path)
+    turn = _numbers(table, [rotation[a] for a in "XYZW" if a in rotation], header, path)
+    check_up_axis(world, vehicle.mocap.up_axis, path)
+    floor = on_floor(world, vehicle.mocap.up_axis)
+    yaw, turns = _yaw(header, turn, vehicle, time_s, path)
+    up, lifts = off_the_floor(floor, world[:, "XYZ".index(vehicle.mocap.up_axis)], time_s)
+    poor = _poorly_solved(header, body, table, scale, path)
+    pose = np.column_stack([floor, yaw])
+    pose[up | poor] = np.nan
+    odd = [*file.odd, *odd_rate, *_missing(header, len(table), path), *turns, *lifts]
+    if poor.any():
+        text = "the mean marker error is far above the usual, or exactly zero: not measured"
+        odd.append(Irregularity("marker error", "excluded", int(poor.sum()), path.name, text))
+    return RawTake(path.stem, (source,), time_s, pose, np.empty(0), np.empty((0, 2)), rate, {}, tuple(odd))
 
 
 def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:

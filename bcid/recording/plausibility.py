@@ -16,7 +16,9 @@ from bcid.vehicle import Vehicle
 DEGREES_FACTOR = 3.0
 WHEELBASE_FACTOR = 4.0
 MIN_CORRELATION = 0.5
+MOST = 0.5  # of the commands
 THROTTLE_FACTOR = 3.0
+SPEED_FACTOR = 1.2
 SLOW_SHARE = 0.1  # of the take's top speed
 MIN_YAW_RATE = 1e-3
 MIN_HEADING, CLEAR_HEADING = 0.6, 0.8
@@ -35,7 +37,10 @@ def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
     Raises:
         InputRefused: steering in degrees or inverted, lengths or yaw in other units, brake shares below -1.
     """
-    odd = _check_commands(recording, vehicle) + _check_turning(recording, vehicle) + check_channels(recording, vehicle)
+    odd = [
+        *_check_commands(recording, vehicle), *_check_turning(recording, vehicle),
+        *_check_speed(recording, vehicle), *check_channels(recording, vehicle),
+    ]  # fmt: skip
     return replace(recording, irregularities=(*recording.irregularities, *odd))
 
 
@@ -61,6 +66,9 @@ def _check_commands(recording: Recording, vehicle: Vehicle) -> list[Irregularity
             "log the throttle in m/s, or map it with a gain",
         )  # fmt: skip
     beyond = np.abs(u_s) > limit * (1 + 1e-9)
+    if beyond.mean() > MOST:
+        cause = f"{beyond.mean():.0%} of the commands are beyond the limit of {limit:g} rad: degrees?"
+        raise InputRefused(source, "steering_rad", cause, "log the command in rad, or correct steering.max_angle_rad")
     if not beyond.any():
         return []
     text = f"commands beyond the limit of {limit:g} rad act as the limit"
@@ -129,3 +137,15 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
             "set the unit (mocap.length_unit, or a gain in [columns]) or correct the vehicle file",
         )  # fmt: skip
     return []
+
+
+def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
+    """Word of a car that is faster than its motor: a scale set on export, or another car's file."""
+    top, motion = vehicle.motor.reference_speed_mps, course(recording, vehicle)
+    if top is None or vehicle.motor.law != "speed" or not motion.good.any():
+        return []
+    fast = float(np.quantile(motion.v_f[motion.good], 0.99))
+    if fast < SPEED_FACTOR * top:
+        return []
+    text = f"the front wheel reaches {fast:.3g} m/s, the motor's largest speed is {top:g} m/s: a scale set on export?"
+    return [Irregularity("scale", "warning", 1, recording.sources[0].path, text)]

@@ -24,6 +24,7 @@ class RawTake:
     rate_hz: float | None = None  # where the file states one
     channels: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
     irregularities: tuple[Irregularity, ...] = ()
+    splits_s: tuple[float, ...] = ()  # pose times at which a new stretch begins, whatever the poses show
 
 
 def source_of(path: Path, kind: str) -> Source:

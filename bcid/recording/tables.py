@@ -2,49 +2,72 @@
 
 from __future__ import annotations
 
+import difflib
+import io
+import warnings
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bcid.errors import InputRefused
-from bcid.recording.mapping import mapped
+from bcid.errors import InputRefused, Problem, Problems
+from bcid.recording.formats import is_parquet
+from bcid.recording.mapping import field_names, mapped
 from bcid.recording.raw import RawTake, source_of
-from bcid.recording.types import Floats
+from bcid.recording.text import CsvText, read_text
+from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import CHANNELS, Vehicle
 
+LISTED = 12  # columns that a refusal names
 
-def read_csv(path: Path, comment: str | None = None) -> pd.DataFrame:
-    """The CSV file at `path`, with refusals instead of parser errors."""
+
+def read_csv(file: CsvText, comment: str | None = None) -> pd.DataFrame:
+    """The table in a CSV file, with refusals instead of parser errors."""
     try:
-        return pd.read_csv(path, comment=comment, encoding="utf-8-sig", skipinitialspace=True, low_memory=False)
-    except UnicodeDecodeError as error:
-        raise InputRefused(path, f"byte {error.start}", "is not UTF-8", "save the file as UTF-8") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            return pd.read_csv(
+                io.StringIO(file.text), sep=file.separator, decimal=file.decimal, comment=comment,
+                index_col=False, skipinitialspace=True, low_memory=False,
+            )  # fmt: skip
     except pd.errors.EmptyDataError:
-        raise InputRefused(path, "line 1", "holds no table", "export the take again") from None
-    except pd.errors.ParserError as error:
-        raise InputRefused(path, "table", f"is no regular CSV: {error}", "mend the row named above") from None
+        raise InputRefused(file.path, "line 1", "holds no table", "export the take again") from None
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        cause = f"rows are longer than the header, or is no regular CSV (a decimal comma?): {error}"
+        raise InputRefused(file.path, "table", cause, "mend the rows, or export with ; between the cells") from None
 
 
-def numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
-    """A column as floats; a cell that holds text is refused with its row."""
-    if column not in table.columns:
-        raise InputRefused(
-            path,
-            f"column {column!r}",
-            f"is not in the file (found: {', '.join(map(str, table.columns[:12]))} …)",
-            "correct [columns] in the vehicle file",
-        )
-    values = pd.to_numeric(table[column], errors="coerce").to_numpy(float)
-    text = np.flatnonzero(np.isnan(values) & table[column].notna().to_numpy())
-    if len(text):
-        raise InputRefused(
-            path,
-            f"data row {text[0] + 1}, column {column!r}",
-            f"{table[column].iloc[text[0]]!r} is no number",
-            "mend or remove that row",
-        )
-    return values
+def numbers(table: pd.DataFrame, columns: Iterable[str], path: Path, remedy: str) -> dict[str, Floats]:
+    """The named columns as floats.
+
+    Raises:
+        InputRefused: with every column that is missing (and its `remedy`) and every one that holds text.
+    """
+    wanted = list(dict.fromkeys(columns))
+    problems, found = Problems(), {}
+    for column in wanted:
+        if column not in table.columns:
+            near = difflib.get_close_matches(column, map(str, table.columns), n=1)
+            hint = f"; nearest: {near[0]}" if near else ""
+            cause = f"is not in the file (found: {_listed(table)}{hint})"
+            problems.append(Problem(f"column {column!r}", cause, remedy))
+            continue
+        cells = table[column]
+        values = pd.to_numeric(cells, errors="coerce").to_numpy(float)
+        text = np.flatnonzero(np.isnan(values) & cells.notna().to_numpy())
+        if len(text):
+            more = f" (and {len(text) - 1} more in this column)" if len(text) > 1 else ""
+            place = f"data row {text[0] + 1}, column {column!r}"
+            problems.append(Problem(place, f"{cells.iloc[text[0]]!r} is no number{more}", "mend or remove such rows"))
+        found[column] = values
+    problems.refuse(path)
+    return found
+
+
+def _listed(table: pd.DataFrame) -> str:
+    names = [str(c) for c in table.columns]
+    return ", ".join(names[:LISTED]) + (" …" if len(names) > LISTED else "")
 
 
 def _parquet(path: Path) -> pd.DataFrame:
@@ -71,19 +94,23 @@ def read_table(path: Path, vehicle: Vehicle) -> RawTake:
             "map the table's columns in the vehicle file, as `bcid init` shows",
         )
     source = source_of(path, "table-" + path.suffix.lstrip(".").lower())
-    table = _parquet(path) if path.suffix.lower() == ".parquet" else read_csv(path, columns.comment)
+    odd: tuple[Irregularity, ...] = ()
+    if is_parquet(path):
+        table = _parquet(path)
+    else:
+        text = read_text(path, columns.comment)
+        table, odd = read_csv(text, columns.comment), text.odd
     if table.empty:
         raise InputRefused(path, "table", "holds a header and no rows", "export the take again")
 
-    def column(name: str) -> Floats:
-        return numbers(table, name, path)
-
+    poses, commands = (columns.x_m, columns.y_m, columns.yaw_rad), (columns.steering_rad, columns.throttle_mps)
+    extra = {name: field for name in CHANNELS if (field := getattr(columns, name)) is not None}
+    names = field_names([*poses, *commands, *extra.values()])
+    column = numbers(table, [columns.time_s, *names], path, "correct [columns] in the vehicle file").__getitem__
     time_s = column(columns.time_s)
-    zero = time_s[np.isfinite(time_s)][0] if np.isfinite(time_s).any() else 0.0
-    time_s = time_s - zero
-    pose = np.column_stack([mapped(f, column) for f in (columns.x_m, columns.y_m, columns.yaw_rad)])
-    command = np.column_stack([mapped(f, column) for f in (columns.steering_rad, columns.throttle_mps)])
-    extra = {
-        name: (time_s, mapped(field, column)) for name in CHANNELS if (field := getattr(columns, name)) is not None
-    }
-    return RawTake(path.stem, (source,), time_s, pose, time_s, command, None, extra)
+    finite = time_s[np.isfinite(time_s)]
+    time_s = time_s - (finite[0] if len(finite) else 0.0)
+    pose = np.column_stack([mapped(f, column) for f in poses])
+    command = np.column_stack([mapped(f, column) for f in commands])
+    channels = {name: (time_s, mapped(field, column)) for name, field in extra.items()}
+    return RawTake(path.stem, (source,), time_s, pose, time_s, command, None, channels, odd)

@@ -1,0 +1,133 @@
+"""The clocks of an MCAP file, and the tree of its transforms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_readers import json_mcap
+
+from bcid.errors import InputRefused
+from bcid.recording.mcap_times import Track, common_times
+from bcid.recording.read import read_recording
+from bcid.recording.tf_tree import Moves, chain, put_together, read_tree
+from bcid.recording.types import Recording
+from bcid.vehicle import Topics, Vehicle
+
+TOPICS = Topics(pose="/pose", command="/command")
+NS = 1_000_000_000
+START = 1_700_000_000 * NS
+PATH = Path("take.mcap")
+
+
+def track(stamps: np.ndarray | None, logged: np.ndarray) -> Track:
+    values = np.zeros((len(logged), 2))
+    ns = [START + round(t * NS) for t in logged]
+    return Track(ns, [None] * len(ns) if stamps is None else [START + round(t * NS) for t in stamps], values)
+
+
+def test_a_stamp_clock_that_steps_is_split_there_and_a_late_message_is_not() -> None:
+    t = np.arange(600) / 60.0
+    late = t.copy()
+    late[200] += 0.5  # arrives late
+    stepped = t + 3.0 * (np.arange(600) >= 300)
+    command = track(t, t)
+    assert common_times(track(t, late), command, TOPICS, PATH).splits_s == ()
+    found = common_times(track(stepped, t), command, TOPICS, PATH)
+    assert found.splits_s == (pytest.approx(t[300] + 3.0),)
+    assert found.odd[0].kind == "clock jump"
+
+
+def test_a_gap_in_the_recording_is_no_clock_jump() -> None:
+    t = np.arange(600) / 60.0 + 2.0 * (np.arange(600) >= 300)
+    assert common_times(track(t, t), track(t, t), TOPICS, PATH).splits_s == ()
+
+
+def test_bursts_are_put_on_an_even_grid() -> None:
+    t = np.arange(600) / 60.0
+    arrives = np.ceil((np.arange(600) + 1) / 5.0) * 5.0 / 60.0 + 1e-4 * (np.arange(600) % 5)
+    found = common_times(track(None, arrives), track(None, t), TOPICS, PATH)
+    steps = np.diff(found.pose_s)
+    np.testing.assert_allclose(steps, 1.0 / 60.0, rtol=1e-2)
+    assert [i.kind for i in found.odd] == ["time base", "bursts"]
+    even = common_times(track(None, t), track(None, t), TOPICS, PATH)
+    assert [i.kind for i in even.odd] == ["time base"]
+
+
+@pytest.mark.parametrize("stamp", [0, -1, 1 << 63])
+def test_stamps_that_are_none_are_refused(stamp: int) -> None:
+    t = np.arange(60) / 60.0
+    good = track(t, t)
+    every = good._replace(stamp_ns=[stamp] * 60)
+    one = good._replace(stamp_ns=[stamp, *good.stamp_ns[1:]])
+    for bad in (every, one):
+        with pytest.raises(InputRefused, match="are no times"):
+            common_times(bad, good, TOPICS, PATH)
+
+
+def transforms(*edges: tuple[str, str]) -> dict[str, dict[str, Moves]]:
+    row = {"translation": {"x": 1.0, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+    items = [{"header": {"frame_id": p}, "child_frame_id": c, "transform": row} for p, c in edges]
+    return read_tree([(0, {"transforms": items})])
+
+
+def test_a_body_is_where_all_its_frames_put_it() -> None:
+    turn = np.pi / 2
+    tree: dict[str, dict[str, Moves]] = {
+        "odom": {"map": Moves([0], [None], [[1.0, 2.0, 0.0, 0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)]])},
+        "car": {"odom": Moves([5, 6], [None, None], [[3.0, *[0.0] * 5, 1.0], [4.0, *[0.0] * 5, 1.0]])},
+    }  # fmt: skip
+    rows = put_together(chain(tree, "car", None, PATH))
+    np.testing.assert_allclose(rows[:, :2], [[1.0, 5.0], [1.0, 6.0]], atol=1e-12)
+    np.testing.assert_allclose(rows[:, 5:], [[np.sin(turn / 2), np.cos(turn / 2)]] * 2, atol=1e-12)
+    only = put_together(chain(tree, "car", "odom", PATH))
+    np.testing.assert_allclose(only[:, 0], [3.0, 4.0])
+
+
+def test_where_a_frame_is_not_yet_known_there_is_no_pose() -> None:
+    row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    tree = {"odom": {"map": Moves([6], [None], [row])}, "car": {"odom": Moves([5, 7], [None, None], [row, row])}}
+    rows = put_together(chain(tree, "car", None, PATH))
+    assert np.isnan(rows[0]).all()
+    assert np.isfinite(rows[1]).all()
+
+
+@pytest.mark.parametrize(
+    ("edges", "world", "says"),
+    [
+        ([("a", "car"), ("car", "a")], None, "cycle: car -> a"), ([("a", "car"), ("b", "car")], None, "parents: a, b"),
+        ([("odom", "car")], "map", "odom has no parent"), ([("map", "cat")], None, "only cat"),
+    ],
+)  # fmt: skip
+def test_a_broken_tree_is_refused_by_its_edge(edges: list[tuple[str, str]], world: str | None, says: str) -> None:
+    with pytest.raises(InputRefused, match=says):
+        chain(transforms(*edges), "car", world, PATH)
+
+
+def test_a_drive_behind_two_frames_is_the_same_drive(recording: Recording, vehicle: Vehicle, tmp_path: Path) -> None:
+    """/tf with map -> odom -> car, the first of them on /tf_static."""
+
+    def message(parent: str, child: str, t: float, x: float, y: float, yaw: float) -> dict[str, Any]:
+        stamp = {"sec": int(t), "nanosec": round(t % 1 * 1e9)}
+        rotation = {"x": 0.0, "y": 0.0, "z": float(np.sin(yaw / 2)), "w": float(np.cos(yaw / 2))}
+        moved = {"translation": {"x": x, "y": y, "z": 0.3}, "rotation": rotation}
+        return {"transforms": [{"header": {"frame_id": parent, "stamp": stamp}, "child_frame_id": child,
+                                "transform": moved}]}  # fmt: skip
+
+    t, pose = recording.poses.time_s, recording.poses.values
+    back = pose - [1.0, 0.5, 0.0]
+    poses = [(s, message("odom", "car", s, *map(float, p))) for s, p in zip(t, back, strict=True)]
+    commands = [
+        (s, {"header": {"stamp": {"sec": int(s), "nanosec": round(s % 1 * 1e9)}}, "steering_rad": u, "throttle_mps": m})
+        for s, (u, m) in zip(recording.commands.time_s, recording.commands.values, strict=True)
+    ]
+    path = json_mcap(tmp_path / "tf.mcap", {
+        "/tf_static": ("tf2_msgs/TFMessage", [(0.0, message("map", "odom", 0.0, 1.0, 0.5, 0.0))]),
+        "/tf": ("tf2_msgs/TFMessage", poses), "/command": ("own", commands),
+    })  # fmt: skip
+    topics = {"pose": "/tf", "command": "/command", "child_frame": "car", "world_frame": "map"}
+    seen = Vehicle.model_validate({**vehicle.model_dump(by_alias=True), "topics": topics})
+    again = read_recording(path, seen)
+    np.testing.assert_allclose(again.poses.values, pose, atol=1e-9)
