@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,6 +42,26 @@ class InputRefused(BcidError):
     def __init__(self, source: str | Path, place: str, cause: str, next_step: str) -> None:
         self.source, self.place, self.cause, self.next_step = str(source), place, cause, next_step
         super().__init__(f"{self.source}: {place}: {cause}\n  next: {next_step}")
+
+
+class DiskFull(BcidError):
+    """A file could not be written whole; what was finished before stands."""
+
+    exit_code = 4
+
+    def __init__(self, place: str | Path) -> None:
+        super().__init__(
+            f"{place}: the disk or the quota is full\n"
+            "  next: free some space and run again; what is finished is kept and will be reused"
+        )
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Whether an error, or what it came of, says that no more can be written; libraries tell it in words only."""
+    told = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    words = any(os.strerror(code) in str(error) for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+    cause = error.__cause__ or error.__context__
+    return told or words or (cause is not None and is_disk_full(cause))
 
 
 class Problem(NamedTuple):

@@ -399,10 +399,16 @@ def test_a_folder_without_a_model_is_refused(tmp_path: Path) -> None:
         load_model(tmp_path)
 
 
-@pytest.mark.parametrize("text", ["[1]", '{"schema": "bcid.model/1", "model": []}'])
-def test_a_file_that_is_no_model_is_refused(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[1]", "no JSON object"), ('{"schema": "bcid.model/1", "model": []}', r"bcid\.model/1"),
+        ("[" * 100_000, "nested too deeply"), ('{"a": ', "damaged"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path, text: str, says: str) -> None:
     (tmp_path / "model.json").write_text(text)
-    with pytest.raises(InputRefused, match=r"bcid\.model/1"):
+    with pytest.raises(InputRefused, match=says):
         load_model(tmp_path)
 
 
@@ -410,6 +416,9 @@ def test_a_model_with_parts_missing_is_refused(tmp_path: Path) -> None:
     save_model(published.newton_euler(), tmp_path)
     whole = (tmp_path / "model.json").read_text()
     (tmp_path / "model.json").write_text(whole.replace('"I_z"', '"J_z"'))
+    with pytest.raises(InputRefused, match="digest differs"):
+        load_model(tmp_path)
+    (tmp_path / "model.json").write_text(whole.replace('"I_z"', '"J_z"').replace('"sha256"', '"was"'))
     with pytest.raises(InputRefused, match="J_z"):
         load_model(tmp_path)
     (tmp_path / "model.json").write_text(whole)

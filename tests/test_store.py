@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 
 import pytest
 
+from bcid.errors import DiskFull
 from bcid.store import code as code_module
-from bcid.store.artifact import Recipe, Store
+from bcid.store.artifact import Recipe, Store, is_whole
 from bcid.store.code import Code, closure, code_of
 
 CODE = Code("c0de", {"numpy": "2"})
@@ -64,7 +70,7 @@ def test_a_stage_that_fails_leaves_nothing(tmp_path: Path) -> None:
     store = Store(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         store.get(recipe(), fails)
-    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+    assert [p for p in tmp_path.rglob("*") if p.is_file() and p.suffix != ".lock"] == []
     assert not store.get(recipe(), maker()).reused
 
 
@@ -129,22 +135,53 @@ def test_a_template_beside_a_package_is_part_of_its_code(package: Path) -> None:
     assert code_of("bcid.stage").digest != before.digest
 
 
-def test_the_faster_of_two_runs_wins_and_the_other_uses_its_artifact(tmp_path: Path) -> None:
+def test_the_second_of_two_runs_waits_and_uses_what_the_first_made(tmp_path: Path) -> None:
+    begun, may_end = Event(), Event()
+
+    def slowly(folder: Path) -> None:
+        begun.set()
+        assert may_end.wait(20.0)
+        maker("first")(folder)
+
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(Store(tmp_path).get, recipe(), slowly)
+        assert begun.wait(20.0)
+        second = pool.submit(Store(tmp_path).get, recipe(), never)
+        may_end.set()
+        assert not first.result(20.0).reused
+        assert second.result(20.0).reused
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "x"), RuntimeError(f"I/O error: {os.strerror(errno.EFBIG)}")])
+def test_a_full_disk_is_told_as_such_and_costs_nothing_that_is_finished(error: Exception, tmp_path: Path) -> None:
     store = Store(tmp_path)
+    store.get(recipe(), maker())
 
-    def beaten(folder: Path) -> None:
-        store.get(recipe(), maker("first"))
-        maker("second")(folder)
+    def fails(folder: Path) -> None:
+        (folder / "half.txt").write_text("half")
+        raise error
 
-    folder = store.get(recipe(), beaten).folder
-    assert (folder / "sub" / "data.txt").read_text() == "first"
+    with pytest.raises(DiskFull, match="run again"):
+        store.get(recipe(stage="tune"), fails)
     assert store.get(recipe(), never).reused
+    assert not store.get(recipe(stage="tune"), maker()).reused
+
+
+def test_every_flipped_bit_of_an_artifact_is_noticed(tmp_path: Path) -> None:
+    """Each bit of a small artifact's files, its manifest's among them."""
+    folder = Store(tmp_path).get(recipe(), maker("abc")).folder
+    for path in (folder / "sub" / "data.txt", folder / "manifest.json"):
+        whole = path.read_bytes()
+        for bit in range(8 * len(whole)):
+            flipped = bytearray(whole)
+            flipped[bit // 8] ^= 1 << bit % 8
+            path.write_bytes(bytes(flipped))
+            assert not is_whole(folder, recipe()), (path.name, bit)
+        path.write_bytes(whole)
+    assert is_whole(folder, recipe())
 
 
 def test_what_killed_runs_left_is_swept(tmp_path: Path) -> None:
-    import os
-    import time
-
     left = tmp_path / ".unfinished" / "fit-old"
     left.mkdir(parents=True)
     os.utime(left, (time.time() - 1e6, time.time() - 1e6))

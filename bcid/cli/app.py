@@ -25,7 +25,7 @@ from bcid.cli.options import (
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
-from bcid.errors import BcidError, UsageError
+from bcid.errors import BcidError, DiskFull, UsageError, is_disk_full
 from bcid.models.settings import LOSSES
 from bcid.models.table import MODELS, row_to_fit
 from bcid.pipeline.run import Pipeline
@@ -318,6 +318,9 @@ def main() -> None:
         Sink(Format.quiet).error(str(error))
         sys.exit(error.exit_code)
     except OSError as error:
+        if is_disk_full(error):
+            Sink(Format.quiet).error(str(DiskFull(error.filename or "output")))
+            sys.exit(DiskFull.exit_code)
         if error.filename is None:
             raise
         Sink(Format.quiet).error(f"{error.filename}: {error.strerror}\n  next: check the path and its permissions")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.data_range import QUANTITIES, DataRange
 from bcid.evaluation.uncertainty import ProcessNoise, calibrated
+from bcid.json_file import read_json, write_json
 from bcid.models.interface import Model
 
 FILE = "limits.json"
@@ -39,7 +39,7 @@ class Limits(NamedTuple):
 
     def save(self, folder: Path) -> None:
         """Write it beside the model in `folder`."""
-        (folder / FILE).write_text(json.dumps(self.as_json(), indent=1), encoding="utf-8")
+        write_json(folder / FILE, self.as_json())
 
 
 def load_limits(folder: Path) -> Limits | None:
@@ -52,7 +52,7 @@ def load_limits(folder: Path) -> Limits | None:
     if not path.exists():
         return None
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = read_json(path)
         if data["schema"] != SCHEMA:
             raise ValueError(f"is {data['schema']!r}, not {SCHEMA}")
         noise, range_ = data["process_noise"], data["range"]

@@ -343,17 +343,18 @@ class Pipeline:
         for name in names:
             if (home / name).is_dir() and any((home / name).iterdir()) and not (home / name / "model.json").exists():
                 raise UsageError(f"{home / name} holds something else than a model\n  next: choose another --out")
-        for name in names:
-            source, beside = artifact.folder / name, home / f".{name}.{artifact.key}"
-            if source.is_dir():
-                shutil.copytree(source, beside, dirs_exist_ok=True)
-                shutil.rmtree(home / name, ignore_errors=True)
-            elif source.exists():
-                shutil.copyfile(source, beside)
-            else:
-                (home / name).unlink(missing_ok=True)
-                continue
-            beside.replace(home / name)
+        with self.store.alone("publish"):
+            for name in names:
+                source, beside = artifact.folder / name, home / f".{name}.{artifact.key}"
+                if source.is_dir():
+                    shutil.copytree(source, beside, dirs_exist_ok=True)
+                    shutil.rmtree(home / name, ignore_errors=True)
+                elif source.exists():
+                    shutil.copyfile(source, beside)
+                else:
+                    (home / name).unlink(missing_ok=True)
+                    continue
+                beside.replace(home / name)
         return home / names[0]
 
 

@@ -8,13 +8,13 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bcid.errors import InputRefused
+from bcid.errors import DiskFull, InputRefused, is_disk_full
 from bcid.store.code import Code
 
 MANIFEST = "manifest.json"
@@ -91,8 +91,29 @@ class Store:
         folder = self.workspace / recipe.stage / recipe.key
         if is_whole(folder, recipe):
             return Artifact(folder, recipe.key, reused=True)
+        with self.alone(f"{recipe.stage}-{recipe.key}"):
+            if is_whole(folder, recipe):  # another run has made it meanwhile
+                return Artifact(folder, recipe.key, reused=True)
+            try:
+                self._make(recipe, make, folder)
+            except Exception as error:
+                if is_disk_full(error):
+                    raise DiskFull(self.workspace) from error
+                raise
+        return Artifact(folder, recipe.key, reused=False)
+
+    @contextmanager
+    def alone(self, name: str) -> Iterator[None]:
+        """What only one run at a time may do in this workspace; a run that is killed gives it up."""
+        from filelock import FileLock
+
         unfinished = self.workspace / _WORK
         unfinished.mkdir(parents=True, exist_ok=True)
+        with FileLock(unfinished / f"{name}.lock"):
+            yield
+
+    def _make(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
+        unfinished = self.workspace / _WORK
         _sweep(unfinished)
         work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
@@ -103,15 +124,18 @@ class Store:
             _publish(made, folder, work / "replaced", recipe)
         finally:
             shutil.rmtree(work, ignore_errors=True)
-        return Artifact(folder, recipe.key, reused=False)
 
 
 def _sweep(unfinished: Path) -> None:
     """Remove what runs that were killed left behind."""
     for work in unfinished.iterdir():
         with suppress(OSError):
-            if time.time() - work.stat().st_mtime > STALE_S:
+            if time.time() - work.stat().st_mtime <= STALE_S:
+                continue
+            if work.is_dir():
                 shutil.rmtree(work, ignore_errors=True)
+            else:
+                work.unlink()
 
 
 def is_whole(folder: Path, recipe: Recipe) -> bool:
