@@ -17,6 +17,7 @@ from bcid.vehicle import Vehicle
 MIN_RATE_HZ, MAX_RATE_HZ = 2.0, 2000.0
 LONGEST_HOLE_S = 600.0
 MAX_YAW_RATE = 40.0  # rad/s
+REGULAR = 0.95  # share of the steps between commands that are no longer than usual
 
 
 def _to_cog(pose: Floats, vehicle: Vehicle) -> Floats:
@@ -53,6 +54,15 @@ def _check_yaw(time_s: Floats, yaw: Floats, source: str) -> None:
         raise InputRefused(source, "yaw", cause, "log it in rad, or map it with gain = 0.017453")
 
 
+def _usual_step(time_s: Floats, longest_s: float) -> float:
+    """The step (s) beyond which a command is missing: half more than the usual one, where there is a usual one."""
+    if len(time_s) < 2:
+        return longest_s
+    step = np.diff(time_s)
+    limit = 1.5 * float(np.median(step))
+    return min(limit, longest_s) if (step <= limit).mean() > REGULAR else longest_s
+
+
 def _gaps(time_s: Floats, longest_s: float, what: str) -> list[Irregularity]:
     steps = np.diff(time_s)
     wide = np.r_[False, steps > longest_s]
@@ -60,6 +70,21 @@ def _gaps(time_s: Floats, longest_s: float, what: str) -> list[Irregularity]:
         return []
     text = f"{steps[steps > longest_s].sum():.2f} s in all, the longest {steps.max():.3f} s"
     return [Irregularity(f"{what} gap", "warning", int(wide.sum()), where(time_s, wide), text)]
+
+
+def _ends(pose_s: Floats, command_s: Floats, longest_s: float) -> list[Irregularity]:
+    """Word of parts of the take in which only one of the streams is there."""
+    streams = {"pose": pose_s, "command": command_s}
+    found = []
+    for one, other in (("command", "pose"), ("pose", "command")):
+        (first, last), (begin, end) = ((streams[s][0], streams[s][-1]) for s in (one, other))
+        found += [(one, "begin", first, first - begin, f"after the first {other}")]
+        found += [(one, "end", last, end - last, f"before the last {other}")]
+    return [
+        Irregularity(f"{one} {edge}", "warning", 1, f"{at:.3f} s", f"the {one}s {edge} {apart:.2f} s {where}")
+        for one, edge, at, apart, where in found
+        if apart > longest_s
+    ]
 
 
 def _check_overlap(recording: Recording) -> None:
@@ -111,7 +136,8 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         irregularities=(
             *raw.irregularities, *poses.odd, *commands.odd,
             *_gaps(poses.time_s, 1.5 / rate, "pose"),
-            *_gaps(commands.time_s, vehicle.command.max_hold_s, "command"),
+            *_gaps(commands.time_s, _usual_step(commands.time_s, vehicle.command.max_hold_s), "command"),
+            *_ends(poses.time_s, commands.time_s + offset, vehicle.command.max_hold_s),
         ),
     )  # fmt: skip
     _check_overlap(recording)

@@ -11,6 +11,7 @@ from bcid.errors import InputRefused
 from bcid.recording.types import Floats, Irregularity
 
 MAX_NON_FINITE = 0.05
+LARGEST = 1e9  # m, rad or s: beyond the Earth, a gigahertz clock's ticks, or no number at all
 LATE_SAMPLES = 10  # that arrive out of order; more is a clock that was set back
 
 
@@ -46,7 +47,7 @@ def cleaned(time_s: Floats, values: Floats, what: str, source: str) -> Samples:
     odd: list[Irregularity] = []
     if len(time_s) == 0:
         raise InputRefused(source, what, "holds no samples", "record the take again")
-    infinite = np.isinf(values).any(axis=1) | ~np.isfinite(time_s)
+    infinite = (np.abs(values) > LARGEST).any(axis=1) | ~(np.abs(time_s) < LARGEST)
     if infinite.mean() > MAX_NON_FINITE:
         raise InputRefused(
             source, what, f"{infinite.mean():.0%} of the rows are not finite numbers", "export the take again"

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.errors import InputRefused
+from bcid.recording.cleaning import LARGEST
 from bcid.recording.types import Floats, Irregularity
 
 LIFTED_M, LIFTED_FACTOR = 0.05, 10.0  # above the floor, and of how far the height usually lies off it
@@ -22,7 +23,7 @@ def check_up_axis(world: Floats, up_axis: str, path: Path) -> None:
 
     `world` holds positions (N, 3) in metres.
     """
-    known = world[np.isfinite(world).all(axis=1)]
+    known = world[(np.abs(world) < LARGEST).all(axis=1)]
     if len(known) < 2:
         return
     low, high = np.quantile(known, (0.05, 0.95), axis=0)
@@ -41,7 +42,7 @@ def lifted(floor: Floats, height: Floats) -> npt.NDArray[np.bool_]:
 
     The plane may lean: cameras are seldom level.  No sample is lifted where most would be.
     """
-    good = np.isfinite(floor).all(axis=1) & np.isfinite(height)
+    good = (np.abs(np.column_stack([floor, height])) < LARGEST).all(axis=1)
     if good.sum() < 3:
         return np.zeros(len(height), dtype=bool)
     plane = np.column_stack([np.ones(len(floor)), floor])

@@ -16,10 +16,13 @@ def mapped(field: Mapped, column: Callable[[str], Floats]) -> Floats:
     value = gain * dead_zone(raw) + offset within [low, high], where the dead zone swallows |raw| < dead_zone.
     """
     raw = column(field.source)
-    raw = np.sign(raw) * np.maximum(np.abs(raw) - field.dead_zone, 0.0)
+    known = np.isfinite(raw)
+    beyond = np.sign(raw[known]) * np.maximum(np.abs(raw[known]) - field.dead_zone, 0.0)
     gain_negative = field.gain if field.gain_negative is None else field.gain_negative
-    values: Floats = np.where(raw < 0.0, gain_negative, field.gain) * raw + field.offset
-    values = np.clip(values, field.low, field.high)
+    values = np.array(raw, dtype=float)  # what is no number stays none
+    values[known] = np.clip(
+        np.where(beyond < 0.0, gain_negative, field.gain) * beyond + field.offset, field.low, field.high
+    )
     if field.zero_where is not None:
         values = np.where(column(field.zero_where.field) == field.zero_where.equals, 0.0, values)
     return values

@@ -23,7 +23,8 @@ def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
 
     The first column of the rotation matrix is the X axis; q and -q give the same.
     """
-    norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
     x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
     forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
     floor = on_floor(forward, up_axis)

@@ -27,7 +27,8 @@ def judged_yaw(
         InputRefused: too many that are not of unit length, or all of them written w first.
     """
     blank = ~np.isfinite(xyzw).all(axis=1)
-    length = np.linalg.norm(xyzw, axis=1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(xyzw, axis=1)
     off = ~blank & ~(np.abs(length - 1.0) <= UNIT)
     if off.sum() > MANY * len(xyzw):
         cause = f"{off.mean():.0%} of the quaternions are not of unit length (one has {length[off][0]:.3g})"

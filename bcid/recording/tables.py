@@ -71,12 +71,14 @@ def _listed(table: pd.DataFrame) -> str:
 
 
 def _parquet(path: Path) -> pd.DataFrame:
+    import pyarrow.parquet as pq
     from pyarrow.lib import ArrowException
 
     try:
-        return pd.read_parquet(path)
-    except (ArrowException, OSError, ValueError) as error:
-        raise InputRefused(path, "Parquet data", f"cannot be read: {error}", "export the table again") from None
+        table: pd.DataFrame = pq.read_table(path, page_checksum_verification=True).to_pandas(ignore_metadata=True)
+    except (ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError) as error:
+        raise InputRefused(path, "Parquet data", f"cannot be read: {error!r}"[:300], "export the table again") from None
+    return table
 
 
 def read_table(path: Path, vehicle: Vehicle) -> RawTake:

@@ -1,0 +1,104 @@
+"""Kills at random moments of a whole pipeline: the next run must end with the bytes of an undisturbed one."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
+from bcid.simulation.samples import VEHICLE, Take, write_take
+
+PIPELINE = """\
+vehicle = "car.toml"
+training = ["first.csv", "second.mcap"]
+validation = "third.csv"
+workspace = "{workspace}"
+seed = 1
+models = ["newton-euler", "k-sindy", "k-mlp"]
+[fit.k-mlp]
+epochs = 20
+[report]
+timing_repeats = 1
+"""
+TIMED = ("report", "evaluate")  # what holds times of this very run is compared by its inputs alone
+
+
+def prepared(folder: Path) -> None:
+    """Takes and a vehicle file."""
+    (folder / "car.toml").write_text(VEHICLE)
+    for i, (name, kind) in enumerate((("first", "motive"), ("second", "mcap"), ("third", "motive"))):
+        write_take(folder, Take(name, kind, 60.0), Plant(**REAL_EXTRAS), Sensor(), 20 + i)  # type: ignore[arg-type]
+
+
+def start(folder: Path, workspace: str) -> subprocess.Popen[bytes]:
+    """A run of the pipeline into a workspace of its own."""
+    pipeline = folder / f"{workspace}.toml"
+    pipeline.write_text(PIPELINE.format(workspace=workspace))
+    words = [sys.executable, "-m", "bcid", "run", "-p", str(pipeline), "--format", "quiet"]
+    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True)
+
+
+def contents(workspace: Path) -> dict[str, str]:
+    """Digest by name of all that a run leaves, but for what holds its own times."""
+    found = {}
+    for path in sorted(workspace.rglob("*")):
+        name = path.relative_to(workspace).as_posix()
+        stage = name.split("/")[0]
+        if path.is_file() and not stage.startswith("."):
+            timed = stage in TIMED
+            found[name] = "" if timed else hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def one_kill(folder: Path, number: int, lasts_s: float, whole: dict[str, str]) -> tuple[str, str]:
+    """What came of a kill: `same`, or what differs; and the stage that it fell into."""
+    rng = np.random.default_rng([7, number])
+    name = f"killed_{number}"
+    run = start(folder, name)
+    time.sleep(float(rng.uniform(0.0, lasts_s)))
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    stages = [p.name for p in (folder / name).glob("*") if not p.name.startswith(".")]
+    again = start(folder, name)
+    _, text = again.communicate()
+    found = contents(folder / name)
+    outcome = "same"
+    if again.returncode != 0:
+        outcome = f"exit {again.returncode}: {text.decode(errors='replace')[-300:]}"
+    elif found != whole:
+        outcome = f"differs: {sorted(k for k in found.keys() | whole.keys() if found.get(k) != whole.get(k))[:5]}"
+    shutil.rmtree(folder / name, ignore_errors=True)
+    return outcome, f"{len(stages)} stages begun"
+
+
+def killed(n: int, workers: int) -> tuple[dict[str, Any], bool]:
+    """The counts of `n` kills, and whether any failed."""
+    with tempfile.TemporaryDirectory() as home:
+        folder = Path(home)
+        prepared(folder)
+        for name in ("warm", "whole", "twice"):
+            begun = time.monotonic()
+            run = start(folder, name)
+            _, text = run.communicate()
+            lasts_s = time.monotonic() - begun
+            if run.returncode != 0:
+                raise RuntimeError(text.decode(errors="replace"))
+        whole, twice = contents(folder / "whole"), contents(folder / "twice")
+        with ThreadPoolExecutor(workers) as pool:
+            rows = list(pool.map(lambda k: one_kill(folder, k, lasts_s, whole), range(n)))
+    outcomes, stages = Counter(o for o, _ in rows), Counter(s for _, s in rows)
+    figures = {"kills": n, "undisturbed_s": round(lasts_s, 1), "two_runs_the_same": whole == twice,
+               "outcomes": dict(outcomes), "fell_into": dict(sorted(stages.items()))}  # fmt: skip
+    return figures, set(outcomes) != {"same"} or whole != twice
