@@ -27,6 +27,8 @@ def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` 
     Raises:
         InputRefused: not found, not TOML, or with unknown, missing or impossible entries.
     """
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise InputRefused(path, what, "is not a regular file", f"check the path; {example}")
     try:
         text = path.read_text(encoding="utf-8-sig")
         data = tomllib.loads(text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from bcid.errors import InputRefused
+from bcid.recording.mapping import mapped
 from bcid.recording.read import read_raw
 from bcid.recording.text import read_text
-from bcid.vehicle import Vehicle
+from bcid.vehicle import Mapped, Vehicle, read_vehicle
 
 
 def changed(take: Path, folder: Path, change: Callable[[bytes], bytes]) -> Path:
@@ -144,3 +146,18 @@ def test_separators_are_told_by_the_first_lines(tmp_path: Path) -> None:
         path.write_text("".join(separator.join(row) + "\n" for row in rows))
         found = read_text(path)
         assert (found.separator, found.decimal) == (separator, decimal)
+
+
+def test_what_is_no_number_stays_none_through_a_mapping_with_bounds() -> None:
+    field = Mapped.model_validate({"from": "u", "gain": 2.0, "low": -1.0, "high": 1.0, "dead_zone": 0.1})
+    raw = np.array([np.inf, -np.inf, np.nan, 0.05, 0.3, 9.0, -9.0])
+    found = mapped(field, lambda name: raw)
+    assert np.isinf(found[:2]).all()
+    assert np.isnan(found[2])
+    np.testing.assert_allclose(found[3:], [0.0, 0.4, 1.0, -1.0])
+
+
+def test_a_pipe_in_place_of_a_vehicle_file_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "car.toml")
+    with pytest.raises(InputRefused, match="regular file"):
+        read_vehicle(tmp_path / "car.toml")

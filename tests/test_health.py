@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from making import circling_take
+from test_mcap import broken_in_the_middle
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
-from bcid.errors import InputRefused
+from bcid.errors import BcidError, PartLost
 from bcid.recording.health import health
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
-from bcid.vehicle import Vehicle
+from bcid.vehicle import Vehicle, read_vehicle
 
 
 def test_a_usual_take_is_a_go(recording: Recording, vehicle: Vehicle) -> None:
@@ -73,7 +74,7 @@ def test_all_recordings_are_told_whatever_is_wrong_with_one(
     done = CliRunner().invoke(app, [*words, "--format", "json"])
     told = json.loads(done.stdout)["recordings"]
     assert [t["go"] for t in told] == [False, True, False]
-    assert isinstance(done.exception, InputRefused)
+    assert isinstance(done.exception, BcidError)
     assert done.exception.exit_code == 4
     for part in ("bad.mcap", "cut", "none.mcap", "does not exist"):
         assert part in str(done.exception)
@@ -96,3 +97,31 @@ def test_the_plan_s_recordings_are_checked_where_none_is_named(
     told = json.loads(CliRunner().invoke(app, [*words, "--format", "json"]).stdout)["recordings"]
     assert len(told) == 5
     assert all(t["go"] for t in told)
+
+
+@pytest.fixture(scope="module")
+def sample() -> tuple[Recording, Vehicle]:
+    logs = Path(__file__).parents[1] / "sample_logs"
+    vehicle = read_vehicle(logs / "bumper_car.toml")
+    return read_recording(logs / "validation.csv", vehicle), vehicle
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.08, -0.05])
+def test_a_body_that_sits_askew_is_told_with_its_angle(offset: float, sample: tuple[Recording, Vehicle]) -> None:
+    recording, vehicle = sample
+    pose = np.add(recording.poses.values, [0.0, 0.0, offset])
+    found = health(replace(recording, poses=Stream(recording.poses.time_s, pose)), vehicle)
+    told = found.facts["yaw_offset_rad"]
+    assert told["low"] < offset < told["high"]
+    assert told["high"] - told["low"] < 0.03
+    assert any("yaw_offset_rad" in text for text in found.odd) == (offset != 0.0)
+
+
+def test_a_check_of_what_lost_a_part_ends_with_three(
+    takes: dict[str, Path], vehicle_file: Path, tmp_path: Path
+) -> None:
+    path = broken_in_the_middle(takes["mcap"], tmp_path / "t.mcap")
+    words = ["ingest", "--check", str(path), "--vehicle", str(vehicle_file), "--allow-partial"]
+    ended = CliRunner().invoke(app, words)
+    assert isinstance(ended.exception, PartLost)
+    assert "t.mcap" in str(ended.exception)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from test_readers import json_mcap
 
 from bcid.errors import InputRefused
+from bcid.recording.mcap_contents import contents
 from bcid.recording.mcap_times import Track, common_times
 from bcid.recording.read import read_recording
 from bcid.recording.tf_tree import Moves, chain, put_together, read_tree
@@ -131,3 +133,69 @@ def test_a_drive_behind_two_frames_is_the_same_drive(recording: Recording, vehic
     seen = Vehicle.model_validate({**vehicle.model_dump(by_alias=True), "topics": topics})
     again = read_recording(path, seen)
     np.testing.assert_allclose(again.poses.values, pose, atol=1e-9)
+
+
+# --- bags in several parts ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bag(takes: dict[str, Path], tmp_path: Path) -> Path:
+    """The drive of `takes` cut into three parts, whose channels are numbered otherwise in each."""
+    messages = [(m.topic, m.log_ns, m.data) for m in drive_messages(takes["mcap"])]
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    third = len(messages) // 3
+    for i, rows in enumerate((messages[:third], messages[third : 2 * third], messages[2 * third :])):
+        with (folder / f"bag_{i}.mcap").open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            topics = sorted({topic for topic, _, _ in rows}, reverse=bool(i % 2))
+            ids = {
+                t: writer.register_channel(t, "json", writer.register_schema(SCHEMAS[t], "jsonschema", b"{}"))
+                for t in topics
+            }
+            for topic, ns, data in rows:
+                writer.add_message(ids[topic], ns, data, ns)
+            writer.finish()
+    return folder
+
+
+SCHEMAS = {"/mocap/bumper_car/pose": "foxglove.PoseInFrame", "/bumper_car/command": "bcid.Command"}
+
+
+class Logged(NamedTuple):
+    topic: str
+    log_ns: int
+    data: bytes
+
+
+def drive_messages(path: Path) -> list[Logged]:
+    found = contents(path, tuple(SCHEMAS), False)
+    rows = [Logged(topic, m.log_ns, m.data) for topic in SCHEMAS for m in found.messages[topic]]
+    return sorted(rows, key=lambda row: row.log_ns)
+
+
+def test_a_split_bag_is_read_as_one(bag: Path, takes: dict[str, Path], vehicle: Vehicle) -> None:
+    whole, parts = read_recording(takes["mcap"], vehicle), read_recording(bag, vehicle)
+    np.testing.assert_array_equal(parts.poses.values, whole.poses.values)
+    np.testing.assert_array_equal(parts.commands.values, whole.commands.values)
+    assert len(parts.sources) == 3
+    assert not {"split bag", "publishers"} & {i.kind for i in parts.irregularities}
+
+
+def test_a_part_that_is_missing_is_told_and_its_time_is_a_gap(bag: Path, vehicle: Vehicle) -> None:
+    (bag / "bag_1.mcap").unlink()
+    found = {i.kind: i for i in read_recording(bag, vehicle).irregularities}
+    assert "part 1 is not there" in found["split bag"].detail
+    assert float(found["pose gap"].detail.split(" s in all")[0]) > 15.0
+
+
+def test_a_part_alone_is_told_as_one(bag: Path, vehicle: Vehicle) -> None:
+    found = {i.kind: i for i in read_recording(bag / "bag_0.mcap", vehicle).irregularities}
+    assert "one of 3 parts" in found["split bag"].detail
+
+
+def test_a_folder_without_parts_is_refused(tmp_path: Path, vehicle: Vehicle) -> None:
+    with pytest.raises(InputRefused, match="regular file"):
+        read_recording(tmp_path, vehicle)

@@ -7,7 +7,7 @@ from typing import Any
 
 from bcid.cli.options import plan_of
 from bcid.cli.sink import Sink
-from bcid.errors import InputRefused, UsageError
+from bcid.errors import BcidError, InputRefused, PartLost, UsageError
 from bcid.vehicle import read_vehicle
 
 
@@ -37,11 +37,12 @@ def checked(
         try:
             recording = read_recording(path, of, commands_of(path, commands), allow_partial)
         except InputRefused as error:
-            told.append(
-                row | {"go": False, "sentence": f"no-go: refused, {error.place}: {error.cause}", "refused": str(error)}
-            )
+            sentence = f"no-go: refused, {error.place}: {error.cause}"
+            told.append(row | {"go": False, "sentence": sentence, "refused": str(error), "lost": False})
             continue
-        told.append(row | health(recording, of).as_json() | {"clock": dict(recording.clock), "refused": None})
+        lost = any(i.kind == "lost" for i in recording.irregularities)
+        found = health(recording, of).as_json()
+        told.append(row | found | {"clock": dict(recording.clock), "refused": None, "lost": lost})
     return told
 
 
@@ -49,7 +50,8 @@ def report(told: list[dict[str, Any]], sink: Sink) -> None:
     """Print them.
 
     Raises:
-        InputRefused: the first of those that are refused, after all have been told.
+        Refused: what is wrong with those that are refused, after all have been told.
+        PartLost: a part of one could not be read, as was allowed.
     """
     from bcid.cli import show
 
@@ -57,10 +59,12 @@ def report(told: list[dict[str, Any]], sink: Sink) -> None:
     refused = [t["refused"] for t in told if t["refused"]]
     if refused:
         raise Refused("\n".join(refused))
+    lost = [t["recording"] for t in told if t["lost"]]
+    if lost:
+        raise PartLost(f"a part is lost: {', '.join(lost)}\n  next: repair or record it again")
 
 
-class Refused(InputRefused):
+class Refused(BcidError):
     """Several refusals as one message."""
 
-    def __init__(self, text: str) -> None:
-        Exception.__init__(self, text)
+    exit_code = InputRefused.exit_code

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from bcid.errors import InputRefused, UsageError
 from bcid.models.table import row_of, row_to_fit
 from bcid.pipeline.plan import Plan
-from bcid.recording.formats import commands_of, format_of
+from bcid.recording.formats import commands_of, format_of, parts_of
 from bcid.store.artifact import Artifact, Recipe, Store, sha256_of
 from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
@@ -97,7 +97,7 @@ class Pipeline:
         kind, commands = format_of(recording), commands_of(recording, self.plan.commands)
         tables = {"mcap": ("topics",), "motive": (), "table": ("columns",)}[kind]
         inputs: dict[str, Any] = {
-            "recording": sha256_of(recording),
+            "recording": "+".join(sha256_of(part) for part in parts_of(recording)),
             "name": recording.name,
             "commands": sha256_of(commands) if commands is not None and commands.is_file() else None,
             "vehicle": self._of_vehicle(*GEOMETRY, "steering", "motor", "mocap", "command", "clock", *tables),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import codecs
+import glob
+import re
 from pathlib import Path
 from typing import Literal
 
@@ -29,12 +31,39 @@ def check_file(path: Path) -> None:
         raise InputRefused(path, "file", "is empty", "record or export the take again")
 
 
+def _number(path: Path) -> int:
+    """The number at the end of a part's name."""
+    found = re.search(r"(\d+)$", path.stem)
+    return int(found[1]) if found else 0
+
+
+def parts_of(path: Path) -> list[Path]:
+    """The files that a recording consists of: itself, or in order those of a split bag's folder."""
+    parts = [p for p in path.glob("*.mcap") if p.is_file()] if path.is_dir() else []
+    return sorted(parts, key=lambda p: (_number(p), p.name)) or [path]
+
+
+def missing_parts(path: Path) -> str | None:
+    """What of a split bag is not there, or was not named; None where nothing is known to lack."""
+    parts = parts_of(path)
+    if path.is_dir():
+        numbers = {_number(p) for p in parts}
+        lacking = sorted(set(range(max(numbers) + 1)) - numbers)
+        return f"of a split bag, part {', '.join(map(str, lacking))} is not there" if lacking else None
+    begins = re.sub(r"\d+$", "", path.stem)
+    others = [p.name for p in path.parent.glob(f"{glob.escape(begins)}*.mcap") if re.sub(r"\d+$", "", p.stem) == begins]
+    if path.suffix != ".mcap" or not (path.parent / "metadata.yaml").is_file() or len(others) < 2:
+        return None
+    return f"is one of {len(others)} parts of a split bag: name the folder for all of them"
+
+
 def format_of(path: Path) -> Format:
-    """The file's format.
+    """The recording's format.
 
     Raises:
         InputRefused: no such file, or none of the known formats.
     """
+    path = parts_of(path)[0]
     check_file(path)
     with path.open("rb") as file:
         head = file.read(_HEAD)

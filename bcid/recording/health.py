@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from bcid.recording.contacts import contacts
 from bcid.recording.course import Course, course
+from bcid.recording.mounting import yaw_offset
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -19,6 +20,7 @@ LEAST_ANGLE = 0.1  # rad, that steering reaches
 LEAST_SPREAD = 0.3  # of the speeds, as a share of the fastest
 LEAST_BRAKING_S = 2.0
 LARGE_OFFSET_S = 0.1
+LARGE_YAW = 0.017  # rad
 
 
 class Health(NamedTuple):
@@ -43,7 +45,7 @@ def health(recording: Recording, vehicle: Vehicle) -> Health:
     moving = motion.good & (motion.v_f > STANDS * wheelbase)
     step_s = float(motion.time_s[1] - motion.time_s[0]) if len(motion.time_s) > 1 else 0.0
     known = _known_share(recording)
-    facts = {
+    facts: dict[str, Any] = {
         "duration_s": recording.duration_s,
         "moving_s": float(moving.sum() * step_s),
         "pose_known": known,
@@ -61,6 +63,12 @@ def health(recording: Recording, vehicle: Vehicle) -> Health:
     if any(text.startswith("steering") for text in unknown):
         against.append("it shows straight driving only")
     odd = _odd(recording)
+    offset = yaw_offset(motion, vehicle)
+    facts["yaw_offset_rad"] = None if offset is None else offset._asdict()
+    if offset is not None and (offset.low > LARGE_YAW or offset.high < -LARGE_YAW):
+        low, high = np.degrees([offset.low, offset.high])
+        odd.append(f"the tracked yaw is {low:.1f} to {high:.1f} degrees off the way that the rear axle goes: "
+                   f"mocap.yaw_offset_rad = {offset.rad:.3f} would undo it")  # fmt: skip
     if against:
         sentence = f"no-go: {'; '.join(against)}; drive it again"
     else:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap import records as kinds
 
 from bcid.errors import InputRefused
+from bcid.recording.formats import missing_parts, parts_of
 from bcid.recording.mcap_records import Broken, Read, records
 from bcid.recording.messages import base_name
 from bcid.recording.types import Irregularity
 
 RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"
+PART = 1 << 16  # channels are numbered below it
 ENCODINGS = ("json", "cdr", "protobuf")  # of messages that are read
 
 
@@ -44,7 +46,7 @@ class Contents:
     channels: dict[int, kinds.Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)  # messages found, by channel
     messages: dict[str, list[Message]] = field(default_factory=dict)  # of the wanted topics, in file order
-    statistics: kinds.Statistics | None = None
+    miscounted: str | None = None  # where a summary counts other messages than there are
     lost: list[Lost] = field(default_factory=list)
     unchecked: int = 0  # messages that no checksum covers
     last_ns: int | None = None
@@ -70,12 +72,11 @@ class Contents:
         if self.unchecked:
             text = "not verifiable: no checksum covers the messages"
             told.append(Irregularity("integrity", "warning", self.unchecked, name, text))
-        if self.statistics is not None and not self.lost:
-            stated = dict(self.statistics.channel_message_counts)
-            found = {k: n for k, n in self.counts.items() if n}
-            if stated and {k: n for k, n in stated.items() if n} != found:
-                text = f"the summary counts {sum(stated.values())} messages, the file holds {sum(found.values())}"
-                told.append(Irregularity("message counts", "warning", 1, name, text))
+        if self.miscounted and not self.lost:
+            told.append(Irregularity("message counts", "warning", 1, name, self.miscounted))
+        lacking = missing_parts(self.path)
+        if lacking:
+            told.append(Irregularity("split bag", "warning", 1, name, lacking))
         for part in self.lost:
             length = None if part.begin_ns is None or part.end_ns is None else (part.end_ns - part.begin_ns) / 1e9
             where = "to the end" if length is None else f"{length:.3f} s"
@@ -106,47 +107,62 @@ def _decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: Path) ->
 
 
 def contents(path: Path, topics: Collection[str], allow_partial: bool) -> Contents:
-    """The file's contents; with `allow_partial` what cannot be read is left out and told.
+    """The contents of a file, or of all the parts in a split bag's folder; what may be missing is left out and told.
 
     Raises:
         InputRefused: with the byte, where a checksum does not match or the file is cut, and no part may be missing.
     """
     found = Contents(path, messages={topic: [] for topic in topics})
+    for i, part in enumerate(parts_of(path)):
+        _read_part(found, part, i * PART, allow_partial)
+    return found
+
+
+def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> None:
+    """Add a file's contents; each part numbers its channels anew, so that they are shifted."""
+    before, unchecked, statistics = dict(found.counts), found.unchecked, None
     try:
         for read in records(path):
             if isinstance(read.record, Broken):
-                _lose(found, read.record, allow_partial)
+                _lose(found, path, read.record, allow_partial)
+            elif isinstance(read.record, kinds.Statistics):
+                statistics = read.record
+            elif isinstance(read.record, kinds.DataEnd) and read.record.data_section_crc:
+                found.unchecked = unchecked  # it covers all of this file
             else:
-                _take(found, read)
+                _take(found, read, shift)
     except Broken as error:
         if not (allow_partial and found.counts):
             raise InputRefused(path, f"byte {error.offset}", error.cause, RECORD_AGAIN) from None
         if not found.lost or "data section" not in error.cause:  # whose checksum covers the chunk that is lost
             found.lost.append(Lost(found.last_ns, None, str(error)))
-    return found
+    if statistics is not None and statistics.channel_message_counts:
+        stated = {k + shift: n for k, n in statistics.channel_message_counts.items() if n}
+        held = {k: n for k, n in found.counts.items() if before.get(k) != n}
+        if stated != held:
+            text = f"the summary counts {sum(stated.values())} messages, the file holds {sum(held.values())}"
+            found.miscounted = text
 
 
-def _lose(found: Contents, broken: Broken, allow_partial: bool) -> None:
+def _lose(found: Contents, path: Path, broken: Broken, allow_partial: bool) -> None:
     chunk = broken.chunk
     if not allow_partial or chunk is None:
-        raise InputRefused(found.path, f"byte {broken.offset}", broken.cause, RECORD_AGAIN)
+        raise InputRefused(path, f"byte {broken.offset}", broken.cause, RECORD_AGAIN)
     found.lost.append(Lost(chunk.message_start_time, chunk.message_end_time, str(broken)))
 
 
-def _take(found: Contents, read: Read) -> None:
+def _take(found: Contents, read: Read, shift: int) -> None:
     record = read.record
     if isinstance(record, kinds.Schema):
-        found.schemas[record.id] = record
+        found.schemas[record.id + shift] = replace(record, id=record.id + shift)
     elif isinstance(record, kinds.Channel):
-        found.channels[record.id] = record
+        schema = record.schema_id and record.schema_id + shift  # 0 is none
+        found.channels[record.id + shift] = replace(record, id=record.id + shift, schema_id=schema)
     elif isinstance(record, kinds.Message):
-        found.counts[record.channel_id] = found.counts.get(record.channel_id, 0) + 1
+        number = record.channel_id + shift
+        found.counts[number] = found.counts.get(number, 0) + 1
         found.unchecked += not read.checked
         found.last_ns = record.log_time
-        channel = found.channels.get(record.channel_id)
+        channel = found.channels.get(number)
         if channel is not None and channel.topic in found.messages:
-            found.messages[channel.topic].append(Message(channel.id, record.log_time, record.data))
-    elif isinstance(record, kinds.DataEnd) and record.data_section_crc:
-        found.unchecked = 0
-    elif isinstance(record, kinds.Statistics):
-        found.statistics = record
+            found.messages[channel.topic].append(Message(number, record.log_time, record.data))

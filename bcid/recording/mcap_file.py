@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import struct
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,9 +16,10 @@ from mcap.exceptions import McapError
 
 from bcid.errors import InputRefused
 from bcid.recording import messages
+from bcid.recording.formats import parts_of
 from bcid.recording.height import off_the_floor
 from bcid.recording.mapping import field_names, mapped
-from bcid.recording.mcap_contents import Contents, contents
+from bcid.recording.mcap_contents import PART, Contents, contents
 from bcid.recording.mcap_times import Track, common_times
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
@@ -89,7 +91,7 @@ def _schema_of(found: Contents, topic: str) -> str:
 
 def _publishers(found: Contents, topics: Iterable[str]) -> list[Irregularity]:
     """Topics that more than one channel writes to."""
-    counts = {topic: len(found.of(topic)) for topic in topics}
+    counts = {topic: max(Counter(c.id // PART for c in found.of(topic)).values(), default=0) for topic in topics}
     return [
         Irregularity("publishers", "warning", n, f"topic {topic}", "several publishers: their messages are mixed")
         for topic, n in counts.items() if n > 1
@@ -194,7 +196,7 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
     Raises:
         InputRefused: with the topic and the reason, where the file cannot be used.
     """
-    source = source_of(path, "mcap")
+    sources = tuple(source_of(part, "mcap") for part in parts_of(path))
     topics = vehicle.topics
     if topics is None:
         raise InputRefused(path, "vehicle file", "has no [topics]", "name the pose and command topics there")
@@ -208,6 +210,6 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
     channels = {name: (times.command_s, command.values[:, 2 + i]) for i, name in enumerate(extra)}
     odd = (*found.odd(), *_publishers(found, wanted), *pose.odd, *times.odd)
     return RawTake(
-        path.stem, (source,), times.pose_s, pose.values, times.command_s, command.values[:, :2], None, channels, odd,
+        path.stem, sources, times.pose_s, pose.values, times.command_s, command.values[:, :2], None, channels, odd,
         times.splits_s,
     )  # fmt: skip

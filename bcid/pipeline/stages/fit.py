@@ -8,6 +8,7 @@ from typing import Any
 
 from bcid.estimate.saving import load_estimate
 from bcid.evaluation.limits import Limits
+from bcid.models.excitation import check_excited
 from bcid.models.interface import FitTask, Progress
 from bcid.models.saving import load_model, save_model
 from bcid.models.table import row_of
@@ -31,6 +32,7 @@ def make(
         [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
         [load_recording(f) for f in recordings], progress,
     )  # fmt: skip
+    check_excited(task.estimates)
     model = row_of(name).load().fit(task)
     save_model(model, folder)
     progress(1.0, "process noise")

@@ -1,0 +1,29 @@
+"""Takes that cannot show what is to be fitted are refused by the constants' names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
+from bcid.models.excitation import check_excited
+
+
+def test_usual_takes_are_not_refused(estimates: list[Estimate]) -> None:
+    check_excited(estimates)
+
+
+@pytest.mark.parametrize(("keep", "names"), [((1.0, 1.0, 0.0), "C_f, C_r"), ((0.0, 0.0, 0.0), "K_t, R_1")])
+def test_what_cannot_be_identified_is_named(
+    keep: tuple[float, float, float], names: str, estimates: list[Estimate]
+) -> None:
+    poor = [replace(e, twist=e.twist * np.array(keep)) for e in estimates]
+    with pytest.raises(InputRefused, match=names):
+        check_excited(poor)
+
+
+def test_one_take_that_shows_it_is_enough(estimates: list[Estimate]) -> None:
+    check_excited([replace(estimates[0], twist=0.0 * estimates[0].twist), estimates[1]])
