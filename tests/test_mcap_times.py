@@ -144,7 +144,7 @@ def bag(takes: dict[str, Path], tmp_path: Path) -> Path:
     messages = [(m.topic, m.log_ns, m.data) for m in drive_messages(takes["mcap"])]
     folder = tmp_path / "bag"
     folder.mkdir()
-    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    (folder / "metadata.yaml").write_text("relative_file_paths: [bag_0.mcap, bag_1.mcap, bag_2.mcap]\n")
     third = len(messages) // 3
     for i, rows in enumerate((messages[:third], messages[third : 2 * third], messages[2 * third :])):
         with (folder / f"bag_{i}.mcap").open("wb") as file:
@@ -187,13 +187,13 @@ def test_a_split_bag_is_read_as_one(bag: Path, takes: dict[str, Path], vehicle: 
 def test_a_part_that_is_missing_is_told_and_its_time_is_a_gap(bag: Path, vehicle: Vehicle) -> None:
     (bag / "bag_1.mcap").unlink()
     found = {i.kind: i for i in read_recording(bag, vehicle).irregularities}
-    assert "part 1 is not there" in found["split bag"].detail
+    assert "bag_1.mcap too, which is not there" in found["split bag"].detail
     assert float(found["pose gap"].detail.split(" s in all")[0]) > 15.0
 
 
 def test_a_part_alone_is_told_as_one(bag: Path, vehicle: Vehicle) -> None:
     found = {i.kind: i for i in read_recording(bag / "bag_0.mcap", vehicle).irregularities}
-    assert "one of 3 parts" in found["split bag"].detail
+    assert "for bag_1.mcap, bag_2.mcap too" in found["split bag"].detail
 
 
 def test_a_folder_without_parts_is_refused(tmp_path: Path, vehicle: Vehicle) -> None:

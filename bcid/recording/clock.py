@@ -87,10 +87,10 @@ def _block_delays(motion: Course, recording: Recording, vehicle: Vehicle) -> tup
     step_s = float(motion.time_s[1] - motion.time_s[0])
     reach = max(2, round(MAX_DELAY_S / step_s))
     rows = usable_rows(motion, recording, 2 * reach)
-    if len(rows) < BLOCK_S / step_s:
+    y = yaw_acceleration(motion)
+    if len(rows) < BLOCK_S / step_s or y[rows].var() == 0.0:
         return Delays(np.empty(0), np.empty(0)), 0.0
     angle, throttle = commanded_angle(recording, vehicle, motion.time_s), held_throttle(motion, recording)
-    y = yaw_acceleration(motion)
     shifts = np.arange(-reach, reach + 1)
     residuals = [unexplained(motion, np.roll(angle, s), np.roll(throttle, s), y, rows, vehicle) for s in shifts]
     squares = np.array(residuals) ** 2

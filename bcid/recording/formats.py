@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import glob
 import re
 from pathlib import Path
 from typing import Literal
@@ -14,18 +13,26 @@ Format = Literal["mcap", "motive", "table"]
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 PARQUET_MAGIC = b"PAR1"
+METADATA = "metadata.yaml"  # beside the parts of a rosbag2 recording
 _HEAD = 4096
+LONGEST_NAME = 60  # characters of a name that cannot be one
+
+
+def check_name(path: Path) -> None:
+    """Raise `InputRefused` where no file can have such a name."""
+    try:
+        path.exists()
+    except (OSError, ValueError) as error:
+        name = str(path)[:LONGEST_NAME].replace("\0", "\\0")
+        raise InputRefused(name, "file", f"is no usable name: {str(error)[:LONGEST_NAME]}", "check the path") from None
 
 
 def check_file(path: Path) -> None:
     """Raise `InputRefused` unless `path` is a file with something in it."""
-    try:
-        there, file = path.exists(), path.is_file()
-    except (OSError, ValueError) as error:
-        raise InputRefused(path, "file", f"is no usable name: {error}"[:200], "check the path") from None
-    if not there:
+    check_name(path)
+    if not path.exists():
         raise InputRefused(path, "file", "does not exist", "check the path")
-    if not file:
+    if not path.is_file():
         raise InputRefused(path, "file", "is not a regular file", "name a recording, not a folder or device")
     if path.stat().st_size == 0:
         raise InputRefused(path, "file", "is empty", "record or export the take again")
@@ -39,22 +46,24 @@ def _number(path: Path) -> int:
 
 def parts_of(path: Path) -> list[Path]:
     """The files that a recording consists of: itself, or in order those of a split bag's folder."""
-    parts = [p for p in path.glob("*.mcap") if p.is_file()] if path.is_dir() else []
+    check_name(path)
+    bag = path.is_dir() and (path / METADATA).is_file()
+    parts = [p for p in path.glob("*.mcap") if p.is_file()] if bag else []
     return sorted(parts, key=lambda p: (_number(p), p.name)) or [path]
 
 
 def missing_parts(path: Path) -> str | None:
     """What of a split bag is not there, or was not named; None where nothing is known to lack."""
-    parts = parts_of(path)
     if path.is_dir():
-        numbers = {_number(p) for p in parts}
-        lacking = sorted(set(range(max(numbers) + 1)) - numbers)
-        return f"of a split bag, part {', '.join(map(str, lacking))} is not there" if lacking else None
-    begins = re.sub(r"\d+$", "", path.stem)
-    others = [p.name for p in path.parent.glob(f"{glob.escape(begins)}*.mcap") if re.sub(r"\d+$", "", p.stem) == begins]
-    if path.suffix != ".mcap" or not (path.parent / "metadata.yaml").is_file() or len(others) < 2:
+        stated = set(
+            re.findall(r"[^\s\[\],'\"/]+\.mcap", (path / METADATA).read_text(encoding="utf-8", errors="replace"))
+        )
+        lacking = sorted(stated - {p.name for p in parts_of(path)})
+        return f"a split bag whose {METADATA} names {', '.join(lacking)} too, which is not there" if lacking else None
+    if path.suffix != ".mcap" or not (path.parent / METADATA).is_file():
         return None
-    return f"is one of {len(others)} parts of a split bag: name the folder for all of them"
+    others = [p.name for p in parts_of(path.parent) if p.name != path.name]
+    return f"one part of a split bag: name the folder for {', '.join(others)} too" if others else None
 
 
 def format_of(path: Path) -> Format:

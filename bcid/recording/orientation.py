@@ -36,6 +36,8 @@ def turned_up(xyzw: Floats) -> Floats:
 
     The row of the rotation matrix that changes least is the world's vertical in the body's axes.
     """
+    if not len(xyzw):
+        return np.empty((0, 3))
     x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
     of_y = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
     of_z = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])

@@ -1,0 +1,6 @@
+"""Every row of the catalogue of bad input, made by code from one clean drive."""
+
+from catalogue import damage, poses, texts, times, topics, units
+from catalogue.rows import ROWS
+
+__all__ = ["ROWS", "damage", "poses", "texts", "times", "topics", "units"]
