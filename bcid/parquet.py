@@ -11,6 +11,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bcid.errors import InputRefused
+
 
 def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]) -> None:
     """Write the columns of `values` (N, n) as float64 under the names and units given."""
@@ -27,7 +29,12 @@ def read_columns(path: Path, units: Mapping[str, str]) -> npt.NDArray[np.float64
     """The columns named in `units`, in that order, as (N, n).
 
     Raises:
-        OSError: a page whose checksum does not match.
+        InputRefused: a page whose checksum does not match, or no such table.
     """
-    table = pq.read_table(path, columns=list(units), page_checksum_verification=True)
-    return np.column_stack([table[n].to_numpy() for n in units])
+    try:
+        table = pq.read_table(path, columns=list(units), page_checksum_verification=True)
+        return np.column_stack([table[n].to_numpy() for n in units])
+    except FileNotFoundError:
+        raise
+    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
+        raise InputRefused(path, "Parquet data", f"is damaged: {error!r}"[:300], "make the file again") from None

@@ -18,6 +18,8 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
+MAX_BYTES = 1 << 20
+
 S = TypeVar("S", bound=Settings)
 
 
@@ -29,11 +31,15 @@ def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` 
     """
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise InputRefused(path, what, "is not a regular file", f"check the path; {example}")
+    if path.exists() and path.stat().st_size > MAX_BYTES:
+        raise InputRefused(path, what, f"has {path.stat().st_size} bytes, {MAX_BYTES} are the most", example)
     try:
         text = path.read_text(encoding="utf-8-sig")
         data = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         raise InputRefused(path, what, f"cannot be read: {error}", f"check the path; {example}") from None
+    except RecursionError:
+        raise InputRefused(path, what, "is nested too deeply", f"see how it should look; {example}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputRefused(path, what, f"not valid TOML: {error}", "mend the line named above") from None
     try:

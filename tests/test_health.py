@@ -14,8 +14,10 @@ from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.errors import BcidError, PartLost
+from bcid.recording.assemble import assemble
 from bcid.recording.health import health
-from bcid.recording.read import read_recording
+from bcid.recording.raw import RawTake
+from bcid.recording.read import read_raw, read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle, read_vehicle
 
@@ -53,7 +55,9 @@ def test_a_take_that_is_worth_nothing_is_no_go(recording: Recording, vehicle: Ve
     few = recording.commands
     assert "commands are known in" in said(commands=Stream(few.time_s[::40], few.values[::40]))
     straight = Stream(few.time_s, few.values * [0.02, 1.0])
-    assert "straight driving only" in said(commands=straight)
+    gone = np.r_[0.0, np.cumsum(np.hypot(*np.diff(pose[:, :2], axis=0).T))]
+    line = Stream(time, np.column_stack([gone, 0.0 * gone, 0.0 * gone]))
+    assert "straight driving only" in said(commands=straight, poses=line)
 
 
 def test_a_bump_is_told(recording: Recording, vehicle: Vehicle) -> None:
@@ -100,21 +104,21 @@ def test_the_plan_s_recordings_are_checked_where_none_is_named(
 
 
 @pytest.fixture(scope="module")
-def sample() -> tuple[Recording, Vehicle]:
+def sample() -> tuple[RawTake, Vehicle]:
     logs = Path(__file__).parents[1] / "sample_logs"
     vehicle = read_vehicle(logs / "bumper_car.toml")
-    return read_recording(logs / "validation.csv", vehicle), vehicle
+    return read_raw(logs / "validation.csv", vehicle, logs / "validation.commands.csv"), vehicle
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.08, -0.05])
-def test_a_body_that_sits_askew_is_told_with_its_angle(offset: float, sample: tuple[Recording, Vehicle]) -> None:
-    recording, vehicle = sample
-    pose = np.add(recording.poses.values, [0.0, 0.0, offset])
-    found = health(replace(recording, poses=Stream(recording.poses.time_s, pose)), vehicle)
+@pytest.mark.parametrize("offset", [0.0, 0.08, -0.05, 0.6, -1.57])
+def test_a_body_that_sits_askew_is_told_with_its_angle(offset: float, sample: tuple[RawTake, Vehicle]) -> None:
+    raw, vehicle = sample
+    found = health(assemble(replace(raw, pose=np.add(raw.pose, [0.0, 0.0, offset])), vehicle), vehicle)
     told = found.facts["yaw_offset_rad"]
     assert told["low"] < offset < told["high"]
     assert told["high"] - told["low"] < 0.03
     assert any("yaw_offset_rad" in text for text in found.odd) == (offset != 0.0)
+    assert not any("clock" in text for text in found.odd)  # which it looks like
 
 
 def test_a_check_of_what_lost_a_part_ends_with_three(

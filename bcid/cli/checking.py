@@ -23,22 +23,24 @@ def checked(
     from bcid.recording.health import health
     from bcid.recording.read import read_recording
 
+    if commands is not None and len(recordings or []) != 1:
+        raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
     if recordings:
         if vehicle is None and pipeline is None:
             raise UsageError("recordings need --vehicle VEHICLE.toml\n  next: `bcid init` writes one")
         of = read_vehicle(vehicle or plan_of(pipeline).vehicle)
         paths = recordings
     else:
-        plan = plan_of(pipeline)
+        plan = plan_of(pipeline, vehicle=vehicle)
         of, paths = read_vehicle(plan.vehicle), [*plan.training, *([plan.validation] if plan.validation else [])]
     told = []
     for path in paths:
         row: dict[str, Any] = {"recording": str(path)}
         try:
             recording = read_recording(path, of, commands_of(path, commands), allow_partial)
-        except InputRefused as error:
-            sentence = f"no-go: refused, {error.place}: {error.cause}"
-            told.append(row | {"go": False, "sentence": sentence, "refused": str(error), "lost": False})
+        except (InputRefused, OSError) as error:
+            why = f"{error.place}: {error.cause}" if isinstance(error, InputRefused) else str(error)
+            told.append(row | {"go": False, "sentence": f"no-go: refused, {why}", "refused": str(error), "lost": False})
             continue
         lost = any(i.kind == "lost" for i in recording.irregularities)
         found = health(recording, of).as_json()

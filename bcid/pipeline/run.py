@@ -340,22 +340,37 @@ class Pipeline:
         """
         home = self.plan.workspace / to
         home.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            if (home / name).is_dir() and any((home / name).iterdir()) and not (home / name / "model.json").exists():
-                raise UsageError(f"{home / name} holds something else than a model\n  next: choose another --out")
         with self.store.alone("publish"):
+            for left in home.glob(".*.unfinished"):  # by a run that was killed
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
             for name in names:
-                source, beside = artifact.folder / name, home / f".{name}.{artifact.key}"
-                if source.is_dir():
-                    shutil.copytree(source, beside, dirs_exist_ok=True)
-                    shutil.rmtree(home / name, ignore_errors=True)
-                elif source.exists():
-                    shutil.copyfile(source, beside)
-                else:
-                    (home / name).unlink(missing_ok=True)
-                    continue
-                beside.replace(home / name)
+                if (home / name).is_dir() and any((home / name).iterdir()) and not is_model(home / name):
+                    cause = f"{home / name} holds something else than a model"
+                    raise UsageError(f"{cause}\n  next: choose another --out")
+            for name in names:
+                _exchange(artifact.folder / name, home / name)
         return home / names[0]
+
+
+def _exchange(source: Path, target: Path) -> None:
+    """Put a copy of `source` in the place of `target`; at every moment there is the old one, the new one or none."""
+    beside, aside = (target.with_name(f".{target.name}.{what}.unfinished") for what in ("new", "old"))
+    if source.is_dir():
+        shutil.copytree(source, beside)
+        if target.exists():
+            target.replace(aside)
+        beside.replace(target)
+        shutil.rmtree(aside, ignore_errors=True)
+    elif source.exists():
+        shutil.copyfile(source, beside)
+        beside.replace(target)
+    else:
+        target.unlink(missing_ok=True)
+
+
+def is_model(folder: Path) -> bool:
+    """Whether a folder holds a saved model."""
+    return (folder / "model.json").exists()
 
 
 def told_apart(candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bcid.errors import InputRefused
 from bcid.recording.cleaning import cleaned, where
 from bcid.recording.clock import estimate_clock
+from bcid.recording.mounting import LARGE_YAW, yaw_offset
 from bcid.recording.orientation import rotated
 from bcid.recording.plausibility import check_plausible
 from bcid.recording.raw import RawTake
-from bcid.recording.tracking import in_turn, split_at_jumps, unfrozen, without_flips
+from bcid.recording.tracking import commands_in_turn, split_at_jumps, unfrozen, unheld, without_flips
 from bcid.recording.types import Floats, Irregularity, Recording, Stream
 from bcid.vehicle import Vehicle
 
 MIN_RATE_HZ, MAX_RATE_HZ = 2.0, 2000.0
 LONGEST_HOLE_S = 600.0
-MAX_YAW_RATE = 40.0  # rad/s
+MAX_YAW_RATE, YAW_OVER_S = 40.0, 0.05  # rad/s, over so long that noise does not count
 REGULAR = 0.95  # share of the steps between commands that are no longer than usual
 
 
@@ -47,8 +50,9 @@ def _check_times(pose_s: Floats, command_s: Floats, hold_s: float, source: str) 
 
 def _check_yaw(time_s: Floats, yaw: Floats, source: str) -> None:
     """Raise `InputRefused` where the yaw wraps at 360 or turns as no car does."""
+    far = max(1, round(YAW_OVER_S / float(np.median(np.diff(time_s)))))
     step = np.abs(np.diff(yaw))
-    usual = float(np.quantile(step / np.diff(time_s), 0.9))
+    usual = float(np.quantile(np.abs(yaw[far:] - yaw[:-far]) / (time_s[far:] - time_s[:-far]), 0.9))
     if np.any((step > 350.0) & (step < 370.0)) or usual > MAX_YAW_RATE:
         cause = f"the yaw turns by up to {step.max():.3g} at once, usually {usual:.3g} a second: degrees?"
         raise InputRefused(source, "yaw", cause, "log it in rad, or map it with gain = 0.017453")
@@ -99,6 +103,19 @@ def _check_overlap(recording: Recording) -> None:
         raise InputRefused(recording.sources[0].path, "time", cause, step)
 
 
+def _told_askew(recording: Recording, vehicle: Vehicle) -> Recording:
+    """The recording with word of a tracked body that surely sits askew on the car."""
+    offset = yaw_offset(recording, vehicle)
+    if offset is None or not (offset.low > LARGE_YAW or offset.high < -LARGE_YAW):
+        return recording
+    text = (
+        f"the tracked yaw is {offset.low:.3f} to {offset.high:.3f} rad off the way that the rear axle goes: "
+        f"mocap.yaw_offset_rad = {offset.rad:.3f} would undo it"
+    )
+    odd = Irregularity("yaw offset", "warning", 1, recording.sources[0].path, text)
+    return replace(recording, irregularities=(*recording.irregularities, odd))
+
+
 def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     """The recording in `raw` as the vehicle file describes its car.
 
@@ -111,12 +128,13 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     if len(poses.time_s) < 10:
         raise InputRefused(source, "pose", f"only {len(poses.time_s)} poses remain", "record a longer take")
     _check_times(poses.time_s, commands.time_s, vehicle.command.max_hold_s, source)
-    if in_turn(commands.values):
+    if commands_in_turn(commands):
         cause = "two sources of commands come in turn: several publishers on the topic, or two stretches mixed"
         raise InputRefused(raw.sources[-1].path, "command", cause, "record the one that the car obeys")
+    poses = unheld(poses)
     rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
     poses, breaks = split_at_jumps(unfrozen(poses, commands), commands, vehicle, source)
-    poses = without_flips(poses)
+    poses = without_flips(poses, commands)
     _check_yaw(poses.time_s, poses.values[:, 2], source)
     pose = _to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
     offset = vehicle.clock.offset_s if vehicle.clock else 0.0
@@ -141,5 +159,4 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         ),
     )  # fmt: skip
     _check_overlap(recording)
-    checked = check_plausible(recording, vehicle)
-    return estimate_clock(checked, vehicle)
+    return estimate_clock(_told_askew(check_plausible(recording, vehicle), vehicle), vehicle)

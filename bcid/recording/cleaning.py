@@ -11,7 +11,9 @@ from bcid.errors import InputRefused
 from bcid.recording.types import Floats, Irregularity
 
 MAX_NON_FINITE = 0.05
-LARGEST = 1e9  # m, rad or s: beyond the Earth, a gigahertz clock's ticks, or no number at all
+LARGEST = 1e9  # m or rad: beyond the Earth, or no number at all
+LONGEST_S = 1e11  # beyond any clock's zero
+MAX_SHARED = 0.2  # of the samples may share a stamp with another one
 LATE_SAMPLES = 10  # that arrive out of order; more is a clock that was set back
 
 
@@ -47,7 +49,11 @@ def cleaned(time_s: Floats, values: Floats, what: str, source: str) -> Samples:
     odd: list[Irregularity] = []
     if len(time_s) == 0:
         raise InputRefused(source, what, "holds no samples", "record the take again")
-    infinite = (np.abs(values) > LARGEST).any(axis=1) | ~(np.abs(time_s) < LARGEST)
+    largest = float(np.abs(time_s[np.isfinite(time_s)]).max(initial=0.0))
+    if largest > LONGEST_S:
+        cause = f"times reach {largest:.3g}: are they in seconds?"
+        raise InputRefused(source, f"{what} times", cause, "write or map them in seconds")
+    infinite = (np.abs(values) > LARGEST).any(axis=1) | ~np.isfinite(time_s)
     if infinite.mean() > MAX_NON_FINITE:
         raise InputRefused(
             source, what, f"{infinite.mean():.0%} of the rows are not finite numbers", "export the take again"
@@ -74,7 +80,7 @@ def cleaned(time_s: Floats, values: Floats, what: str, source: str) -> Samples:
             )
         )
         time_s, values = time_s[order], values[order]
-    time_s, values, duplicates = _without_contradictions(time_s, values, what)
+    time_s, values, duplicates = _without_contradictions(time_s, values, what, source)
     return Samples(time_s, values, odd + duplicates)
 
 
@@ -91,12 +97,17 @@ def _check_overlap(time_s: Floats, late: npt.NDArray[np.bool_], what: str, sourc
             raise InputRefused(source, f"{what} times", cause, "cut the recording there, or use the other time base")
 
 
-def _without_contradictions(time_s: Floats, values: Floats, what: str) -> tuple[Floats, Floats, list[Irregularity]]:
+def _without_contradictions(
+    time_s: Floats, values: Floats, what: str, source: str
+) -> tuple[Floats, Floats, list[Irregularity]]:
     """Without rows that share a stamp: they say different things, and none can be chosen."""
     _, inverse, counts = np.unique(time_s, return_inverse=True, return_counts=True)
     contradicting = counts[inverse] > 1
     if not contradicting.any():
         return time_s, values, []
+    if contradicting.mean() > MAX_SHARED:
+        cause = f"{contradicting.mean():.0%} of the samples share a stamp with another: are the stamps rounded?"
+        raise InputRefused(source, f"{what} times", cause, "log them with more digits, or use the other time base")
     text = "same stamp, other value: all dropped"
     odd = Irregularity(f"{what} duplicate", "excluded", int(contradicting.sum()), where(time_s, contradicting), text)
     return time_s[~contradicting], values[~contradicting], [odd]

@@ -66,7 +66,9 @@ def estimate_clock(recording: Recording, vehicle: Vehicle) -> Recording:
         "drift_ci95": [float(line[2]), float(line[3])],
         "includes": "delays of the steering actuator beyond the vehicle file's; systematic error of the method",
     }
-    return replace(recording, clock=facts, irregularities=(*recording.irregularities, *_apart(facts, recording)))
+    askew = any(i.kind == "yaw offset" for i in recording.irregularities)  # and looks like a clock that is off
+    told = () if askew else _apart(facts, recording)
+    return replace(recording, clock=facts, irregularities=(*recording.irregularities, *told))
 
 
 def _apart(facts: dict[str, Any], recording: Recording) -> list[Irregularity]:
@@ -75,11 +77,9 @@ def _apart(facts: dict[str, Any], recording: Recording) -> list[Irregularity]:
     told = []
     for what, (low, high) in (("offset", facts["offset_ci95"]), ("drift", grown)):
         if low > RESIDUAL_S or high < -RESIDUAL_S:
-            text = f"commands are {1e3 * low:.0f} to {1e3 * high:.0f} ms early" + (
-                " by the end" if what == "drift" else ""
-            )
-            odd = Irregularity(f"clock {what}", "warning", 1, recording.name, text + ": [clock] offset_s, or one clock")
-            told.append(odd)
+            when = " by the end" if what == "drift" else ""
+            text = f"commands are {1e3 * low:.0f} to {1e3 * high:.0f} ms early{when}: [clock] offset_s, or one clock"
+            told.append(Irregularity(f"clock {what}", "warning", 1, recording.name, text))
     return told
 
 

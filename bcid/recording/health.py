@@ -16,11 +16,10 @@ from bcid.vehicle import Vehicle
 STANDS = 0.1  # wheelbases a second, below which a car stands
 LEAST_MOTION_S = 30.0  # twenty stretches of 1.5 s
 LEAST_KNOWN = 0.8  # share of the take in which the pose is known
-LEAST_ANGLE = 0.1  # rad, that steering reaches
+LEAST_ANGLE, LEAST_TURN_MPS2 = 0.1, 0.5  # that steering (rad) or lateral acceleration reaches
 LEAST_SPREAD = 0.3  # of the speeds, as a share of the fastest
 LEAST_BRAKING_S = 2.0
 LARGE_OFFSET_S = 0.1
-LARGE_YAW = 0.017  # rad
 
 
 class Health(NamedTuple):
@@ -63,12 +62,8 @@ def health(recording: Recording, vehicle: Vehicle) -> Health:
     if any(text.startswith("steering") for text in unknown):
         against.append("it shows straight driving only")
     odd = _odd(recording)
-    offset = yaw_offset(motion, vehicle)
+    offset = yaw_offset(recording, vehicle)
     facts["yaw_offset_rad"] = None if offset is None else offset._asdict()
-    if offset is not None and (offset.low > LARGE_YAW or offset.high < -LARGE_YAW):
-        low, high = np.degrees([offset.low, offset.high])
-        odd.append(f"the tracked yaw is {low:.1f} to {high:.1f} degrees off the way that the rear axle goes: "
-                   f"mocap.yaw_offset_rad = {offset.rad:.3f} would undo it")  # fmt: skip
     if against:
         sentence = f"no-go: {'; '.join(against)}; drive it again"
     else:
@@ -97,7 +92,8 @@ def _unknown(recording: Recording, vehicle: Vehicle, motion: Course, moving: npt
     if not moving.any():
         return []
     found, v = [], motion.v_f[moving]
-    if np.quantile(np.abs(u_s[moving]), 0.95) < LEAST_ANGLE:
+    gentle = np.quantile(np.abs(v * motion.yaw_rate[moving]), 0.95) < LEAST_TURN_MPS2
+    if gentle and np.quantile(np.abs(u_s[moving]), 0.95) < LEAST_ANGLE:
         found.append("steering: cornering stiffness, grip and inertia (C_f, C_r, F_f_max, F_r_max, I_z)")
     if np.quantile(v, 0.95) - np.quantile(v, 0.05) < LEAST_SPREAD * np.quantile(v, 0.95):
         found.append("other speeds: motor and drag apart (K_t, R_1, R_2)")
@@ -114,7 +110,7 @@ def _named(unknown: list[str]) -> list[str]:
 def _odd(recording: Recording) -> list[str]:
     """Contacts, a clock far off, and what reading it has found."""
     told = [f"{c.kind} at {c.begin_s:.1f} s, {c.acceleration:.0f} m/s²: left out" for c in contacts(recording)]
-    offset = recording.clock.get("offset_s")
-    if offset is not None and abs(offset) > LARGE_OFFSET_S:
-        told.append(f"poses and commands are {1e3 * offset:.0f} ms apart beyond what the vehicle file says")
+    low, high = recording.clock.get("offset_ci95", (0.0, 0.0))
+    if low > LARGE_OFFSET_S or high < -LARGE_OFFSET_S:
+        told.append(f"poses and commands are {1e3 * low:.0f} to {1e3 * high:.0f} ms apart beyond the vehicle file's")
     return told + [f"{i.kind}, {i.action} {i.count} times at {i.where}: {i.detail}" for i in recording.irregularities]

@@ -15,6 +15,7 @@ LIFTED_M, LIFTED_FACTOR = 0.05, 10.0  # above the floor, and of how far the heig
 MOST_LIFTED = 0.5  # of the samples; more is no floor
 FLAT = 0.25  # the true floor's normal varies so much less than what the vehicle file calls up
 ROUNDS, SMALL_M = 20, 1e-4
+EDGE, CLIMB = 30, 0.7  # samples about the end of an excursion, and height by way that no car climbs
 LEAST_DRIVE_M = 0.5  # of motion, below which no axis can be told from the others
 
 
@@ -26,7 +27,7 @@ def check_up_axis(world: Floats, up_axis: str, path: Path) -> None:
     known = world[(np.abs(world) < LARGEST).all(axis=1)]
     if len(known) < 2:
         return
-    low, high = np.quantile(known, (0.05, 0.95), axis=0)
+    low, high = np.quantile(known, (0.15, 0.85), axis=0)  # carried for a while, it still drove for most of the time
     spread = dict(zip("XYZ", high - low, strict=True))
     flat = min(spread, key=lambda axis: float(spread[axis]))
     if flat in "YZ" and flat != up_axis and spread[up_axis] > LEAST_DRIVE_M and spread[flat] < FLAT * spread[up_axis]:
@@ -53,7 +54,22 @@ def lifted(floor: Floats, height: Floats) -> npt.NDArray[np.bool_]:
         off[good] = height[good] - plane[good] @ coefficients
     usual = 1.4826 * float(np.median(np.abs(off[good])))
     up = good & (np.abs(off) > max(LIFTED_M, LIFTED_FACTOR * usual))
+    up = _steeply(up, floor, off)
     return up if up.sum() < MOST_LIFTED * good.sum() else np.zeros(len(height), dtype=bool)
+
+
+def _steeply(up: npt.NDArray[np.bool_], floor: Floats, off: Floats) -> npt.NDArray[np.bool_]:
+    """Those excursions that begin or end steeper than a car can climb: hills and ramps are driven over."""
+    edges = np.flatnonzero(np.diff(np.r_[False, up, False].astype(int))).reshape(-1, 2)
+    found = np.zeros(len(up), dtype=bool)
+    for a, b in edges:
+        for edge in (a, b):
+            i, j = max(0, edge - EDGE), min(len(up) - 1, edge + EDGE)
+            part = slice(i, j + 1)
+            path = np.nansum(np.hypot(*np.diff(floor[part], axis=0).T))
+            if np.ptp(off[part]) > CLIMB * path:
+                found[a:b] = True
+    return found
 
 
 def off_the_floor(floor: Floats, height: Floats, time_s: Floats) -> tuple[npt.NDArray[np.bool_], list[Irregularity]]:

@@ -79,7 +79,8 @@ class Contents:
             told.append(Irregularity("split bag", "warning", 1, name, lacking))
         for part in self.lost:
             length = None if part.begin_ns is None or part.end_ns is None else (part.end_ns - part.begin_ns) / 1e9
-            where = "to the end" if length is None else f"{length:.3f} s"
+            begin = "" if part.begin_ns is None else f"from {part.begin_ns / 1e9:.3f} s "
+            where = begin + ("to the end" if length is None else f"for {length:.3f} s")
             told.append(Irregularity("lost", "excluded", 1, where, part.cause))
         return told
 
@@ -132,7 +133,8 @@ def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> 
             else:
                 _take(found, read, shift)
     except Broken as error:
-        if not (allow_partial and found.counts):
+        whole = "data section" in error.cause and not found.lost  # nothing says which of it is wrong
+        if whole or not (allow_partial and found.counts):
             raise InputRefused(path, f"byte {error.offset}", error.cause, RECORD_AGAIN) from None
         if not found.lost or "data section" not in error.cause:  # whose checksum covers the chunk that is lost
             found.lost.append(Lost(found.last_ns, None, str(error)))

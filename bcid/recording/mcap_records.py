@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from bcid.recording.formats import MCAP_MAGIC
 
 MAX_RECORD = 1 << 28  # bytes, of a record and of a chunk's content
+SMALL, RATIO = 1 << 24, 300  # bytes a chunk may always unpack to, and by how much a larger one may grow
 BLOCK = 1 << 20
 HEAD = struct.Struct("<BQ")  # opcode and length
 KINDS = {
@@ -71,8 +72,9 @@ def _record(opcode: int, body: bytes, offset: int) -> kinds.McapRecord:
 def _unpacked(chunk: kinds.Chunk, offset: int) -> bytes:
     """The chunk's content, never more than it declares and one byte."""
     size = chunk.uncompressed_size
-    if size > MAX_RECORD:
-        raise Broken(offset, f"a chunk declares {size} bytes, {MAX_RECORD} are the most")
+    most = min(MAX_RECORD, max(SMALL, RATIO * len(chunk.data)))
+    if size > most:
+        raise Broken(offset, f"a chunk of {len(chunk.data)} bytes declares {size}: {most} are the most of so few")
     try:
         data = _decompressed(chunk, size + 1, offset)
     except (RuntimeError, EOFError, ValueError) as error:  # lz4 knows no better than RuntimeError
@@ -111,6 +113,8 @@ def _inside(data: bytes, offset: int) -> Iterator[kinds.McapRecord]:
         body = data[at + HEAD.size : at + HEAD.size + length]
         if len(body) != length:
             raise Broken(offset, "a chunk ends inside a record")
+        if opcode == 0:
+            raise Broken(offset, "a chunk holds a record of kind 0")
         if opcode in IN_CHUNK:
             yield _record(opcode, body, offset)
         at += HEAD.size + length

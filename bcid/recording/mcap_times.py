@@ -16,6 +16,7 @@ LAST_STAMP = float(1 << 62)  # ns: a century beyond
 UNUSED_NS = 1e10  # a clock that starts at zero comes to other stamps within seconds
 CLOCK_STEP_S = 0.1  # of stamps against log times, between two messages
 BURST, BURST_SHARE = 0.2, 0.1  # of the mean step; of the steps
+GAP = 1.5  # times as long as nearly all steps
 EVEN_S = 0.1  # how far an even grid may lie off the times of arrival
 
 
@@ -103,18 +104,22 @@ def _clock_jumps(stamp_s: Floats, logged_s: Floats) -> list[int]:
 
 
 def _evened(time_s: Floats, topic: str) -> tuple[Floats, list[Irregularity]]:
-    """Times of arrival, put on an even grid where they come in bursts and an even grid lies close to them."""
-    if len(time_s) < 3:
-        return time_s, []
+    """Times of arrival, put on an even grid where they come in bursts and an even grid lies close to them.
+
+    A grid of its own for each part between gaps.
+    """
     step = np.diff(time_s)
-    bursts = step < BURST * step.mean()
-    if bursts.mean() < BURST_SHARE:
+    if len(time_s) < 3 or (step < BURST * step.mean()).mean() < BURST_SHARE:
         return time_s, []
-    number = np.arange(len(time_s))
-    slope, start = np.polyfit(number, time_s, 1)
-    even = start + slope * number
+    even = np.empty(len(time_s))
+    gaps = np.flatnonzero(step > GAP * np.quantile(step, 0.99)) + 1
+    for part in np.split(np.arange(len(time_s)), gaps):
+        slope, start = np.polyfit(part, time_s[part], 1) if len(part) > 2 else (0.0, 0.0)
+        even[part] = start + slope * part if len(part) > 2 else time_s[part]
     off = float(np.abs(even - time_s).max())
-    text, close = f"messages arrive in bursts, up to {off:.3f} s off an even grid", off < EVEN_S
+    close = off < EVEN_S and bool((np.diff(even) > 0.0).all())
+    text = f"messages arrive in bursts, up to {off:.3f} s off an even grid"
     text += ": put on it" if close else ": times of arrival stand"
-    odd = Irregularity("bursts", "warning", int(bursts.sum()), f"topic {topic}", text)
+    bursts = int((step < BURST * step.mean()).sum())
+    odd = Irregularity("bursts", "warning", bursts, f"topic {topic}", text)
     return (even if close else time_s), [odd]

@@ -24,13 +24,14 @@ from bcid.recording.motive_header import (
     rotation_order,
     time_column,
 )
-from bcid.recording.orientation import on_floor, yaw_of_euler
+from bcid.recording.orientation import on_floor, quaternions_of_euler
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
 from bcid.recording.text import CsvText, read_text
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import Vehicle
 
+RARE = 0.05  # share of the samples, of errors that are exactly zero
 WRAPS_AT = 3.0  # that an angle in radians reaches on both sides before it wraps
 MARKER_ERROR_M, MARKER_FACTOR = 0.005, 5.0  # a mean marker error beyond both this and the usual by this is no solution
 
@@ -108,7 +109,8 @@ def _poorly_solved(header: Header, body: str, table: pd.DataFrame, scale: float,
     error = scale * _numbers(table, columns[:1], header, path)[:, 0]
     known = error[np.isfinite(error)]
     limit = max(MARKER_ERROR_M, MARKER_FACTOR * float(np.median(known))) if len(known) else np.inf
-    filled = (error == 0.0) & (np.median(known) > 0.0) if len(known) else False  # solved by interpolation
+    zero = error == 0.0  # exactly: solved by interpolation, unless the errors are so small as written
+    filled = zero & (zero.mean() < RARE) & (np.median(known) > 0.0) if len(known) else False
     return np.asarray((error > limit) | filled)
 
 
@@ -122,7 +124,13 @@ def _yaw(
     if max(-low.min(), high.max()) <= np.pi and ((low < -WRAPS_AT) & (high > WRAPS_AT)).any():
         cause = "the angles fill -3.14 to 3.14: radians, where Motive writes degrees"
         raise InputRefused(path, "rotation", cause, "export the take again, with quaternions")
-    return yaw_of_euler(turn, rotation_order(header, path), vehicle.mocap.up_axis), []
+    order = rotation_order(header, path)
+    odd = []
+    if "Rotation Type" not in header.keys:
+        odd = [Irregularity("rotation order", "warning", 1, path.name, f"the header names none: {order} is assumed")]
+    yaw, turns = judged_yaw(quaternions_of_euler(turn, order), vehicle.mocap.up_axis, time_s, path)
+    # signs of quaternions that nobody wrote say nothing
+    return yaw, [*odd, *(i for i in turns if i.kind != "quaternion sign")]
 
 
 def read_poses(path: Path, vehicle: Vehicle) -> RawTake:

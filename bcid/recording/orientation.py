@@ -44,19 +44,18 @@ def turned_up(xyzw: Floats) -> Floats:
     return min((of_y, of_z), key=lambda rows: float(np.var(rows, axis=0).sum()))
 
 
-def yaw_of_euler(degrees: Floats, order: str, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Yaw (rad) from intrinsic Euler angles; NaN rows stay NaN.
+def quaternions_of_euler(degrees: Floats, order: str) -> Floats:
+    """Quaternions x, y, z, w (N, 4) of intrinsic Euler angles; NaN rows stay NaN.
 
     The columns of `degrees` (N, 3) are the turns about X, Y, Z; `order` (such as "YXZ") says which comes first.
     """
     from scipy.spatial.transform import Rotation
 
-    yaw = np.full(len(degrees), np.nan)
+    found = np.full((len(degrees), 4), np.nan)
     good = np.isfinite(degrees).all(axis=1)
     turns = degrees[good][:, ["XYZ".index(axis) for axis in order]]
-    rotation = Rotation.from_euler(order, turns, degrees=True)
-    yaw[good] = yaw_of_quaternions(np.atleast_2d(rotation.as_quat()), up_axis)
-    return yaw
+    found[good] = np.atleast_2d(Rotation.from_euler(order, turns, degrees=True).as_quat())
+    return found
 
 
 def rotated(vectors: Floats, angle: Floats) -> Floats:

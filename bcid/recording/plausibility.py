@@ -21,6 +21,8 @@ THROTTLE_FACTOR = 3.0
 SPEED_FACTOR = 1.2
 SLOW_SHARE = 0.1  # of the take's top speed
 MIN_YAW_RATE = 1e-3
+MIN_TURN = 0.02  # of the top speed, that commanded turning comes to
+GENTLE_MPS2 = 3.0  # lateral acceleration
 MIN_HEADING, CLEAR_HEADING = 0.6, 0.8
 MIN_SAMPLES = 100
 MISREADINGS = {
@@ -76,9 +78,9 @@ def _check_commands(recording: Recording, vehicle: Vehicle) -> list[Irregularity
 
 
 class _Turning(NamedTuple):
-    correlation: float  # of yaw rate and commanded turning
+    correlation: float  # of yaw rate and commanded turning, about zero
     heading: float  # 1 where the front wheel heads where it is steered up to a constant, 0 where it does not
-    wheelbase_m: float  # as the motion shows it
+    wheelbase_m: float | None  # as gentle motion shows it
 
 
 def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
@@ -92,11 +94,15 @@ def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
     speed = np.hypot(v_x, motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate)
     use = motion.good & (speed > SLOW_SHARE * np.quantile(speed, 0.95))
     turn, yaw_rate = speed[use] * np.sin(angle[use]), motion.yaw_rate[use]
-    if use.sum() < MIN_SAMPLES or np.std(turn) < 1e-3 * np.max(speed) or np.std(yaw_rate) < MIN_YAW_RATE:
+    size, rate = (float(np.sqrt(np.mean(x**2))) for x in (turn, yaw_rate)) if use.any() else (0.0, 0.0)
+    if use.sum() < MIN_SAMPLES or size < MIN_TURN * np.max(speed) or rate < MIN_YAW_RATE:
         return None
     heading = abs(np.mean(np.exp(1j * (motion.beta_f - angle)[use])))
-    correlation = float(np.corrcoef(turn, yaw_rate)[0, 1])
-    return _Turning(correlation, float(heading), float(turn @ turn / (turn @ yaw_rate)))
+    correlation = float(turn @ yaw_rate) / (size * rate * len(turn))
+    gentle = np.abs(speed[use] * yaw_rate) < GENTLE_MPS2  # a car that slips turns as if it were longer
+    turn, yaw_rate = turn[gentle], yaw_rate[gentle]
+    known = gentle.sum() > MIN_SAMPLES and turn @ yaw_rate != 0.0
+    return _Turning(correlation, float(heading), float(turn @ turn / (turn @ yaw_rate)) if known else None)
 
 
 def _misread(recording: Recording, scale: tuple[float, float, float]) -> Recording:
@@ -113,7 +119,8 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
     if seen.correlation < -MIN_CORRELATION:
         raise InputRefused(
             source, "steering", f"the car turns right where the command says left (correlation {seen.correlation:.2f})",
-            "positive steering turns left: log or map the command with the other sign, or correct up_axis",
+            "positive steering turns left: log or map the command with the other sign, or correct up_axis or the order "
+            "of the quaternions (x, y, z, w)",
         )  # fmt: skip
     if seen.heading < MIN_HEADING:
         for name, scale in MISREADINGS.items():
@@ -130,7 +137,7 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
         )
         return [Irregularity("steering response", "warning", 1, source, text)]
     stated = vehicle.body.cog_to_front_m + vehicle.body.cog_to_rear_m
-    if not stated / WHEELBASE_FACTOR < seen.wheelbase_m < stated * WHEELBASE_FACTOR:
+    if seen.wheelbase_m and not stated / WHEELBASE_FACTOR < seen.wheelbase_m < stated * WHEELBASE_FACTOR:
         raise InputRefused(
             source, "pose", f"the car turns as if its wheelbase were {seen.wheelbase_m:.3g} m, the vehicle file says "
             f"{stated:.3g} m: lengths in mm or cm, or yaw in degrees?",
@@ -147,5 +154,11 @@ def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
     fast = float(np.quantile(motion.v_f[motion.good], 0.99))
     if fast < SPEED_FACTOR * top:
         return []
-    text = f"the front wheel reaches {fast:.3g} m/s, the motor's largest speed is {top:g} m/s: a scale set on export?"
-    return [Irregularity("scale", "warning", 1, recording.sources[0].path, text)]
+    source, text = (
+        recording.sources[0].path,
+        f"the front wheel reaches {fast:.3g} m/s, the motor's largest is {top:g} m/s",
+    )
+    if fast > WHEELBASE_FACTOR * top:
+        step = "set the unit (mocap.length_unit, or a gain in [columns]) or correct the vehicle file"
+        raise InputRefused(source, "pose", f"{text}: lengths in mm or cm?", step)
+    return [Irregularity("scale", "warning", 1, source, f"{text}: a scale set on export?")]

@@ -17,13 +17,13 @@ SEPARATORS = (",", ";", "\t")
 HEAD_LINES = 40
 EXPORT_AGAIN = "export the file again"
 
-NO_NUMBER = re.compile(
-    r"(?<=[,;\t\n])[ \t]*[+-]?(?:nan(?:\([^,;\t\n]*\))?|1[.,]#\w+)(?=[ \t\r]*[,;\t\n])", re.IGNORECASE
-)
+NO_NUMBER = re.compile(r"(?<=[,;\t\n])[ ]*[+-]?(?:nan(?:\([^,;\t\n]*\))?|1[.,]#\w+)(?=[ \t\r]*[,;\t\n])", re.IGNORECASE)
 """How printf writes what is no finite number: nan, -nan(ind), 1.#INF, -1.#IND, 1.#QNAN."""
 
-DECIMAL_COMMA = re.compile(r"(?:^|;)\s*[+-]?\d+,\d+\s*(?=;|$)", re.MULTILINE)
-DECIMAL_POINT = re.compile(r"(?:^|;)\s*[+-]?\d+\.\d+\s*(?=;|$)", re.MULTILINE)
+DECIMAL_COMMA = re.compile(r"(?:^|[;\t])[ ]*[+-]?\d+,\d+(?:[eE][+-]?\d+)?[ ]*(?=[;\t]|$)", re.MULTILINE)
+DECIMAL_POINT = re.compile(r"(?:^|[;\t])[ ]*[+-]?\d+\.\d+(?:[eE][+-]?\d+)?[ ]*(?=[;\t]|$)", re.MULTILINE)
+FIRST_NUMBERS = re.compile(r"^[ \t]*[+-]?[\d.]", re.MULTILINE)  # a header's lines begin otherwise
+MAX_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -70,11 +70,16 @@ def read_text(path: Path, comment: str | None = None) -> CsvText:
         how = f"separator {separator!r}, decimal {decimal!r}"
         odd.append(Irregularity("CSV dialect", "fixed", 1, path.name, how))
     text, cut = _whole_lines(path, text, separator)
-    return CsvText(path, NO_NUMBER.sub("inf", text), separator, decimal, (*odd, *cut))
+    begin = FIRST_NUMBERS.search(text)
+    top = begin.start() if begin else len(text)
+    return CsvText(path, text[:top] + NO_NUMBER.sub("inf", text[top:]), separator, decimal, (*odd, *cut))
 
 
 def _decoded(path: Path) -> tuple[str, list[Irregularity]]:
     """UTF-8, or what a byte-order mark says; NUL bytes at the end are what a crash leaves of space set aside."""
+    if path.stat().st_size > MAX_BYTES:
+        cause = f"has {path.stat().st_size} bytes, {MAX_BYTES} are the most"
+        raise InputRefused(path, "file", cause, "cut the recording into takes")
     data = path.read_bytes()
     encoding = "utf-16" if data.startswith(UTF_16) else "utf-8-sig"
     odd = []
@@ -116,7 +121,7 @@ def _separator(head: list[str]) -> str:
 
 
 def _decimal(path: Path, text: str, separator: str) -> str:
-    if separator != ";":
+    if separator == ",":
         return "."
     comma, point = DECIMAL_COMMA.search(text), DECIMAL_POINT.search(text)
     if comma and point:

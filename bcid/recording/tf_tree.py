@@ -10,6 +10,7 @@ import numpy as np
 
 from bcid.errors import InputRefused
 from bcid.recording.messages import SeveralBodies, get, number, stamp_of
+from bcid.recording.quaternions import UNIT
 from bcid.recording.types import Floats
 
 SCHEMA, STATIC = "tf2_msgs/TFMessage", "/tf_static"
@@ -83,14 +84,24 @@ def put_together(edges: list[Moves]) -> Floats:
     from scipy.spatial.transform import Rotation
 
     own = edges[0]
-    rows = np.array(own.rows)
+    if len(edges) == 1:
+        return np.array(own.rows)
+    rows = _of_unit_length(own)
     for above in edges[1:]:
         last = np.searchsorted(above.log_ns, own.log_ns, side="right") - 1
-        moved = np.array(above.rows)[np.maximum(last, 0)]
+        moved = _of_unit_length(above)[np.maximum(last, 0)]
         good = np.isfinite(rows).all(axis=1) & np.isfinite(moved).all(axis=1) & (last >= 0)
         turn = Rotation.from_quat(moved[good, 3:])
         together = np.full_like(rows, np.nan)
         together[good, :3] = moved[good, :3] + turn.apply(rows[good, :3])
         together[good, 3:] = (turn * Rotation.from_quat(rows[good, 3:])).as_quat()
         rows = together
+    return rows
+
+
+def _of_unit_length(moves: Moves) -> Floats:
+    """The rows, NaN where the quaternion is none: put together with others it could not be judged any more."""
+    rows = np.array(moves.rows)
+    with np.errstate(over="ignore"):
+        rows[~(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) <= UNIT)] = np.nan
     return rows

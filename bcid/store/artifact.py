@@ -143,8 +143,11 @@ def is_whole(folder: Path, recipe: Recipe) -> bool:
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         listed = manifest.pop("files")
-        return manifest == json.loads(json.dumps(recipe.as_json())) and all(
-            sha256_of(folder / name) == digest for name, digest in listed.items()
+        there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {MANIFEST}
+        return (
+            manifest == json.loads(json.dumps(recipe.as_json()))
+            and there == set(listed)
+            and all(sha256_of(folder / name) == digest for name, digest in listed.items())
         )
     except (OSError, ValueError, KeyError, AttributeError, TypeError):
         return False
