@@ -1,9 +1,12 @@
 # make run: set up, then do the main job on the sample logs.  make test: set up, then the tests (make proofs: those that take minutes).
+# make fuzz N=10000, make kills N=200: mutants of every kind of file, kills of a whole pipeline; figures to docs/results/faults.json.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test proofs check samples clean
+N ?= 1000
+
+.PHONY: run test proofs fuzz kills check samples clean
 
 run: $(READY)
 	$(BIN)/bcid run
@@ -13,6 +16,9 @@ test: $(READY)
 
 proofs: $(READY)
 	NUMBA_NUM_THREADS=1 $(BIN)/pytest -q -n 2 -m proof
+
+fuzz kills: $(READY)
+	PYTHONPATH=tests $(BIN)/python -m faults $@ --n $(N) --out docs/results/faults.json
 
 check: $(READY)
 	$(BIN)/ruff format --check .

@@ -58,9 +58,12 @@ def _check_yaw(time_s: Floats, yaw: Floats, source: str) -> None:
         raise InputRefused(source, "yaw", cause, "log it in rad, or map it with gain = 0.017453")
 
 
-def _usual_step(time_s: Floats, longest_s: float) -> float:
-    """The step (s) beyond which a command is missing: half more than the usual one, where there is a usual one."""
-    if len(time_s) < 2:
+def _longest_step(raw: RawTake, time_s: Floats, longest_s: float) -> float:
+    """The step (s) beyond which a command is missing: half more than the usual one, where there is a usual one.
+
+    In a table, whose rows hold both, a row that is missing is told as a pose.
+    """
+    if len(time_s) < 2 or np.array_equal(raw.pose_time_s, raw.command_time_s):
         return longest_s
     step = np.diff(time_s)
     limit = 1.5 * float(np.median(step))
@@ -154,7 +157,7 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         irregularities=(
             *raw.irregularities, *poses.odd, *commands.odd,
             *_gaps(poses.time_s, 1.5 / rate, "pose"),
-            *_gaps(commands.time_s, _usual_step(commands.time_s, vehicle.command.max_hold_s), "command"),
+            *_gaps(commands.time_s, _longest_step(raw, commands.time_s, vehicle.command.max_hold_s), "command"),
             *_ends(poses.time_s, commands.time_s + offset, vehicle.command.max_hold_s),
         ),
     )  # fmt: skip

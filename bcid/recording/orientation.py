@@ -23,9 +23,9 @@ def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
 
     The first column of the rotation matrix is the X axis; q and -q give the same.
     """
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no number has no yaw
         norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
-    x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
+        x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
     forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
     floor = on_floor(forward, up_axis)
     return np.arctan2(floor[:, 1], floor[:, 0])
