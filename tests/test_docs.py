@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from catalogue.table import catalogue_table, faults_table
+
 from bcid.cli.sink import thousandths
 
 ROOT = Path(__file__).parent.parent
@@ -57,6 +59,16 @@ def accuracy_table(found: dict[str, object]) -> str:
         name = line["model"] if line["ours"] else f"*{line['model']}*"
         rows.append(f"| {' | '.join([line['data'], name, *shown, interval, change])} |")
     return "\n".join(rows)
+
+
+def test_what_the_docs_say_of_bad_recordings_is_what_is_said() -> None:
+    golden = json.loads((ROOT / "tests" / "catalogue" / "golden.json").read_text(encoding="utf-8"))
+    assert catalogue_table(golden) in (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+
+
+def test_the_docs_counts_of_faults_are_the_committed_ones() -> None:
+    found = json.loads((ROOT / "docs" / "results" / "faults.json").read_text(encoding="utf-8"))
+    assert faults_table(found["fuzz"]) in (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
 
 
 def test_the_readme_s_accuracies_are_the_committed_comparison() -> None:

@@ -79,8 +79,11 @@ def _gaps(time_s: Floats, longest_s: float, what: str) -> list[Irregularity]:
     return [Irregularity(f"{what} gap", "warning", int(wide.sum()), where(time_s, wide), text)]
 
 
-def _ends(pose_s: Floats, command_s: Floats, longest_s: float) -> list[Irregularity]:
-    """Word of parts of the take in which only one of the streams is there."""
+def _ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s: float) -> list[Irregularity]:
+    """Word of parts of the take in which only one of the streams is there, by more than commands hold.
+
+    The last command may come `step_s` before the last pose: where it comes earlier, the log may be cut.
+    """
     streams = {"pose": pose_s, "command": command_s}
     found = []
     for one, other in (("command", "pose"), ("pose", "command")):
@@ -90,7 +93,7 @@ def _ends(pose_s: Floats, command_s: Floats, longest_s: float) -> list[Irregular
     return [
         Irregularity(f"{one} {edge}", "warning", 1, f"{at:.3f} s", f"the {one}s {edge} {apart:.2f} s {where}")
         for one, edge, at, apart, where in found
-        if apart > longest_s
+        if apart > (step_s if (one, edge) == ("command", "end") else hold_s)
     ]
 
 
@@ -140,14 +143,14 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     poses = without_flips(poses, commands)
     _check_yaw(poses.time_s, poses.values[:, 2], source)
     pose = _to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
-    offset = vehicle.clock.offset_s if vehicle.clock else 0.0
+    offset, hold_s = vehicle.clock.offset_s if vehicle.clock else 0.0, vehicle.command.max_hold_s
     recording = Recording(
         name=raw.name,
         sources=raw.sources,
         poses=Stream(poses.time_s, pose),
         commands=Stream(commands.time_s + offset, commands.values),
         rate_hz=rate,
-        hold_s=vehicle.command.max_hold_s,
+        hold_s=hold_s,
         breaks_s=tuple(sorted({*breaks, *raw.splits_s})),
         channels={
             name: Stream(c.time_s + offset, c.values)
@@ -157,8 +160,8 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         irregularities=(
             *raw.irregularities, *poses.odd, *commands.odd,
             *_gaps(poses.time_s, 1.5 / rate, "pose"),
-            *_gaps(commands.time_s, _longest_step(raw, commands.time_s, vehicle.command.max_hold_s), "command"),
-            *_ends(poses.time_s, commands.time_s + offset, vehicle.command.max_hold_s),
+            *_gaps(commands.time_s, _longest_step(raw, commands.time_s, hold_s), "command"),
+            *_ends(poses.time_s, commands.time_s + offset, hold_s, _longest_step(raw, commands.time_s, hold_s)),
         ),
     )  # fmt: skip
     _check_overlap(recording)

@@ -109,7 +109,10 @@ def _named(unknown: list[str]) -> list[str]:
 
 def _odd(recording: Recording) -> list[str]:
     """Contacts, a clock far off, and what reading it has found."""
-    told = [f"{c.kind} at {c.begin_s:.1f} s, {c.acceleration:.0f} m/s²: left out" for c in contacts(recording)]
+    told = [
+        f"{c.kind} at {c.begin_s:.1f} s, {c.acceleration:.0f} m/s²: left out by the diagnosis"
+        for c in contacts(recording)
+    ]
     low, high = recording.clock.get("offset_ci95", (0.0, 0.0))
     if low > LARGE_OFFSET_S or high < -LARGE_OFFSET_S:
         told.append(f"poses and commands are {1e3 * low:.0f} to {1e3 * high:.0f} ms apart beyond the vehicle file's")

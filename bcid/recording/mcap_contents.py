@@ -121,13 +121,15 @@ def contents(path: Path, topics: Collection[str], allow_partial: bool) -> Conten
 
 def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> None:
     """Add a file's contents; each part numbers its channels anew, so that they are shifted."""
-    before, unchecked, statistics = dict(found.counts), found.unchecked, None
+    before, unchecked, statistics, vouched = dict(found.counts), found.unchecked, None, False
     try:
         for read in records(path):
             if isinstance(read.record, Broken):
                 _lose(found, path, read.record, allow_partial)
             elif isinstance(read.record, kinds.Statistics):
                 statistics = read.record
+            elif isinstance(read.record, kinds.Footer):
+                vouched = read.record.summary_crc != 0
             elif isinstance(read.record, kinds.DataEnd) and read.record.data_section_crc:
                 found.unchecked = unchecked  # it covers all of this file
             else:
@@ -143,7 +145,17 @@ def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> 
         held = {k: n for k, n in found.counts.items() if before.get(k) != n}
         if stated != held:
             text = f"the summary counts {sum(stated.values())} messages, the file holds {sum(held.values())}"
-            found.miscounted = text
+            _miscount(found, path, text, vouched and sum(held.values()) < sum(stated.values()), allow_partial)
+
+
+def _miscount(found: Contents, path: Path, text: str, missing: bool, allow_partial: bool) -> None:
+    """Where the summary's own checksum holds, fewer messages than it counts are a loss."""
+    if not missing:
+        found.miscounted = text
+    elif not allow_partial:
+        raise InputRefused(path, "message counts", text, RECORD_AGAIN)
+    elif not found.lost:
+        found.lost.append(Lost(None, None, text))
 
 
 def _lose(found: Contents, path: Path, broken: Broken, allow_partial: bool) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +26,7 @@ from bcid.recording.motive_header import (
 from bcid.recording.orientation import on_floor, quaternions_of_euler
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
+from bcid.recording.tables import as_numbers
 from bcid.recording.text import CsvText, read_text
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import Vehicle
@@ -54,8 +54,8 @@ def _table(file: CsvText, header: Header) -> pd.DataFrame:
 
 
 def _numbers(table: pd.DataFrame, columns: list[int], header: Header, path: Path) -> Floats:
-    part: Any = table[columns].apply(pd.to_numeric, errors="coerce")
-    bad = part.isna().to_numpy() & table[columns].notna().to_numpy()
+    part = np.column_stack([as_numbers(table[c]) for c in columns])
+    bad = np.isnan(part) & table[columns].notna().to_numpy()
     if bad.any():
         row, col = np.argwhere(bad)[0]
         line = header.table_row + 2 + int(table.index[row])
@@ -63,7 +63,7 @@ def _numbers(table: pd.DataFrame, columns: list[int], header: Header, path: Path
         raise InputRefused(
             path, f"line {line}, column {columns[col] + 1}", f"{cell!r} is no number", "export the take again"
         )
-    return np.asarray(part, dtype=float)
+    return part
 
 
 def _times(frames: Floats, stated_s: Floats, rate: float, path: Path, header: Header) -> Floats:

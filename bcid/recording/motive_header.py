@@ -161,6 +161,6 @@ def rotation_order(header: Header, path: Path) -> str:
         InputRefused: no order of X, Y, Z.
     """
     order = header.keys.get("Rotation Type", "XYZ").upper()
-    if order != "QUATERNION" and sorted(order) != ["X", "Y", "Z"]:
+    if sorted(order) != ["X", "Y", "Z"]:
         raise InputRefused(path, "line 1", f"Rotation Type {order!r} is no order of X, Y, Z", "export quaternions")
     return order

@@ -7,6 +7,7 @@ import io
 import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -63,7 +64,7 @@ def numbers(table: pd.DataFrame, columns: Iterable[str], path: Path, remedy: str
             problems.append(Problem(f"column {column!r}", "is there twice", "name the columns apart"))
         if cells.dtype.kind in "mM":  # a timestamp or a time span
             cells = (cells - cells.min()).dt.total_seconds() if cells.dtype.kind == "M" else cells.dt.total_seconds()
-        values = pd.to_numeric(cells, errors="coerce").to_numpy(float)
+        values = as_numbers(cells)
         text = np.flatnonzero(np.isnan(values) & cells.notna().to_numpy())
         if len(text):
             more = f" (and {len(text) - 1} more in this column)" if len(text) > 1 else ""
@@ -72,6 +73,14 @@ def numbers(table: pd.DataFrame, columns: Iterable[str], path: Path, remedy: str
         found[column] = values
     problems.refuse(path)
     return found
+
+
+def as_numbers(cells: Any) -> Floats:
+    """A column as floats: NaN where it holds text, infinite where a number is too large."""
+    try:
+        return np.asarray(pd.to_numeric(cells, errors="coerce"), dtype=float)
+    except OverflowError:  # of hundreds of digits
+        return np.asarray(pd.to_numeric(cells.astype(str), errors="coerce"), dtype=float)
 
 
 def _listed(names: Sequence[str]) -> str:

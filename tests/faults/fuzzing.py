@@ -52,8 +52,11 @@ def mutant(specimen: Specimen, clean: bytes, number: int) -> tuple[str, bytes]:
             return mutate.__name__, data
 
 
-def outcome(specimen: Specimen, clean: Any) -> tuple[str, str]:
-    """What reading the specimen's file comes to, beside what the clean one gives; with a text where it failed."""
+def outcome(specimen: Specimen, clean: Any, shorter: bool) -> tuple[str, str]:
+    """What reading the specimen's file comes to, beside what the clean one gives; with a text where it failed.
+
+    A table that is cut at a line's end is a `shorter` table, of which nothing says that it was longer.
+    """
     try:
         with _in_time():
             found = specimen.read()
@@ -66,7 +69,7 @@ def outcome(specimen: Specimen, clean: Any) -> tuple[str, str]:
     if specimen.verified and found["content"] != clean["content"]:
         return "wrong", ""
     if isinstance(found, dict) and "samples" in found:
-        if found["samples"] < clean["samples"] and found["told"] == clean["told"]:
+        if found["samples"] < clean["samples"] and found["told"] == clean["told"] and not shorter:
             return "silent loss", f"{clean['samples']} -> {found['samples']}"
         return ("read, the same" if found["content"] == clean["content"] else "read, changed"), ""
     return "read", ""
@@ -90,7 +93,8 @@ def run_batch(batch: Batch) -> tuple[str, Counter[str], list[dict[str, Any]], fl
         for number in range(batch.first, batch.first + batch.count):
             how, data = mutant(specimen, clean_bytes, number)
             specimen.path.write_bytes(data)
-            what, text = outcome(specimen, clean)
+            cut = specimen.name == "table CSV" and clean_bytes.startswith(data) and data.endswith(b"\n")
+            what, text = outcome(specimen, clean, cut)
             counts[what] += 1
             if what in FAILURES:
                 failures.append({"kind": batch.kind, "number": number, "mutator": how, "outcome": what, "text": text})
@@ -110,5 +114,5 @@ def fuzz(
     """`n` mutants of every kind, in batches as they end."""
     names = [k for k in kinds() if only is None or only in k]
     batches = [Batch(k, first, min(BATCH, n - first)) for k in names for first in range(0, n, BATCH)]
-    with ProcessPoolExecutor(workers, get_context("spawn"), max_tasks_per_child=20) as pool:
+    with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         yield from pool.map(run_batch, batches)

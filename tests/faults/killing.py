@@ -86,13 +86,13 @@ def killed(n: int, workers: int) -> tuple[dict[str, Any], bool]:
     with tempfile.TemporaryDirectory() as home:
         folder = Path(home)
         prepared(folder)
-        for name in ("warm", "whole", "twice"):
+        for names in (("warm",), ("whole", "twice", *map(str, range(2, workers)))):  # as many at once as will be killed
             begun = time.monotonic()
-            run = start(folder, name)
-            _, text = run.communicate()
+            for run in [start(folder, name) for name in names]:
+                _, text = run.communicate()
+                if run.returncode != 0:
+                    raise RuntimeError(text.decode(errors="replace"))
             lasts_s = time.monotonic() - begun
-            if run.returncode != 0:
-                raise RuntimeError(text.decode(errors="replace"))
         whole, twice = contents(folder / "whole"), contents(folder / "twice")
         with ThreadPoolExecutor(workers) as pool:
             rows = list(pool.map(lambda k: one_kill(folder, k, lasts_s, whole), range(n)))

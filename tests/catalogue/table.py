@@ -1,0 +1,43 @@
+"""The catalogue and the counts of faults as the docs show them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from faults.fuzzing import FAILURES
+
+
+def catalogue_table(golden: dict[str, dict[str, list[str]]]) -> str:
+    """What is said of each input: a refusal's cause and next step, or what is told of a take that is read."""
+    rows = ["| # | input | what comes of it |", "|---|---|---|"]
+    for number, tries in golden.items():
+        for label, (outcome, *lines) in tries.items():
+            said = f"**refused** {' — '.join(line.strip() for line in lines)}" if outcome == "refused" else "read"
+            if outcome == "read" and lines:
+                said += f"; {'; '.join(lines)}"
+            cells = [number, label, said]
+            rows.append("| " + " | ".join(_plain(c) for c in cells) + " |")
+    return "\n".join(rows)
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown shows as it is."""
+    for sign in ("|", "<", ">", "[", "]", "_", "\x1b"):
+        text = text.replace(sign, "ESC" if sign == "\x1b" else f"\\{sign}")
+    return text
+
+
+def faults_table(found: dict[str, Any]) -> str:
+    """Mutants by kind of file, and what came of them."""
+    shown = ("refused", "read", "read, the same", "read, changed")
+    rows = [
+        f"| kind of file | mutants | {' | '.join(FAILURES)} | refused | read | peak (MiB) |",
+        "|---|---|" + "---|" * (len(FAILURES) + 3),
+    ]
+    for kind, counts in found["kinds"].items():
+        bad = " | ".join(str(counts.get(f, 0)) for f in FAILURES)
+        read = sum(counts.get(k, 0) for k in shown[1:])
+        rows.append(
+            f"| {kind} | {found['mutants']} | {bad} | {counts.get('refused', 0)} | {read} | {counts['peak_mib']} |"
+        )
+    return "\n".join(rows)
