@@ -40,6 +40,15 @@ def test_a_pose_that_the_tracking_holds_is_left_out(raw: RawTake, vehicle: Vehic
     assert told(assemble(raw, vehicle), "frozen pose") == 0
 
 
+def test_a_pose_that_is_held_to_the_end_is_left_out(raw: RawTake, vehicle: Vehicle) -> None:
+    row = np.searchsorted(raw.command_time_s, raw.pose_time_s, side="right") - 1
+    on = raw.command[np.maximum(row, 0), 1] > 0.3
+    last = next(k for k in range(len(on) - 1, 0, -1) if on[k - 60 : k].all())
+    cut = replace(raw, pose=raw.pose[:last].copy(), pose_time_s=raw.pose_time_s[:last])
+    cut.pose[last - 60 :] = cut.pose[last - 60]
+    assert told(assemble(cut, vehicle), "frozen pose") == 59
+
+
 def test_a_car_that_stands_is_not_frozen(raw: RawTake, vehicle: Vehicle) -> None:
     """To the last digit, as a simulator's log may say it, but with the throttle off."""
     pose, command = raw.pose.copy(), raw.command.copy()

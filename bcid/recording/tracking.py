@@ -48,19 +48,22 @@ def unfrozen(poses: Samples, commands: Samples) -> Samples:
     time_s, values = poses.time_s, poses.values
     same = np.r_[False, (np.diff(values, axis=0) == 0.0).all(axis=1)]
     edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
-    frozen = np.zeros(len(time_s), dtype=bool)
+    frozen, stands = np.zeros(len(time_s), dtype=bool), np.zeros(len(time_s), dtype=bool)
     throttle = _throttle(time_s, commands)
     usual = float(np.quantile(np.hypot(*np.diff(values[:, :2], axis=0).T), 0.9))
     for a, b in edges.reshape(-1, 2):
         # a car that pushes against a wall goes on from where it stood, one that was hidden has moved meanwhile
-        moved = b < len(values) and math.dist(values[b, :2], values[b - 1, :2]) > RESUMES * usual
-        if time_s[b - 1] - time_s[a - 1] > FROZEN_S and throttle[a:b].min() > 0.0 and moved:
-            frozen[a:b] = True
-    if not frozen.any():
-        return poses
-    text = "the same pose again and again while the throttle is on: held by the tracking"
-    odd = Irregularity("frozen pose", "excluded", int(frozen.sum()), where(time_s, frozen), text)
-    return Samples(time_s[~frozen], values[~frozen], [*poses.odd, odd])
+        moved = b == len(values) or math.dist(values[b, :2], values[b - 1, :2]) > RESUMES * usual
+        if time_s[b - 1] - time_s[a - 1] > FROZEN_S and throttle[a:b].min() > 0.0:
+            (frozen if moved else stands)[a:b] = True
+    odd, text = [], "the same pose again and again while the throttle is on: "
+    if frozen.any():
+        held = text + "held by the tracking"
+        odd.append(Irregularity("frozen pose", "excluded", int(frozen.sum()), where(time_s, frozen), held))
+    if stands.any():
+        still = text + "it goes on from there, as from a wall"
+        odd.append(Irregularity("pose stands", "warning", int(stands.sum()), where(time_s, stands), still))
+    return Samples(time_s[~frozen], values[~frozen], [*poses.odd, *odd])
 
 
 def without_flips(poses: Samples, commands: Samples) -> Samples:
