@@ -80,9 +80,10 @@ def _gaps(time_s: Floats, longest_s: float, what: str) -> list[Irregularity]:
 
 
 def _ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s: float) -> list[Irregularity]:
-    """Word of parts of the take in which only one of the streams is there, by more than commands hold.
+    """Word of parts of the take in which only one of the streams is there.
 
-    The last command may come `step_s` before the last pose: where it comes earlier, the log may be cut.
+    Poses may begin and end within `hold_s` of the commands, and commands within `step_s` of the poses: where they come
+    later or stop earlier, their log may be cut.
     """
     streams = {"pose": pose_s, "command": command_s}
     found = []
@@ -93,7 +94,7 @@ def _ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s: float) -> li
     return [
         Irregularity(f"{one} {edge}", "warning", 1, f"{at:.3f} s", f"the {one}s {edge} {apart:.2f} s {where}")
         for one, edge, at, apart, where in found
-        if apart > (step_s if (one, edge) == ("command", "end") else hold_s)
+        if apart > (step_s if one == "command" else hold_s)
     ]
 
 
