@@ -96,6 +96,18 @@ def test_a_row_that_the_end_of_the_file_cuts_is_left_out_and_told(
     assert kinds(path, vehicle)["cut file"] == 1
 
 
+def test_a_last_line_without_an_end_is_kept_where_nothing_says_that_it_is_cut(
+    takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
+) -> None:
+    """As people write commands: digits as they come, and no line end behind the last row."""
+    path = changed(takes["motive"], tmp_path, bytes)
+    commands = path.with_suffix(".commands.csv")
+    rows = [line.split(",") for line in commands.read_text().splitlines()]
+    commands.write_text("\n".join([",".join(rows[0]), *(",".join(f"{float(c):g}" for c in row) for row in rows[1:])]))
+    assert len(read_raw(path, vehicle).command) == len(rows) - 1
+    assert kinds(path, vehicle)["cut file"] == 1
+
+
 @pytest.mark.parametrize("text", [b"nan", b"NaN", b"-nan(ind)", b"1.#INF", b"-1.#IND", b"1.#QNAN", b"inf", b"1e400"])
 def test_no_number_is_told_from_a_blank(text: bytes, takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     found = read_raw(changed(takes["motive"], tmp_path, lambda d: cell(d, 50, 6, text)), vehicle)

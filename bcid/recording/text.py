@@ -14,7 +14,7 @@ from bcid.recording.types import Irregularity
 
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 SEPARATORS = (",", ";", "\t")
-HEAD_LINES = 40
+HEAD_LINES, BEFORE = 40, 20  # lines that tell how a file is written, at its head and at its end
 EXPORT_AGAIN = "export the file again"
 
 NO_NUMBER = re.compile(r"(?<=[,;\t\n])[ ]*[+-]?(?:nan(?:\([^,;\t\n]*\))?|1[.,]#\w+)(?=[ \t\r]*[,;\t\n])", re.IGNORECASE)
@@ -134,16 +134,18 @@ def _decimal(path: Path, text: str, separator: str) -> str:
 def _whole_lines(path: Path, text: str, separator: str) -> tuple[str, list[Irregularity]]:
     """The text without a last line that the file's end has cut, and word of it.
 
-    A line without an end is whole if it has as many cells as the one before, and its last one as many decimals.
+    A line without an end is whole if it has as many cells as those before, and its last one as many decimals where all
+    of theirs have the same.
     """
     if text.endswith("\n"):
         return text, []
     body, _, last = text.rpartition("\n")
-    before = body.rpartition("\n")[2]
     if not body:
         return text + "\n", []
-    same = last.count(separator) == before.count(separator)
-    whole = same and _decimals(last, separator) == _decimals(before, separator)
+    before = body.rsplit("\n", BEFORE)[-BEFORE:]
+    usual = {_decimals(line, separator) for line in before}
+    same = last.count(separator) == before[-1].count(separator)
+    whole = same and (len(usual) > 1 or _decimals(last, separator) in usual)
     line = text.count("\n") + 1
     what = "kept, since it looks whole" if whole else "left out"
     odd = Irregularity("cut file", "warning", 1, f"{path.name} line {line}", f"the last line has no end: {what}")
