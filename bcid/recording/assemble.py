@@ -145,6 +145,7 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     _check_yaw(poses.time_s, poses.values[:, 2], source)
     pose = _to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
     offset, hold_s = vehicle.clock.offset_s if vehicle.clock else 0.0, vehicle.command.max_hold_s
+    step_s = _longest_step(raw, commands.time_s, hold_s)
     recording = Recording(
         name=raw.name,
         sources=raw.sources,
@@ -161,8 +162,8 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         irregularities=(
             *raw.irregularities, *poses.odd, *commands.odd,
             *_gaps(poses.time_s, 1.5 / rate, "pose"),
-            *_gaps(commands.time_s, _longest_step(raw, commands.time_s, hold_s), "command"),
-            *_ends(poses.time_s, commands.time_s + offset, hold_s, _longest_step(raw, commands.time_s, hold_s)),
+            *_gaps(commands.time_s, step_s, "command"),
+            *_ends(poses.time_s, commands.time_s + offset, hold_s, step_s),
         ),
     )  # fmt: skip
     _check_overlap(recording)

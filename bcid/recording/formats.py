@@ -13,6 +13,7 @@ Format = Literal["mcap", "motive", "table"]
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 PARQUET_MAGIC = b"PAR1"
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 METADATA = "metadata.yaml"  # beside the parts of a rosbag2 recording
 _HEAD = 4096
 LONGEST_NAME = 60  # characters of a name that cannot be one
@@ -80,7 +81,7 @@ def format_of(path: Path) -> Format:
         return "mcap"
     if head.startswith(PARQUET_MAGIC):
         return "table"
-    utf_16 = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    utf_16 = head.startswith(UTF_16)
     if b"\0" in head.rstrip(b"\0") and not utf_16:
         raise InputRefused(
             path,

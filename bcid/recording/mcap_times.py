@@ -108,18 +108,21 @@ def _evened(time_s: Floats, topic: str) -> tuple[Floats, list[Irregularity]]:
 
     A grid of its own for each part between gaps.
     """
-    step = np.diff(time_s)
-    if len(time_s) < 3 or (step < BURST * step.mean()).mean() < BURST_SHARE:
+    if len(time_s) < 3:
         return time_s, []
-    even = np.empty(len(time_s))
+    step = np.diff(time_s)
+    crowded = step < BURST * step.mean()
+    if crowded.mean() < BURST_SHARE:
+        return time_s, []
+    even = time_s.copy()
     gaps = np.flatnonzero(step > GAP * np.quantile(step, 0.99)) + 1
     for part in np.split(np.arange(len(time_s)), gaps):
-        slope, start = np.polyfit(part, time_s[part], 1) if len(part) > 2 else (0.0, 0.0)
-        even[part] = start + slope * part if len(part) > 2 else time_s[part]
+        if len(part) > 2:
+            slope, start = np.polyfit(part, time_s[part], 1)
+            even[part] = start + slope * part
     off = float(np.abs(even - time_s).max())
     close = off < EVEN_S and bool((np.diff(even) > 0.0).all())
     text = f"messages arrive in bursts, up to {off:.3f} s off an even grid"
     text += ": put on it" if close else ": times of arrival stand"
-    bursts = int((step < BURST * step.mean()).sum())
-    odd = Irregularity("bursts", "warning", bursts, f"topic {topic}", text)
+    odd = Irregularity("bursts", "warning", int(crowded.sum()), f"topic {topic}", text)
     return (even if close else time_s), [odd]

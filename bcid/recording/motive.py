@@ -93,7 +93,7 @@ def _missing(header: Header, rows: int, path: Path) -> list[Irregularity]:
     return [Irregularity("frames missing", "warning", int(stated) - rows, path.name, text)]
 
 
-def _rotation(header: Header, body: str, path: Path) -> tuple[dict[str, int], dict[str, int]]:
+def _pose_columns(header: Header, body: str, path: Path) -> tuple[dict[str, int], dict[str, int]]:
     """Position and rotation columns by axis."""
     position, rotation = header.columns(body, "Position"), header.columns(body, "Rotation")
     if set(position) != set("XYZ") or set(rotation) not in ({*"XYZ"}, {*"XYZW"}):
@@ -151,7 +151,7 @@ def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
         clock = time_column(header, path)
     with problems.gathered():
         body = choose_body(header, vehicle.mocap.rigid_body, path)
-        position, rotation = _rotation(header, body, path)
+        position, rotation = _pose_columns(header, body, path)
         if "W" not in rotation:
             rotation_order(header, path)
     problems.refuse(path)

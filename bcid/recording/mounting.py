@@ -9,6 +9,7 @@ import numpy as np
 
 from bcid.recording.course import Course, course
 from bcid.recording.types import Recording, Stream
+from bcid.recording.yaw_response import held_throttle
 from bcid.vehicle import Vehicle
 
 SLOW = 0.3  # of the fastest, below which the direction is poorly known
@@ -43,8 +44,7 @@ def _roughly(recording: Recording, vehicle: Vehicle) -> float:
     motion = course(recording, vehicle)
     if len(motion.time_s) < 2:
         return 0.0
-    row = np.searchsorted(recording.commands.time_s, motion.time_s, side="right") - 1
-    driven = recording.commands.values[np.maximum(row, 0), 1] > 0.0
+    driven = held_throttle(motion, recording) > 0.0
     use = motion.good & driven & (np.abs(motion.yaw_rate) < STRAIGHT_RADPS)
     use &= motion.v_f > SLOW * np.quantile(motion.v_f, 0.95)
     return -float(np.angle(np.exp(1j * motion.beta_f[use]).sum())) if use.any() else 0.0

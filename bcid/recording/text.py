@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import csv
 import io
 import re
@@ -10,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bcid.errors import InputRefused
+from bcid.recording.formats import UTF_16
 from bcid.recording.types import Irregularity
 
-UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 SEPARATORS = (",", ";", "\t")
 HEAD_LINES, BEFORE = 40, 20  # lines that tell how a file is written, at its head and at its end
 EXPORT_AGAIN = "export the file again"
