@@ -19,9 +19,10 @@ from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.refit import Fit, residuals
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.segments import wrapped
 from bcid.likelihood.take import Take, take_of
 from bcid.recording.read import read_recording

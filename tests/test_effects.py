@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from cars import CAR
 
 from bcid.effects import measurement
-from bcid.effects.car import Body, Drive, Lagged, _front, _wheel_angle, lag_after, wrench
+from bcid.effects.car import Body, Drive, Lagged, _front, _wheel_angle, lag_after, throttle_force, wrench
 from bcid.effects.constants import UNITS, Constants
 from bcid.effects.corrections import CORRECTIONS, grip_left
 from bcid.effects.entry import Units, resized
@@ -84,7 +85,8 @@ def test_the_vocabulary_is_the_specification_s() -> None:
 
 def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     """Every parameter of both is a switch, and none belongs to two entries."""
-    assert sorted(ENTRIES) == sorted([*VOCABULARY, "tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale"])
+    corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade"]
+    assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
     assert sorted(fields) == sorted(off().dtype.names)
     for e in ENTRIES.values():
@@ -159,7 +161,7 @@ def plant(name: str) -> Plant:
     return Plant(**values)
 
 
-@pytest.mark.parametrize("name", [n for n in MOVING if n not in ("tyre_fall", "steering_scale")])
+@pytest.mark.parametrize("name", [n for n in MOVING if n not in ("tyre_fall", "steering_scale", "motor_fade")])
 def test_the_simulation_has_the_same_effect(name: str, base_drive: np.ndarray) -> None:
     """Two implementations that share no code: the difference the effect makes is the same in both."""
     _, u = commands()
@@ -179,6 +181,16 @@ def test_a_scaled_steering_is_that_of_scaled_angles() -> None:
         angle = (1.0 + switched("steering_scale").steering_scale__g) * drive_now.delta
         same = wrench(b, drive_now._replace(delta=angle), Lagged(0.0, 0.0, 0.0), CAR, off(), Constants())
         assert scaled[:3] == pytest.approx(same[:3])
+
+
+def test_a_force_that_fades_is_the_published_motor_s() -> None:
+    """(25.358 - 4.815 v)(throttle - 0.164) of the DART car, behind a dead zone; nothing below it."""
+    car = CAR._replace(sets_force=1.0, K_t=25.358, K_v=0.0, u_0=0.0)
+    e = switches({"motor_fade__k": 4.815, "motor_dead_zone__width": 0.164})
+    for throttle, v in itertools.product((0.1, 0.164, 0.2, 0.4, 1.0), (0.0, 0.7, 2.5)):
+        expected = (25.358 - 4.815 * v) * max(throttle - 0.164, 0.0)
+        force = throttle_force(v, Drive(0.0, 1.0, 0.0, throttle, 0.0, 0.0), car, e, Constants())
+        assert force == pytest.approx(expected)
 
 
 def test_falling_grip_is_alike_in_both() -> None:
@@ -211,7 +223,7 @@ def factor(unit: str, scale: dict[str, float]) -> float:
     return out
 
 
-@every_moving
+@pytest.mark.parametrize("name", [n for n in MOVING if n != "motor_fade"])  # of a throttle that is no speed
 def test_units_are_homogeneous(name: str) -> None:
     """In other units of mass, length and time the same car drives the same way."""
     rng = np.random.default_rng(MOVING.index(name))

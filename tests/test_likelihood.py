@@ -17,9 +17,9 @@ from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.likelihood.free_part import bent, residuals, sensitivities, settled, without_pushes
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import (
-    N_START,
     NU,
     Eliminated,
     Scales,
@@ -30,9 +30,20 @@ from bcid.likelihood.marginal import (
     rescaled,
     weights,
 )
-from bcid.likelihood.refit import jacobian, residuals
-from bcid.likelihood.segments import KNOTS, N_FREE, Layout, free_sensitivities, layout, predict, segment_poses
-from bcid.likelihood.take import FORGOTTEN_S, GROUP_S, SEGMENT_S, Take, joined, moving, take_of
+from bcid.likelihood.refit import jacobian, refit
+from bcid.likelihood.segments import Layout, free_sensitivities, layout, predict, segment_poses
+from bcid.likelihood.take import (
+    FORGOTTEN_S,
+    GROUP_S,
+    KNOTS,
+    N_FREE,
+    N_START,
+    SEGMENT_S,
+    Take,
+    joined,
+    moving,
+    take_of,
+)
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
@@ -387,23 +398,36 @@ def agree(columns: np.ndarray, expected: np.ndarray) -> bool:
     return bool(apart.max() < 0.05 and np.median(apart) < 2e-3)
 
 
+def shoved(take: Take, q: tuple[float, float, float] = (0.3, 0.3, 1.0)) -> np.ndarray:
+    """The take's free parts (S, N_FREE) with pushes of the sizes `q` in every knot."""
+    start = take.start.copy()
+    start[:, N_START:] = np.random.default_rng(4).standard_normal((take.segments, 3 * KNOTS)) * np.tile(q, KNOTS)
+    return start
+
+
 @both_hypotheses
 def test_free_sensitivities_are_central_differences(
     part: Take, hypothesis: Hypothesis, values: tuple[float, ...]
 ) -> None:
+    """At rest, and under pushes."""
     setting, of, h = hypothesis.setting(hypothesis.start(CAR, values), part), layout(part), 1e-4
-    A = free_sensitivities(of, part.start, *setting.acting)
-    still = np.zeros((KNOTS, 3))
-    columns = []
-    for step in np.eye(N_START):
-        up, down = (predict(of, part.start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
-        columns.append((up - down) / (2.0 * h))
-    for j in range(3 * KNOTS):
-        push = still.copy()
-        push[j // 3, j % 3] = h * (CAR.m, CAR.m, CAR.I_z)[j % 3]
-        up, down = (pushed(of, part.start, sign * push, setting) for sign in (1.0, -1.0))
-        columns.append((up - down) / (2.0 * h))
-    assert agree(A, np.stack(columns, axis=2))
+    for start in (part.start, shoved(part)):
+        A = free_sensitivities(of, start, *setting.acting)
+        columns = []
+        for step in np.eye(N_FREE):
+            up, down = (predict(of, start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
+            columns.append((up - down) / (2.0 * h))
+        assert agree(A, np.stack(columns, axis=2))
+
+
+def test_pushes_are_wrenches_by_mass_and_inertia(part: Take) -> None:
+    setting, of = BASE.setting(BASE.start(CAR), part), layout(part)
+    push = np.array([[0.1, -0.2, 0.3], [0.0, 0.1, -0.5], [0.2, 0.0, 0.1]])
+    start = part.start.copy()
+    start[:, N_START:] = push.ravel()
+    there = pushed(of, part.start, push * [CAR.m, CAR.m, CAR.I_z], setting)
+    np.testing.assert_allclose(predict(of, start, *setting.acting), there, rtol=0.0, atol=1e-12)
+    assert np.abs(there - predict(of, part.start, *setting.acting)).max() > 0.01
 
 
 def test_a_push_acts_in_its_own_time(part: Take) -> None:
@@ -416,6 +440,74 @@ def test_a_push_acts_in_its_own_time(part: Take) -> None:
         np.testing.assert_array_equal(own[last < 0.5 * knot - GROUP_S], 0.0)
         after = (last > 0.5 * (knot + 1) - GROUP_S) & (last < 0.5 * (knot + 1))
         assert np.hypot(*own[after][:, :2, 0].T).max() == pytest.approx(0.125, rel=0.3)
+
+
+LOUD = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.3, 0.3, 1.0]))
+
+
+def pushed_take(part: Take) -> tuple[Take, np.ndarray]:
+    """A noiseless take made with pushes far from nothing, and the free parts it was made from."""
+    setting, true = BASE.setting(BASE.start(CAR), part), shoved(part)
+    pose = np.asarray(predict(layout(part), true, *setting.acting))
+    return part._replace(pose=pose, pushed=True), true
+
+
+def test_free_parts_settle_where_pushes_far_from_nothing_put_them(part: Take) -> None:
+    """From rest to the pushes that a noiseless take was made with, whatever a tangent at rest says of them."""
+    take, true = pushed_take(part)
+    setting = BASE.setting(BASE.start(CAR), take)
+    off = np.abs(settled(take, setting, take.start, LOUD)[0] - true)[:, N_START:]
+    A = sensitivities(take, setting, take.start)
+    z = eliminate(moments(residuals(take, setting, take.start), A, take.first), LOUD.r, LOUD.precisions()).z
+    assert np.median(off) < 0.02
+    assert np.median(np.abs(z - true)[:, N_START:]) > 2.0 * np.median(off)
+
+
+def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> None:
+    """The mode of the posterior is where the linear algebra puts it; and a tangent at rest would have been far off."""
+    take, _ = pushed_take(part)
+    setting = BASE.setting(BASE.start(CAR), take)
+    start, A = settled(take, setting, take.start, LOUD)
+    r = without_pushes(residuals(take, setting, start), A, start, take.first)
+    e = eliminate(moments(r, A, take.first), LOUD.r, LOUD.precisions())
+    np.testing.assert_allclose(e.z[:, N_START:], start[:, N_START:], atol=0.02)
+    assert bent(take, setting, start, LOUD, A) == pytest.approx(0.0, abs=0.05)
+    assert bent(take, setting, take.start, LOUD, sensitivities(take, setting, take.start)) > 1.0
+
+
+def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:
+    setting = BASE.setting(BASE.start(CAR), part)
+    start, A = settled(part, setting, part.start, LOUD)
+    np.testing.assert_array_equal(start, part.start)
+    np.testing.assert_array_equal(A, sensitivities(part, setting, part.start))
+
+
+def test_a_residual_without_pushes_is_that_at_rest(part: Take) -> None:
+    """About whatever pushes the prediction was made with, where these are small."""
+    setting, small = BASE.setting(BASE.start(CAR), part), shoved(part, (0.003, 0.003, 0.003))
+    at_rest, under = residuals(part, setting, part.start), residuals(part, setting, small)
+    again = without_pushes(under, sensitivities(part, setting, small), small, part.first)
+    assert np.abs(again - at_rest).max() < 0.1 * np.abs(under - at_rest).max()
+
+
+def test_a_prediction_out_of_the_numbers_does_not_settle(part: Take) -> None:
+    start = part.start.copy()
+    start[0, 3] = np.nan
+    with pytest.raises(FloatingPointError, match="finite"):
+        settled(part._replace(pushed=True), BASE.setting(BASE.start(CAR), part), start, LOUD)
+
+
+def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
+    """A car pushed by a third of a g's tenth is found within its errors; a tangent at rest would be far off."""
+    true = shoved(take, (0.3, 0.3, 0.6))
+    setting = BASE.setting(BASE.start(CAR), take)
+    noise = np.random.default_rng(5).standard_normal(take.pose.shape) * LOUD.r
+    pose = np.asarray(predict(layout(take), true, *setting.acting)) + noise
+    found = refit(take._replace(pose=pose, pushed=True), BASE, BASE.start(CAR), take.start, LOUD)
+    apart = [np.log(getattr(found.car(), s) / getattr(CAR, s)) for s in BASE.logs]
+    se = np.sqrt(np.diag(found.covariance))[: len(BASE.logs)]
+    assert (np.abs(np.array(apart) / se) < 4.0).all(), dict(zip(BASE.logs, zip(apart, se, strict=True), strict=True))
+    np.testing.assert_allclose(found.scales.q, [0.3, 0.3, 0.6], rtol=0.3)
 
 
 @both_hypotheses

@@ -11,6 +11,7 @@ from cars import CAR
 from bcid.diagnosis.candidates import refit_with
 from bcid.diagnosis.manoeuvres import (
     ARENA,
+    FASTEST,
     LEAST_S,
     STOP_S,
     Arena,
@@ -34,12 +35,12 @@ from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
 from bcid.effects.constants import Constants
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.recordings import units_at
-from bcid.likelihood.refit import Fit, jacobian, residuals, sensitivities
-from bcid.likelihood.segments import N_FREE
-from bcid.likelihood.take import SEGMENT_S, Take
+from bcid.likelihood.refit import Fit, jacobian
+from bcid.likelihood.take import N_FREE, SEGMENT_S, Take
 from bcid.recording.commands import read_commands
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
@@ -345,6 +346,7 @@ def test_the_nominal_car_is_the_vehicle_file_s() -> None:
     assert (fast.m, fast.front_share, fast.l_f) == (3.5, 0.4, 0.16)
     assert (force.m, force.front_share, force.T_s, force.sets_force) == (1.0, 0.0, 0.1, 1.0)
     assert top_speed(force, largest_throttle(VEHICLES["force"])) > 1.0
+    assert top_speed(force._replace(K_t=30.0, K_v=1e-3, R_1=0.0, R_2=0.0), 1.0) == FASTEST  # nothing holds it back
     assert nominal_car(VEHICLES["fast"], T_s=0.2, d=3.0).T_s == 0.2
 
 

@@ -18,17 +18,19 @@ from bcid.diagnosis.score import projected
 from bcid.diagnosis.screen import changes, screen
 from bcid.diagnosis.search import Search, search
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import CORRECTIONS, RAW_COMMANDS
+from bcid.effects.corrections import CORRECTIONS, FORCE_ONLY, RAW_COMMANDS
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
+from bcid.likelihood import recordings
 from bcid.likelihood import refit as refitting
 from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
-from bcid.likelihood.refit import Fit, _within, held, refit, residuals
-from bcid.likelihood.segments import KNOTS
-from bcid.likelihood.take import SEGMENT_S, Take, take_of
+from bcid.likelihood.recordings import base_from, base_of
+from bcid.likelihood.refit import Fit, _within, held, refit
+from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
 from bcid.proof.cases import Case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
@@ -92,6 +94,23 @@ def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     for found, there in zip((far.car().K_t, far.car().R_1), (near.car().K_t, near.car().R_1), strict=True):
         assert found == pytest.approx(there, rel=0.05)
     assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.05)
+
+
+def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Predictions are made under pushes where these are far from nothing; elsewhere it makes no difference."""
+    null = Case("null", 0, (), duration_s=120.0, seed=4)
+    recording = recorded(null.driven(), null.rate_hz, vehicle)
+    estimates = [estimate_motion(recording, vehicle, TUNING)]
+    hypothesis = base_of(vehicle, CAR, estimates)
+    plain, _, at_rest = base_from([recording], estimates, hypothesis, [])
+    monkeypatch.setattr(recordings, "MOST_BENT", -np.inf)
+    under, _, pushed = base_from([recording], estimates, hypothesis, [])
+    assert (plain.pushed, under.pushed) == (False, True)
+    assert not at_rest.start[:, N_START:].any()
+    assert np.abs(pushed.start[:, N_START:]).max() > 1e-3
+    se = np.sqrt(np.diag(at_rest.covariance))
+    assert (np.abs(pushed.phi - at_rest.phi) < 1.0 * se + 0.01).all()
+    assert pushed.log_likelihood == pytest.approx(at_rest.log_likelihood, abs=10.0)
 
 
 def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:
@@ -442,7 +461,7 @@ def test_a_base_model_s_own_flaws_are_no_effects(maker: Maker) -> None:
     """Two rear wheels, falling grip and another slip speed are taken up by the corrections, and nothing is named."""
     _, found = maker.found(ROUGH._replace(rear_track=0.6, tyre_fall=0.3, slip_speed=0.85), 7)
     assert named(found.best) == ()
-    assert set(found.best.hypothesis.effects) == set(CORRECTIONS) - set(RAW_COMMANDS)
+    assert set(found.best.hypothesis.effects) == set(CORRECTIONS) - {*RAW_COMMANDS, FORCE_ONLY}
     assert found.best.bic > found.base.bic + 100.0
     values = found.best.values()
     for field, truth in (("two_rear_wheels__t", 0.6), ("slip_speed__d", -0.15)):

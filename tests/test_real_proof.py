@@ -19,6 +19,7 @@ from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.measurement import seen_pose
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.proof.edits import EDITS
 from bcid.proof.real import outcome, run_real
@@ -26,7 +27,7 @@ from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
 from bcid.simulation.samples import Take as Order
-from bcid.vehicle import Vehicle
+from bcid.vehicle import Vehicle, read_vehicle
 
 OF_THE_CAR = {s: getattr(CAR, s) for s in (
     "F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2",
@@ -104,6 +105,14 @@ def test_what_makes_no_difference_does_not_count() -> None:
 def test_blocks_are_short_in_a_short_take_and_never_long() -> None:
     lengths = [block_s(SimpleNamespace(T=T)) for T in (60.0, 120.0, 600.0, 3600.0)]  # type: ignore[arg-type]
     assert lengths == [5.0, 10.0, LONGEST_BLOCK_S, LONGEST_BLOCK_S]
+
+
+def test_a_published_motor_may_fade(estimates: list[Estimate]) -> None:
+    """A simulation file may have what no vocabulary names: here, of a throttle that sets a force."""
+    vehicle = read_vehicle(Path("pipelines/dart/vehicle.toml"))
+    given = of_parameters(Path("pipelines/dart/simulation.toml"), estimates, vehicle)
+    assert given.effects["motor_fade__k"] == 4.815
+    assert given.car.K_t == 25.358
 
 
 def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:

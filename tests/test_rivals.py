@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.diagnosis import heldout, rivals, search
+from bcid.diagnosis import heldout, rivals, search, verdict
+from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
+from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.rivals import distinct, settled
 
 TAKE: Any = None
@@ -70,3 +72,35 @@ def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytes
     found = heldout.scores(stays, take)  # type: ignore[arg-type]
     assert sorted(found) == [-2.0, -2.0, -1.0, -1.0]
     assert found[0] == -2.0
+
+
+def shoved(*sizes: float) -> Disturbances:
+    """Pushes of these sizes along, across and about the car, as large as they may be expected."""
+    push = np.random.default_rng(2).standard_normal((200, 3)) * sizes
+    none = np.zeros(200)
+    return Disturbances(none, none.astype(int), push, push / sizes, dict.fromkeys(STATES, none), np.ones((200, 3)))
+
+
+def test_what_acts_along_a_car_relieves_it_there() -> None:
+    plain = shoved(1.0, 1.0, 1.0)
+    assert relieved(shoved(3.0, 1.0, 1.0), plain) == pytest.approx({"along": 1.0, "across": 0.0})
+    assert relieved(shoved(1.0, 2.0, 3.0), plain) == pytest.approx({"along": 0.0, "across": 1.0})
+    both = relieved(shoved(2.0, 2.0, 1.0), plain)
+    assert both["along"] == pytest.approx(0.5, abs=0.1)
+    assert relieved(plain, plain) == {"along": 0.0, "across": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("standing", "mixed"),
+    [({"fx": 0.1, "fy": 0.8, "mz": 0.5}, ("yaw_scrub",)), ({"fx": 0.8, "fy": 0.1, "mz": 0.1}, ("motor_lag",)),
+     ({"fx": 0.8, "fy": 0.8, "mz": 0.1}, ("motor_lag", "yaw_scrub"))],
+)  # fmt: skip
+def test_only_what_pushes_where_something_is_left_stands_in_for_it(
+    standing: dict[str, float], mixed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = {"best": shoved(1.0, 1.0, 1.0), "no lag": shoved(3.0, 1.0, 1.0), "no scrub": shoved(1.0, 1.1, 3.0)}
+    monkeypatch.setattr(verdict, "disturbances", lambda fit, take: seen[fit])
+    monkeypatch.setattr(verdict, "named", lambda fit: ("motor_lag", "yaw_scrub"))
+    found: Any = SimpleNamespace(best="best", without={"motor_lag": "no lag", "yaw_scrub": "no scrub"})
+    left = Remainder("fy", max(standing.values()), standing, (), 50.0, None)
+    assert verdict._mixed(found, None, left) == mixed  # type: ignore[arg-type]

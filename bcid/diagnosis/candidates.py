@@ -61,13 +61,19 @@ def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> lis
     """Joint refits of every effect that has no place, at its size beside the parameters of a simulation to be trusted.
 
     What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
-    the best on the whole.
+    the best on the whole; under pushes, those that a score test beside the simulation's own parameters promises.
     """
     chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
     part, found, hypothesis = take.part(chosen), list[Fit](), corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
     simulated = np.r_[hypothesis.simulated.phi, corrected.phi[known:]]
+    if take.pushed:
+        try:
+            given = held(take, hypothesis, simulated, corrected.scales)
+        except FloatingPointError:
+            return []
+        return beside_given(given, corrected, take, left_out)
     values = list(hypothesis.values(simulated).values())
     for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
         own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
@@ -132,7 +138,14 @@ def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[f
     less = fit.hypothesis.holding(*effects)
     old = fit.hypothesis.values(fit.phi)
     known = [old[f] for f, _ in less.parameters if f in old]
-    try:
-        return refit(take, less, less.start(fit.car(), [*known, *added]), fit.start, fit.scales)
-    except FloatingPointError:  # what was taken away had kept the car within the finite numbers
-        return refit(take, less, less.start(less.nominal, [*known, *added]), take.start, fit.scales)
+    starts = [(fit.car(), fit.start)]
+    if take.pushed:  # what was taken away leaves pushes that hold the car where it was
+        starts.append((less.nominal, take.start))
+    fits = []
+    for car, start in starts:
+        with suppress(FloatingPointError):
+            fits.append(refit(take, less, less.start(car, [*known, *added]), start, fit.scales))
+    if fits:
+        return max(fits, key=lambda f: f.bic)
+    # what was taken away had kept the car within the finite numbers
+    return refit(take, less, less.start(less.nominal, [*known, *added]), take.start, fit.scales)

@@ -11,14 +11,16 @@ from bcid.compiled import njit_parallel
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
-from bcid.likelihood.marginal import N_START, moments, rescaled
-from bcid.likelihood.refit import Fit, residuals
-from bcid.likelihood.segments import KNOTS, Layout, layout, since
-from bcid.likelihood.take import Floats, Ints, Take
+from bcid.likelihood.free_part import residuals, without_pushes
+from bcid.likelihood.marginal import moments, rescaled
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.segments import Layout, layout, pushes_of, since
+from bcid.likelihood.take import KNOTS, N_START, Floats, Ints, Take
 from bcid.physics.car import Car
 
 STATES = ("p_x", "p_y", "theta", "v_x", "v_y", "omega", "delta", "delta_rate", "u_m", "alpha_f", "alpha_r", "F_m")
 CHANNELS = ("fx", "fy", "mz")
+CLIP_SD = 12.0  # beyond which one knot counts no more
 
 
 class Disturbances(NamedTuple):
@@ -38,10 +40,9 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
     S = len(of.step)
     out = np.zeros((S, KNOTS, 12))
     per_knot = of.steps // KNOTS
-    still = np.zeros(3)
     for s in numba.prange(S):
         b = Body(start[s, 0], start[s, 1], start[s, 2], start[s, 3], start[s, 4], start[s, 5])
-        own, T = since(chain, of.zero[s]), of.length[s]
+        own, T, pushes = since(chain, of.zero[s]), of.length[s], pushes_of(start[s], p)
         lagged = settled(b, of.step[s], own, T, p, e[0], c)
         for i in range(per_knot * KNOTS):
             k = of.step[s] + i
@@ -56,14 +57,27 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
             )  # fmt: skip
             for j in range(12):
                 out[s, i // per_knot, j] += row[j] / per_knot
-            b, lagged = body_step(b, lagged, k, own, T, still, p, e[0], c)
+            b, lagged = body_step(b, lagged, k, own, T, pushes[i // per_knot], p, e[0], c)
     return out
+
+
+def relieved(less: Disturbances, more: Disturbances) -> dict[str, float]:
+    """Where an explanation `more` needs less pushing than `less` does, along the car and across or about it: shares.
+
+    Squares in the scales that `more` leaves; a steered wheel pushes across and about a car at once.
+    """
+    scale = np.maximum(1.4826 * np.median(np.abs(more.push), axis=0), 1e-12)
+    before, after = (np.minimum(np.abs(d.push) / scale, CLIP_SD) ** 2 for d in (less, more))
+    saved = np.maximum((before - after).sum(axis=0), 0.0)
+    whole = max(float(saved.sum()), 1e-12)
+    return {"along": float(saved[0]) / whole, "across": float(saved[1:].sum()) / whole}
 
 
 def disturbances(fit: Fit, take: Take) -> Disturbances:
     """The pushes that explain a fit's residuals best."""
     setting = fit.hypothesis.setting(fit.phi, take)
     r = residuals(take, setting, fit.start)
+    r = without_pushes(r, fit.tangent.A, fit.start, take.first)
     _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
     means = _knot_means(layout(take), fit.start, *setting.acting)
     push = e.z[:, N_START:].reshape(-1, 3)

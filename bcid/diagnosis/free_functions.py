@@ -18,8 +18,8 @@ from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
 from bcid.effects.tyres import side_force
-from bcid.likelihood.segments import PUSH, Layout, segment_poses, since
-from bcid.likelihood.take import Floats
+from bcid.likelihood.segments import PUSH, Layout, pushes_of, segment_poses, since
+from bcid.likelihood.take import KNOTS, Floats
 from bcid.physics.car import Car
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.tyres import lateral_force, slip_angle
@@ -170,7 +170,8 @@ def _segment_wrenches(
     start: Floats, step: int, steps: int, chain: Chain, T: float, p: Car, e: Any, c: Constants, circle: Circle, n: int
 ) -> Floats:
     """The functions' wrenches in every step (steps, 3, n), the means of those at its ends."""
-    out, at, still = np.zeros((steps, 3, n)), np.zeros((2, 3, n)), np.zeros(3)
+    out, at = np.zeros((steps, 3, n)), np.zeros((2, 3, n))
+    pushes, each = pushes_of(start, p), steps // KNOTS
     b = Body(start[0], start[1], start[2], start[3], start[4], start[5])
     lagged, F_m, F_af, h = settled(b, step, chain, T, p, e, c), 0.0, 0.0, chain.h
     for i in range(steps + 1):
@@ -196,7 +197,7 @@ def _segment_wrenches(
         if i > 0:
             out[i - 1] = 0.5 * (at[0] + at[1])
         if i < steps:
-            b, lagged = body_step(b, lagged, k, chain, T, still, p, e, c)
+            b, lagged = body_step(b, lagged, k, chain, T, pushes[i // each], p, e, c)
     return out
 
 
@@ -208,8 +209,11 @@ def pushed_by(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Consta
         a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
         stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
         own, T = since(chain, of.zero[s]), of.length[s]
-        still, push = np.zeros((g - f, 3)), np.zeros((of.steps, 3))
-        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, own, T, p, e[0], c)
+        still, pushes = np.zeros((g - f, 3)), np.empty((of.steps, 3))
+        knots = pushes_of(start[s], p)
+        for i in range(of.steps):
+            pushes[i] = knots[i // (of.steps // KNOTS)]
+        segment_poses(still, stamps, row, share, start[s], pushes, of.step[s], of.steps, own, T, p, e[0], c)
         wrenches = _segment_wrenches(start[s], of.step[s], of.steps, own, T, p, e[0], c, circle, n)
         for j in range(n):
             push = wrenches[:, :, j].copy()
@@ -217,6 +221,8 @@ def pushed_by(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Consta
             if strongest == 0.0:
                 continue
             moved, small = np.zeros((g - f, 3)), PUSH / strongest
-            segment_poses(moved, stamps, row, share, start[s], small * push, of.step[s], of.steps, own, T, p, e[0], c)
+            segment_poses(
+                moved, stamps, row, share, start[s], pushes + small * push, of.step[s], of.steps, own, T, p, e[0], c
+            )
             out[f:g, :, j] = (moved - still) / small
     return out

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bcid.likelihood.free_part import residuals, without_pushes
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, rescaled
-from bcid.likelihood.refit import Fit, Tangent, refit, residuals
+from bcid.likelihood.refit import Fit, Tangent, refit
 from bcid.likelihood.take import Floats, Ints, Take
 
 LONGEST_BLOCK_S = 20.0
@@ -63,7 +64,8 @@ def _on(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floa
     part = take.part(chosen)
     rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
     r = residuals(part, fit.hypothesis.setting(phi, part), fit.start[chosen])
-    _, e = rescaled(moments(r, np.ascontiguousarray(fit.tangent.A[rows]), part.first), scales, 0)
+    A = np.ascontiguousarray(fit.tangent.A[rows])
+    _, e = rescaled(moments(without_pushes(r, A, fit.start[chosen], part.first), A, part.first), scales, 0)
     return log_likelihood(e)
 
 

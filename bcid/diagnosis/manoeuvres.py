@@ -59,6 +59,7 @@ class Arena(NamedTuple):
 
 
 ARENA = Arena()
+FASTEST = 100.0  # m/s: no car of an arena is faster
 
 
 @dataclass(frozen=True)
@@ -90,13 +91,17 @@ class Commanded(Protocol):
 
 
 def top_speed(car: Car, top: float) -> float:
-    """The speed (m/s) that the throttle `top` reaches straight on."""
+    """The speed (m/s) that the throttle `top` reaches straight on; FASTEST at most."""
     from scipy.optimize import brentq
 
     def excess(v: float) -> float:
         return float(motor_force(top, v, car) - max(drag(v, car.R_1, car.R_2), 1e-2 * car.m * v))
 
-    return float(brentq(excess, 0.0, 100.0, xtol=1e-3)) if excess(0.0) > 0.0 else 0.0
+    if excess(0.0) <= 0.0:
+        return 0.0
+    if excess(FASTEST) > 0.0:  # a motor that hardly gives way, where nothing else brakes
+        return FASTEST
+    return float(brentq(excess, 0.0, FASTEST, xtol=1e-3))
 
 
 def usual_throttle(car: Car, units: Units = BUMPER_CAR) -> float:

@@ -7,8 +7,9 @@ import itertools
 import numpy as np
 from scipy.optimize import Bounds, direct
 
+from bcid.likelihood.free_part import residuals, without_pushes
 from bcid.likelihood.marginal import eliminate, log_likelihood, moments
-from bcid.likelihood.refit import Fit, refit, residuals
+from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Floats, Take
 
 WIDEST, FINEST = 0.6, 0.02  # of the radius (of a tenth of the take, for a time)
@@ -100,5 +101,5 @@ def _likelihood(fit: Fit, take: Take, phi: Floats) -> float:
     r = residuals(take, fit.hypothesis.setting(phi, take), fit.start)
     if not np.isfinite(r).all():
         return -np.inf
-    of = moments(r, fit.tangent.A, take.first)
+    of = moments(without_pushes(r, fit.tangent.A, fit.start, take.first), fit.tangent.A, take.first)
     return float(log_likelihood(eliminate(of, fit.scales.r, fit.scales.precisions())).sum())

@@ -23,10 +23,11 @@ from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import driven, information
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect, Parameter
+from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.recordings import units_at
-from bcid.likelihood.refit import Fit, Tangent, jacobian, residuals, sensitivities
+from bcid.likelihood.refit import Fit, Tangent, jacobian
 from bcid.likelihood.take import SEGMENT_S, Floats, Take, in_one, joined
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bcid.diagnosis.disturbance import CHANNELS, Disturbances
+from bcid.diagnosis.disturbance import CHANNELS, CLIP_SD, Disturbances
 from bcid.likelihood.take import Floats, Ints
 from bcid.physics.car import Car
 
@@ -22,7 +22,6 @@ PREDICTABLE = 0.25  # correlation above which something is predictable; ten-minu
 BY_CHANCE = 4.0  # and short ones so many standard errors of none
 LEADING = 0.15  # share of the importance above which a variable is named
 SIMPLE = 0.8  # share of what the trees predict that a short sum must reach to be given as a form
-CLIP_SD = 12.0
 
 
 @dataclass(frozen=True)

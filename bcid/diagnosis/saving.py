@@ -16,7 +16,7 @@ from bcid.diagnosis.verdict import Finding, alike
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES
-from bcid.likelihood.hypothesis import DRAG, DRAG_UNIT
+from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.take import Floats
 from bcid.models.augmented import FORCE_UNITS, UNITS
 
@@ -169,7 +169,7 @@ def _base(found: Diagnosis) -> list[dict[str, Any]]:
     car, hypothesis = fit.car(), fit.hypothesis
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     units = FORCE_UNITS if car.sets_force else UNITS
-    scales = [*(getattr(car, s) for s in hypothesis.logs), *(DRAG_UNIT * car.m for _ in DRAG)]
+    scales = [*(getattr(car, s) for s in hypothesis.logs), *hypothesis.drag_units]
     return [
         {
             "symbol": s, "value": getattr(car, s), "se": float(abs(scale) * e), "unit": units[s],

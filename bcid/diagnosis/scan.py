@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.disturbance import Disturbances
-from bcid.likelihood.segments import KNOTS
-from bcid.likelihood.take import Floats
+from bcid.likelihood.take import KNOTS, Floats
 
 RADII_M = (0.5, 0.8, 1.2, 1.7)
 SPACING = 0.5  # of the circles' centres, in radii

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bcid.likelihood.free_part import residuals, without_pushes
 from bcid.likelihood.marginal import NU, moments, rescaled, weights
-from bcid.likelihood.refit import Fit, jacobian, residuals
-from bcid.likelihood.segments import N_FREE
-from bcid.likelihood.take import Floats, Ints, Take
+from bcid.likelihood.refit import Fit, jacobian
+from bcid.likelihood.take import N_FREE, Floats, Ints, Take
 
 LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
 UNSEEN = 1e-9  # information below which a take does not excite a trial at all
@@ -52,6 +52,7 @@ def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
     hypothesis, r = fit.hypothesis, residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
     own = jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.size))
     held = fit.tangent.J.shape[2] + own.shape[2]
+    r = without_pushes(r, fit.tangent.A, fit.start, take.first)
     _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
     w, noise = weights(e), fit.scales.r[:, None]
     X = np.concatenate([fit.tangent.J, own, columns], axis=2) / noise

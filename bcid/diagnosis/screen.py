@@ -16,7 +16,8 @@ from bcid.diagnosis.scan import circles
 from bcid.diagnosis.score import best_amplitude, level, null_maxima, projected, promise
 from bcid.diagnosis.trials import MOMENTS, Trial, changed_in, concerned, trials_of
 from bcid.effects.table import ENTRIES
-from bcid.likelihood.refit import Fit, residuals
+from bcid.likelihood.free_part import residuals
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.segments import wrapped
 from bcid.likelihood.take import Floats, Take
 

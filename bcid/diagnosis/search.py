@@ -29,7 +29,7 @@ from bcid.effects.corrections import CORRECTIONS
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
-MOST_EFFECTS = 4
+MOST_EFFECTS, MOST_PUSHED = 4, 6  # of a take whose base model is far off, more may be missing
 SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain
 RELEVANT = 0.01  # share of all that is explained so far that a further effect must add
 HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
@@ -78,7 +78,7 @@ def search(
     trials = changes(best, take).without(left_out)
     chance = nulls(best, take, trials)
     p_value = chance.p_value
-    while len(named(best)) < MOST_EFFECTS:
+    while len(named(best)) < (MOST_PUSHED if take.pushed else MOST_EFFECTS):
         candidates = screen(best, take, trials.without(best.hypothesis.effects))
         worth = max(WORTH, HOPELESS * candidates[0].score)
         shortlist = [c for c in candidates[:SHORTLIST] if c.score > worth]

@@ -11,9 +11,10 @@ from bcid.diagnosis.manoeuvres import ARENA, Arena, Drive, catalogue, inside, us
 from bcid.diagnosis.search import GATE
 from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
 from bcid.effects.table import ENTRIES
+from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, eliminate, moments, products
-from bcid.likelihood.refit import Fit, jacobian, residuals, sensitivities
+from bcid.likelihood.refit import Fit, jacobian
 from bcid.likelihood.segments import wrapped
 from bcid.likelihood.take import Floats, Take
 

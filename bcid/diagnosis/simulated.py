@@ -17,8 +17,7 @@ from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
 from bcid.likelihood.hypothesis import Setting
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.segments import KNOT_S, KNOTS
-from bcid.likelihood.take import GROUP_S, SEGMENT_S, Floats, Take
+from bcid.likelihood.take import GROUP_S, KNOT_S, KNOTS, N_FREE, SEGMENT_S, Floats, Take, unpushed
 from bcid.physics.car import LONGEST_STEP_S, Car
 
 # Commands are copied into every take: chains are remembered by the array they came from, whatever a take's length.
@@ -61,7 +60,7 @@ def undriven(command_s: Floats, command: Floats, T: float, h: float = LONGEST_ST
     none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
     return Take(
         command_s, command.copy(), nothing, none, nothing, np.zeros(1, dtype=np.int64), np.empty((0, 3)),
-        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / h), T, np.empty((0, 6)), nothing, nothing,
+        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / h), T, np.empty((0, N_FREE)), nothing, nothing,
         np.zeros(len(command_s)),
     )  # fmt: skip
 
@@ -112,6 +111,6 @@ def simulated_take(
         command_s, command.copy(), stamp, row.astype(np.int64), share,
         np.searchsorted(group[row] // per_segment, edges).astype(np.int64),
         np.column_stack([np.bincount(row, share * seen[:, c]) for c in range(3)]),
-        np.searchsorted(group // per_segment, edges).astype(np.int64), step, steps, T, true[step],
+        np.searchsorted(group // per_segment, edges).astype(np.int64), step, steps, T, unpushed(true[step]),
         np.zeros(S), np.full(S, T), np.zeros(len(command_s)),
     )  # fmt: skip

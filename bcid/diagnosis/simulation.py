@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from bcid.diagnosis.diagnose import Compared, diagnosed
-from bcid.effects.table import EFFECTS
+from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate
@@ -83,7 +83,7 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
     if told:
         raise InputRefused(path, "parameters", " and ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
     for name, values in file.effects.items():
-        if name not in EFFECTS or set(values) != {p.symbol for p in EFFECTS[name].parameters}:
+        if name not in ENTRIES or set(values) != {p.symbol for p in ENTRIES[name].parameters}:
             raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
     facts = estimates[0].facts
     car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)._replace(**file.parameters)

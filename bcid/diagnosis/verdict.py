@@ -9,7 +9,7 @@ import numpy as np
 
 from bcid.diagnosis.candidates import RIVAL, refit_with
 from bcid.diagnosis.channels import entered, explained_by
-from bcid.diagnosis.disturbance import disturbances
+from bcid.diagnosis.disturbance import disturbances, relieved
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.rivals import named
@@ -29,6 +29,10 @@ LEFT_OVER = 0.4  # of what an effect's own channel would explain without it, whi
 BEYOND = 3.0  # times what free functions promise, which an effect gains where they are no measure of it
 OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
 STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
+WAYS = {"fx": ("along",), "motor": ("along",), "fy": ("across",), "mz": ("across",), "steering": ("across",)}
+"""Where a channel's pushes go; those of the others, anywhere."""
+
+ELSEWHERE = 0.25  # share of what an effect relieves the pushes of, up to which it does so elsewhere
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
 SURPRISE = 5.0  # nats of prior against something that no entry describes: about one case in 150
@@ -103,7 +107,7 @@ def judged(
         failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, over))
     explained = sum(f.gain for f in findings if f.effect not in failed)
     if findings and left.predictable and left.correlation > STANDING_OUT and left.gain > ENOUGH * explained:
-        failed = named(best)  # a mixture of what is in the vocabulary stands in for something that is not
+        failed = failed or _mixed(found, take, left)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
         return judged(found.reduced(rest, take), take, place, None, (*dropped, *failed))
@@ -133,7 +137,29 @@ def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None
     own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are,
     if finding.gain > BEYOND * own:  # the fit had to go so far that the first order says little
         own = finding.gain
-    return any(nats > LEFT_OVER * own and without[c] - nats > OVERLAP * own for c, nats in over.items())
+    shares = _relief(finding.effect, found, take)
+    return any(
+        nats > LEFT_OVER * own and without[c] - nats > OVERLAP * own and _pushes(shares, c) for c, nats in over.items()
+    )
+
+
+def _relief(name: str, found: Search, take: Take) -> dict[str, float]:
+    """Which pushes the effect makes unnecessary, along the car and across it: shares."""
+    return relieved(disturbances(found.without[name], take), disturbances(found.best, take))
+
+
+def _pushes(shares: dict[str, float], channel: str) -> bool:
+    """Whether what relieves pushes by these shares pushes where the channel does.
+
+    What acts along a car is no stand-in for what is left across it.
+    """
+    return sum(shares[way] for way in WAYS.get(channel, tuple(shares))) > ELSEWHERE
+
+
+def _mixed(found: Search, take: Take, left: Remainder) -> tuple[str, ...]:
+    """Effects that stand in, together, for something that is not in the vocabulary and still stands out."""
+    out = [c for c, r in left.correlations.items() if r > STANDING_OUT]
+    return tuple(n for n in named(found.best) if any(_pushes(_relief(n, found, take), c) for c in out))
 
 
 def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:

@@ -81,7 +81,7 @@ class _Front(NamedTuple):
 def _held_force(u_m: float, v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> float:
     """F_m (N) at one wheel under one throttle, with the motor's effects."""
     u_m = motor.dead_zone(u_m, e.motor_dead_zone__width)
-    F = motor_force(u_m, v_w, p)
+    F = corrections.faded(motor_force(u_m, v_w, p), u_m, v_w, p.u_0, e.motor_fade__k)
     if u_m >= 0.0:
         F = motor.power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
         F = motor.sag(F, drive.t, drive.T, e.motor_sag__s)

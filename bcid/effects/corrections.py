@@ -31,8 +31,17 @@ def scaled_steering(delta: float, g: float) -> float:
     return (1.0 + g) * delta
 
 
+@njit
+def faded(F: float, u_m: float, v_w: float, u_0: float, k: float) -> float:
+    """F - k (u_m - u_0) v_w above u_0: a bridge that is on for a share of the time lets the motor brake as long."""
+    return F if k == 0.0 or u_m <= u_0 else F - k * (u_m - u_0) * v_w
+
+
 RAW_COMMANDS = ("steering_scale",)
 """Corrections of a vehicle whose commands come in units of their own, by gains that are known roughly."""
+
+FORCE_ONLY = "motor_fade"
+"""The correction of a motor whose throttle sets a force."""
 
 CORRECTIONS: dict[str, Effect] = {
     e.id: e
@@ -60,6 +69,12 @@ CORRECTIONS: dict[str, Effect] = {
             (Parameter("g", "1", -0.5, 1.0, 0.05, "relative error of the gain in the vehicle file"),),
             "steering", depends_on=("steering",),
             source="the vehicle file's gain from raw units to rad, refitted",
+        ),
+        Effect(
+            FORCE_ONLY, "throttle force − k·(u − u_0)·v_w, where a throttle sets force",
+            (Parameter("k", "kg s^-1", 0.0, 5000.0, 100.0, "how far a full throttle's force falls with speed"),),
+            "motor", depends_on=("throttle", "v_x"),
+            source="mean current of a pulsed bridge: on-time (V − k_e ω)/R; Mohan, Undeland, Robbins (2003), ch. 13",
         ),
     )
 }  # fmt: skip

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.corrections import FORCE_ONLY, RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, Units, resized
 from bcid.effects.motion import Chain, steering_chain
 from bcid.effects.table import ENTRIES, switches
@@ -27,11 +27,11 @@ So is the throttle u_0 from which a force begins: what it lacks is `motor_dead_z
 """
 
 DRAG = ("R_1", "R_2")
-"""Refitted too, in units of DRAG_UNIT times the mass, since they may have either sign."""
+"""Refitted too, in units of their own (`Hypothesis.drag_units`), since they may have either sign."""
 
 INERTIA, STIFFNESS = 5.0, 100.0  # times two masses over the axles, and N/rad per kg: either way, no car is beyond
 FORCE_DEAD_ZONE = 0.1  # of the throttle
-DRAG_UNIT = 0.1
+DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
 
 
@@ -96,6 +96,8 @@ class Hypothesis:
             width = zone.parameters[0]._replace(unit="1", high=1.0, size=FORCE_DEAD_ZONE)
             known["motor_dead_zone"] = replace(zone, parameters=(width,))
             del known["motor_regeneration"]
+        else:
+            del known[FORCE_ONLY]
         if not self.raw_commands:
             for name in RAW_COMMANDS:
                 del known[name]
@@ -110,6 +112,11 @@ class Hypothesis:
     def logs(self) -> tuple[str, ...]:
         """The base parameters that phi holds as logarithms."""
         return (*(FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW), *TYRES, *self.unknown_steering)
+
+    @property
+    def drag_units(self) -> Floats:
+        """What one unit of DRAG in phi is (N s/m, N s^2/m^2), as it suits the vehicle."""
+        return DRAG_UNIT * self.nominal.m / np.array([self.units.s, self.units.m])
 
     @property
     def base_size(self) -> int:
@@ -142,7 +149,7 @@ class Hypothesis:
         """Phi of `car` with the effects' parameters at `values` (off unless given)."""
         given = list(values) or [p.off for _, p in self.parameters]
         logs = [np.log(getattr(car, s)) for s in self.logs]
-        drags = [getattr(car, s) / (DRAG_UNIT * car.m) for s in DRAG]
+        drags = np.array([getattr(car, s) for s in DRAG]) / self.drag_units
         return np.array([*logs, *drags, *(np.array(given) / self.sizes())])
 
     def prior(self, start: Floats) -> tuple[Floats, Floats]:
@@ -197,7 +204,7 @@ class Hypothesis:
     def car(self, phi: Floats) -> Car:
         """The base parameters."""
         logs = dict(zip(self.logs, np.exp(phi[: len(self.logs)]).tolist(), strict=True))
-        drags = phi[len(self.logs) : self.base_size] * DRAG_UNIT * self.nominal.m
+        drags = phi[len(self.logs) : self.base_size] * self.drag_units
         return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
 
     def setting(self, phi: Floats, take: Take) -> Setting:

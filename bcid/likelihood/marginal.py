@@ -19,14 +19,12 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit_parallel
-from bcid.likelihood.segments import KNOTS, N_FREE
-from bcid.likelihood.take import Floats, Ints
+from bcid.likelihood.take import KNOTS, N_FREE, N_START, Floats, Ints
 
 NU = 8.0
 SMALLEST = 1e-10  # of a variance: what is left of the difference of large numbers may be less than nothing
 SETTLED = 1e-3  # relative change of the scales at which EM ends
 ROUNDING = 0.1  # of nu, by which a sum of squares may be less than nothing
-N_START = 6  # of the free part: the initial state
 
 
 class Scales(NamedTuple):

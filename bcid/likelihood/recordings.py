@@ -13,6 +13,7 @@ from bcid.effects.entry import Units
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.base_fit import base_fit
+from bcid.likelihood.free_part import bent
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit
@@ -31,6 +32,7 @@ class _Yardstick(NamedTuple):
 
 BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
 FEWEST_SEGMENTS = 20
+MOST_BENT = 1.0  # nats per segment by which predictions may miss their tangent, before they are made under pushes
 FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
 
 
@@ -105,6 +107,10 @@ def base_from(
         take, hits = prepared(recordings, estimates, base.car())
         known = list(base.hypothesis.values(base.phi).values())
         base = base_fit(take, replace(hypothesis, nominal=base.car()), first_scales(take), known)
+    if bent(take, base.hypothesis.setting(base.phi, take), base.start, base.scales, base.tangent.A) > MOST_BENT:
+        take = take._replace(pushed=True)
+        known = list(base.hypothesis.values(base.phi).values())
+        base = base_fit(take, replace(hypothesis, nominal=base.car()), base.scales, known)
     return take, hits, base
 
 

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.likelihood.hypothesis import Hypothesis, Setting
+from bcid.likelihood.free_part import moved, residuals, settled, without_pushes
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
-from bcid.likelihood.segments import free_sensitivities, layout, predict, wrapped
+from bcid.likelihood.segments import wrapped
 from bcid.likelihood.take import Floats, Take
 from bcid.physics.car import Car
 
@@ -32,7 +33,7 @@ HELD_STEPS = 3  # after which initial states have settled
 class Tangent(NamedTuple):
     """How predictions answer near a fit."""
 
-    A: Floats  # (N, 3, N_FREE) to initial states and pushes
+    A: Floats  # (N, 3, N_FREE) to free parts
     J: Floats  # (N, 3, base_size) to the base parameters
 
 
@@ -42,7 +43,7 @@ class Fit:
 
     hypothesis: Hypothesis
     phi: Floats
-    start: Floats  # (S, 6) initial states
+    start: Floats  # (S, N_FREE) initial states, and pushes under which predictions are made
     scales: Scales
     log_likelihood: float  # sum over segments, without the prior
     per_segment: Floats  # (S,)
@@ -68,16 +69,6 @@ class Fit:
         first = self.hypothesis.base_size
         se = np.sqrt(np.maximum(np.diag(self.covariance)[first:], 0.0)) * self.hypothesis.sizes()
         return {f: (v, float(s)) for (f, v), s in zip(self.hypothesis.values(self.phi).items(), se, strict=True)}
-
-
-def residuals(take: Take, setting: Setting, start: Floats) -> Floats:
-    """Measured less predicted poses (N, 3)."""
-    return wrapped(take.pose - np.asarray(predict(layout(take), start, *setting.acting)))
-
-
-def sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
-    """D pose / d [initial state, pushes] (N, 3, N_FREE)."""
-    return np.asarray(free_sensitivities(layout(take), start, *setting.acting))
 
 
 def jacobian(
@@ -132,9 +123,11 @@ def refit(
     """
     phi = np.clip(phi, *hypothesis.bounds())
     prior = _Prior(*hypothesis.prior(phi))
-    r = residuals(take, hypothesis.setting(phi, take), start)
-    tangent = known or _tangent(take, hypothesis, phi, start, r)
-    now = _found(take, prior, phi, start, scales, r, tangent.A)
+    if known is None:
+        tangent, now = _settled(take, hypothesis, prior, phi, start, scales)
+    else:
+        tangent, r = known, residuals(take, hypothesis.setting(phi, take), start)
+        now = _found(take, prior, phi, start, scales, r, tangent.A)
     best = tangent, now
     for _ in range(tangents if known is None else 1):
         anchor = now
@@ -173,7 +166,8 @@ def _slope(take: Take, hypothesis: Hypothesis, prior: _Prior, tangent: Tangent, 
     """Slope (n,) and curvature (n, n) of the objective at `now`; effects' own columns are found there."""
     own = jacobian(take, hypothesis, now.phi, now.start, now.r, range(hypothesis.base_size, hypothesis.size))
     J = np.concatenate([tangent.J, own], axis=2)
-    g, G = products(now.r, tangent.A, J, take.first, now.scales.r, now.e.V)
+    r = without_pushes(now.r, tangent.A, now.start, take.first)
+    g, G = products(r, tangent.A, J, take.first, now.scales.r, now.e.V)
     w = weights(now.e)
     return (
         w @ g - prior.stiffness * (now.phi - prior.centre),
@@ -193,11 +187,9 @@ def _anew(
     for share in SHORTER:
         phi = anchor.phi + share * (ahead.phi - anchor.phi)
         start = anchor.start + share * (ahead.start - anchor.start)
-        r = residuals(take, hypothesis.setting(phi, take), start)
+        scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
         try:
-            tangent = _tangent(take, hypothesis, phi, start, r)
-            scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
-            there = _found(take, prior, phi, start, scales, r, tangent.A)
+            tangent, there = _settled(take, hypothesis, prior, phi, start, scales)
         except FloatingPointError:
             continue
         if rough or there.objective > anchor.objective:
@@ -214,28 +206,31 @@ def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit
     start = take.start
     setting, free = hypothesis.setting(phi, take), _Prior(phi, np.zeros_like(phi))
     for _ in range(HELD_STEPS):
-        r = residuals(take, setting, start)
-        A = sensitivities(take, setting, start)
-        now = _found(take, free, phi, start, scales, r, A, LAST_EM_STEPS)
-        start, scales = start + now.e.z[:, :6], now.scales
-    r = residuals(take, setting, start)
-    tangent = _tangent(take, hypothesis, phi, start, r)
-    now = _found(take, free, phi, start, scales, r, tangent.A, LAST_EM_STEPS)
+        start, A = settled(take, setting, start, scales)
+        now = _found(take, free, phi, start, scales, residuals(take, setting, start), A, LAST_EM_STEPS)
+        start, scales = moved(take, start, now.e.z), now.scales
+    tangent, now = _settled(take, hypothesis, free, phi, start, scales, LAST_EM_STEPS)
     each = log_likelihood(now.e)
     size = hypothesis.size
-    return Fit(hypothesis, phi, start, now.scales, float(each.sum()), each, np.zeros((size, size)), tangent)
+    return Fit(hypothesis, phi, now.start, now.scales, float(each.sum()), each, np.zeros((size, size)), tangent)
 
 
-def _tangent(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats) -> Tangent:
-    A = sensitivities(take, hypothesis.setting(phi, take), start)
-    return Tangent(A, jacobian(take, hypothesis, phi, start, r, range(hypothesis.base_size)))
+def _settled(
+    take: Take, hypothesis: Hypothesis, prior: _Prior, phi: Floats, start: Floats, scales: Scales, em: int = EM_STEPS
+) -> tuple[Tangent, _State]:
+    """The tangent at phi, and the state by it."""
+    setting = hypothesis.setting(phi, take)
+    start, A = settled(take, setting, start, scales)
+    r = residuals(take, setting, start)
+    tangent = Tangent(A, jacobian(take, hypothesis, phi, start, r, range(hypothesis.base_size)))
+    return tangent, _found(take, prior, phi, start, scales, r, A, em)
 
 
 def _found(
     take: Take, prior: _Prior, phi: Floats, start: Floats, scales: Scales, r: Floats, A: Floats, em: int = EM_STEPS
 ) -> _State:
     """The scales and the objective at phi."""
-    scales, e = rescaled(moments(r, A, take.first), scales, em)
+    scales, e = rescaled(moments(without_pushes(r, A, start, take.first), A, take.first), scales, em)
     return _State(phi, start, scales, r, e, float(log_likelihood(e).sum()) + prior(phi))
 
 
@@ -265,10 +260,10 @@ def _step(
         r = residuals(take, hypothesis.setting(phi, take), now.start)
         trial = _tried(take, prior, phi, now.start, now.scales, r, A, EM_STEPS)
         if trial and trial.objective > now.objective:
-            start = now.start + trial.e.z[:, :6]
+            start = moved(take, now.start, trial.e.z)
             r = residuals(take, hypothesis.setting(phi, take), start)
-            moved = _tried(take, prior, phi, start, trial.scales, r, A, 0)
-            return moved if moved and moved.objective > now.objective else trial
+            there = _tried(take, prior, phi, start, trial.scales, r, A, 0)
+            return there if there and there.objective > now.objective else trial
     return now
 
 

@@ -13,14 +13,11 @@ from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
-from bcid.likelihood.take import SEGMENT_S, Floats, Ints, Take
+from bcid.likelihood.take import KNOTS, N_FREE, N_START, Floats, Ints, Take
 from bcid.physics.car import Car
 
-KNOTS = 3  # of a segment, in each of which a push is constant
-KNOT_S = SEGMENT_S / KNOTS
-N_FREE = 6 + 3 * KNOTS  # initial state, then F_x, F_y, M_z of each knot
 NUDGE = 1e-3  # of the initial state (m, rad, m/s, rad/s): wide enough that a kink met or missed does not rule
-PUSH = 1e-2  # of the wrench, as an acceleration (m/s^2, rad/s^2)
+PUSH = 1e-2  # of the pushes (m/s^2, rad/s^2)
 
 
 @njit
@@ -50,7 +47,7 @@ def segment_poses(
 ) -> None:
     """Add the poses seen at `stamps`, each with its share, to their rows of `out`.
 
-    The state begins at `x` (6,) and is under `pushes` (n, 3), each for an nth of the time.
+    The state begins at `x` (6,) and is under `pushes` (n, 3), wrenches, each for an nth of the time.
     """
     b = Body(x[0], x[1], x[2], x[3], x[4], x[5])
     lagged = settled(b, step, chain, T, p, e, c)
@@ -107,18 +104,26 @@ def since(chain: Chain, zero: float) -> Chain:
     return Chain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late)
 
 
+@njit
+def pushes_of(start: Floats, p: Car) -> Floats:
+    """The wrenches (KNOTS, 3) in a free part `start` (N_FREE,), which holds them as accelerations."""
+    wrench = start[N_START:].copy().reshape((KNOTS, 3))
+    wrench[:, :2] *= p.m
+    wrench[:, 2] *= p.I_z
+    return wrench
+
+
 @njit_parallel
 def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
-    """Mean poses (N, 3) of all rows from the segments' initial states `start` (S, 6), without pushes.
+    """Mean poses (N, 3) of all rows from the segments' initial states and under their pushes, `start` (S, N_FREE).
 
     Here as in `free_sensitivities`, `e` is an array of one record: a parallel loop cannot be handed the record.
     """
     out = np.zeros((of.first[-1], 3))
-    still = np.zeros((KNOTS, 3))
     for s in numba.prange(len(of.step)):
-        a, b = of.first_stamp[s], of.first_stamp[s + 1]
+        a, b, pushes = of.first_stamp[s], of.first_stamp[s + 1], pushes_of(start[s], p)
         segment_poses(
-            out, of.stamps[a:b] - of.zero[s], of.row[a:b], of.share[a:b], start[s], still, of.step[s], of.steps,
+            out, of.stamps[a:b] - of.zero[s], of.row[a:b], of.share[a:b], start[s], pushes, of.step[s], of.steps,
             since(chain, of.zero[s]), of.length[s], p, e[0], c,
         )  # fmt: skip
     return out
@@ -126,24 +131,21 @@ def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constant
 
 @njit_parallel
 def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
-    """D pose / d [initial state, pushes as accelerations], (N, 3, N_FREE), by differences."""
+    """D pose / d `start`, (N, 3, N_FREE), by differences."""
     out = np.empty((of.first[-1], 3, N_FREE))
     for s in numba.prange(len(of.step)):
         a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
         stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
         own, T = since(chain, of.zero[s]), of.length[s]
         still = np.zeros((g - f, 3))
-        push = np.zeros((KNOTS, 3))
-        segment_poses(still, stamps, row, share, start[s], push, of.step[s], of.steps, own, T, p, e[0], c)
+        segment_poses(
+            still, stamps, row, share, start[s], pushes_of(start[s], p), of.step[s], of.steps, own, T, p, e[0], c
+        )
         for j in range(N_FREE):
-            x, push = start[s].copy(), np.zeros((KNOTS, 3))
-            width = NUDGE if j < 6 else PUSH
-            if j < 6:
-                x[j] += width
-            else:
-                push[(j - 6) // 3, (j - 6) % 3] = width * (p.I_z if (j - 6) % 3 == 2 else p.m)
+            x, width = start[s].copy(), NUDGE if j < N_START else PUSH
+            x[j] += width
             moved = np.zeros((g - f, 3))
-            segment_poses(moved, stamps, row, share, x, push, of.step[s], of.steps, own, T, p, e[0], c)
+            segment_poses(moved, stamps, row, share, x, pushes_of(x, p), of.step[s], of.steps, own, T, p, e[0], c)
             for i in range(g - f):
                 for r in range(3):
                     out[f + i, r, j] = (moved[i, r] - still[i, r]) / width

@@ -17,6 +17,10 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 SEGMENT_S = 1.5
+KNOTS = 3  # of a segment, in each of which a push is constant
+KNOT_S = SEGMENT_S / KNOTS
+N_START = 6  # of a segment's free part: its initial state, then F_x, F_y, M_z of each knot
+N_FREE = N_START + 3 * KNOTS
 GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
 START_S = 0.4  # of a segment's poses give its initial state
 START_POSES = 5  # at least
@@ -44,10 +48,11 @@ class Take(NamedTuple):
     step: Ints  # (S,)
     steps: int  # integration steps per segment
     T: float  # s until the last recording ends
-    start: Floats  # (S, 6) pose and twist at the segments' starts, roughly
+    start: Floats  # (S, N_FREE) pose and twist at the segments' starts, roughly, and no pushes
     zero_s: Floats  # (S,) when each segment's recording began
     length_s: Floats  # (S,) and how long it is
     command_zero_s: Floats  # (M,) when each command's recording began
+    pushed: bool = False  # whether predictions are made under the likeliest pushes (`bcid.likelihood.free_part`)
 
     @property
     def segments(self) -> int:
@@ -120,9 +125,14 @@ def take_of(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S)
         1.0 / np.bincount(row)[row] if len(row) else np.empty(0),
         np.r_[0, np.cumsum([len(k) for k in kept])].astype(np.int64),
         np.concatenate(means) if means else np.empty((0, 3)), first, np.array(begin, dtype=np.int64),
-        round(SEGMENT_S / h), recording.duration_s, np.array(start).reshape(len(start), 6), np.zeros(len(start)),
-        np.full(len(start), recording.duration_s), np.zeros(len(recording.commands.time_s)),
+        round(SEGMENT_S / h), recording.duration_s, unpushed(np.array(start).reshape(-1, N_START)),
+        np.zeros(len(start)), np.full(len(start), recording.duration_s), np.zeros(len(recording.commands.time_s)),
     )  # fmt: skip
+
+
+def unpushed(state: Floats) -> Floats:
+    """Free parts (S, N_FREE) of initial states (S, N_START) without pushes."""
+    return np.hstack([state, np.zeros((len(state), N_FREE - N_START))])
 
 
 def _state_at(since: Floats, pose: Floats) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bcid.errors import InputRefused
-from bcid.likelihood.hypothesis import DRAG, DRAG_UNIT, PRIOR_SD
+from bcid.likelihood.hypothesis import DRAG, PRIOR_SD
 from bcid.likelihood.recordings import base_from, base_of
 from bcid.likelihood.refit import Fit
 from bcid.models.interface import FitTask, Floats
@@ -84,11 +84,11 @@ def stated(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
     Of the drag, R_1 and the drag per speed R_v at the top speed.  NaN where the poses say less than the prior does.
     """
     car, logs = fit.car(), list(fit.hypothesis.logs)
-    n, unit = len(logs), DRAG_UNIT * fit.car().m
+    n, (of_1, of_2) = len(logs), fit.hypothesis.drag_units
     R_v = car.R_1 + car.R_2 * top_speed
     to = np.zeros((n + 2, n + len(DRAG)))  # relative errors of what is stated, per unit of phi
     to[:n, :n] = np.eye(n)
-    to[n, n], to[n + 1, n:] = unit / max(abs(car.R_1), TINY), unit * np.array([1.0, top_speed]) / max(abs(R_v), TINY)
+    to[n, n], to[n + 1, n:] = of_1 / max(abs(car.R_1), TINY), np.array([of_1, of_2 * top_speed]) / max(abs(R_v), TINY)
     base = fit.covariance[: n + len(DRAG), : n + len(DRAG)]
     covariance: Floats = to @ base @ to.T
     unshown = np.sqrt(np.diag(base)) > OF_THE_PRIOR * PRIOR_SD

@@ -1,0 +1,128 @@
+"""What is free in every segment, its initial state and the pushes on it: predictions from it, its likeliest value.
+
+The likelihood eliminates it linearly (`bcid.likelihood.marginal`), about a point.  Pushes far from nothing turn a
+car, so that a tangent at rest says nothing of them: predictions are made under the likeliest pushes, found by steps
+of Levenberg and Marquardt in each segment, and what remains is linear (Laplace's approximation; the relinearised
+smoother of Bell 1994).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.likelihood.hypothesis import Setting
+from bcid.likelihood.marginal import NU, Scales, moments, rescaled
+from bcid.likelihood.segments import free_sensitivities, layout, predict, wrapped
+from bcid.likelihood.take import N_START, Floats, Ints, Take
+
+DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
+TANGENTS = 8  # at most, along which segments settle
+SETTLED = 0.3  # nats of all segments
+
+
+def residuals(take: Take, setting: Setting, start: Floats) -> Floats:
+    """Measured less predicted poses (N, 3), the predictions from the free parts `start` (S, N_FREE)."""
+    return wrapped(take.pose - np.asarray(predict(layout(take), start, *setting.acting)))
+
+
+def without_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:
+    """The residual (N, 3) as it is without the pushes in `start`, by the tangent `A` at `start` from `r` there.
+
+    The likelihood's linear algebra starts from it, as if nothing had been pushed.
+    """
+    pushes = start[:, N_START:]
+    if not pushes.any():
+        return r
+    return np.asarray(r + np.einsum("nck,nk->nc", A[:, :, N_START:], np.repeat(pushes, np.diff(first), axis=0)))
+
+
+def sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
+    """D pose / d `start` (N, 3, N_FREE)."""
+    return np.asarray(free_sensitivities(layout(take), start, *setting.acting))
+
+
+def moved(take: Take, start: Floats, z: Floats) -> Floats:
+    """Free parts with initial states at the posterior's mean `z`, and with its pushes where predictions have any."""
+    there = start.copy()
+    there[:, :N_START] += z[:, :N_START]
+    if take.pushed:
+        there[:, N_START:] = z[:, N_START:]
+    return there
+
+
+def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> tuple[Floats, Floats]:
+    """The likeliest free parts from `start` on, each segment for itself, and how predictions answer there.
+
+    As they are where predictions have no pushes: there one tangent does.
+
+    Raises:
+        FloatingPointError: where predictions from `start` leave the finite numbers.
+    """
+    A = sensitivities(take, setting, start)
+    if not take.pushed:
+        return start, A
+    r = residuals(take, setting, start)
+    for _ in range(TANGENTS):
+        if not np.isfinite(r).all():
+            raise FloatingPointError("a prediction left the finite numbers")
+        before = _badness(take, start, r, scales)
+        start, r = _stepped(take, setting, _At(start, r, A), scales)
+        if (_against(before, take) - _against(_badness(take, start, r, scales), take)).sum() < SETTLED:
+            break
+        A = sensitivities(take, setting, start)
+    return start, A
+
+
+def bent(take: Take, setting: Setting, start: Floats, scales: Scales, A: Floats) -> float:
+    """Nats per segment by which predictions at the posterior's mean are worse than their tangent `A` says."""
+    r = without_pushes(residuals(take, setting, start), A, start, take.first)
+    e = rescaled(moments(r, A, take.first), scales, 0)[1]
+    there = start.copy()
+    there[:, :N_START] += e.z[:, :N_START]
+    there[:, N_START:] = e.z[:, N_START:]
+    worse = _badness(take, there, residuals(take, setting, there), scales)
+    if not np.isfinite(worse).all():
+        return np.inf
+    return float((_against(worse, take) - _against(e.chi2, take)).mean())
+
+
+class _At(NamedTuple):
+    """Free parts, the residual there and how predictions answer."""
+
+    start: Floats  # (S, N_FREE)
+    r: Floats  # (N, 3)
+    A: Floats  # (N, 3, N_FREE)
+
+
+def _badness(take: Take, start: Floats, r: Floats, scales: Scales) -> Floats:
+    """|r / noise|^2 + |pushes / q|^2 of every segment (S,)."""
+    each = np.add.reduceat(((r / scales.r) ** 2).sum(axis=1), take.first[:-1])
+    return np.asarray(each + start**2 @ scales.precisions())
+
+
+def _against(badness: Floats, take: Take) -> Floats:
+    """Nats that Student's law holds against each segment of such a badness (S,)."""
+    return np.asarray(0.5 * (NU + 3.0 * np.diff(take.first) - N_START) * np.log1p(np.maximum(badness, 0.0) / NU))
+
+
+def _stepped(take: Take, setting: Setting, at: _At, scales: Scales) -> tuple[Floats, Floats]:
+    """Free parts after one damped step of those segments that gain by it, and the residual there."""
+    of, known, weight = moments(at.r, at.A, take.first), scales.precisions(), scales.r**-2.0
+    M = np.einsum("c,scij->sij", weight, of.AA) + np.diag(known)
+    b = np.einsum("c,sci->si", weight, of.Ar) - known * at.start
+    least, start, r = _badness(take, at.start, at.r, scales), at.start.copy(), at.r.copy()
+    waiting, diagonal = np.arange(take.segments), np.einsum("sii->si", M)
+    for damping in DAMPINGS:
+        there = start.copy()
+        damped = M[waiting] + damping * diagonal[waiting, :, None] * np.eye(M.shape[1])
+        there[waiting] += np.linalg.solve(damped, b[waiting][:, :, None])[:, :, 0]
+        left = residuals(take, setting, there)
+        better = waiting[_badness(take, there, left, scales)[waiting] < least[waiting]]
+        rows = take.rows(better)
+        start[better], r[rows] = there[better], left[rows]
+        waiting = np.setdiff1d(waiting, better)
+        if not len(waiting):
+            break
+    return start, r
