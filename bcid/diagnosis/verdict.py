@@ -106,7 +106,12 @@ def judged(
         over = {c: nats for c, nats in entering.items() if nats > least}
         failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, over))
     explained = sum(f.gain for f in findings if f.effect not in failed)
-    if findings and left.predictable and left.correlation > STANDING_OUT and left.gain > ENOUGH * explained:
+    if (
+        findings
+        and left.predictable
+        and left.correlation > STANDING_OUT
+        and left.gain > _much(take, ENOUGH) * explained
+    ):
         failed = failed or _mixed(found, take, left)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
@@ -139,8 +144,14 @@ def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None
         own = finding.gain
     shares = _relief(finding.effect, found, take)
     return any(
-        nats > LEFT_OVER * own and without[c] - nats > OVERLAP * own and _pushes(shares, c) for c, nats in over.items()
+        nats > _much(take, LEFT_OVER) * own and without[c] - nats > OVERLAP * own and _pushes(shares, c)
+        for c, nats in over.items()
     )
+
+
+def _much(take: Take, share: float) -> float:
+    """The share of what is explained that may be left; as much again, where the base model is far off in many ways."""
+    return 1.0 if take.pushed else share
 
 
 def _relief(name: str, found: Search, take: Take) -> dict[str, float]:

@@ -19,7 +19,7 @@ from bcid.likelihood.take import N_START, Floats, Ints, Take
 
 DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
 TANGENTS = 8  # at most, along which segments settle
-SETTLED = 0.3  # nats of all segments
+SETTLED = 0.03  # nats that a segment still gains by a step
 
 
 def residuals(take: Take, setting: Setting, start: Floats) -> Floats:
@@ -63,15 +63,18 @@ def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> tupl
     A = sensitivities(take, setting, start)
     if not take.pushed:
         return start, A
-    r = residuals(take, setting, start)
+    start, r, waiting = start.copy(), residuals(take, setting, start), np.arange(take.segments)
+    if not np.isfinite(r).all():
+        raise FloatingPointError("a prediction left the finite numbers")
     for _ in range(TANGENTS):
-        if not np.isfinite(r).all():
-            raise FloatingPointError("a prediction left the finite numbers")
-        before = _badness(take, start, r, scales)
-        start, r = _stepped(take, setting, _At(start, r, A), scales)
-        if (_against(before, take) - _against(_badness(take, start, r, scales), take)).sum() < SETTLED:
+        part, rows = take.part(waiting), take.rows(waiting)
+        before = _badness(part, start[waiting], r[rows], scales)
+        start[waiting], r[rows] = _stepped(part, setting, _At(start[waiting], r[rows], A[rows]), scales)
+        gained = _against(before, part) - _against(_badness(part, start[waiting], r[rows], scales), part)
+        waiting = waiting[gained > SETTLED]
+        if not len(waiting):
             break
-        A = sensitivities(take, setting, start)
+        A[take.rows(waiting)] = sensitivities(take.part(waiting), setting, start[waiting])
     return start, A
 
 
