@@ -70,7 +70,7 @@ def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> lis
     simulated = np.r_[hypothesis.simulated.phi, corrected.phi[known:]]
     if take.pushed:
         try:
-            given = held(take, hypothesis, simulated, corrected.scales)
+            given = held(take, hypothesis, simulated, corrected.scales, corrected.start)
         except FloatingPointError:
             return []
         return beside_given(given, corrected, take, left_out)

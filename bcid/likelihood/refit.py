@@ -197,18 +197,18 @@ def _anew(
     return None
 
 
-def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
-    """Phi as it is, with initial states and scales found for it: what a simulation predicts that is not refitted.
+def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales, start: Floats | None = None) -> Fit:
+    """What a simulation predicts that is not refitted: phi as it is, with free parts (from `start` on) and scales.
 
     Raises:
         FloatingPointError: where predictions leave the finite numbers.
     """
-    start = take.start
+    start = take.start if start is None else start
     setting, free = hypothesis.setting(phi, take), _Prior(phi, np.zeros_like(phi))
     for _ in range(HELD_STEPS):
         start, A = settled(take, setting, start, scales)
         now = _found(take, free, phi, start, scales, residuals(take, setting, start), A, LAST_EM_STEPS)
-        start, scales = moved(take, start, now.e.z), now.scales
+        start, scales = start if take.pushed else moved(take, start, now.e.z), now.scales
     tangent, now = _settled(take, hypothesis, free, phi, start, scales, LAST_EM_STEPS)
     each = log_likelihood(now.e)
     size = hypothesis.size
