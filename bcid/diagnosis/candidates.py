@@ -53,7 +53,10 @@ def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]
             given = held(take, more, more.start(given.car(), list(values.values())), given.scales)
         except FloatingPointError:
             return []
-    candidates = screen(given, take, changes(given, take).without(left_out))
+    try:
+        candidates = screen(given, take, changes(given, take).without(left_out))
+    except FloatingPointError:  # parameters that hardly drive this take
+        return []
     return of_the_shortlist(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
 
 
