@@ -467,7 +467,7 @@ def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> N
     """The mode of the posterior is where the linear algebra puts it; and a tangent at rest would have been far off."""
     take, _ = pushed_take(part)
     setting = BASE.setting(BASE.start(CAR), take)
-    start, A = settled(take, setting, take.start, LOUD)
+    start, _, A = settled(take, setting, take.start, LOUD)
     r = without_pushes(residuals(take, setting, start), A, start, take.first)
     e = eliminate(moments(r, A, take.first), LOUD.r, LOUD.precisions())
     np.testing.assert_allclose(e.z[:, N_START:], start[:, N_START:], atol=0.02)
@@ -477,7 +477,7 @@ def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> N
 
 def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:
     setting = BASE.setting(BASE.start(CAR), part)
-    start, A = settled(part, setting, part.start, LOUD)
+    start, _, A = settled(part, setting, part.start, LOUD)
     np.testing.assert_array_equal(start, part.start)
     np.testing.assert_array_equal(A, sensitivities(part, setting, part.start))
 

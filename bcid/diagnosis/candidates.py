@@ -47,13 +47,10 @@ def of_the_shortlist(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> li
 def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
     """Joint refits of the most promising effects beside parameters that were not refitted, and what `corrected` has."""
     more = corrected.hypothesis
-    if more.effects != given.hypothesis.effects:
-        values = corrected.hypothesis.values(corrected.phi) | given.hypothesis.values(given.phi)
-        try:
-            given = held(take, more, more.start(given.car(), list(values.values())), given.scales)
-        except FloatingPointError:
-            return []
     try:
+        if more.effects != given.hypothesis.effects:
+            values = corrected.hypothesis.values(corrected.phi) | given.hypothesis.values(given.phi)
+            given = held(take, more, more.start(given.car(), list(values.values())), given.scales)
         candidates = screen(given, take, changes(given, take).without(left_out))
     except FloatingPointError:  # parameters that hardly drive this take
         return []
@@ -66,8 +63,7 @@ def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> lis
     What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
     the best on the whole; under pushes, those that a score test beside the simulation's own parameters promises.
     """
-    chosen = np.arange(0, take.segments, max(1, take.segments // ENOUGH))
-    part, found, hypothesis = take.part(chosen), list[Fit](), corrected.hypothesis
+    hypothesis = corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
     simulated = np.r_[hypothesis.simulated.phi, corrected.phi[known:]]
@@ -77,6 +73,7 @@ def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> lis
         except FloatingPointError:
             return []
         return beside_given(given, corrected, take, left_out)
+    part, found = take.part(np.arange(0, take.segments, max(1, take.segments // ENOUGH))), list[Fit]()
     values = list(hypothesis.values(simulated).values())
     for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
         own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
@@ -141,14 +138,14 @@ def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[f
     less = fit.hypothesis.holding(*effects)
     old = fit.hypothesis.values(fit.phi)
     known = [old[f] for f, _ in less.parameters if f in old]
-    starts = [(fit.car(), fit.start)]
-    if take.pushed:  # what was taken away leaves pushes that hold the car where it was
-        starts.append((less.nominal, take.start))
-    fits = []
-    for car, start in starts:
-        with suppress(FloatingPointError):
+    fits, error = list[Fit](), FloatingPointError()
+    for car, start in ((fit.car(), fit.start), (less.nominal, take.start)):
+        if fits and not take.pushed:  # under pushes, what was taken away leaves such as hold the car where it was
+            break
+        try:
             fits.append(refit(take, less, less.start(car, [*known, *added]), start, fit.scales))
-    if fits:
-        return max(fits, key=lambda f: f.bic)
-    # what was taken away had kept the car within the finite numbers
-    return refit(take, less, less.start(less.nominal, [*known, *added]), take.start, fit.scales)
+        except FloatingPointError as failed:  # what was taken away had kept the car within the finite numbers
+            error = failed
+    if not fits:
+        raise error
+    return max(fits, key=lambda f: f.bic)

@@ -11,7 +11,7 @@ from bcid.compiled import njit_parallel
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
-from bcid.likelihood.free_part import residuals, without_pushes
+from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import moments, rescaled
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.segments import Layout, layout, pushes_of, since
@@ -76,8 +76,7 @@ def relieved(less: Disturbances, more: Disturbances) -> dict[str, float]:
 def disturbances(fit: Fit, take: Take) -> Disturbances:
     """The pushes that explain a fit's residuals best."""
     setting = fit.hypothesis.setting(fit.phi, take)
-    r = residuals(take, setting, fit.start)
-    r = without_pushes(r, fit.tangent.A, fit.start, take.first)
+    r = deviations(take, setting, fit.start, fit.tangent.A)
     _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
     means = _knot_means(layout(take), fit.start, *setting.acting)
     push = e.z[:, N_START:].reshape(-1, 3)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.likelihood.free_part import residuals, without_pushes
+from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, rescaled
 from bcid.likelihood.refit import Fit, Tangent, refit
 from bcid.likelihood.take import Floats, Ints, Take
@@ -63,9 +63,9 @@ def _on(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floa
     """Log-likelihood of some of the segments at phi."""
     part = take.part(chosen)
     rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
-    r = residuals(part, fit.hypothesis.setting(phi, part), fit.start[chosen])
     A = np.ascontiguousarray(fit.tangent.A[rows])
-    _, e = rescaled(moments(without_pushes(r, A, fit.start[chosen], part.first), A, part.first), scales, 0)
+    r = deviations(part, fit.hypothesis.setting(phi, part), fit.start[chosen], A)
+    _, e = rescaled(moments(r, A, part.first), scales, 0)
     return log_likelihood(e)
 
 

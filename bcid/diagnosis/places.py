@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from scipy.optimize import Bounds, direct
 
-from bcid.likelihood.free_part import residuals, without_pushes
+from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import eliminate, log_likelihood, moments
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Floats, Take
@@ -98,8 +98,8 @@ def _walk(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
 
 def _likelihood(fit: Fit, take: Take, phi: Floats) -> float:
     """Of phi, with the fit's initial states, scales and tangent."""
-    r = residuals(take, fit.hypothesis.setting(phi, take), fit.start)
+    r = deviations(take, fit.hypothesis.setting(phi, take), fit.start, fit.tangent.A)
     if not np.isfinite(r).all():
         return -np.inf
-    of = moments(without_pushes(r, fit.tangent.A, fit.start, take.first), fit.tangent.A, take.first)
+    of = moments(r, fit.tangent.A, take.first)
     return float(log_likelihood(eliminate(of, fit.scales.r, fit.scales.precisions())).sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -142,11 +143,9 @@ def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None
     own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are,
     if finding.gain > BEYOND * own:  # the fit had to go so far that the first order says little
         own = finding.gain
-    shares = _relief(finding.effect, found, take)
-    return any(
-        nats > _much(take, LEFT_OVER) * own and without[c] - nats > OVERLAP * own and _pushes(shares, c)
-        for c, nats in over.items()
-    )
+    much = _much(take, LEFT_OVER) * own
+    there = [c for c, nats in over.items() if nats > much and without[c] - nats > OVERLAP * own]
+    return _pushes_in(there, finding.effect, found, take)
 
 
 def _much(take: Take, share: float) -> float:
@@ -154,23 +153,21 @@ def _much(take: Take, share: float) -> float:
     return 1.0 if take.pushed else share
 
 
-def _relief(name: str, found: Search, take: Take) -> dict[str, float]:
-    """Which pushes the effect makes unnecessary, along the car and across it: shares."""
-    return relieved(disturbances(found.without[name], take), disturbances(found.best, take))
-
-
-def _pushes(shares: dict[str, float], channel: str) -> bool:
-    """Whether what relieves pushes by these shares pushes where the channel does.
+def _pushes_in(channels: Sequence[str], name: str, found: Search, take: Take) -> bool:
+    """Whether the pushes that the effect makes unnecessary go where one of the channels' do.
 
     What acts along a car is no stand-in for what is left across it.
     """
-    return sum(shares[way] for way in WAYS.get(channel, tuple(shares))) > ELSEWHERE
+    if not channels:
+        return False
+    shares = relieved(disturbances(found.without[name], take), disturbances(found.best, take))
+    return any(sum(shares[way] for way in WAYS.get(c, tuple(shares))) > ELSEWHERE for c in channels)
 
 
 def _mixed(found: Search, take: Take, left: Remainder) -> tuple[str, ...]:
     """Effects that stand in, together, for something that is not in the vocabulary and still stands out."""
     out = [c for c, r in left.correlations.items() if r > STANDING_OUT]
-    return tuple(n for n in named(found.best) if any(_pushes(_relief(n, found, take), c) for c in out))
+    return tuple(n for n in named(found.best) if _pushes_in(out, n, found, take))
 
 
 def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:

@@ -22,6 +22,14 @@ TANGENTS = 8  # at most, along which segments settle
 SETTLED = 0.03  # nats that a segment still gains by a step
 
 
+class Settled(NamedTuple):
+    """Free parts, the residual there and how predictions answer."""
+
+    start: Floats  # (S, N_FREE)
+    r: Floats  # (N, 3)
+    A: Floats  # (N, 3, N_FREE)
+
+
 def residuals(take: Take, setting: Setting, start: Floats) -> Floats:
     """Measured less predicted poses (N, 3), the predictions from the free parts `start` (S, N_FREE)."""
     return wrapped(take.pose - np.asarray(predict(layout(take), start, *setting.acting)))
@@ -38,6 +46,11 @@ def without_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:
     return np.asarray(r + np.einsum("nck,nk->nc", A[:, :, N_START:], np.repeat(pushes, np.diff(first), axis=0)))
 
 
+def deviations(take: Take, setting: Setting, start: Floats, A: Floats) -> Floats:
+    """The residuals (N, 3) at `start`, without its pushes."""
+    return without_pushes(residuals(take, setting, start), A, start, take.first)
+
+
 def sensitivities(take: Take, setting: Setting, start: Floats) -> Floats:
     """D pose / d `start` (N, 3, N_FREE)."""
     return np.asarray(free_sensitivities(layout(take), start, *setting.acting))
@@ -52,51 +65,38 @@ def moved(take: Take, start: Floats, z: Floats) -> Floats:
     return there
 
 
-def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> tuple[Floats, Floats]:
-    """The likeliest free parts from `start` on, each segment for itself, and how predictions answer there.
-
-    As they are where predictions have no pushes: there one tangent does.
+def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Settled:
+    """The likeliest free parts from `start` on, each segment for itself; as they are where predictions have no pushes.
 
     Raises:
         FloatingPointError: where predictions from `start` leave the finite numbers.
     """
-    A = sensitivities(take, setting, start)
-    if not take.pushed:
-        return start, A
-    start, r, waiting = start.copy(), residuals(take, setting, start), np.arange(take.segments)
+    r, A = residuals(take, setting, start), sensitivities(take, setting, start)
+    if not take.pushed:  # one tangent does
+        return Settled(start, r, A)
     if not np.isfinite(r).all():
         raise FloatingPointError("a prediction left the finite numbers")
+    start, waiting = start.copy(), np.arange(take.segments)
     for _ in range(TANGENTS):
         part, rows = take.part(waiting), take.rows(waiting)
         before = _badness(part, start[waiting], r[rows], scales)
-        start[waiting], r[rows] = _stepped(part, setting, _At(start[waiting], r[rows], A[rows]), scales)
+        start[waiting], r[rows] = _stepped(part, setting, Settled(start[waiting], r[rows], A[rows]), scales)
         gained = _against(before, part) - _against(_badness(part, start[waiting], r[rows], scales), part)
         waiting = waiting[gained > SETTLED]
         if not len(waiting):
             break
         A[take.rows(waiting)] = sensitivities(take.part(waiting), setting, start[waiting])
-    return start, A
+    return Settled(start, r, A)
 
 
 def bent(take: Take, setting: Setting, start: Floats, scales: Scales, A: Floats) -> float:
     """Nats per segment by which predictions at the posterior's mean are worse than their tangent `A` says."""
-    r = without_pushes(residuals(take, setting, start), A, start, take.first)
-    e = rescaled(moments(r, A, take.first), scales, 0)[1]
-    there = start.copy()
-    there[:, :N_START] += e.z[:, :N_START]
-    there[:, N_START:] = e.z[:, N_START:]
+    e = rescaled(moments(deviations(take, setting, start, A), A, take.first), scales, 0)[1]
+    there = moved(take._replace(pushed=True), start, e.z)
     worse = _badness(take, there, residuals(take, setting, there), scales)
     if not np.isfinite(worse).all():
         return np.inf
     return float((_against(worse, take) - _against(e.chi2, take)).mean())
-
-
-class _At(NamedTuple):
-    """Free parts, the residual there and how predictions answer."""
-
-    start: Floats  # (S, N_FREE)
-    r: Floats  # (N, 3)
-    A: Floats  # (N, 3, N_FREE)
 
 
 def _badness(take: Take, start: Floats, r: Floats, scales: Scales) -> Floats:
@@ -110,7 +110,7 @@ def _against(badness: Floats, take: Take) -> Floats:
     return np.asarray(0.5 * (NU + 3.0 * np.diff(take.first) - N_START) * np.log1p(np.maximum(badness, 0.0) / NU))
 
 
-def _stepped(take: Take, setting: Setting, at: _At, scales: Scales) -> tuple[Floats, Floats]:
+def _stepped(take: Take, setting: Setting, at: Settled, scales: Scales) -> tuple[Floats, Floats]:
     """Free parts after one damped step of those segments that gain by it, and the residual there."""
     of, known, weight = moments(at.r, at.A, take.first), scales.precisions(), scales.r**-2.0
     M = np.einsum("c,scij->sij", weight, of.AA) + np.diag(known)

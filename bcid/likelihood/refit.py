@@ -206,8 +206,8 @@ def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales, start:
     start = take.start if start is None else start
     setting, free = hypothesis.setting(phi, take), _Prior(phi, np.zeros_like(phi))
     for _ in range(HELD_STEPS):
-        start, A = settled(take, setting, start, scales)
-        now = _found(take, free, phi, start, scales, residuals(take, setting, start), A, LAST_EM_STEPS)
+        start, r, A = settled(take, setting, start, scales)
+        now = _found(take, free, phi, start, scales, r, A, LAST_EM_STEPS)
         start, scales = start if take.pushed else moved(take, start, now.e.z), now.scales
     tangent, now = _settled(take, hypothesis, free, phi, start, scales, LAST_EM_STEPS)
     each = log_likelihood(now.e)
@@ -219,9 +219,7 @@ def _settled(
     take: Take, hypothesis: Hypothesis, prior: _Prior, phi: Floats, start: Floats, scales: Scales, em: int = EM_STEPS
 ) -> tuple[Tangent, _State]:
     """The tangent at phi, and the state by it."""
-    setting = hypothesis.setting(phi, take)
-    start, A = settled(take, setting, start, scales)
-    r = residuals(take, setting, start)
+    start, r, A = settled(take, hypothesis.setting(phi, take), start, scales)
     tangent = Tangent(A, jacobian(take, hypothesis, phi, start, r, range(hypothesis.base_size)))
     return tangent, _found(take, prior, phi, start, scales, r, A, em)
 

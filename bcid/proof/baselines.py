@@ -20,7 +20,7 @@ from bcid.diagnosis.remainder import folds, variables
 from bcid.diagnosis.screen import Changes, changes
 from bcid.diagnosis.trials import Trial
 from bcid.effects.table import EFFECTS
-from bcid.likelihood.free_part import residuals, without_pushes
+from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import moments, products, rescaled, weights
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Floats, Ints, Take
@@ -122,8 +122,7 @@ def _mechanisms(ground: Ground) -> tuple[list[str], Floats]:
 def stepwise(ground: Ground) -> Said:
     """Forward selection by BIC without refitting the base: what fits the residual best is named."""
     take, fit = ground.take, ground.base
-    r = residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
-    r = without_pushes(r, fit.tangent.A, fit.start, take.first)
+    r = deviations(take, fit.hypothesis.setting(fit.phi, take), fit.start, fit.tangent.A)
     _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
     tried = changes(fit, take)
     g, G = products(r, fit.tangent.A, tried.columns, take.first, fit.scales.r, e.V)
