@@ -22,7 +22,7 @@ from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.proof.edits import EDITS
-from bcid.proof.real import outcome, run_real
+from bcid.proof.real import NOT_ASKED, outcome, run_real
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -92,9 +92,11 @@ def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str
 
 def test_what_makes_no_difference_does_not_count() -> None:
     rows = [
-        {"tier": "withheld", "wanted": True, "right": True}, {"tier": "withheld", "wanted": True, "right": False},
-        {"tier": "withheld", "wanted": False, "right": True}, {"tier": "control", "wanted": False, "right": True},
-        {"tier": "edited", "right": False},
+        {"tier": tier, "recording": "r", "case": "c", "right": right, "verdict": verdict}
+        for tier, right, verdict in (
+            ("withheld", True, "named"), ("withheld", False, "unknown"), ("withheld", True, NOT_ASKED),
+            ("control", True, "complete"), ("edited", False, "named"),
+        )
     ]  # fmt: skip
     told = outcome(rows)["tiers"]
     assert told == {
@@ -201,6 +203,30 @@ def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_p
     assert {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()} == kept
 
 
+def test_what_makes_no_difference_where_it_is_withheld_is_not_asked(asked: Path, tmp_path: Path) -> None:
+    """The wheel's servo settles in 0.15 s; a vehicle file that says 0.149 s withholds nothing that is seen."""
+    for name in ("vehicle.toml", "simulation.toml"):
+        (tmp_path / name).write_bytes((asked / name).read_bytes())
+    told = read_vehicle(asked / "vehicle.toml").steering.time_constant_s
+    assert told
+    (tmp_path / "cases.toml").write_text(
+        f"""vehicle = "vehicle.toml"
+simulation = "simulation.toml"
+[[withheld]]
+recording = "take.csv"
+name = "a hundredth of the servo's lag"
+vehicle = {{ steering = {{ time_constant_s = {0.99 * told} }} }}
+accepted = ["steering_lag"]
+""",
+        encoding="utf-8",
+    )
+    ((row, share),) = run_real(tmp_path / "cases.toml", asked, tmp_path / "out")
+    assert share == 1.0
+    assert row["ratio"] == pytest.approx(1.0, abs=0.05)
+    assert row["verdict"].startswith("not asked")
+    assert outcome([row])["tiers"] == {"withheld": {"right": 0, "n": 0}}
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -232,10 +258,12 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
         "tier": "withheld", "recording": case.recording, "case": case.name, "ratio": 2.0, "wanted": True,
         "right": case.control, **said,
     })  # fmt: skip
-    monkeypatch.setattr(real, "_edited", lambda case, _: {
+    monkeypatch.setattr(real, "_as_it_was", lambda *_: None)
+    monkeypatch.setattr(real, "_edited", lambda case, *_: {
         "tier": "edited", "recording": case.recording, "case": case.effect, "right": True, **said,
     })  # fmt: skip
-    words = ["bcid", "prove", "--out", str(tmp_path), "--real", str(asked / "cases.toml"), "--recordings", str(asked)]
+    words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1"]
+    words += ["--real", str(asked / "cases.toml"), "--recordings", str(asked)]
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as ended:
         main()

@@ -130,7 +130,7 @@ def prove(
 ) -> None:
     """Conceal effects in takes and count what the diagnosis makes of them; resumable."""
     if real is not None:
-        _prove_real(real, recordings, out, Sink(format))
+        _prove_real(real, recordings, out, workers or os.cpu_count() or 1, Sink(format))
     else:
         sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs}
         cases = _suite(seed, sizes, None if quick else every)
@@ -174,14 +174,14 @@ def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, 
         raise GoalMissed(f"goals missed ({'; '.join(short)})\n  next: look at these cases' rows in {out}")
 
 
-def _prove_real(file: Path, recordings: Path, out: Path, sink: Sink) -> None:
+def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
     """Every question to real recordings, counted."""
     from bcid.cli import show
     from bcid.proof.real import outcome, run_real
 
     rows: list[dict[str, Any]] = []
     with sink.stage("prove on real recordings") as progress:
-        for row, share in run_real(file, recordings, out):
+        for row, share in run_real(file, recordings, out, workers):
             rows.append(row)
             progress(share, row["case"])
     found = outcome(rows)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -77,6 +77,15 @@ def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
 
 
+class Based(NamedTuple):
+    """A take and the base model refitted to it."""
+
+    take: Take
+    contacts: tuple[Contact, ...]
+    fit: Fit
+    given: Fit | None = None  # the simulation as it is
+
+
 def diagnosed(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
     simulation: Compared | None = None, progress: Progress = lambda share, text: None, left_out: Sequence[str] = (),
@@ -85,6 +94,19 @@ def diagnosed(
 
     The base model is refitted, from the simulation's car where one is given.  Effects in `left_out` are not
     considered.
+
+    Raises:
+        InputRefused: when too little of the recordings can be used.
+    """
+    with _followed(recordings):
+        return _of_take(based(recordings, estimates, vehicle, simulation, progress), progress, left_out)
+
+
+def based(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
+    simulation: Compared | None = None, progress: Progress = lambda share, text: None,
+) -> Based:  # fmt: skip
+    """The base model, or the `simulation`, refitted to the recordings.
 
     Raises:
         InputRefused: when too little of the recordings can be used.
@@ -99,15 +121,22 @@ def diagnosed(
     values = list(assumed.values())
     if simulation and simulation.trust is not None:
         hypothesis = hypothesis.trusting(values, simulation.trust)
-    with threadpool_limits(1, "blas"):  # the kernels share the cores; BLAS on small matrices would fight for them
+    progress(0.05, "the base model")
+    with _followed(recordings):
+        take, hits, fit = base_from(recordings, estimates, hypothesis, values)
+    given = None
+    if simulation and simulation.trust is None:
+        with suppress(FloatingPointError):  # as it is it may not drive this take at all
+            given = held(take, fit.hypothesis, fit.hypothesis.start(car, values), fit.scales)
+    return Based(take, hits, fit, given)
+
+
+@contextmanager
+def _followed(recordings: Sequence[Recording]) -> Iterator[None]:
+    """Refuse recordings that no model can follow.  The kernels share the cores: BLAS on small matrices would fight."""
+    with threadpool_limits(1, "blas"):
         try:
-            progress(0.05, "the base model")
-            take, hits, base = base_from(recordings, estimates, hypothesis, values)
-            given = None
-            if simulation and simulation.trust is None:
-                with suppress(FloatingPointError):  # as it is it may not drive this take at all
-                    given = held(take, base.hypothesis, base.hypothesis.start(car, values), base.scales)
-            return _of_take(take, base, given, hits, progress, left_out)
+            yield
         except (FloatingPointError, np.linalg.LinAlgError) as error:
             raise InputRefused(
                 recordings[0].sources[0].path,
@@ -117,16 +146,15 @@ def diagnosed(
             ) from error
 
 
-def _of_take(
-    take: Take, base: Fit, given: Fit | None, hits: tuple[Contact, ...], progress: Progress, left_out: Sequence[str]
-) -> Diagnosis:
+def _of_take(of: Based, progress: Progress, left_out: Sequence[str]) -> Diagnosis:
+    take, base = of.take, of.fit
     progress(0.15, "where the mismatch is")
     before = disturbances(base, take)
     whole = remainder(before, base.car())
     location = located(base, take, before, whole)
-    found = search(base, take, whole, lambda text: progress(0.3, text), left_out, given)
+    found = search(base, take, whole, lambda text: progress(0.3, text), left_out, of.given)
     progress(0.8, "what is left")
     judgement = judged(found, take, location.place, whole if found.best is base else None)
     after = disturbances(judgement.fit, take)
     not_seen = unexcited(judgement.fit, take, found.trials, found.nulls.gate)
-    return Diagnosis(take, hits, found, judgement, location, before, after, not_seen)
+    return Diagnosis(take, of.contacts, found, judgement, location, before, after, not_seen)

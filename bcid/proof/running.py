@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def run_all(cases: Iterable[Case], folder: Path, workers: int, others: bool = Fa
         for case in todo:
             yield {**_told(case), **_kept(case, folder, others)}
         return
-    with ProcessPoolExecutor(workers, initializer=_alone) as pool:
+    with pool_of(workers) as pool:
         running = {pool.submit(_kept, case, folder, others): case for case in todo}
         for done in as_completed(running):
             yield {**_told(running[done]), **done.result()}
@@ -74,8 +75,12 @@ def _known(case: Case, folder: Path, others: bool) -> dict[str, Any] | None:
     return None if "error" in row else row
 
 
+def pool_of(workers: int) -> ProcessPoolExecutor:
+    """Processes with one thread each: they share the cores.  Spawned, since a fork takes no OpenMP with it."""
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_alone)
+
+
 def _alone() -> None:
-    """One thread in each worker: the workers share the cores."""
     import numba
     from threadpoolctl import threadpool_limits
 

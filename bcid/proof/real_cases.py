@@ -1,0 +1,82 @@
+"""Questions to real recordings with a known omission: the TOML file, read and refused where it asks nothing."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from bcid.effects.table import EFFECTS
+from bcid.errors import InputRefused
+from bcid.proof.edits import EDITS
+from bcid.toml_file import Settings, read_toml
+
+VEHICLE = "vehicle"
+
+
+class Withheld(Settings):
+    """What the simulation is denied: an effect, parameters, or what the vehicle file knows."""
+
+    recording: str
+    name: str
+    effect: str = ""
+    parameters: dict[str, float] = Field(default_factory=dict)  # of the simulation, that make it so
+    vehicle: dict[str, Any] = Field(default_factory=dict)  # tables laid over the vehicle file's
+    accepted: list[str]  # ids, "unknown in CHANNEL", or "vehicle" for all that is neither measurement nor floor
+    control: bool = False  # none of `accepted` may be named
+
+    @property
+    def withholds(self) -> bool:
+        """Whether anything is withheld at all."""
+        return bool(self.effect or self.parameters or self.vehicle)
+
+
+class Edited(Settings):
+    """An effect made in a real recording."""
+
+    recording: str
+    effect: str
+    value: float
+
+
+class Cases(Settings):
+    """What is asked of real recordings of one vehicle; files count from this one, recordings from their folder."""
+
+    vehicle: str
+    simulation: str | None = None  # none: the base model is refitted to each recording
+    withheld: list[Withheld] = Field(default_factory=list)
+    edited: list[Edited] = Field(default_factory=list)
+
+    def vehicle_file(self, file: Path) -> Path:
+        """Of these questions of `file`."""
+        return file.parent / self.vehicle
+
+    def simulation_file(self, file: Path) -> Path | None:
+        """Of these questions of `file`."""
+        return None if self.simulation is None else file.parent / self.simulation
+
+
+def read_cases(file: Path) -> Cases:
+    """The questions of the TOML `file`.
+
+    Raises:
+        InputRefused: what is no such file, or what would be answered rightly by asking nothing.
+    """
+    cases = read_toml(file, Cases, "file of real cases", "pipelines/dart/cases.toml is one")
+    simulation = cases.simulation_file(file)
+    effects = set(tomllib.loads(simulation.read_text(encoding="utf-8")).get("effects", {})) if simulation else set()
+    for case in cases.withheld:
+        place = f"withheld {case.name!r}"
+        if case.effect and case.effect not in effects:
+            raise InputRefused(file, place, f"the simulation has no {case.effect!r}", f"one of {', '.join(effects)}")
+        strange = [a for a in case.accepted if a not in EFFECTS and a != VEHICLE and not a.startswith("unknown in ")]
+        if strange or not case.accepted:
+            raise InputRefused(file, place, f"accepts {strange or 'nothing'}", "see `bcid effects` for the ids")
+        if case.parameters and simulation is None:
+            raise InputRefused(file, place, "changes parameters of no simulation", "name a simulation")
+    for edit in cases.edited:
+        if edit.effect not in EDITS:
+            raise InputRefused(file, f"edited {edit.effect!r}", "no such edit", f"one of {', '.join(EDITS)}")
+    return cases
