@@ -33,7 +33,7 @@ from bcid.likelihood.marginal import (
 from bcid.likelihood.refit import jacobian, refit
 from bcid.likelihood.segments import Layout, free_sensitivities, layout, predict, segment_poses
 from bcid.likelihood.take import (
-    FORGOTTEN_S,
+    FORGOTTEN,
     GROUP_S,
     KNOTS,
     N_FREE,
@@ -43,6 +43,7 @@ from bcid.likelihood.take import (
     joined,
     moving,
     take_of,
+    without_beginning,
 )
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
@@ -333,7 +334,8 @@ def joined_and_apart(take: Take, path: Path, vehicle: Vehicle, tuning: Tuning) -
     """`take` joined with the one at `path`, and the latter's segments that are kept."""
     recording = read_recording(path, vehicle)
     other = take_of(recording, estimate_motion(recording, vehicle, tuning))
-    return joined([take, other]), other.part(np.flatnonzero(other.begin_s > FORGOTTEN_S))
+    later = without_beginning(other, CAR.T_s, CAR.d, LIMIT)
+    return joined([take, later]), later
 
 
 def test_joined_takes_hold_both(take: Take, takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> None:
@@ -361,7 +363,22 @@ def test_joined_takes_are_predicted_as_each_alone(
     hypothesis = BASE.holding(*effects)
     phi = hypothesis.start(CAR, values)
     r = [residuals(t, hypothesis.setting(phi, t), t.start) for t in (take, later, whole)]
-    np.testing.assert_allclose(r[2], np.concatenate(r[:2]), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(r[2], np.concatenate(r[:2]), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("stood", [-1.5, 0.4])
+def test_where_the_wheel_stood_before_the_first_command_does_not_matter(take: Take, stood: float) -> None:
+    """Predicted as if a command before all others had steered it there, or as if the first one always had held."""
+    known = without_beginning(take, CAR.T_s, CAR.d, LIMIT)
+    assert 0 < take.segments - known.segments <= 4
+    before = np.r_[take.command_s[0] - 1e-3, take.command_s]
+    steered = {"command_s": before, "command": np.vstack([[stood, 0.0], take.command]), "command_zero_s": 0.0 * before}
+    setting = BASE.setting(BASE.start(CAR), take)
+    other = BASE.setting(BASE.start(CAR), take._replace(**steered))
+    angles = [s.acting[0].delta for s in (setting, other)]
+    begin = round(known.begin_s[0] / (0.5 * take.h))
+    assert np.abs(angles[0] - angles[1])[:begin].max() > 100 * FORGOTTEN
+    assert np.abs(angles[0] - angles[1])[begin:].max() <= FORGOTTEN
 
 
 def test_predictions_join_the_estimate(take: Take) -> None:

@@ -17,7 +17,7 @@ from bcid.likelihood.free_part import bent
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take, joined, moving, take_of, without_contacts
+from bcid.likelihood.take import Take, joined, moving, take_of, without_beginning, without_contacts
 from bcid.physics.car import Car, integration_step
 from bcid.recording.contacts import Contact, contacts
 from bcid.recording.types import Recording
@@ -57,9 +57,11 @@ def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
 
 
 def prepared(
-    recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car, limit: float
 ) -> tuple[Take, tuple[Contact, ...]]:
-    """The recordings as one take without contacts and without what stands still, for steps that suit the car.
+    """The recordings as one take of what can be predicted, for steps that suit the car, steered to +-`limit` (rad).
+
+    Without contacts, what stands still, and beginnings in which nobody knows where the wheel stands.
 
     Raises:
         InputRefused: when too little of it can be used.
@@ -68,8 +70,8 @@ def prepared(
     for recording, estimate in zip(recordings, estimates, strict=True):
         found = contacts(recording)
         hits += found
-        take = moving(without_contacts(take_of(recording, estimate, integration_step(car)), found), car.l_f + car.l_r)
-        parts.append(take)
+        whole = without_beginning(take_of(recording, estimate, integration_step(car)), car.T_s, car.d, limit)
+        parts.append(moving(without_contacts(whole, found), car.l_f + car.l_r))
     usable = sum(take.segments for take in parts)
     if usable < FEWEST_SEGMENTS:
         raise InputRefused(
@@ -101,10 +103,10 @@ def base_from(
         InputRefused: when too little of the recordings can be used.
         FloatingPointError: when the base model cannot follow them.
     """
-    take, hits = prepared(recordings, estimates, hypothesis.nominal)
+    take, hits = prepared(recordings, estimates, hypothesis.nominal, hypothesis.angle_limit)
     base = base_fit(take, hypothesis, first_scales(take), assumed)
     while integration_step(base.car()) < take.h:  # it is stiffer than the car before
-        take, hits = prepared(recordings, estimates, base.car())
+        take, hits = prepared(recordings, estimates, base.car(), hypothesis.angle_limit)
         known = list(base.hypothesis.values(base.phi).values())
         base = base_fit(take, replace(hypothesis, nominal=base.car()), first_scales(take), known)
     if bent(take, base.hypothesis.setting(base.phi, take), base.start, base.scales, base.tangent.A) > MOST_BENT:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bcid.estimate.types import Estimate
 from bcid.physics.car import LONGEST_STEP_S
+from bcid.physics.steering import steering_step
 from bcid.recording.contacts import Contact
 from bcid.recording.types import Recording
 
@@ -24,7 +25,7 @@ N_FREE = N_START + 3 * KNOTS
 GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
 START_S = 0.4  # of a segment's poses give its initial state
 START_POSES = 5  # at least
-FORGOTTEN_S = 6.0  # after which a servo has come from lock to lock
+FORGOTTEN = 1e-4  # rad: where the wheel stood before the first command matters no more
 STANDS = 0.01  # rad, and of the wheelbase: a car that moves less in a whole segment stands
 MIN_COVERAGE = 0.6  # of the groups that a segment may hold
 
@@ -172,14 +173,32 @@ def without_contacts(take: Take, found: Sequence[Contact]) -> Take:
     return take if free.all() else take.part(np.flatnonzero(free))
 
 
-def joined(takes: Sequence[Take]) -> Take:
-    """Several takes as one after the other in time, with the later ones' first FORGOTTEN_S left out.
+def without_beginning(take: Take, T_s: float, d: float, limit: float) -> Take:
+    """The take without the segments that begin while it matters where the wheel stood before the first command.
 
-    The steering chain runs through and goes at its rate limit from where the take before left it.
+    Nobody logs that.  It is forgotten when a servo comes to the same angle from either lock.
+    """
+    known = take.begin_s >= _forgotten_s(take, T_s, d, limit) - 1e-9
+    return take if known.all() else take.part(np.flatnonzero(known))
+
+
+def _forgotten_s(take: Take, T_s: float, d: float, limit: float) -> float:
+    left, right, now = limit, -limit, float(take.command_s[0])
+    ends = np.r_[take.command_s[1:], np.inf]
+    for u_s, end in zip(np.clip(take.command[:, 0], -limit, limit), ends, strict=True):
+        while now < end and left - right > FORGOTTEN:
+            h = min(end - now, KNOT_S)
+            left, right, now = steering_step(left, u_s, T_s, d, h), steering_step(right, u_s, T_s, d, h), now + h
+    return now
+
+
+def joined(takes: Sequence[Take]) -> Take:
+    """Several takes as one after the other in time.
+
+    The steering chain runs through, from where the take before left it: their beginnings must be left out.
     """
     whole = takes[0]
-    for later in takes[1:]:
-        take = later.part(np.flatnonzero(later.begin_s > FORGOTTEN_S))
+    for take in takes[1:]:
         steps = int(np.ceil((whole.T + 1.0) / whole.h))
         ahead = steps * whole.h
         whole = Take(
