@@ -492,6 +492,18 @@ def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> N
     assert bent(take, setting, take.start, LOUD, sensitivities(take, setting, take.start)) > 1.0
 
 
+@pytest.mark.parametrize("push", [40.0, np.nan])
+def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Take, push: float) -> None:
+    """Pushed into a spin, or out of the finite numbers."""
+    take, _ = pushed_take(part)
+    setting = BASE.setting(BASE.start(CAR), take)
+    right, spun = settled(take, setting, take.start, LOUD), take.start.copy()
+    spun[::3, N_START:] = push
+    found = settled(take, setting, spun, LOUD)
+    np.testing.assert_allclose(found.start, right.start, atol=0.02)
+    np.testing.assert_allclose(found.r, residuals(take, setting, found.start), atol=1e-12)
+
+
 def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:
     setting = BASE.setting(BASE.start(CAR), part)
     start, _, A = settled(part, setting, part.start, LOUD)
@@ -508,10 +520,11 @@ def test_a_residual_without_pushes_is_that_at_rest(part: Take) -> None:
 
 
 def test_a_prediction_out_of_the_numbers_does_not_settle(part: Take) -> None:
-    start = part.start.copy()
-    start[0, 3] = np.nan
+    """Where its segment's rough beginning does not lead back either."""
+    take = part._replace(pushed=True, start=part.start.copy())
+    take.start[0, 3] = np.nan
     with pytest.raises(FloatingPointError, match="finite"):
-        settled(part._replace(pushed=True), BASE.setting(BASE.start(CAR), part), start, LOUD)
+        settled(take, BASE.setting(BASE.start(CAR), part), take.start, LOUD)
 
 
 def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:

@@ -18,8 +18,9 @@ from bcid.likelihood.segments import free_sensitivities, layout, predict, wrappe
 from bcid.likelihood.take import N_START, Floats, Ints, Take
 
 DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
-TANGENTS = 8  # at most, along which segments settle
+TANGENTS = 16  # at most, along which segments settle
 SETTLED = 0.03  # nats that a segment still gains by a step
+LOST = 4.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
 
 
 class Settled(NamedTuple):
@@ -68,25 +69,50 @@ def moved(take: Take, start: Floats, z: Floats) -> Floats:
 def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Settled:
     """The likeliest free parts from `start` on, each segment for itself; as they are where predictions have no pushes.
 
+    Segments that are lost, in a lesser mode or beyond the finite numbers, settle anew from their rough beginnings, then
+    from half the pushes.
+
     Raises:
-        FloatingPointError: where predictions from `start` leave the finite numbers.
+        FloatingPointError: where predictions leave the finite numbers all the same.
     """
-    r, A = residuals(take, setting, start), sensitivities(take, setting, start)
+    at = Settled(start.copy(), residuals(take, setting, start), sensitivities(take, setting, start))
     if not take.pushed:  # one tangent does
-        return Settled(start, r, A)
-    if not np.isfinite(r).all():
+        return at
+    _settle(take, setting, at, np.flatnonzero(np.isfinite(_badness(take, start, at.r, scales))), scales)
+    half = at.start.copy()
+    half[:, N_START:] *= 0.5
+    for begin in (take.start, half):
+        lost = np.flatnonzero(~(_badness(take, at.start, at.r, scales) < LOST * 3.0 * np.diff(take.first)))
+        if len(lost):
+            _settle_anew(take, setting, at, lost, begin, scales)
+    if not np.isfinite(at.r).all():
         raise FloatingPointError("a prediction left the finite numbers")
-    start, waiting = start.copy(), np.arange(take.segments)
+    return at
+
+
+def _settle(take: Take, setting: Setting, at: Settled, waiting: Ints, scales: Scales) -> None:
+    """Move those of the segments `waiting` that gain by it, in place, until none does."""
     for _ in range(TANGENTS):
-        part, rows = take.part(waiting), take.rows(waiting)
-        before = _badness(part, start[waiting], r[rows], scales)
-        start[waiting], r[rows] = _stepped(part, setting, Settled(start[waiting], r[rows], A[rows]), scales)
-        gained = _against(before, part) - _against(_badness(part, start[waiting], r[rows], scales), part)
-        waiting = waiting[gained > SETTLED]
         if not len(waiting):
             break
-        A[take.rows(waiting)] = sensitivities(take.part(waiting), setting, start[waiting])
-    return Settled(start, r, A)
+        part, rows = take.part(waiting), take.rows(waiting)
+        before = _badness(part, at.start[waiting], at.r[rows], scales)
+        now = Settled(at.start[waiting], at.r[rows], at.A[rows])
+        at.start[waiting], at.r[rows] = _stepped(part, setting, now, scales)
+        gained = _against(before, part) - _against(_badness(part, at.start[waiting], at.r[rows], scales), part)
+        waiting = waiting[gained > SETTLED]
+        at.A[take.rows(waiting)] = sensitivities(take.part(waiting), setting, at.start[waiting])
+
+
+def _settle_anew(take: Take, setting: Setting, at: Settled, lost: Ints, begin: Floats, scales: Scales) -> None:
+    """Settle the segments `lost` from `begin`; in place, where that ends better."""
+    part, start = take.part(lost), begin[lost]
+    there = Settled(start, residuals(part, setting, start), sensitivities(part, setting, start))
+    _settle(part, setting, there, np.flatnonzero(np.isfinite(_badness(part, start, there.r, scales))), scales)
+    before = _badness(part, at.start[lost], at.r[take.rows(lost)], scales)
+    better = np.flatnonzero(~(before <= _badness(part, there.start, there.r, scales)))
+    to, of = take.rows(lost[better]), part.rows(better)
+    at.start[lost[better]], at.r[to], at.A[to] = there.start[better], there.r[of], there.A[of]
 
 
 def bent(take: Take, setting: Setting, start: Floats, scales: Scales, A: Floats) -> float:
