@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cars import CAR
 
 from bcid.diagnosis import heldout, rivals, search, verdict
+from bcid.diagnosis.candidates import credible
 from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.rivals import distinct, settled
+from bcid.effects.constants import Constants
+from bcid.likelihood.hypothesis import Hypothesis
 
 TAKE: Any = None
 
@@ -104,3 +108,13 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
     found: Any = SimpleNamespace(best="best", without={"motor_lag": "no lag", "yaw_scrub": "no scrub"})
     left = Remainder("fy", max(standing.values()), standing, (), 50.0, None)
     assert verdict._mixed(found, None, left) == mixed  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])
+def test_a_size_at_the_end_of_its_range_is_no_car_s(field: str, share: float, there: bool) -> None:
+    """Tracked points do not lie beyond the car; a friction that falls to nothing is at its natural end."""
+    hypothesis = Hypothesis((), CAR, 2.012, Constants()).holding("marker_offset", "tyre_soft_saturation")
+    entries = {p.symbol: p for n in hypothesis.effects for p in hypothesis.entries[n].parameters}
+    values = {"d_x": 0.0, "d_y": 0.0, "s": entries["s"].high} | {field: share * entries[field].high}
+    phi = hypothesis.start(CAR, [values[p.symbol] for _, p in hypothesis.parameters])
+    assert credible(SimpleNamespace(hypothesis=hypothesis, phi=phi)) is there  # type: ignore[arg-type]

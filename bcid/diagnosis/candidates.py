@@ -125,6 +125,16 @@ def quickly(fit: Fit, take: Take, candidate: Candidate) -> Fit:
     return refit(take, more, more.start(fit.car(), values), fit.start, fit.scales, QUICK, fit.tangent)
 
 
+def credible(fit: Fit) -> bool:
+    """Whether no effect has gone to where its size, of either sign, ends: no car has such; it stands in for others."""
+    values = fit.hypothesis.values(fit.phi)
+    return not any(
+        p.low < 0.0 and not p.places and p.at_bound(values[field])
+        for field, p in fit.hypothesis.parameters
+        if field.partition("__")[0] in EFFECTS
+    )
+
+
 def fully(fit: Fit, take: Take) -> Fit:
     """The same hypothesis with its own tangent; as it is where that leads out of the finite numbers."""
     try:

@@ -15,6 +15,7 @@ from bcid.diagnosis.candidates import (
     WORTH,
     beside_given,
     beside_simulated,
+    credible,
     from_afar,
     fully,
     of_the_shortlist,
@@ -86,11 +87,11 @@ def search(
         left = whole if best is base else remainder(disturbances(best, take), best.car())
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
-        fits = of_the_shortlist(best, take, shortlist)
+        fits = [f for f in of_the_shortlist(best, take, shortlist) if credible(f)]
         if given and best is corrected:
             fits = sorted([*fits, *beside_given(given, best, take, left_out)], key=lambda f: -f.bic)
         if base.hypothesis.simulated and best is corrected:
-            fits = sorted([*fits, *beside_simulated(best, take, left_out)], key=lambda f: -f.bic)
+            fits = sorted([*fits, *filter(credible, beside_simulated(best, take, left_out))], key=lambda f: -f.bic)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
