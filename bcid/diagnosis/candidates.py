@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit, held, refit
-from bcid.likelihood.take import Take
+from bcid.likelihood.take import Floats, Take
 
 SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
@@ -58,39 +59,41 @@ def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]
 
 
 def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of every effect that has no place, at its size beside the parameters of a simulation to be trusted.
+    """Joint refits of every effect beside the parameters of a simulation to be trusted.
 
-    What is missing is plain there, and hardly seen any more where those have bent to it.  All on a part of the take,
-    the best on the whole; under pushes, those that a score test beside the simulation's own parameters promises.
+    What is missing is plain there, and hardly seen any more where those have bent to it.
     """
     hypothesis = corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
     simulated = np.r_[hypothesis.simulated.phi, corrected.phi[known:]]
-    if take.pushed:
-        try:
-            given = held(take, hypothesis, simulated, corrected.scales, corrected.start)
-        except FloatingPointError:
-            return []
-        return beside_given(given, corrected, take, left_out)
-    part, found = take.part(np.arange(0, take.segments, max(1, take.segments // ENOUGH))), list[Fit]()
-    values = list(hypothesis.values(simulated).values())
+    return at_their_sizes(replace(corrected, phi=simulated), take, take.start, left_out)
+
+
+def at_their_sizes(fit: Fit, take: Take, start: Floats, left_out: Sequence[str]) -> list[Fit]:
+    """Joint refits of every effect that has no place, at its size beside the fit's parameters, free parts from `start`.
+
+    All on a part of the take, the best on the whole.
+    """
+    chosen = np.arange(0, take.segments, -(-take.segments // ENOUGH))
+    part, found, hypothesis = take.part(chosen), list[Fit](), fit.hypothesis
+    values = list(hypothesis.values(fit.phi).values())
     for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
         own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
         if not own or any(p.places for p in own):
             continue
         more = hypothesis.holding(*hypothesis.effects, name)
         for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
-            phi = more.start(hypothesis.car(simulated), [*values, *(sign * p.size for p in own)])
+            phi = more.start(fit.car(), [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
-                found.append(refit(part, more, phi, part.start, corrected.scales, tangents=FEW))
+                found.append(refit(part, more, phi, start[chosen], fit.scales, tangents=FEW))
     best = dict[tuple[str, ...], Fit]()
     for f in sorted(found, key=lambda f: f.bic):
         best[f.hypothesis.effects] = f  # of either sign, the better one
     whole = list[Fit]()
     for f in sorted(best.values(), key=lambda f: -f.bic)[:FINALISTS]:
         with suppress(FloatingPointError):
-            whole.append(refit(take, f.hypothesis, f.phi, take.start, f.scales))
+            whole.append(refit(take, f.hypothesis, f.phi, start, f.scales))
     return whole
 
 

@@ -13,6 +13,7 @@ from bcid.diagnosis.candidates import (
     QUICK,
     SHORTLIST,
     WORTH,
+    at_their_sizes,
     beside_given,
     beside_simulated,
     credible,
@@ -25,7 +26,7 @@ from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.rivals import distinct, each_left_out, named, settled
-from bcid.diagnosis.screen import Changes, Nulls, changes, nulls, screen
+from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen
 from bcid.effects.corrections import CORRECTIONS
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
@@ -87,11 +88,7 @@ def search(
         left = whole if best is base else remainder(disturbances(best, take), best.car())
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
-        fits = [f for f in of_the_shortlist(best, take, shortlist) if credible(f)]
-        if given and best is corrected:
-            fits = sorted([*fits, *beside_given(given, best, take, left_out)], key=lambda f: -f.bic)
-        if base.hypothesis.simulated and best is corrected:
-            fits = sorted([*fits, *filter(credible, beside_simulated(best, take, left_out))], key=lambda f: -f.bic)
+        fits = _with_one_more(best, take, shortlist, left_out, given, first=best is corrected)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
@@ -111,6 +108,22 @@ def search(
     else:
         best, without, rest = settled(best, take, trials, (corrected, base))
     return Search(base, corrected, best, without, rest, chance, p_value, trials)
+
+
+def _with_one_more(
+    best: Fit, take: Take, shortlist: list[Candidate], left_out: Sequence[str], given: Fit | None, *, first: bool
+) -> list[Fit]:
+    """Joint refits with one effect more, best first; the `first` beside a simulation's own parameters as well."""
+    if take.pushed:  # beside pushes that do its work already, a small change promises little of what an effect does
+        shortlist = [c for c in shortlist if any(p.places for p in best.hypothesis.entries[c.effect].parameters)]
+    fits = of_the_shortlist(best, take, shortlist)
+    if given and first:
+        fits += beside_given(given, best, take, left_out)
+    if best.hypothesis.simulated and first:
+        fits += beside_simulated(best, take, left_out)
+    elif take.pushed:
+        fits += at_their_sizes(best, take, best.start, left_out)
+    return sorted(filter(credible, fits), key=lambda f: -f.bic)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
