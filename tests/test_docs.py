@@ -113,6 +113,20 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
     assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
 
 
+def test_the_readme_s_answers_are_those_of_the_committed_real_recordings() -> None:
+    from bcid.proof.real import NOT_ASKED, TIERS
+    from bcid.report import proof_page
+
+    assert proof_page.NOT_ASKED == NOT_ASKED
+    files = sorted((ROOT / "docs" / "results").glob("real_*.json"))
+    found = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    assert found
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert proof_page.answers(found) in readme
+    counts = {tier: [sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in TIERS}
+    assert "; ".join(f"{tier}: {right} of {n}" for tier, (right, n) in counts.items()) in readme
+
+
 def test_the_page_of_effects_is_what_the_command_makes() -> None:
     from bcid.effects.listing import as_markdown
     from bcid.effects.table import EFFECTS

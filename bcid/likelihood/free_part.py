@@ -20,7 +20,7 @@ from bcid.likelihood.take import N_START, Floats, Ints, Take
 DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
 TANGENTS = 16  # at most, along which segments settle
 SETTLED = 0.03  # nats that a segment still gains by a step
-LOST = 4.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
+LOST = 20.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
 
 
 class Settled(NamedTuple):

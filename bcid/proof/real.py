@@ -46,7 +46,7 @@ MATTERS = 1.3  # times the error with everything, from which what is withheld mu
 AS_IT_WAS = 0.02  # relative trust in what a recording showed before it was edited
 NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found
 TIERS = ("withheld", "control", "edited")
-NOT_ASKED = "not asked: it makes no difference here"
+NOT_ASKED = "not asked"  # what makes no difference where it is withheld
 
 
 class _Asked(NamedTuple):

@@ -26,6 +26,9 @@ COLUMNS = {
 PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap", "errors")
 """Fields that are no shares of takes."""
 
+NOT_ASKED = "not asked"
+"""Of a real recording: what makes no difference where it is withheld."""
+
 OTHER_ANSWERS = ("unknown", "nothing", "error")
 
 
@@ -89,6 +92,35 @@ def methods(outcome: Mapping[str, Any]) -> str:
 
 def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
+
+
+def answers(outcomes: Sequence[Mapping[str, Any]]) -> str:
+    """The README's table of questions to real recordings: one row each."""
+    rows = [row for outcome in outcomes for row in outcome["rows"]]
+    return _markdown(
+        ["tier", "recording", "what", "error", "answered", "right"],
+        [
+            [
+                row["tier"], f"…{Path(row['recording']).stem[-19:]}", row["case"],
+                f"× {row['ratio']:.2f}" if "ratio" in row else "–", _answered(row),
+                "–" if row["verdict"] == NOT_ASKED else "yes" if row["right"] else "**no**",
+            ]
+            for row in rows
+        ],
+    )  # fmt: skip
+
+
+def _answered(row: Mapping[str, Any]) -> str:
+    """Names with their twins and values, or the verdict."""
+    told = []
+    for finding in row["findings"]:
+        values = ", ".join(f"{v:.3g} ± {se:.1g}" for v, se in finding["values"].values())
+        names = " or ".join(f"`{name}`" for name in (finding["effect"], *finding["twins"]))
+        told.append(f"{names} ({values})")
+    if told:
+        return "; ".join(told)
+    where = f" in {row['remainder']['channel']}" if row["verdict"] == "unknown" else ""
+    return f"{row['verdict']}{where}"
 
 
 def _of_a_method(method: Mapping[str, Any]) -> str:
