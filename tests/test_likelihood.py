@@ -363,7 +363,7 @@ def test_joined_takes_are_predicted_as_each_alone(
     hypothesis = BASE.holding(*effects)
     phi = hypothesis.start(CAR, values)
     r = [residuals(t, hypothesis.setting(phi, t), t.start) for t in (take, later, whole)]
-    np.testing.assert_allclose(r[2], np.concatenate(r[:2]), rtol=0, atol=1e-4)
+    np.testing.assert_allclose(r[2], np.concatenate(r[:2]), rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("stood", [-1.5, 0.4])

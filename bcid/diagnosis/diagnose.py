@@ -98,8 +98,9 @@ def diagnosed(
     Raises:
         InputRefused: when too little of the recordings can be used.
     """
+    of = based(recordings, estimates, vehicle, simulation, progress)
     with _followed(recordings):
-        return _of_take(based(recordings, estimates, vehicle, simulation, progress), progress, left_out)
+        return _of_take(of, progress, left_out)
 
 
 def based(
@@ -124,10 +125,10 @@ def based(
     progress(0.05, "the base model")
     with _followed(recordings):
         take, hits, fit = base_from(recordings, estimates, hypothesis, values)
-    given = None
-    if simulation and simulation.trust is None:
-        with suppress(FloatingPointError):  # as it is it may not drive this take at all
-            given = held(take, fit.hypothesis, fit.hypothesis.start(car, values), fit.scales)
+        given = None
+        if simulation and simulation.trust is None:
+            with suppress(FloatingPointError):  # as it is it may not drive this take at all
+                given = held(take, fit.hypothesis, fit.hypothesis.start(car, values), fit.scales)
     return Based(take, hits, fit, given)
 
 

@@ -197,13 +197,13 @@ def _anew(
     return None
 
 
-def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales, start: Floats | None = None) -> Fit:
-    """What a simulation predicts that is not refitted: phi as it is, with free parts (from `start` on) and scales.
+def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
+    """What a simulation predicts that is not refitted: phi as it is, with free parts and scales found for it.
 
     Raises:
         FloatingPointError: where predictions leave the finite numbers.
     """
-    start = take.start if start is None else start
+    start = take.start
     setting, free = hypothesis.setting(phi, take), _Prior(phi, np.zeros_like(phi))
     for _ in range(HELD_STEPS):
         start, r, A = settled(take, setting, start, scales)

@@ -134,8 +134,11 @@ def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
     """What is made of a recording where something is withheld; not asked where that makes no difference."""
     vehicle = Vehicle.model_validate(_laid_over(asked.vehicle.model_dump(), case.vehicle))
     recording, estimate, _ = _moved(case.recording, vehicle, asked)
-    less = None if asked.simulation is None else _less(case, of_parameters(asked.simulation, [estimate], vehicle))
-    ratio = _times_the_whole(case, less, vehicle, asked) if case.withholds else 1.0
+    less, ratio = None, 1.0
+    if asked.simulation is not None:
+        less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
+    if case.withholds:
+        ratio = float((_errors(less, vehicle, recording, estimate) / _errors_of_the_whole(case, asked)).max())
     wanted = not case.control and ratio > MATTERS
     row = {
         "tier": "control" if case.control else "withheld", "recording": case.recording, "case": case.name,
@@ -160,20 +163,16 @@ def _less(case: Withheld, published: Compared) -> Compared:
     )
 
 
-def _times_the_whole(case: Withheld, less: Compared | None, vehicle: Vehicle, asked: _Asked) -> float:
-    """By how much what the case withholds raises the larger of the `errors`."""
-    whole = None
-    if asked.simulation is not None:
-        whole = of_parameters(asked.simulation, [_moved(case.recording, asked.vehicle, asked)[1]], asked.vehicle)
-    return float((_errors(case, less, vehicle, asked) / _errors(case, whole, asked.vehicle, asked)).max())
+def _errors_of_the_whole(case: Withheld, asked: _Asked) -> Floats:
+    """`errors` with nothing withheld."""
+    recording, estimate, _ = _moved(case.recording, asked.vehicle, asked)
+    published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], asked.vehicle)
+    return _errors(published, asked.vehicle, recording, estimate)
 
 
-def _errors(case: Withheld, simulation: Compared | None, vehicle: Vehicle, asked: _Asked) -> Floats:
-    """Errors of the simulation; without one, of the base model refitted."""
-    recording, estimate, _ = _moved(case.recording, vehicle, asked)
-    if simulation is None:
-        simulation = _of_fit(based([recording], [estimate], vehicle).fit)
-    return errors(simulation, vehicle, estimate)
+def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
+    """`errors` of the simulation; without one, of the base model refitted."""
+    return errors(simulation or _of_fit(based([recording], [estimate], vehicle).fit), vehicle, estimate)
 
 
 def _of_fit(fit: Fit) -> Compared:
