@@ -11,8 +11,9 @@ import numpy as np
 
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit, held, refit
-from bcid.likelihood.take import Floats, Take
+from bcid.likelihood.take import Floats, Ints, Take
 
 SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
@@ -58,43 +59,55 @@ def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]
     return of_the_shortlist(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
 
 
-def beside_simulated(corrected: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of every effect beside the parameters of a simulation to be trusted.
+def with_simulated(corrected: Fit) -> Fit:
+    """The fit at the parameters of a simulation to be trusted.
 
     What is missing is plain there, and hardly seen any more where those have bent to it.
     """
     hypothesis = corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
-    simulated = np.r_[hypothesis.simulated.phi, corrected.phi[known:]]
-    return at_their_sizes(replace(corrected, phi=simulated), take, take.start, left_out)
+    return replace(corrected, phi=np.r_[hypothesis.simulated.phi, corrected.phi[known:]])
 
 
-def at_their_sizes(fit: Fit, take: Take, start: Floats, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of every effect that has no place, at its size beside the fit's parameters, free parts from `start`.
+def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
+    """Effects that `fit` does not hold and that are not bound to a place."""
+    entries, held = fit.hypothesis.entries, fit.hypothesis.effects
+    own = {n: entries[n].parameters for n in EFFECTS if n in entries and n not in (*held, *left_out)}
+    return tuple(n for n, parameters in own.items() if parameters and not any(p.places for p in parameters))
 
-    All on a part of the take, the best on the whole.
+
+def at_their_sizes(fit: Fit, take: Take, start: Floats, names: Sequence[str]) -> list[Fit]:
+    """Joint refits of each of the effects `names` at its size beside the fit's parameters, best first.
+
+    On a part of the take, free parts from `start`.
     """
-    chosen = np.arange(0, take.segments, -(-take.segments // ENOUGH))
-    part, found, hypothesis = take.part(chosen), list[Fit](), fit.hypothesis
+    chosen = _evenly(take, ENOUGH)
+    part, best, hypothesis = take.part(chosen), dict[str, Fit](), fit.hypothesis
     values = list(hypothesis.values(fit.phi).values())
-    for name in (n for n in EFFECTS if n not in (*hypothesis.effects, *left_out)):
-        own = hypothesis.entries[name].parameters if name in hypothesis.entries else ()
-        if not own or any(p.places for p in own):
-            continue
+    for name in names:
+        own = hypothesis.entries[name].parameters
         more = hypothesis.holding(*hypothesis.effects, name)
         for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
             phi = more.start(fit.car(), [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
-                found.append(refit(part, more, phi, start[chosen], fit.scales, tangents=FEW))
-    best = dict[tuple[str, ...], Fit]()
-    for f in sorted(found, key=lambda f: f.bic):
-        best[f.hypothesis.effects] = f  # of either sign, the better one
+                found = refit(part, more, phi, start[chosen], fit.scales, tangents=FEW)
+                best[name] = max(best.get(name, found), found, key=lambda f: f.bic)
+    return sorted(best.values(), key=lambda f: -f.bic)
+
+
+def on_the_whole(fits: Sequence[Fit], take: Take, start: Floats, scales: Scales) -> list[Fit]:
+    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it."""
     whole = list[Fit]()
-    for f in sorted(best.values(), key=lambda f: -f.bic)[:FINALISTS]:
+    for f in fits[:FINALISTS]:
         with suppress(FloatingPointError):
-            whole.append(refit(take, f.hypothesis, f.phi, start, f.scales))
+            whole.append(refit(take, f.hypothesis, f.phi, start, scales))
     return whole
+
+
+def _evenly(take: Take, n: int) -> Ints:
+    """About `n` of the take's segments."""
+    return np.arange(0, take.segments, -(-take.segments // n))
 
 
 def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:

@@ -15,12 +15,14 @@ from bcid.diagnosis.candidates import (
     WORTH,
     at_their_sizes,
     beside_given,
-    beside_simulated,
     credible,
     from_afar,
     fully,
     of_the_shortlist,
+    on_the_whole,
     refit_with,
+    with_simulated,
+    without_place,
 )
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
@@ -37,6 +39,7 @@ RELEVANT = 0.01  # share of all that is explained so far that a further effect m
 HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
 GATE = 14.0  # what the gate of a usual take comes to; plans count with it before there is a take
 PLAIN = 100.0  # nats that no usual take of nothing comes near
+PROMISING = 16  # effects that are tried at their sizes again, beside what was found
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
 
 
@@ -80,6 +83,7 @@ def search(
     trials = changes(best, take).without(left_out)
     chance = nulls(best, take, trials)
     p_value = chance.p_value
+    names: Sequence[str] = without_place(best, left_out) if take.pushed or best.hypothesis.simulated else ()
     while len(named(best)) < (MOST_PUSHED if take.pushed else MOST_EFFECTS):
         candidates = screen(best, take, trials.without(best.hypothesis.effects))
         worth = max(WORTH, HOPELESS * candidates[0].score)
@@ -88,7 +92,7 @@ def search(
         left = whole if best is base else remainder(disturbances(best, take), best.car())
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
-        fits = _with_one_more(best, take, shortlist, left_out, given, first=best is corrected)
+        fits, names = _with_one_more(best, take, shortlist, names, left_out, given, first=best is corrected)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
             fits = sorted([*fits, *from_afar(best, take, left_out)], key=lambda f: -f.bic)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
@@ -111,19 +115,26 @@ def search(
 
 
 def _with_one_more(
-    best: Fit, take: Take, shortlist: list[Candidate], left_out: Sequence[str], given: Fit | None, *, first: bool
-) -> list[Fit]:
-    """Joint refits with one effect more, best first; the `first` beside a simulation's own parameters as well."""
+    best: Fit, take: Take, shortlist: Sequence[Candidate], names: Sequence[str], left_out: Sequence[str],
+    given: Fit | None, *, first: bool,
+) -> tuple[list[Fit], Sequence[str]]:  # fmt: skip
+    """Joint refits with one effect more, best first, and which of `names` are worth trying beside the next.
+
+    The effects `names` are tried at their sizes, others from the score test; the `first` effect beside a simulation's
+    own parameters as well.
+    """
     if take.pushed:  # beside pushes that do its work already, a small change promises little of what an effect does
         shortlist = [c for c in shortlist if any(p.places for p in best.hypothesis.entries[c.effect].parameters)]
     fits = of_the_shortlist(best, take, shortlist)
     if given and first:
         fits += beside_given(given, best, take, left_out)
-    if best.hypothesis.simulated and first:
-        fits += beside_simulated(best, take, left_out)
-    elif take.pushed:
-        fits += at_their_sizes(best, take, best.start, left_out)
-    return sorted(filter(credible, fits), key=lambda f: -f.bic)
+    if names:
+        trusted = first and best.hypothesis.simulated is not None
+        near, start = (with_simulated(best), take.start) if trusted else (best, best.start)
+        sized = at_their_sizes(near, take, start, [n for n in names if n not in best.hypothesis.effects])
+        fits += on_the_whole(sized, take, start, best.scales)
+        names = [f.hypothesis.effects[-1] for f in sized[:PROMISING]] if take.pushed else ()
+    return sorted(filter(credible, fits), key=lambda f: -f.bic), names
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:

@@ -34,6 +34,10 @@ class Parameter(NamedTuple):
         """Whether a search that ended here might have gone on."""
         return any(math.isclose(value, bound, rel_tol=1e-6) for bound in (self.low, self.high))
 
+    def times(self, factor: float) -> Parameter:
+        """The same for a vehicle for which such a number is `factor` times as large."""
+        return self._replace(low=self.low * factor, high=self.high * factor, size=self.size * factor)
+
     def quoted(self, value: float, se: float | None) -> Quoted:
         """The value as it is printed and saved, with a unit in words."""
         if not self.inverse_of or value == 0.0:
@@ -140,6 +144,6 @@ def resized(effect: Effect, units: Units) -> Effect:
             return p
         if p.places:
             return p._replace(low=p.low * factor, off=p.off * factor) if p.symbol == "radius" else p
-        return p._replace(low=p.low * factor, high=p.high * factor, size=p.size * factor)
+        return p.times(factor)
 
     return replace(effect, parameters=tuple(scaled(p) for p in effect.parameters))

@@ -144,14 +144,13 @@ def _stepped(take: Take, setting: Setting, at: Settled, scales: Scales) -> tuple
     least, start, r = _badness(take, at.start, at.r, scales), at.start.copy(), at.r.copy()
     waiting, diagonal = np.arange(take.segments), np.einsum("sii->si", M)
     for damping in DAMPINGS:
-        there = start.copy()
+        part, rows, there = take.part(waiting), take.rows(waiting), start[waiting]
         damped = M[waiting] + damping * diagonal[waiting, :, None] * np.eye(M.shape[1])
-        there[waiting] += np.linalg.solve(damped, b[waiting][:, :, None])[:, :, 0]
-        left = residuals(take, setting, there)
-        better = waiting[_badness(take, there, left, scales)[waiting] < least[waiting]]
-        rows = take.rows(better)
-        start[better], r[rows] = there[better], left[rows]
-        waiting = np.setdiff1d(waiting, better)
+        there += np.linalg.solve(damped, b[waiting][:, :, None])[:, :, 0]
+        left = residuals(part, setting, there)
+        better = np.flatnonzero(_badness(part, there, left, scales) < least[waiting])
+        start[waiting[better]], r[rows[part.rows(better)]] = there[better], left[part.rows(better)]
+        waiting = np.delete(waiting, better)
         if not len(waiting):
             break
     return start, r

@@ -30,6 +30,7 @@ DRAG = ("R_1", "R_2")
 """Refitted too, in units of their own (`Hypothesis.drag_units`), since they may have either sign."""
 
 INERTIA, STIFFNESS = 5.0, 100.0  # times two masses over the axles, and N/rad per kg: either way, no car is beyond
+BUMPER_CAR_LOCK = np.deg2rad(115.0)  # to which sizes are declared
 FORCE_DEAD_ZONE = 0.1  # of the throttle
 DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
@@ -91,6 +92,9 @@ class Hypothesis:
     def entries(self) -> dict[str, Effect]:
         """All that can be fitted, with sizes as they suit the vehicle."""
         known = {name: resized(e, self.units) for name, e in ENTRIES.items()}
+        bend = known["steering_nonlinearity"]  # as large a share of the angle at this vehicle's full lock
+        share = (BUMPER_CAR_LOCK / self.angle_limit) ** 2
+        known["steering_nonlinearity"] = replace(bend, parameters=tuple(p.times(share) for p in bend.parameters))
         if self.nominal.sets_force > 0.0:  # a throttle without unit, and no reference above which to brake
             zone = known["motor_dead_zone"]
             width = zone.parameters[0]._replace(unit="1", high=1.0, size=FORCE_DEAD_ZONE)

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.effects.car import Body
+from bcid.effects.car import Body, Lagged
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
@@ -29,13 +29,30 @@ def _hermite(a: float, b: float, rate_a: float, rate_b: float, u: float, h: floa
     )  # fmt: skip
 
 
+class Way(NamedTuple):
+    """Where the prediction of a segment has come to."""
+
+    b: Body
+    lagged: Lagged
+    i: int  # steps done
+    j: int  # stamps passed
+
+
 @njit
-def segment_poses(
+def begun(x: Floats, step: int, chain: Chain, T: float, p: Car, e: Any, c: Constants) -> Way:
+    """The beginning of a segment in the state `x` (6,), its lags settled."""
+    b = Body(x[0], x[1], x[2], x[3], x[4], x[5])
+    return Way(b, settled(b, step, chain, T, p, e, c), 0, 0)
+
+
+@njit
+def poses_on(
     out: Floats,
     stamps: Floats,
     row: Ints,
     share: Floats,
-    x: Floats,
+    way: Way,
+    until: int,
     pushes: Floats,
     step: int,
     steps: int,
@@ -44,17 +61,14 @@ def segment_poses(
     p: Car,
     e: Any,
     c: Constants,
-) -> None:
-    """Add the poses seen at `stamps`, each with its share, to their rows of `out`.
+) -> Way:
+    """Add the poses seen at those `stamps` that come before the step `until`, each with its share, to their rows.
 
-    The state begins at `x` (6,) and is under `pushes` (n, 3), wrenches, each for an nth of the time.
+    Under `pushes` (n, 3), wrenches, each for an nth of all `steps` of the segment.
     """
-    b = Body(x[0], x[1], x[2], x[3], x[4], x[5])
-    lagged = settled(b, step, chain, T, p, e, c)
-    j = 0
-    h = chain.h
+    b, lagged, j, h = way.b, way.lagged, way.j, chain.h
     each = steps // len(pushes)
-    for i in range(steps):
+    for i in range(way.i, until):
         after, lagged = body_step(b, lagged, step + i, chain, T, pushes[i // each], p, e, c)
         end = chain.t_0 + (step + i + 1) * h
         if j < len(stamps) and (stamps[j] <= end or i == steps - 1):
@@ -74,6 +88,28 @@ def segment_poses(
                 out[row[j], 2] += share[j] * seen[2]
                 j += 1
         b = after
+    return Way(b, lagged, until, j)
+
+
+@njit
+def segment_poses(
+    out: Floats,
+    stamps: Floats,
+    row: Ints,
+    share: Floats,
+    x: Floats,
+    pushes: Floats,
+    step: int,
+    steps: int,
+    chain: Chain,
+    T: float,
+    p: Car,
+    e: Any,
+    c: Constants,
+) -> None:
+    """`poses_on` for a whole segment from the state `x` (6,)."""
+    way = begun(x, step, chain, T, p, e, c)
+    poses_on(out, stamps, row, share, way, steps, pushes, step, steps, chain, T, p, e, c)
 
 
 class Layout(NamedTuple):
@@ -136,19 +172,25 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
     for s in numba.prange(len(of.step)):
         a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
         stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
-        own, T = since(chain, of.zero[s]), of.length[s]
-        still = np.zeros((g - f, 3))
-        segment_poses(
-            still, stamps, row, share, start[s], pushes_of(start[s], p), of.step[s], of.steps, own, T, p, e[0], c
-        )
-        for j in range(N_FREE):
-            x, width = start[s].copy(), NUDGE if j < N_START else PUSH
-            x[j] += width
+        own, T, step, each = since(chain, of.zero[s]), of.length[s], of.step[s], of.steps // KNOTS
+        still, pushes = np.zeros((g - f, 3)), pushes_of(start[s], p)
+        for j in range(N_START):
+            x = start[s].copy()
+            x[j] += NUDGE
             moved = np.zeros((g - f, 3))
-            segment_poses(moved, stamps, row, share, x, pushes_of(x, p), of.step[s], of.steps, own, T, p, e[0], c)
-            for i in range(g - f):
-                for r in range(3):
-                    out[f + i, r, j] = (moved[i, r] - still[i, r]) / width
+            segment_poses(moved, stamps, row, share, x, pushes, step, of.steps, own, T, p, e[0], c)
+            out[f:g, :, j] = moved
+        way = begun(start[s], step, own, T, p, e[0], c)
+        for k in range(KNOTS):  # a push changes nothing before it begins
+            for j in range(N_START + 3 * k, N_START + 3 * (k + 1)):
+                x = start[s].copy()
+                x[j] += PUSH
+                moved = still.copy()
+                poses_on(moved, stamps, row, share, way, of.steps, pushes_of(x, p), step, of.steps, own, T, p, e[0], c)
+                out[f:g, :, j] = moved
+            way = poses_on(still, stamps, row, share, way, (k + 1) * each, pushes, step, of.steps, own, T, p, e[0], c)
+        for j in range(N_FREE):
+            out[f:g, :, j] = (out[f:g, :, j] - still) / (NUDGE if j < N_START else PUSH)
     return out
 
 

@@ -198,7 +198,7 @@ def _as_it_was(name: str, asked: _Asked) -> Compared:
 
 def _edited(case: Edited, known: Compared, asked: _Asked) -> dict[str, Any]:
     recording, _, tuning = _moved(case.recording, asked.vehicle, asked)
-    changed = EDITS[case.effect](recording, case.value)
+    changed = EDITS[case.effect](recording, case.value, 1.0 + known.effects.get("steering_scale__g", 0.0))
     answer = said(diagnosed([changed], [estimate_motion(changed, asked.vehicle, tuning)], asked.vehicle, known))
     values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
     value, se = values[0] if values else (None, 0.0)
