@@ -58,6 +58,9 @@ class Record:
     def reused(self, title: str) -> None:
         self.known.append(title)
 
+    def note(self, text: str) -> None:
+        raise AssertionError(text)
+
 
 @pytest.fixture(scope="module")
 def plan_file(tmp_path_factory: pytest.TempPathFactory, takes: dict[str, Path], vehicle_file: Path) -> Path:

@@ -136,17 +136,19 @@ def test_a_template_beside_a_package_is_part_of_its_code(package: Path) -> None:
 
 
 def test_the_second_of_two_runs_waits_and_uses_what_the_first_made(tmp_path: Path) -> None:
-    begun, may_end = Event(), Event()
+    """And its person is told so."""
+    begun, may_end, told = Event(), Event(), Event()
 
     def slowly(folder: Path) -> None:
         begun.set()
-        assert may_end.wait(20.0)
+        assert may_end.wait(60.0)
         maker("first")(folder)
 
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(Store(tmp_path).get, recipe(), slowly)
         assert begun.wait(20.0)
-        second = pool.submit(Store(tmp_path).get, recipe(), never)
+        second = pool.submit(Store(tmp_path, told.set).get, recipe(), never)
+        assert told.wait(20.0)
         may_end.set()
         assert not first.result(20.0).reused
         assert second.result(20.0).reused

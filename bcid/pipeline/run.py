@@ -18,6 +18,7 @@ from bcid.vehicle import read_vehicle
 
 Progress = Callable[[float, str], None]
 _STAGES = "bcid.pipeline.stages"
+WAITING = "waiting for another run in {}, which is making what this one needs"
 GEOMETRY = ("body.cog_to_front_m", "body.cog_to_rear_m")
 DRIVEN = (*GEOMETRY, "body.drive", "body.front_drive_share")
 
@@ -31,6 +32,9 @@ class Watcher(Protocol):
     def reused(self, title: str) -> None:
         """A stage that was found in the cache."""
 
+    def note(self, text: str) -> None:
+        """Something that a person may want to know."""
+
 
 class Silent:
     """A watcher that says nothing."""
@@ -41,6 +45,9 @@ class Silent:
         yield lambda share, text: None
 
     def reused(self, title: str) -> None:
+        """See `Watcher`."""
+
+    def note(self, text: str) -> None:
         """See `Watcher`."""
 
 
@@ -60,8 +67,8 @@ class Pipeline:
     def __init__(self, plan: Plan, watcher: Watcher | None = None) -> None:
         self.plan = plan
         self.vehicle = read_vehicle(plan.vehicle)
-        self.store = Store(plan.workspace)
         self.watcher = watcher or Silent()
+        self.store = Store(plan.workspace, lambda: self.watcher.note(WAITING.format(plan.workspace)))
         self._known: dict[str, Artifact] = {}
 
     def _get(self, title: str, recipe: Recipe, make: Callable[[Path, Progress], None]) -> Artifact:

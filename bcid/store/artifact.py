@@ -19,6 +19,7 @@ from bcid.store.code import Code
 
 MANIFEST = "manifest.json"
 _WORK = ".unfinished"
+PATIENCE_S = 1.0  # before somebody is told that another run is waited for
 STALE_S = 24 * 3600.0  # no stage takes a day
 PUBLISH_TRIES = 3
 
@@ -80,8 +81,10 @@ def sha256_of(path: Path) -> str:
 class Store:
     """The artifacts of one workspace."""
 
-    def __init__(self, workspace: Path) -> None:
+    def __init__(self, workspace: Path, waiting: Callable[[], None] = lambda: None) -> None:
+        """The artifacts under `workspace`; `waiting` is called when another run keeps this one waiting."""
         self.workspace = workspace
+        self._waiting = waiting
 
     def get(self, recipe: Recipe, make: Callable[[Path], None]) -> Artifact:
         """The artifact of `recipe`: reused where it is there and whole, otherwise made by `make(folder)`.
@@ -105,12 +108,20 @@ class Store:
     @contextmanager
     def alone(self, name: str) -> Iterator[None]:
         """What only one run at a time may do in this workspace; a run that is killed gives it up."""
-        from filelock import FileLock
+        from filelock import FileLock, Timeout
 
         unfinished = self.workspace / _WORK
         unfinished.mkdir(parents=True, exist_ok=True)
-        with FileLock(unfinished / f"{name}.lock"):
+        lock = FileLock(unfinished / f"{name}.lock")
+        try:
+            lock.acquire(timeout=PATIENCE_S)
+        except Timeout:
+            self._waiting()
+            lock.acquire()
+        try:
             yield
+        finally:
+            lock.release()
 
     def _make(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
         unfinished = self.workspace / _WORK
