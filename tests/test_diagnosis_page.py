@@ -12,9 +12,11 @@ import numpy.typing as npt
 import pytest
 
 from bcid.effects.table import EFFECTS
-from bcid.report import diagnosis_figures
-from bcid.report.diagnosis_figures import dependence_picture, place_picture, proof_pictures, variable, where_pictures
+from bcid.report import before_after_figures, where_figures
+from bcid.report.before_after_figures import proof_pictures
 from bcid.report.diagnosis_page import number, verdict_sentence, with_error, write_diagnosis_page
+from bcid.report.knots import variable
+from bcid.report.where_figures import dependence_picture, place_picture, where_pictures
 
 Floats = npt.NDArray[np.float64]
 Made = tuple[dict[str, Any], dict[str, Floats], dict[str, Floats]]
@@ -171,7 +173,8 @@ def nothing() -> Made:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are composed but not rendered, which takes most of the time."""
-    monkeypatch.setattr(diagnosis_figures, "_png", lambda figure: PNG)
+    for module in (before_after_figures, where_figures):
+        monkeypatch.setattr(module, "png", lambda figure: PNG)
 
 
 VERDICTS = {"named": named, "ambiguous": ambiguous, "unknown": unknown, "nothing-found": nothing}

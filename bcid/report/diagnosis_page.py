@@ -16,8 +16,10 @@ import numpy.typing as npt
 from bcid import __version__
 from bcid.effects.entry import unit_in_words
 from bcid.effects.table import ENTRIES
-from bcid.report.diagnosis_figures import VARIABLES, proof_pictures, where_of, where_pictures, windows_of
+from bcid.report.before_after_figures import proof_pictures
+from bcid.report.knots import VARIABLES, where_of, windows_of
 from bcid.report.templates import template
+from bcid.report.where_figures import where_pictures
 
 Floats = npt.NDArray[np.float64]
 
