@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from bcid.toml_file import Settings, read_toml
 
@@ -56,10 +57,14 @@ class Condition(Settings):
     equals: float
 
 
+Point = Annotated[tuple[float, float], Field(strict=False)]
+
+
 class Mapped(Settings):
     """A logged field turned into SI: gain * dead_zone(raw) + offset, within [low, high].
 
-    `gain_negative` is the gain for raw values below the dead zone where it differs.
+    `gain_negative` is the gain for raw values below the dead zone where it differs.  A calibrated servo has `points`
+    instead, of raw value and angle: straight lines between them, the ends beyond.
     """
 
     source: Annotated[str, Field(alias="from")]
@@ -70,6 +75,18 @@ class Mapped(Settings):
     low: float | None = None
     high: float | None = None
     zero_where: Condition | None = None
+    points: Annotated[tuple[Point, ...], Field(min_length=2, strict=False)] | None = None
+
+    @model_validator(mode="after")
+    def _one_law(self) -> Mapped:
+        if self.points is None:
+            return self
+        raw = [a for a, _ in self.points]
+        if any(b <= a for a, b in pairwise(raw)):
+            raise ValueError("points must rise in their raw value")
+        if self.gain != 1.0 or self.gain_negative is not None or self.dead_zone:
+            raise ValueError("points stand in the place of gain, gain_negative and dead_zone")
+        return self
 
 
 def _bare(value: object) -> object:
@@ -156,10 +173,11 @@ class Vehicle(Settings):
 
     @property
     def raw_steering(self) -> bool:
-        """Whether steering commands come in units of their own, which a gain in this file turns into rad."""
+        """Whether steering commands come in units of their own, which this file turns into rad."""
         mapped = (self.columns, self.topics.command_fields if self.topics else None)
-        gains = {g for m in mapped if m for g in (m.steering_rad.gain, m.steering_rad.gain_negative)}
-        return bool({abs(g) for g in gains if g is not None} - {1.0})
+        angles = [m.steering_rad for m in mapped if m]
+        gains = {abs(g) for a in angles for g in (a.gain, a.gain_negative) if g is not None}
+        return bool(gains - {1.0}) or any(a.points for a in angles)
 
     @property
     def mass_kg(self) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from bcid.errors import InputRefused
 from bcid.recording.mapping import mapped
@@ -167,6 +168,22 @@ def test_what_is_no_number_stays_none_through_a_mapping_with_bounds() -> None:
     assert np.isinf(found[:2]).all()
     assert np.isnan(found[2])
     np.testing.assert_allclose(found[3:], [0.0, 0.4, 1.0, -1.0])
+
+
+def test_a_calibrated_servo_is_read_off_between_its_points() -> None:
+    given = {"from": "u", "points": [[-1.0, -0.4], [0.0, 0.0], [0.5, 0.25], [1.0, 0.3]], "offset": 0.01}
+    raw = np.array([-2.0, -0.5, 0.25, 0.75, 3.0, np.nan])
+    found = mapped(Mapped.model_validate(given), lambda name: raw)
+    np.testing.assert_allclose(found, np.array([-0.4, -0.2, 0.125, 0.275, 0.3, np.nan]) + 0.01)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"points": [[0.0, 0.0]]}, {"points": [[0.0, 0.0], [0.0, 0.1]]}, {"points": [[0.0, 0.0], [1.0, 0.1]], "gain": 2.0}],
+)
+def test_points_that_say_nothing_or_two_things_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValidationError, match="points"):
+        Mapped.model_validate({"from": "u", **wrong})
 
 
 def test_a_pipe_in_place_of_a_vehicle_file_is_refused(tmp_path: Path) -> None:

@@ -609,6 +609,16 @@ def test_a_throttle_that_sets_a_force_has_a_dead_zone_and_no_reference() -> None
     assert (width.unit, width.high) == ("1", 1.0)
 
 
+def test_a_steering_s_cubic_part_is_as_large_a_share_at_any_full_lock() -> None:
+    """A small car's 0.4 rad would hardly be bent by what bends the bumper car's 2 rad."""
+    cubic = BASE.entries["steering_nonlinearity"].parameters[0]
+    small = replace(BASE, angle_limit=0.2 * LIMIT).entries["steering_nonlinearity"].parameters[0]
+    for name in ("low", "high", "size"):
+        assert getattr(small, name) * (0.2 * LIMIT) ** 2 == pytest.approx(getattr(cubic, name) * LIMIT**2)
+    offset = BASE.entries["steering_offset"].parameters[0]
+    assert replace(BASE, angle_limit=0.2 * LIMIT).entries["steering_offset"].parameters[0] == offset
+
+
 def test_late_poses_are_late_commands(take: Take) -> None:
     """pose_latency is exactly equal motor and steering delays (specification)."""
     one, two = BASE.holding("pose_latency"), BASE.holding("motor_delay", "steering_delay")

@@ -19,7 +19,9 @@ SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
-ENOUGH, FEW = 30, 2  # segments on which effects are compared, and tangents along which
+ENOUGH = 30  # segments on which effects are compared
+PROMISING = 12  # effects that are compared more closely, and tried again beside what was found
+ROUGHLY, CLOSELY = 1, 3  # tangents along which
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
 
@@ -78,7 +80,7 @@ def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
 
 
 def at_their_sizes(fit: Fit, take: Take, start: Floats, names: Sequence[str]) -> list[Fit]:
-    """Joint refits of each of the effects `names` at its size beside the fit's parameters, best first.
+    """Joint refits of the most promising of `names`, each at its size beside the fit's parameters; best first.
 
     On a part of the take, free parts from `start`.
     """
@@ -91,17 +93,29 @@ def at_their_sizes(fit: Fit, take: Take, start: Floats, names: Sequence[str]) ->
         for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
             phi = more.start(fit.car(), [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
-                found = refit(part, more, phi, start[chosen], fit.scales, tangents=FEW)
+                found = refit(part, more, phi, start[chosen], fit.scales, tangents=ROUGHLY)
                 best[name] = max(best.get(name, found), found, key=lambda f: f.bic)
+    for name in sorted(best, key=lambda n: -best[n].bic)[PROMISING:]:
+        del best[name]
+    for name, f in best.items():
+        with suppress(FloatingPointError):
+            best[name] = refit(part, f.hypothesis, f.phi, f.start, f.scales, tangents=CLOSELY)
     return sorted(best.values(), key=lambda f: -f.bic)
 
 
-def on_the_whole(fits: Sequence[Fit], take: Take, start: Floats, scales: Scales) -> list[Fit]:
-    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it."""
+def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Floats) -> list[Fit]:
+    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it from the best of `starts`.
+
+    Those at the end of their size are passed over.
+    """
     whole = list[Fit]()
-    for f in fits[:FINALISTS]:
-        with suppress(FloatingPointError):
-            whole.append(refit(take, f.hypothesis, f.phi, start, scales))
+    for f in [f for f in fits if credible(f)][:FINALISTS]:
+        found = list[Fit]()
+        for start in starts:
+            with suppress(FloatingPointError):
+                found.append(refit(take, f.hypothesis, f.phi, start, scales))
+        if found:
+            whole.append(max(found, key=lambda f: f.bic))
     return whole
 
 

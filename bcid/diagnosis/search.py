@@ -39,7 +39,6 @@ RELEVANT = 0.01  # share of all that is explained so far that a further effect m
 HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
 GATE = 14.0  # what the gate of a usual take comes to; plans count with it before there is a take
 PLAIN = 100.0  # nats that no usual take of nothing comes near
-PROMISING = 16  # effects that are tried at their sizes again, beside what was found
 SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
 
 
@@ -120,8 +119,8 @@ def _with_one_more(
 ) -> tuple[list[Fit], Sequence[str]]:  # fmt: skip
     """Joint refits with one effect more, best first, and which of `names` are worth trying beside the next.
 
-    The effects `names` are tried at their sizes, others from the score test; the `first` effect beside a simulation's
-    own parameters as well.
+    The effects `names` are tried at their sizes, others from the score test; beside the parameters of a simulation to
+    be trusted as long as there is one, which bend to what is missing.
     """
     if take.pushed:  # beside pushes that do its work already, a small change promises little of what an effect does
         shortlist = [c for c in shortlist if any(p.places for p in best.hypothesis.entries[c.effect].parameters)]
@@ -129,11 +128,11 @@ def _with_one_more(
     if given and first:
         fits += beside_given(given, best, take, left_out)
     if names:
-        trusted = first and best.hypothesis.simulated is not None
+        trusted = best.hypothesis.simulated is not None
         near, start = (with_simulated(best), take.start) if trusted else (best, best.start)
         sized = at_their_sizes(near, take, start, [n for n in names if n not in best.hypothesis.effects])
-        fits += on_the_whole(sized, take, start, best.scales)
-        names = [f.hypothesis.effects[-1] for f in sized[:PROMISING]] if take.pushed else ()
+        fits += on_the_whole(sized, take, best.scales, *([take.start] if trusted else []), best.start)
+        names = [f.hypothesis.effects[-1] for f in sized] if take.pushed else ()
     return sorted(filter(credible, fits), key=lambda f: -f.bic), names
 
 

@@ -127,7 +127,8 @@ def bent(take: Take, setting: Setting, start: Floats, scales: Scales, A: Floats)
 
 def _badness(take: Take, start: Floats, r: Floats, scales: Scales) -> Floats:
     """|r / noise|^2 + |pushes / q|^2 of every segment (S,)."""
-    each = np.add.reduceat(((r / scales.r) ** 2).sum(axis=1), take.first[:-1])
+    with np.errstate(over="ignore"):  # what has left the finite numbers is endlessly bad
+        each = np.add.reduceat(((r / scales.r) ** 2).sum(axis=1), take.first[:-1])
     return np.asarray(each + start**2 @ scales.precisions())
 
 
