@@ -177,6 +177,15 @@ def test_a_calibrated_servo_is_read_off_between_its_points() -> None:
     np.testing.assert_allclose(found, np.array([-0.4, -0.2, 0.125, 0.275, 0.3, np.nan]) + 0.01)
 
 
+def test_commands_of_a_calibrated_servo_are_raw_ones() -> None:
+    """So that a diagnosis may correct their gain."""
+    car = {"name": "car", "body": {"cog_to_front_m": 0.1, "cog_to_rear_m": 0.1}, "steering": {"max_angle_rad": 0.4}}
+    columns = {"time_s": "t", "x_m": "x", "y_m": "y", "yaw_rad": "yaw", "throttle_mps": "u"}
+    points = {"from": "servo", "points": [[-1.0, -0.4], [1.0, 0.3]]}
+    assert Vehicle.model_validate(car | {"columns": columns | {"steering_rad": points}}).raw_steering
+    assert not Vehicle.model_validate(car | {"columns": columns | {"steering_rad": "servo"}}).raw_steering
+
+
 @pytest.mark.parametrize(
     "wrong",
     [{"points": [[0.0, 0.0]]}, {"points": [[0.0, 0.0], [0.0, 0.1]]}, {"points": [[0.0, 0.0], [1.0, 0.1]], "gain": 2.0}],

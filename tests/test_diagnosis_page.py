@@ -15,7 +15,7 @@ from bcid.effects.table import EFFECTS
 from bcid.report import before_after_figures, where_figures
 from bcid.report.before_after_figures import proof_pictures
 from bcid.report.diagnosis_page import number, verdict_sentence, with_error, write_diagnosis_page
-from bcid.report.knots import variable
+from bcid.report.knots import residual_of, two_variables, variable
 from bcid.report.where_figures import dependence_picture, place_picture, where_pictures
 
 Floats = npt.NDArray[np.float64]
@@ -409,3 +409,14 @@ def test_values_are_rounded_by_their_error(value: float, se: float | None, shown
 
 def test_numbers_keep_their_digits() -> None:
     assert [number(v) for v in (0.0, 9.996, 0.5, 123456.0)] == ["0.00", "10.0", "0.500", "1.23 × 10⁵"]
+
+
+def test_a_quantity_that_never_changes_is_not_drawn() -> None:
+    """Nor the end of a report: without braking, and with nothing to explain, there may be one quantity only."""
+    d, knots = named()[0], dict(knots_of())
+    d["mismatch"]["where"] = None
+    for name in ("v_x", "v_y", "yaw_rate", "steering", "steering_rate", "alpha_f", "alpha_r", "heading", "throttle"):
+        knots[name] = np.full_like(knots[name], 1.0)
+    assert two_variables(d, knots, residual_of(d, knots))
+    knots["v_x"] = np.linspace(0.5, 1.5, len(knots["v_x"]))
+    assert "braking" not in two_variables(d, knots, residual_of(d, knots))

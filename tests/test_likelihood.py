@@ -17,7 +17,15 @@ from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.likelihood.free_part import bent, residuals, sensitivities, settled, without_pushes
+from bcid.likelihood.free_part import (
+    Settled,
+    _settle_anew,
+    bent,
+    residuals,
+    sensitivities,
+    settled,
+    without_pushes,
+)
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import (
     NU,
@@ -381,6 +389,14 @@ def test_where_the_wheel_stood_before_the_first_command_does_not_matter(take: Ta
     assert np.abs(angles[0] - angles[1])[begin:].max() <= FORGOTTEN
 
 
+def test_commands_before_the_first_pose_forget_nothing(take: Take) -> None:
+    """The chain begins with the poses."""
+    early = np.r_[take.command_s[0] - 60.0, take.command_s]
+    longer = take._replace(command_s=early, command=np.vstack([take.command[:1], take.command]))
+    known = without_beginning(longer, CAR.T_s, CAR.d, LIMIT)
+    np.testing.assert_array_equal(known.step, without_beginning(take, CAR.T_s, CAR.d, LIMIT).step)
+
+
 def test_predictions_join_the_estimate(take: Take) -> None:
     """With nearly the true constants the poses of a segment are predicted to centimetres from the estimated start."""
     r = residuals(take, BASE.setting(BASE.start(CAR), take), take.start)
@@ -502,6 +518,23 @@ def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Tak
     found = settled(take, setting, spun, LOUD)
     np.testing.assert_allclose(found.start, right.start, atol=0.02)
     np.testing.assert_allclose(found.r, residuals(take, setting, found.start), atol=1e-12)
+
+
+def test_a_lost_segment_stays_as_it_is_where_settling_anew_ends_nowhere(part: Take) -> None:
+    take, _ = pushed_take(part)
+    setting, spun = BASE.setting(BASE.start(CAR), take), take.start.copy()
+    spun[::3, N_START:] = 40.0
+    at = Settled(spun.copy(), residuals(take, setting, spun), sensitivities(take, setting, spun))
+    lost = np.arange(0, take.segments, 3)
+    nowhere = np.full_like(spun, np.nan)
+    _settle_anew(take, setting, at, lost, nowhere, LOUD)
+    np.testing.assert_array_equal(at.start, spun)
+    np.testing.assert_array_equal(at.r, residuals(take, setting, spun))
+    _settle_anew(take, setting, at, lost, take.start, LOUD)
+    assert not np.isclose(at.start[lost, N_START:], 40.0).any()
+    np.testing.assert_array_equal(at.r, residuals(take, setting, at.start))
+    rows = take.rows(lost)  # of the step before the last one, which hardly moved
+    np.testing.assert_allclose(at.A[rows], sensitivities(take, setting, at.start)[rows], atol=1e-3)
 
 
 def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:

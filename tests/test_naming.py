@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.candidates import refit_with
+from bcid.diagnosis.candidates import named, refit_with
 from bcid.diagnosis.disturbance import STATES, Disturbances, disturbances
 from bcid.diagnosis.remainder import remainder
-from bcid.diagnosis.rivals import named
 from bcid.diagnosis.scan import circles, energy, windows
 from bcid.diagnosis.score import projected
 from bcid.diagnosis.screen import changes, screen

@@ -21,8 +21,10 @@ from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.proof import real
 from bcid.proof.edits import EDITS
 from bcid.proof.real import NOT_ASKED, outcome, run_real
+from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -51,10 +53,10 @@ def drive() -> Recording:
 
 @pytest.mark.parametrize("effect", ["pose_latency", "marker_offset", "body_yaw_misalignment", "steering_offset"])
 def test_an_edit_is_undone_by_its_opposite(effect: str, drive: Recording) -> None:
-    there = EDITS[effect](drive, 0.05, 1.0)
+    there = EDITS[effect](drive, 0.05)
     streams = [np.concatenate([s.time_s, s.values.ravel()]) for of in (there, drive) for s in (of.poses, of.commands)]
     assert not np.allclose(np.concatenate(streams[:2]), np.concatenate(streams[2:]))
-    back = EDITS[effect](there, -0.05, 1.0)
+    back = EDITS[effect](there, -0.05)
     for one, other in ((back.poses, drive.poses), (back.commands, drive.commands)):
         np.testing.assert_allclose(one.time_s, other.time_s, atol=1e-12)
         np.testing.assert_allclose(one.values, other.values, atol=1e-12)
@@ -64,24 +66,22 @@ def test_edits_of_the_pose_have_the_vocabulary_s_signs(drive: Recording) -> None
     """A tracked point ahead of the CoG, a body turned to the left, poses stamped late."""
     x, y, yaw = drive.poses.values[7]
     there = seen_pose(x, y, yaw, 0.05, 0.0, 0.0, 0.0)
-    np.testing.assert_allclose(EDITS["marker_offset"](drive, 0.05, 1.0).poses.values[7], there[:3])
+    np.testing.assert_allclose(EDITS["marker_offset"](drive, 0.05).poses.values[7], there[:3])
     turned = seen_pose(x, y, yaw, 0.0, 0.0, 0.05, 0.0)
-    np.testing.assert_allclose(EDITS["body_yaw_misalignment"](drive, 0.05, 1.0).poses.values[7], turned[:3])
-    np.testing.assert_allclose(EDITS["pose_latency"](drive, 0.05, 1.0).poses.time_s, drive.poses.time_s + 0.05)
+    np.testing.assert_allclose(EDITS["body_yaw_misalignment"](drive, 0.05).poses.values[7], turned[:3])
+    np.testing.assert_allclose(EDITS["pose_latency"](drive, 0.05).poses.time_s, drive.poses.time_s + 0.05)
 
 
 def test_edits_of_size_and_side_are_what_the_vocabulary_calls_them(drive: Recording) -> None:
-    offset = EDITS["steering_offset"](drive, 0.03, 1.5).commands.values[:, 0]
-    np.testing.assert_allclose(1.5 * offset, 1.5 * drive.commands.values[:, 0] - 0.03)
-    logged = EDITS["steering_side_gain"](drive, 0.1, 1.0).commands.values[:, 0]
+    logged = EDITS["steering_side_gain"](drive, 0.1).commands.values[:, 0]
     np.testing.assert_allclose(logged * (1.0 + 0.1 * np.sign(logged)), drive.commands.values[:, 0])
-    seen = EDITS["pose_scale"](drive, 0.08, 1.0).poses.values
+    seen = EDITS["pose_scale"](drive, 0.08).poses.values
     np.testing.assert_allclose(seen, drive.poses.values * [1.08, 1.08, 1.0])
 
 
 @pytest.mark.parametrize(("effect", "which"), [("steering_delay", 0), ("motor_delay", 1)])
 def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str, which: int, drive: Recording) -> None:
-    edited = EDITS[effect](drive, 0.06, 1.0).commands
+    edited = EDITS[effect](drive, 0.06).commands
 
     def acting(of: Stream, t: Any) -> Any:
         return of.values[np.searchsorted(of.time_s, t, side="right") - 1]
@@ -90,6 +90,28 @@ def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str
     now, was = acting(edited, t - 0.06)[:, which], acting(drive.commands, t)[:, which]
     np.testing.assert_array_equal(now, was)  # logged 60 ms before the car shows it
     np.testing.assert_array_equal(acting(edited, t)[:, 1 - which], acting(drive.commands, t)[:, 1 - which])
+
+
+def test_two_delays_that_cannot_be_told_from_a_late_pose_are_both_named() -> None:
+    """And a car's effect among what cannot be told apart is the vehicle's."""
+    late = {"effect": "pose_latency", "twins": ["steering_delay+motor_delay"]}
+    answer = {"verdict": "ambiguous", "findings": [late]}
+    assert real._named(answer) == {"pose_latency", "steering_delay", "motor_delay", VEHICLE_PHYSICS}
+    nothing = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fy"}}
+    assert real._named(nothing) == {"unknown in fy"}
+
+
+@pytest.mark.parametrize(("spun", "error"), [(0, 0.5), (3, np.inf)])
+def test_a_simulation_that_leaves_the_finite_numbers_is_endlessly_wrong(
+    spun: int, error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    twist = np.tile([1.0, 0.0, 0.2], (50, 1))
+    predicted = twist + np.array([0.5, 0.0, 0.5])
+    predicted[20 : 20 + spun] = np.nan
+    estimate: Any = SimpleNamespace(twist=twist, time_s=np.arange(50) * 0.1, period_s=0.1)
+    monkeypatch.setattr(real, "compared_model", lambda *_: None)
+    monkeypatch.setattr(real, "restarted", lambda *_: SimpleNamespace(twist=predicted))
+    np.testing.assert_allclose(real.errors(None, None, estimate), [error, error])  # type: ignore[arg-type]
 
 
 def test_what_makes_no_difference_does_not_count() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -61,15 +60,15 @@ def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]
     return of_the_shortlist(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
 
 
-def with_simulated(corrected: Fit) -> Fit:
-    """The fit at the parameters of a simulation to be trusted.
+def at_simulated(corrected: Fit) -> Floats:
+    """The fit's phi with the parameters of a simulation to be trusted.
 
     What is missing is plain there, and hardly seen any more where those have bent to it.
     """
     hypothesis = corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
-    return replace(corrected, phi=np.r_[hypothesis.simulated.phi, corrected.phi[known:]])
+    return np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
 
 
 def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
@@ -79,21 +78,21 @@ def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n, parameters in own.items() if parameters and not any(p.places for p in parameters))
 
 
-def at_their_sizes(fit: Fit, take: Take, start: Floats, names: Sequence[str]) -> list[Fit]:
-    """Joint refits of the most promising of `names`, each at its size beside the fit's parameters; best first.
+def at_their_sizes(fit: Fit, take: Take, phi: Floats, start: Floats, names: Sequence[str]) -> list[Fit]:
+    """Joint refits of the most promising of `names`, each at its size beside what `fit` holds; best first.
 
-    On a part of the take, free parts from `start`.
+    On a part of the take, from `phi` of that and from the free parts `start`.
     """
     chosen = _evenly(take, ENOUGH)
     part, best, hypothesis = take.part(chosen), dict[str, Fit](), fit.hypothesis
-    values = list(hypothesis.values(fit.phi).values())
+    values, car = list(hypothesis.values(phi).values()), hypothesis.car(phi)
     for name in names:
         own = hypothesis.entries[name].parameters
         more = hypothesis.holding(*hypothesis.effects, name)
         for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
-            phi = more.start(fit.car(), [*values, *(sign * p.size for p in own)])
+            there = more.start(car, [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
-                found = refit(part, more, phi, start[chosen], fit.scales, tangents=ROUGHLY)
+                found = refit(part, more, there, start[chosen], fit.scales, tangents=ROUGHLY)
                 best[name] = max(best.get(name, found), found, key=lambda f: f.bic)
     for name in sorted(best, key=lambda n: -best[n].bic)[PROMISING:]:
         del best[name]
@@ -120,8 +119,8 @@ def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Float
 
 
 def _evenly(take: Take, n: int) -> Ints:
-    """About `n` of the take's segments."""
-    return np.arange(0, take.segments, -(-take.segments // n))
+    """So many of the take's segments, or all."""
+    return np.unique(np.linspace(0, take.segments - 1, min(n, take.segments)).round().astype(np.int64))
 
 
 def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
@@ -155,13 +154,18 @@ def quickly(fit: Fit, take: Take, candidate: Candidate) -> Fit:
     return refit(take, more, more.start(fit.car(), values), fit.start, fit.scales, QUICK, fit.tangent)
 
 
+def named(fit: Fit) -> tuple[str, ...]:
+    """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
+    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
+
+
 def credible(fit: Fit) -> bool:
-    """Whether no effect has gone to where its size, of either sign, ends: no car has such; it stands in for others."""
+    """Whether none that it names has gone to where its size, of either sign, ends: no car has such; it stands in."""
     values = fit.hypothesis.values(fit.phi)
     return not any(
         p.low < 0.0 and not p.places and p.at_bound(values[field])
-        for field, p in fit.hypothesis.parameters
-        if field.partition("__")[0] in EFFECTS
+        for name in named(fit)
+        for field, p in zip(fit.hypothesis.entries[name].fields, fit.hypothesis.entries[name].parameters, strict=True)
     )
 
 

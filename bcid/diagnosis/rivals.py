@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import NamedTuple
 
-from bcid.diagnosis.candidates import CLOSE, WORTH, credible, fully, quickly, refit_with
+from bcid.diagnosis.candidates import CLOSE, WORTH, credible, fully, named, quickly, refit_with
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.screen import Changes, screen
-from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 
@@ -23,11 +22,6 @@ class Beside(NamedTuple):
     best: Fit
     without: dict[str, Fit]  # with each of its named effects left out
     others: tuple[Fit, ...]  # each with one named effect exchanged, best first
-
-
-def named(fit: Fit) -> tuple[str, ...]:
-    """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
-    return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
 def settled(fit: Fit, take: Take, trials: Changes, known: Iterable[Fit]) -> Beside:

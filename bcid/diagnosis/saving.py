@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from bcid.diagnosis.before_after import Horizon, Tracks
+from bcid.diagnosis.candidates import named
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import CHANNELS
 from bcid.diagnosis.locate import SIGNIFICANT
-from bcid.diagnosis.rivals import named
 from bcid.diagnosis.verdict import Finding, alike
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter

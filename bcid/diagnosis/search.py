@@ -13,21 +13,22 @@ from bcid.diagnosis.candidates import (
     QUICK,
     SHORTLIST,
     WORTH,
+    at_simulated,
     at_their_sizes,
     beside_given,
     credible,
     from_afar,
     fully,
+    named,
     of_the_shortlist,
     on_the_whole,
     refit_with,
-    with_simulated,
     without_place,
 )
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.remainder import Remainder, remainder
-from bcid.diagnosis.rivals import distinct, each_left_out, named, settled
+from bcid.diagnosis.rivals import distinct, each_left_out, settled
 from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen
 from bcid.effects.corrections import CORRECTIONS
 from bcid.likelihood.refit import Fit, refit
@@ -91,9 +92,10 @@ def search(
         left = whole if best is base else remainder(disturbances(best, take), best.car())
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
-        fits, names = _with_one_more(best, take, shortlist, names, left_out, given, first=best is corrected)
+        fits, names = _with_one_more(best, take, shortlist, names, left_out, given if best is corrected else None)
+        fits = _best_first(fits)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
-            fits = sorted([*fits, *from_afar(best, take, left_out)], key=lambda f: -f.bic)
+            fits = _best_first([*fits, *from_afar(best, take, left_out)])
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
@@ -115,25 +117,30 @@ def search(
 
 def _with_one_more(
     best: Fit, take: Take, shortlist: Sequence[Candidate], names: Sequence[str], left_out: Sequence[str],
-    given: Fit | None, *, first: bool,
+    given: Fit | None,
 ) -> tuple[list[Fit], Sequence[str]]:  # fmt: skip
-    """Joint refits with one effect more, best first, and which of `names` are worth trying beside the next.
+    """Joint refits with one effect more, and which of `names` are worth trying beside the next.
 
-    The effects `names` are tried at their sizes, others from the score test; beside the parameters of a simulation to
-    be trusted as long as there is one, which bend to what is missing.
+    Those of the shortlist start from the score test's values, beside `given` parameters of a simulation as well; the
+    effects `names` at their sizes, from the parameters of a simulation to be trusted as long as there is one.
     """
     if take.pushed:  # beside pushes that do its work already, a small change promises little of what an effect does
         shortlist = [c for c in shortlist if any(p.places for p in best.hypothesis.entries[c.effect].parameters)]
     fits = of_the_shortlist(best, take, shortlist)
-    if given and first:
+    if given:
         fits += beside_given(given, best, take, left_out)
     if names:
         trusted = best.hypothesis.simulated is not None
-        near, start = (with_simulated(best), take.start) if trusted else (best, best.start)
-        sized = at_their_sizes(near, take, start, [n for n in names if n not in best.hypothesis.effects])
+        phi, start = (at_simulated(best), take.start) if trusted else (best.phi, best.start)
+        sized = at_their_sizes(best, take, phi, start, [n for n in names if n not in best.hypothesis.effects])
         fits += on_the_whole(sized, take, best.scales, *([take.start] if trusted else []), best.start)
         names = [f.hypothesis.effects[-1] for f in sized] if take.pushed else ()
-    return sorted(filter(credible, fits), key=lambda f: -f.bic), names
+    return fits, names
+
+
+def _best_first(fits: Sequence[Fit]) -> list[Fit]:
+    """Those that explain anything."""
+    return sorted(filter(credible, fits), key=lambda f: -f.bic)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:

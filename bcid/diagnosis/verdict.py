@@ -8,12 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from bcid.diagnosis.candidates import RIVAL, refit_with
+from bcid.diagnosis.candidates import RIVAL, named, refit_with
 from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import disturbances, relieved
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.remainder import Remainder, remainder
-from bcid.diagnosis.rivals import named
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import DELAYS, PLAIN, Search
 from bcid.effects.table import EFFECTS

@@ -21,6 +21,7 @@ DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of
 TANGENTS = 16  # at most, along which segments settle
 SETTLED = 0.03  # nats that a segment still gains by a step
 LOST = 20.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
+HOPELESS = 0.5  # share of the segments from which being lost is not their own fault
 
 
 class Settled(NamedTuple):
@@ -83,7 +84,7 @@ def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Sett
     half[:, N_START:] *= 0.5
     for begin in (take.start, half):
         lost = np.flatnonzero(~(_badness(take, at.start, at.r, scales) < LOST * 3.0 * np.diff(take.first)))
-        if len(lost):
+        if 0 < len(lost) < HOPELESS * take.segments:  # where most are, it is the parameters that are wrong
             _settle_anew(take, setting, at, lost, begin, scales)
     if not np.isfinite(at.r).all():
         raise FloatingPointError("a prediction left the finite numbers")
@@ -109,8 +110,11 @@ def _settle_anew(take: Take, setting: Setting, at: Settled, lost: Ints, begin: F
     part, start = take.part(lost), begin[lost]
     there = Settled(start, residuals(part, setting, start), sensitivities(part, setting, start))
     _settle(part, setting, there, np.flatnonzero(np.isfinite(_badness(part, start, there.r, scales))), scales)
-    before = _badness(part, at.start[lost], at.r[take.rows(lost)], scales)
-    better = np.flatnonzero(~(before <= _badness(part, there.start, there.r, scales)))
+    before, after = (
+        np.nan_to_num(_badness(part, start, r, scales), nan=np.inf)
+        for start, r in ((at.start[lost], at.r[take.rows(lost)]), (there.start, there.r))
+    )
+    better = np.flatnonzero(after < before)
     to, of = take.rows(lost[better]), part.rows(better)
     at.start[lost[better]], at.r[to], at.A[to] = there.start[better], there.r[of], there.A[of]
 

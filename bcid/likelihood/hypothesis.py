@@ -30,7 +30,7 @@ DRAG = ("R_1", "R_2")
 """Refitted too, in units of their own (`Hypothesis.drag_units`), since they may have either sign."""
 
 INERTIA, STIFFNESS = 5.0, 100.0  # times two masses over the axles, and N/rad per kg: either way, no car is beyond
-BUMPER_CAR_LOCK = np.deg2rad(115.0)  # to which sizes are declared
+BUMPER_CAR_LOCK = 2.012  # rad, for which a steering's cubic part is declared
 FORCE_DEAD_ZONE = 0.1  # of the throttle
 DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show

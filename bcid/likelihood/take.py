@@ -183,7 +183,8 @@ def without_beginning(take: Take, T_s: float, d: float, limit: float) -> Take:
 
 
 def _forgotten_s(take: Take, T_s: float, d: float, limit: float) -> float:
-    left, right, now = limit, -limit, float(take.command_s[0])
+    left, right = limit, -limit
+    now = max(0.0, float(take.command_s[0]))  # the chain begins with the poses
     ends = np.r_[take.command_s[1:], np.inf]
     for u_s, end in zip(np.clip(take.command[:, 0], -limit, limit), ends, strict=True):
         while now < end and left - right > FORGOTTEN:

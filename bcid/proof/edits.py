@@ -1,8 +1,4 @@
-"""Effects made in a real recording: what is done to its poses or commands can be undone, so their size is known.
-
-The effects are the wheel's: where a drive shows that `gain` times the logged angle reaches it, the log is changed by
-as much less.
-"""
+"""Effects made in a real recording: what is done to its poses or commands can be undone, so their size is known."""
 
 from __future__ import annotations
 
@@ -48,14 +44,14 @@ def _earlier(of: Recording, tau: float, which: int) -> Recording:
     return replace(of, commands=Stream(times, now))
 
 
-EDITS: Mapping[str, Callable[[Recording, float, float], Recording]] = {
-    "pose_latency": lambda of, tau, gain: _later(of, tau),
-    "marker_offset": lambda of, d, gain: _shifted(of, d),
-    "body_yaw_misalignment": lambda of, psi, gain: _posed(of, turned=psi),
-    "pose_scale": lambda of, kappa, gain: _posed(of, factor=1.0 + kappa),
-    "steering_offset": lambda of, o, gain: _commanded(of, lambda u: u - o / gain),
-    "steering_side_gain": lambda of, a, gain: _commanded(of, lambda u: u / (1.0 + a * np.sign(u))),
-    "steering_delay": lambda of, tau, gain: _earlier(of, tau, 0),
-    "motor_delay": lambda of, tau, gain: _earlier(of, tau, 1),
+EDITS: Mapping[str, Callable[[Recording, float], Recording]] = {
+    "pose_latency": _later,
+    "marker_offset": _shifted,
+    "body_yaw_misalignment": lambda of, psi: _posed(of, turned=psi),
+    "pose_scale": lambda of, kappa: _posed(of, factor=1.0 + kappa),
+    "steering_offset": lambda of, o: _commanded(of, lambda u: u - o),
+    "steering_side_gain": lambda of, a: _commanded(of, lambda u: u / (1.0 + a * np.sign(u))),
+    "steering_delay": lambda of, tau: _earlier(of, tau, 0),
+    "motor_delay": lambda of, tau: _earlier(of, tau, 1),
 }
-"""What is done to a recording so that the car in it, with this gain of its steering, has the effect of this size."""
+"""What is done to a recording so that the car in it has the effect of this size."""

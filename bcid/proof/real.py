@@ -21,6 +21,7 @@ from bcid.diagnosis.before_after import compared_model
 from bcid.diagnosis.diagnose import Compared, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
+from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning, tune
 from bcid.estimate.types import Estimate
@@ -138,7 +139,13 @@ def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
     if asked.simulation is not None:
         less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
     if case.withholds:
-        ratio = float((_errors(less, vehicle, recording, estimate) / _errors_of_the_whole(case, asked)).max())
+        whole = _errors_of_the_whole(case, asked)
+        if not np.isfinite(whole).all():
+            nowhere = "with nothing withheld the simulation leaves the finite numbers"
+            raise InputRefused(
+                asked.recordings / case.recording, case.name, nowhere, "ask of a drive that it can follow"
+            )
+        ratio = float((_errors(less, vehicle, recording, estimate) / whole).max())
     wanted = not case.control and ratio > MATTERS
     row = {
         "tier": "control" if case.control else "withheld", "recording": case.recording, "case": case.name,
@@ -147,12 +154,18 @@ def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
     if not (wanted or case.control):
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
     answer = said(diagnosed([recording], [estimate], vehicle, less))
-    named = {e for f in answer["findings"] for e in (f["effect"], *f["twins"])}
+    beside = [f["effect"] for f in answer["findings"] if not {f["effect"], *f["twins"]} & set(case.accepted)]
+    return {**row, "beside": beside, "right": bool(_named(answer) & set(case.accepted)) != case.control, **answer}
+
+
+def _named(answer: Mapping[str, Any]) -> set[str]:
+    """All that the answer may mean by its names: effects, what cannot be told from them, a channel without a name."""
+    named = {e for f in answer["findings"] for twin in (f["effect"], *f["twins"]) for e in twin.split("+")}
     if any(EFFECTS[e].kind == "vehicle" for e in named):
         named.add(VEHICLE)
     if answer["verdict"] == "unknown":
         named.add(f"unknown in {answer['remainder']['channel']}")
-    return {**row, "right": bool(named & set(case.accepted)) != case.control, **answer}
+    return named
 
 
 def _less(case: Withheld, published: Compared) -> Compared:
@@ -180,15 +193,18 @@ def _of_fit(fit: Fit) -> Compared:
 
 
 def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
-    """RMSE of v_x (m/s) and yaw rate (rad/s) of the simulation as it is, started anew every HORIZON_S."""
+    """RMSE of v_x (m/s) and yaw rate (rad/s) of the simulation as it is, started anew every HORIZON_S.
+
+    Endless where it leaves the finite numbers.
+    """
     model = compared_model(simulation, vehicle, float(np.ptp(estimate.time_s)), estimate.period_s)
-    off = restarted(model, estimate, HORIZON_S).twist - estimate.twist
-    fast = np.abs(estimate.twist[:, 0]) > MOVING
-    return np.asarray(np.sqrt(np.nanmean(off[fast][:, [0, 2]] ** 2, axis=0)))
+    off = (restarted(model, estimate, HORIZON_S).twist - estimate.twist)[:, [0, 2]]
+    known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > MOVING)
+    return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
 
 
 def _as_it_was(name: str, asked: _Asked) -> Compared:
-    """What a recording shows before anything is edited in it."""
+    """What a recording shows before anything is edited in it, whether or not it has a name."""
     recording, estimate, _ = _moved(name, asked.vehicle, asked)
     start = None
     if asked.simulation is not None:
@@ -197,17 +213,31 @@ def _as_it_was(name: str, asked: _Asked) -> Compared:
 
 
 def _edited(case: Edited, known: Compared, asked: _Asked) -> dict[str, Any]:
+    """What is made of an edited recording, of which all else is `known`; the effect itself is looked for anew."""
     recording, _, tuning = _moved(case.recording, asked.vehicle, asked)
-    changed = EDITS[case.effect](recording, case.value, 1.0 + known.effects.get("steering_scale__g", 0.0))
-    answer = said(diagnosed([changed], [estimate_motion(changed, asked.vehicle, tuning)], asked.vehicle, known))
+    field = EFFECTS[case.effect].fields[0]
+    before = known.effects.get(field, 0.0)
+    rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
+    # an offset is the wheel's, and the log's by as much less as the drive shows that a logged angle moves the wheel
+    gain = 1.0 + known.effects.get("steering_scale__g", 0.0) if case.effect == "steering_offset" else 1.0
+    changed = EDITS[case.effect](recording, case.value / gain)
+    vehicle = _reaching(asked.vehicle, float(np.nanmax(np.abs(changed.commands.values[:, 0]))))
+    answer = said(diagnosed([changed], [estimate_motion(changed, vehicle, tuning)], vehicle, rest))
     values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
     value, se = values[0] if values else (None, 0.0)
     beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
+    near = max(NEAR * abs(case.value), SURE * se)
     return {
         "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
-        "value": value, "beside": beside,
-        "right": value is not None and abs(value - case.value) < max(NEAR * abs(case.value), SURE * se), **answer,
+        "before": before, "value": value, "beside": beside,
+        "right": value is not None and abs(value - before - case.value) < near, **answer,
     }  # fmt: skip
+
+
+def _reaching(vehicle: Vehicle, angle: float) -> Vehicle:
+    """The vehicle with its lock as far out as the logged `angle`: an edit is not to be cut off."""
+    lock = max(vehicle.steering.max_angle_rad, angle)
+    return Vehicle.model_validate(_laid_over(vehicle.model_dump(), {"steering": {"max_angle_rad": lock}}))
 
 
 def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -121,12 +121,16 @@ def explained(values: Floats, group: npt.NDArray[np.intp]) -> float:
 
 
 def two_variables(diagnosis: Mapping[str, Any], knots: Columns, of: Residual) -> list[str]:
-    """Those of `depends_on`, filled up with what explains most; place and time have pictures of their own."""
+    """Those of `depends_on`, filled up with what explains most; place and time have pictures of their own.
+
+    Fewer than two where all else says the same.
+    """
     told = [n for n in where_of(diagnosis)["depends_on"] or [] if n in VARIABLES][:2]
     rest = sorted(VARIABLES, key=lambda n: -explained(of.before, bins_of(variable(n, knots))[1]))
-    while len(told) < 2:
-        told.append(next(n for n in rest if n not in told and not any(_alike(n, t, knots) for t in told)))
-    return told
+    for name in (n for n in rest if np.ptp(variable(n, knots)) > 0.0):
+        if len(told) < 2 and name not in told and not any(_alike(name, t, knots) for t in told):
+            told.append(name)
+    return told or rest[:1]
 
 
 def _alike(one: str, other: str, knots: Columns) -> bool:

@@ -1,0 +1,131 @@
+"""Effects tried at their sizes: either sign, the promising ones only, from a trusted simulation's own parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from cars import CAR
+
+from bcid.diagnosis import candidates
+from bcid.diagnosis.candidates import FINALISTS, PROMISING, at_simulated, at_their_sizes, on_the_whole, without_place
+from bcid.effects.constants import Constants
+from bcid.likelihood.hypothesis import Hypothesis
+
+BASE = Hypothesis((), CAR, 2.012, Constants())
+SCALES: Any = None
+
+
+class Segments:
+    """A take of which only the segments count."""
+
+    def __init__(self, segments: int) -> None:
+        self.segments = segments
+
+    def part(self, chosen: np.ndarray) -> Segments:
+        return Segments(len(chosen))
+
+
+@dataclass
+class Found:
+    """What a refit that moves nothing returns."""
+
+    hypothesis: Hypothesis
+    phi: np.ndarray
+    start: np.ndarray
+    scales: Any
+    bic: float
+
+    def values(self) -> dict[str, float]:
+        return self.hypothesis.values(self.phi)
+
+
+class Refits:
+    """Refits by a score of what they hold and where they start."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, score: Any) -> None:
+        self.made: list[tuple[Found, int, int]] = []
+        self._score = score
+        monkeypatch.setattr(candidates, "refit", self)
+
+    def __call__(
+        self, take: Any, hypothesis: Hypothesis, phi: Any, start: Any, scales: Any, tangents: int = 99
+    ) -> Found:
+        if not np.isfinite(start).all():
+            raise FloatingPointError
+        found = Found(
+            hypothesis, phi, start, scales, self._score(hypothesis.effects[-1], hypothesis.values(phi), start)
+        )
+        self.made.append((found, take.segments, tangents))
+        return found
+
+
+def base_fit(hypothesis: Hypothesis = BASE, values: tuple[float, ...] = ()) -> Any:
+    return Found(hypothesis, hypothesis.start(CAR, list(values)), np.zeros((90, 15)), SCALES, 0.0)
+
+
+def test_an_effect_of_either_sign_is_tried_with_both_and_the_better_one_is_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refits = Refits(monkeypatch, lambda name, values, start: -np.sign(values.get("steering_offset__o", 0.0)))
+    fit, names = base_fit(), ["steering_offset", "yaw_scrub"]
+    found = at_their_sizes(fit, Segments(90), fit.phi, fit.start, names)  # type: ignore[arg-type]
+    first = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == candidates.ROUGHLY]
+    assert first == ["steering_offset", "steering_offset", "yaw_scrub"]
+    assert [f.hypothesis.effects[-1] for f in found] == ["steering_offset", "yaw_scrub"]
+    assert found[0].hypothesis.values(found[0].phi)["steering_offset__o"] < 0.0
+    assert {segments for _, segments, _ in refits.made} == {candidates.ENOUGH}
+
+
+def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = base_fit()
+    names = without_place(fit, ())
+    worth = {name: float(k) for k, name in enumerate(names)}
+    refits = Refits(monkeypatch, lambda name, values, start: worth[name])
+    found = at_their_sizes(fit, Segments(20), fit.phi, fit.start, names)  # type: ignore[arg-type]
+    best = list(reversed(names))[:PROMISING]
+    assert [f.hypothesis.effects[-1] for f in found] == best
+    closely = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == candidates.CLOSELY]
+    assert sorted(closely) == sorted(best)
+
+
+def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = without_place(base_fit(BASE.holding("yaw_scrub"), (10.0,)), ("motor_sag",))
+    assert {"rough_patch", "mass_change", "yaw_scrub", "motor_sag"}.isdisjoint(names)
+    assert {"steering_offset", "quadratic_drag", "pose_scale"} <= set(names)
+
+
+def test_on_the_whole_the_best_of_the_starts_counts_and_what_ends_at_its_bound_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fit, low = base_fit(), BASE.entries["steering_offset"].parameters[0].low
+    sizes = {"steering_offset": low, "yaw_scrub": 5.0, "quadratic_drag": 1.0, "motor_sag": 0.1, "rear_toe": 0.01}
+    of_part: list[Any] = [base_fit(BASE.holding(name), (value,)) for name, value in sizes.items()]
+    refits = Refits(monkeypatch, lambda name, values, start: float(start[0, 0]))
+    near, far, beyond = fit.start, fit.start + 1.0, fit.start + np.nan
+    whole = on_the_whole(of_part, Segments(90), SCALES, near, far, beyond)  # type: ignore[arg-type]
+    assert [f.hypothesis.effects[-1] for f in whole] == ["yaw_scrub", "quadratic_drag", "motor_sag"]
+    assert len(whole) == FINALISTS
+    assert {f.bic for f in whole} == {1.0}
+    assert {segments for _, segments, _ in refits.made} == {90}
+
+
+def test_a_trusted_simulation_s_parameters_leave_what_was_found_alone() -> None:
+    trusting = BASE.trusting([], 0.02).holding("yaw_scrub")
+    assert trusting.simulated is not None
+    bent: Any = base_fit(trusting, (7.0,))
+    bent.phi[:3] += 0.4
+    phi = at_simulated(bent)
+    np.testing.assert_array_equal(phi[: len(trusting.simulated.phi)], trusting.simulated.phi)
+    assert trusting.values(phi)["yaw_scrub__c"] == pytest.approx(7.0)
+
+
+def test_what_a_base_model_assumes_may_end_where_it_will() -> None:
+    """A simulation's own offset at its bound silences nothing else; the same offset as an explanation is none."""
+    low = BASE.entries["steering_offset"].parameters[0].low
+    held: Any = base_fit(BASE.holding("steering_offset", "yaw_scrub"), (low, 5.0))
+    assert not candidates.credible(held)
+    assumed = replace(BASE, assumed=("steering_offset",)).holding("yaw_scrub")
+    assert candidates.credible(base_fit(assumed, (low, 5.0)))
