@@ -123,6 +123,7 @@ def test_the_readme_s_answers_are_those_of_the_committed_real_recordings() -> No
     assert found
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert proof_page.answers(found) in readme
+    assert all(outcome["code"][:12] in readme for outcome in found)  # whose answers they are
     counts = {tier: [sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in TIERS}
     assert "; ".join(f"{tier}: {right} of {n}" for tier, (right, n) in counts.items()) in readme
 

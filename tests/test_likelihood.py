@@ -14,6 +14,7 @@ from scipy.stats import multivariate_t
 
 from bcid.diagnosis.trials import concerned
 from bcid.effects.constants import Constants
+from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
@@ -451,6 +452,24 @@ def test_free_sensitivities_are_central_differences(
             up, down = (predict(of, start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
             columns.append((up - down) / (2.0 * h))
         assert agree(A, np.stack(columns, axis=2))
+
+
+AT_PLACES = {"slippery_patch": (0.4, 1.0, 0.5, 1.5), "tether_pull": (20.0, 0.0, 0.0, 1.0), "floor_slope": (0.2, -0.1)}
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_initial_poses_move_as_the_car_would_drive_there(part: Take, name: str) -> None:
+    """Under whatever effect: its trajectory as one, unless places or headings differ."""
+    own = BASE.entries[name].parameters
+    values = AT_PLACES.get(name, [2.0 if p.places else 5.0 * p.size for p in own])
+    hypothesis, few = BASE.holding(name), part.part(np.arange(0, part.segments, 8))
+    setting, of, h = hypothesis.setting(hypothesis.start(CAR, values), few), layout(few), 1e-4
+    A = free_sensitivities(of, few.start, *setting.acting)[:, :, :3]
+    columns = []
+    for step in np.eye(N_FREE)[:3]:
+        up, down = (predict(of, few.start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
+        columns.append((up - down) / (2.0 * h))
+    assert agree(A, np.stack(columns, axis=2))
 
 
 def test_pushes_are_wrenches_by_mass_and_inertia(part: Take) -> None:

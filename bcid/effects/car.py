@@ -219,6 +219,13 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
 
 
 @njit
+def alike_everywhere(e: Any) -> bool:
+    """Whether the car drives alike wherever it is and whichever way it heads."""
+    here = e.slippery_patch__D != 0.0 or e.rough_patch__b != 0.0 or e.tether_pull__k != 0.0
+    return not (here or e.floor_slope__g_x != 0.0 or e.floor_slope__g_y != 0.0)
+
+
+@njit
 def lag_after(start: float, steady_0: float, steady: float, ratio: float) -> float:
     """A first-order lag after `ratio` time constants, exactly where its input runs linearly from steady_0 to steady."""
     E = math.exp(-ratio)

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from bcid.compiled import njit, njit_parallel
-from bcid.effects.car import Body, Lagged
+from bcid.effects.car import Body, Lagged, alike_everywhere
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, body_step, settled
@@ -17,6 +17,7 @@ from bcid.likelihood.take import KNOTS, N_FREE, N_START, Floats, Ints, Take
 from bcid.physics.car import Car
 
 NUDGE = 1e-3  # of the initial state (m, rad, m/s, rad/s): wide enough that a kink met or missed does not rule
+N_POSE = 3  # of the initial state, in the world
 PUSH = 1e-2  # of the pushes (m/s^2, rad/s^2)
 
 
@@ -167,14 +168,14 @@ def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constant
 
 @njit_parallel
 def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants) -> Floats:
-    """D pose / d `start`, (N, 3, N_FREE), by differences."""
-    out = np.empty((of.first[-1], 3, N_FREE))
+    """D pose / d `start`, (N, 3, N_FREE), by differences; of a car that drives alike everywhere, it moves as one."""
+    out, rigid = np.zeros((of.first[-1], 3, N_FREE)), alike_everywhere(e[0])
     for s in numba.prange(len(of.step)):
         a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
         stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
         own, T, step, each = since(chain, of.zero[s]), of.length[s], of.step[s], of.steps // KNOTS
         still, pushes = np.zeros((g - f, 3)), pushes_of(start[s], p)
-        for j in range(N_START):
+        for j in range(N_POSE if rigid else 0, N_START):
             x = start[s].copy()
             x[j] += NUDGE
             moved = np.zeros((g - f, 3))
@@ -189,8 +190,15 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
                 poses_on(moved, stamps, row, share, way, of.steps, pushes_of(x, p), step, of.steps, own, T, p, e[0], c)
                 out[f:g, :, j] = moved
             way = poses_on(still, stamps, row, share, way, (k + 1) * each, pushes, step, of.steps, own, T, p, e[0], c)
-        for j in range(N_FREE):
+        for j in range(N_POSE if rigid else 0, N_FREE):
             out[f:g, :, j] = (out[f:g, :, j] - still) / (NUDGE if j < N_START else PUSH)
+        if rigid:
+            scale = 1.0 + e[0].pose_scale__kappa
+            out[f:g, 0, 0] = scale
+            out[f:g, 1, 1] = scale
+            out[f:g, 0, 2] = scale * start[s, 1] - still[:, 1]
+            out[f:g, 1, 2] = still[:, 0] - scale * start[s, 0]
+            out[f:g, 2, 2] = 1.0
     return out
 
 

@@ -94,6 +94,19 @@ def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
 
 
+def _shortened(name: str, most: int = 32) -> str:
+    """The last words of a long name.
+
+    >>> _shortened("car_1_Datarecording_09_16_2024_10_01_01"), _shortened("lap_3")
+    ('…09_16_2024_10_01_01', 'lap_3')
+    """
+    words = name.split("_")
+    while len("_".join(words)) > most and len(words) > 1:
+        words.pop(0)
+    short = "_".join(words)
+    return short if short == name else f"…{short}"
+
+
 def answers(outcomes: Sequence[Mapping[str, Any]]) -> str:
     """The README's table of questions to real recordings: one row each."""
     rows = [row for outcome in outcomes for row in outcome["rows"]]
@@ -101,7 +114,7 @@ def answers(outcomes: Sequence[Mapping[str, Any]]) -> str:
         ["tier", "recording", "what", "error", "answered", "right"],
         [
             [
-                row["tier"], f"…{Path(row['recording']).stem[-19:]}", row["case"],
+                row["tier"], _shortened(Path(row["recording"]).stem), row["case"],
                 f"× {row['ratio']:.2f}" if "ratio" in row else "–", _answered(row),
                 "–" if row["verdict"] == NOT_ASKED else "yes" if row["right"] else "**no**",
             ]
