@@ -108,7 +108,7 @@ def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Float
     Those at the end of their size are passed over.
     """
     whole = list[Fit]()
-    for f in [f for f in fits if credible(f)][:FINALISTS]:
+    for f in itertools.islice(filter(credible, fits), FINALISTS):
         found = list[Fit]()
         for start in starts:
             with suppress(FloatingPointError):
@@ -161,11 +161,11 @@ def named(fit: Fit) -> tuple[str, ...]:
 
 def credible(fit: Fit) -> bool:
     """Whether none that it names has gone to where its size, of either sign, ends: no car has such; it stands in."""
-    values = fit.hypothesis.values(fit.phi)
+    values, names = fit.hypothesis.values(fit.phi), named(fit)
     return not any(
         p.low < 0.0 and not p.places and p.at_bound(values[field])
-        for name in named(fit)
-        for field, p in zip(fit.hypothesis.entries[name].fields, fit.hypothesis.entries[name].parameters, strict=True)
+        for field, p in fit.hypothesis.parameters
+        if field.partition("__")[0] in names
     )
 
 

@@ -125,6 +125,11 @@ def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
     return merged
 
 
+def _changed(vehicle: Vehicle, tables: Mapping[str, Any]) -> Vehicle:
+    """The vehicle with these tables over its own."""
+    return Vehicle.model_validate(_laid_over(vehicle.model_dump(), tables))
+
+
 def _moved(name: str, vehicle: Vehicle, asked: _Asked) -> tuple[Recording, Estimate, Tuning]:
     recording = read_recording(asked.recordings / name, vehicle)
     tuning = tune([recording], vehicle, 0.1, 0.3, {})
@@ -133,7 +138,7 @@ def _moved(name: str, vehicle: Vehicle, asked: _Asked) -> tuple[Recording, Estim
 
 def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
     """What is made of a recording where something is withheld; not asked where that makes no difference."""
-    vehicle = Vehicle.model_validate(_laid_over(asked.vehicle.model_dump(), case.vehicle))
+    vehicle = _changed(asked.vehicle, case.vehicle)
     recording, estimate, _ = _moved(case.recording, vehicle, asked)
     less, ratio = None, 1.0
     if asked.simulation is not None:
@@ -221,7 +226,9 @@ def _edited(case: Edited, known: Compared, asked: _Asked) -> dict[str, Any]:
     # an offset is the wheel's, and the log's by as much less as the drive shows that a logged angle moves the wheel
     gain = 1.0 + known.effects.get("steering_scale__g", 0.0) if case.effect == "steering_offset" else 1.0
     changed = EDITS[case.effect](recording, case.value / gain)
-    vehicle = _reaching(asked.vehicle, float(np.nanmax(np.abs(changed.commands.values[:, 0]))))
+    reach = float(np.nanmax(np.abs(changed.commands.values[:, 0])))  # the lock is not to cut an edit off
+    lock = max(asked.vehicle.steering.max_angle_rad, reach)
+    vehicle = _changed(asked.vehicle, {"steering": {"max_angle_rad": lock}})
     answer = said(diagnosed([changed], [estimate_motion(changed, vehicle, tuning)], vehicle, rest))
     values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
     value, se = values[0] if values else (None, 0.0)
@@ -232,12 +239,6 @@ def _edited(case: Edited, known: Compared, asked: _Asked) -> dict[str, Any]:
         "before": before, "value": value, "beside": beside,
         "right": value is not None and abs(value - before - case.value) < near, **answer,
     }  # fmt: skip
-
-
-def _reaching(vehicle: Vehicle, angle: float) -> Vehicle:
-    """The vehicle with its lock as far out as the logged `angle`: an edit is not to be cut off."""
-    lock = max(vehicle.steering.max_angle_rad, angle)
-    return Vehicle.model_validate(_laid_over(vehicle.model_dump(), {"steering": {"max_angle_rad": lock}}))
 
 
 def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
