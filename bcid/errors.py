@@ -10,6 +10,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 
+class Problem(NamedTuple):
+    """One thing that is wrong with a file."""
+
+    place: str
+    cause: str
+    next_step: str
+    source: str = ""  # the file, where it is not the one that is spoken of
+
+
 class BcidError(Exception):
     """Base of all errors that are told in one message, without a traceback."""
 
@@ -41,6 +50,7 @@ class InputRefused(BcidError):
 
     def __init__(self, source: str | Path, place: str, cause: str, next_step: str) -> None:
         self.source, self.place, self.cause, self.next_step = str(source), place, cause, next_step
+        self.problems: tuple[Problem, ...] = (Problem(place, cause, next_step, self.source),)
         super().__init__(f"{self.source}: {place}: {cause}\n  next: {next_step}")
 
 
@@ -64,16 +74,8 @@ def is_disk_full(error: BaseException) -> bool:
     return told or words or (cause is not None and is_disk_full(cause))
 
 
-class Problem(NamedTuple):
-    """One thing that is wrong with a file."""
-
-    place: str
-    cause: str
-    next_step: str
-
-
 class Problems(list[Problem]):
-    """What is wrong with one file, gathered so that all of it is told at once."""
+    """What is wrong with a recording, gathered so that all of it is told at once."""
 
     @contextmanager
     def gathered(self) -> Iterator[None]:
@@ -81,11 +83,24 @@ class Problems(list[Problem]):
         try:
             yield
         except InputRefused as error:
-            self.append(Problem(error.place, error.cause, error.next_step))
+            self.extend(error.problems)
 
     def refuse(self, source: str | Path) -> None:
-        """Raise one `InputRefused` that tells all of them; nothing where there are none."""
-        if self:
-            steps = dict.fromkeys(p.next_step for p in self)
-            causes = [p.cause if len(self) == 1 else f"{p.place}: {p.cause}" for p in self]
-            raise InputRefused(source, ", ".join(p.place for p in self), "; ".join(causes), "; ".join(steps))
+        """Raise one `InputRefused` that tells all of them; nothing where there are none.
+
+        `source` is the file of those that name none; of several files the first is spoken of, the others are named.
+        """
+        if not self:
+            return
+        first = self[0].source or str(source)
+        alike = dict[Problem, list[str]]()  # what ails several places in the same way is told once
+        for p in self:
+            file = p.source or str(source)
+            place = p.place if file == first else f"{Path(file).name}, {p.place}"
+            alike.setdefault(p._replace(place="", source=""), []).append(place)
+        places = [", ".join(dict.fromkeys(of)) for of in alike.values()]
+        causes = [f"{at}: {p.cause}" for at, p in zip(places, alike, strict=True)] if len(alike) > 1 else []
+        told = "; ".join(causes or [p.cause for p in alike])
+        refused = InputRefused(first, ", ".join(places), told, "; ".join(dict.fromkeys(p.next_step for p in alike)))
+        refused.problems = tuple(p._replace(source=p.source or str(source)) for p in self)
+        raise refused

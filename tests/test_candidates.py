@@ -36,7 +36,11 @@ class Found:
     phi: np.ndarray
     start: np.ndarray
     scales: Any
-    bic: float
+    per_segment: np.ndarray
+
+    @property
+    def bic(self) -> float:
+        return float(self.per_segment.sum())
 
     def values(self) -> dict[str, float]:
         return self.hypothesis.values(self.phi)
@@ -55,15 +59,15 @@ class Refits:
     ) -> Found:
         if not np.isfinite(start).all():
             raise FloatingPointError
-        found = Found(
-            hypothesis, phi, start, scales, self._score(hypothesis.effects[-1], hypothesis.values(phi), start)
-        )
+        score = self._score(hypothesis.effects[-1], hypothesis.values(phi), start)
+        each = np.full(take.segments, score / take.segments) if np.isscalar(score) else np.resize(score, take.segments)
+        found = Found(hypothesis, phi, start, scales, each)
         self.made.append((found, take.segments, tangents))
         return found
 
 
 def base_fit(hypothesis: Hypothesis = BASE, values: tuple[float, ...] = ()) -> Any:
-    return Found(hypothesis, hypothesis.start(CAR, list(values)), np.zeros((90, 15)), SCALES, 0.0)
+    return Found(hypothesis, hypothesis.start(CAR, list(values)), np.zeros((90, 15)), SCALES, np.zeros(90))
 
 
 def test_an_effect_of_either_sign_is_tried_with_both_and_the_better_one_is_kept(
@@ -89,6 +93,16 @@ def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch
     assert [f.hypothesis.effects[-1] for f in found] == best
     closely = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == candidates.CLOSELY]
     assert sorted(closely) == sorted(best)
+
+
+def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    nats = {"yaw_scrub": np.r_[-5000.0, np.full(29, 10.0)], "quadratic_drag": np.ones(30)}
+    refits = Refits(monkeypatch, lambda name, values, start: nats[name])
+    fit = base_fit()
+    found = at_their_sizes(fit, Segments(30), fit.phi, fit.start, list(nats))  # type: ignore[arg-type]
+    assert [f.hypothesis.effects[-1] for f in found] == ["yaw_scrub", "quadratic_drag"]
+    assert found[0].bic < found[1].bic
+    assert len(refits.made) == 4
 
 
 def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:

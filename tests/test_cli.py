@@ -137,6 +137,18 @@ def test_recordings_may_be_named_directly(tmp_path: Path, takes: dict[str, Path]
     assert "choose one-step or rollout" in unable.stderr
 
 
+def test_of_several_recordings_all_that_are_refused_are_told(
+    tmp_path: Path, takes: dict[str, Path], vehicle_file: Path
+) -> None:
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("t\n", encoding="utf-8")
+    named = (tmp_path / "a.csv", takes["motive"], tmp_path / "b.csv")
+    taken = bcid("ingest", *named, "--vehicle", vehicle_file, "--out", tmp_path / "w")
+    assert taken.returncode == 4
+    assert {name for name in ("a.csv", "b.csv", "drive.csv: ") if name in taken.stderr} == {"a.csv", "b.csv"}
+    assert len(list((tmp_path / "w").glob("**/recording.json"))) == 1  # the good one between them is read
+
+
 def test_hostile_names_are_inert(tmp_path: Path, vehicle_file: Path) -> None:
     take = circling_take(tmp_path, name="[red]<script>x")
     done = bcid("ingest", take, "--vehicle", vehicle_file, "--out", tmp_path / "w")

@@ -131,6 +131,20 @@ def test_all_that_is_wrong_with_a_header_is_told_at_once(
     assert error.value.next_step.count(";") >= 2
 
 
+def test_what_is_wrong_with_an_export_and_with_its_commands_is_told_at_once(
+    takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
+) -> None:
+    path = changed(takes["motive"], tmp_path, lambda d: d.replace(b"Length Units,Meters", b"Length Units,Furlongs"))
+    beside = path.with_suffix(".commands.csv")
+    beside.write_bytes(beside.read_bytes().replace(b"throttle_mps", b"gas"))
+    with pytest.raises(InputRefused) as error:
+        read_raw(path, vehicle)
+    assert error.value.source == str(path)
+    assert "Furlongs" in error.value.cause
+    assert f"{beside.name}, column 'throttle_mps': is not in the file" in error.value.cause
+    assert {p.source for p in error.value.problems} == {str(path), str(beside)}
+
+
 def test_all_columns_that_hold_text_are_told_at_once(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     path = changed(takes["motive"], tmp_path, bytes)
     commands = path.with_suffix(".commands.csv")

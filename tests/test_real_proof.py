@@ -222,9 +222,22 @@ def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_p
     assert nothing["ratio"] == 1.0
     assert [f["effect"] for f in offset["findings"]] == ["steering_offset"]
     assert offset["value"] == pytest.approx(0.02, rel=0.1)
+    assert 0.0 < abs(offset["before"]) < 0.002  # measured in the take as it was, where it has none
     kept = {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()}
     assert [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)] == rows
     assert {p: p.stat().st_mtime_ns for p in tmp_path.iterdir()} == kept
+
+
+def test_a_recording_s_own_calibration_lies_under_what_is_withheld(tmp_path: Path) -> None:
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    usual = read_vehicle(tmp_path / "vehicle.toml")
+    own = {"take.csv": {"body": {"mass_kg": 20.0}, "steering": {"time_constant_s": 0.3}}}
+    asked = real._Asked(usual, own, None, tmp_path)
+    assert asked.vehicle_of("another.csv") == usual
+    assert asked.vehicle_of("take.csv").body.mass_kg == 20.0
+    less = asked.vehicle_of("take.csv", {"steering": {"time_constant_s": 0.05}})
+    assert (less.body.mass_kg, less.steering.time_constant_s) == (20.0, 0.05)
+    assert less.body.cog_to_front_m == usual.body.cog_to_front_m
 
 
 def test_what_makes_no_difference_where_it_is_withheld_is_not_asked(asked: Path, tmp_path: Path) -> None:
@@ -258,6 +271,7 @@ accepted = ["steering_lag"]
         (('accepted = ["motor_lag"]', 'accepted = ["motor_lagg"]'), "motor_lagg"),
         (('accepted = ["motor_lag"]', "accepted = []"), "accepts nothing"),
         (('effect = "steering_offset"', 'effect = "no_such_edit"'), "no such edit"),
+        (('"simulation.toml"', '"simulation.toml"\ncalibrated.other.body.mass_kg = 1.0'), "nothing is asked of other"),
     ],
 )
 def test_a_question_that_asks_nothing_is_refused(

@@ -25,7 +25,7 @@ from bcid.cli.options import (
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
-from bcid.errors import BcidError, DiskFull, UsageError, is_disk_full
+from bcid.errors import BcidError, DiskFull, Problems, UsageError, is_disk_full
 from bcid.models.settings import LOSSES
 from bcid.models.table import MODELS, row_to_fit
 from bcid.pipeline.run import Pipeline
@@ -122,7 +122,11 @@ def ingest(
         checking.report(checking.checked(pipeline, recordings, vehicle, commands, allow_partial), sink)
         return
     work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
-    made = [work.ingest(path) for path in work.takes()]
+    problems, made = Problems(), []
+    for path in work.takes():
+        with problems.gathered():  # the others are read all the same
+            made.append(work.ingest(path))
+    problems.refuse(work.takes()[0])
     taken = [a.json("recording.json") | {"folder": str(a.folder)} for a in made]
     sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recordings(taken))
     end(work)

@@ -19,7 +19,8 @@ WORTH = 6.0  # nats of score below which a candidate is not refitted
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
 ENOUGH = 30  # segments on which effects are compared
-PROMISING = 12  # effects that are compared more closely, and tried again beside what was found
+PROMISING = 8  # effects that are compared more closely, and tried again beside what was found
+MOST = 50.0  # nats by which one segment speaks for or against an effect: a lost one would outweigh all the others
 ROUGHLY, CLOSELY = 1, 3  # tangents along which
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
@@ -85,6 +86,10 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, start: Floats, names: Sequ
     """
     chosen = _evenly(take, ENOUGH)
     part, best, hypothesis = take.part(chosen), dict[str, Fit](), fit.hypothesis
+
+    def promise(found: Fit) -> float:
+        return float(np.clip(found.per_segment - fit.per_segment[chosen], -MOST, MOST).sum())
+
     values, car = list(hypothesis.values(phi).values()), hypothesis.car(phi)
     for name in names:
         own = hypothesis.entries[name].parameters
@@ -93,13 +98,13 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, start: Floats, names: Sequ
             there = more.start(car, [*values, *(sign * p.size for p in own)])
             with suppress(FloatingPointError):
                 found = refit(part, more, there, start[chosen], fit.scales, tangents=ROUGHLY)
-                best[name] = max(best.get(name, found), found, key=lambda f: f.bic)
-    for name in sorted(best, key=lambda n: -best[n].bic)[PROMISING:]:
+                best[name] = max(best.get(name, found), found, key=promise)
+    for name in sorted(best, key=lambda n: -promise(best[n]))[PROMISING:]:
         del best[name]
     for name, f in best.items():
         with suppress(FloatingPointError):
             best[name] = refit(part, f.hypothesis, f.phi, f.start, f.scales, tangents=CLOSELY)
-    return sorted(best.values(), key=lambda f: -f.bic)
+    return sorted(best.values(), key=promise, reverse=True)
 
 
 def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Floats) -> list[Fit]:

@@ -12,13 +12,15 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bcid.diagnosis.before_after import compared_model
-from bcid.diagnosis.diagnose import Compared, based, diagnosed
+from bcid.diagnosis.candidates import refit_with
+from bcid.diagnosis.diagnose import Compared, Diagnosis, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
@@ -54,8 +56,13 @@ class _Asked(NamedTuple):
     """One vehicle's files."""
 
     vehicle: Vehicle
+    calibrated: Mapping[str, Mapping[str, Any]]  # what is otherwise in a recording
     simulation: Path | None
     recordings: Path
+
+    def vehicle_of(self, recording: str, tables: Mapping[str, Any] = MappingProxyType({})) -> Vehicle:
+        """The recording's vehicle, with these tables over its own."""
+        return _changed(self.vehicle, _laid_over(self.calibrated.get(recording, {}), tables))
 
 
 _Case = tuple[Withheld | Edited, Path]  # and where its row is kept
@@ -71,14 +78,15 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     """
     cases = read_cases(file)
     simulation = cases.simulation_file(file)
-    asked = _Asked(read_vehicle(cases.vehicle_file(file)), simulation, recordings)
+    asked = _Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, simulation, recordings)
     folder.mkdir(parents=True, exist_ok=True)
     code = code_of(__name__)
     given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), simulation) if p]
     asking: tuple[Withheld | Edited, ...] = (*cases.withheld, *cases.edited)
     done, todo = 0, dict[str, list[_Case]]()
     for case in asking:
-        what = [case.model_dump(), sha256_of(recordings / case.recording), code.digest, code.packages, given]
+        own = cases.calibrated.get(case.recording)
+        what = [case.model_dump(), own, sha256_of(recordings / case.recording), code.digest, code.packages, given]
         kept = folder / f"real.{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]}.json"
         if kept.is_file():
             done += 1
@@ -138,7 +146,7 @@ def _moved(name: str, vehicle: Vehicle, asked: _Asked) -> tuple[Recording, Estim
 
 def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
     """What is made of a recording where something is withheld; not asked where that makes no difference."""
-    vehicle = _changed(asked.vehicle, case.vehicle)
+    vehicle = asked.vehicle_of(case.recording, case.vehicle)
     recording, estimate, _ = _moved(case.recording, vehicle, asked)
     less, ratio = None, 1.0
     if asked.simulation is not None:
@@ -183,9 +191,10 @@ def _less(case: Withheld, published: Compared) -> Compared:
 
 def _errors_of_the_whole(case: Withheld, asked: _Asked) -> Floats:
     """`errors` with nothing withheld."""
-    recording, estimate, _ = _moved(case.recording, asked.vehicle, asked)
-    published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], asked.vehicle)
-    return _errors(published, asked.vehicle, recording, estimate)
+    vehicle = asked.vehicle_of(case.recording)
+    recording, estimate, _ = _moved(case.recording, vehicle, asked)
+    published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], vehicle)
+    return _errors(published, vehicle, recording, estimate)
 
 
 def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
@@ -208,32 +217,50 @@ def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats
     return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
 
 
-def _as_it_was(name: str, asked: _Asked) -> Compared:
+def _as_it_was(name: str, asked: _Asked) -> Diagnosis:
     """What a recording shows before anything is edited in it, whether or not it has a name."""
-    recording, estimate, _ = _moved(name, asked.vehicle, asked)
-    start = None
+    vehicle, start = asked.vehicle_of(name), None
+    recording, estimate, _ = _moved(name, vehicle, asked)
     if asked.simulation is not None:
-        start = of_parameters(asked.simulation, [estimate], asked.vehicle)._replace(trust=None)
-    return _of_fit(diagnosed([recording], [estimate], asked.vehicle, start).search.best)._replace(trust=AS_IT_WAS)
+        start = of_parameters(asked.simulation, [estimate], vehicle)._replace(trust=None)
+    return diagnosed([recording], [estimate], vehicle, start)
 
 
-def _edited(case: Edited, known: Compared, asked: _Asked) -> dict[str, Any]:
-    """What is made of an edited recording, of which all else is `known`; the effect itself is looked for anew."""
-    recording, _, tuning = _moved(case.recording, asked.vehicle, asked)
-    field = EFFECTS[case.effect].fields[0]
-    before = known.effects.get(field, 0.0)
+def _own(unedited: Diagnosis, effect: str) -> tuple[float, float]:
+    """Value and standard error of the effect's first parameter as the drive itself has it, too small for a name or not.
+
+    Nothing, where a fit that holds it leaves the finite numbers.
+    """
+    best, field = unedited.search.best, EFFECTS[effect].fields[0]
+    if effect not in best.hypothesis.effects:
+        little = [0.1 * p.size for p in best.hypothesis.entries[effect].parameters]
+        try:
+            best = refit_with(best, unedited.take, (*best.hypothesis.effects, effect), little)
+        except FloatingPointError:
+            return 0.0, 0.0
+    return best.values()[field]
+
+
+def _edited(case: Edited, unedited: Diagnosis, asked: _Asked) -> dict[str, Any]:
+    """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
+
+    Its value has to be the edit's beyond what the drive had of it before.
+    """
+    vehicle = asked.vehicle_of(case.recording)
+    recording, _, tuning = _moved(case.recording, vehicle, asked)
+    known = _of_fit(unedited.search.best)._replace(trust=AS_IT_WAS)
+    before, before_se = _own(unedited, case.effect)
     rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
     # an offset is the wheel's, and the log's by as much less as the drive shows that a logged angle moves the wheel
     gain = 1.0 + known.effects.get("steering_scale__g", 0.0) if case.effect == "steering_offset" else 1.0
     changed = EDITS[case.effect](recording, case.value / gain)
     reach = float(np.nanmax(np.abs(changed.commands.values[:, 0])))  # the lock is not to cut an edit off
-    lock = max(asked.vehicle.steering.max_angle_rad, reach)
-    vehicle = _changed(asked.vehicle, {"steering": {"max_angle_rad": lock}})
+    vehicle = _changed(vehicle, {"steering": {"max_angle_rad": max(vehicle.steering.max_angle_rad, reach)}})
     answer = said(diagnosed([changed], [estimate_motion(changed, vehicle, tuning)], vehicle, rest))
     values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
     value, se = values[0] if values else (None, 0.0)
     beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
-    near = max(NEAR * abs(case.value), SURE * se)
+    near = max(NEAR * abs(case.value), SURE * float(np.hypot(se, before_se)))
     return {
         "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
         "before": before, "value": value, "beside": beside,

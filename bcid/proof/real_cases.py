@@ -46,6 +46,7 @@ class Cases(Settings):
 
     vehicle: str
     simulation: str | None = None  # none: the base model is refitted to each recording
+    calibrated: dict[str, dict[str, Any]] = Field(default_factory=dict)  # by recording: tables over the vehicle file's
     withheld: list[Withheld] = Field(default_factory=list)
     edited: list[Edited] = Field(default_factory=list)
 
@@ -76,6 +77,10 @@ def read_cases(file: Path) -> Cases:
             raise InputRefused(file, place, f"accepts {strange or 'nothing'}", "see `bcid effects` for the ids")
         if case.parameters and simulation is None:
             raise InputRefused(file, place, "changes parameters of no simulation", "name a simulation")
+    asked = {case.recording for case in cases.withheld} | {edit.recording for edit in cases.edited}
+    unasked = set(cases.calibrated) - asked
+    if unasked:
+        raise InputRefused(file, "calibrated", f"nothing is asked of {', '.join(sorted(unasked))}", "check the names")
     for edit in cases.edited:
         if edit.effect not in EDITS:
             raise InputRefused(file, f"edited {edit.effect!r}", "no such edit", f"one of {', '.join(EDITS)}")

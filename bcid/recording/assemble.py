@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from bcid.errors import InputRefused
-from bcid.recording.cleaning import cleaned, where
+from bcid.errors import InputRefused, Problems
+from bcid.recording.cleaning import Samples, cleaned, where
 from bcid.recording.clock import estimate_clock
 from bcid.recording.mounting import LARGE_YAW, yaw_offset
 from bcid.recording.orientation import rotated
-from bcid.recording.plausibility import check_plausible
+from bcid.recording.plausibility import check_commands, check_plausible
 from bcid.recording.raw import RawTake
 from bcid.recording.tracking import commands_in_turn, split_at_jumps, unfrozen, unheld, without_flips
 from bcid.recording.types import Floats, Irregularity, Recording, Stream
@@ -30,8 +30,25 @@ def _to_cog(pose: Floats, vehicle: Vehicle) -> Floats:
     return np.column_stack([pose[:, :2] - lever, theta])
 
 
-def _check_times(pose_s: Floats, command_s: Floats, hold_s: float, source: str) -> None:
+def _cleaned(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
+    """Poses, commands and further channels, each in the order of time."""
+    problems, clean = Problems(), dict[str, Samples]()
+    first, last = raw.sources[0].path, raw.sources[-1].path
+    streams = {
+        "pose": (raw.pose_time_s, raw.pose, first), "command": (raw.command_time_s, raw.command, last),
+        **{name: (time_s, values[:, None], last) for name, (time_s, values) in raw.channels.items()},
+    }  # fmt: skip
+    for name, (time_s, values, source) in streams.items():
+        with problems.gathered():
+            clean[name] = cleaned(time_s, values, name, source)
+    problems.refuse(first)
+    return clean.pop("pose"), clean.pop("command"), clean
+
+
+def _check_pose_times(pose_s: Floats, source: str) -> None:
     """Raise `InputRefused` where the stamps cannot be seconds of one take."""
+    if len(pose_s) < 10:
+        raise InputRefused(source, "pose", f"only {len(pose_s)} poses remain", "record a longer take")
     step = float(np.median(np.diff(pose_s)))
     if not MIN_RATE_HZ < 1.0 / step < MAX_RATE_HZ:
         cause = f"poses come every {step:.3g} s: are the times in seconds?"
@@ -43,9 +60,17 @@ def _check_times(pose_s: Floats, command_s: Floats, hold_s: float, source: str) 
             f"{len(pose_s)} poses spread over {span:.3g} s: a clock jump or a zero stamp near {pose_s[widest]:.3f} s"
         )
         raise InputRefused(source, "time", cause, "cut the take there, or correct its stamps")
-    if len(command_s) > 1 and np.median(np.diff(command_s)) > hold_s:
-        cause = f"commands come every {np.median(np.diff(command_s)):.3g} s, but hold for {hold_s:g} s only"
+
+
+def _check_command_times(commands: Samples, hold_s: float, source: str) -> None:
+    """Raise `InputRefused` where commands come too rarely to be held, or from two sources."""
+    step = float(np.median(np.diff(commands.time_s))) if len(commands.time_s) > 1 else 0.0
+    if step > hold_s:
+        cause = f"commands come every {step:.3g} s, but hold for {hold_s:g} s only"
         raise InputRefused(source, "command times", cause, "log them in seconds, or set command.max_hold_s")
+    if commands_in_turn(commands):
+        cause = "two sources of commands come in turn: several publishers on the topic, or two stretches mixed"
+        raise InputRefused(source, "command", cause, "record the one that the car obeys")
 
 
 def _check_yaw(time_s: Floats, yaw: Floats, source: str) -> None:
@@ -123,28 +148,38 @@ def _told_askew(recording: Recording, vehicle: Vehicle) -> Recording:
     return replace(recording, irregularities=(*recording.irregularities, odd))
 
 
+def _of_the_car(poses: Samples, commands: Samples, vehicle: Vehicle, source: str) -> tuple[Samples, list[float]]:
+    """The poses that are the car's, and where stretches begin."""
+    poses, breaks = split_at_jumps(unfrozen(poses, commands), commands, vehicle, source)
+    poses = without_flips(poses, commands)
+    _check_yaw(poses.time_s, poses.values[:, 2], source)
+    return poses, breaks
+
+
 def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     """The recording in `raw` as the vehicle file describes its car.
 
     Raises:
-        InputRefused: empty or mostly broken streams, or values no such car can have.
+        InputRefused: empty or mostly broken streams, or values no such car can have; of what does not hang together
+            all is told at once.
     """
-    source = raw.sources[0].path
-    poses = cleaned(raw.pose_time_s, raw.pose, "pose", source)
-    commands = cleaned(raw.command_time_s, raw.command, "command", raw.sources[-1].path)
-    if len(poses.time_s) < 10:
-        raise InputRefused(source, "pose", f"only {len(poses.time_s)} poses remain", "record a longer take")
-    _check_times(poses.time_s, commands.time_s, vehicle.command.max_hold_s, source)
-    if commands_in_turn(commands):
-        cause = "two sources of commands come in turn: several publishers on the topic, or two stretches mixed"
-        raise InputRefused(raw.sources[-1].path, "command", cause, "record the one that the car obeys")
-    poses = unheld(poses)
-    rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
-    poses, breaks = split_at_jumps(unfrozen(poses, commands), commands, vehicle, source)
-    poses = without_flips(poses, commands)
-    _check_yaw(poses.time_s, poses.values[:, 2], source)
-    pose = _to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
+    source, log = raw.sources[0].path, raw.sources[-1].path
+    poses, commands, channels = _cleaned(raw)
     offset, hold_s = vehicle.clock.offset_s if vehicle.clock else 0.0, vehicle.command.max_hold_s
+    problems, beyond, breaks = Problems(), list[Irregularity](), list[float]()
+    with problems.gathered():
+        _check_pose_times(poses.time_s, source)
+    with problems.gathered():
+        _check_command_times(commands, hold_s, log)
+    if not problems:  # where stamps are no seconds, no speed can be told
+        poses = unheld(poses)
+        rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
+        with problems.gathered():
+            poses, breaks = _of_the_car(poses, commands, vehicle, source)
+    with problems.gathered():
+        beyond = check_commands(commands.values, vehicle, log)
+    problems.refuse(source)
+    pose = _to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
     step_s = _longest_step(raw, commands.time_s, hold_s)
     recording = Recording(
         name=raw.name,
@@ -154,16 +189,13 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         rate_hz=rate,
         hold_s=hold_s,
         breaks_s=tuple(sorted({*breaks, *raw.splits_s})),
-        channels={
-            name: Stream(c.time_s + offset, c.values)
-            for name, (t, v) in raw.channels.items()
-            for c in [cleaned(t, v[:, None], name, raw.sources[-1].path)]
-        },
+        channels={name: Stream(c.time_s + offset, c.values) for name, c in channels.items()},
         irregularities=(
             *raw.irregularities, *poses.odd, *commands.odd,
             *_gaps(poses.time_s, 1.5 / rate, "pose"),
             *_gaps(commands.time_s, step_s, "command"),
             *_ends(poses.time_s, commands.time_s + offset, hold_s, step_s),
+            *beyond,
         ),
     )  # fmt: skip
     _check_overlap(recording)

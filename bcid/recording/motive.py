@@ -177,9 +177,13 @@ def read_poses(path: Path, vehicle: Vehicle) -> RawTake:
 
 
 def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
-    """A Motive export with its commands file."""
-    poses = read_poses(path, vehicle)
-    source, time_s, command, channels, odd = read_commands(commands)
+    """A Motive export with its commands file; what is wrong with either is told at once."""
+    problems = Problems()
+    with problems.gathered():
+        poses = read_poses(path, vehicle)
+    with problems.gathered():
+        source, time_s, command, channels, odd = read_commands(commands)
+    problems.refuse(path)
     return RawTake(
         poses.name, (*poses.sources, source), poses.pose_time_s, poses.pose, time_s, command,
         poses.rate_hz, channels, (*poses.irregularities, *odd),

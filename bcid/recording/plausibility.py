@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, Problems
 from bcid.recording.channels import check_channels
 from bcid.recording.course import commanded_angle, course
-from bcid.recording.types import Irregularity, Recording, Stream
+from bcid.recording.types import Floats, Irregularity, Recording, Stream
 from bcid.vehicle import Vehicle
 
 DEGREES_FACTOR = 3.0
@@ -37,35 +37,55 @@ def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
     """The recording, with what looked odd noted.
 
     Raises:
-        InputRefused: steering in degrees or inverted, lengths or yaw in other units, brake shares below -1.
+        InputRefused: steering in degrees or inverted, lengths or yaw in other units, channels likewise.
     """
-    odd = [
-        *_check_commands(recording, vehicle), *_check_turning(recording, vehicle),
-        *_check_speed(recording, vehicle), *check_channels(recording, vehicle),
-    ]  # fmt: skip
+    problems, odd = Problems(), list[Irregularity]()
+    with problems.gathered():
+        odd += _check_turning(recording, vehicle)
+        odd += _check_speed(recording, vehicle)
+    with problems.gathered():
+        odd += check_channels(recording, vehicle)
+    problems.refuse(recording.sources[0].path)
     return replace(recording, irregularities=(*recording.irregularities, *odd))
 
 
-def _check_commands(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
-    source = recording.sources[-1].path
-    u_s, u_m = recording.commands.values.T
-    limit = vehicle.steering.max_angle_rad
-    high = float(np.quantile(np.abs(u_s), 0.95))
-    if high > DEGREES_FACTOR * limit:
-        raise InputRefused(
-            source, "steering_rad", f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?",
-            "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)",
-        )  # fmt: skip
-    if u_m.min() < -1.05 and vehicle.motor.law == "speed":
+def check_commands(commands: Floats, vehicle: Vehicle, source: str) -> list[Irregularity]:
+    """What is odd about the commands (M, 2) of the file `source`.
+
+    Raises:
+        InputRefused: steering in degrees, a throttle in percent, brake shares below -1.
+    """
+    problems, odd = Problems(), list[Irregularity]()
+    with problems.gathered():
+        odd = _check_steering(commands[:, 0], vehicle.steering.max_angle_rad, source)
+    with problems.gathered():
+        _check_throttle(commands[:, 1], vehicle, source)
+    problems.refuse(source)
+    return odd
+
+
+def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
+    if vehicle.motor.law != "speed":
+        return
+    if u_m.min() < -1.05:
         raise InputRefused(
             source, "throttle_mps", f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant",
             "log it so, or map a table's or MCAP's field with gain, offset and low",
         )  # fmt: skip
     top = vehicle.motor.reference_speed_mps
-    if top is not None and vehicle.motor.law == "speed" and u_m.max() > THROTTLE_FACTOR * top:
+    if top is not None and u_m.max() > THROTTLE_FACTOR * top:
         raise InputRefused(
             source, "throttle_mps", f"reaches {u_m.max():.3g}, the largest reference speed is {top:g} m/s: percent?",
             "log the throttle in m/s, or map it with a gain",
+        )  # fmt: skip
+
+
+def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity]:
+    high = float(np.quantile(np.abs(u_s), 0.95))
+    if high > DEGREES_FACTOR * limit:
+        raise InputRefused(
+            source, "steering_rad", f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?",
+            "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)",
         )  # fmt: skip
     beyond = np.abs(u_s) > limit * (1 + 1e-9)
     if beyond.mean() > MOST:

@@ -68,6 +68,11 @@ def _(lab: Lab) -> Tries:
         lab.table(lambda d: d.assign(psi=np.degrees(np.angle(np.exp(1j * d.psi))))),
         lab.tabled,
     )
+    yield (
+        "table: yaw and steering in degrees, throttle in percent",
+        lab.table(lambda d: d.assign(psi=np.degrees(d.psi), steer=np.degrees(d.steer), gas=50.0 * d.gas), "all_of_it"),
+        lab.tabled,
+    )
     yield "table: yaw in degrees, unwrapped", lab.table(lambda d: d.assign(psi=np.degrees(d.psi))), lab.tabled
     extra = [
         (
