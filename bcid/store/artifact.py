@@ -160,7 +160,7 @@ def is_whole(folder: Path, recipe: Recipe) -> bool:
             and there == set(listed)
             and all(sha256_of(folder / name) == digest for name, digest in listed.items())
         )
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
         return False
 
 

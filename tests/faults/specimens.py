@@ -15,9 +15,13 @@ import pandas as pd
 from making import circling_take
 from mcap.writer import CompressionType, Writer
 
+from bcid.errors import InputRefused
 from bcid.recording.read import read_recording
+from bcid.recording.saving import load_recording, save_recording
 from bcid.recording.types import Recording
 from bcid.simulation.samples import VEHICLE
+from bcid.store.artifact import Recipe, Store
+from bcid.store.code import Code
 from bcid.vehicle import Vehicle, read_vehicle
 from faults.mutants import BYTES, TEXT, Mutator
 
@@ -72,7 +76,7 @@ def specimens(folder: Path) -> list[Specimen]:
     }.items():  # fmt: skip
         path = _mcap(folder / f"{kind.replace(' ', '_')}.mcap", clean, **options)
         found.append(Specimen(f"MCAP {kind}", path, recorded(path), BYTES, kind != "no checksums"))
-    return [*found, *_own(folder)]
+    return [*found, *_own(folder), *_kept(folder, clean)]
 
 
 def _table(recording: Recording) -> pd.DataFrame:
@@ -140,4 +144,22 @@ def _own(folder: Path) -> list[Specimen]:
         Specimen("arrays.safetensors", models / "arrays.safetensors", model, BYTES, True),
         Specimen("vehicle TOML", folder / "car.toml", partial(read_vehicle, folder / "car.toml"), TEXT, False),
         Specimen("pipeline TOML", folder / "pipeline.toml", partial(read_plan, folder / "pipeline.toml"), TEXT, False),
+    ]
+
+
+def _kept(folder: Path, recording: Recording) -> list[Specimen]:
+    """A workspace's artifact, which is used as it was written, or refused and made anew."""
+    recipe = Recipe("ingest", {"take": "1"}, {}, Code("c0de", {"numpy": "2"}))
+    store = Store(folder / "workspace")
+    made = store.get(recipe, partial(save_recording, recording)).folder
+
+    def again(folder: Path) -> None:
+        raise InputRefused(folder, "artifact", "is not as it was written", "it is made anew")
+
+    def read() -> Any:
+        return seen(load_recording(store.get(recipe, again).folder))
+
+    return [
+        Specimen(f"artifact's {name}", made / name, read, how, True)
+        for name, how in (("manifest.json", TEXT), ("recording.json", TEXT), ("poses.parquet", BYTES))
     ]
