@@ -25,7 +25,7 @@ def comparison(report: Mapping[str, Any]) -> Table:
             m["model"], thousandths(m["nmse"]),
             "–" if m["nmse_ci95"] is None else " – ".join(thousandths(v) for v in m["nmse_ci95"]),
             thousandths(m["nmse_vx"]), thousandths(m["nmse_vy"]), thousandths(m["nmse_yaw_rate"]),
-            f"{m['rollout_ms']:.3g}", str(m["parameters"]),
+            "–" if m["rollout_ms"] is None else f"{m['rollout_ms']:.3g}", str(m["parameters"]),
         ]
         for m in report["models"]
     ]  # fmt: skip

@@ -46,7 +46,8 @@ def make(
     results = []
     for judged in models:
         figures = json.loads((judged.evaluation / "evaluation.json").read_text(encoding="utf-8"))
-        ms = rollout_ms(load_model(judged.model), take, int(settings["timing_repeats"]))
+        repeats = int(settings["timing_repeats"])
+        ms = rollout_ms(load_model(judged.model), take, repeats) if repeats else None
         known = figures | {"model": judged.label, "rollout_ms": ms}
         results.append(ModelResult.read(known, judged.settings, judged.evaluation))
     names = ("recording.json", "estimate.json", "check.json")
