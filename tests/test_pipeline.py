@@ -13,7 +13,8 @@ import pytest
 
 from bcid.errors import InputRefused
 from bcid.pipeline.plan import read_plan
-from bcid.pipeline.run import Pipeline, Progress
+from bcid.pipeline.run import Pipeline
+from bcid.pipeline.watching import Progress
 from bcid.store import code as code_module
 from bcid.store.artifact import Recipe, is_whole
 from bcid.store.code import Code

@@ -2,53 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from bcid.errors import InputRefused, UsageError
 from bcid.models.table import row_of, row_to_fit
 from bcid.pipeline.plan import Plan
+from bcid.pipeline.publishing import published
+from bcid.pipeline.watching import Progress, Silent, Watcher
 from bcid.recording.formats import commands_of, format_of, parts_of
 from bcid.store.artifact import Artifact, Recipe, Store, sha256_of
 from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
 
-Progress = Callable[[float, str], None]
 _STAGES = "bcid.pipeline.stages"
-WAITING = "waiting for another run in {}, which is making what this one needs"
+WAITING = "waiting for another run, which is at work in {}"
 GEOMETRY = ("body.cog_to_front_m", "body.cog_to_rear_m")
 DRIVEN = (*GEOMETRY, "body.drive", "body.front_drive_share")
-
-
-class Watcher(Protocol):
-    """Who is told of the stages: each is entered when it starts, and told whether it was reused."""
-
-    def stage(self, title: str) -> AbstractContextManager[Progress]:
-        """A stage that is about to be made."""
-
-    def reused(self, title: str) -> None:
-        """A stage that was found in the cache."""
-
-    def note(self, text: str) -> None:
-        """Something that a person may want to know."""
-
-
-class Silent:
-    """A watcher that says nothing."""
-
-    @contextmanager
-    def stage(self, title: str) -> Iterator[Progress]:
-        """See `Watcher`."""
-        yield lambda share, text: None
-
-    def reused(self, title: str) -> None:
-        """See `Watcher`."""
-
-    def note(self, text: str) -> None:
-        """See `Watcher`."""
 
 
 class Candidate(NamedTuple):
@@ -340,44 +311,11 @@ class Pipeline:
     def publish(self, artifact: Artifact, *names: str, to: str) -> Path:
         """Copy an artifact's files and folders to WORKSPACE/`to`, where they are looked for; returns the first.
 
-        Files of these names from an earlier run that this one has not are removed.
-
         Raises:
             UsageError: where a folder of such a name holds something else than a saved model.
         """
-        home = self.plan.workspace / to
-        home.mkdir(parents=True, exist_ok=True)
         with self.store.alone("publish"):
-            for left in home.glob(".*.unfinished"):  # by a run that was killed
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
-            for name in names:
-                if (home / name).is_dir() and any((home / name).iterdir()) and not is_model(home / name):
-                    cause = f"{home / name} holds something else than a model"
-                    raise UsageError(f"{cause}\n  next: choose another --out")
-            for name in names:
-                _exchange(artifact.folder / name, home / name)
-        return home / names[0]
-
-
-def _exchange(source: Path, target: Path) -> None:
-    """Put a copy of `source` in the place of `target`; at every moment there is the old one, the new one or none."""
-    beside, aside = (target.with_name(f".{target.name}.{what}.unfinished") for what in ("new", "old"))
-    if source.is_dir():
-        shutil.copytree(source, beside)
-        if target.exists():
-            target.replace(aside)
-        beside.replace(target)
-        shutil.rmtree(aside, ignore_errors=True)
-    elif source.exists():
-        shutil.copyfile(source, beside)
-        beside.replace(target)
-    else:
-        target.unlink(missing_ok=True)
-
-
-def is_model(folder: Path) -> bool:
-    """Whether a folder holds a saved model."""
-    return (folder / "model.json").exists()
+            return published(artifact.folder, names, self.plan.workspace / to)
 
 
 def told_apart(candidates: Sequence[Candidate]) -> list[Candidate]:
