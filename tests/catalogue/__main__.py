@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from catalogue.table import catalogue_table, faults_table
+from catalogue.table import catalogue_table, faults_table, kills_told
 
 ROOT = Path(__file__).parents[2]
 
@@ -21,10 +21,11 @@ def page() -> str:
 ## Faults on purpose
 `make fuzz N={found["fuzz"]["mutants"]}` reads mutants of every kind of file: bits, bytes and spans flipped, lost,
 doubled, zeroed or exchanged, nasty cells, lines, separators and encodings. A traceback, a hang beyond 10 s, other
-values in a file whose bytes are vouched for (MCAP with checksums, saved models) and samples lost without a word are
-failures. The numbers are in docs/results/faults.json.
+values in a file whose bytes are vouched for (MCAP with checksums, saved models, artifacts) and samples lost without
+a word are failures. The numbers are in docs/results/faults.json.
 
 {faults_table(found["fuzz"])}
+{kills_told(found.get("kills"))}
 
 ## Ways to be wrong, and what is said
 Made by code from one clean drive (`tests/catalogue`), numbers shown as #. The clean drive is read without a word.

@@ -41,3 +41,15 @@ def faults_table(found: dict[str, Any]) -> str:
             f"| {kind} | {found['mutants']} | {bad} | {counts.get('refused', 0)} | {read} | {counts['peak_mib']} |"
         )
     return "\n".join(rows)
+
+
+def kills_told(found: dict[str, Any] | None) -> str:
+    """How runs ended after a kill, where any have been counted."""
+    if found is None:
+        return ""
+    same, twice = found["outcomes"].get("same", 0), "have" if found["two_runs_the_same"] else "do not have"
+    return f"""
+`make kills N={found["kills"]}` kills a whole pipeline ({found["undisturbed_s"]:.0f} s undisturbed) at random moments:
+{same} of {found["kills"]} next runs ended with the same bytes in every file as an undisturbed one. Two undisturbed runs
+{twice} the same bytes.
+"""
