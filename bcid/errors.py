@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Problem(NamedTuple):
@@ -16,7 +16,7 @@ class Problem(NamedTuple):
     place: str
     cause: str
     next_step: str
-    source: str = ""  # the file, where it is not the one that is spoken of
+    source: str = ""  # the file; empty for the one that is being checked
 
 
 class BcidError(Exception):
@@ -44,14 +44,20 @@ class PartLost(BcidError):
 
 
 class InputRefused(BcidError):
-    """A file that cannot be used as it is: which, where in it, why, and what to do."""
+    """A file that cannot be used as it is: which, where in it, why, and what to do; or several such `problems`."""
 
     exit_code = 4
 
-    def __init__(self, source: str | Path, place: str, cause: str, next_step: str) -> None:
+    def __init__(
+        self, source: str | Path, place: str, cause: str, next_step: str, problems: Sequence[Problem] = ()
+    ) -> None:
         self.source, self.place, self.cause, self.next_step = str(source), place, cause, next_step
-        self.problems: tuple[Problem, ...] = (Problem(place, cause, next_step, self.source),)
-        super().__init__(f"{self.source}: {place}: {cause}\n  next: {next_step}")
+        self.problems = tuple(problems) or (Problem(place, cause, next_step, self.source),)
+        super().__init__("\n".join(f"{p.source}: {p.place}: {p.cause}\n  next: {p.next_step}" for p in self.problems))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """From one process to another with all that it tells."""
+        return type(self), (self.source, self.place, self.cause, self.next_step, self.problems)
 
 
 class DiskFull(BcidError):
@@ -88,19 +94,15 @@ class Problems(list[Problem]):
     def refuse(self, source: str | Path) -> None:
         """Raise one `InputRefused` that tells all of them; nothing where there are none.
 
-        `source` is the file of those that name none; of several files the first is spoken of, the others are named.
+        What names no file is wrong with `source`; what ails several places in the same way is told once.
         """
         if not self:
             return
-        first = self[0].source or str(source)
-        alike = dict[Problem, list[str]]()  # what ails several places in the same way is told once
+        alike = dict[Problem, list[str]]()
         for p in self:
-            file = p.source or str(source)
-            place = p.place if file == first else f"{Path(file).name}, {p.place}"
-            alike.setdefault(p._replace(place="", source=""), []).append(place)
-        places = [", ".join(dict.fromkeys(of)) for of in alike.values()]
-        causes = [f"{at}: {p.cause}" for at, p in zip(places, alike, strict=True)] if len(alike) > 1 else []
-        told = "; ".join(causes or [p.cause for p in alike])
-        refused = InputRefused(first, ", ".join(places), told, "; ".join(dict.fromkeys(p.next_step for p in alike)))
-        refused.problems = tuple(p._replace(source=p.source or str(source)) for p in self)
-        raise refused
+            alike.setdefault(p._replace(place="", source=p.source or str(source)), []).append(p.place)
+        told = [p._replace(place=", ".join(dict.fromkeys(places))) for p, places in alike.items()]
+        causes = [p.cause if len(told) == 1 else f"{p.place}: {p.cause}" for p in told]
+        steps = dict.fromkeys(p.next_step for p in told)
+        places = ", ".join(p.place for p in told)
+        raise InputRefused(told[0].source, places, "; ".join(causes), "; ".join(steps), told)

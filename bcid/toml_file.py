@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -42,6 +43,15 @@ def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` 
         raise InputRefused(path, what, "is nested too deeply", f"see how it should look; {example}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputRefused(path, what, f"not valid TOML: {error}", "mend the line named above") from None
+    return validated(path, kind, data, what, example)
+
+
+def validated(path: Path, kind: type[S], data: Mapping[str, Any], what: str, example: str) -> S:
+    """What the file at `path` says, as a `kind`.
+
+    Raises:
+        InputRefused: with all of its entries that are unknown, missing or impossible.
+    """
     try:
         return kind.model_validate(data)
     except ValidationError as error:

@@ -37,10 +37,15 @@ class Found:
     start: np.ndarray
     scales: Any
     per_segment: np.ndarray
+    charged: float = 0.0
+
+    @property
+    def log_likelihood(self) -> float:
+        return float(self.per_segment.sum())
 
     @property
     def bic(self) -> float:
-        return float(self.per_segment.sum())
+        return self.log_likelihood - self.charged
 
     def values(self) -> dict[str, float]:
         return self.hypothesis.values(self.phi)
@@ -97,12 +102,27 @@ def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch
 
 def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     nats = {"yaw_scrub": np.r_[-5000.0, np.full(29, 10.0)], "quadratic_drag": np.ones(30)}
-    refits = Refits(monkeypatch, lambda name, values, start: nats[name])
+    Refits(monkeypatch, lambda name, values, start: nats[name])
     fit = base_fit()
     found = at_their_sizes(fit, Segments(30), fit.phi, fit.start, list(nats))  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in found] == ["yaw_scrub", "quadratic_drag"]
     assert found[0].bic < found[1].bic
-    assert len(refits.made) == 4
+
+
+def test_gains_are_those_of_the_segments_that_were_chosen_and_never_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = base_fit()
+    chosen = candidates._evenly(Segments(90), candidates.ENOUGH)  # type: ignore[arg-type]
+    fit.per_segment[chosen] = 1000.0  # all others have none
+    nats = {"yaw_scrub": 1100.0, "quadratic_drag": 1120.0, "motor_sag": 1000.0}
+    Refits(monkeypatch, lambda name, values, start: np.full(30, nats[name]))
+    found = at_their_sizes(fit, Segments(90), fit.phi, fit.start, list(nats))  # type: ignore[arg-type]
+    assert [f.hypothesis.effects[-1] for f in found] == ["quadratic_drag", "yaw_scrub", "motor_sag"]
+
+
+def test_leaving_what_a_simulation_says_is_charged() -> None:
+    free = base_fit()
+    far = replace(free, per_segment=free.per_segment + 1.0, charged=100.0)
+    assert candidates._promise(far, free.per_segment) < candidates._promise(free, free.per_segment)
 
 
 def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:

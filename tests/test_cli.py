@@ -145,8 +145,9 @@ def test_of_several_recordings_all_that_are_refused_are_told(
     named = (tmp_path / "a.csv", takes["motive"], tmp_path / "b.csv")
     taken = bcid("ingest", *named, "--vehicle", vehicle_file, "--out", tmp_path / "w")
     assert taken.returncode == 4
-    assert {name for name in ("a.csv", "b.csv", "drive.csv: ") if name in taken.stderr} == {"a.csv", "b.csv"}
-    assert len(list((tmp_path / "w").glob("**/recording.json"))) == 1  # the good one between them is read
+    assert "a.csv: " in taken.stderr
+    assert "b.csv: " in taken.stderr
+    assert "drive" in taken.stdout  # the good one between them is read, and told
 
 
 def test_hostile_names_are_inert(tmp_path: Path, vehicle_file: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -141,8 +142,9 @@ def test_what_is_wrong_with_an_export_and_with_its_commands_is_told_at_once(
         read_raw(path, vehicle)
     assert error.value.source == str(path)
     assert "Furlongs" in error.value.cause
-    assert f"{beside.name}, column 'throttle_mps': is not in the file" in error.value.cause
+    assert f"\n{beside}: column 'throttle_mps': is not in the file" in str(error.value)
     assert {p.source for p in error.value.problems} == {str(path), str(beside)}
+    assert str(pickle.loads(pickle.dumps(error.value))) == str(error.value)  # noqa: S301  # from a worker
 
 
 def test_all_columns_that_hold_text_are_told_at_once(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:

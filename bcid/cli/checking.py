@@ -39,7 +39,8 @@ def checked(
         try:
             recording = read_recording(path, of, commands_of(path, commands), allow_partial)
         except (InputRefused, OSError) as error:
-            why = f"{error.place}: {error.cause}" if isinstance(error, InputRefused) else str(error)
+            problems = error.problems if isinstance(error, InputRefused) else ()
+            why = "; ".join(f"{p.place}: {p.cause}" for p in problems) or str(error)
             told.append(row | {"go": False, "sentence": f"no-go: refused, {why}", "refused": str(error), "lost": False})
             continue
         lost = any(i.kind == "lost" for i in recording.irregularities)

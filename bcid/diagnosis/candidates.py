@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
 ENOUGH = 30  # segments on which effects are compared
 PROMISING = 8  # effects that are compared more closely, and tried again beside what was found
-MOST = 50.0  # nats by which one segment speaks for or against an effect: a lost one would outweigh all the others
+MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a lost one would outweigh all the others
 ROUGHLY, CLOSELY = 1, 3  # tangents along which
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
@@ -86,10 +87,7 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, start: Floats, names: Sequ
     """
     chosen = _evenly(take, ENOUGH)
     part, best, hypothesis = take.part(chosen), dict[str, Fit](), fit.hypothesis
-
-    def promise(found: Fit) -> float:
-        return float(np.clip(found.per_segment - fit.per_segment[chosen], -MOST, MOST).sum())
-
+    promise = partial(_promise, before=fit.per_segment[chosen])
     values, car = list(hypothesis.values(phi).values()), hypothesis.car(phi)
     for name in names:
         own = hypothesis.entries[name].parameters
@@ -105,6 +103,12 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, start: Floats, names: Sequ
         with suppress(FloatingPointError):
             best[name] = refit(part, f.hypothesis, f.phi, f.start, f.scales, tangents=CLOSELY)
     return sorted(best.values(), key=promise, reverse=True)
+
+
+def _promise(fit: Fit, before: Floats) -> float:
+    """Nats that a fit gains over each segment's `before`, lost ones counting little, less what its BIC charges."""
+    each = MOST * np.tanh((fit.per_segment - before) / MOST)
+    return float(each.sum()) + fit.bic - fit.log_likelihood
 
 
 def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Floats) -> list[Fit]:

@@ -42,7 +42,7 @@ class ReportTable(Settings):
     """The report."""
 
     restart_s: Annotated[float, Field(gt=0)] = 2.0
-    timing_repeats: Annotated[int, Field(ge=0)] = 21  # 0: rollouts are not timed, and equal runs have equal reports
+    timing_repeats: Annotated[int, Field(ge=0)] = 21  # 0: not timed; equal runs on one machine have equal reports
     losses: list[CarLoss] = Field(default_factory=list)  # that are compared, beside the comparison of models
 
 

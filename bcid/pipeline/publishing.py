@@ -9,8 +9,8 @@ from pathlib import Path
 from bcid.errors import UsageError
 
 
-def published(folder: Path, names: Sequence[str], home: Path) -> Path:
-    """The first of `names`, of which copies of those in `folder` stand in `home` now; what `folder` lacks is removed.
+def publish_copies(folder: Path, names: Sequence[str], home: Path) -> Path:
+    """Copy files and folders `names` of `folder` to `home`, and remove there what `folder` lacks; returns the first.
 
     Only one run at a time may do so.
 

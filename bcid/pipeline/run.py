@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from bcid.errors import InputRefused, UsageError
 from bcid.models.table import row_of, row_to_fit
 from bcid.pipeline.plan import Plan
-from bcid.pipeline.publishing import published
+from bcid.pipeline.publishing import publish_copies
 from bcid.pipeline.watching import Progress, Silent, Watcher
 from bcid.recording.formats import commands_of, format_of, parts_of
 from bcid.store.artifact import Artifact, Recipe, Store, sha256_of
@@ -315,7 +315,7 @@ class Pipeline:
             UsageError: where a folder of such a name holds something else than a saved model.
         """
         with self.store.alone("publish"):
-            return published(artifact.folder, names, self.plan.workspace / to)
+            return publish_copies(artifact.folder, names, self.plan.workspace / to)
 
 
 def told_apart(candidates: Sequence[Candidate]) -> list[Candidate]:

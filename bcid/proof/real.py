@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.diagnosis.before_after import compared_model
-from bcid.diagnosis.candidates import refit_with
 from bcid.diagnosis.diagnose import Compared, Diagnosis, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
@@ -32,12 +31,13 @@ from bcid.likelihood.refit import Fit
 from bcid.proof.asking import said
 from bcid.proof.edits import EDITS
 from bcid.proof.keeping import keep
-from bcid.proof.real_cases import VEHICLE, Edited, Withheld, read_cases
+from bcid.proof.real_cases import VEHICLE, Cases, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.store.artifact import sha256_of
 from bcid.store.code import code_of
+from bcid.toml_file import validated
 from bcid.vehicle import Vehicle, read_vehicle
 
 Floats = npt.NDArray[np.float64]
@@ -62,7 +62,17 @@ class _Asked(NamedTuple):
 
     def vehicle_of(self, recording: str, tables: Mapping[str, Any] = MappingProxyType({})) -> Vehicle:
         """The recording's vehicle, with these tables over its own."""
-        return _changed(self.vehicle, _laid_over(self.calibrated.get(recording, {}), tables))
+        return Vehicle.model_validate(self._tables_of(recording, tables))
+
+    def check(self, cases: Cases, file: Path) -> None:
+        """Raise `InputRefused` where a question of `file` makes no vehicle."""
+        for case in cases.withheld:
+            tables = self._tables_of(case.recording, case.vehicle)
+            validated(file, Vehicle, tables, f"vehicle of {case.name!r} or its calibration", "see the vehicle file")
+
+    def _tables_of(self, recording: str, tables: Mapping[str, Any]) -> dict[str, Any]:
+        own = _laid_over(self.calibrated.get(recording, {}), tables)
+        return _laid_over(self.vehicle.model_dump(by_alias=True), own)
 
 
 _Case = tuple[Withheld | Edited, Path]  # and where its row is kept
@@ -79,6 +89,7 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     cases = read_cases(file)
     simulation = cases.simulation_file(file)
     asked = _Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, simulation, recordings)
+    asked.check(cases, file)
     folder.mkdir(parents=True, exist_ok=True)
     code = code_of(__name__)
     given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), simulation) if p]
@@ -112,13 +123,13 @@ def _answered(groups: Sequence[list[_Case]], asked: _Asked, workers: int) -> Ite
 
 def _rows(group: list[_Case], asked: _Asked) -> list[dict[str, Any]]:
     """What was answered, kept; edits are of one recording."""
-    rows, known = list[dict[str, Any]](), None
+    rows, unedited = list[dict[str, Any]](), None
     for case, kept in group:
         if isinstance(case, Withheld):
             row = _withheld(case, asked)
         else:
-            known = known or _as_it_was(case.recording, asked)
-            row = _edited(case, known, asked)
+            unedited = unedited or _as_it_was(case.recording, asked)
+            row = _edited(case, unedited, asked)
         keep(row, kept)
         rows.append(row)
     return rows
@@ -131,11 +142,6 @@ def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
         under = merged.get(key)
         merged[key] = _laid_over(under, value) if isinstance(value, Mapping) and isinstance(under, Mapping) else value
     return merged
-
-
-def _changed(vehicle: Vehicle, tables: Mapping[str, Any]) -> Vehicle:
-    """The vehicle with these tables over its own."""
-    return Vehicle.model_validate(_laid_over(vehicle.model_dump(), tables))
 
 
 def _moved(name: str, vehicle: Vehicle, asked: _Asked) -> tuple[Recording, Estimate, Tuning]:
@@ -226,41 +232,27 @@ def _as_it_was(name: str, asked: _Asked) -> Diagnosis:
     return diagnosed([recording], [estimate], vehicle, start)
 
 
-def _own(unedited: Diagnosis, effect: str) -> tuple[float, float]:
-    """Value and standard error of the effect's first parameter as the drive itself has it, too small for a name or not.
-
-    Nothing, where a fit that holds it leaves the finite numbers.
-    """
-    best, field = unedited.search.best, EFFECTS[effect].fields[0]
-    if effect not in best.hypothesis.effects:
-        little = [0.1 * p.size for p in best.hypothesis.entries[effect].parameters]
-        try:
-            best = refit_with(best, unedited.take, (*best.hypothesis.effects, effect), little)
-        except FloatingPointError:
-            return 0.0, 0.0
-    return best.values()[field]
-
-
 def _edited(case: Edited, unedited: Diagnosis, asked: _Asked) -> dict[str, Any]:
     """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
 
-    Its value has to be the edit's beyond what the drive had of it before.
+    Its value has to be the edit's beyond what the drive showed of it before, where that stood out.
     """
     vehicle = asked.vehicle_of(case.recording)
     recording, _, tuning = _moved(case.recording, vehicle, asked)
     known = _of_fit(unedited.search.best)._replace(trust=AS_IT_WAS)
-    before, before_se = _own(unedited, case.effect)
+    before = known.effects.get(EFFECTS[case.effect].fields[0], 0.0)
     rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
     # an offset is the wheel's, and the log's by as much less as the drive shows that a logged angle moves the wheel
     gain = 1.0 + known.effects.get("steering_scale__g", 0.0) if case.effect == "steering_offset" else 1.0
     changed = EDITS[case.effect](recording, case.value / gain)
     reach = float(np.nanmax(np.abs(changed.commands.values[:, 0])))  # the lock is not to cut an edit off
-    vehicle = _changed(vehicle, {"steering": {"max_angle_rad": max(vehicle.steering.max_angle_rad, reach)}})
+    lock = {"max_angle_rad": max(vehicle.steering.max_angle_rad, reach)}
+    vehicle = vehicle.model_copy(update={"steering": vehicle.steering.model_copy(update=lock)})
     answer = said(diagnosed([changed], [estimate_motion(changed, vehicle, tuning)], vehicle, rest))
     values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
     value, se = values[0] if values else (None, 0.0)
     beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
-    near = max(NEAR * abs(case.value), SURE * float(np.hypot(se, before_se)))
+    near = max(NEAR * abs(case.value), SURE * se)
     return {
         "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
         "before": before, "value": value, "beside": beside,

@@ -14,7 +14,7 @@ from bcid.recording.orientation import rotated
 from bcid.recording.plausibility import check_commands, check_plausible
 from bcid.recording.raw import RawTake
 from bcid.recording.tracking import commands_in_turn, split_at_jumps, unfrozen, unheld, without_flips
-from bcid.recording.types import Floats, Irregularity, Recording, Stream
+from bcid.recording.types import Floats, Irregularity, Recording, Stream, log_of
 from bcid.vehicle import Vehicle
 
 MIN_RATE_HZ, MAX_RATE_HZ = 2.0, 2000.0
@@ -33,7 +33,7 @@ def _to_cog(pose: Floats, vehicle: Vehicle) -> Floats:
 def _cleaned(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
     """Poses, commands and further channels, each in the order of time."""
     problems, clean = Problems(), dict[str, Samples]()
-    first, last = raw.sources[0].path, raw.sources[-1].path
+    first, last = raw.sources[0].path, log_of(raw.sources)
     streams = {
         "pose": (raw.pose_time_s, raw.pose, first), "command": (raw.command_time_s, raw.command, last),
         **{name: (time_s, values[:, None], last) for name, (time_s, values) in raw.channels.items()},
@@ -123,16 +123,16 @@ def _ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s: float) -> li
     ]
 
 
-def _check_overlap(recording: Recording) -> None:
+def _check_overlap(pose_s: Floats, command_s: Floats, source: str) -> None:
     """Raise `InputRefused` where poses and commands are of different times."""
-    (first, last), (begin, end) = ((t[0], t[-1]) for t in (recording.poses.time_s, recording.commands.time_s))
+    (first, last), (begin, end) = ((t[0], t[-1]) for t in (pose_s, command_s))
     if min(last, end) <= max(first, begin):
         cause = (
             f"poses ({first:.3f} to {last:.3f} s) and commands ({begin:.3f} to {end:.3f} s) do not overlap in time: "
             "two takes, or simulated time and a wall clock"
         )
         step = 'check that both belong to one take; for MCAP, name the time base: topics.time = "log"'
-        raise InputRefused(recording.sources[0].path, "time", cause, step)
+        raise InputRefused(source, "time", cause, step)
 
 
 def _told_askew(recording: Recording, vehicle: Vehicle) -> Recording:
@@ -160,10 +160,10 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
     """The recording in `raw` as the vehicle file describes its car.
 
     Raises:
-        InputRefused: empty or mostly broken streams, or values no such car can have; of what does not hang together
-            all is told at once.
+        InputRefused: empty or mostly broken streams, or values no such car can have; what is wrong in ways that do not
+            hang together is told at once.
     """
-    source, log = raw.sources[0].path, raw.sources[-1].path
+    source, log = raw.sources[0].path, log_of(raw.sources)
     poses, commands, channels = _cleaned(raw)
     offset, hold_s = vehicle.clock.offset_s if vehicle.clock else 0.0, vehicle.command.max_hold_s
     problems, beyond, breaks = Problems(), list[Irregularity](), list[float]()
@@ -171,7 +171,9 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
         _check_pose_times(poses.time_s, source)
     with problems.gathered():
         _check_command_times(commands, hold_s, log)
-    if not problems:  # where stamps are no seconds, no speed can be told
+    if not problems:  # where stamps are no seconds, nothing can be told of speeds, or of both streams
+        with problems.gathered():
+            _check_overlap(poses.time_s, commands.time_s + offset, source)
         poses = unheld(poses)
         rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
         with problems.gathered():
@@ -198,5 +200,4 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
             *beyond,
         ),
     )  # fmt: skip
-    _check_overlap(recording)
     return estimate_clock(_told_askew(check_plausible(recording, vehicle), vehicle), vehicle)

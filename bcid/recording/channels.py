@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bcid.errors import InputRefused
+from bcid.errors import Problem, Problems
 from bcid.recording.course import Course, commanded_angle, course
-from bcid.recording.types import Floats, Irregularity, Recording
+from bcid.recording.types import Floats, Irregularity, Recording, log_of
 from bcid.vehicle import Vehicle
 
 CLEAR = 0.7  # correlation with what the poses or commands say of the same quantity
@@ -32,7 +32,7 @@ def check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
     motion, odd = course(recording, vehicle), list[Irregularity]()
     if len(motion.time_s) < FEWEST:
         return []
-    source = recording.sources[-1].path
+    problems, source = Problems(), log_of(recording.sources)
     for name, stream in recording.channels.items():
         expected, (what, hint) = _expected(name, motion, recording, vehicle), HINTS[name]
         seen = np.interp(motion.time_s, stream.time_s, stream.values[:, 0])
@@ -50,12 +50,13 @@ def check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
         times = float(np.sqrt((y @ y) / (x @ x)))
         if like < -CLEAR:
             cause = f"runs against {what} (correlation {like:.2f}): its sign is inverted"
-            raise InputRefused(source, name, cause, hint)
+            problems.append(Problem(name, cause, hint, source))
         if like > CLEAR and not 1.0 / UNITS < times < UNITS:
-            raise InputRefused(source, name, f"is {times:.3g} times {what}: degrees, or mm?", hint)
+            problems.append(Problem(name, f"is {times:.3g} times {what}: degrees, or mm?", hint, source))
         if abs(like) < CLEAR:
             text = f"does not follow {what} (correlation {like:.2f})"
             odd.append(Irregularity("channel", "warning", 1, name, text))
+    problems.refuse(source)
     return odd
 
 

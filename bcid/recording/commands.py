@@ -10,7 +10,7 @@ from bcid.errors import InputRefused
 from bcid.recording.raw import source_of
 from bcid.recording.tables import numbers, read_csv
 from bcid.recording.text import read_text
-from bcid.recording.types import Floats, Irregularity, Source
+from bcid.recording.types import COMMANDS, Floats, Irregularity, Source
 from bcid.vehicle import CHANNELS
 
 REQUIRED = ("time_s", "steering_rad", "throttle_mps")
@@ -31,7 +31,7 @@ def read_commands(
             "does not exist",
             "put the commands beside the export as NAME.commands.csv, or name them with --commands",
         )
-    source, text = source_of(path, "commands-csv"), read_text(path)
+    source, text = source_of(path, COMMANDS), read_text(path)
     table = read_csv(text)
     present = [c for c in CHANNELS if c in table.columns]
     column = numbers(table, [*REQUIRED, *present], path, f"the header must read {','.join(REQUIRED)}")

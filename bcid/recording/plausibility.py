@@ -37,7 +37,7 @@ def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
     """The recording, with what looked odd noted.
 
     Raises:
-        InputRefused: steering in degrees or inverted, lengths or yaw in other units, channels likewise.
+        InputRefused: inverted steering, lengths or yaw in other units, channels likewise.
     """
     problems, odd = Problems(), list[Irregularity]()
     with problems.gathered():
@@ -67,16 +67,16 @@ def check_commands(commands: Floats, vehicle: Vehicle, source: str) -> list[Irre
 def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
     if vehicle.motor.law != "speed":
         return
-    if u_m.min() < -1.05:
-        raise InputRefused(
-            source, "throttle_mps", f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant",
-            "log it so, or map a table's or MCAP's field with gain, offset and low",
-        )  # fmt: skip
     top = vehicle.motor.reference_speed_mps
     if top is not None and u_m.max() > THROTTLE_FACTOR * top:
         raise InputRefused(
             source, "throttle_mps", f"reaches {u_m.max():.3g}, the largest reference speed is {top:g} m/s: percent?",
             "log the throttle in m/s, or map it with a gain",
+        )  # fmt: skip
+    if u_m.min() < -1.05:
+        raise InputRefused(
+            source, "throttle_mps", f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant",
+            "log it so, or map a table's or MCAP's field with gain, offset and low",
         )  # fmt: skip
 
 

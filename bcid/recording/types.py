@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -19,6 +19,14 @@ class Source:
     path: str
     sha256: str
     format: str
+
+
+COMMANDS = "commands-csv"
+
+
+def log_of(sources: Sequence[Source]) -> str:
+    """The file of the commands and further channels: the one beside a Motive export, or the recording's first."""
+    return next((s.path for s in sources if s.format == COMMANDS), sources[0].path)
 
 
 @dataclass(frozen=True)
