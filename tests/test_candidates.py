@@ -23,6 +23,7 @@ class Segments:
 
     def __init__(self, segments: int) -> None:
         self.segments = segments
+        self.length_s = np.full(segments, 90.0)
 
     def part(self, chosen: np.ndarray) -> Segments:
         return Segments(len(chosen))
@@ -160,6 +161,7 @@ def test_what_a_base_model_assumes_may_end_where_it_will() -> None:
     """A simulation's own offset at its bound silences nothing else; the same offset as an explanation is none."""
     low = BASE.entries["steering_offset"].parameters[0].low
     held: Any = base_fit(BASE.holding("steering_offset", "yaw_scrub"), (low, 5.0))
-    assert not candidates.credible(held)
+    take: Any = Segments(90)
+    assert not candidates.credible(held, take)
     assumed = replace(BASE, assumed=("steering_offset",)).holding("yaw_scrub")
-    assert candidates.credible(base_fit(assumed, (low, 5.0)))
+    assert candidates.credible(base_fit(assumed, (low, 5.0)), take)

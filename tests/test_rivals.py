@@ -117,4 +117,14 @@ def test_a_size_at_the_end_of_its_range_is_no_car_s(field: str, share: float, th
     entries = {p.symbol: p for n in hypothesis.effects for p in hypothesis.entries[n].parameters}
     values = {"d_x": 0.0, "d_y": 0.0, "s": entries["s"].high} | {field: share * entries[field].high}
     phi = hypothesis.start(CAR, [values[p.symbol] for _, p in hypothesis.parameters])
-    assert credible(SimpleNamespace(hypothesis=hypothesis, phi=phi)) is there  # type: ignore[arg-type]
+    take = SimpleNamespace(length_s=[60.0])
+    assert credible(SimpleNamespace(hypothesis=hypothesis, phi=phi), take) is there  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("t_s", "there"), [(1.0, False), (30.0, True), (590.0, False), (300.0, True)])
+def test_a_change_at_an_end_of_the_take_is_none(t_s: float, there: bool) -> None:
+    """Mass 'lost' in the first seconds is another car's for the rest: parameters bent past what is trusted of them."""
+    hypothesis = Hypothesis((), CAR, 2.012, Constants()).holding("mass_change")
+    fit = SimpleNamespace(hypothesis=hypothesis, phi=hypothesis.start(CAR, [-0.2, t_s]))
+    take = SimpleNamespace(length_s=[60.0] if t_s < 60.0 else [600.0, 300.0])
+    assert credible(fit, take) is there  # type: ignore[arg-type]

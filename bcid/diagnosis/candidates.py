@@ -25,6 +25,7 @@ MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a
 ROUGHLY, CLOSELY = 1, 3  # tangents along which
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
+EDGE = 0.08  # share of a take at its ends, in which nothing can be seen to change
 
 SWALLOWED = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
 """Effects that a refitted base model takes up so far that nothing shows of them near it."""
@@ -114,10 +115,10 @@ def _promise(fit: Fit, before: Floats) -> float:
 def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Floats) -> list[Fit]:
     """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it from the best of `starts`.
 
-    Those at the end of their size are passed over.
+    Those that are not credible are passed over.
     """
     whole = list[Fit]()
-    for f in itertools.islice(filter(credible, fits), FINALISTS):
+    for f in itertools.islice((f for f in fits if credible(f, take)), FINALISTS):
         found = list[Fit]()
         for start in starts:
             with suppress(FloatingPointError):
@@ -168,11 +169,16 @@ def named(fit: Fit) -> tuple[str, ...]:
     return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
-def credible(fit: Fit) -> bool:
-    """Whether none that it names has gone to where its size, of either sign, ends: no car has such; it stands in."""
-    values, names = fit.hypothesis.values(fit.phi), named(fit)
+def credible(fit: Fit, take: Take) -> bool:
+    """Whether none that it names stands in: no car has a size, of either sign, where the range of such sizes ends.
+
+    A change so early or late that the rest of the take is another car tells of the base model's parameters.
+    """
+    values, names, length_s = fit.hypothesis.values(fit.phi), named(fit), float(np.max(take.length_s))
     return not any(
-        p.low < 0.0 and not p.places and p.at_bound(values[field])
+        not EDGE * length_s < values[field] < (1.0 - EDGE) * length_s
+        if p.symbol == "t_s"
+        else p.low < 0.0 and not p.places and p.at_bound(values[field])
         for field, p in fit.hypothesis.parameters
         if field.partition("__")[0] in names
     )

@@ -74,4 +74,4 @@ def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -
                 with suppress(FloatingPointError):
                     quick = quickly(less, take, candidate)
                     found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
-    return sorted(filter(credible, found), key=lambda f: -f.bic)
+    return sorted((f for f in found if credible(f, take)), key=lambda f: -f.bic)

@@ -93,9 +93,9 @@ def search(
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
         fits, names = _with_one_more(best, take, shortlist, names, left_out, given if best is corrected else None)
-        fits = _best_first(fits)
+        fits = _best_first(fits, take)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
-            fits = _best_first([*fits, *from_afar(best, take, left_out)])
+            fits = _best_first([*fits, *from_afar(best, take, left_out)], take)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
@@ -138,9 +138,9 @@ def _with_one_more(
     return fits, names
 
 
-def _best_first(fits: Sequence[Fit]) -> list[Fit]:
+def _best_first(fits: Sequence[Fit], take: Take) -> list[Fit]:
     """Those that explain anything."""
-    return sorted(filter(credible, fits), key=lambda f: -f.bic)
+    return sorted((f for f in fits if credible(f, take)), key=lambda f: -f.bic)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
