@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from bcid.estimate.steering import identify as identify_steering
 from bcid.estimate.tuning import Tuning, tune
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
+from bcid.virtual_lab import TUNING
 
 CHASSIS = Chassis(0.54, 0.33, 0.155, 1.418, True)
 
@@ -251,3 +253,44 @@ def test_the_steering_goes_on_through_a_lost_pose(recording: Recording, vehicle:
     cut = estimate_motion(broken, vehicle, tuning)
     same = np.isin(whole.time_s, cut.time_s)
     np.testing.assert_allclose(cut.kinematic[:, 3], whole.kinematic[same, 3], atol=0.03)
+
+
+def test_a_filter_that_has_lost_the_car_begins_anew(
+    recording: Recording, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its covariance may cease to be one where the front wheel spins; the smoother would carry NaN to the start."""
+    whole, run_filter, calls = estimate_motion(recording, vehicle, TUNING), kernel.run_filter, list[Any]()
+
+    def loses_it(events: kernel.Events, *rest: Any) -> kernel.Filtered:
+        found = run_filter(events, *rest)
+        calls.append(events)
+        middle = len(found.nis) // 2
+        if len(calls) == 1:
+            found.nis[middle] = -1.0
+        elif len(calls) == 2:
+            found.nis[middle + 100] = np.nan
+        return found
+
+    monkeypatch.setattr(kernel, "run_filter", loses_it)
+    estimate = estimate_motion(recording, vehicle, TUNING)
+    half = len(calls[0].time_s) // 2
+    lost_s = [float(calls[0].time_s[half]), float(calls[1].time_s[half + 100])]
+    assert estimate.facts["restarts_s"] == lost_s
+    assert calls[2].restart.sum() == calls[0].restart.sum() + 2
+    assert len(estimate.segments()) == len(whole.segments()) + 2
+    assert np.isfinite(estimate.twist).all()
+    assert whole.facts["restarts_s"] == []
+
+
+def test_what_the_filter_cannot_follow_is_refused(
+    recording: Recording, vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_filter = kernel.run_filter
+
+    def always(events: kernel.Events, *rest: Any) -> kernel.Filtered:
+        found = run_filter(events, *rest)
+        return found._replace(nis=np.where(np.arange(len(found.nis)) == 50 + events.restart.sum(), np.nan, found.nis))
+
+    monkeypatch.setattr(kernel, "run_filter", always)
+    with pytest.raises(InputRefused, match="loses the car"):
+        estimate_motion(recording, vehicle, TUNING)

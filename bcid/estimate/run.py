@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 Engine = Literal["compiled", "filterpy"]
+MOST_RESTARTS = 20  # of a filter that loses the car, beyond which it does not follow at all
 
 
 class _Pass(NamedTuple):
@@ -28,28 +30,42 @@ class _Pass(NamedTuple):
     filtered: Filtered
     x: Floats  # (K, 7) smoothed, at the grid rows
     P: Floats  # (K, 7, 7)
+    restarts_s: tuple[float, ...]  # when it had lost the car and began anew
 
 
 def _run(
     recording: Recording, vehicle: Vehicle, tuning: Tuning, period_s: float, max_gap_s: float, engine: Engine
 ) -> _Pass:
-    line = timeline(recording, vehicle, period_s, max_gap_s, tuning.T_s, tuning.d)
-    if len(line.grid) < 2:
-        raise InputRefused(
-            recording.sources[0].path,
-            "time",
-            "poses and commands together cover no two grid rows",
-            "record a longer take, or check the time stamps",
-        )
-    chassis = tuning.chassis(vehicle)
+    """The filter and the smoother; where the filter loses the car so far that its covariance is none, it begins anew.
+
+    Raises:
+        InputRefused: poses and commands that cover no grid, or that the filter cannot follow.
+    """
+    chassis, restarts = tuning.chassis(vehicle), list[float]()
     run_filter, run_smoother = kernel.run_filter, kernel.run_smoother
     if engine == "filterpy":
         from bcid.estimate import reference
 
         run_filter, run_smoother = reference.run_filter, reference.run_smoother
-    filtered = run_filter(line.events, chassis, tuning.noise.Q(), tuning.noise.R())
+    while True:
+        anew = replace(recording, breaks_s=tuple(sorted({*recording.breaks_s, *restarts})))
+        line = timeline(anew, vehicle, period_s, max_gap_s, tuning.T_s, tuning.d)
+        if len(line.grid) < 2:
+            cause = "poses and commands together cover no two grid rows"
+            step = "record a longer take, or check the time stamps"
+            raise InputRefused(recording.sources[0].path, "time", cause, step)
+        filtered = run_filter(line.events, chassis, tuning.noise.Q(), tuning.noise.R())
+        lost = np.flatnonzero(~(filtered.nis >= 0.0))  # an innovation's variance is positive, or the filter is lost
+        if not len(lost):
+            break
+        restarts.append(float(line.events.time_s[lost[0]]))
+        if len(restarts) > MOST_RESTARTS:
+            cause = f"the velocity estimate loses the car {len(restarts)} times, first there"
+            step = "check units and axes of the poses, or leave [estimate.noise] out so that the noise is found"
+            raise InputRefused(recording.sources[0].path, f"{restarts[0]:.3f} s", cause, step)
     x, P = run_smoother(filtered, line.events.restart)
-    return _Pass(line, chassis, filtered, np.ascontiguousarray(x[line.grid]), np.ascontiguousarray(P[line.grid]))
+    x, P = np.ascontiguousarray(x[line.grid]), np.ascontiguousarray(P[line.grid])
+    return _Pass(line, chassis, filtered, x, P, tuple(restarts))
 
 
 def estimate_motion(
@@ -65,9 +81,9 @@ def estimate_motion(
     `engine` "filterpy" runs the reference instead of the compiled kernel; the two agree to 1e-9.
 
     Raises:
-        InputRefused: when no grid row is covered by poses and commands.
+        InputRefused: when no grid row is covered by poses and commands, or the filter cannot follow them.
     """
-    line, chassis, filtered, x, P = _run(recording, vehicle, tuning, period_s, max_gap_s, engine)
+    line, chassis, filtered, x, P, restarts_s = _run(recording, vehicle, tuning, period_s, max_gap_s, engine)
     variances = np.einsum("kii->ki", twist_covariances(x, P, chassis))
     facts: dict[str, Any] = {
         "noise": as_facts(tuning.noise),
@@ -76,6 +92,7 @@ def estimate_motion(
         "tuning": dict(tuning.facts),
         "nis": nis_facts(filtered.nis, filtered.dof),
         "log_likelihood": float(filtered.log_likelihood),
+        "restarts_s": list(restarts_s),
     }
     return Estimate(
         name=recording.name,
@@ -103,7 +120,7 @@ def check_against_truth(
     Raises:
         InputRefused: when no row of the truth meets the grid.
     """
-    line, chassis, filtered, x, P = _run(recording, vehicle, tuning, period_s, max_gap_s, "compiled")
+    line, chassis, filtered, x, P, _ = _run(recording, vehicle, tuning, period_s, max_gap_s, "compiled")
     known, rows = truth.at(line.events.time_s[line.grid])
     if not rows.any():
         raise InputRefused(
