@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bcid.cli.show import lost_car
 from bcid.errors import InputRefused
 from bcid.estimate import kernel, reference
 from bcid.estimate.consistency import Truth
@@ -280,6 +281,8 @@ def test_a_filter_that_has_lost_the_car_begins_anew(
     assert len(estimate.segments()) == len(whole.segments()) + 2
     assert np.isfinite(estimate.twist).all()
     assert whole.facts["restarts_s"] == []
+    assert lost_car(whole.facts) == ""
+    assert lost_car(estimate.facts).endswith(f"anew at {lost_s[0]:.1f} s, {lost_s[1]:.1f} s")
 
 
 def test_what_the_filter_cannot_follow_is_refused(
