@@ -227,6 +227,8 @@ def alike(best: Fit, other: Fit, take: Take) -> bool:
     size = max(1, round(block_s(take) / SEGMENT_S))
     each = best.per_segment - other.per_segment
     sums = np.add.reduceat(each, np.arange(0, len(each), size))
+    if len(sums) < 2:  # a take of one block says nothing of its scatter
+        return False
     spread = float(sums.std(ddof=1)) * np.sqrt(len(sums))
     return float(each.sum()) < TELLING * spread and best.bic - other.bic < 5.0 * RIVAL
 
