@@ -297,3 +297,19 @@ def test_what_the_filter_cannot_follow_is_refused(
     monkeypatch.setattr(kernel, "run_filter", always)
     with pytest.raises(InputRefused, match="loses the car"):
         estimate_motion(recording, vehicle, TUNING)
+
+
+def test_what_is_no_covariance_carries_nothing_back(recording: Recording, vehicle: Vehicle) -> None:
+    """Two takes of the blind test had a NaN in every row before one such event."""
+    line = timeline(recording, vehicle, 0.1, 0.3, TUNING.T_s, TUNING.d)
+    chassis = TUNING.chassis(vehicle)
+    filtered = kernel.run_filter(line.events, chassis, TUNING.noise.Q(), TUNING.noise.R())
+    k = len(filtered.nis) // 2
+    whole = kernel.run_smoother(filtered, line.events.restart)[0]
+    filtered.P_prior[k, 4, 4] = -1e-7
+    x, P = kernel.run_smoother(filtered, line.events.restart)
+    assert np.isfinite(x).all()
+    assert np.isfinite(P).all()
+    np.testing.assert_array_equal(x[k:], whole[k:])
+    np.testing.assert_array_equal(x[k - 1], filtered.x[k - 1])
+    assert np.abs(x - whole)[: k // 2].max() < 1e-6  # long before it, nothing is lost

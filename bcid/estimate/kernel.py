@@ -160,13 +160,15 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
 
 
 @njit_inline
-def _solve(A: Floats, X: Floats, L: Floats) -> None:
-    """Turns X into A^-1 X, of a positive definite A, by Cholesky; LAPACK's call costs more than the work."""
+def _solve(A: Floats, X: Floats, L: Floats) -> bool:
+    """Turns X into A^-1 X by Cholesky (LAPACK's call costs more than the work); whether A is positive definite."""
     for i in range(N_STATE):
         for j in range(i + 1):
             s = A[i, j]
             for k in range(j):
                 s -= L[i, k] * L[j, k]
+            if i == j and not s > 0.0:
+                return False
             L[i, j] = 1.0 / math.sqrt(s) if i == j else s * L[j, j]  # of the diagonal, the inverse
     for i in range(N_STATE):
         for k in range(i):
@@ -180,6 +182,7 @@ def _solve(A: Floats, X: Floats, L: Floats) -> None:
                 X[i, j] -= L[k, i] * X[k, j]
         for j in range(N_STATE):
             X[i, j] *= L[i, i]
+    return True
 
 
 @njit
@@ -198,7 +201,10 @@ def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
             for m in range(N_STATE):
                 for j in range(N_STATE):
                     G[i, j] += Phi[i, m] * P_k[m, j]
-        _solve(prior, G, L)  # the gain's transpose
+        # G becomes the gain's transpose.  Where the rear axle stands and the front one circles it, the slip angles
+        # have no direction and P may cease to be a covariance: nothing is carried back over such an event
+        if not _solve(prior, G, L):
+            continue
         for i in range(N_STATE):
             for m in range(N_STATE):
                 gained = later[i, m] - prior[i, m]
