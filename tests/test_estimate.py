@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.cli.show import lost_car
 from bcid.errors import InputRefused
 from bcid.estimate import kernel, reference
 from bcid.estimate.consistency import Truth
@@ -21,6 +20,7 @@ from bcid.estimate.saving import load_estimate, save_estimate
 from bcid.estimate.steering import identify as identify_steering
 from bcid.estimate.tuning import Tuning, tune
 from bcid.recording.types import Recording, Stream
+from bcid.report.estimate_words import lost_car
 from bcid.vehicle import Vehicle
 from bcid.virtual_lab import TUNING
 

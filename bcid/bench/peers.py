@@ -6,9 +6,9 @@ themselves.  Settings are what their documentation begins with, sized to the dat
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol, Self
 from unittest.mock import patch
@@ -161,7 +161,7 @@ class DeepSi:
         stretches = sum(len(d) - PAST - AHEAD for d in train)
         with (
             TemporaryDirectory() as folder, patch("deepSI.fitting.get_checkpoint_dir", lambda: folder),
-            redirect_stdout(sys.stderr),
+            redirect_stdout(StringIO()), redirect_stderr(StringIO()),
         ):  # fmt: skip
             done = deepSI.fit(
                 model, train, held, n_its=ITERATIONS, T=AHEAD, batch_size=min(BATCH, stretches), val_freq=VALIDATED

@@ -25,7 +25,7 @@ from bcid.cli.options import (
     plan_of,
 )
 from bcid.cli.sink import Format, Sink, table
-from bcid.errors import BcidError, DiskFull, InputRefused, UsageError, is_disk_full
+from bcid.errors import BcidError, DiskFull, Problems, UsageError, is_disk_full
 from bcid.models.settings import LOSSES
 from bcid.models.table import MODELS, row_to_fit
 from bcid.pipeline.run import Pipeline
@@ -122,18 +122,14 @@ def ingest(
         checking.report(checking.checked(pipeline, recordings, vehicle, commands, allow_partial), sink)
         return
     work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
-    taken, refused = list[dict[str, Any]](), list[str]()
+    taken, problems = list[dict[str, Any]](), Problems()
     for path in work.takes():
-        try:
+        with problems.gathered():  # the others are read all the same
             made = work.ingest(path)
-        except InputRefused as error:  # the others are read all the same
-            refused.append(str(error))
-        else:
             taken.append(made.json("recording.json") | {"folder": str(made.folder)})
     if taken:
         sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recordings(taken))
-    if refused:
-        raise checking.Refused("\n".join(refused))
+    problems.refuse(pipeline or "recordings")
     end(work)
 
 

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bcid.cli.sink import table, thousandths
-from bcid.report.steering import steering_lines
+from bcid.report.estimate_words import lost_car, steering_lines
 
 NIS_RANGE = (0.7, 1.4)  # beyond, the noise model is wrong for the take
 NEES = ("nees_filter", "nees_smoother")
@@ -117,7 +117,7 @@ def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
         rows.append([e["name"], f"{nis['mean_per_dof']:.3f}{mark}", band, told["T_s"], told["d"], e["folder"]])
     columns = ["take", "NIS per quantity", "95 % band", "T_s", "d", "written to"]
     odd = ["(!) far from 1: the noise found on the liveliest excerpts does not fit this take"] * any(map(_far, made))
-    odd += [f"{e['name']}: {lost}" for e in made if (lost := lost_car(e["facts"]))]
+    odd += [f"{e['name']}: the filter {lost}" for e in made if (lost := lost_car(e["facts"]))]
     tables = [table("estimates", columns, rows, "\n".join(odd))]
     checked = [e["check"] for e in made if e.get("check")]
     if checked:
@@ -129,12 +129,6 @@ def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
         title = "RMSE against the simulation's truth (SI); NEES is 3 when the stated covariance is right"
         tables.append(table(title, ["take", *names, "NEES filter", "NEES smoother"], errors))
     return Group(*tables)
-
-
-def lost_car(facts: Mapping[str, Any]) -> str:
-    """When the filter had lost the car and began anew, in words; nothing where it never did."""
-    at = ", ".join(f"{t:.1f} s" for t in facts.get("restarts_s", ()))
-    return f"the filter lost the car and began anew at {at}" if at else ""
 
 
 def _far(estimate: Mapping[str, Any]) -> bool:

@@ -184,6 +184,11 @@ def credible(fit: Fit, take: Take) -> bool:
     )
 
 
+def best_first(fits: Sequence[Fit], take: Take) -> list[Fit]:
+    """Those that are credible."""
+    return sorted((f for f in fits if credible(f, take)), key=lambda f: -f.bic)
+
+
 def fully(fit: Fit, take: Take) -> Fit:
     """The same hypothesis with its own tangent; as it is where that leads out of the finite numbers."""
     try:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import NamedTuple
 
-from bcid.diagnosis.candidates import CLOSE, WORTH, credible, fully, named, quickly, refit_with
+from bcid.diagnosis.candidates import CLOSE, WORTH, best_first, fully, named, quickly, refit_with
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.screen import Changes, screen
 from bcid.likelihood.refit import Fit
@@ -74,4 +74,4 @@ def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -
                 with suppress(FloatingPointError):
                     quick = quickly(less, take, candidate)
                     found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
-    return sorted((f for f in found if credible(f, take)), key=lambda f: -f.bic)
+    return best_first(found, take)

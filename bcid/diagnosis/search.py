@@ -16,7 +16,7 @@ from bcid.diagnosis.candidates import (
     at_simulated,
     at_their_sizes,
     beside_given,
-    credible,
+    best_first,
     from_afar,
     fully,
     named,
@@ -93,9 +93,9 @@ def search(
         # a mixture of effects would only stand in for something that has no name
         least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
         fits, names = _with_one_more(best, take, shortlist, names, left_out, given if best is corrected else None)
-        fits = _best_first(fits, take)
+        fits = best_first(fits, take)
         if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
-            fits = _best_first([*fits, *from_afar(best, take, left_out)], take)
+            fits = best_first([*fits, *from_afar(best, take, left_out)], take)
         if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
@@ -136,11 +136,6 @@ def _with_one_more(
         fits += on_the_whole(sized, take, best.scales, *([take.start] if trusted else []), best.start)
         names = [f.hypothesis.effects[-1] for f in sized] if take.pushed else ()
     return fits, names
-
-
-def _best_first(fits: Sequence[Fit], take: Take) -> list[Fit]:
-    """Those that explain anything."""
-    return sorted((f for f in fits if credible(f, take)), key=lambda f: -f.bic)
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:

@@ -32,7 +32,7 @@ def check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
     motion, odd = course(recording, vehicle), list[Irregularity]()
     if len(motion.time_s) < FEWEST:
         return []
-    problems, source = Problems(), log_of(recording.sources)
+    problems = Problems()
     for name, stream in recording.channels.items():
         expected, (what, hint) = _expected(name, motion, recording, vehicle), HINTS[name]
         seen = np.interp(motion.time_s, stream.time_s, stream.values[:, 0])
@@ -50,13 +50,13 @@ def check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
         times = float(np.sqrt((y @ y) / (x @ x)))
         if like < -CLEAR:
             cause = f"runs against {what} (correlation {like:.2f}): its sign is inverted"
-            problems.append(Problem(name, cause, hint, source))
+            problems.append(Problem(name, cause, hint))
         if like > CLEAR and not 1.0 / UNITS < times < UNITS:
-            problems.append(Problem(name, f"is {times:.3g} times {what}: degrees, or mm?", hint, source))
+            problems.append(Problem(name, f"is {times:.3g} times {what}: degrees, or mm?", hint))
         if abs(like) < CLEAR:
             text = f"does not follow {what} (correlation {like:.2f})"
             odd.append(Irregularity("channel", "warning", 1, name, text))
-    problems.refuse(source)
+    problems.refuse(log_of(recording.sources))
     return odd
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from bcid import __version__
 from bcid.report.content import PAPER_TABLE, Content, report_json
+from bcid.report.estimate_words import lost_car, steering_lines
 from bcid.report.figures import all_figures
-from bcid.report.steering import steering_lines
 from bcid.report.templates import template
 
 
@@ -22,7 +22,7 @@ def _thousandths(value: float | None) -> str:
 
 def write_page(content: Content, path: Path) -> None:
     """Write the comparison to `path`."""
-    text = template("page.html.j2", number=_number, thousandths=_thousandths).render(
+    text = template("page.html.j2", number=_number, thousandths=_thousandths, lost_car=lost_car).render(
         version=__version__,
         content=content,
         table=report_json(content),

@@ -1,4 +1,4 @@
-"""What is said of the steering's constants: values, and whether they were given or identified."""
+"""What is said of an estimate in words: the steering's constants, and when its filter had lost the car."""
 
 from __future__ import annotations
 
@@ -19,3 +19,9 @@ def steering_lines(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     if tuning["noise_at_bound"]:
         lines.append(("noise at its bound", ", ".join(tuning["noise_at_bound"])))
     return lines
+
+
+def lost_car(facts: Mapping[str, Any]) -> str:
+    """When the filter had lost the car and began anew; nothing where it never did."""
+    at = ", ".join(f"{t:.1f} s" for t in facts.get("restarts_s", ()))
+    return f"lost the car and began anew at {at}" if at else ""
