@@ -45,15 +45,16 @@ class Filtered(NamedTuple):
     log_likelihood: float
 
 
-@njit
-def _added_product(A: Floats, B: Floats, out: Floats) -> None:
-    """Adds A B to `out`; two thirds of A, the Jacobian of f, are nothing."""
+@njit_inline
+def _added_products(A: Floats, B: Floats, C: Floats, AB: Floats, AC: Floats) -> None:
+    """Adds A B and A C to their places; two thirds of A, the Jacobian of f, are nothing."""
     for i in range(N_STATE):
         for k in range(N_STATE):
             a = A[i, k]
             if a != 0.0:
                 for j in range(N_STATE):
-                    out[i, j] += a * B[k, j]
+                    AB[i, j] += a * B[k, j]
+                    AC[i, j] += a * C[k, j]
 
 
 @njit
@@ -75,8 +76,7 @@ def rk4_moments(
                 Phi_s[i, j] = Phi[i, j] + ahead * k_Phi[i, j]
         A, k_x = F(x_s, u_s, c), f(x_s, u_s, c)
         AP[:], k_Phi[:] = 0.0, 0.0
-        _added_product(A, P_s, AP)
-        _added_product(A, Phi_s, k_Phi)
+        _added_products(A, P_s, Phi_s, AP, k_Phi)
         for i in range(N_STATE):
             x_1[i] += weight * k_x[i]
             for j in range(N_STATE):
@@ -126,7 +126,10 @@ def update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis) -> tuple[Floa
         nis += residual * residual / S
         dof += 1
         log_likelihood -= 0.5 * (residual * residual / S + math.log(2.0 * math.pi * S))
-    return x + shift, 0.5 * (after + after.T), nis, dof, log_likelihood
+    for j in range(N_STATE):
+        for k in range(j):
+            after[j, k] = after[k, j] = 0.5 * (after[j, k] + after[k, j])
+    return x + shift, after, nis, dof, log_likelihood
 
 
 @njit
@@ -199,8 +202,10 @@ def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
             for j in range(N_STATE):
                 G[i, j], ahead[i, j] = 0.0, 0.0
             for m in range(N_STATE):
-                for j in range(N_STATE):
-                    G[i, j] += Phi[i, m] * P_k[m, j]
+                phi = Phi[i, m]
+                if phi != 0.0:  # half of them are nothing
+                    for j in range(N_STATE):
+                        G[i, j] += phi * P_k[m, j]
         # G becomes the gain's transpose.  Where the rear axle stands and the front one circles it, the slip angles
         # have no direction and P may cease to be a covariance: nothing is carried back over such an event
         if not _solve(prior, G, L):
@@ -213,9 +218,9 @@ def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
         for i in range(N_STATE):
             for m in range(N_STATE):
                 x[k, i] += G[m, i] * (x[k + 1, m] - filtered.x_prior[k + 1, m])
-                for j in range(N_STATE):
+                for j in range(i + 1):
                     P[k, i, j] += G[m, i] * ahead[m, j]
         for i in range(N_STATE):
             for j in range(i):
-                P[k, i, j] = P[k, j, i] = 0.5 * (P[k, i, j] + P[k, j, i])
+                P[k, j, i] = P[k, i, j]
     return x, P

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_inline
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import body_twist, pose_rate
 from bcid.physics.steering import steering_rate
@@ -42,7 +42,7 @@ def at_rest(v_f: float) -> float:
     return 1.0 - 0.5 * (math.tanh(10.0 * v_f - 1.0) + 1.0)
 
 
-@njit
+@njit_inline
 def f(x: Floats, u_s: float, c: Chassis) -> Floats:
     """X' without noise (paper, f_kalman_rewrite, with errata 1, 4, 5)."""
     v_x, v_y, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
@@ -58,7 +58,7 @@ def f(x: Floats, u_s: float, c: Chassis) -> Floats:
     return rate
 
 
-@njit
+@njit_inline
 def twist_jacobian(x: Floats, c: Chassis) -> Floats:
     """d[v_x, v_y, omega] / d[v_f, beta_f, beta_r] (3, 3)."""
     (sin_f, cos_f), (sin_r, cos_r) = sincos(x[BETAF]), sincos(x[BETAR])
@@ -77,7 +77,7 @@ def twist_jacobian(x: Floats, c: Chassis) -> Floats:
     return J
 
 
-@njit
+@njit_inline
 def F(x: Floats, u_s: float, c: Chassis) -> Floats:
     """df/dx (7, 7)."""
     J = twist_jacobian(x, c)
@@ -90,9 +90,8 @@ def F(x: Floats, u_s: float, c: Chassis) -> Floats:
         out[PX, VF + j] = cos_t * J[0, j] - sin_t * J[1, j]
         out[PY, VF + j] = sin_t * J[0, j] + cos_t * J[1, j]
         out[THETA, VF + j] = J[2, j]
-    pull = ETA * at_rest(x[VF])
-    tanh = math.tanh(10.0 * x[VF] - 1.0)
-    d_pull = -ETA * 5.0 * (1.0 - tanh * tanh)
+    rest = at_rest(x[VF])
+    pull, d_pull = ETA * rest, -20.0 * ETA * rest * (1.0 - rest)
     out[BETAF, VF] = d_pull * (x[DELTA] - x[BETAF])
     out[BETAF, BETAF] = -pull
     out[BETAF, DELTA] = pull
