@@ -78,6 +78,7 @@ def test_all_recordings_are_told_whatever_is_wrong_with_one(
     done = CliRunner().invoke(app, [*words, "--format", "json"])
     told = json.loads(done.stdout)["recordings"]
     assert [t["go"] for t in told] == [False, True, False]
+    assert [p["source"] for t in told for p in t["problems"]] == [str(bad), str(none)]
     assert isinstance(done.exception, BcidError)
     assert done.exception.exit_code == 4
     for part in ("bad.mcap", "cut", "none.mcap", "does not exist"):

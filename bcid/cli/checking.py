@@ -41,11 +41,12 @@ def checked(
         except (InputRefused, OSError) as error:
             problems = error.problems if isinstance(error, InputRefused) else ()
             why = "; ".join(f"{p.place}: {p.cause}" for p in problems) or str(error)
-            told.append(row | {"go": False, "sentence": f"no-go: refused, {why}", "refused": str(error), "lost": False})
+            no = {"go": False, "sentence": f"no-go: refused, {why}", "refused": str(error), "lost": False}
+            told.append(row | no | {"problems": [p._asdict() for p in problems]})
             continue
         lost = any(i.kind == "lost" for i in recording.irregularities)
         found = health(recording, of).as_json()
-        told.append(row | found | {"clock": dict(recording.clock), "refused": None, "lost": lost})
+        told.append(row | found | {"clock": dict(recording.clock), "refused": None, "lost": lost, "problems": []})
     return told
 
 

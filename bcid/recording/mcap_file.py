@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from mcap.exceptions import McapError
 
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, Problems
 from bcid.recording import messages
 from bcid.recording.formats import parts_of
 from bcid.recording.height import off_the_floor
@@ -36,26 +36,20 @@ BROKEN = (
 
 
 @contextmanager
-def _refusing(path: Path) -> Iterator[None]:
+def _refusing(path: Path, topic: str) -> Iterator[None]:
+    """Refusals where decoders fail on messages of `topic`."""
+    place = f"topic {topic}"
     try:
         yield
     except messages.SeveralBodies as error:
-        raise InputRefused(
-            path,
-            "pose topic",
-            f"its messages hold several bodies: {error}",
-            "set topics.child_frame in the vehicle file",
-        ) from None
+        cause = f"its messages hold several bodies: {error}"
+        raise InputRefused(path, place, cause, "set topics.child_frame in the vehicle file") from None
     except KeyError as error:
-        raise InputRefused(
-            path,
-            "message",
-            f"a field is missing: {error}",
-            "name the fields in [topics.pose_fields] or [topics.command_fields]",
-        ) from None
+        step = "name the fields in [topics.pose_fields] or [topics.command_fields]"
+        raise InputRefused(path, place, f"a field is missing: {error}", step) from None
     except BROKEN as error:
         cause = f"a message cannot be decoded: {type(error).__name__}: {error}"
-        raise InputRefused(path, "message", cause, "check its schema, or record it anew") from None
+        raise InputRefused(path, place, cause, "check its schema, or record it anew") from None
 
 
 def _schema_of(found: Contents, topic: str) -> str:
@@ -194,18 +188,20 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
     """The take in an MCAP file; with `allow_partial` without what cannot be read of it.
 
     Raises:
-        InputRefused: with the topic and the reason, where the file cannot be used.
+        InputRefused: what is wrong with either topic, told at once, where the file cannot be used.
     """
     sources = tuple(source_of(part, "mcap") for part in parts_of(path))
     topics = vehicle.topics
     if topics is None:
         raise InputRefused(path, "vehicle file", "has no [topics]", "name the pose and command topics there")
-    wanted = (topics.pose, topics.command)
+    wanted, problems = (topics.pose, topics.command), Problems()
     found = contents(path, (*wanted, STATIC), allow_partial)
-    with _refusing(path):
-        schemas = [_schema_of(found, topic) for topic in wanted]
-        pose = _pose_track(found, schemas[0], vehicle, topics)
-        command, extra = _command_track(found, schemas[1], topics)
+    with problems.gathered(), _refusing(path, topics.pose):
+        pose = _pose_track(found, _schema_of(found, topics.pose), vehicle, topics)
+    with problems.gathered(), _refusing(path, topics.command):
+        command, extra = _command_track(found, _schema_of(found, topics.command), topics)
+    problems.refuse(path)
+    with _refusing(path, topics.pose):
         times = common_times(pose, command, topics, path)
     channels = {name: (times.command_s, command.values[:, 2 + i]) for i, name in enumerate(extra)}
     odd = (*found.odd(), *_publishers(found, wanted), *pose.odd, *times.odd)

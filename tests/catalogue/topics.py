@@ -15,6 +15,8 @@ from catalogue.rows import row
 @row(29)
 def _(lab: Lab) -> Tries:
     yield "mcap: topic misspelt", lab.mcap_file, lab.veh(topics={"pose": "/mocap/bumpercar/pose"})
+    both = lab.veh(topics={"pose": "/mocap/bumpercar/pose", "command": "/comand"})
+    yield "mcap: both topics misspelt", lab.mcap_file, both
 
 
 @row(30)
