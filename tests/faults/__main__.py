@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,7 +70,7 @@ def kills(n: Annotated[int, typer.Option(help="Kills.")] = 20, workers: Workers 
     """A pipeline killed at random moments; the next run must end with the bytes of an undisturbed one."""
     from faults.killing import killed
 
-    found, failed = killed(n, workers)
+    found, failed = killed(n, workers, partial(typer.echo, err=True))
     typer.echo(json.dumps(found, indent=1))
     _keep(out, "kills", found)
     raise typer.Exit(1 if failed else 0)

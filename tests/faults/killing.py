@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -79,8 +80,8 @@ def one_kill(folder: Path, number: int, lasts_s: float, whole: dict[str, str]) -
     return outcome, f"{len(stages)} stages begun"
 
 
-def killed(n: int, workers: int) -> tuple[dict[str, Any], bool]:
-    """The counts of `n` kills, and whether any failed."""
+def killed(n: int, workers: int, report: Callable[[str], None]) -> tuple[dict[str, Any], bool]:
+    """The counts of `n` kills, and whether any failed; `report` is told how far it is."""
     with tempfile.TemporaryDirectory() as home:
         folder = Path(home)
         prepared(folder)
@@ -93,7 +94,10 @@ def killed(n: int, workers: int) -> tuple[dict[str, Any], bool]:
             lasts_s = time.monotonic() - begun
         whole, twice = contents(folder / "whole"), contents(folder / "twice")
         with ThreadPoolExecutor(workers) as pool:
-            rows = list(pool.map(lambda k: one_kill(folder, k, lasts_s, whole), range(n)))
+            rows = []
+            for row in pool.map(lambda k: one_kill(folder, k, lasts_s, whole), range(n)):
+                rows.append(row)
+                report(f"kill {len(rows)} of {n}: {row[0]}")
     outcomes, stages = Counter(o for o, _ in rows), Counter(s for _, s in rows)
     figures = {"kills": n, "undisturbed_s": round(lasts_s, 1), "two_runs_the_same": whole == twice,
                "outcomes": dict(outcomes), "fell_into": dict(sorted(stages.items()))}  # fmt: skip
