@@ -9,6 +9,7 @@ import pytest
 from cars import CAR
 
 from bcid.diagnosis.candidates import refit_with
+from bcid.diagnosis.detectable import detectable
 from bcid.diagnosis.manoeuvres import (
     ARENA,
     FASTEST,
@@ -24,7 +25,6 @@ from bcid.diagnosis.patterns import COMMAND_HZ, LONGEST_S, PATTERNS
 from bcid.diagnosis.planning import (
     NOMINAL,
     REST_S,
-    detectable,
     largest_throttle,
     nominal_car,
     plan,

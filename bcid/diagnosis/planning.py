@@ -1,43 +1,27 @@
-"""What a take can show, and what to drive so that it shows what is asked.
-
-An effect shows where the expected gain of its refit, a^2 G / 2 with G the information about its amplitude that the
-base parameters leave, reaches what a diagnosis asks of it: GATE nats, and half a logarithm of the segments per
-parameter.
-"""
+"""What to drive so that a take shows what is asked."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from bcid.diagnosis.detectable import Option, Sizes, detectable, fit_at, needed, options_of
 from bcid.diagnosis.manoeuvres import ARENA, SPEED_MPS, Arena, Drive, catalogue, top_speed, usual_throttle
 from bcid.diagnosis.patterns import COMMAND_HZ
-from bcid.diagnosis.score import UNSEEN, projected
 from bcid.diagnosis.screen import changes_of
-from bcid.diagnosis.search import GATE
 from bcid.diagnosis.separation import driven, information
 from bcid.effects.constants import Constants
-from bcid.effects.entry import Effect, Parameter
-from bcid.likelihood.free_part import residuals, sensitivities
+from bcid.effects.entry import Effect
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.recordings import units_at
-from bcid.likelihood.refit import Fit, Tangent, jacobian
-from bcid.likelihood.take import SEGMENT_S, Floats, Take, in_one, joined
+from bcid.likelihood.take import SEGMENT_S, Floats, in_one, joined
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
 
-ROUNDS = 6  # of finding the smallest size: an effect need not grow with its square
-LARGEST_STEP = 4.0  # of the size in one round
-FURTHEST = 50.0  # times the declared size that is still tried
-NEAR = 0.02  # relative, at which the size is found
-MOST_PLACES = 4  # along each side of the floor
-SHOWN = 0.5  # share of an effect's places in which it must show
 REST_S = 3.0  # between two drives, to bring the car back
 MOST_DRIVES = 24
 TIMES = (1, 2, 4, 8)  # that the whole plan is driven, for what shows over time
@@ -47,123 +31,6 @@ PROMISING = 2.0  # times the declared size: what shows from there on shows soone
 
 NOMINAL = Scales(np.array([3e-4, 3e-4, 6e-4]), np.array([0.02, 0.02, 0.02]))
 """Of a motion capture and a floor as they usually are, where no take is there yet to tell."""
-
-Sizes = dict[str, tuple[float, str]]
-"""Value and unit of each of an effect's amplitudes."""
-
-
-class Option(NamedTuple):
-    """One amplitude of one effect at one place."""
-
-    effect: str
-    which: int  # of its parameters
-    parameter: Parameter
-    values: list[float]  # of all its parameters
-
-    def at(self, size: float) -> Option:
-        """The same with another amplitude."""
-        return self._replace(values=[*self.values[: self.which], size, *self.values[self.which + 1 :]])
-
-
-def _options(names: Sequence[str], take: Take, hypothesis: Hypothesis) -> list[Option]:
-    """The amplitudes of the effects, at their declared size, in each of some typical places."""
-    entries = hypothesis.entries
-    return [
-        Option(name, i, p, [place.get(q.symbol, q.off) for q in entries[name].parameters]).at(p.size)
-        for name in names
-        for place in _places(entries[name], take)
-        for i, p in enumerate(entries[name].parameters)
-        if not p.places
-    ]
-
-
-def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
-    """Where an effect may be: circles over the floor that was driven, a cable from any side of it, any time."""
-    symbols = [p.symbol for p in effect.parameters if p.places]
-    if not symbols:
-        return [{}]
-    if "t_s" in symbols:
-        return [{"t_s": share * take.T} for share in (0.3, 0.5, 0.7)]
-    low, high = np.quantile(take.pose[:, :2], 0.02, axis=0), np.quantile(take.pose[:, :2], 0.98, axis=0)
-    if "radius" in symbols:
-        radius = next(p.size for p in effect.parameters if p.symbol == "radius")
-        counts = np.clip(np.round((high - low) / (2.0 * radius)), 1, MOST_PLACES).astype(int)
-        axes = [np.linspace(a, b, n + 2)[1:-1] for a, b, n in zip(low, high, counts, strict=True)]
-        return [{"x": float(x), "y": float(y), "radius": radius} for x, y in itertools.product(*axes)]
-    sides = [(0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)]
-    return [dict(zip("xy", (low + (high - low) * side).tolist(), strict=True)) | {"r_0": 1.0} for side in sides]
-
-
-def needed(effect: Effect, segments: int) -> float:
-    """Nats that the effect must be expected to gain."""
-    return GATE + 0.5 * len(effect.parameters) * math.log(max(segments, 1))
-
-
-def fit_at(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take) -> Fit:
-    """A fit as if phi had been found in the take: its tangent, without a likelihood."""
-    setting = hypothesis.setting(phi, take)
-    r = residuals(take, setting, take.start)
-    J = jacobian(take, hypothesis, phi, take.start, r, range(hypothesis.base_size))
-    nothing = np.zeros(take.segments)
-    covariance = np.full((hypothesis.size, hypothesis.size), np.nan)
-    return Fit(
-        hypothesis, phi, take.start, scales, np.nan, nothing, covariance,
-        Tangent(sensitivities(take, setting, take.start), J),
-    )  # fmt: skip
-
-
-def detectable(
-    hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take, effects: Sequence[str]
-) -> dict[str, Sizes | None]:
-    """The smallest size of each effect that `take` would show, by symbol, with its unit.
-
-    None where the take does not excite the effect within its bounds.  Of an effect with a place or a time, the
-    median over several, and none unless half of them show it.  What `hypothesis` holds already is left out.
-    """
-    fit = fit_at(hypothesis, phi, scales, take)
-    names = [n for n in effects if n not in hypothesis.effects]
-    options = _options(names, take, hypothesis)
-    sizes = _smallest(fit, take, options) if options else []
-    found: dict[str, Sizes | None] = {}
-    for name in names:
-        seen: Sizes = {}
-        for p in hypothesis.entries[name].parameters:
-            here = [s for o, s in zip(options, sizes, strict=True) if (o.effect, o.parameter) == (name, p)]
-            if not p.places and np.isfinite(here).mean() >= SHOWN:
-                seen[p.symbol] = (float(np.sort(here)[int(SHOWN * (len(here) - 1))]), p.unit)
-        found[name] = seen or None
-    return found
-
-
-def _smallest(fit: Fit, take: Take, options: list[Option]) -> list[float]:
-    """The amplitude of each option that is expected to gain what it must; inf where none within reach does."""
-    need = np.array([needed(fit.hypothesis.entries[o.effect], take.segments) for o in options])
-    sizes = np.array([o.values[o.which] for o in options])
-    highest = np.minimum([o.parameter.high for o in options], FURTHEST * sizes)
-    too_small, enough = np.zeros(len(options)), np.full(len(options), np.inf)
-    open_ = np.arange(len(options))
-    for _ in range(ROUNDS):
-        now = sizes[open_]
-        gains = _gains(fit, take, [options[i].at(s) for i, s in zip(open_, now.tolist(), strict=True)])
-        shows = gains >= need[open_]
-        too_small[open_] = np.where(shows, too_small[open_], now)
-        enough[open_] = np.where(shows, now, enough[open_])
-        step = np.clip(np.sqrt(need[open_] / np.maximum(gains, UNSEEN)), 1.0 / LARGEST_STEP, LARGEST_STEP)
-        low, high = too_small[open_], np.minimum(enough, highest)[open_]
-        after = np.minimum(now * step, highest[open_])
-        after = np.where((after > low) & (after < enough[open_]), after, np.sqrt(low * high))
-        going = (np.abs(after / now - 1.0) >= NEAR) & (low < highest[open_])
-        sizes[open_] = np.where(going, after, now)
-        open_ = open_[going]
-        if len(open_) == 0:
-            break
-    return [float(s) for s in np.where(np.isfinite(enough), sizes, np.inf)]
-
-
-def _gains(fit: Fit, take: Take, options: Sequence[Option]) -> Floats:
-    """What refits with the options, each alone, are expected to gain (nats) if they are true."""
-    tried = changes_of(fit, take, [(o.effect, [o.values]) for o in options])
-    return np.asarray(0.5 * np.diag(projected(fit, take, tried.columns).G))
 
 
 @dataclass(frozen=True)
@@ -265,7 +132,7 @@ def _chosen(
     takes = [driven(drive, hypothesis, phi)[0] for drive in drives]
     whole = in_one(joined(takes))
     counts = [take.segments - (k > 0) for k, take in enumerate(takes)]  # joined leaves out later ones' first segment
-    options = _options(effects, whole, hypothesis)
+    options = options_of(effects, whole, hypothesis)
     fit = fit_at(hypothesis, phi, scales, whole)
     tried = changes_of(fit, whole, [(o.effect, [o.values]) for o in options]).columns
     columns = np.concatenate([fit.tangent.J, tried], axis=2)
