@@ -50,7 +50,7 @@ def _ratios(inside: Floats, energies: Floats) -> Floats:
     n = inside.sum(axis=1).reshape(-1, *[1] * (energies.ndim - 1))
     K, total = len(energies), energies.sum(axis=0)
     within = inside @ energies
-    mean_in, mean_out = within / np.maximum(n, 1), (total - within) / np.maximum(K - n, 1)
+    mean_in, mean_out = within / np.maximum(n, 1), np.maximum(total - within, 0.0) / np.maximum(K - n, 1)  # by rounding
     tiny = 1e-12
     ratio = K * np.log(total / K + tiny) - n * np.log(mean_in + tiny) - (K - n) * np.log(mean_out + tiny)
     return np.asarray(np.where((mean_in > mean_out) & (n >= FEWEST) & (n <= K // 2), ratio, 0.0))
