@@ -51,8 +51,9 @@ def accuracy_table(found: dict[str, object]) -> str:
         "| data | model | 0.5 s | 2 s | 10 s | to the end | 95 % | seeds change |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    lines = sorted(found["table"], key=lambda t: (t["data"], t["end"]["nmse"] or float("inf")))  # type: ignore[attr-defined]
-    for line in lines:
+    lines = found["table"]
+    order = list(dict.fromkeys(t["data"] for t in lines))  # type: ignore[attr-defined]
+    for line in sorted(lines, key=lambda t: (order.index(t["data"]), t["end"]["nmse"] or float("inf"))):  # type: ignore[call-overload]
         shown = [thousandths(line[h]["nmse"]) for h in ("0.5 s", "2 s", "10 s", "end")]
         interval = " – ".join(thousandths(v) for v in line["end"]["ci95"]) if line["end"]["ci95"] else "–"
         change = "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"

@@ -125,4 +125,4 @@ def thousandths(value: float | None) -> str:
     """An NMSE as a multiple of 10^-3; "diverged" for none."""
     if value is None:
         return "diverged"
-    return f"{1e3 * value:.2f}" if value < 1.0 else f"{1e3 * value:.3g}"
+    return f"{1e3 * value:.{2 if value < 1.0 else 0}f}" if value < 100.0 else f"{1e3 * value:.1e}"
