@@ -62,6 +62,17 @@ def accuracy_table(found: dict[str, object]) -> str:
     return "\n".join(rows)
 
 
+def parameters_table(found: dict[str, object]) -> str:
+    """How often a car's constants lie in the stated intervals, by what was minimised."""
+    rows = ["| fitted on | constants told | within 95 % | median error | bias, standard errors |"]
+    rows.append("|---|---|---|---|---|")
+    for r in found["rows"]:  # type: ignore[attr-defined]
+        if r["symbol"] == "all":
+            error, bias = f"{100 * r['median_error']:.2g} %", f"{r['bias_in_errors']:+.1f}"
+            rows.append(f"| {r['loss']} | {r['n']} | {100 * r['covered']:.0f} % | {error} | {bias} |")
+    return "\n".join(rows)
+
+
 def test_what_the_docs_say_of_bad_recordings_is_what_is_said() -> None:
     golden = json.loads((ROOT / "tests" / "catalogue" / "golden.json").read_text(encoding="utf-8"))
     assert catalogue_table(golden) in (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
@@ -75,6 +86,13 @@ def test_the_docs_counts_of_faults_are_the_committed_ones() -> None:
 def test_the_readme_s_accuracies_are_the_committed_comparison() -> None:
     found = json.loads((ROOT / "docs" / "results" / "accuracy.json").read_text(encoding="utf-8"))
     assert accuracy_table(found) in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readme_s_constants_are_the_committed_recovery() -> None:
+    found = json.loads((ROOT / "docs" / "results" / "parameters.json").read_text(encoding="utf-8"))
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert parameters_table(found) in text
+    assert f"{found['fits']} takes of {found['seconds']:g} s" in text
 
 
 def test_the_readme_s_speeds_are_the_committed_benchmark() -> None:

@@ -57,9 +57,9 @@ EFFECTS = (
     ),
     Effect(
         "marker_offset", "tracked point at (d_x, d_y) from the CoG",
-        (
-            Parameter("d_x", "m", -1.0, 1.0, 0.02, "ahead"),
-            Parameter("d_y", "m", -1.0, 1.0, 0.02, "to the left"),
+        (  # markers stand on the car: none is farther than half a wheelbase or so
+            Parameter("d_x", "m", -0.5, 0.5, 0.02, "ahead"),
+            Parameter("d_y", "m", -0.5, 0.5, 0.02, "to the left"),
         ),
         "pose", "measurement", ("yaw_scrub",), ("yaw_rate",), _HELD,
         source="rigid-body kinematics: the tracked point is not the CoG",

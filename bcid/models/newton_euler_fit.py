@@ -11,7 +11,7 @@ from bcid.models.genetic import Optimum
 from bcid.models.interface import FitTask, Floats
 from bcid.models.levenberg_marquardt import Normal
 from bcid.models.newton_euler_objective import Stretches, costs, normal_equations, predictions
-from bcid.models.newton_euler_parameters import Box, correlated
+from bcid.models.newton_euler_parameters import LIMITS, Box, correlated
 from bcid.models.samples import scale
 from bcid.models.settings import NewtonEulerSettings
 from bcid.models.windows import steps_of, windows
@@ -21,6 +21,7 @@ BLOCK_S = 5.0  # within which residuals are alike
 NO_END = 1e6  # cost of a car that leaves the finite numbers
 STEP = 1e-5  # of the box, for differences
 FEWEST = 100  # stretches on which starts are compared
+SURELY = 1.645  # standard errors: 95 % on one side
 INNER = (0.2, 0.8)  # of the box, where starts are drawn
 
 
@@ -54,6 +55,11 @@ class Objective:
         found = self.misses(np.vstack([x, x + np.diag(steps)]))
         return np.asarray(((found[1:] - found[0]) / steps[:, None]).T)
 
+    def blocks(self, values: Floats, block: int) -> Floats:
+        """Sums (B, n) over so many neighbouring stretches of `values` (N, n), which are one for each miss."""
+        each = values.reshape(-1, self.stretches.start.shape[1], values.shape[1]).sum(axis=0)
+        return np.asarray(np.add.reduceat(each, np.arange(0, len(each), block)))
+
     def part(self, share: float, seed: int) -> Objective:
         """The same over a share of the stretches."""
         count = self.stretches.start.shape[1]
@@ -76,7 +82,10 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     box = Box(task.vehicle, steering["T_s"], steering["d"], settings.v_0_mps, top_speed)
     objective = Objective(box, Stretches.of(taken), scale(taken.twist[:, 0]), task.period_s)
     best, how = _optimised(objective, settings, task)
-    covariance = _covariance(objective, best, max(1, round(BLOCK_S / task.period_s / steps)))
+    block = max(1, round(BLOCK_S / task.period_s / steps))
+    covariance = _covariance(objective, best, block)
+    unreached = _unreached(objective, best, block)
+    covariance[unreached], covariance[:, unreached] = np.nan, np.nan
     spread = np.sqrt(np.diag(covariance)) * box.log_range
     facts = {
         "optimiser": how,
@@ -120,9 +129,26 @@ def _covariance(objective: Objective, best: Optimum, block: int) -> Floats:
     r = objective.misses(best.x[None])[0]
     acting = np.sqrt((J**2).mean(axis=0)) * np.sqrt(len(r)) > 1e-6
     J = J[:, acting]
-    each = (J * r[:, None]).reshape(-1, objective.stretches.start.shape[1], J.shape[1]).sum(axis=0)
-    blocks = np.add.reduceat(each, np.arange(0, len(each), block))
+    blocks = objective.blocks(J * r[:, None], block)
     bread = np.linalg.pinv(J.T @ J)
     found = np.full((len(best.x), len(best.x)), np.nan)
     found[np.ix_(acting, acting)] = bread @ (blocks.T @ blocks) @ bread * len(blocks) / max(len(blocks) - 1, 1)
+    return found
+
+
+def _unreached(objective: Objective, best: Optimum, block: int) -> list[int]:
+    """Limits without which predictions are no worse than blocks of stretches scatter: the takes do not show them.
+
+    A fit may leave one just where a few samples touch it, with a slope there that says nothing.
+    """
+    held = objective.misses(best.x[None])[0]
+    found = []
+    for j, p in enumerate(objective.box.table):
+        if p.symbol in LIMITS:
+            free = best.x.copy()
+            free[j] = 1.0
+            worse = objective.blocks((objective.misses(free[None])[0] ** 2 - held**2)[:, None], block)[:, 0]
+            scatter = worse.std(ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
+            if not worse.mean() > SURELY * scatter:
+                found.append(j)
     return found

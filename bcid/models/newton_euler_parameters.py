@@ -18,6 +18,7 @@ Floats = npt.NDArray[np.float64]
 
 GRAVITY = 9.81
 UNIDENTIFIED = 0.5  # relative standard error
+LIMITS = ("F_m_max", "F_f_max", "F_r_max")  # where a force is cut off: a take that never reaches one has no slope there
 TIED = 0.95  # correlation from which two constants are told to go together
 NEAR_BOUND = 0.01  # share of the (logarithmic) range
 

@@ -13,11 +13,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bcid.errors import InputRefused
+from bcid.likelihood.free_part import deviations
 from bcid.likelihood.hypothesis import DRAG, PRIOR_SD
+from bcid.likelihood.marginal import log_likelihood, moments, rescaled
 from bcid.likelihood.recordings import base_from, base_of
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Take
 from bcid.models.interface import FitTask, Floats
-from bcid.models.newton_euler_parameters import correlated, parameters
+from bcid.models.newton_euler_parameters import LIMITS, correlated, parameters
 from bcid.models.newton_euler_start import started_car
 from bcid.models.settings import NewtonEulerSettings
 from bcid.physics.car import Car
@@ -25,6 +28,7 @@ from bcid.physics.car import Car
 NEAR_BOUND = 1e-3  # of phi
 OF_THE_PRIOR = 0.5  # of its standard deviation: who knows no more has learnt little from the poses
 TINY = 1e-12
+SHOWN = 2.0  # nats: 95 % of a likelihood ratio
 STEERING = {"T_s": ("s", "steering time constant"), "d": ("rad/s", "steering rate limit")}
 
 
@@ -49,18 +53,20 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
                 "check the vehicle file's mass, distances and limits, and the recording's units",
             ) from error  # fmt: skip
     top = float(np.quantile(np.concatenate([e.kinematic[:, 0] for e in estimates]), 0.999))
-    return fit.car(), _facts(fit, take.segments, task, top)
+    return fit.car(), _facts(fit, take, task, top)
 
 
-def _facts(fit: Fit, stretches: int, task: FitTask, top: float) -> dict[str, Any]:
+def _facts(fit: Fit, take: Take, task: FitTask, top: float) -> dict[str, Any]:
     about = {p.symbol: (p.unit, p.meaning) for p in parameters(task.vehicle, top)} | STEERING
     symbols, covariance = stated(fit, top)
+    unreached = [symbols.index(s) for s in _unreached(fit, take)]
+    covariance[unreached], covariance[:, unreached] = np.nan, np.nan
     errors = np.sqrt(np.diag(covariance))
     hypothesis, (low, high) = fit.hypothesis, fit.hypothesis.bounds()
     ends = np.minimum(fit.phi - low, high - fit.phi) < NEAR_BOUND
     x, y, yaw = 1e3 * fit.scales.r
     return {
-        "optimiser": f"likelihood of the poses in {stretches} stretches of 1.5 s",
+        "optimiser": f"likelihood of the poses in {take.segments} stretches of 1.5 s",
         "loss": "poses",
         "reached": f"noise of {x:.2g} and {y:.2g} mm, {yaw:.2g} mrad; ± as far as the model lacks nothing",
         "log_likelihood": fit.log_likelihood,
@@ -95,3 +101,17 @@ def stated(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
     unshown = np.r_[unshown[:n], unshown[n], unshown[n:].any()]
     covariance[unshown], covariance[:, unshown] = np.nan, np.nan
     return [*logs, "R_1", "R_v"], covariance
+
+
+def _unreached(fit: Fit, take: Take) -> list[str]:
+    """Limits without which the poses are as likely: they do not show them, whatever the slope at a few samples says."""
+    hypothesis, found = fit.hypothesis, []
+    for j, symbol in enumerate(hypothesis.logs):
+        if symbol in LIMITS:
+            phi = fit.phi.copy()
+            phi[j] = hypothesis.bounds()[1][j]
+            r = deviations(take, hypothesis.setting(phi, take), fit.start, fit.tangent.A)
+            free = log_likelihood(rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]).sum()
+            if fit.log_likelihood - free < SHOWN:
+                found.append(symbol)
+    return found
