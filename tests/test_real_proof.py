@@ -25,6 +25,7 @@ from bcid.proof import real
 from bcid.proof.edits import EDITS
 from bcid.proof.real import NOT_ASKED, outcome, run_real
 from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
+from bcid.proof.real_cases import Withheld
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -237,6 +238,36 @@ def test_a_recording_s_own_calibration_lies_under_what_is_withheld(tmp_path: Pat
     less = asked.vehicle_of("take.csv", {"steering": {"time_constant_s": 0.05}})
     assert (less.body.mass_kg, less.steering.time_constant_s) == (20.0, 0.05)
     assert less.body.cog_to_front_m == usual.body.cog_to_front_m
+
+
+def test_the_whole_and_what_is_withheld_of_it_are_that_day_s_car(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    own = {"take.csv": {"body": {"mass_kg": 20.0}, "steering": {"time_constant_s": 0.3}}}
+    asked, seen = real._Asked(read_vehicle(tmp_path / "vehicle.toml"), own, None, tmp_path), list[Vehicle]()
+
+    def moved(name: str, vehicle: Vehicle, _: Any) -> tuple[None, None, None]:
+        seen.append(vehicle)
+        return None, None, None
+
+    monkeypatch.setattr(real, "_moved", moved)
+    monkeypatch.setattr(real, "_errors", lambda *_: np.ones(2))
+    less = {"steering": {"time_constant_s": 0.05}}
+    case = Withheld(recording="take.csv", name="lag", vehicle=less, accepted=["steering_lag"])
+    assert real._withheld(case, asked)["verdict"] == NOT_ASKED
+    assert [(v.body.mass_kg, v.steering.time_constant_s) for v in seen] == [(20.0, 0.05), (20.0, 0.3)]
+
+
+def test_another_calibration_is_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(real, "_withheld", lambda *_: {"tier": "withheld"})
+    for name in ("vehicle.toml", "simulation.toml"):
+        (tmp_path / name).write_bytes((asked / name).read_bytes())
+    text = (asked / "cases.toml").read_text(encoding="utf-8").partition("[[edited]]")[0]
+    for own in ("", "[calibrated.'take.csv'.body]\nmass_kg = 20.0\n", ""):
+        (tmp_path / "cases.toml").write_text(text + own, encoding="utf-8")
+        assert len(list(run_real(tmp_path / "cases.toml", asked, tmp_path / "out"))) == 2
+    assert len(list((tmp_path / "out").iterdir())) == 4  # two questions, of either calibration
 
 
 def test_what_makes_no_difference_where_it_is_withheld_is_not_asked(asked: Path, tmp_path: Path) -> None:
