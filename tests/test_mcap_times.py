@@ -47,6 +47,18 @@ def test_a_gap_in_the_recording_is_no_clock_jump() -> None:
     assert common_times(track(t, t), track(t, t), TOPICS, PATH).splits_s == ()
 
 
+@pytest.mark.parametrize("ns", [0, 1 << 63, (1 << 64) - 1])
+def test_a_log_time_that_is_none_is_refused_for_its_topic_or_not_needed(ns: int) -> None:
+    t = np.arange(600) / 60.0
+    pose, command = track(None, t), track(None, t)
+    command.log_ns[100] = ns
+    with pytest.raises(InputRefused, match=f"topic /command: 1 of 600 log times .*message 101: {ns} ns"):
+        common_times(pose, command, TOPICS, PATH)
+    stamped, late = track(t, t), track(t, t)
+    stamped.log_ns[100] = late.log_ns[100] = ns
+    np.testing.assert_allclose(common_times(stamped, late, TOPICS, PATH).command_s, t, atol=1e-9)
+
+
 def test_bursts_are_put_on_an_even_grid() -> None:
     t = np.arange(600) / 60.0
     arrives = np.ceil((np.arange(600) + 1) / 5.0) * 5.0 / 60.0 + 1e-4 * (np.arange(600) % 5)
@@ -172,7 +184,7 @@ class Logged(NamedTuple):
 
 def drive_messages(path: Path) -> list[Logged]:
     found = contents(path, tuple(SCHEMAS), False)
-    rows = [Logged(topic, m.log_ns, m.data) for topic in SCHEMAS for m in found.messages[topic]]
+    rows = [Logged(found.channels[m.channel].topic, m.log_ns, m.data) for m in found.messages]
     return sorted(rows, key=lambda row: row.log_ns)
 
 

@@ -133,11 +133,11 @@ ACKERMANN = (
 )
 
 
-def as_ros2(recording: Recording, folder: Path, kind: str) -> Path:
+def as_ros2(recording: Recording, folder: Path, kind: str, **options: Any) -> Path:
     path = folder / "ros2.mcap"
     definition, message = ROS2_POSES[kind]
     with path.open("wb") as file:
-        writer = Ros2Writer(file)
+        writer = Ros2Writer(file, **options)
         schema = writer.register_msgdef(kind, definition)
         command = writer.register_msgdef("ackermann_msgs/msg/AckermannDriveStamped", ACKERMANN)
         for t, pose in zip(recording.poses.time_s, recording.poses.values, strict=True):

@@ -45,7 +45,7 @@ class Contents:
     schemas: dict[int, kinds.Schema] = field(default_factory=dict)
     channels: dict[int, kinds.Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)  # messages found, by channel
-    messages: dict[str, list[Message]] = field(default_factory=dict)  # of the wanted topics, in file order
+    messages: list[Message] = field(default_factory=list)  # of the wanted topics, in file order
     miscounted: str | None = None  # where a summary counts other messages than there are
     lost: list[Lost] = field(default_factory=list)
     unchecked: int = 0  # messages that no checksum covers
@@ -59,8 +59,9 @@ class Contents:
     def decoded(self, topic: str) -> Iterator[tuple[int, Any]]:
         """Log time (ns) and content of each of a topic's messages."""
         decoders = {c.id: _decoder(c, self.schemas.get(c.schema_id), self.path) for c in self.of(topic)}
-        for message in self.messages[topic]:
-            yield message.log_ns, decoders[message.channel](message.data)
+        for message in self.messages:
+            if message.channel in decoders:
+                yield message.log_ns, decoders[message.channel](message.data)
 
     def of(self, topic: str) -> list[kinds.Channel]:
         """A topic's channels that hold messages."""
@@ -113,13 +114,13 @@ def contents(path: Path, topics: Collection[str], allow_partial: bool) -> Conten
     Raises:
         InputRefused: with the byte, where a checksum does not match or the file is cut, and no part may be missing.
     """
-    found = Contents(path, messages={topic: [] for topic in topics})
+    found = Contents(path)
     for i, part in enumerate(parts_of(path)):
-        _read_part(found, part, i * PART, allow_partial)
+        _read_part(found, part, i * PART, topics, allow_partial)
     return found
 
 
-def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> None:
+def _read_part(found: Contents, path: Path, shift: int, topics: Collection[str], allow_partial: bool) -> None:
     """Add a file's contents; each part numbers its channels anew, so that they are shifted."""
     before, unchecked, statistics, vouched = dict(found.counts), found.unchecked, None, False
     try:
@@ -133,7 +134,7 @@ def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> 
             elif isinstance(read.record, kinds.DataEnd) and read.record.data_section_crc:
                 found.unchecked = unchecked  # it covers all of this file
             else:
-                _take(found, read, shift)
+                _take(found, read, shift, topics)
     except Broken as error:
         whole = "data section" in error.cause and not found.lost  # nothing says which of it is wrong
         if whole or not (allow_partial and found.counts):
@@ -146,6 +147,7 @@ def _read_part(found: Contents, path: Path, shift: int, allow_partial: bool) -> 
         if stated != held:
             text = f"the summary counts {sum(stated.values())} messages, the file holds {sum(held.values())}"
             _miscount(found, path, text, vouched and sum(held.values()) < sum(stated.values()), allow_partial)
+    _claim(found, path, topics, allow_partial)
 
 
 def _miscount(found: Contents, path: Path, text: str, missing: bool, allow_partial: bool) -> None:
@@ -165,7 +167,22 @@ def _lose(found: Contents, path: Path, broken: Broken, allow_partial: bool) -> N
     found.lost.append(Lost(chunk.message_start_time, chunk.message_end_time, str(broken)))
 
 
-def _take(found: Contents, read: Read, shift: int) -> None:
+def _claim(found: Contents, path: Path, topics: Collection[str], allow_partial: bool) -> None:
+    """Leave out messages of channels that stand only behind them, of other topics, or nowhere, which is told.
+
+    A file's summary repeats its channels: what follows a lost chunk, which had them first, is known by it.
+    """
+    undeclared = sum(m.channel not in found.channels for m in found.messages)
+    if undeclared:
+        text = f"{undeclared} messages are of channels that are declared nowhere"
+        if not allow_partial:
+            raise InputRefused(path, "channels", text, RECORD_AGAIN)
+        found.lost.append(Lost(None, None, text))
+    known = found.channels
+    found.messages = [m for m in found.messages if m.channel in known and known[m.channel].topic in topics]
+
+
+def _take(found: Contents, read: Read, shift: int, topics: Collection[str]) -> None:
     record = read.record
     if isinstance(record, kinds.Schema):
         found.schemas[record.id + shift] = replace(record, id=record.id + shift)
@@ -178,5 +195,5 @@ def _take(found: Contents, read: Read, shift: int) -> None:
         found.unchecked += not read.checked
         found.last_ns = record.log_time
         channel = found.channels.get(number)
-        if channel is not None and channel.topic in found.messages:
-            found.messages[channel.topic].append(Message(number, record.log_time, record.data))
+        if channel is None or channel.topic in topics:
+            found.messages.append(Message(number, record.log_time, record.data))

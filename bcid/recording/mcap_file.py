@@ -141,7 +141,7 @@ def _static(found: Contents, pose_topic: str) -> list[tuple[int, Any]]:
 
 def _judged(log_ns: list[int], stamps: list[int | None], rows: Floats, path: Path) -> Track:
     """Positions and quaternions (N, 7) as poses on the floor."""
-    time_s = (np.array(log_ns) - log_ns[0]) / 1e9
+    time_s = (np.array(log_ns, dtype=float) - log_ns[0]) / 1e9
     yaw, odd = judged_yaw(rows[:, 3:], "Z", time_s, path)
     up, lifts = off_the_floor(rows[:, :2], rows[:, 2], time_s)
     values = np.column_stack([rows[:, :2], yaw])
@@ -201,8 +201,7 @@ def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawT
     with problems.gathered(), _refusing(path, topics.command):
         command, extra = _command_track(found, _schema_of(found, topics.command), topics)
     problems.refuse(path)
-    with _refusing(path, topics.pose):
-        times = common_times(pose, command, topics, path)
+    times = common_times(pose, command, topics, path)
     channels = {name: (times.command_s, command.values[:, 2 + i]) for i, name in enumerate(extra)}
     odd = (*found.odd(), *_publishers(found, wanted), *pose.odd, *times.odd)
     return RawTake(

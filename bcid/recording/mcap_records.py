@@ -20,15 +20,16 @@ from mcap.exceptions import McapError
 from bcid.recording.formats import MCAP_MAGIC
 
 MAX_RECORD = 1 << 28  # bytes, of a record and of a chunk's content
-SMALL, RATIO = 1 << 24, 300  # bytes a chunk may always unpack to, and by how much a larger one may grow
+SMALL, RATIO = 1 << 24, 300  # bytes that chunks may always unpack to, and by how much larger ones may grow
 BLOCK = 1 << 20
 HEAD = struct.Struct("<BQ")  # opcode and length
+CHUNK_HEAD = struct.Struct("<QQQ")  # of a chunk: from, to, and how many bytes it unpacks to
 KINDS = {
     1: kinds.Header, 2: kinds.Footer, 3: kinds.Schema, 4: kinds.Channel, 5: kinds.Message, 6: kinds.Chunk,
     7: kinds.MessageIndex, 8: kinds.ChunkIndex, 9: kinds.Attachment, 10: kinds.AttachmentIndex, 11: kinds.Statistics,
     12: kinds.Metadata, 13: kinds.MetadataIndex, 14: kinds.SummaryOffset, 15: kinds.DataEnd,
 }  # fmt: skip
-FOOTER, ATTACHMENT = 2, 9
+FOOTER, CHUNK, ATTACHMENT = 2, 6, 9
 IN_CHUNK = (3, 4, 5)
 EMPTY = (1, 11)  # kinds that may have no content
 
@@ -85,6 +86,19 @@ def _unpacked(chunk: kinds.Chunk, offset: int) -> bytes:
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise Broken(offset, "a chunk's checksum does not match", chunk)
     return data
+
+
+def _check_expansion(file: IO[bytes], end: int) -> None:
+    """Raise `Broken` where chunks that may be small each declare more together than so short a file may hold."""
+    most, total, offset = max(SMALL, RATIO * end), 0, len(MCAP_MAGIC)
+    while offset + HEAD.size <= end:
+        file.seek(offset)
+        opcode, length = HEAD.unpack(file.read(HEAD.size))
+        if opcode == CHUNK and length >= CHUNK_HEAD.size and offset + HEAD.size + length <= end:
+            total += CHUNK_HEAD.unpack(file.read(CHUNK_HEAD.size))[2]
+        if total > most:
+            raise Broken(offset, f"chunks up to here declare {total} bytes: {most} are the most of a file of {end}")
+        offset += HEAD.size + length
 
 
 def _decompressed(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
@@ -153,6 +167,8 @@ def records(path: Path, attachments: bool = False) -> Iterator[Read]:
     with path.open("rb") as file:
         if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
             raise Broken(0, "is no MCAP file")
+        _check_expansion(file, end)
+        file.seek(len(MCAP_MAGIC))
         running, offset, footer = zlib.crc32(MCAP_MAGIC), len(MCAP_MAGIC), False
         while not footer:
             head = _exactly(file, HEAD.size, offset)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bcid.errors import InputRefused
 from bcid.recording.types import Floats, Irregularity
@@ -29,21 +30,38 @@ class Track(NamedTuple):
     odd: Sequence[Irregularity] = ()
 
 
+def _no_times(ns: Floats, lasts_ns: float) -> npt.NDArray[np.bool_]:
+    """Which of a topic's times are none: negative, beyond all, all the same, or zero among others."""
+    wrong = (ns < 0.0) | (ns >= LAST_STAMP)
+    if len(ns) > 1 and np.ptp(ns) == 0.0:
+        wrong[:] = True
+    later = ns[~wrong & (ns > 0.0)]
+    if len(later) and later.min() > lasts_ns + UNUSED_NS:
+        wrong |= ns == 0.0
+    return wrong
+
+
 def _check_stamps(track: Track, topic: str, path: Path) -> None:
-    """Raise `InputRefused` where header stamps are no times: negative, beyond all, or zero among others."""
+    """Raise `InputRefused` where header stamps are no times."""
     stamps = np.array([float(s) for s in track.stamp_ns if s is not None])
     first, last = min(track.log_ns), max(track.log_ns)
-    wrong = (stamps < 0.0) | (stamps >= LAST_STAMP)
-    if len(stamps) > 1 and np.ptp(stamps) == 0.0:
-        wrong[:] = True
-    later = stamps[~wrong & (stamps > 0.0)]
-    if len(later) and later.min() > last - first + UNUSED_NS:
-        wrong |= stamps == 0.0
+    wrong = _no_times(stamps, last - first)
     if wrong.any():
         raise InputRefused(
             path, f"topic {topic}", f"{wrong.sum()} of {len(stamps)} stamps are no times ({stamps[wrong][0]:.0f} ns; "
             f"logged {first / 1e9:.3f} to {last / 1e9:.3f} s)", 'correct the stamps, or set topics.time = "log"',
         )  # fmt: skip
+
+
+def _check_logged(track: Track, topic: str, path: Path) -> None:
+    """Raise `InputRefused` where log times, which stand for stamps, are no times."""
+    logged = np.array(track.log_ns, dtype=float)
+    usual = np.quantile(logged, [0.1, 0.9])  # whatever a few of them are
+    wrong = _no_times(logged, usual[1] - usual[0])
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        cause = f"{wrong.sum()} of {len(logged)} log times are no times (message {k + 1}: {track.log_ns[k]} ns)"
+        raise InputRefused(path, f"topic {topic}", cause, "record again, or stamp the messages in their headers")
 
 
 class Times(NamedTuple):
@@ -67,6 +85,8 @@ def common_times(pose: Track, command: Track, topics: Topics, path: Path) -> Tim
         raise InputRefused(path, "stamps", cause, 'set topics.time = "log"')
     if stamped and topics.time != "log":
         return _of_stamps(pose, command, topics, path)
+    for track, topic in ((pose, topics.pose), (command, topics.command)):
+        _check_logged(track, topic, path)
     pose_ns, command_ns = (np.array(t.log_ns, dtype=np.int64) for t in (pose, command))
     zero = pose_ns.min()
     text = "log times stand for both streams: a topic has no stamps, or the vehicle file says so"
@@ -80,7 +100,7 @@ def _of_stamps(pose: Track, command: Track, topics: Topics, path: Path) -> Times
         _check_stamps(track, topic, path)
     pose_ns, command_ns = (np.array(t.stamp_ns, dtype=np.int64) for t in (pose, command))
     zero = pose_ns.min()
-    pose_s, logged_s = (pose_ns - zero) / 1e9, np.array(pose.log_ns, dtype=np.int64) / 1e9
+    pose_s, logged_s = (pose_ns - zero) / 1e9, np.array(pose.log_ns, dtype=float) / 1e9
     rows = _clock_jumps(pose_s, logged_s)
     odd = [
         Irregularity(
