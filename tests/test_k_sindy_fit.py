@@ -14,6 +14,7 @@ from bcid.models.interface import FitTask, history_at, rollout
 from bcid.models.k_sindy import KSindy
 from bcid.models.k_sindy_fit import Products, stlsq
 from bcid.models.kinematic import twist_of
+from bcid.models.library import name_of
 from bcid.models.samples import scale
 from bcid.models.table import row_of
 from bcid.vehicle import Vehicle
@@ -84,6 +85,29 @@ def test_equations_are_found_again_and_told_as_sure(estimates: list[Estimate], v
     assert sure["α_f"][0] == 1.0
     assert sure["α_f"][1] <= 0.777 + 2e-3
     assert any(line.split()[:3] == ["α_f", "α_f", "100"] for line in chosen.describe().splitlines())
+
+
+def test_intervals_are_those_of_the_coefficients_that_rollouts_gave(
+    estimates: list[Estimate], vehicle: Vehicle
+) -> None:
+    """Noise on what is seen of a model's own drives: its coefficients lie in their intervals, most of them."""
+    truth, rng = published.k_sindy(), np.random.default_rng(4)
+    takes = []
+    for take in (made_by(truth, e) for e in estimates):
+        seen = take.kinematic + rng.standard_normal(take.kinematic.shape) * [2e-3, 1e-3, 1e-3, 0.0]
+        takes.append(replace(take, kinematic=seen, twist=np.array([twist_of(*s, truth.frame) for s in seen])))
+    model = fitted(takes, vehicle, loss="rollout", threshold=0.01)
+    inside, held = [], []
+    for i, (name, terms) in enumerate(
+        (("v_f", model.sparse.speed), ("α_f", model.sparse.slip), ("α_r", model.sparse.slip))
+    ):
+        for e, value, true in zip(terms, model.sparse[i], truth.sparse[i], strict=True):
+            if value != 0.0:
+                _, low, high = model.facts["sure"][name][name_of(e)]
+                inside.append(low < value < high)
+                held.append(low < true < high)
+    assert all(inside)
+    assert np.mean(held) > 0.7
 
 
 def test_rollouts_lower_what_is_reported(estimates: list[Estimate], vehicle: Vehicle) -> None:

@@ -32,6 +32,7 @@ MOST = 50  # rounds of thresholding
 LOST = 10.0  # weighted miss of a rollout that leaves the finite numbers
 NUDGE = 1e-4  # of a coefficient, for differences
 SLOPES = 12  # evaluations of the slope of the rollout loss
+TWO_SIDED = 1.96
 EQUATIONS = ("v_f", "α_f", "α_r")
 
 
@@ -100,7 +101,8 @@ def fit_sparse(task: FitTask, frame: Frame) -> tuple[Sparse, dict[str, Any]]:
         "thresholds": tried, "sure": _sure(products, threshold, settings, speed, task.seed),
     }  # fmt: skip
     if settings.loss == "rollout":
-        sparse = _on_rollouts(sparse, frame, _stretches(task.estimates, settings))
+        sparse, errors = _on_rollouts(sparse, frame, _stretches(task.estimates, settings))
+        _restate(facts["sure"], sparse, errors)
     return sparse, facts
 
 
@@ -176,8 +178,22 @@ def _sure(
     return found
 
 
-def _on_rollouts(sparse: Sparse, frame: Frame, taken: Windows) -> Sparse:
-    """The same terms with the coefficients whose rollouts are nearest to the twist."""
+def _restate(sure: dict[str, dict[str, list[float]]], sparse: Sparse, errors: Sparse) -> None:
+    """Intervals of the coefficients that were refitted, in place of those that resamples of single steps gave."""
+    for i, name in enumerate(EQUATIONS):
+        terms = sparse.speed if i == 0 else sparse.slip
+        for e, value, se in zip(terms, sparse[i], errors[i], strict=True):
+            term = library.name_of(e)
+            if value != 0.0:
+                kept = sure[name][term][0] if term in sure[name] else 0.0
+                sure[name][term] = [kept, float(value - TWO_SIDED * se), float(value + TWO_SIDED * se)]
+
+
+def _on_rollouts(sparse: Sparse, frame: Frame, taken: Windows) -> tuple[Sparse, Sparse]:
+    """The same terms with the coefficients whose rollouts are nearest to the twist, and their standard errors.
+
+    Slopes of blocks of neighbouring stretches are taken as independent, not residuals (the sandwich of White, 1980).
+    """
     from scipy.optimize import least_squares
 
     weight = scale(taken.twist[:, 0])
@@ -199,4 +215,11 @@ def _on_rollouts(sparse: Sparse, frame: Frame, taken: Windows) -> Sparse:
         before, steps = misses(x), NUDGE * np.maximum(np.abs(x), 1e-3)
         return np.column_stack([(misses(x + h * e) - before) / h for h, e in zip(steps, np.eye(len(x)), strict=True)])
 
-    return at(least_squares(misses, start, slopes, x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=SLOPES).x)
+    x = least_squares(misses, start, slopes, x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=SLOPES).x
+    J = slopes(x)
+    each = (J * misses(x)[:, None]).reshape(taken.number, -1, len(x)).sum(axis=1)
+    block = max(1, round(BLOCK_S / (frame.period * taken.steps)))
+    blocks = np.add.reduceat(each, np.arange(0, len(each), block))
+    bread = np.linalg.pinv(J.T @ J)
+    covariance = bread @ (blocks.T @ blocks) @ bread * len(blocks) / max(len(blocks) - 1, 1)
+    return at(x), at(np.sqrt(np.diag(covariance)))

@@ -60,6 +60,18 @@ class Objective:
         each = values.reshape(-1, self.stretches.start.shape[1], values.shape[1]).sum(axis=0)
         return np.asarray(np.add.reduceat(each, np.arange(0, len(each), block)))
 
+    def without(self, j: int, x: Floats) -> Floats:
+        """The best point near `x` whose coordinate `j` stands at its upper end."""
+
+        def normal(at: Floats) -> Normal:
+            JJ, Jr, rr = self.normal(at)
+            JJ[j], JJ[:, j], Jr[j] = 0.0, 0.0, 0.0
+            return Normal(JJ, Jr, rr)
+
+        start = x.copy()
+        start[j] = 1.0
+        return levenberg_marquardt.minimise(normal, normal, [start], lambda *_: None).x
+
     def part(self, share: float, seed: int) -> Objective:
         """The same over a share of the stretches."""
         count = self.stretches.start.shape[1]
@@ -84,14 +96,15 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     best, how = _optimised(objective, settings, task)
     block = max(1, round(BLOCK_S / task.period_s / steps))
     covariance = _covariance(objective, best, block)
-    unreached = _unreached(objective, best, block)
+    unreached = _unreached(objective.part(settings.subset, task.seed), best, block)
     covariance[unreached], covariance[:, unreached] = np.nan, np.nan
     spread = np.sqrt(np.diag(covariance)) * box.log_range
     facts = {
         "optimiser": how,
         "loss": settings.loss,
         "nmse": best.cost,
-        "reached": f"{settings.loss} NMSE of the training takes {best.cost:.3g}",
+        "reached": f"{settings.loss} NMSE of the training takes {best.cost:.3g}; ± without the bias of smoothed "
+        "velocities: constants are found by --loss poses",
         "history": best.history,
         "fitted": {
             p.symbol: {
@@ -139,15 +152,14 @@ def _covariance(objective: Objective, best: Optimum, block: int) -> Floats:
 def _unreached(objective: Objective, best: Optimum, block: int) -> list[int]:
     """Limits without which predictions are no worse than blocks of stretches scatter: the takes do not show them.
 
-    A fit may leave one just where a few samples touch it, with a slope there that says nothing.
+    A fit may leave one just where a few samples touch it, with a slope there that says nothing; the other constants
+    are fitted again without it.
     """
-    held = objective.misses(best.x[None])[0]
-    found = []
+    held, found = objective.misses(best.x[None])[0] ** 2, []
     for j, p in enumerate(objective.box.table):
         if p.symbol in LIMITS:
-            free = best.x.copy()
-            free[j] = 1.0
-            worse = objective.blocks((objective.misses(free[None])[0] ** 2 - held**2)[:, None], block)[:, 0]
+            free = objective.without(j, best.x)
+            worse = objective.blocks((objective.misses(free[None])[0] ** 2 - held)[:, None], block)[:, 0]
             scatter = worse.std(ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.inf
             if not worse.mean() > SURELY * scatter:
                 found.append(j)

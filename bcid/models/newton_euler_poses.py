@@ -28,7 +28,7 @@ from bcid.physics.car import Car
 NEAR_BOUND = 1e-3  # of phi
 OF_THE_PRIOR = 0.5  # of its standard deviation: who knows no more has learnt little from the poses
 TINY = 1e-12
-SHOWN = 2.0  # nats: 95 % of a likelihood ratio
+SHOWN = 2.0  # nats that a limit must gain, all other constants held
 STEERING = {"T_s": ("s", "steering time constant"), "d": ("rad/s", "steering rate limit")}
 
 
@@ -52,21 +52,22 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
                 task.recordings[0].sources[0].path, "poses and commands", f"the model cannot follow them: {error}",
                 "check the vehicle file's mass, distances and limits, and the recording's units",
             ) from error  # fmt: skip
+        unreached = _unreached(fit, take)
     top = float(np.quantile(np.concatenate([e.kinematic[:, 0] for e in estimates]), 0.999))
-    return fit.car(), _facts(fit, take, task, top)
+    return fit.car(), _facts(fit, take.segments, unreached, task, top)
 
 
-def _facts(fit: Fit, take: Take, task: FitTask, top: float) -> dict[str, Any]:
+def _facts(fit: Fit, stretches: int, unreached: list[str], task: FitTask, top: float) -> dict[str, Any]:
     about = {p.symbol: (p.unit, p.meaning) for p in parameters(task.vehicle, top)} | STEERING
     symbols, covariance = stated(fit, top)
-    unreached = [symbols.index(s) for s in _unreached(fit, take)]
-    covariance[unreached], covariance[:, unreached] = np.nan, np.nan
+    hidden = [symbols.index(s) for s in unreached]
+    covariance[hidden], covariance[:, hidden] = np.nan, np.nan
     errors = np.sqrt(np.diag(covariance))
     hypothesis, (low, high) = fit.hypothesis, fit.hypothesis.bounds()
     ends = np.minimum(fit.phi - low, high - fit.phi) < NEAR_BOUND
     x, y, yaw = 1e3 * fit.scales.r
     return {
-        "optimiser": f"likelihood of the poses in {take.segments} stretches of 1.5 s",
+        "optimiser": f"likelihood of the poses in {stretches} stretches of 1.5 s",
         "loss": "poses",
         "reached": f"noise of {x:.2g} and {y:.2g} mm, {yaw:.2g} mrad; ± as far as the model lacks nothing",
         "log_likelihood": fit.log_likelihood,
@@ -105,13 +106,17 @@ def stated(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
 
 def _unreached(fit: Fit, take: Take) -> list[str]:
     """Limits without which the poses are as likely: they do not show them, whatever the slope at a few samples says."""
-    hypothesis, found = fit.hypothesis, []
+    hypothesis, found = fit.hypothesis, list[str]()
     for j, symbol in enumerate(hypothesis.logs):
-        if symbol in LIMITS:
-            phi = fit.phi.copy()
-            phi[j] = hypothesis.bounds()[1][j]
+        if symbol not in LIMITS:
+            continue
+        phi = fit.phi.copy()
+        phi[j] = np.inf
+        try:
             r = deviations(take, hypothesis.setting(phi, take), fit.start, fit.tangent.A)
             free = log_likelihood(rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]).sum()
-            if fit.log_likelihood - free < SHOWN:
-                found.append(symbol)
+        except FloatingPointError:  # without it the car leaves the finite numbers
+            continue
+        if fit.log_likelihood - free < SHOWN:
+            found.append(symbol)
     return found

@@ -100,7 +100,7 @@ def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity
 class _Turning(NamedTuple):
     correlation: float  # of yaw rate and commanded turning, about zero
     heading: float  # 1 where the front wheel heads where it is steered up to a constant, 0 where it does not
-    wheelbase_m: float | None  # as gentle motion shows it
+    wheelbase_m: float | None  # as the motion shows it
 
 
 def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
@@ -119,10 +119,23 @@ def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
         return None
     heading = abs(np.mean(np.exp(1j * (motion.beta_f - angle)[use])))
     correlation = float(turn @ yaw_rate) / (size * rate * len(turn))
-    gentle = np.abs(speed[use] * yaw_rate) < GENTLE_MPS2  # a car that slips turns as if it were longer
-    turn, yaw_rate = turn[gentle], yaw_rate[gentle]
-    known = gentle.sum() > MIN_SAMPLES and turn @ yaw_rate != 0.0
-    return _Turning(correlation, float(heading), float(turn @ turn / (turn @ yaw_rate)) if known else None)
+    return _Turning(correlation, float(heading), _wheelbase(turn, yaw_rate, speed[use], vehicle))
+
+
+def _wheelbase(turn: Floats, yaw_rate: Floats, speed: Floats, vehicle: Vehicle) -> float | None:
+    """That with which turning is as strong as commanded (m), of all the motion or of the gentle part.
+
+    Strength, not slope: a servo that is slower than the vehicle file says makes the slope what it likes.  A car that
+    slips turns as if it were longer, and where it turns little for a while as if it were endless; of the two, the one
+    nearer to what is stated.
+    """
+    stated = vehicle.body.cog_to_front_m + vehicle.body.cog_to_rear_m
+    found = []
+    for part in (np.ones(len(turn), dtype=bool), np.abs(speed * yaw_rate) < GENTLE_MPS2):
+        size, rate = np.linalg.norm(turn[part]), np.linalg.norm(yaw_rate[part])
+        if part.sum() > MIN_SAMPLES and size > 0.0 and rate > 0.0:
+            found.append(float(size / rate))
+    return min(found, key=lambda length: abs(np.log(length / stated)), default=None)
 
 
 def _misread(recording: Recording, scale: tuple[float, float, float]) -> Recording:
