@@ -1,12 +1,13 @@
 # make run: set up, then do the main job on the sample logs.  make test: set up, then the tests (make proofs: those that take minutes).
 # make fuzz N=10000, make kills N=200: mutants of every kind of file, kills of a whole pipeline; figures to docs/results/faults.json.
+# make faults: both, flipped bits, the conformance suite and files that expand, and docs/recordings.md of them.
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
 N ?= 1000
 
-.PHONY: run test proofs fuzz kills check samples clean
+.PHONY: run test proofs fuzz kills faults check samples clean
 
 run: $(READY)
 	$(BIN)/bcid run
@@ -19,6 +20,13 @@ proofs: $(READY)
 
 fuzz kills: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m faults $@ --n $(N) --out docs/results/faults.json
+
+# all counts that docs/recordings.md tells, and the page itself: hours
+faults: $(READY)
+	PYTHONPATH=tests $(BIN)/python -m faults counts $(if $(BCID_RECORDINGS),--recordings $(BCID_RECORDINGS)) --out docs/results/faults.json
+	$(MAKE) fuzz N=10000
+	$(MAKE) kills N=200
+	cd tests && ../$(BIN)/python -m catalogue > ../docs/recordings.md
 
 check: $(READY)
 	$(BIN)/ruff format --check .

@@ -36,20 +36,38 @@ def faults_table(found: dict[str, Any]) -> str:
     ]
     for kind, counts in found["kinds"].items():
         bad = " | ".join(str(counts.get(f, 0)) for f in FAILURES)
+        n = sum(counts.get(k, 0) for k in (*FAILURES, *shown))
         read = sum(counts.get(k, 0) for k in shown[1:])
-        rows.append(
-            f"| {kind} | {found['mutants']} | {bad} | {counts.get('refused', 0)} | {read} | {counts['peak_mib']} |"
-        )
+        rows.append(f"| {kind} | {n} | {bad} | {counts.get('refused', 0)} | {read} | {counts['peak_mib']} |")
     return "\n".join(rows)
 
 
-def kills_told(found: dict[str, Any] | None) -> str:
-    """How runs ended after a kill, where any have been counted."""
-    if found is None:
-        return ""
+def kills_told(found: dict[str, Any]) -> str:
+    """How runs ended after a kill."""
     same, twice = found["outcomes"].get("same", 0), "have" if found["two_runs_the_same"] else "do not have"
     return f"""
 `make kills N={found["kills"]}` kills a whole pipeline ({found["undisturbed_s"]:.0f} s undisturbed) at random moments:
 {same} of {found["kills"]} next runs ended with the same bytes in every file as an undisturbed one. Two undisturbed runs
 {twice} the same bytes.
 """
+
+
+def counts_told(found: dict[str, Any]) -> str:
+    """What was counted of the format's own files, of flipped bits and of files that expand."""
+    noticed, of_each = found["flips"]["noticed"], found["flips"]["of_each"]
+    suite, lines = found["conformance"], []
+    lines.append(
+        f"- {suite['as_described']} of the {suite['files']} files of the MCAP format's conformance suite read as "
+        "their descriptions say."
+    )
+    lines.append(
+        f"- {sum(noticed.values())} of {of_each * len(noticed)} flipped bits in artifacts are noticed, "
+        f"{of_each} in each of {', '.join(noticed)}."
+    )
+    for name, b in found["bombs"].items():
+        outcome = "refused" if b["refused"] else "**read**"
+        lines.append(
+            f"- {b['bytes'] / 1e3:.0f} kB, {name}: {outcome} after {b['seconds']:.2f} s and {b['mib']:.0f} MiB beyond "
+            "start-up."
+        )
+    return "\n".join(lines)

@@ -33,7 +33,7 @@ def _fuzzed(n: int, workers: int, only: str | None) -> tuple[dict[str, Any], boo
     for failure in failures[:20]:
         typer.echo(json.dumps({k: v for k, v in failure.items() if k != "text"}))
         typer.echo(failure["text"][-TAIL:])
-    return {"mutants": n, "kinds": {k: {**c, "peak_mib": round(peaks[k])} for k, c in counts.items()}}, bool(failures)
+    return {"kinds": {k: {**c, "peak_mib": round(peaks[k])} for k, c in counts.items()}}, bool(failures)
 
 
 Out = Annotated[Path | None, typer.Option(help="A JSON file whose entry of this name is replaced.")]
@@ -61,6 +61,8 @@ def fuzz_(
 ) -> None:
     """Mutants of every kind of file: tracebacks, hangs, wrong values and silent losses are counted."""
     found, failed = _fuzzed(n, workers, only)
+    if only is not None and out is not None and out.exists():  # the others stand
+        found["kinds"] = json.loads(out.read_text())["fuzz"]["kinds"] | found["kinds"]
     _keep(out, "fuzz", found)
     raise typer.Exit(1 if failed else 0)
 
@@ -73,6 +75,26 @@ def kills(n: Annotated[int, typer.Option(help="Kills.")] = 20, workers: Workers 
     found, failed = killed(n, workers, partial(typer.echo, err=True))
     typer.echo(json.dumps(found, indent=1))
     _keep(out, "kills", found)
+    raise typer.Exit(1 if failed else 0)
+
+
+@app.command()
+def counts(
+    recordings: Annotated[Path | None, typer.Option(help="The folder of real recordings, for conformance.")] = None,
+    n: Annotated[int, typer.Option(help="Bits to flip in each kind of artifact.")] = 300,
+    out: Out = None,
+) -> None:
+    """The conformance suite, flipped bits in artifacts, files that expand."""
+    from faults.counting import bombs, conformance, flipped
+
+    found: dict[str, dict[str, Any]] = {"bombs": bombs(), "flips": flipped(n)}
+    failed = not all(b["refused"] for b in found["bombs"].values()) or set(found["flips"]["noticed"].values()) != {n}
+    if recordings is not None:
+        found["conformance"] = conformance(recordings / "mcap" / "conformance")
+        failed |= found["conformance"]["as_described"] != found["conformance"]["files"]
+    for name, each in found.items():
+        typer.echo(f"{name}: {json.dumps(each)}")
+        _keep(out, name, each)
     raise typer.Exit(1 if failed else 0)
 
 
