@@ -7,6 +7,7 @@ from pathlib import Path
 
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
 
+from bcid.bench.accuracy import SEEDS_CHANGE
 from bcid.cli.sink import thousandths
 
 ROOT = Path(__file__).parent.parent
@@ -57,6 +58,7 @@ def accuracy_table(found: dict[str, object]) -> str:
         shown = [thousandths(line[h]["nmse"]) for h in ("0.5 s", "2 s", "10 s", "end")]
         interval = " – ".join(thousandths(v) for v in line["end"]["ci95"]) if line["end"]["ci95"] else "–"
         change = "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"
+        change += " **missed**" if line["ours"] and (line["end"]["spread"] or 0.0) > SEEDS_CHANGE else ""
         name = line["model"] if line["ours"] else f"*{line['model']}*"
         rows.append(f"| {' | '.join([line['data'], name, *shown, interval, change])} |")
     return "\n".join(rows)

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from making import circling_take
-from test_mcap import broken_in_the_middle
+from test_mcap import broken_at
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.errors import BcidError, PartLost
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
 from bcid.recording.assemble import assemble
 from bcid.recording.health import health
 from bcid.recording.raw import RawTake
@@ -60,12 +62,19 @@ def test_a_take_that_is_worth_nothing_is_no_go(recording: Recording, vehicle: Ve
     assert "straight driving only" in said(commands=straight, poses=line)
 
 
-def test_a_bump_is_told(recording: Recording, vehicle: Vehicle) -> None:
-    pose = recording.poses.values.copy()
-    row = len(pose) // 2
-    pose[row:, 0] += 1.2 * (recording.poses.time_s[row:] - recording.poses.time_s[row])  # its velocity changes at once
-    found = health(replace(recording, poses=Stream(recording.poses.time_s, pose)), vehicle)
-    assert any("left out" in text and "m/s²" in text for text in found.odd)
+def test_a_bump_is_told_and_stands_apart(takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> None:
+    raw = read_raw(takes["mcap"], vehicle)
+    row = len(raw.pose) // 2
+    at = raw.pose_time_s[row]
+    pose = raw.pose.copy()
+    pose[row:, 0] += 1.2 * np.minimum(raw.pose_time_s[row:] - at, 1.0)  # its velocity changes at once, twice
+    recording = assemble(replace(raw, pose=pose), vehicle)
+    told = [i for i in recording.irregularities if i.kind == "contact"]
+    assert [i.action for i in told] == ["excluded", "excluded"]
+    assert any("contact" in text and "m/s²" in text for text in health(recording, vehicle).odd)
+    found = estimate_motion(recording, vehicle, tuning)
+    before, behind = (found.segment[np.searchsorted(found.time_s, at + gap)] for gap in (-0.3, 0.3))
+    assert before != behind
 
 
 def test_all_recordings_are_told_whatever_is_wrong_with_one(
@@ -125,7 +134,7 @@ def test_a_body_that_sits_askew_is_told_with_its_angle(offset: float, sample: tu
 def test_a_check_of_what_lost_a_part_ends_with_three(
     takes: dict[str, Path], vehicle_file: Path, tmp_path: Path
 ) -> None:
-    path = broken_in_the_middle(takes["mcap"], tmp_path / "t.mcap")
+    path = broken_at(0.5, takes["mcap"], tmp_path / "t.mcap")
     words = ["ingest", "--check", str(path), "--vehicle", str(vehicle_file), "--allow-partial"]
     ended = CliRunner().invoke(app, words)
     assert isinstance(ended.exception, PartLost)

@@ -129,7 +129,7 @@ def ingest(
             taken.append(made.json("recording.json") | {"folder": str(made.folder)})
     if taken:
         sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recordings(taken))
-    problems.refuse(pipeline or "recordings")
+    problems.refuse(work.takes()[0])
     end(work)
 
 

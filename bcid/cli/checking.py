@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bcid.cli.options import plan_of
 from bcid.cli.sink import Sink
-from bcid.errors import BcidError, InputRefused, PartLost, UsageError
-from bcid.vehicle import read_vehicle
+from bcid.errors import InputRefused, PartLost, Problem, Problems, UsageError
+from bcid.vehicle import Vehicle, read_vehicle
+
+if TYPE_CHECKING:
+    from bcid.recording.types import Recording
 
 
 def checked(
@@ -21,7 +24,6 @@ def checked(
     """Of each recording its health, or why it is refused."""
     from bcid.recording.formats import commands_of
     from bcid.recording.health import health
-    from bcid.recording.read import read_recording
 
     if commands is not None and len(recordings or []) != 1:
         raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
@@ -37,12 +39,11 @@ def checked(
     for path in paths:
         row: dict[str, Any] = {"recording": str(path)}
         try:
-            recording = read_recording(path, of, commands_of(path, commands), allow_partial)
-        except (InputRefused, OSError) as error:
-            problems = error.problems if isinstance(error, InputRefused) else ()
-            why = "; ".join(f"{p.place}: {p.cause}" for p in problems) or str(error)
+            recording = _read(path, of, commands_of(path, commands), allow_partial)
+        except InputRefused as error:
+            why = "; ".join(f"{p.place}: {p.cause}" for p in error.problems)
             no = {"go": False, "sentence": f"no-go: refused, {why}", "refused": str(error), "lost": False}
-            told.append(row | no | {"problems": [p._asdict() for p in problems]})
+            told.append(row | no | {"problems": [p._asdict() for p in error.problems]})
             continue
         lost = any(i.kind == "lost" for i in recording.irregularities)
         found = health(recording, of).as_json()
@@ -50,25 +51,27 @@ def checked(
     return told
 
 
+def _read(path: Path, of: Vehicle, commands: Path | None, allow_partial: bool) -> Recording:
+    from bcid.recording.read import read_recording
+
+    try:
+        return read_recording(path, of, commands, allow_partial)
+    except OSError as error:
+        cause = f"cannot be read: {error.strerror or error}"
+        raise InputRefused(path, "file", cause, "check the path and who may read it") from None
+
+
 def report(told: list[dict[str, Any]], sink: Sink) -> None:
     """Print them.
 
     Raises:
-        Refused: what is wrong with those that are refused, after all have been told.
+        InputRefused: what is wrong with those that are refused, after all have been told.
         PartLost: a part of one could not be read, as was allowed.
     """
     from bcid.cli import show
 
     sink.result({"schema": "bcid.health/1", "recordings": told}, lambda: show.health(told))
-    refused = [t["refused"] for t in told if t["refused"]]
-    if refused:
-        raise Refused("\n".join(refused))
+    Problems(Problem(**p) for t in told for p in t["problems"]).refuse("recordings")
     lost = [t["recording"] for t in told if t["lost"]]
     if lost:
         raise PartLost(f"a part is lost: {', '.join(lost)}\n  next: repair or record it again")
-
-
-class Refused(BcidError):
-    """Several refusals as one message."""
-
-    exit_code = InputRefused.exit_code

@@ -21,6 +21,7 @@ BLOCK_S = 5.0  # within which residuals are alike
 NO_END = 1e6  # cost of a car that leaves the finite numbers
 STEP = 1e-5  # of the box, for differences
 FEWEST = 100  # stretches on which starts are compared
+ENOUGH = 2000  # stretches on which it is seen whether limits are reached
 SURELY = 1.645  # standard errors: 95 % on one side
 INNER = (0.2, 0.8)  # of the box, where starts are drawn
 
@@ -96,7 +97,8 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     best, how = _optimised(objective, settings, task)
     block = max(1, round(BLOCK_S / task.period_s / steps))
     covariance = _covariance(objective, best, block)
-    unreached = _unreached(objective.part(settings.subset, task.seed), best, block)
+    enough = objective.part(max(settings.subset, ENOUGH / taken.number), task.seed)
+    unreached = _unreached(enough, best, block)
     covariance[unreached], covariance[:, unreached] = np.nan, np.nan
     spread = np.sqrt(np.diag(covariance)) * box.log_range
     facts = {

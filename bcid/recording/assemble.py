@@ -9,6 +9,7 @@ import numpy as np
 from bcid.errors import InputRefused, Problems
 from bcid.recording.cleaning import Samples, cleaned, where
 from bcid.recording.clock import estimate_clock
+from bcid.recording.contacts import contacts
 from bcid.recording.mounting import LARGE_YAW, yaw_offset
 from bcid.recording.orientation import rotated
 from bcid.recording.plausibility import check_commands, check_plausible
@@ -135,6 +136,18 @@ def _check_overlap(pose_s: Floats, command_s: Floats, source: str) -> None:
         raise InputRefused(source, "time", cause, step)
 
 
+def _parted_at_contacts(recording: Recording) -> Recording:
+    """The recording with breaks before and behind every contact: no estimate, fit or judgement goes across one."""
+    first, odd, breaks = recording.poses.time_s[0], list[Irregularity](), set(recording.breaks_s)
+    for c in contacts(recording):
+        if any(first + c.begin_s <= at <= first + c.end_s for at in recording.breaks_s):
+            continue  # the track jumps there, whatever the car does
+        text = f"at ({c.x_m:.2f}, {c.y_m:.2f}) m, {c.acceleration:.0f} m/s² that no tyre gives: stands apart"
+        odd.append(Irregularity(c.kind, "excluded", 1, f"{first + c.begin_s:.3f} to {first + c.end_s:.3f} s", text))
+        breaks |= {float(first + c.begin_s), float(first + c.end_s)}
+    return replace(recording, breaks_s=tuple(sorted(breaks)), irregularities=(*recording.irregularities, *odd))
+
+
 def _told_askew(recording: Recording, vehicle: Vehicle) -> Recording:
     """The recording with word of a tracked body that surely sits askew on the car."""
     offset = yaw_offset(recording, vehicle)
@@ -200,4 +213,5 @@ def assemble(raw: RawTake, vehicle: Vehicle) -> Recording:
             *beyond,
         ),
     )  # fmt: skip
-    return estimate_clock(_told_askew(check_plausible(recording, vehicle), vehicle), vehicle)
+    parted = _parted_at_contacts(check_plausible(recording, vehicle))
+    return estimate_clock(_told_askew(parted, vehicle), vehicle)

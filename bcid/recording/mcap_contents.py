@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterator
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field, replace
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +19,7 @@ from bcid.recording.messages import base_name
 from bcid.recording.types import Irregularity
 
 RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"
+LONGEST = 300  # characters of what a parser says
 PART = 1 << 16  # channels are numbered below it
 ENCODINGS = ("json", "cdr", "protobuf")  # of messages that are read
 
@@ -101,7 +104,12 @@ def _decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: Path) ->
         raise InputRefused(path, place, f"encoding {encoding!r} is not read", remedy)
     if encoding == "json":
         return json.loads
-    decode = (Ros2() if encoding == "cdr" else Protobuf()).decoder_for(encoding, schema)
+    try:
+        with redirect_stderr(StringIO()):
+            decode = (Ros2() if encoding == "cdr" else Protobuf()).decoder_for(encoding, schema)
+    except Exception as error:  # parsers of definitions, which print and raise what they like
+        cause = f"its type's definition cannot be read: {type(error).__name__}: {error}"
+        raise InputRefused(path, place, cause[:LONGEST], remedy) from None
     if decode is None:
         of = f"a schema in {schema.encoding!r}" if schema else "no schema"
         raise InputRefused(path, place, f"encoding {encoding!r} with {of} is not read", remedy)

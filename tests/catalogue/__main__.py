@@ -22,7 +22,7 @@ def page() -> str:
 `make faults` counts all that follows. `make fuzz N=10000` reads mutants of every kind of file: bits, bytes and spans
 flipped, lost, doubled, zeroed or exchanged, nasty cells, lines, separators and encodings. A traceback, a hang beyond
 10 s, other values in a file whose bytes are vouched for (MCAP with checksums, saved models, artifacts), values that
-nobody wrote in what is salvaged with --allow-partial, and samples lost without a word are failures. The numbers are in
+nobody wrote in what is salvaged and vouched for, and samples lost without a word are failures. The numbers are in
 docs/results/faults.json.
 
 {faults_table(found["fuzz"])}

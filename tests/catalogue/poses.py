@@ -211,6 +211,10 @@ def _(lab: Lab) -> Tries:
         rows[i][1]["pose"]["position"]["z"] = 1.2
     yield "mcap: lifted 0.9 m and carried for 4 s", lab.mcap(rows)
 
+    p = lab.P.copy()
+    p[:, 0] += 1.2 * np.clip(lab.T - 12.0, 0.0, 1.0)
+    yield "mcap: pushed along for 1 s, two bumps", lab.mcap(lab.poses(p=p))
+
     def lifted(x: Floats) -> None:
         x[600:840, 5] += 0.9
 

@@ -39,7 +39,7 @@ class Specimen:
     read: Callable[[], Any]  # what comes of it; raises BcidError where it is refused
     mutators: tuple[Mutator, ...]
     verified: bool  # its bytes are vouched for: whatever is read must be what was written
-    salvaged: bool = False  # with --allow-partial: whatever is read must be a part of what was written
+    salvaged: bool = False  # with --allow-partial: what is vouched for must be a part of what was written
 
 
 def seen(recording: Recording) -> dict[str, Any]:
@@ -51,7 +51,14 @@ def seen(recording: Recording) -> dict[str, Any]:
     told = sorted((i.kind, i.action, i.count) for i in recording.irregularities if i.kind != "integrity")
     # behind what is lost, nobody knows how often the car has turned
     rows = {(k, row[:2].tobytes()) for k, stream in enumerate(streams) for row in stream.values}
-    return {"content": digest.hexdigest(), "samples": sum(map(len, streams)), "told": told, "rows": rows}
+    vouched = not any(i.kind == "integrity" for i in recording.irregularities)
+    return {
+        "vouched": vouched,
+        "content": digest.hexdigest(),
+        "samples": sum(map(len, streams)),
+        "told": told,
+        "rows": rows,
+    }
 
 
 def specimens(folder: Path) -> list[Specimen]:
