@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ DECIMAL_COMMA = re.compile(r"(?:^|[;\t])[ ]*[+-]?\d+,\d+(?:[eE][+-]?\d+)?[ ]*(?=
 DECIMAL_POINT = re.compile(r"(?:^|[;\t])[ ]*[+-]?\d+\.\d+(?:[eE][+-]?\d+)?[ ]*(?=[;\t]|$)", re.MULTILINE)
 FIRST_NUMBERS = re.compile(r"^[ \t]*[+-]?[\d.]", re.MULTILINE)  # a header's lines begin otherwise
 MAX_BYTES = 1 << 30
+NEARLY_ALL = 0.98  # of the rows, which have as many cells as rows have
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ def read_text(path: Path, comment: str | None = None) -> CsvText:
     text, cut = _whole_lines(path, text, separator)
     begin = FIRST_NUMBERS.search(text)
     top = begin.start() if begin else len(text)
+    _check_row_lengths(path, text, top, separator, comment)
     return CsvText(path, text[:top] + NO_NUMBER.sub("inf", text[top:]), separator, decimal, (*odd, *cut))
 
 
@@ -128,6 +131,23 @@ def _decimal(path: Path, text: str, separator: str) -> str:
         cause = f"numbers with a decimal comma and with a point ({comma[0].strip('; ')}, {point[0].strip('; ')})"
         raise InputRefused(path, f"line {line}", cause, "export with one of them")
     return "," if comma else "."
+
+
+def _check_row_lengths(path: Path, text: str, top: int, separator: str, comment: str | None) -> None:
+    """Raise `InputRefused` where a row inside the table has fewer cells than nearly all: a part was never written."""
+    first = text.count("\n", 0, top) + 1
+    lines = text[top:].rstrip("\n").split("\n")[:-1]  # the last row is the file's end's
+    cells = [line.count(separator) for line in lines if line and not (comment and line.startswith(comment))]
+    if not cells or '"' in text:  # quoted cells may hold separators
+        return
+    usual, most = Counter(cells).most_common(1)[0]
+    if most < NEARLY_ALL * len(cells):
+        return
+    for number, line in enumerate(lines, first):
+        n = line.count(separator)
+        if line and n < usual and not (comment and line.startswith(comment)):
+            cause = f"holds {n + 1} cells where rows have {usual + 1}: a part was never written"
+            raise InputRefused(path, f"line {number}", cause, EXPORT_AGAIN)
 
 
 def _whole_lines(path: Path, text: str, separator: str) -> tuple[str, list[Irregularity]]:
