@@ -19,6 +19,7 @@ from bcid.models.k_sindy import Sparse, scan_many
 from bcid.models.kinematic import Frame
 from bcid.models.library import theta_table
 from bcid.models.samples import scale, transitions
+from bcid.models.sandwich import blocks_of, covariance
 from bcid.models.settings import SparseSettings
 from bcid.models.windows import Windows, divided, steps_of, windows
 
@@ -190,10 +191,7 @@ def _restate(sure: dict[str, dict[str, list[float]]], sparse: Sparse, errors: Sp
 
 
 def _on_rollouts(sparse: Sparse, frame: Frame, taken: Windows) -> tuple[Sparse, Sparse]:
-    """The same terms with the coefficients whose rollouts are nearest to the twist, and their standard errors.
-
-    Slopes of blocks of neighbouring stretches are taken as independent, not residuals (the sandwich of White, 1980).
-    """
+    """The same terms with the coefficients whose rollouts are nearest to the twist, and their standard errors."""
     from scipy.optimize import least_squares
 
     weight = scale(taken.twist[:, 0])
@@ -219,7 +217,4 @@ def _on_rollouts(sparse: Sparse, frame: Frame, taken: Windows) -> tuple[Sparse, 
     J = slopes(x)
     each = (J * misses(x)[:, None]).reshape(taken.number, -1, len(x)).sum(axis=1)
     block = max(1, round(BLOCK_S / (frame.period * taken.steps)))
-    blocks = np.add.reduceat(each, np.arange(0, len(each), block))
-    bread = np.linalg.pinv(J.T @ J)
-    covariance = bread @ (blocks.T @ blocks) @ bread * len(blocks) / max(len(blocks) - 1, 1)
-    return at(x), at(np.sqrt(np.diag(covariance)))
+    return at(x), at(np.sqrt(np.diag(covariance(J, blocks_of(each, block)))))

@@ -13,6 +13,7 @@ from bcid.models.levenberg_marquardt import Normal
 from bcid.models.newton_euler_objective import Stretches, costs, normal_equations, predictions
 from bcid.models.newton_euler_parameters import LIMITS, Box, correlated
 from bcid.models.samples import scale
+from bcid.models.sandwich import blocks_of, covariance
 from bcid.models.settings import NewtonEulerSettings
 from bcid.models.windows import steps_of, windows
 from bcid.physics.car import Car
@@ -59,7 +60,7 @@ class Objective:
     def blocks(self, values: Floats, block: int) -> Floats:
         """Sums (B, n) over so many neighbouring stretches of `values` (N, n), which are one for each miss."""
         each = values.reshape(-1, self.stretches.start.shape[1], values.shape[1]).sum(axis=0)
-        return np.asarray(np.add.reduceat(each, np.arange(0, len(each), block)))
+        return blocks_of(each, block)
 
     def without(self, j: int, x: Floats) -> Floats:
         """The best point near `x` whose coordinate `j` stands at its upper end."""
@@ -96,11 +97,11 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
     objective = Objective(box, Stretches.of(taken), scale(taken.twist[:, 0]), task.period_s)
     best, how = _optimised(objective, settings, task)
     block = max(1, round(BLOCK_S / task.period_s / steps))
-    covariance = _covariance(objective, best, block)
+    of_x = _covariance(objective, best, block)
     enough = objective.part(max(settings.subset, ENOUGH / taken.number), task.seed)
     unreached = _unreached(enough, best, block)
-    covariance[unreached], covariance[:, unreached] = np.nan, np.nan
-    spread = np.sqrt(np.diag(covariance)) * box.log_range
+    of_x[unreached], of_x[:, unreached] = np.nan, np.nan
+    spread = np.sqrt(np.diag(of_x)) * box.log_range
     facts = {
         "optimiser": how,
         "loss": settings.loss,
@@ -115,7 +116,7 @@ def fit_car(task: FitTask) -> tuple[Car, dict[str, Any]]:
             }
             for p, s in zip(box.table, spread, strict=True)
         },
-        "correlated": correlated(covariance, [p.symbol for p in box.table]),
+        "correlated": correlated(of_x, [p.symbol for p in box.table]),
         "at_bound": box.at_bound(best.x),
         "top_speed_mps": top_speed,
         "mass_given": task.vehicle.body.mass_kg is not None,
@@ -135,19 +136,13 @@ def _optimised(objective: Objective, settings: NewtonEulerSettings, task: FitTas
 
 
 def _covariance(objective: Objective, best: Optimum, block: int) -> Floats:
-    """Of the point found, NaN where a constant has no effect.
-
-    Slopes of blocks of neighbouring stretches are taken as independent, not residuals (the sandwich of White, 1980):
-    smoothed velocities are alike over seconds, and what the model lacks longer than that.
-    """
+    """Of the point found, NaN where a constant has no effect."""
     J = objective.slopes(best.x)
     r = objective.misses(best.x[None])[0]
     acting = np.sqrt((J**2).mean(axis=0)) * np.sqrt(len(r)) > 1e-6
     J = J[:, acting]
-    blocks = objective.blocks(J * r[:, None], block)
-    bread = np.linalg.pinv(J.T @ J)
     found = np.full((len(best.x), len(best.x)), np.nan)
-    found[np.ix_(acting, acting)] = bread @ (blocks.T @ blocks) @ bread * len(blocks) / max(len(blocks) - 1, 1)
+    found[np.ix_(acting, acting)] = covariance(J, objective.blocks(J * r[:, None], block))
     return found
 
 
