@@ -133,6 +133,19 @@ def test_messages_whose_channels_are_lost_are_told(takes: dict[str, Path], vehic
     assert found.messages == []
 
 
+def test_channels_that_are_declared_twice_and_not_alike_are_refused(
+    takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
+) -> None:
+    path = rewritten(takes["mcap"], tmp_path / "t.mcap", compression=CompressionType.NONE, enable_crcs=False)
+    data = path.read_bytes()
+    at = data.index(b"/bumper_car/command")  # in the first chunk; the summary says it again
+    assert data.count(b"/bumper_car/command") > 1
+    path.write_bytes(data[:at] + b"/bumper_car/commanD" + data[at + 19 :])
+    for partial in (False, True):
+        with pytest.raises(InputRefused, match=r"channel \d+: is declared twice, not alike"):
+            read_raw(path, vehicle, partial)
+
+
 def test_a_cut_file_is_refused_or_read_to_the_cut(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     path = rewritten(takes["mcap"], tmp_path / "t.mcap")
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])

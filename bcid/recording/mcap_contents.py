@@ -190,13 +190,25 @@ def _claim(found: Contents, path: Path, topics: Collection[str], allow_partial: 
     found.messages = [m for m in found.messages if m.channel in known and known[m.channel].topic in topics]
 
 
+def _declare(known: dict[int, Any], record: Any, path: Path) -> None:
+    """Enter a schema or a channel; a summary repeats those that came before.
+
+    Raises:
+        InputRefused: another one of its number is there.
+    """
+    if known.setdefault(record.id, record) != record:
+        kind = type(record).__name__.lower()
+        cause = "is declared twice, not alike: nothing says what its messages are"
+        raise InputRefused(path, f"{kind} {record.id % PART}", cause, "record again")
+
+
 def _take(found: Contents, read: Read, shift: int, topics: Collection[str]) -> None:
     record = read.record
     if isinstance(record, kinds.Schema):
-        found.schemas[record.id + shift] = replace(record, id=record.id + shift)
+        _declare(found.schemas, replace(record, id=record.id + shift), found.path)
     elif isinstance(record, kinds.Channel):
         schema = record.schema_id and record.schema_id + shift  # 0 is none
-        found.channels[record.id + shift] = replace(record, id=record.id + shift, schema_id=schema)
+        _declare(found.channels, replace(record, id=record.id + shift, schema_id=schema), found.path)
     elif isinstance(record, kinds.Message):
         number = record.channel_id + shift
         found.counts[number] = found.counts.get(number, 0) + 1
