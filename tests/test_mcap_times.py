@@ -14,7 +14,7 @@ from bcid.errors import InputRefused
 from bcid.recording.mcap_contents import contents
 from bcid.recording.mcap_times import Track, common_times
 from bcid.recording.read import read_recording
-from bcid.recording.tf_tree import Moves, chain, put_together, read_tree
+from bcid.recording.tf_tree import Moves, chain, put_together, read_tree, strangers
 from bcid.recording.types import Recording
 from bcid.vehicle import Topics, Vehicle
 
@@ -118,6 +118,22 @@ def test_where_a_frame_is_not_yet_known_there_is_no_pose() -> None:
 def test_a_broken_tree_is_refused_by_its_edge(edges: list[tuple[str, str]], world: str | None, says: str) -> None:
     with pytest.raises(InputRefused, match=says):
         chain(transforms(*edges), "car", world, PATH)
+
+
+def test_a_frame_that_hardly_ever_comes_is_told() -> None:
+    """The last transform's child may be the body, misspelt: without a checksum nothing else says so."""
+    row = [0.0] * 6 + [1.0]
+    own = Moves(list(range(1, 201)), [None] * 200, [row] * 200)
+    tree = {
+        "car": {"map": own},
+        "cat": {"map": Moves([201], [None], [row])},
+        "lamp": {"map": Moves([0], [None], [row])},
+    }
+    (told,) = strangers(tree, own)
+    assert (told.kind, told.count) == ("rare frames", 1)
+    assert "'cat'" in told.detail
+    assert "lamp" not in told.detail  # it stands still, and is said once
+    assert strangers({"car": {"map": own}, "other": {"map": own}}, own) == []
 
 
 def test_a_drive_behind_two_frames_is_the_same_drive(recording: Recording, vehicle: Vehicle, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from bcid.recording.mcap_times import Track, common_times
 from bcid.recording.quaternions import judged_yaw
 from bcid.recording.raw import RawTake, source_of
 from bcid.recording.tf_tree import SCHEMA as TF
-from bcid.recording.tf_tree import STATIC, chain, put_together, read_tree
+from bcid.recording.tf_tree import STATIC, chain, put_together, read_tree, strangers
 from bcid.recording.types import Floats, Irregularity
 from bcid.vehicle import CHANNELS, CommandFields, Mapped, Topics, Vehicle
 
@@ -118,7 +118,8 @@ def _pose_track(found: Contents, schema: str, vehicle: Vehicle, topics: Topics) 
     if schema == TF:
         tree = read_tree([*found.decoded(topics.pose), *_static(found, topics.pose)])
         edges = chain(tree, body, topics.world_frame, path)
-        return _judged(edges[0].log_ns, edges[0].stamp_ns, put_together(edges), path)
+        track = _judged(edges[0].log_ns, edges[0].stamp_ns, put_together(edges), path)
+        return track._replace(odd=[*track.odd, *strangers(tree, edges[0])])
     log_ns, stamps, rows = [], [], []
     for logged, message in found.decoded(topics.pose):
         pose = messages.POSES[schema](message, body)

@@ -11,8 +11,9 @@ import numpy as np
 from bcid.errors import InputRefused
 from bcid.recording.messages import SeveralBodies, get, number, stamp_of
 from bcid.recording.quaternions import UNIT
-from bcid.recording.types import Floats
+from bcid.recording.types import Floats, Irregularity
 
+RARE, MANY = 2, 50  # times that a frame comes; times as often as that the body's does
 SCHEMA, STATIC = "tf2_msgs/TFMessage", "/tf_static"
 
 
@@ -74,6 +75,16 @@ def chain(tree: Tree, body: str | None, world: str | None, path: Path) -> list[M
         cause = f"the tree is broken: {frame} has no parent, so {body} is not connected to {world}"
         raise InputRefused(path, place, cause, "record the missing transform, or set topics.world_frame")
     return edges
+
+
+def strangers(tree: Tree, own: Moves) -> list[Irregularity]:
+    """Word of frames that hardly ever come beside the body's `own`: its name may have gone wrong there."""
+    sent = {child: sum(log > 0 for m in of.values() for log in m.log_ns) for child, of in tree.items()}  # static: at 0
+    rare = {child: n for child, n in sent.items() if 0 < n <= RARE and n * MANY <= len(own.log_ns)}
+    if not rare:
+        return []
+    text = f"sent beside {len(own.log_ns)} of the body: {', '.join(map(repr, rare))}; a name gone wrong?"
+    return [Irregularity("rare frames", "warning", sum(rare.values()), "transforms", text)]
 
 
 def put_together(edges: list[Moves]) -> Floats:
