@@ -49,6 +49,7 @@ class Contents:
     channels: dict[int, kinds.Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)  # messages found, by channel
     messages: list[Message] = field(default_factory=list)  # of the wanted topics, in file order
+    unindexed: bool = False  # chunks that no index names, or no summary at all
     miscounted: str | None = None  # where a summary counts other messages than there are
     lost: list[Lost] = field(default_factory=list)
     unchecked: int = 0  # messages that no checksum covers
@@ -76,6 +77,9 @@ class Contents:
         if self.unchecked:
             text = "not verifiable: no checksum covers the messages"
             told.append(Irregularity("integrity", "warning", self.unchecked, name, text))
+        if self.unindexed and not self.lost:
+            text = "no index, or no summary at all: read from the first byte to the last"
+            told.append(Irregularity("index", "warning", 1, name, text))
         if self.miscounted and not self.lost:
             told.append(Irregularity("message counts", "warning", 1, name, self.miscounted))
         lacking = missing_parts(self.path)
@@ -130,15 +134,19 @@ def contents(path: Path, topics: Collection[str], allow_partial: bool) -> Conten
 
 def _read_part(found: Contents, path: Path, shift: int, topics: Collection[str], allow_partial: bool) -> None:
     """Add a file's contents; each part numbers its channels anew, so that they are shifted."""
-    before, unchecked, statistics, vouched = dict(found.counts), found.unchecked, None, False
+    before, unchecked, statistics, vouched, indexed = dict(found.counts), found.unchecked, None, False, False
     try:
         for read in records(path):
             if isinstance(read.record, Broken):
                 _lose(found, path, read.record, allow_partial)
             elif isinstance(read.record, kinds.Statistics):
                 statistics = read.record
+            elif isinstance(read.record, kinds.ChunkIndex):
+                indexed = True
             elif isinstance(read.record, kinds.Footer):
                 vouched = read.record.summary_crc != 0
+                chunked = statistics is not None and statistics.chunk_count > 0
+                found.unindexed |= read.record.summary_start == 0 or (chunked and not indexed)
             elif isinstance(read.record, kinds.DataEnd) and read.record.data_section_crc:
                 found.unchecked = unchecked  # it covers all of this file
             else:

@@ -47,7 +47,8 @@ def chain(tree: Tree, body: str | None, world: str | None, path: Path) -> list[M
     """The edges from the body up to the world, or to the tree's root where none is named.
 
     Raises:
-        InputRefused: no such body, two parents of one frame, a cycle, or a world that is not reached.
+        InputRefused: no such body, two parents of one frame, a cycle, or a world that is not reached, or not named
+            where the tree falls apart.
         SeveralBodies: none is named, and several are nobody's parent.
     """
     place = "transforms"
@@ -71,6 +72,12 @@ def chain(tree: Tree, body: str | None, world: str | None, path: Path) -> list[M
         edges.append(moves)
         seen.add(parent)
         frame = parent
+    roots = {parent for of in tree.values() for parent in of} - tree.keys()
+    if world is None and len(roots) > 1:
+        others = ", ".join(sorted(roots - {frame}))
+        cause = f"the tree is broken: {body} hangs on {frame}, other frames on {others}"
+        step = f'record the transform between them, or set topics.world_frame = "{frame}"'
+        raise InputRefused(path, place, cause, step)
     if world is not None and frame != world:
         cause = f"the tree is broken: {frame} has no parent, so {body} is not connected to {world}"
         raise InputRefused(path, place, cause, "record the missing transform, or set topics.world_frame")
