@@ -52,6 +52,7 @@ class Contents:
     unindexed: bool = False  # chunks that no index names, or no summary at all
     miscounted: str | None = None  # where a summary counts other messages than there are
     lost: list[Lost] = field(default_factory=list)
+    contradicted: list[str] = field(default_factory=list)  # schemas and channels that are declared twice, not alike
     unchecked: int = 0  # messages that no checksum covers
     last_ns: int | None = None
 
@@ -157,6 +158,10 @@ def _read_part(found: Contents, path: Path, shift: int, topics: Collection[str],
             raise InputRefused(path, f"byte {error.offset}", error.cause, RECORD_AGAIN) from None
         if not found.lost or "data section" not in error.cause:  # whose checksum covers the chunk that is lost
             found.lost.append(Lost(found.last_ns, None, str(error)))
+    else:
+        if found.contradicted:
+            cause = "is declared twice, not alike: nothing says what its messages are"
+            raise InputRefused(path, found.contradicted[0], cause, "record again")
     if statistics is not None and statistics.channel_message_counts:
         stated = {k + shift: n for k, n in statistics.channel_message_counts.items() if n}
         held = {k: n for k, n in found.counts.items() if before.get(k) != n}
@@ -198,25 +203,19 @@ def _claim(found: Contents, path: Path, topics: Collection[str], allow_partial: 
     found.messages = [m for m in found.messages if m.channel in known and known[m.channel].topic in topics]
 
 
-def _declare(known: dict[int, Any], record: Any, path: Path) -> None:
-    """Enter a schema or a channel; a summary repeats those that came before.
-
-    Raises:
-        InputRefused: another one of its number is there.
-    """
+def _declare(found: Contents, known: dict[int, Any], record: Any) -> None:
+    """Enter a schema or a channel; a summary repeats those that came before, and the first one stands."""
     if known.setdefault(record.id, record) != record:
-        kind = type(record).__name__.lower()
-        cause = "is declared twice, not alike: nothing says what its messages are"
-        raise InputRefused(path, f"{kind} {record.id % PART}", cause, "record again")
+        found.contradicted.append(f"{type(record).__name__.lower()} {record.id % PART}")
 
 
 def _take(found: Contents, read: Read, shift: int, topics: Collection[str]) -> None:
     record = read.record
     if isinstance(record, kinds.Schema):
-        _declare(found.schemas, replace(record, id=record.id + shift), found.path)
+        _declare(found, found.schemas, replace(record, id=record.id + shift))
     elif isinstance(record, kinds.Channel):
         schema = record.schema_id and record.schema_id + shift  # 0 is none
-        _declare(found.channels, replace(record, id=record.id + shift, schema_id=schema), found.path)
+        _declare(found, found.channels, replace(record, id=record.id + shift, schema_id=schema))
     elif isinstance(record, kinds.Message):
         number = record.channel_id + shift
         found.counts[number] = found.counts.get(number, 0) + 1
