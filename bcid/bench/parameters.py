@@ -15,6 +15,7 @@ from bcid.estimate.run import estimate_motion
 from bcid.models.interface import FitTask
 from bcid.models.newton_euler import NewtonEuler
 from bcid.models.newton_euler_parameters import identified
+from bcid.models.sandwich import TWO_SIDED
 from bcid.models.settings import LOSSES, NewtonEulerSettings
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import drive
@@ -26,7 +27,6 @@ TRUE = {
 }  # fmt: skip
 """The constants of the simulated car, by the symbols of the fitted one."""
 
-TWO_SIDED = 1.96
 GOAL = (0.90, 0.98)  # of the 95 % intervals of the fit to poses
 
 

@@ -19,7 +19,7 @@ from bcid.models.k_sindy import Sparse, scan_many
 from bcid.models.kinematic import Frame
 from bcid.models.library import theta_table
 from bcid.models.samples import scale, transitions
-from bcid.models.sandwich import blocks_of, covariance
+from bcid.models.sandwich import TWO_SIDED, blocks_of, covariance
 from bcid.models.settings import SparseSettings
 from bcid.models.windows import Windows, divided, steps_of, windows
 
@@ -33,7 +33,6 @@ MOST = 50  # rounds of thresholding
 LOST = 10.0  # weighted miss of a rollout that leaves the finite numbers
 NUDGE = 1e-4  # of a coefficient, for differences
 SLOPES = 12  # evaluations of the slope of the rollout loss
-TWO_SIDED = 1.96
 EQUATIONS = ("v_f", "α_f", "α_r")
 
 

@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
+TWO_SIDED = 1.96  # standard errors to either side of a 95 % interval
+
 
 def blocks_of(each: Floats, block: int) -> Floats:
     """Sums (B, n) over so many neighbouring rows of `each` (N, n)."""
