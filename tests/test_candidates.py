@@ -10,7 +10,18 @@ import pytest
 from cars import CAR
 
 from bcid.diagnosis import candidates
-from bcid.diagnosis.candidates import FINALISTS, PROMISING, at_simulated, at_their_sizes, on_the_whole, without_place
+from bcid.diagnosis.candidates import (
+    COARSELY,
+    ENOUGH,
+    FEW,
+    FINALISTS,
+    PROMISING,
+    ROUGHLY,
+    at_simulated,
+    at_their_sizes,
+    on_the_whole,
+    without_place,
+)
 from bcid.effects.constants import Constants
 from bcid.likelihood.hypothesis import Hypothesis
 
@@ -76,17 +87,52 @@ def base_fit(hypothesis: Hypothesis = BASE, values: tuple[float, ...] = ()) -> A
     return Found(hypothesis, hypothesis.start(CAR, list(values)), np.zeros((90, 15)), SCALES, np.zeros(90))
 
 
+def of_size(name: str, field: str, true: float) -> Any:
+    """Nats of `name` by how near its value is to the true one, as a ratio; nothing of all others."""
+
+    def score(effect: str, values: dict[str, float], start: Any) -> float:
+        return -abs(float(np.log(max(values[field] / true, 1e-9)))) if effect == name else 0.0
+
+    return score
+
+
 def test_an_effect_of_either_sign_is_tried_with_both_and_the_better_one_is_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    refits = Refits(monkeypatch, lambda name, values, start: -np.sign(values.get("steering_offset__o", 0.0)))
+    Refits(monkeypatch, lambda name, values, start: -np.sign(values.get("steering_offset__o", 0.0)))
     fit, names = base_fit(), ["steering_offset", "yaw_scrub"]
-    found = at_their_sizes(fit, Segments(90), fit.phi, fit.start, names)  # type: ignore[arg-type]
-    first = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == candidates.ROUGHLY]
-    assert first == ["steering_offset", "steering_offset", "yaw_scrub"]
+    found = at_their_sizes(fit, Segments(90), fit.phi, names)  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in found] == ["steering_offset", "yaw_scrub"]
     assert found[0].hypothesis.values(found[0].phi)["steering_offset__o"] < 0.0
-    assert {segments for _, segments, _ in refits.made} == {candidates.ENOUGH}
+
+
+def test_what_has_one_sign_is_tried_with_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    refits, fit = Refits(monkeypatch, lambda name, values, start: 0.0), base_fit()
+    at_their_sizes(fit, Segments(90), fit.phi, ["yaw_scrub"])  # type: ignore[arg-type]
+    assert all(f.values()["yaw_scrub__c"] > 0.0 for f, _, _ in refits.made)
+
+
+@pytest.mark.parametrize("share", [0.7, 5.0, 44.0])
+def test_the_size_from_which_an_effect_is_refitted_is_looked_for(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small car rolls forty times as heavily, for its mass, as what would just show of the bumper car."""
+    own = BASE.entries["rear_rolling_coulomb"].parameters[0]
+    true, fit = share * own.size, base_fit()
+    assert own.low <= true <= own.high
+    refits = Refits(monkeypatch, of_size("rear_rolling_coulomb", "rear_rolling_coulomb__c", true))
+    (found,) = at_their_sizes(fit, Segments(90), fit.phi, ["rear_rolling_coulomb"])  # type: ignore[arg-type]
+    value = found.hypothesis.values(found.phi)["rear_rolling_coulomb__c"]
+    assert 1.0 / np.sqrt(3.0) < value / true < np.sqrt(3.0)
+    assert {(n, tangents) for _, n, tangents in refits.made if tangents <= ROUGHLY} == {(FEW, 0), (ENOUGH, ROUGHLY)}
+
+
+def test_no_size_lies_beyond_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = BASE.entries["tyre_soft_saturation"].parameters[0]
+    assert own.size * max(COARSELY) > own.high
+    refits, fit = Refits(monkeypatch, lambda name, values, start: 0.0), base_fit()
+    at_their_sizes(fit, Segments(90), fit.phi, ["tyre_soft_saturation"])  # type: ignore[arg-type]
+    tried = [f.values()["tyre_soft_saturation__s"] for f, _, tangents in refits.made if tangents == 0]
+    assert max(tried) == own.high
+    assert len(set(tried)) == len(tried)
 
 
 def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +140,7 @@ def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch
     names = without_place(fit, ())
     worth = {name: float(k) for k, name in enumerate(names)}
     refits = Refits(monkeypatch, lambda name, values, start: worth[name])
-    found = at_their_sizes(fit, Segments(20), fit.phi, fit.start, names)  # type: ignore[arg-type]
+    found = at_their_sizes(fit, Segments(20), fit.phi, names)  # type: ignore[arg-type]
     best = list(reversed(names))[:PROMISING]
     assert [f.hypothesis.effects[-1] for f in found] == best
     closely = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == candidates.CLOSELY]
@@ -105,7 +151,7 @@ def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.Mon
     nats = {"yaw_scrub": np.r_[-5000.0, np.full(29, 10.0)], "quadratic_drag": np.ones(30)}
     Refits(monkeypatch, lambda name, values, start: nats[name])
     fit = base_fit()
-    found = at_their_sizes(fit, Segments(30), fit.phi, fit.start, list(nats))  # type: ignore[arg-type]
+    found = at_their_sizes(fit, Segments(30), fit.phi, list(nats))  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in found] == ["yaw_scrub", "quadratic_drag"]
     assert found[0].bic < found[1].bic
 
@@ -116,7 +162,7 @@ def test_gains_are_those_of_the_segments_that_were_chosen_and_never_alike(monkey
     fit.per_segment[chosen] = 1000.0  # all others have none
     nats = {"yaw_scrub": 1100.0, "quadratic_drag": 1120.0, "motor_sag": 1000.0}
     Refits(monkeypatch, lambda name, values, start: np.full(30, nats[name]))
-    found = at_their_sizes(fit, Segments(90), fit.phi, fit.start, list(nats))  # type: ignore[arg-type]
+    found = at_their_sizes(fit, Segments(90), fit.phi, list(nats))  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in found] == ["quadratic_drag", "yaw_scrub", "motor_sag"]
 
 
@@ -132,18 +178,14 @@ def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch)
     assert {"steering_offset", "quadratic_drag", "pose_scale"} <= set(names)
 
 
-def test_on_the_whole_the_best_of_the_starts_counts_and_what_ends_at_its_bound_does_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_on_the_whole_the_first_credible_ones_count(monkeypatch: pytest.MonkeyPatch) -> None:
     fit, low = base_fit(), BASE.entries["steering_offset"].parameters[0].low
     sizes = {"steering_offset": low, "yaw_scrub": 5.0, "quadratic_drag": 1.0, "motor_sag": 0.1, "rear_toe": 0.01}
     of_part: list[Any] = [base_fit(BASE.holding(name), (value,)) for name, value in sizes.items()]
-    refits = Refits(monkeypatch, lambda name, values, start: float(start[0, 0]))
-    near, far, beyond = fit.start, fit.start + 1.0, fit.start + np.nan
-    whole = on_the_whole(of_part, Segments(90), SCALES, near, far, beyond)  # type: ignore[arg-type]
+    refits = Refits(monkeypatch, lambda name, values, start: 1.0)
+    whole = on_the_whole(of_part, Segments(90), fit)  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in whole] == ["yaw_scrub", "quadratic_drag", "motor_sag"]
     assert len(whole) == FINALISTS
-    assert {f.bic for f in whole} == {1.0}
     assert {segments for _, segments, _ in refits.made} == {90}
 
 

@@ -28,6 +28,7 @@ from bcid.likelihood.free_part import (
     without_pushes,
 )
 from bcid.likelihood.hypothesis import Hypothesis, Setting
+from bcid.likelihood.leaps import SLACK
 from bcid.likelihood.marginal import (
     NU,
     Eliminated,
@@ -39,7 +40,8 @@ from bcid.likelihood.marginal import (
     rescaled,
     weights,
 )
-from bcid.likelihood.refit import jacobian, refit
+from bcid.likelihood.newton import jacobian
+from bcid.likelihood.refit import refit
 from bcid.likelihood.segments import Layout, free_sensitivities, layout, predict, segment_poses
 from bcid.likelihood.take import (
     FORGOTTEN,
@@ -527,13 +529,13 @@ def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> N
     assert bent(take, setting, take.start, LOUD, sensitivities(take, setting, take.start)) > 1.0
 
 
-@pytest.mark.parametrize("push", [40.0, np.nan])
-def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Take, push: float) -> None:
-    """Pushed into a spin, or out of the finite numbers."""
+@pytest.mark.parametrize(("push", "each"), [(40.0, 3), (np.nan, 3), (40.0, 1)])
+def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Take, push: float, each: int) -> None:
+    """Pushed into a spin, or out of the finite numbers; all of them too, by pushes that other parameters called for."""
     take, _ = pushed_take(part)
     setting = BASE.setting(BASE.start(CAR), take)
     right, spun = settled(take, setting, take.start, LOUD), take.start.copy()
-    spun[::3, N_START:] = push
+    spun[::each, N_START:] = push
     found = settled(take, setting, spun, LOUD)
     np.testing.assert_allclose(found.start, right.start, atol=0.02)
     np.testing.assert_allclose(found.r, residuals(take, setting, found.start), atol=1e-12)
@@ -590,6 +592,23 @@ def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
     se = np.sqrt(np.diag(found.covariance))[: len(BASE.logs)]
     assert (np.abs(np.array(apart) / se) < 4.0).all(), dict(zip(BASE.logs, zip(apart, se, strict=True), strict=True))
     np.testing.assert_allclose(found.scales.q, [0.3, 0.3, 0.6], rtol=0.3)
+
+
+def test_what_pushes_had_taken_over_goes_back_to_the_effect_that_it_is(part: Take) -> None:
+    """From a fifteenth of its size, beside pushes that did its work, as from its own."""
+    true = BASE.holding("front_coulomb_friction")
+    phi = true.start(CAR, [300.0])
+    noise = np.random.default_rng(5).standard_normal(part.pose.shape) * LOUD.r
+    acting = true.setting(phi, part).acting
+    pose = np.asarray(predict(layout(part), shoved(part, (0.1, 0.1, 0.2)), *acting)) + noise
+    take = part._replace(pose=pose, pushed=True)
+    without = refit(take, BASE, BASE.start(CAR), take.start, LOUD)
+    near = refit(take, true, phi, take.start, LOUD)
+    far = refit(take, true, true.start(without.car(), [20.0]), without.start, without.scales)
+    assert far.log_likelihood > without.log_likelihood + 50.0
+    assert far.log_likelihood == pytest.approx(near.log_likelihood, abs=2.0 * SLACK)
+    c, se = far.values()["front_coulomb_friction__c"]
+    assert abs(c - near.values()["front_coulomb_friction__c"][0]) < 2.0 * se
 
 
 @both_hypotheses

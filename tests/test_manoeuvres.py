@@ -38,8 +38,9 @@ from bcid.likelihood.base_fit import base_fit
 from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
+from bcid.likelihood.newton import jacobian
 from bcid.likelihood.recordings import units_at
-from bcid.likelihood.refit import Fit, jacobian
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_FREE, SEGMENT_S, Take
 from bcid.recording.commands import read_commands
 from bcid.vehicle import Body, Motor, Steering, Vehicle

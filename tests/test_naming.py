@@ -21,14 +21,14 @@ from bcid.effects.corrections import CORRECTIONS, FORCE_ONLY, RAW_COMMANDS
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
-from bcid.likelihood import recordings
-from bcid.likelihood import refit as refitting
+from bcid.likelihood import newton, recordings
 from bcid.likelihood.base_fit import base_fit
 from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
+from bcid.likelihood.newton import within
 from bcid.likelihood.recordings import base_from, base_of
-from bcid.likelihood.refit import Fit, _within, held, refit
+from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
 from bcid.proof.cases import Case
 from bcid.recording.read import read_recording
@@ -144,7 +144,7 @@ def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, mo
         r = residuals(take, setting, start)
         return r * np.inf if setting.car.C_f > 1.01 * null_fit.car().C_f else r
 
-    monkeypatch.setattr(refitting, "residuals", spun)
+    monkeypatch.setattr(newton, "residuals", spun)
     fit = refit(null_take, null_fit.hypothesis, null_fit.phi - 0.005, null_fit.start, null_fit.scales)
     assert np.isfinite(fit.log_likelihood)
     assert fit.car().C_f <= 1.01 * null_fit.car().C_f
@@ -287,7 +287,7 @@ def test_what_meets_a_bound_stays_there_and_the_rest_goes_on() -> None:
     """The step within bounds is where the quadratic is least on the bound, not the free step cut off."""
     curvature, slope = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([1.0, -1.0])
     bounds = np.array([-0.5, -0.1]), np.array([0.5, 0.1])
-    after = _within(np.zeros(2), slope, curvature, bounds)
+    after = within(np.zeros(2), slope, curvature, bounds)
     tried = np.linspace(-0.5, 0.5, 2001)
     values = [slope @ [a, -0.1] - 0.5 * np.array([a, -0.1]) @ curvature @ [a, -0.1] for a in tried]
     assert after[1] == -0.1

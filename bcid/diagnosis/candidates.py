@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
+from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS
-from bcid.likelihood.marginal import Scales
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import Floats, Ints, Take
 
@@ -19,10 +20,16 @@ SHORTLIST = 8
 WORTH = 6.0  # nats of score below which a candidate is not refitted
 RIVAL = 4.0  # nats within which two explanations cannot be told apart
 FINALISTS = 3
+FEW = 12  # segments on which an effect's size is looked for
 ENOUGH = 30  # segments on which effects are compared
 PROMISING = 8  # effects that are compared more closely, and tried again beside what was found
 MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a lost one would outweigh all the others
 ROUGHLY, CLOSELY = 1, 3  # tangents along which
+COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0, -1.0, -3.0, -9.0, -27.0, -81.0)
+"""Times an effect's size that are tried: what a small car lacks may be far beyond what would just show."""
+FINELY = (0.6, 1.7)
+"""Times the best of them."""
+
 CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
 QUICK = 6  # iterations
 EDGE = 0.08  # share of a take at its ends, in which nothing can be seen to change
@@ -81,29 +88,59 @@ def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n, parameters in own.items() if parameters and not any(p.places for p in parameters))
 
 
-def at_their_sizes(fit: Fit, take: Take, phi: Floats, start: Floats, names: Sequence[str]) -> list[Fit]:
-    """Joint refits of the most promising of `names`, each at its size beside what `fit` holds; best first.
+def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> list[Fit]:
+    """Joint refits of the most promising of `names`, each from its best size beside what `fit` holds; best first.
 
-    On a part of the take, from `phi` of that and from the free parts `start`.
+    On a part of the take, from `phi` of that and from the fit's free parts.
     """
-    chosen = _evenly(take, ENOUGH)
-    part, best, hypothesis = take.part(chosen), dict[str, Fit](), fit.hypothesis
-    promise = partial(_promise, before=fit.per_segment[chosen])
-    values, car = list(hypothesis.values(phi).values()), hypothesis.car(phi)
+    few, enough = (_evenly(take, n) for n in (FEW, ENOUGH))
+    part, best, hypothesis = take.part(enough), dict[str, Fit](), fit.hypothesis
+    promise = partial(_promise, before=fit.per_segment[enough])
     for name in names:
-        own = hypothesis.entries[name].parameters
         more = hypothesis.holding(*hypothesis.effects, name)
-        for sign in (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,):
-            there = more.start(car, [*values, *(sign * p.size for p in own)])
+        sizes = _best_sizes(fit, take, few, more, phi)
+        if sizes:
+            there = more.start(hypothesis.car(phi), [*hypothesis.values(phi).values(), *sizes])
             with suppress(FloatingPointError):
-                found = refit(part, more, there, start[chosen], fit.scales, tangents=ROUGHLY)
-                best[name] = max(best.get(name, found), found, key=promise)
+                best[name] = refit(part, more, there, fit.start[enough], fit.scales, tangents=ROUGHLY)
     for name in sorted(best, key=lambda n: -promise(best[n]))[PROMISING:]:
         del best[name]
-    for name, f in best.items():
-        with suppress(FloatingPointError):
-            best[name] = refit(part, f.hypothesis, f.phi, f.start, f.scales, tangents=CLOSELY)
-    return sorted(best.values(), key=promise, reverse=True)
+    return sorted((_closer(f, part) for f in best.values()), key=promise, reverse=True)
+
+
+def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Floats) -> tuple[float, ...]:
+    """Of `more`'s last effect the values that promise most on the `chosen` segments; none where all leave the numbers.
+
+    All else stays at `phi` of what `fit` holds.
+    """
+    hypothesis, part, before = fit.hypothesis, take.part(chosen), fit.per_segment[chosen]
+    known, own = list(hypothesis.values(phi).values()), more.entries[more.effects[-1]].parameters
+    tried, of = dict[tuple[float, ...], float](), tuple(p.size for p in own)
+    for shares in (COARSELY, FINELY):
+        for sizes in (v for v in _sizes(own, of, shares) if v not in tried):
+            with suppress(FloatingPointError):
+                there = more.start(hypothesis.car(phi), [*known, *sizes])
+                found = refit(part, more, there, fit.start[chosen], fit.scales, tangents=0)
+                tried[sizes] = _promise(found, before)
+        if not tried:
+            return ()
+        of = max(tried, key=lambda sizes: tried[sizes])
+    return of
+
+
+def _sizes(own: Sequence[Parameter], of: tuple[float, ...], shares: tuple[float, ...]) -> list[tuple[float, ...]]:
+    """Values to try of an effect's parameters: such shares `of` some, within their bounds."""
+    signed = shares if all(p.low < 0.0 for p in own) else [share for share in shares if share > 0.0]
+    values = (tuple(min(max(share * v, p.low), p.high) for p, v in zip(own, of, strict=True)) for share in signed)
+    return list(dict.fromkeys(values))
+
+
+def _closer(fit: Fit, part: Take) -> Fit:
+    """The fit a few tangents on, or as it is where they lead out of the finite numbers."""
+    try:
+        return refit(part, fit.hypothesis, fit.phi, fit.start, fit.scales, tangents=CLOSELY)
+    except FloatingPointError:
+        return fit
 
 
 def _promise(fit: Fit, before: Floats) -> float:
@@ -112,19 +149,15 @@ def _promise(fit: Fit, before: Floats) -> float:
     return float(each.sum()) + fit.bic - fit.log_likelihood
 
 
-def on_the_whole(fits: Sequence[Fit], take: Take, scales: Scales, *starts: Floats) -> list[Fit]:
-    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it from the best of `starts`.
+def on_the_whole(fits: Sequence[Fit], take: Take, fit: Fit) -> list[Fit]:
+    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it from the parts of `fit`.
 
     Those that are not credible are passed over.
     """
     whole = list[Fit]()
     for f in itertools.islice((f for f in fits if credible(f, take)), FINALISTS):
-        found = list[Fit]()
-        for start in starts:
-            with suppress(FloatingPointError):
-                found.append(refit(take, f.hypothesis, f.phi, start, scales))
-        if found:
-            whole.append(max(found, key=lambda f: f.bic))
+        with suppress(FloatingPointError):
+            whole.append(refit(take, f.hypothesis, f.phi, fit.start, fit.scales))
     return whole
 
 

@@ -21,7 +21,8 @@ from bcid.effects.entry import Effect, Parameter
 from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.refit import Fit, Tangent, jacobian
+from bcid.likelihood.newton import Tangent, jacobian
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Floats, Take
 
 ROUNDS = 6  # of finding the smallest size: an effect need not grow with its square

@@ -8,7 +8,8 @@ import numpy as np
 
 from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, rescaled
-from bcid.likelihood.refit import Fit, Tangent, refit
+from bcid.likelihood.newton import Tangent
+from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Floats, Ints, Take
 
 LONGEST_BLOCK_S = 20.0

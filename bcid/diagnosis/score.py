@@ -8,7 +8,8 @@ import numpy as np
 
 from bcid.likelihood.free_part import residuals, without_pushes
 from bcid.likelihood.marginal import NU, moments, rescaled, weights
-from bcid.likelihood.refit import Fit, jacobian
+from bcid.likelihood.newton import jacobian
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_FREE, Floats, Ints, Take
 
 LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed

@@ -130,10 +130,9 @@ def _with_one_more(
     if given:
         fits += beside_given(given, best, take, left_out)
     if names:
-        trusted = best.hypothesis.simulated is not None
-        phi, start = (at_simulated(best), take.start) if trusted else (best.phi, best.start)
-        sized = at_their_sizes(best, take, phi, start, [n for n in names if n not in best.hypothesis.effects])
-        fits += on_the_whole(sized, take, best.scales, *([take.start] if trusted else []), best.start)
+        phi = best.phi if best.hypothesis.simulated is None else at_simulated(best)
+        sized = at_their_sizes(best, take, phi, [n for n in names if n not in best.hypothesis.effects])
+        fits += on_the_whole(sized, take, best)
         names = [f.hypothesis.effects[-1] for f in sized] if take.pushed else ()
     return fits, names
 

@@ -14,7 +14,8 @@ from bcid.effects.table import ENTRIES
 from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, eliminate, moments, products
-from bcid.likelihood.refit import Fit, jacobian
+from bcid.likelihood.newton import jacobian
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.segments import wrapped
 from bcid.likelihood.take import Floats, Take
 

@@ -130,7 +130,7 @@ EFFECTS = (
     ),
     Effect(
         "steering_drag", "F_d += k·abs(δ_w)·v_fx",
-        (Parameter("k", "kg s^-1 rad^-1", 0.0, 1000.0, 23.0, "drag of the steered wheel per angle"),),
+        (Parameter("k", "kg s^-1 rad^-1", 0.0, 3000.0, 23.0, "drag of the steered wheel per angle"),),
         "fx", looks_like=("quadratic_drag",), depends_on=("steering", "v_x"),
         source="drag of a steered wheel that scrubs, linear in the angle; after Gillespie (1992), ch. 6",
     ),

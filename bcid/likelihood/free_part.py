@@ -21,7 +21,7 @@ DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of
 TANGENTS = 16  # at most, along which segments settle
 SETTLED = 0.03  # nats that a segment still gains by a step
 LOST = 20.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
-HOPELESS = 0.5  # share of the segments from which being lost is not their own fault
+HOPELESS = 0.5  # share of the segments beyond which being lost is the parameters' fault, not theirs
 
 
 class Settled(NamedTuple):
@@ -70,8 +70,8 @@ def moved(take: Take, start: Floats, z: Floats) -> Floats:
 def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Settled:
     """The likeliest free parts from `start` on, each segment for itself; as they are where predictions have no pushes.
 
-    Segments that are lost, in a lesser mode or beyond the finite numbers, settle anew from their rough beginnings, then
-    from half the pushes.
+    Segments that are lost, in a lesser mode or beyond the finite numbers, settle anew from their rough beginnings
+    without pushes, which other parameters may have called for, then from half the pushes.
 
     Raises:
         FloatingPointError: where predictions leave the finite numbers all the same.
@@ -79,12 +79,13 @@ def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Sett
     at = Settled(start.copy(), residuals(take, setting, start), sensitivities(take, setting, start))
     if not take.pushed:  # one tangent does
         return at
-    _settle(take, setting, at, np.flatnonzero(np.isfinite(_badness(take, start, at.r, scales))), scales)
+    _settle(take, setting, at, np.flatnonzero(np.isfinite(badness(take, start, at.r, scales))), scales)
     half = at.start.copy()
     half[:, N_START:] *= 0.5
-    for begin in (take.start, half):
-        lost = np.flatnonzero(~(_badness(take, at.start, at.r, scales) < LOST * 3.0 * np.diff(take.first)))
-        if 0 < len(lost) < HOPELESS * take.segments:  # where most are, it is the parameters that are wrong
+    for begin, most in ((take.start, 1.0), (half, HOPELESS)):
+        lost = np.flatnonzero(~(badness(take, at.start, at.r, scales) < LOST * 3.0 * np.diff(take.first)))
+        lost = lost[(begin[lost] != start[lost]).any(axis=1)]
+        if 0 < len(lost) <= most * take.segments:
             _settle_anew(take, setting, at, lost, begin, scales)
     if not np.isfinite(at.r).all():
         raise FloatingPointError("a prediction left the finite numbers")
@@ -97,10 +98,10 @@ def _settle(take: Take, setting: Setting, at: Settled, waiting: Ints, scales: Sc
         if not len(waiting):
             break
         part, rows = take.part(waiting), take.rows(waiting)
-        before = _badness(part, at.start[waiting], at.r[rows], scales)
+        before = badness(part, at.start[waiting], at.r[rows], scales)
         now = Settled(at.start[waiting], at.r[rows], at.A[rows])
         at.start[waiting], at.r[rows] = _stepped(part, setting, now, scales)
-        gained = _against(before, part) - _against(_badness(part, at.start[waiting], at.r[rows], scales), part)
+        gained = _against(before, part) - _against(badness(part, at.start[waiting], at.r[rows], scales), part)
         waiting = waiting[gained > SETTLED]
         at.A[take.rows(waiting)] = sensitivities(take.part(waiting), setting, at.start[waiting])
 
@@ -109,9 +110,9 @@ def _settle_anew(take: Take, setting: Setting, at: Settled, lost: Ints, begin: F
     """Settle the segments `lost` from `begin`; in place, where that ends better."""
     part, start = take.part(lost), begin[lost]
     there = Settled(start, residuals(part, setting, start), sensitivities(part, setting, start))
-    _settle(part, setting, there, np.flatnonzero(np.isfinite(_badness(part, start, there.r, scales))), scales)
+    _settle(part, setting, there, np.flatnonzero(np.isfinite(badness(part, start, there.r, scales))), scales)
     before, after = (
-        np.nan_to_num(_badness(part, start, r, scales), nan=np.inf)
+        np.nan_to_num(badness(part, start, r, scales), nan=np.inf)
         for start, r in ((at.start[lost], at.r[take.rows(lost)]), (there.start, there.r))
     )
     better = np.flatnonzero(after < before)
@@ -123,14 +124,14 @@ def bent(take: Take, setting: Setting, start: Floats, scales: Scales, A: Floats)
     """Nats per segment by which predictions at the posterior's mean are worse than their tangent `A` says."""
     e = rescaled(moments(deviations(take, setting, start, A), A, take.first), scales, 0)[1]
     there = moved(take._replace(pushed=True), start, e.z)
-    worse = _badness(take, there, residuals(take, setting, there), scales)
+    worse = badness(take, there, residuals(take, setting, there), scales)
     if not np.isfinite(worse).all():
         return np.inf
     return float((_against(worse, take) - _against(e.chi2, take)).mean())
 
 
-def _badness(take: Take, start: Floats, r: Floats, scales: Scales) -> Floats:
-    """|r / noise|^2 + |pushes / q|^2 of every segment (S,)."""
+def badness(take: Take, start: Floats, r: Floats, scales: Scales) -> Floats:
+    """|r / noise|^2 + |pushes / q|^2 of every segment (S,): where it has settled, the likelihood's chi^2."""
     with np.errstate(over="ignore"):  # what has left the finite numbers is endlessly bad
         each = np.add.reduceat(((r / scales.r) ** 2).sum(axis=1), take.first[:-1])
     return np.asarray(each + start**2 @ scales.precisions())
@@ -146,14 +147,14 @@ def _stepped(take: Take, setting: Setting, at: Settled, scales: Scales) -> tuple
     of, known, weight = moments(at.r, at.A, take.first), scales.precisions(), scales.r**-2.0
     M = np.einsum("c,scij->sij", weight, of.AA) + np.diag(known)
     b = np.einsum("c,sci->si", weight, of.Ar) - known * at.start
-    least, start, r = _badness(take, at.start, at.r, scales), at.start.copy(), at.r.copy()
+    least, start, r = badness(take, at.start, at.r, scales), at.start.copy(), at.r.copy()
     waiting, diagonal = np.arange(take.segments), np.einsum("sii->si", M)
     for damping in DAMPINGS:
         part, rows, there = take.part(waiting), take.rows(waiting), start[waiting]
         damped = M[waiting] + damping * diagonal[waiting, :, None] * np.eye(M.shape[1])
         there += np.linalg.solve(damped, b[waiting][:, :, None])[:, :, 0]
         left = residuals(part, setting, there)
-        better = np.flatnonzero(_badness(part, there, left, scales) < least[waiting])
+        better = np.flatnonzero(badness(part, there, left, scales) < least[waiting])
         start[waiting[better]], r[rows[part.rows(better)]] = there[better], left[part.rows(better)]
         waiting = np.delete(waiting, better)
         if not len(waiting):

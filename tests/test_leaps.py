@@ -1,0 +1,79 @@
+"""Newton steps that are judged after the free parts have settled: along a valley, over dents, and where they end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.likelihood import leaps
+from bcid.likelihood.leaps import PATIENCE, SLACK, leapt
+from bcid.likelihood.newton import State
+
+FAR = 40.0
+STEP = 0.5  # that Newton's method dares, whatever lies ahead
+
+
+class Valley:
+    """A hypothesis of one parameter whose objective is known everywhere, and seen to a step ahead only."""
+
+    size, bound = 1, np.inf
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
+        self.calls, self._objective = 0, objective
+        monkeypatch.setattr(leaps, "settled_at", self._settled_at)
+        monkeypatch.setattr(leaps, "slope_and_curvature", self._slope)
+
+    hypothesis = property(lambda self: self)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([-np.inf]), np.array([self.bound])
+
+    def _settled_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+        self.calls += 1
+        found = self._objective(float(phi[0]), self.calls)
+        if np.isnan(found):
+            raise FloatingPointError
+        nothing: Any = None
+        return nothing, State(phi, start, scales, nothing, nothing, found)
+
+    def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
+        return np.clip([FAR - now.phi[0]], -STEP, STEP), np.eye(1)
+
+
+def leap(valley: Valley) -> float:
+    of: Any = valley
+    return float(leapt(of, np.zeros(1), *(None, None), 24)[1].phi[0])  # type: ignore[arg-type]
+
+
+def test_a_straight_valley_is_crossed_in_ever_longer_leaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    valley = Valley(monkeypatch, lambda phi, n: -abs(phi - FAR))
+    assert leap(valley) == pytest.approx(FAR, abs=STEP)
+    assert valley.calls < FAR / STEP  # that steps of their own length would take
+
+
+def test_a_dent_is_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Settling anew makes the same parameters better or worse by so much."""
+    valley = Valley(monkeypatch, lambda phi, n: -10.0 * abs(phi - FAR) - (0.9 * SLACK + 10.0 * STEP) * (n == 2))
+    assert leap(valley) == pytest.approx(FAR, abs=STEP)
+
+
+def test_the_best_that_was_passed_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of leaps that lose a little each, as many as patience bears."""
+    valley = Valley(monkeypatch, lambda phi, n: -0.1 * phi)
+    assert leap(valley) == 0.0
+    assert valley.calls <= 1 + 2 * PATIENCE
+
+
+def test_a_leap_that_loses_much_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    valley = Valley(monkeypatch, lambda phi, n: -1e3 * phi**2)
+    assert abs(leap(valley)) <= SLACK / 1e2
+
+
+def test_the_ends_of_the_numbers_and_of_the_bounds_are_not_crossed(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert leap(Valley(monkeypatch, lambda phi, n: phi if phi < 7.0 else np.nan)) == pytest.approx(7.0, abs=STEP)
+    valley = Valley(monkeypatch, lambda phi, n: phi)
+    valley.bound = 3.0
+    assert leap(valley) == 3.0
