@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,6 +19,7 @@ from bcid.models.kinematic import doubled_energy
 from bcid.models.mlp import Weights
 from bcid.models.narx_mlp import NarxMlp
 from bcid.models.newton_euler_linear import NewtonEulerLinear
+from bcid.models.rows import add_product
 
 RNG = np.random.default_rng(0)
 
@@ -117,3 +119,30 @@ def test_the_plain_model_would_gain_energy() -> None:
     tame, plain = (KSindyMlp(SINDY, pushing, {}, d).scan(start, coasting)[1] for d in (True, False))
     assert plain[-1, 0] > 1.5
     assert tame[-1, 0] <= 1.0
+
+
+@numba.njit
+def _add(x: np.ndarray, W: np.ndarray, y: np.ndarray) -> None:
+    add_product(x, W, y)
+
+
+@pytest.mark.parametrize("shape", [(6, 128), (128, 64), (256, 128), (70, 230), (200, 16), (64, 0), (3, 65)])
+def test_a_product_by_rows_is_the_product(shape: tuple[int, int]) -> None:
+    """Whatever the columns left over, the rows skipped, and what was there before."""
+    n, m = shape
+    rng = np.random.default_rng(n + m)
+    x, W, before = (rng.normal(0.0, 1.0, s).astype(np.float32) for s in (n, (n, m), m))
+    for zeros in (x < 0.0, np.zeros(n, bool), np.ones(n, bool)):
+        sparse, y = np.where(zeros, np.float32(0.0), x), before.copy()
+        unseen = zeros & (np.arange(n) < n // 64 * 64)  # a row that meets a zero is not looked at
+        W_unseen = np.where(unseen[:, None], np.float32(np.nan), W)
+        _add(sparse, W_unseen, y)
+        wanted = before + sparse[~zeros].astype(np.float64) @ W[~zeros]
+        np.testing.assert_allclose(y, wanted, atol=1e-5 * np.sqrt(n + 1.0))
+
+
+def test_what_is_no_number_stays_none() -> None:
+    x, y = np.zeros(128, np.float32), np.zeros(192, np.float32)
+    x[70] = np.nan
+    _add(x, np.ones((128, 192), np.float32), y)
+    assert np.isnan(y).all()

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.compiled import njit, njit_inline
-from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, Floats, flow, seen
 from bcid.physics.kinematics import wrap
 from bcid.physics.steering import steering_step
 
@@ -57,79 +57,120 @@ def _added_products(A: Floats, B: Floats, C: Floats, AB: Floats, AC: Floats) -> 
                     AC[i, j] += a * C[k, j]
 
 
+class Desk(NamedTuple):
+    """What a step works on: made once for a whole pass, for making it costs more than the sums."""
+
+    rate: Floats  # (7,)
+    A: Floats  # (7, 7) and its products with P and Phi
+    AP: Floats
+    APhi: Floats
+    J: Floats  # (3, 3)
+    x_0: Floats  # where a step of RK4 begins
+    P_0: Floats
+    Phi_0: Floats
+    x: Floats  # and where a stage of it is
+    P: Floats
+    Phi: Floats
+    z: Floats  # (6,) what is expected, and its slope
+    C: Floats  # (6, 7)
+    PC: Floats  # (7,)
+    shift: Floats  # (7,)
+
+
 @njit
-def rk4_moments(
-    x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, step: float
-) -> tuple[Floats, Floats, Floats]:
-    """Mean, covariance and transition after one RK4 step of `step` seconds."""
-    square = (N_STATE, N_STATE)
-    k_x, k_P, k_Phi = np.zeros(N_STATE), np.zeros(square), np.zeros(square)
-    x_s, P_s, Phi_s, AP = np.empty(N_STATE), np.empty(square), np.empty(square), np.empty(square)
-    x_1, P_1, Phi_1 = x.copy(), P.copy(), Phi.copy()
+def _desk() -> Desk:
+    n, square = N_STATE, (N_STATE, N_STATE)
+    return Desk(
+        np.zeros(n), np.zeros(square), np.zeros(square), np.zeros(square), np.zeros((3, 3)),
+        np.zeros(n), np.zeros(square), np.zeros(square), np.zeros(n), np.zeros(square), np.zeros(square),
+        np.zeros(N_MEASURED), np.zeros((N_MEASURED, n)), np.zeros(n), np.zeros(n),
+    )  # fmt: skip
+
+
+@njit_inline
+def _copy(of: Floats, to: Floats) -> None:
+    """Fills `to` (7, 7): an assignment to a slice takes longer."""
+    for i in range(N_STATE):
+        for j in range(N_STATE):
+            to[i, j] = of[i, j]
+
+
+@njit_inline
+def _rk4_step(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, step: float, at: Desk) -> None:
+    """Mean, covariance and transition one RK4 step of `step` seconds on, in place."""
+    _copy(P, at.P_0)
+    _copy(Phi, at.Phi_0)
+    for i in range(N_STATE):
+        at.x_0[i], at.rate[i] = x[i], 0.0
+        for j in range(N_STATE):
+            at.AP[i, j], at.APhi[i, j] = 0.0, 0.0
     for stage in range(4):
         ahead = 0.0 if stage == 0 else (step if stage == 3 else 0.5 * step)
         weight = step / 6.0 if stage in (0, 3) else step / 3.0
         for i in range(N_STATE):
-            x_s[i] = x[i] + ahead * k_x[i]
+            at.x[i] = at.x_0[i] + ahead * at.rate[i]
             for j in range(N_STATE):
-                P_s[i, j] = P[i, j] + ahead * k_P[i, j]
-                Phi_s[i, j] = Phi[i, j] + ahead * k_Phi[i, j]
-        A, k_x = F(x_s, u_s, c), f(x_s, u_s, c)
-        AP[:], k_Phi[:] = 0.0, 0.0
-        _added_products(A, P_s, Phi_s, AP, k_Phi)
+                at.P[i, j] = at.P_0[i, j] + ahead * (at.AP[i, j] + at.AP[j, i] + Q[i, j])
+                at.Phi[i, j] = at.Phi_0[i, j] + ahead * at.APhi[i, j]
+        flow(at.x, u_s, c, at.rate, at.A, at.J)
         for i in range(N_STATE):
-            x_1[i] += weight * k_x[i]
             for j in range(N_STATE):
-                k_P[i, j] = AP[i, j] + AP[j, i] + Q[i, j]
-                P_1[i, j] += weight * k_P[i, j]
-                Phi_1[i, j] += weight * k_Phi[i, j]
-    return x_1, P_1, Phi_1
+                at.AP[i, j], at.APhi[i, j] = 0.0, 0.0
+        _added_products(at.A, at.P, at.Phi, at.AP, at.APhi)
+        for i in range(N_STATE):
+            x[i] += weight * at.rate[i]
+            for j in range(N_STATE):
+                P[i, j] += weight * (at.AP[i, j] + at.AP[j, i] + Q[i, j])
+                Phi[i, j] += weight * at.APhi[i, j]
 
 
-@njit
-def predict(x: Floats, P: Floats, u_s: float, c: Chassis, Q: Floats, dt: float) -> tuple[Floats, Floats, Floats]:
-    """Mean, covariance and transition over `dt`, in steps of at most MAX_STEP_S."""
-    Phi = np.eye(N_STATE)
+@njit_inline
+def _predict(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, dt: float, at: Desk) -> None:
+    """Mean, covariance and transition over `dt`, in steps of at most MAX_STEP_S, in place."""
+    for i in range(N_STATE):
+        for j in range(N_STATE):
+            Phi[i, j] = 1.0 if i == j else 0.0
     steps = max(1, math.ceil(dt / MAX_STEP_S - 1e-9))
     for _ in range(steps):
-        x, P, Phi = rk4_moments(x, P, Phi, u_s, c, Q, dt / steps)
-    return x, P, Phi
+        _rk4_step(x, P, Phi, u_s, c, Q, dt / steps, at)
 
 
-@njit
-def update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis) -> tuple[Floats, Floats, float, int, float]:
-    """Posterior mean and covariance, NIS, number of measured quantities, log-likelihood.
+@njit_inline
+def _update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis, at: Desk) -> tuple[float, int, float]:
+    """Posterior mean and covariance in place; NIS, number of measured quantities, log-likelihood.
 
     h and H are evaluated once at the prior; `R` (6,) holds the variances.
     """
-    expected, C = h(x, c), H(x, c)
-    shift, PC, after = np.zeros(N_STATE), np.empty(N_STATE), P.copy()
+    seen(x, c, at.z, at.C, at.J)
+    for j in range(N_STATE):
+        at.shift[j] = 0.0
     nis, dof, log_likelihood = 0.0, 0, 0.0
     for i in range(N_MEASURED):
         if np.isnan(z[i]):
             continue
-        residual = z[i] - expected[i]
+        residual = z[i] - at.z[i]
         if i == 2:
             residual = wrap(residual)
         S = R[i]
         for j in range(N_STATE):
-            PC[j] = 0.0
+            at.PC[j] = 0.0
             for k in range(N_STATE):
-                PC[j] += after[j, k] * C[i, k]
-            residual -= C[i, j] * shift[j]
-            S += C[i, j] * PC[j]
+                at.PC[j] += P[j, k] * at.C[i, k]
+            residual -= at.C[i, j] * at.shift[j]
+            S += at.C[i, j] * at.PC[j]
         for j in range(N_STATE):
-            K = PC[j] / S
-            shift[j] += K * residual
+            K = at.PC[j] / S
+            at.shift[j] += K * residual
             for k in range(N_STATE):
-                after[j, k] -= K * PC[k]
+                P[j, k] -= K * at.PC[k]
         nis += residual * residual / S
         dof += 1
         log_likelihood -= 0.5 * (residual * residual / S + math.log(2.0 * math.pi * S))
     for j in range(N_STATE):
+        x[j] += at.shift[j]
         for k in range(j):
-            after[j, k] = after[k, j] = 0.5 * (after[j, k] + after[k, j])
-    return x + shift, after, nis, dof, log_likelihood
+            P[j, k] = P[k, j] = 0.5 * (P[j, k] + P[k, j])
+    return nis, dof, log_likelihood
 
 
 @njit
@@ -140,8 +181,8 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
     P_prior, P_post = np.zeros((M, N_STATE, N_STATE)), np.zeros((M, N_STATE, N_STATE))
     Phis = np.zeros((M, N_STATE, N_STATE))
     nis, dof = np.zeros(M), np.zeros(M)
-    total = 0.0
-    x, P = events.x_0[0].copy(), np.diag(events.P_0)
+    total, at = 0.0, _desk()
+    x, P, Phi = events.x_0[0].copy(), np.diag(events.P_0), np.eye(N_STATE)
     for k in range(M):
         if events.restart[k] > 0.0:
             # the steering knows nothing of a lost pose: delta goes on, the rest starts anew
@@ -153,11 +194,15 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
             x[DELTA], P[DELTA, DELTA] = delta, variance
             Phi = np.eye(N_STATE)
         else:
-            dt = events.time_s[k] - events.time_s[k - 1]
-            x, P, Phi = predict(x, P, events.u_s[k - 1], c, Q, dt)
-        x_prior[k], P_prior[k], Phis[k] = x, P, Phi
-        x, P, nis[k], dof[k], log_likelihood = update(x, P, events.z[k], R, c)
-        x_post[k], P_post[k] = x, P
+            _predict(x, P, Phi, events.u_s[k - 1], c, Q, events.time_s[k] - events.time_s[k - 1], at)
+        _copy(P, P_prior[k])
+        _copy(Phi, Phis[k])
+        for i in range(N_STATE):
+            x_prior[k, i] = x[i]
+        nis[k], dof[k], log_likelihood = _update(x, P, events.z[k], R, c, at)
+        _copy(P, P_post[k])
+        for i in range(N_STATE):
+            x_post[k, i] = x[i]
         total += log_likelihood
     return Filtered(x_prior, P_prior, x_post, P_post, Phis, nis, dof, total)
 

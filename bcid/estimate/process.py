@@ -43,29 +43,12 @@ def at_rest(v_f: float) -> float:
 
 
 @njit_inline
-def f(x: Floats, u_s: float, c: Chassis) -> Floats:
-    """X' without noise (paper, f_kalman_rewrite, with errata 1, 4, 5)."""
-    v_x, v_y, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
-    p_x_rate, p_y_rate = pose_rate(x[THETA], v_x, v_y)
-    pull = ETA * at_rest(x[VF])
-    rate = np.zeros(N_STATE)
-    rate[PX] = p_x_rate
-    rate[PY] = p_y_rate
-    rate[THETA] = omega
-    rate[BETAF] = pull * (x[DELTA] - x[BETAF])
-    rate[BETAR] = -pull * x[BETAR]
-    rate[DELTA] = steering_rate(u_s, x[DELTA], c.T_s, c.d)
-    return rate
-
-
-@njit_inline
-def twist_jacobian(x: Floats, c: Chassis) -> Floats:
-    """d[v_x, v_y, omega] / d[v_f, beta_f, beta_r] (3, 3)."""
+def fill_twist_jacobian(x: Floats, c: Chassis, J: Floats) -> None:
+    """`twist_jacobian` into J, whose upper right corner is nothing."""
     (sin_f, cos_f), (sin_r, cos_r) = sincos(x[BETAF]), sincos(x[BETAR])
     tan_r = sin_r / cos_r
     v_f, wheelbase = x[VF], c.l_f + c.l_r
     d_tan = 1.0 + tan_r * tan_r
-    J = np.zeros((3, 3))
     J[0, 0] = cos_f
     J[0, 1] = -sin_f * v_f
     J[1, 0] = (c.l_r * sin_f + c.l_f * cos_f * tan_r) / wheelbase
@@ -74,60 +57,94 @@ def twist_jacobian(x: Floats, c: Chassis) -> Floats:
     J[2, 0] = (sin_f - cos_f * tan_r) / wheelbase
     J[2, 1] = (cos_f + sin_f * tan_r) / wheelbase * v_f
     J[2, 2] = -cos_f * d_tan / wheelbase * v_f
+
+
+@njit
+def twist_jacobian(x: Floats, c: Chassis) -> Floats:
+    """d[v_x, v_y, omega] / d[v_f, beta_f, beta_r] (3, 3)."""
+    J = np.zeros((3, 3))
+    fill_twist_jacobian(x, c, J)
     return J
 
 
 @njit_inline
-def F(x: Floats, u_s: float, c: Chassis) -> Floats:
-    """df/dx (7, 7)."""
-    J = twist_jacobian(x, c)
-    v_x, v_y, _ = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
+def flow(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, J: Floats) -> None:
+    """Fills `rate` (7,) with x' without noise (paper, f_kalman_rewrite, with errata 1, 4, 5) and A with F = dx'/dx.
+
+    What is nothing in A and in J (`fill_twist_jacobian`) stays as it is.
+    """
+    v_x, v_y, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
+    fill_twist_jacobian(x, c, J)
     sin_t, cos_t = sincos(x[THETA])
-    out = np.zeros((N_STATE, N_STATE))
-    out[PX, THETA] = -sin_t * v_x - cos_t * v_y
-    out[PY, THETA] = cos_t * v_x - sin_t * v_y
-    for j in range(3):
-        out[PX, VF + j] = cos_t * J[0, j] - sin_t * J[1, j]
-        out[PY, VF + j] = sin_t * J[0, j] + cos_t * J[1, j]
-        out[THETA, VF + j] = J[2, j]
     rest = at_rest(x[VF])
     pull, d_pull = ETA * rest, -20.0 * ETA * rest * (1.0 - rest)
-    out[BETAF, VF] = d_pull * (x[DELTA] - x[BETAF])
-    out[BETAF, BETAF] = -pull
-    out[BETAF, DELTA] = pull
-    out[BETAR, VF] = -d_pull * x[BETAR]
-    out[BETAR, BETAR] = -pull
-    if abs(u_s - x[DELTA]) < c.d * c.T_s:
-        out[DELTA, DELTA] = -1.0 / c.T_s
-    return out
+    rate[PX], rate[PY] = pose_rate(x[THETA], v_x, v_y)
+    rate[THETA] = omega
+    rate[BETAF] = pull * (x[DELTA] - x[BETAF])
+    rate[BETAR] = -pull * x[BETAR]
+    rate[DELTA] = steering_rate(u_s, x[DELTA], c.T_s, c.d)
+    A[PX, THETA] = -rate[PY]
+    A[PY, THETA] = rate[PX]
+    for j in range(3):
+        A[PX, VF + j] = cos_t * J[0, j] - sin_t * J[1, j]
+        A[PY, VF + j] = sin_t * J[0, j] + cos_t * J[1, j]
+        A[THETA, VF + j] = J[2, j]
+    A[BETAF, VF] = d_pull * (x[DELTA] - x[BETAF])
+    A[BETAF, BETAF] = -pull
+    A[BETAF, DELTA] = pull
+    A[BETAR, VF] = -d_pull * x[BETAR]
+    A[BETAR, BETAR] = -pull
+    A[DELTA, DELTA] = -1.0 / c.T_s if abs(u_s - x[DELTA]) < c.d * c.T_s else 0.0
+
+
+@njit
+def f(x: Floats, u_s: float, c: Chassis) -> Floats:
+    """X' (7,): see `flow`."""
+    rate = np.zeros(N_STATE)
+    flow(x, u_s, c, rate, np.zeros((N_STATE, N_STATE)), np.zeros((3, 3)))
+    return rate
+
+
+@njit
+def F(x: Floats, u_s: float, c: Chassis) -> Floats:
+    """df/dx (7, 7): see `flow`."""
+    A = np.zeros((N_STATE, N_STATE))
+    flow(x, u_s, c, np.zeros(N_STATE), A, np.zeros((3, 3)))
+    return A
+
+
+@njit_inline
+def seen(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> None:
+    """Fills z with the six quantities that may be measured (MEASURED) and C with H = dz/dx.
+
+    What is nothing in C and in J (`fill_twist_jacobian`) stays as it is.
+    """
+    v_x, _, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
+    fill_twist_jacobian(x, c, J)
+    z[0], z[1], z[2], z[3], z[4] = x[PX], x[PY], x[THETA], x[DELTA], omega
+    C[0, PX] = C[1, PY] = C[2, THETA] = C[3, DELTA] = 1.0
+    for j in range(3):
+        C[4, VF + j] = J[2, j]
+    if c.front_driven:
+        sin_s, cos_s = sincos(x[BETAF] - x[DELTA])
+        z[5] = x[VF] * cos_s
+        C[5, VF], C[5, BETAF], C[5, DELTA] = cos_s, -x[VF] * sin_s, x[VF] * sin_s
+    else:
+        z[5] = v_x
+        C[5, VF], C[5, BETAF] = J[0, 0], J[0, 1]
 
 
 @njit
 def h(x: Floats, c: Chassis) -> Floats:
-    """The six quantities that may be measured (MEASURED): pose, steering angle, yaw rate, wheel speed."""
-    v_x, _, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
-    z = np.empty(N_MEASURED)
-    z[0], z[1], z[2] = x[PX], x[PY], x[THETA]
-    z[3] = x[DELTA]
-    z[4] = omega
-    z[5] = x[VF] * math.cos(x[BETAF] - x[DELTA]) if c.front_driven else v_x
+    """The six quantities that may be measured (6,): see `seen`."""
+    z = np.zeros(N_MEASURED)
+    seen(x, c, z, np.zeros((N_MEASURED, N_STATE)), np.zeros((3, 3)))
     return z
 
 
 @njit
 def H(x: Floats, c: Chassis) -> Floats:
-    """dh/dx (6, 7)."""
-    J = twist_jacobian(x, c)
-    out = np.zeros((N_MEASURED, N_STATE))
-    out[0, PX] = out[1, PY] = out[2, THETA] = out[3, DELTA] = 1.0
-    for j in range(3):
-        out[4, VF + j] = J[2, j]
-    if c.front_driven:
-        slip = x[BETAF] - x[DELTA]
-        out[5, VF] = math.cos(slip)
-        out[5, BETAF] = -x[VF] * math.sin(slip)
-        out[5, DELTA] = x[VF] * math.sin(slip)
-    else:
-        out[5, VF] = J[0, 0]
-        out[5, BETAF] = J[0, 1]
-    return out
+    """dh/dx (6, 7): see `seen`."""
+    C = np.zeros((N_MEASURED, N_STATE))
+    seen(x, c, np.zeros(N_MEASURED), C, np.zeros((3, 3)))
+    return C
