@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bcid.estimate.types import Estimate
 from bcid.models import published
-from bcid.models.interface import Model, at_rest, history_at, rollouts
+from bcid.models.interface import Diverged, Model, at_rest, history_at, rollout, rollouts
 from bcid.models.k_mlp import KMlp
 from bcid.models.k_sindy_mlp import KSindyMlp
 from bcid.models.kinematic import doubled_energy
@@ -86,6 +86,33 @@ def test_a_vehicle_that_diverges_is_told_and_harms_no_other(name: str) -> None:
     rest: Any = [0, 2, 4]
     np.testing.assert_array_equal(found.twist[rest], alone[rest])
     assert (found.diverged_at[rest] == -1).all()
+
+
+class RunsAway:
+    """A model whose speed grows tenfold a step: finite, and no vehicle's."""
+
+    name, lags = "runs-away", 0
+
+    def init(self, history: Any) -> np.ndarray:
+        return np.array([0.5])
+
+    def scan(self, carry: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        speed = carry * 10.0 ** (1.0 + np.arange(len(commands)))
+        return speed[-1:], np.column_stack([speed, 0.0 * speed, 0.0 * speed])
+
+    def scan_many(self, carries: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        each = [self.scan(carry, own) for carry, own in zip(carries, commands, strict=True)]
+        return np.stack([e[0] for e in each]), np.stack([e[1] for e in each])
+
+
+def test_a_speed_that_no_vehicle_has_is_divergence() -> None:
+    model: Any = RunsAway()
+    with pytest.raises(Diverged) as caught:
+        rollout(model, at_rest(0), np.zeros((6, 2)))
+    assert caught.value.step == 3  # 500 m/s
+    found = rollouts(model, np.array([[0.5], [1e-6]]), np.zeros((2, 6, 2)))
+    assert found.diverged_at.tolist() == [2, -1]
+    assert found.twist[0, :, 0].tolist() == [5.0, 50.0, 50.0, 50.0, 50.0, 50.0]
 
 
 @given(

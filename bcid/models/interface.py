@@ -142,8 +142,12 @@ class Scans(Protocol):
         """See `Model.scan`."""
 
 
+BEYOND = (150.0, 150.0, 100.0)
+"""m/s, m/s, rad/s: no ground vehicle is as fast, and polynomials that run away grow far before they overflow."""
+
+
 class Diverged(ArithmeticError):
-    """A rollout left the finite numbers; `step` says where."""
+    """A rollout left what a ground vehicle can do (BEYOND), or the finite numbers; `step` says where."""
 
     def __init__(self, name: str, step: int) -> None:
         super().__init__(f"the rollout of {name} diverged at step {step}")
@@ -154,21 +158,26 @@ def rollout(model: Scans, history: History, commands: Floats) -> Floats:
     """Closed-loop twists (N + 1, 3): the start, then one row after each of `commands` (N, 2).
 
     Raises:
-        Diverged: when a value is no longer finite.
+        Diverged: when a value is BEYOND, or no longer finite.
     """
     carry = model.init(history)
     twists = np.vstack([history.twist[-1], model.scan(carry, commands)[1]])
-    finite = np.isfinite(twists).all(axis=1)
-    if not finite.all():
-        raise Diverged(model.name, int(np.argmin(finite)))
+    lost = _lost(twists)
+    if lost.any():
+        raise Diverged(model.name, int(np.argmax(lost)))
     return twists
+
+
+def _lost(twist: Floats) -> npt.NDArray[np.bool_]:
+    """Which twists (..., 3) no vehicle has."""
+    return np.asarray(~(np.abs(twist) <= BEYOND).all(axis=-1))
 
 
 class Rollouts(NamedTuple):
     """Closed-loop twists of many vehicles at once."""
 
-    twist: Floats  # (B, N, 3) after each command; of one that diverged the last finite twist stands
-    diverged_at: npt.NDArray[np.int64]  # (B,) the step at which it left the finite numbers; -1 where it never did
+    twist: Floats  # (B, N, 3) after each command; of one that diverged the last one before stands
+    diverged_at: npt.NDArray[np.int64]  # (B,) the step at which it did, as `Diverged` says; -1 where it never did
 
 
 def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:
@@ -177,7 +186,7 @@ def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:
     Of one whose carry itself is not finite the twist is zero.
     """
     _, twist = model.scan_many(carries, commands)
-    lost = np.any(~np.isfinite(twist), axis=2)
+    lost = _lost(twist)
     at = np.where(np.any(lost, axis=1), np.argmax(lost, axis=1), -1)
     for b in np.flatnonzero(at >= 0):
         twist[b, at[b] :] = twist[b, at[b] - 1] if at[b] > 0 else 0.0

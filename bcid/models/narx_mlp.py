@@ -32,14 +32,14 @@ N_TWIST = 3 * (LAGS + 1)
 @njit_inline
 def advance(carry: Floats, u_s: float, u_m: float, w: Weights, at: Buffers) -> None:
     """The carry [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}] one period on, in place."""
-    at.x[:N_TWIST] = carry[:N_TWIST]
     at.x[N_TWIST], at.x[N_TWIST + 1] = u_s, u_m
-    at.x[N_TWIST + 2 :] = carry[N_TWIST:]
+    for i in range(len(carry)):
+        at.x[i if i < N_TWIST else i + 2] = carry[i]
     evaluate(at, w)
-    carry[3:N_TWIST] = at.x[: N_TWIST - 3]
-    carry[:3] = at.y
-    carry[N_TWIST + 2 :] = at.x[N_TWIST + 2 : -2]
-    carry[N_TWIST], carry[N_TWIST + 1] = u_s, u_m
+    for i in range(N_TWIST):
+        carry[i] = at.y[i] if i < 3 else at.x[i - 3]
+    for i in range(N_TWIST, len(carry)):
+        carry[i] = at.x[i]
 
 
 @njit
