@@ -110,6 +110,22 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
     assert verdict._mixed(found, None, left) == mixed  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("pushed", "gain", "stands_in"),
+    [(False, 250.0, True), (False, 700.0, False), (True, 250.0, False), (True, 205.0, True)],
+)
+def test_beside_pushes_an_effect_counts_as_what_it_gains(
+    pushed: bool, gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Free functions promise 200 nats of it to first order; of 280 in another channel 210 are left beside it."""
+    monkeypatch.setattr(verdict, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
+    monkeypatch.setattr(verdict, "disturbances", lambda fit, take: shoved(3.0 if fit == "none" else 1.0, 1.0, 1.0))
+    found: Any = SimpleNamespace(best="best", without={"front_coulomb_friction": "none"})
+    finding: Any = SimpleNamespace(effect="front_coulomb_friction", gain=gain)
+    take: Any = SimpleNamespace(pushed=pushed)
+    assert verdict._stands_in(finding, found, take, None, {"motor": 210.0}) is stands_in
+
+
 @pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])
 def test_a_size_at_the_end_of_its_range_is_no_car_s(field: str, share: float, there: bool) -> None:
     """Tracked points do not lie beyond the car; a friction that falls to nothing is at its natural end."""
