@@ -183,7 +183,7 @@ def test_on_the_whole_the_first_credible_ones_count(monkeypatch: pytest.MonkeyPa
     sizes = {"steering_offset": low, "yaw_scrub": 5.0, "quadratic_drag": 1.0, "motor_sag": 0.1, "rear_toe": 0.01}
     of_part: list[Any] = [base_fit(BASE.holding(name), (value,)) for name, value in sizes.items()]
     refits = Refits(monkeypatch, lambda name, values, start: 1.0)
-    whole = on_the_whole(of_part, Segments(90), fit)  # type: ignore[arg-type]
+    whole = on_the_whole(fit, Segments(90), of_part)  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in whole] == ["yaw_scrub", "quadratic_drag", "motor_sag"]
     assert len(whole) == FINALISTS
     assert {segments for _, segments, _ in refits.made} == {90}

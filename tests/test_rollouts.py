@@ -160,12 +160,24 @@ def test_a_product_by_rows_is_the_product(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(n + m)
     x, W, before = (rng.normal(0.0, 1.0, s).astype(np.float32) for s in (n, (n, m), m))
     for zeros in (x < 0.0, np.zeros(n, bool), np.ones(n, bool)):
-        sparse, y = np.where(zeros, np.float32(0.0), x), before.copy()
+        sparse, around = np.where(zeros, np.float32(0.0), x), np.pad(before, 16, constant_values=7.0)
+        y = around[16 : 16 + m]
         unseen = zeros & (np.arange(n) < n // 64 * 64)  # a row that meets a zero is not looked at
         W_unseen = np.where(unseen[:, None], np.float32(np.nan), W)
         _add(sparse, W_unseen, y)
         wanted = before + sparse[~zeros].astype(np.float64) @ W[~zeros]
         np.testing.assert_allclose(y, wanted, atol=1e-5 * np.sqrt(n + 1.0))
+        assert (np.delete(around, np.arange(16, 16 + m)) == 7.0).all()  # nothing is written beside it
+
+
+def test_a_product_of_what_does_not_fit_is_refused() -> None:
+    x, W, y = np.ones(6, np.float32), np.ones((6, 128), np.float32), np.ones(128, np.float32)
+    for short in ((x[:5], W, y), (x, W, y[:64])):
+        with pytest.raises(ValueError, match="shapes"):
+            _add(*short)
+    for other in ((x, np.asfortranarray(W), y), (x, W.astype(np.float64), y), (np.ones(12, np.float32)[::2], W, y)):
+        with pytest.raises(numba.core.errors.TypingError, match="contiguous"):
+            _add(*other)
 
 
 def test_what_is_no_number_stays_none() -> None:

@@ -17,7 +17,7 @@ from bcid.models.k_mlp import KMlp
 from bcid.models.k_sindy_mlp import KSindyMlp
 from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
 from bcid.models.library import SLIP, theta_table
-from bcid.models.mlp import Weights
+from bcid.models.mlp import Weights, from_arrays
 from bcid.models.narx_mlp import LAGS, NarxMlp, _unrolled
 from bcid.models.samples import scale
 from bcid.models.table import row_of
@@ -114,3 +114,16 @@ def test_rollouts_lower_what_is_reported(name: str, estimates: list[Estimate], v
         ]
         errors.append(np.mean((weight * np.concatenate(off)) ** 2))
     assert errors[1] < (0.99 if name == "k-sindy-mlp" else 0.9) * errors[0]  # the sparse part alone is near its best
+
+
+@pytest.mark.parametrize(("name", "other"), [("W2", (128, 60)), ("b1", (127,)), ("x_mean", (5,)), ("y_sd", (2,))])
+def test_layers_that_make_no_network_are_refused(name: str, other: tuple[int, ...]) -> None:
+    """The kernels look at no shape."""
+    sizes = {"x_mean": (6,), "x_sd": (6,), "W1": (6, 128), "b1": (128,), "W2": (128, 64), "b2": (64,), "W3": (64, 3),
+             "b3": (3,), "y_mean": (3,), "y_sd": (3,)}  # fmt: skip
+    arrays = {key: np.ones(shape, np.float32) for key, shape in sizes.items()}
+    assert from_arrays(arrays, 6).W2.shape == (128, 64)
+    with pytest.raises(ValueError, match="do not make a network of 6 inputs"):
+        from_arrays(arrays | {name: np.ones(other, np.float32)}, 6)
+    with pytest.raises(ValueError, match="15 inputs"):
+        from_arrays(arrays, 15)

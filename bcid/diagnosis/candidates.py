@@ -115,17 +115,17 @@ def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Float
     """
     hypothesis, part, before = fit.hypothesis, take.part(chosen), fit.per_segment[chosen]
     known, own = list(hypothesis.values(phi).values()), more.entries[more.effects[-1]].parameters
-    tried, of = dict[tuple[float, ...], float](), tuple(p.size for p in own)
+    tried, best = dict[tuple[float, ...], float](), tuple(p.size for p in own)
     for shares in (COARSELY, FINELY):
-        for sizes in (v for v in _sizes(own, of, shares) if v not in tried):
+        for sizes in (v for v in _sizes(own, best, shares) if v not in tried):
             with suppress(FloatingPointError):
                 there = more.start(hypothesis.car(phi), [*known, *sizes])
                 found = refit(part, more, there, fit.start[chosen], fit.scales, tangents=0)
                 tried[sizes] = _promise(found, before)
         if not tried:
             return ()
-        of = max(tried, key=lambda sizes: tried[sizes])
-    return of
+        best = max(tried, key=lambda sizes: tried[sizes])
+    return best
 
 
 def _sizes(own: Sequence[Parameter], of: tuple[float, ...], shares: tuple[float, ...]) -> list[tuple[float, ...]]:
@@ -149,15 +149,15 @@ def _promise(fit: Fit, before: Floats) -> float:
     return float(each.sum()) + fit.bic - fit.log_likelihood
 
 
-def on_the_whole(fits: Sequence[Fit], take: Take, fit: Fit) -> list[Fit]:
-    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it from the parts of `fit`.
+def on_the_whole(beside: Fit, take: Take, fits: Sequence[Fit]) -> list[Fit]:
+    """The first FINALISTS of `fits`, which are of a part of the take, refitted on all of it from the parts of `beside`.
 
     Those that are not credible are passed over.
     """
     whole = list[Fit]()
     for f in itertools.islice((f for f in fits if credible(f, take)), FINALISTS):
         with suppress(FloatingPointError):
-            whole.append(refit(take, f.hypothesis, f.phi, fit.start, fit.scales))
+            whole.append(refit(take, f.hypothesis, f.phi, beside.start, beside.scales))
     return whole
 
 

@@ -132,7 +132,7 @@ def _with_one_more(
     if names:
         phi = best.phi if best.hypothesis.simulated is None else at_simulated(best)
         sized = at_their_sizes(best, take, phi, [n for n in names if n not in best.hypothesis.effects])
-        fits += on_the_whole(sized, take, best)
+        fits += on_the_whole(best, take, sized)
         names = [f.hypothesis.effects[-1] for f in sized] if take.pushed else ()
     return fits, names
 

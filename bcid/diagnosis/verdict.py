@@ -139,10 +139,10 @@ def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None
     if not over:
         return False
     without = explained_by(found.without[finding.effect], take, place)
-    own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are,
-    # where the fit had to go so far, or pushes do the work already, the first order says little
-    if finding.gain > (1.0 if take.pushed else BEYOND) * own:
-        own = finding.gain
+    own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are
+    # which says little where the fit had to go far, or where pushes do the work already: then what it gains counts
+    if take.pushed or finding.gain > BEYOND * own:
+        own = max(own, finding.gain)
     much = _much(take, LEFT_OVER) * own
     there = [c for c, nats in over.items() if nats > much and without[c] - nats > OVERLAP * own]
     return _pushes_in(there, finding.effect, found, take)

@@ -71,7 +71,7 @@ def twist_jacobian(x: Floats, c: Chassis) -> Floats:
 def flow(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, J: Floats) -> None:
     """Fills `rate` (7,) with x' without noise (paper, f_kalman_rewrite, with errata 1, 4, 5) and A with F = dx'/dx.
 
-    What is nothing in A and in J (`fill_twist_jacobian`) stays as it is.
+    A and J (`fill_twist_jacobian`) must come zeroed: what is always nothing in them is not written.
     """
     v_x, v_y, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
     fill_twist_jacobian(x, c, J)
@@ -117,7 +117,7 @@ def F(x: Floats, u_s: float, c: Chassis) -> Floats:
 def seen(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> None:
     """Fills z with the six quantities that may be measured (MEASURED) and C with H = dz/dx.
 
-    What is nothing in C and in J (`fill_twist_jacobian`) stays as it is.
+    C and J (`fill_twist_jacobian`) must come zeroed: what is always nothing in them is not written.
     """
     v_x, _, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
     fill_twist_jacobian(x, c, J)

@@ -12,7 +12,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from bcid.estimate.kernel import MAX_STEP_S, Events, Filtered
-from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, Floats, H, flow, h
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
 from bcid.physics.steering import steering_step
 
 
@@ -31,9 +31,8 @@ class _Ekf(ExtendedKalmanFilter):  # type: ignore[misc]  # filterpy carries no t
 
         def rate(moments: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
             x, P, Phi = moments
-            velocity, A = np.zeros(N_STATE), np.zeros((N_STATE, N_STATE))
-            flow(x, u_s, self.chassis, velocity, A, np.zeros((3, 3)))
-            return velocity, A @ P + P @ A.T + self.density, A @ Phi
+            A = F(x, u_s, self.chassis)
+            return f(x, u_s, self.chassis), A @ P + P @ A.T + self.density, A @ Phi
 
         def along(m: tuple[Floats, ...], k: tuple[Floats, ...], s: float) -> tuple[Floats, Floats, Floats]:
             return m[0] + s * k[0], m[1] + s * k[1], m[2] + s * k[2]

@@ -7,6 +7,8 @@ the free parts have settled (`bcid.likelihood.free_part`), and one that goes on 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bcid.likelihood.marginal import Scales
@@ -14,67 +16,82 @@ from bcid.likelihood.newton import Problem, State, Tangent, settled_at, slope_an
 from bcid.likelihood.take import Floats
 
 DAMPINGS = (0.0, 10.0, 1e3)  # of steps in phi, of which all components are of size one
+NOWHERE = 1e-4  # of any component of phi, below which a step is none
 STRAIGHT = 0.9  # cosine between steps of which the second goes on as the first did
 SLACK = 3.0  # nats by which settling anew makes the same parameters better or worse
 GAINED = 0.3  # nats
 PATIENCE = 3  # leaps without a gain
 
-_Found = tuple[Tangent, State]
+
+class _Place(NamedTuple):
+    """A state, and how the objective answers there."""
+
+    tangent: Tangent
+    state: State
+    slope: Floats
+    curvature: Floats
 
 
-def leapt(of: Problem, phi: Floats, start: Floats, scales: Scales, leaps: int) -> _Found:
+def leapt(of: Problem, phi: Floats, start: Floats, scales: Scales, leaps: int) -> tuple[Tangent, State]:
     """The best state within so many leaps from phi, and the tangent there.
 
     Raises:
         FloatingPointError: where predictions leave the finite numbers at phi.
     """
-    best = now = settled_at(of, phi, start, scales)
+    best = now = _at(of, phi, start, scales)
     last, vain = None, 0
     for _ in range(leaps):
-        leap = _leap(of, *now)
+        leap = _leap(of, now)
         if leap is None:
             break
-        step = leap[1].phi - now[1].phi
-        now = _stretched(of, now[1], leap) if last is not None and _straight(last, step) else leap
-        last, vain = step, 0 if now[1].objective > best[1].objective + GAINED else vain + 1
-        best = max(best, now, key=_objective)
+        step = leap.state.phi - now.state.phi
+        now = _stretched(of, now.state, leap) if last is not None and _straight(last, step) else leap
+        last, vain = step, 0 if now.state.objective > best.state.objective + GAINED else vain + 1
+        best = max(best, now, key=lambda place: place.state.objective)
         if vain == PATIENCE:
             break
-    return best
-
-
-def _objective(of: _Found) -> float:
-    return of[1].objective
+    return best.tangent, best.state
 
 
 def _straight(last: Floats, step: Floats) -> bool:
     return float(last @ step) > STRAIGHT * float(np.linalg.norm(last) * np.linalg.norm(step))
 
 
-def _leap(of: Problem, tangent: Tangent, now: State) -> _Found | None:
+def _leap(of: Problem, now: _Place) -> _Place | None:
     """Where the first damped Newton step leads that is hardly worse; or none."""
-    slope, curvature = slope_and_curvature(of, tangent, now)
+    phi = now.state.phi
     for damping in DAMPINGS:
-        phi = within(now.phi, slope, curvature + damping * np.eye(len(curvature)), of.hypothesis.bounds())
-        there = _tried(of, phi, now)
-        if there and there[1].objective > now.objective - SLACK:
+        damped = now.curvature + damping * np.eye(len(phi))
+        ahead = within(phi, now.slope, damped, of.hypothesis.bounds())
+        if np.max(np.abs(ahead - phi)) < NOWHERE:
+            break
+        there = _tried(of, ahead, now.state)
+        if there and there.state.objective > now.state.objective - SLACK:
             return there
     return None
 
 
-def _stretched(of: Problem, before: State, leap: _Found) -> _Found:
-    """The leap, or twice, four times as far, as long as that is better."""
-    step, times = leap[1].phi - before.phi, 2.0
-    while further := _tried(of, np.clip(before.phi + times * step, *of.hypothesis.bounds()), leap[1]):
-        if further[1].objective <= leap[1].objective:
-            break
+def _stretched(of: Problem, before: State, leap: _Place) -> _Place:
+    """The leap, or twice, four times as far, as long as that gains and the bounds let it."""
+    step, times, bounds = leap.state.phi - before.phi, 2.0, of.hypothesis.bounds()
+    while True:
+        ahead = np.clip(before.phi + times * step, *bounds)
+        if np.max(np.abs(ahead - leap.state.phi)) < NOWHERE:
+            return leap
+        further = _tried(of, ahead, leap.state)
+        if further is None or further.state.objective <= leap.state.objective + GAINED:
+            return leap
         leap, times = further, 2.0 * times
-    return leap
 
 
-def _tried(of: Problem, phi: Floats, near: State) -> _Found | None:
-    """`settled_at` from the free parts of a state nearby, or nothing where a step too long left the finite numbers."""
+def _tried(of: Problem, phi: Floats, near: State) -> _Place | None:
+    """The place at phi from the free parts of a state nearby, or nothing where a step too long left the numbers."""
     try:
-        return settled_at(of, phi, near.start, near.scales)
+        return _at(of, phi, near.start, near.scales)
     except FloatingPointError:
         return None
+
+
+def _at(of: Problem, phi: Floats, start: Floats, scales: Scales) -> _Place:
+    tangent, state = settled_at(of, phi, start, scales)
+    return _Place(tangent, state, *slope_and_curvature(of, tangent, state))

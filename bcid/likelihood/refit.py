@@ -79,7 +79,7 @@ def refit(
 
     With `known`, a neighbouring fit's tangent stands throughout and only the effects' own columns are
     found anew: a tenth of the work, good enough to compare candidates, though parameters far from the neighbour
-    come out biased.
+    come out biased.  Where predictions are made under pushes, every step settles anew: `tangents` counts them.
 
     Raises:
         FloatingPointError: where predictions leave the finite numbers.

@@ -177,7 +177,7 @@ class Rollouts(NamedTuple):
     """Closed-loop twists of many vehicles at once."""
 
     twist: Floats  # (B, N, 3) after each command; of one that diverged the last one before stands
-    diverged_at: npt.NDArray[np.int64]  # (B,) the step at which it did, as `Diverged` says; -1 where it never did
+    diverged_at: npt.NDArray[np.int64]  # (B,) after which command, from 0, it did (see `Diverged`); -1 where never
 
 
 def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
-from bcid.models.kinematic import Frame, State, fill, frame_of, moved, twist_of
+from bcid.models.kinematic import INPUTS, Frame, State, fill, frame_of, moved, twist_of
 from bcid.models.kinematic_rollout import unrolled, with_servo
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
@@ -109,4 +109,4 @@ class KMlp(Scanned):
     @classmethod
     def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
         """See `Model.from_state`."""
-        return cls(mlp.from_arrays(arrays), Frame(**data["frame"]), data["facts"])
+        return cls(mlp.from_arrays(arrays, INPUTS), Frame(**data["frame"]), data["facts"])

@@ -70,7 +70,7 @@ def terms_of(s: Sparse) -> Terms:
 def f_sindy(state: State, u_s: float, u_m: float, t: Terms, c: Frame) -> None:
     """Fills `t.after` with [v_f, alpha_f, alpha_r] one period later."""
     fill_factors(t.q, state, u_s, u_m, c)
-    for n in range(3):
+    for n in range(len(t.after)):
         t.after[n] = 0.0
     for i in range(len(t.xi)):
         product = t.xi[i]

@@ -20,7 +20,7 @@ from bcid.compiled import njit, njit_inline, njit_parallel
 from bcid.models import mlp
 from bcid.models.interface import Arrays, FitTask, Floats, History
 from bcid.models.k_sindy import KSindy, Sparse, Terms, f_sindy, terms_of
-from bcid.models.kinematic import Frame, State, fill, moved, twist_of, without_gain
+from bcid.models.kinematic import INPUTS, Frame, State, fill, moved, twist_of, without_gain
 from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
 from bcid.models.mlp import Buffers, Weights, buffers, evaluate
 from bcid.models.samples import transitions
@@ -140,7 +140,7 @@ class KSindyMlp(Scanned):
         """See `Model.from_state`."""
         return cls(
             KSindy.from_state(data["sindy"], arrays),
-            mlp.from_arrays(arrays),
+            mlp.from_arrays(arrays, INPUTS),
             data["facts"],
             bool(data.get("dissipative", False)),
         )

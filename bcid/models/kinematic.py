@@ -16,6 +16,7 @@ from bcid.physics.kinematics import body_twist
 from bcid.physics.steering import steering_step
 
 LESS = 1.0 - 1e-12  # so that rounding gains nothing either
+INPUTS = 6  # of the fitted maps: see `fill`
 SLIP_LIMIT = 0.49 * math.pi  # tan(alpha_r) stays finite in a rollout
 
 

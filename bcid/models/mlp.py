@@ -16,6 +16,9 @@ Floats = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]  # in which networks are trained
 
 
+OUTPUTS = 3  # a twist, or [v_f, alpha_f, alpha_r]
+
+
 class Weights(NamedTuple):
     """y = y_mean + y_sd * (W3 relu(W2 relu(W1 (x - x_mean)/x_sd + b1) + b2) + b3), W stored as (in, out)."""
 
@@ -55,10 +58,10 @@ def buffers(w: Weights) -> Buffers:
 
 
 @njit_inline
-def _copy(a: Singles, b: Singles) -> None:
-    """Fills b with a: `b[:] = a` takes fifty nanoseconds, as long as a layer of few inputs."""
-    for j in range(len(b)):
-        b[j] = a[j]
+def _copy(of: Singles, to: Singles) -> None:
+    """Fills `to`: `to[:] = of` takes fifty nanoseconds, as long as a layer of few inputs."""
+    for j in range(len(to)):
+        to[j] = of[j]
 
 
 @njit_sums
@@ -118,9 +121,19 @@ def to_arrays(w: Weights) -> Arrays:
     return {name: np.ascontiguousarray(value) for name, value in w._asdict().items()}
 
 
-def from_arrays(arrays: Mapping[str, npt.NDArray[Any]]) -> Weights:
-    """The inverse of `to_arrays`."""
+def from_arrays(arrays: Mapping[str, npt.NDArray[Any]], inputs: int) -> Weights:
+    """The inverse of `to_arrays`, of a network with so many inputs and OUTPUTS outputs.
+
+    Raises:
+        KeyError: an array is missing.
+        ValueError: shapes that make no such network: the kernels look at none.
+    """
     given = {name: np.asarray(arrays[name], order="C") for name in Weights._fields}
     x_mean, x_sd, y_mean, y_sd = (given[name].astype(np.float64) for name in ("x_mean", "x_sd", "y_mean", "y_sd"))
     W1, b1, W2, b2, W3, b3 = (given[name].astype(np.float32) for name in ("W1", "b1", "W2", "b2", "W3", "b3"))
-    return Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd)
+    a, b = b1.size, b2.size
+    shapes = [(inputs,), (inputs,), (inputs, a), (a,), (a, b), (b,), (b, OUTPUTS), (OUTPUTS,), (OUTPUTS,), (OUTPUTS,)]
+    weights = Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd)
+    if [array.shape for array in weights] != shapes:
+        raise ValueError(f"its layers do not make a network of {inputs} inputs and {OUTPUTS} outputs")
+    return weights

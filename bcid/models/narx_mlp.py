@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 LAGS = 2
 N_TWIST = 3 * (LAGS + 1)
+INPUTS = N_TWIST + 2 * (LAGS + 1)
 
 
 @njit_inline
@@ -124,4 +125,4 @@ class NarxMlp(Scanned):
     @classmethod
     def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
         """See `Model.from_state`."""
-        return cls(mlp.from_arrays(arrays), data["period_s"], data["facts"])
+        return cls(mlp.from_arrays(arrays, INPUTS), data["period_s"], data["facts"])

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from bcid.compiled import njit_inline
@@ -33,6 +34,9 @@ def _rows(vectors: int) -> Any:
 
     @intrinsic
     def add(typing: Any, x: Any, W: Any, y: Any, first: Any) -> Any:
+        if not all(isinstance(a, types.Array) and (a.dtype, a.layout) == (types.float32, "C") for a in (x, W, y)):
+            raise TypingError("rows are added of contiguous arrays of single precision only")
+
         def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             (px, (n,)), (pW, (_, m)), (py, _) = (
                 _parts(context, builder, kind, array) for kind, array in zip(signature.args[:3], given[:3], strict=True)
@@ -109,10 +113,15 @@ _add_widest, _add_wide = (_rows(width // LANES) for width in _WIDTHS)
 
 @njit_inline
 def add_product(x: Singles, W: Singles, y: Singles) -> None:
-    """Y += x W, of contiguous arrays (n,), (n, m) and (m,); rows that meet zeros of x are skipped, but for the last."""
+    """Y += x W, of contiguous arrays (n,), (n, m) and (m,); rows that meet zeros of x are skipped, but for the last.
+
+    Raises:
+        ValueError: shapes that do not fit.
+    """
     widest, wide = _WIDTHS
-    m = min(len(y), W.shape[1])
-    first = 0
+    m, first = len(y), 0
+    if W.shape[0] != len(x) or W.shape[1] != m:
+        raise ValueError("x W is of other shapes")
     for _ in range(m // widest):
         _add_widest(x, W, y, first)
         first += widest
