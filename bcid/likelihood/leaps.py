@@ -12,14 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import Problem, State, Tangent, settled_at, slope_and_curvature, within
+from bcid.likelihood.newton import CONVERGED, Problem, State, Tangent, settled_at, slope_and_curvature, within
 from bcid.likelihood.take import Floats
 
 DAMPINGS = (0.0, 10.0, 1e3)  # of steps in phi, of which all components are of size one
 NOWHERE = 1e-4  # of any component of phi, below which a step is none
 STRAIGHT = 0.9  # cosine between steps of which the second goes on as the first did
 SLACK = 3.0  # nats by which settling anew makes the same parameters better or worse
-GAINED = 0.3  # nats
 PATIENCE = 3  # leaps without a gain
 
 
@@ -46,7 +45,7 @@ def leapt(of: Problem, phi: Floats, start: Floats, scales: Scales, leaps: int) -
             break
         step = leap.state.phi - now.state.phi
         now = _stretched(of, now.state, leap) if last is not None and _straight(last, step) else leap
-        last, vain = step, 0 if now.state.objective > best.state.objective + GAINED else vain + 1
+        last, vain = step, 0 if now.state.objective > best.state.objective + CONVERGED else vain + 1
         best = max(best, now, key=lambda place: place.state.objective)
         if vain == PATIENCE:
             break
@@ -79,7 +78,7 @@ def _stretched(of: Problem, before: State, leap: _Place) -> _Place:
         if np.max(np.abs(ahead - leap.state.phi)) < NOWHERE:
             return leap
         further = _tried(of, ahead, leap.state)
-        if further is None or further.state.objective <= leap.state.objective + GAINED:
+        if further is None or further.state.objective <= leap.state.objective + CONVERGED:
             return leap
         leap, times = further, 2.0 * times
 

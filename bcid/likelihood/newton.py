@@ -16,6 +16,7 @@ STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
 LONGEST_STEP = 3.0  # of any component of phi
 EM_STEPS = 2
+CONVERGED = 0.3  # nats, below which a step has gained nothing
 
 
 class Tangent(NamedTuple):
@@ -46,6 +47,10 @@ class Problem(NamedTuple):
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """`residuals` at phi."""
         return residuals(self.take, self.hypothesis.setting(phi, self.take), start)
+
+    def objective(self, phi: Floats, e: Eliminated) -> float:
+        """Log-likelihood and prior."""
+        return float(log_likelihood(e).sum()) + self.prior(phi)
 
 
 class State(NamedTuple):
@@ -94,7 +99,7 @@ def found(of: Problem, phi: Floats, start: Floats, scales: Scales, r: Floats, A:
         FloatingPointError: where a prediction or a scale is not finite.
     """
     scales, e = rescaled(moments(without_pushes(r, A, start, of.take.first), A, of.take.first), scales, em)
-    return State(phi, start, scales, r, e, float(log_likelihood(e).sum()) + of.prior(phi))
+    return State(phi, start, scales, r, e, of.objective(phi, e))
 
 
 def as_it_is(of: Problem, now: State) -> State:
@@ -105,7 +110,7 @@ def as_it_is(of: Problem, now: State) -> State:
     if not of.take.pushed:
         return now
     e = now.e._replace(chi2=badness(of.take, now.start, now.r, now.scales))
-    return now._replace(e=e, objective=float(log_likelihood(e).sum()) + of.prior(now.phi))
+    return now._replace(e=e, objective=of.objective(now.phi, e))
 
 
 def slope_and_curvature(of: Problem, tangent: Tangent, now: State) -> tuple[Floats, Floats]:

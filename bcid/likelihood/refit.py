@@ -11,6 +11,7 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.leaps import leapt
 from bcid.likelihood.marginal import Scales, log_likelihood
 from bcid.likelihood.newton import (
+    CONVERGED,
     EM_STEPS,
     Prior,
     Problem,
@@ -31,7 +32,6 @@ SHORTER = (1.0, 0.3, 0.1, 0.03)  # of a step, where the whole of it leads astray
 DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Of steps in phi, of which all components are of size one: what the take hardly shows is held back by it, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal it would close them)."""
-CONVERGED = 0.3  # nats
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 LAST_EM_STEPS = 20
 HELD_STEPS = 3  # after which initial states have settled
