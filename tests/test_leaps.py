@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bcid.effects.entry import Parameter
 from bcid.likelihood import leaps
 from bcid.likelihood.leaps import PATIENCE, SLACK, leapt
 from bcid.likelihood.newton import State
@@ -20,6 +21,7 @@ class Valley:
     """A hypothesis of one parameter whose objective is known everywhere, and seen to a step ahead only."""
 
     size, bound = 1, np.inf
+    base_size, parameters = 1, ()
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
         self.calls, self._objective = 0, objective
@@ -95,3 +97,26 @@ def test_the_ends_of_the_numbers_and_of_the_bounds_are_not_crossed(monkeypatch: 
     valley = Valley(monkeypatch, lambda phi, n: phi)
     valley.bound = 3.0
     assert leap(valley) == 3.0
+
+
+def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A place that Newton's method would move falls off an edge at once; the rest has a valley to go along."""
+
+    class Floor(Valley):
+        size, parameters = 2, (("rough_patch__x", Parameter("x", "m", -10.0, 10.0, 1.0, "where", places=True)),)
+
+        def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+            return np.array([-np.inf, -10.0]), np.array([np.inf, 10.0])
+
+        def _settled_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+            tangent, state = super()._settled_at(of, phi, start, scales)
+            return tangent, state._replace(objective=state.objective - (100.0 if phi[1] > 1e-9 else 0.0))
+
+        def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
+            slope, _ = super()._slope(of, tangent, now)
+            return np.array([slope[0], 0.1]), np.eye(2)
+
+    of: Any = Floor(monkeypatch, lambda phi, n: -abs(phi - FAR))
+    end = leapt(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
+    assert end[0] == pytest.approx(FAR, abs=STEP)
+    assert end[1] == 0.0

@@ -21,6 +21,7 @@ from bcid.estimate.types import Estimate
 from bcid.likelihood.free_part import (
     Settled,
     _settle_anew,
+    _stepped,
     bent,
     residuals,
     sensitivities,
@@ -579,6 +580,28 @@ def test_a_prediction_out_of_the_numbers_does_not_settle(part: Take) -> None:
     take.start[0, 3] = np.nan
     with pytest.raises(FloatingPointError, match="finite"):
         settled(take, BASE.setting(BASE.start(CAR), part), take.start, LOUD)
+
+
+@pytest.mark.parametrize("answer", [np.inf, 1e200, np.nan, 0.0])
+def test_where_predictions_have_no_tangent_the_other_segments_step(part: Take, answer: float) -> None:
+    """Beyond the finite numbers, or no answer at all to one of the free parts: no matrix that LAPACK could solve."""
+    take, _ = pushed_take(part)
+    setting = BASE.setting(BASE.start(CAR), take)
+    r, A = residuals(take, setting, take.start), sensitivities(take, setting, take.start)
+    start, _ = _stepped(take, setting, Settled(take.start, r, A), LOUD)
+    rows = slice(take.first[0], take.first[1])
+    A[rows, :, 2] = answer
+    there, off = _stepped(take, setting, Settled(take.start, r, A), LOUD)
+    np.testing.assert_array_equal(there[0], take.start[0])
+    np.testing.assert_array_equal(off[rows], r[rows])
+    np.testing.assert_array_equal(there[1:], start[1:])
+    assert (start[1:] != take.start[1:]).any(axis=1).all()
+
+
+def test_a_segment_that_does_not_tell_its_initial_state_is_out_of_the_numbers(part: Take) -> None:
+    r, A = np.zeros((len(part.pose), 3)), np.ones((len(part.pose), 3, N_FREE))
+    with pytest.raises(FloatingPointError, match="rounding"):
+        rescaled(moments(r, A, part.first), Scales(np.ones(3), np.full(3, np.inf)), 0)
 
 
 def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:

@@ -18,6 +18,7 @@ from bcid.likelihood.segments import free_sensitivities, layout, predict, wrappe
 from bcid.likelihood.take import N_START, Floats, Ints, Take
 
 DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
+ROUNDING = 1e-12  # of the same, without which a matrix may be singular
 TANGENTS = 16  # at most, along which segments settle
 SETTLED = 0.03  # nats that a segment still gains by a step
 LOST = 20.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
@@ -143,20 +144,24 @@ def _against(badness: Floats, take: Take) -> Floats:
 
 
 def _stepped(take: Take, setting: Setting, at: Settled, scales: Scales) -> tuple[Floats, Floats]:
-    """Free parts after one damped step of those segments that gain by it, and the residual there."""
+    """Free parts after one damped step of those segments that gain by it, and the residual there.
+
+    Where predictions answer beyond the finite numbers, or not at all to one of the free parts, there is none.
+    """
     of, known, weight = moments(at.r, at.A, take.first), scales.precisions(), scales.r**-2.0
     M = np.einsum("c,scij->sij", weight, of.AA) + np.diag(known)
     b = np.einsum("c,sci->si", weight, of.Ar) - known * at.start
     least, start, r = badness(take, at.start, at.r, scales), at.start.copy(), at.r.copy()
-    waiting, diagonal = np.arange(take.segments), np.einsum("sii->si", M)
+    diagonal = np.einsum("sii->si", M)
+    waiting = np.flatnonzero(np.isfinite(M).all(axis=(1, 2)) & (diagonal > 0.0).all(axis=1))
     for damping in DAMPINGS:
+        if not len(waiting):
+            break
         part, rows, there = take.part(waiting), take.rows(waiting), start[waiting]
-        damped = M[waiting] + damping * diagonal[waiting, :, None] * np.eye(M.shape[1])
+        damped = M[waiting] + (damping + ROUNDING) * diagonal[waiting, :, None] * np.eye(M.shape[1])
         there += np.linalg.solve(damped, b[waiting][:, :, None])[:, :, 0]
         left = residuals(part, setting, there)
         better = np.flatnonzero(badness(part, there, left, scales) < least[waiting])
         start[waiting[better]], r[rows[part.rows(better)]] = there[better], left[part.rows(better)]
         waiting = np.delete(waiting, better)
-        if not len(waiting):
-            break
     return start, r

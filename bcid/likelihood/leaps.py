@@ -59,15 +59,28 @@ def _straight(last: Floats, step: Floats) -> bool:
 def _leap(of: Problem, now: _Place) -> _Place | None:
     """Where the first damped Newton step leads that is hardly worse; or none."""
     phi = now.state.phi
-    for damping in DAMPINGS:
-        damped = now.curvature + damping * np.eye(len(phi))
-        ahead = within(phi, now.slope, damped, of.hypothesis.bounds())
+    for damping, bounds in _ways(of, phi):
+        ahead = within(phi, now.slope, now.curvature + damping * np.eye(len(phi)), bounds)
         if np.max(np.abs(ahead - phi)) < NOWHERE:
             break
         there = _tried(of, ahead, now.state)
         if there and there.state.objective > now.state.objective - SLACK:
             return there
     return None
+
+
+def _ways(of: Problem, phi: Floats) -> list[tuple[float, tuple[Floats, Floats]]]:
+    """Dampings and bounds of the steps that are tried from phi, the longest first.
+
+    Over an edge on the floor no tangent holds: where places are not leapt to as they stand, all else goes on without.
+    """
+    low, high = of.hypothesis.bounds()
+    first = of.hypothesis.base_size
+    placed = np.array([False] * first + [p.places for _, p in of.hypothesis.parameters])
+    if not placed.any():
+        return [(damping, (low, high)) for damping in DAMPINGS]
+    there = np.where(placed, phi, low), np.where(placed, phi, high)
+    return [(DAMPINGS[0], (low, high)), *((damping, there) for damping in DAMPINGS)]
 
 
 def _stretched(of: Problem, before: State, leap: _Place) -> _Place:
