@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import heldout, rivals, search, verdict
+from bcid.diagnosis import heldout, rivals, search, stand_ins
 from bcid.diagnosis.candidates import credible
 from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
 from bcid.diagnosis.remainder import Remainder
@@ -103,11 +103,11 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
     standing: dict[str, float], mixed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = {"best": shoved(1.0, 1.0, 1.0), "no lag": shoved(3.0, 1.0, 1.0), "no scrub": shoved(1.0, 1.1, 3.0)}
-    monkeypatch.setattr(verdict, "disturbances", lambda fit, take: seen[fit])
-    monkeypatch.setattr(verdict, "named", lambda fit: ("motor_lag", "yaw_scrub"))
+    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: seen[fit])
+    monkeypatch.setattr(stand_ins, "named", lambda fit: ("motor_lag", "yaw_scrub"))
     found: Any = SimpleNamespace(best="best", without={"motor_lag": "no lag", "yaw_scrub": "no scrub"})
     left = Remainder("fy", max(standing.values()), standing, (), 50.0, None)
-    assert verdict._mixed(found, None, left) == mixed  # type: ignore[arg-type]
+    assert stand_ins._mixed(found, None, left) == mixed  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -118,12 +118,33 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
     pushed: bool, gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Free functions promise 200 nats of it to first order; of 280 in another channel 210 are left beside it."""
-    monkeypatch.setattr(verdict, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
-    monkeypatch.setattr(verdict, "disturbances", lambda fit, take: shoved(3.0 if fit == "none" else 1.0, 1.0, 1.0))
+    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
+    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(3.0 if fit == "none" else 1.0, 1.0, 1.0))
     found: Any = SimpleNamespace(best="best", without={"front_coulomb_friction": "none"})
-    finding: Any = SimpleNamespace(effect="front_coulomb_friction", gain=gain)
     take: Any = SimpleNamespace(pushed=pushed)
-    assert verdict._stands_in(finding, found, take, None, {"motor": 210.0}) is stands_in
+    assert stand_ins._stands_in("front_coulomb_friction", gain, found, take, None, {"motor": 210.0}) is stands_in
+
+
+@pytest.mark.parametrize(("as_it_is", "times"), [(-5000.0, 5.0), (-500.0, 1.0), (None, 1.0)])
+def test_what_a_simulation_cannot_explain_counts_as_it_is(
+    as_it_is: float | None, times: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 5000 nats that it lacks a refit of its parameters takes 4000: the effect found explains them all."""
+
+    def held(*_: Any) -> Any:
+        if as_it_is is None:
+            raise FloatingPointError
+        return SimpleNamespace(bic=as_it_is)
+
+    monkeypatch.setattr(stand_ins, "held", held)
+    hypothesis = Hypothesis((), CAR, 2.012, Constants())
+    free = SimpleNamespace(hypothesis=hypothesis, scales=None)
+    trusted = SimpleNamespace(hypothesis=hypothesis.trusting([], 0.02), scales=None)
+    best = SimpleNamespace(bic=0.0)
+    take: Any = None
+    for base, expected in ((free, 1.0), (trusted, times)):
+        found: Any = SimpleNamespace(base=base, best=best)
+        assert stand_ins._times(found, 1000.0, take) == expected
 
 
 @pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,11 +9,12 @@ import numpy as np
 
 from bcid.diagnosis.candidates import RIVAL, named, refit_with
 from bcid.diagnosis.channels import entered, explained_by
-from bcid.diagnosis.disturbance import disturbances, relieved
+from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import DELAYS, PLAIN, Search
+from bcid.diagnosis.stand_ins import stand_ins
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import SEGMENT_S, Take
@@ -24,15 +24,6 @@ Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
 MOST_TWINS = 3
 WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
-ENOUGH = 0.1  # share of what is explained that may be left predictable, where effects are named
-LEFT_OVER = 0.4  # of what an effect's own channel would explain without it, which may be left in another,
-BEYOND = 3.0  # times what free functions promise, which an effect gains where they are no measure of it
-OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
-STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
-WAYS = {"fx": ("along",), "motor": ("along",), "fy": ("across",), "mz": ("across",), "steering": ("across",)}
-"""Where a channel's pushes go; those of the others, anywhere."""
-
-ELSEWHERE = 0.25  # share of what an effect relieves the pushes of, up to which it does so elsewhere
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
 SURPRISE = 5.0  # nats of prior against something that no entry describes: about one case in 150
@@ -104,15 +95,7 @@ def judged(
     else:
         least = max(found.nulls.gate, WORTH_TELLING * sum(f.gain for f in findings))
         over = {c: nats for c, nats in entering.items() if nats > least}
-        failed = tuple(f.effect for f in findings if _stands_in(f, found, take, place, over))
-    explained = sum(f.gain for f in findings if f.effect not in failed)
-    if (
-        findings
-        and left.predictable
-        and left.correlation > STANDING_OUT
-        and left.gain > _much(take, ENOUGH) * explained
-    ):
-        failed = failed or _mixed(found, take, left)
+        failed = stand_ins(found, {f.effect: f.gain for f in findings}, take, place, left, over)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
         return judged(found.reduced(rest, take), take, place, None, (*dropped, *failed))
@@ -128,46 +111,6 @@ def judged(
         verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, entering, found.nulls.gate,
         corrections, found,
     )  # fmt: skip
-
-
-def _stands_in(finding: Finding, found: Search, take: Take, place: Circle | None, over: dict[str, float]) -> bool:
-    """Whether an effect does only roughly what a channel's free functions show to be missing there.
-
-    They still explain much beside it (`over`, nats by channel), and without it would explain much of what it does:
-    what is really missing enters there, in another way.
-    """
-    if not over:
-        return False
-    without = explained_by(found.without[finding.effect], take, place)
-    own = without.get(EFFECTS[finding.effect].channel, max(without.values()))  # to first order, as the others are
-    # which says little where the fit had to go far, or where pushes do the work already: then what it gains counts
-    if take.pushed or finding.gain > BEYOND * own:
-        own = max(own, finding.gain)
-    much = _much(take, LEFT_OVER) * own
-    there = [c for c, nats in over.items() if nats > much and without[c] - nats > OVERLAP * own]
-    return _pushes_in(there, finding.effect, found, take)
-
-
-def _much(take: Take, share: float) -> float:
-    """The share of what is explained that may be left; as much again, where the base model is far off in many ways."""
-    return 1.0 if take.pushed else share
-
-
-def _pushes_in(channels: Sequence[str], name: str, found: Search, take: Take) -> bool:
-    """Whether the pushes that the effect makes unnecessary go where one of the channels' do.
-
-    What acts along a car is no stand-in for what is left across it.
-    """
-    if not channels:
-        return False
-    shares = relieved(disturbances(found.without[name], take), disturbances(found.best, take))
-    return any(sum(shares[way] for way in WAYS.get(c, tuple(shares))) > ELSEWHERE for c in channels)
-
-
-def _mixed(found: Search, take: Take, left: Remainder) -> tuple[str, ...]:
-    """Effects that stand in, together, for something that is not in the vocabulary and still stands out."""
-    out = [c for c, r in left.correlations.items() if r > STANDING_OUT]
-    return tuple(n for n in named(found.best) if _pushes_in(out, n, found, take))
 
 
 def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:
