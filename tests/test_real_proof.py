@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,11 +22,12 @@ from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
-from bcid.proof import real
+from bcid.proof import edited, real
+from bcid.proof.asked import Asked
 from bcid.proof.edits import EDITS
 from bcid.proof.real import NOT_ASKED, outcome, run_real
 from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
-from bcid.proof.real_cases import Withheld
+from bcid.proof.real_cases import Ghost, Withheld
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -97,7 +99,10 @@ def test_two_delays_that_cannot_be_told_from_a_late_pose_are_both_named() -> Non
     """And a car's effect among what cannot be told apart is the vehicle's."""
     late = {"effect": "pose_latency", "twins": ["steering_delay+motor_delay"]}
     answer = {"verdict": "ambiguous", "findings": [late]}
-    assert real._named(answer) == {"pose_latency", "steering_delay", "motor_delay", VEHICLE_PHYSICS}
+    named = {"pose_latency", "steering_delay", "motor_delay"}
+    assert real._named(answer) == named
+    assert real._with_kinds(named) == {*named, VEHICLE_PHYSICS}
+    assert real._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
     nothing = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fy"}}
     assert real._named(nothing) == {"unknown in fy"}
 
@@ -232,7 +237,7 @@ def test_a_recording_s_own_calibration_lies_under_what_is_withheld(tmp_path: Pat
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     usual = read_vehicle(tmp_path / "vehicle.toml")
     own = {"take.csv": {"body": {"mass_kg": 20.0}, "steering": {"time_constant_s": 0.3}}}
-    asked = real._Asked(usual, own, None, tmp_path)
+    asked = Asked(usual, own, None, tmp_path)
     assert asked.vehicle_of("another.csv") == usual
     assert asked.vehicle_of("take.csv").body.mass_kg == 20.0
     less = asked.vehicle_of("take.csv", {"steering": {"time_constant_s": 0.05}})
@@ -245,18 +250,89 @@ def test_the_whole_and_what_is_withheld_of_it_are_that_day_s_car(
 ) -> None:
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     own = {"take.csv": {"body": {"mass_kg": 20.0}, "steering": {"time_constant_s": 0.3}}}
-    asked, seen = real._Asked(read_vehicle(tmp_path / "vehicle.toml"), own, None, tmp_path), list[Vehicle]()
+    asked, seen = Asked(read_vehicle(tmp_path / "vehicle.toml"), own, None, tmp_path), list[Vehicle]()
 
-    def moved(name: str, vehicle: Vehicle, _: Any) -> tuple[None, None, None]:
+    def moved(_: Any, name: str, vehicle: Vehicle) -> tuple[None, None, None]:
         seen.append(vehicle)
         return None, None, None
 
-    monkeypatch.setattr(real, "_moved", moved)
+    monkeypatch.setattr(Asked, "moved", moved)
     monkeypatch.setattr(real, "_errors", lambda *_: np.ones(2))
     less = {"steering": {"time_constant_s": 0.05}}
     case = Withheld(recording="take.csv", name="lag", vehicle=less, accepted=["steering_lag"])
     assert real._withheld(case, asked)["verdict"] == NOT_ASKED
     assert [(v.body.mass_kg, v.steering.time_constant_s) for v in seen] == [(20.0, 0.05), (20.0, 0.3)]
+
+
+@pytest.mark.parametrize(
+    ("seen_as", "ghost_poses", "right"),
+    [
+        ((("steering_backlash",), ("steering_backlash",)), 3, True),
+        ((("steering_backlash", "mass_change"), ("steering_backlash",)), 3, False),
+        ((("mass_change",), ("steering_backlash",)), 3, False),
+        ((("pose_latency",), ()), 3, True),  # which is no physics of a vehicle
+        ((("steering_backlash",),), 0, True),
+    ],
+)
+def test_what_a_car_shows_without_its_ghost_is_no_ghost(
+    seen_as: tuple[tuple[str, ...], ...], ghost_poses: int, right: bool, drive: Recording, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """A vehicle effect that is named with the ghost's poses only is the ghost, named as physics."""
+    values, left = drive.poses.values.copy(), [*seen_as]
+    values[:, :2] = 0.0
+    values[5 : 5 + ghost_poses, :2] = [4.0, 1.0]
+    haunted = replace(drive, poses=Stream(drive.poses.time_s, values))
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
+
+    def diagnosed(recordings: list[Recording], *_: Any) -> tuple[str, ...]:
+        expected = len(values) if len(left) == len(seen_as) else len(values) - ghost_poses
+        assert len(recordings[0].poses.time_s) == expected
+        return left.pop(0)
+
+    monkeypatch.setattr(Asked, "moved", lambda *_: (haunted, None, None))
+    monkeypatch.setattr(real, "estimate_motion", lambda *_: None)
+    monkeypatch.setattr(real, "diagnosed", diagnosed)
+    monkeypatch.setattr(real, "said", lambda names: {
+        "verdict": "named", "findings": [{"effect": name, "twins": []} for name in names],
+    })  # fmt: skip
+    case = Withheld(
+        recording="take.csv", name="ghost", accepted=[VEHICLE_PHYSICS], control=True,
+        ghost=Ghost(x_m=4.1, y_m=1.0, radius_m=0.3),
+    )  # fmt: skip
+    row = real._withheld(case, asked)
+    assert (row["right"], row["ghost_poses"], left) == (right, ghost_poses, [])
+    assert [f["effect"] for f in row["findings"]] == [*seen_as[0]]
+
+
+def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside all else that it shows, which is known as well as when the edit is looked for; or as it was found."""
+    found = Hypothesis((), CAR, 2.012, Constants()).holding("steering_backlash")
+    phi = found.start(CAR._replace(K_t=300.0), [0.02])
+    best = SimpleNamespace(
+        hypothesis=found, phi=phi, start=None, scales=None, car=lambda: found.car(phi),
+        values=lambda: {"steering_backlash__b": (0.02, 0.001)},
+    )  # fmt: skip
+    unedited: Any = SimpleNamespace(search=SimpleNamespace(best=best), take=None)
+    asked = list[tuple[Hypothesis, np.ndarray]]()
+
+    def refit(take: Any, more: Hypothesis, start: np.ndarray, *_: Any) -> Any:
+        asked.append((more, start))
+        return SimpleNamespace(values=lambda: {"pose_latency__tau": (-0.01, 0.002)})
+
+    monkeypatch.setattr(edited, "refit", refit)
+    assert edited._before("steering_backlash", unedited) == (0.02, 0.001)
+    assert not asked
+    assert edited._before("pose_latency", unedited) == (-0.01, 0.002)
+    ((more, start),) = asked
+    assert more.effects == ("steering_backlash", "pose_latency")
+    np.testing.assert_allclose(start, [*phi, 0.0])
+    centre, stiffness = more.prior(start)
+    np.testing.assert_allclose(centre, start)
+    assert stiffness[more.logs.index("K_t")] == pytest.approx(edited.AS_IT_WAS**-2)
+    assert stiffness[-2] > 0.0  # the backlash is known
+    assert stiffness[-1] == 0.0  # the latency is not
 
 
 def test_another_calibration_is_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -301,6 +377,7 @@ accepted = ["steering_lag"]
         (('accepted = ["motor_lag"]', 'accepted = ["motor_lagg"]'), "motor_lagg"),
         (('accepted = ["motor_lag"]', "accepted = []"), "accepts nothing"),
         (('effect = "steering_offset"', 'effect = "no_such_edit"'), "no such edit"),
+        (("control = true", "ghost = { x_m = 0.0, y_m = 0.0, radius_m = 0.1 }"), "no control"),
         (('"simulation.toml"', '"simulation.toml"\ncalibrated.other.body.mass_kg = 1.0'), "nothing is asked of other"),
         (('"simulation.toml"', '"simulation.toml"\ncalibrated."take.csv".body.mass = 1.0'), "unknown key body.mass"),
     ],
@@ -320,15 +397,13 @@ def test_a_question_that_asks_nothing_is_refused(
 def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
     asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from bcid.proof import real
-
     said = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fx"}}
     monkeypatch.setattr(real, "_withheld", lambda case, _: {
         "tier": "withheld", "recording": case.recording, "case": case.name, "ratio": 2.0, "wanted": True,
         "right": case.control, **said,
     })  # fmt: skip
-    monkeypatch.setattr(real, "_as_it_was", lambda *_: None)
-    monkeypatch.setattr(real, "_edited", lambda case, *_: {
+    monkeypatch.setattr(edited, "as_it_was", lambda *_: None)
+    monkeypatch.setattr(edited, "answered", lambda case, *_: {
         "tier": "edited", "recording": case.recording, "case": case.effect, "right": True, **said,
     })  # fmt: skip
     words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1"]

@@ -67,6 +67,11 @@ class Compared(NamedTuple):
     effects: dict[str, float]  # by field of the switches
     trust: float | None = None  # relative standard deviation of all that; None to refit it freely
 
+    @classmethod
+    def of(cls, fit: Fit) -> Compared:
+        """What was fitted, as a simulation."""
+        return cls(fit.car(), fit.hypothesis.values(fit.phi))
+
     def assumed(self) -> tuple[str, ...]:
         """The effects' ids."""
         return effects_of(self.effects)

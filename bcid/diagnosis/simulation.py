@@ -102,7 +102,7 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
 def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
     """What the car of other recordings, a simulator's, has."""
     fit = diagnosed(recordings, estimates, vehicle).judgement.fit
-    return Compared(fit.car(), fit.hypothesis.values(fit.phi))
+    return Compared.of(fit)
 
 
 @dataclass(frozen=True)

@@ -9,35 +9,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from concurrent.futures import as_completed
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from bcid.diagnosis.before_after import compared_model
-from bcid.diagnosis.diagnose import Compared, Diagnosis, based, diagnosed
+from bcid.diagnosis.diagnose import Compared, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
-from bcid.estimate.tuning import Tuning, tune
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
-from bcid.likelihood.refit import Fit
+from bcid.proof import edited
+from bcid.proof.asked import Asked
 from bcid.proof.asking import said
-from bcid.proof.edits import EDITS
 from bcid.proof.keeping import keep
-from bcid.proof.real_cases import VEHICLE, Cases, Edited, Withheld, read_cases
+from bcid.proof.real_cases import VEHICLE, Edited, Ghost, Withheld, read_cases
 from bcid.proof.running import pool_of
-from bcid.recording.read import read_recording
-from bcid.recording.types import Recording
+from bcid.recording.types import Recording, Stream
 from bcid.store.artifact import sha256_of
 from bcid.store.code import code_of
-from bcid.toml_file import validated
 from bcid.vehicle import Vehicle, read_vehicle
 
 Floats = npt.NDArray[np.float64]
@@ -46,33 +43,8 @@ SCHEMA = "bcid.prove-real/1"
 HORIZON_S = 1.0
 MOVING = 0.3  # m/s: slower predictions are not compared
 MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
-AS_IT_WAS = 0.02  # relative trust in what a recording showed before it was edited
-NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found
 TIERS = ("withheld", "control", "edited")
 NOT_ASKED = "not asked"  # what makes no difference where it is withheld
-
-
-class _Asked(NamedTuple):
-    """One vehicle's files."""
-
-    vehicle: Vehicle
-    calibrated: Mapping[str, Mapping[str, Any]]  # what is otherwise in a recording
-    simulation: Path | None
-    recordings: Path
-
-    def vehicle_of(self, recording: str, tables: Mapping[str, Any] = MappingProxyType({})) -> Vehicle:
-        """The recording's vehicle, with these tables over its own."""
-        return Vehicle.model_validate(self._tables_of(recording, tables))
-
-    def check(self, cases: Cases, file: Path) -> None:
-        """Raise `InputRefused` where a question of `file` makes no vehicle."""
-        for case in cases.withheld:
-            tables = self._tables_of(case.recording, case.vehicle)
-            validated(file, Vehicle, tables, f"vehicle of {case.name!r} or its calibration", "see the vehicle file")
-
-    def _tables_of(self, recording: str, tables: Mapping[str, Any]) -> dict[str, Any]:
-        own = _laid_over(self.calibrated.get(recording, {}), tables)
-        return _laid_over(self.vehicle.model_dump(by_alias=True), own)
 
 
 _Case = tuple[Withheld | Edited, Path]  # and where its row is kept
@@ -88,7 +60,7 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     """
     cases = read_cases(file)
     simulation = cases.simulation_file(file)
-    asked = _Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, simulation, recordings)
+    asked = Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, simulation, recordings)
     asked.check(cases, file)
     folder.mkdir(parents=True, exist_ok=True)
     code = code_of(__name__)
@@ -110,7 +82,7 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
             yield row, done / len(asking)
 
 
-def _answered(groups: Sequence[list[_Case]], asked: _Asked, workers: int) -> Iterator[list[dict[str, Any]]]:
+def _answered(groups: Sequence[list[_Case]], asked: Asked, workers: int) -> Iterator[list[dict[str, Any]]]:
     """The rows of each group as it is done."""
     if workers <= 1:
         yield from (_rows(group, asked) for group in groups)
@@ -121,39 +93,24 @@ def _answered(groups: Sequence[list[_Case]], asked: _Asked, workers: int) -> Ite
             yield ended.result()
 
 
-def _rows(group: list[_Case], asked: _Asked) -> list[dict[str, Any]]:
+def _rows(group: list[_Case], asked: Asked) -> list[dict[str, Any]]:
     """What was answered, kept; edits are of one recording."""
     rows, unedited = list[dict[str, Any]](), None
     for case, kept in group:
         if isinstance(case, Withheld):
             row = _withheld(case, asked)
         else:
-            unedited = unedited or _as_it_was(case.recording, asked)
-            row = _edited(case, unedited, asked)
+            unedited = unedited or edited.as_it_was(case.recording, asked)
+            row = edited.answered(case, unedited, asked)
         keep(row, kept)
         rows.append(row)
     return rows
 
 
-def _laid_over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of `above` over those of `below`."""
-    merged = dict(below)
-    for key, value in above.items():
-        under = merged.get(key)
-        merged[key] = _laid_over(under, value) if isinstance(value, Mapping) and isinstance(under, Mapping) else value
-    return merged
-
-
-def _moved(name: str, vehicle: Vehicle, asked: _Asked) -> tuple[Recording, Estimate, Tuning]:
-    recording = read_recording(asked.recordings / name, vehicle)
-    tuning = tune([recording], vehicle, 0.1, 0.3, {})
-    return recording, estimate_motion(recording, vehicle, tuning), tuning
-
-
-def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
+def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
     """What is made of a recording where something is withheld; not asked where that makes no difference."""
     vehicle = asked.vehicle_of(case.recording, case.vehicle)
-    recording, estimate, _ = _moved(case.recording, vehicle, asked)
+    recording, estimate, tuning = asked.moved(case.recording, vehicle)
     less, ratio = None, 1.0
     if asked.simulation is not None:
         less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
@@ -174,17 +131,36 @@ def _withheld(case: Withheld, asked: _Asked) -> dict[str, Any]:
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
     answer = said(diagnosed([recording], [estimate], vehicle, less))
     beside = [f["effect"] for f in answer["findings"] if not {f["effect"], *f["twins"]} & set(case.accepted)]
-    return {**row, "beside": beside, "right": bool(_named(answer) & set(case.accepted)) != case.control, **answer}
+    named = _named(answer)
+    if case.ghost is not None:  # what the car shows without its ghost is no ghost
+        clean = _without(case.ghost, recording)
+        row["ghost_poses"] = len(recording.poses.time_s) - len(clean.poses.time_s)
+        known = (
+            diagnosed([clean], [estimate_motion(clean, vehicle, tuning)], vehicle, less) if row["ghost_poses"] else None
+        )
+        named -= _named(said(known) if known else answer)
+    right = bool(_with_kinds(named) & set(case.accepted)) != case.control
+    return {**row, "beside": beside, "right": right, **answer}
+
+
+def _without(ghost: Ghost, recording: Recording) -> Recording:
+    """The recording less the poses at the ghost's place."""
+    t, poses = recording.poses.time_s, recording.poses.values
+    away = np.hypot(poses[:, 0] - ghost.x_m, poses[:, 1] - ghost.y_m) > ghost.radius_m
+    return replace(recording, poses=Stream(t[away], poses[away]))
 
 
 def _named(answer: Mapping[str, Any]) -> set[str]:
     """All that the answer may mean by its names: effects, what cannot be told from them, a channel without a name."""
     named = {e for f in answer["findings"] for twin in (f["effect"], *f["twins"]) for e in twin.split("+")}
-    if any(EFFECTS[e].kind == "vehicle" for e in named):
-        named.add(VEHICLE)
     if answer["verdict"] == "unknown":
         named.add(f"unknown in {answer['remainder']['channel']}")
     return named
+
+
+def _with_kinds(named: Set[str]) -> set[str]:
+    """The names, and VEHICLE where one of them is the vehicle's."""
+    return {*named, *(EFFECTS[e].kind for e in named if e in EFFECTS and EFFECTS[e].kind == VEHICLE)}
 
 
 def _less(case: Withheld, published: Compared) -> Compared:
@@ -195,21 +171,17 @@ def _less(case: Withheld, published: Compared) -> Compared:
     )
 
 
-def _errors_of_the_whole(case: Withheld, asked: _Asked) -> Floats:
+def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
     """`errors` with nothing withheld."""
     vehicle = asked.vehicle_of(case.recording)
-    recording, estimate, _ = _moved(case.recording, vehicle, asked)
+    recording, estimate, _ = asked.moved(case.recording, vehicle)
     published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], vehicle)
     return _errors(published, vehicle, recording, estimate)
 
 
 def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
     """`errors` of the simulation; without one, of the base model refitted."""
-    return errors(simulation or _of_fit(based([recording], [estimate], vehicle).fit), vehicle, estimate)
-
-
-def _of_fit(fit: Fit) -> Compared:
-    return Compared(fit.car(), fit.hypothesis.values(fit.phi))
+    return errors(simulation or Compared.of(based([recording], [estimate], vehicle).fit), vehicle, estimate)
 
 
 def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
@@ -221,43 +193,6 @@ def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats
     off = (restarted(model, estimate, HORIZON_S).twist - estimate.twist)[:, [0, 2]]
     known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > MOVING)
     return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
-
-
-def _as_it_was(name: str, asked: _Asked) -> Diagnosis:
-    """What a recording shows before anything is edited in it, whether or not it has a name."""
-    vehicle, start = asked.vehicle_of(name), None
-    recording, estimate, _ = _moved(name, vehicle, asked)
-    if asked.simulation is not None:
-        start = of_parameters(asked.simulation, [estimate], vehicle)._replace(trust=None)
-    return diagnosed([recording], [estimate], vehicle, start)
-
-
-def _edited(case: Edited, unedited: Diagnosis, asked: _Asked) -> dict[str, Any]:
-    """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
-
-    Its value has to be the edit's beyond what the drive showed of it before, where that stood out.
-    """
-    vehicle = asked.vehicle_of(case.recording)
-    recording, _, tuning = _moved(case.recording, vehicle, asked)
-    known = _of_fit(unedited.search.best)._replace(trust=AS_IT_WAS)
-    before = known.effects.get(EFFECTS[case.effect].fields[0], 0.0)
-    rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
-    # an offset is the wheel's, and the log's by as much less as the drive shows that a logged angle moves the wheel
-    gain = 1.0 + known.effects.get("steering_scale__g", 0.0) if case.effect == "steering_offset" else 1.0
-    changed = EDITS[case.effect](recording, case.value / gain)
-    reach = float(np.nanmax(np.abs(changed.commands.values[:, 0])))  # the lock is not to cut an edit off
-    lock = {"max_angle_rad": max(vehicle.steering.max_angle_rad, reach)}
-    vehicle = vehicle.model_copy(update={"steering": vehicle.steering.model_copy(update=lock)})
-    answer = said(diagnosed([changed], [estimate_motion(changed, vehicle, tuning)], vehicle, rest))
-    values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
-    value, se = values[0] if values else (None, 0.0)
-    beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
-    near = max(NEAR * abs(case.value), SURE * se)
-    return {
-        "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
-        "before": before, "value": value, "beside": beside,
-        "right": value is not None and abs(value - before - case.value) < near, **answer,
-    }  # fmt: skip
 
 
 def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
