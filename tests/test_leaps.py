@@ -11,7 +11,7 @@ import pytest
 from bcid.effects.entry import Parameter
 from bcid.likelihood import leaps
 from bcid.likelihood.leaps import PATIENCE, SLACK, leapt
-from bcid.likelihood.newton import State
+from bcid.likelihood.newton import State, within
 
 FAR = 40.0
 STEP = 0.5  # that Newton's method dares, whatever lies ahead
@@ -103,6 +103,7 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
     """A place that Newton's method would move falls off an edge at once; the rest has a valley to go along."""
 
     class Floor(Valley):
+        edge = 1e-9
         size, parameters = 2, (("rough_patch__x", Parameter("x", "m", -10.0, 10.0, 1.0, "where", places=True)),)
 
         def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -110,7 +111,7 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
 
         def _settled_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
             tangent, state = super()._settled_at(of, phi, start, scales)
-            return tangent, state._replace(objective=state.objective - (100.0 if phi[1] > 1e-9 else 0.0))
+            return tangent, state._replace(objective=state.objective - (100.0 if phi[1] > self.edge else -phi[1]))
 
         def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
             slope, _ = super()._slope(of, tangent, now)
@@ -120,3 +121,14 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
     end = leapt(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
     assert end[0] == pytest.approx(FAR, abs=STEP)
     assert end[1] == 0.0
+    monkeypatch.setattr(Floor, "edge", 1.0)  # before which the place gains by moving too
+    end = leapt(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
+    assert end[0] == pytest.approx(FAR, abs=STEP)
+    assert 0.0 < end[1] <= 1.0
+
+
+def test_what_has_no_room_bends_no_other_step() -> None:
+    """Two components that pull on each other: the one that is held takes no part, not even for a moment."""
+    slope, curvature = np.array([0.2, 2.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
+    low, high = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
+    np.testing.assert_allclose(within(np.zeros(2), slope, curvature, (low, high)), [0.2, 0.0])

@@ -28,7 +28,7 @@ from bcid.likelihood.free_part import (
     settled,
     without_pushes,
 )
-from bcid.likelihood.hypothesis import Hypothesis, Setting
+from bcid.likelihood.hypothesis import MEASURED, Hypothesis, Setting
 from bcid.likelihood.leaps import SLACK
 from bcid.likelihood.marginal import (
     NU,
@@ -711,6 +711,15 @@ def test_a_steering_s_cubic_part_is_as_large_a_share_at_any_full_lock() -> None:
         assert getattr(small, name) * (0.2 * LIMIT) ** 2 == pytest.approx(getattr(cubic, name) * LIMIT**2)
     offset = BASE.entries["steering_offset"].parameters[0]
     assert replace(BASE, angle_limit=0.2 * LIMIT).entries["steering_offset"].parameters[0] == offset
+
+
+def test_a_tracked_point_that_was_measured_is_not_far_from_there() -> None:
+    own = [
+        {p.symbol: (p.low, p.high, p.size) for p in h.entries["marker_offset"].parameters}
+        for h in (BASE, replace(BASE, measured_point=True))
+    ]
+    for symbol, (low, high, size) in own[0].items():
+        assert own[1][symbol] == (MEASURED * low, MEASURED * high, size)
 
 
 def test_late_poses_are_late_commands(take: Take) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +26,7 @@ from bcid.proof.asked import Asked
 from bcid.proof.edits import EDITS
 from bcid.proof.real import NOT_ASKED, outcome, run_real
 from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
-from bcid.proof.real_cases import Ghost, Withheld
+from bcid.proof.real_cases import Edited, Withheld, read_cases
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -265,45 +264,59 @@ def test_the_whole_and_what_is_withheld_of_it_are_that_day_s_car(
 
 
 @pytest.mark.parametrize(
-    ("seen_as", "ghost_poses", "right"),
+    ("named", "right"),
     [
-        ((("steering_backlash",), ("steering_backlash",)), 3, True),
-        ((("steering_backlash", "mass_change"), ("steering_backlash",)), 3, False),
-        ((("mass_change",), ("steering_backlash",)), 3, False),
-        ((("pose_latency",), ()), 3, True),  # which is no physics of a vehicle
-        ((("steering_backlash",),), 0, True),
+        (["steering_backlash", "pose_latency"], True),
+        (["steering_backlash", "mass_change"], False),
+        (["pose_latency"], True),
+        (["rear_toe"], False),
     ],
 )
-def test_what_a_car_shows_without_its_ghost_is_no_ghost(
-    seen_as: tuple[tuple[str, ...], ...], ghost_poses: int, right: bool, drive: Recording, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    """A vehicle effect that is named with the ghost's poses only is the ghost, named as physics."""
-    values, left = drive.poses.values.copy(), [*seen_as]
-    values[:, :2] = 0.0
-    values[5 : 5 + ghost_poses, :2] = [4.0, 1.0]
-    haunted = replace(drive, poses=Stream(drive.poses.time_s, values))
+def test_what_other_drives_of_a_car_show_as_well_is_no_ghost(
+    named: list[str], right: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
-
-    def diagnosed(recordings: list[Recording], *_: Any) -> tuple[str, ...]:
-        expected = len(values) if len(left) == len(seen_as) else len(values) - ghost_poses
-        assert len(recordings[0].poses.time_s) == expected
-        return left.pop(0)
-
-    monkeypatch.setattr(Asked, "moved", lambda *_: (haunted, None, None))
-    monkeypatch.setattr(real, "estimate_motion", lambda *_: None)
-    monkeypatch.setattr(real, "diagnosed", diagnosed)
-    monkeypatch.setattr(real, "said", lambda names: {
-        "verdict": "named", "findings": [{"effect": name, "twins": []} for name in names],
-    })  # fmt: skip
+    monkeypatch.setattr(Asked, "moved", lambda *_: (None, None, None))
+    monkeypatch.setattr(real, "diagnosed", lambda *_: None)
+    findings = [{"effect": name, "twins": []} for name in named]
+    monkeypatch.setattr(real, "said", lambda _: {"verdict": "named", "findings": findings})
     case = Withheld(
-        recording="take.csv", name="ghost", accepted=[VEHICLE_PHYSICS], control=True,
-        ghost=Ghost(x_m=4.1, y_m=1.0, radius_m=0.3),
-    )  # fmt: skip
-    row = real._withheld(case, asked)
-    assert (row["right"], row["ghost_poses"], left) == (right, ghost_poses, [])
-    assert [f["effect"] for f in row["findings"]] == [*seen_as[0]]
+        recording="take.csv", name="ghost", accepted=[VEHICLE_PHYSICS], control=True, known=["steering_backlash"]
+    )
+    assert real._withheld(case, asked)["right"] is right
+
+
+@pytest.mark.parametrize(
+    ("value", "se", "before", "unsure", "right"),
+    [
+        (0.05, 0.001, -0.01, 0.001, True),
+        (0.05, 0.001, 0.01, 0.001, False),  # a third less than the edit
+        (0.06, 0.001, 0.0, 0.001, True),
+        (0.043, 0.006, 0.0, 0.001, True),  # within what it is sure of
+        (0.02, 0.1, 0.0, 0.1, False),  # which may not be anything
+        (0.02, 0.1, 0.02, 0.1, False),  # nothing more than there was before
+        (None, 0.0, 0.0, 0.0, False),
+    ],
+)
+def test_an_edit_is_what_a_drive_shows_beyond_what_it_showed_before(
+    value: float | None, se: float, before: float, unsure: float, right: bool, drive: Recording, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """A pose that comes 0.06 s late, where it came `before` already."""
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
+    found = Hypothesis((), CAR, 2.012, Constants())
+    best = SimpleNamespace(hypothesis=found, phi=found.start(CAR), car=lambda: CAR)
+    seen = [{"effect": "pose_latency", "values": {"tau": (value, se)}}] if value is not None else []
+    monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
+    monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
+    monkeypatch.setattr(edited, "_before", lambda *_: (before, unsure))
+    monkeypatch.setattr(edited, "diagnosed", lambda *_: None)
+    monkeypatch.setattr(edited, "said", lambda _: {"verdict": "named", "findings": seen})
+    case = Edited(recording="take.csv", effect="pose_latency", value=0.06)
+    row = edited.answered(case, SimpleNamespace(search=SimpleNamespace(best=best)), asked)  # type: ignore[arg-type]
+    assert (row["right"], row["before"], row["value"]) == (right, before, value)
 
 
 def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -377,7 +390,8 @@ accepted = ["steering_lag"]
         (('accepted = ["motor_lag"]', 'accepted = ["motor_lagg"]'), "motor_lagg"),
         (('accepted = ["motor_lag"]', "accepted = []"), "accepts nothing"),
         (('effect = "steering_offset"', 'effect = "no_such_edit"'), "no such edit"),
-        (("control = true", "ghost = { x_m = 0.0, y_m = 0.0, radius_m = 0.1 }"), "no control"),
+        (("control = true", 'known = ["motor_lag"]'), "no control"),
+        (("control = true", 'control = true\nknown = ["motor_lagg"]'), "motor_lagg"),
         (('"simulation.toml"', '"simulation.toml"\ncalibrated.other.body.mass_kg = 1.0'), "nothing is asked of other"),
         (('"simulation.toml"', '"simulation.toml"\ncalibrated."take.csv".body.mass = 1.0'), "unknown key body.mass"),
     ],
@@ -416,6 +430,16 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
     assert "withheld: 1 of 2; edited: 1 of 1" in " ".join(told.out.split())
     assert "drag of the steered wheel" in told.err
     assert json.loads((tmp_path / "real.json").read_text())["tiers"]["edited"] == {"right": 1, "n": 1}
+
+
+def test_the_questions_that_the_project_asks_are_questions() -> None:
+    files = [file for file in Path("pipelines").glob("*/*.toml") if "[[withheld]]" in file.read_text(encoding="utf-8")]
+    assert len(files) >= 3
+    for file in files:
+        cases = read_cases(file)
+        usual = read_vehicle(cases.vehicle_file(file))
+        Asked(usual, cases.calibrated, cases.simulation_file(file), Path()).check(cases, file)
+        assert cases.withheld
 
 
 @pytest.mark.proof

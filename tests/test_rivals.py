@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +16,7 @@ from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.rivals import distinct, settled
 from bcid.effects.constants import Constants
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.likelihood.hypothesis import Hypothesis
 
 TAKE: Any = None
@@ -125,26 +127,32 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
     assert stand_ins._stands_in("front_coulomb_friction", gain, found, take, None, {"motor": 210.0}) is stands_in
 
 
-@pytest.mark.parametrize(("as_it_is", "times"), [(-5000.0, 5.0), (-500.0, 1.0), (None, 1.0)])
-def test_what_a_simulation_cannot_explain_counts_as_it_is(
-    as_it_is: float | None, times: float, monkeypatch: pytest.MonkeyPatch
+def test_beside_a_simulation_an_effect_gains_what_its_parameters_cannot_bend_to(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of 5000 nats that it lacks a refit of its parameters takes 4000: the effect found explains them all."""
+    """The base model is as the simulation knows it, raw commands' gain and all else found as in the best fit."""
+    known = Hypothesis((), CAR, 2.012, Constants(), assumed=RAW_COMMANDS, raw_commands=True).trusting([0.0], 0.02)
+    best = known.holding("slip_speed", "motor_lag", "yaw_scrub")
+    bent = best.start(CAR._replace(K_t=2.0 * CAR.K_t), [0.3, 0.5, 0.06, 13.0])
+    asked = dict[tuple[str, ...], tuple[float, dict[str, float]]]()
 
-    def held(*_: Any) -> Any:
-        if as_it_is is None:
+    def held(take: Any, of: Hypothesis, phi: np.ndarray, scales: Any) -> Any:
+        asked[of.effects] = of.car(phi).K_t, of.values(phi)
+        if "yaw_scrub" not in of.effects:
             raise FloatingPointError
-        return SimpleNamespace(bic=as_it_is)
+        return SimpleNamespace(bic=0.0 if "motor_lag" in of.effects else -5000.0)
 
     monkeypatch.setattr(stand_ins, "held", held)
-    hypothesis = Hypothesis((), CAR, 2.012, Constants())
-    free = SimpleNamespace(hypothesis=hypothesis, scales=None)
-    trusted = SimpleNamespace(hypothesis=hypothesis.trusting([], 0.02), scales=None)
-    best = SimpleNamespace(bic=0.0)
-    take: Any = None
-    for base, expected in ((free, 1.0), (trusted, times)):
-        found: Any = SimpleNamespace(base=base, best=best)
-        assert stand_ins._times(found, 1000.0, take) == expected
+    fit = SimpleNamespace(hypothesis=best, phi=bent, scales=None)
+    found: Any = SimpleNamespace(best=fit)
+    assert stand_ins._beside_simulation(found, TAKE) == {"motor_lag": 5000.0}
+    everything = {"steering_scale__g": 0.3, "slip_speed__d": 0.5, "motor_lag__tau": 0.06, "yaw_scrub__c": 13.0}
+    for effects, (K_t, values) in asked.items():
+        assert pytest.approx(CAR.K_t) == K_t
+        expected = {f: v for f, v in everything.items() if f.partition("__")[0] in effects}
+        assert values == pytest.approx(expected)
+    free: Any = SimpleNamespace(best=SimpleNamespace(hypothesis=replace(best, simulated=None)))
+    assert stand_ins._beside_simulation(free, TAKE) == {}
 
 
 @pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])

@@ -102,4 +102,5 @@ def _likelihood(fit: Fit, take: Take, phi: Floats) -> float:
     if not np.isfinite(r).all():
         return -np.inf
     of = moments(r, fit.tangent.A, take.first)
-    return float(log_likelihood(eliminate(of, fit.scales.r, fit.scales.precisions())).sum())
+    likelihood = float(log_likelihood(eliminate(of, fit.scales.r, fit.scales.precisions())).sum())
+    return likelihood if np.isfinite(likelihood) else -np.inf

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
-import numpy as np
-
-from bcid.diagnosis.candidates import named
+from bcid.diagnosis.candidates import at_simulated, named
 from bcid.diagnosis.channels import explained_by
 from bcid.diagnosis.disturbance import disturbances, relieved
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import Search
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import held
 from bcid.likelihood.take import Take
@@ -37,28 +37,35 @@ def stand_ins(
     """
     if not gains:
         return ()
-    times = _times(found, sum(gains.values()), take) if over or left.predictable else 1.0
-    explained = {name: times * gain for name, gain in gains.items()}
+    beside = _beside_simulation(found, take) if over or left.predictable else {}
+    explained = {name: max(gain, beside.get(name, gain)) for name, gain in gains.items()}
     alone = tuple(n for n, nats in explained.items() if _stands_in(n, nats, found, take, place, over))
     if alone or not left.predictable or left.correlation <= STANDING_OUT:
         return alone
     return _mixed(found, take, left) if left.gain > _much(take, ENOUGH) * sum(explained.values()) else ()
 
 
-def _times(found: Search, gained: float, take: Take) -> float:
-    """By how much the effects found explain more than they gain beside refits without them.
+def _beside_simulation(found: Search, take: Take) -> dict[str, float]:
+    """Nats that each effect found gains beside a trusted simulation's own parameters, where there is one.
 
-    Those bend the parameters of a simulation to what is missing, however well they are known; what it cannot explain
-    as it is counts.
+    A refit without the effect bends them to what is missing, however well they are known.
     """
-    simulated = found.base.hypothesis.simulated
-    if simulated is None:
-        return 1.0
-    try:
-        as_it_is = held(take, found.base.hypothesis, np.array(simulated.phi), found.base.scales)
-    except FloatingPointError:  # it may not drive this take at all
-        return 1.0
-    return max(1.0, (found.best.bic - as_it_is.bic) / gained)
+    best = found.best.hypothesis
+    if best.simulated is None:
+        return {}
+    phi = at_simulated(found.best)
+    values = best.values(phi) | {f: v for f, v in best.values(found.best.phi).items() if f.startswith(RAW_COMMANDS)}
+
+    def nats(*effects: str) -> float:
+        own = best.holding(*effects)
+        start = own.start(best.car(phi), [values[field] for field, _ in own.parameters])
+        return held(take, own, start, found.best.scales).bic
+
+    gains = {}
+    for name in named(found.best):
+        with suppress(FloatingPointError):  # without it they may not drive this take at all
+            gains[name] = nats(*best.effects) - nats(*(n for n in best.effects if n != name))
+    return gains
 
 
 def _stands_in(

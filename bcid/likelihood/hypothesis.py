@@ -32,6 +32,7 @@ DRAG = ("R_1", "R_2")
 INERTIA, STIFFNESS = 5.0, 100.0  # times two masses over the axles, and N/rad per kg: either way, no car is beyond
 BUMPER_CAR_LOCK = 2.012  # rad, for which a steering's cubic part is declared
 FORCE_DEAD_ZONE = 0.1  # of the throttle
+MEASURED = 0.5  # of how far a tracked point may be from where it was thought, where somebody has measured that
 DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
 
@@ -87,6 +88,7 @@ class Hypothesis:
     assumed: tuple[str, ...] = ()  # effects that the simulation to compare with has: part of the base model
     raw_commands: bool = False  # in units of their own, which a gain in the vehicle file turns into rad
     simulated: Simulated | None = None  # what a simulation knows of the base model and what is assumed
+    measured_point: bool = False  # whether the vehicle file says where on the car the tracked point is
 
     @cached_property
     def entries(self) -> dict[str, Effect]:
@@ -105,6 +107,10 @@ class Hypothesis:
         if not self.raw_commands:
             for name in RAW_COMMANDS:
                 del known[name]
+        if self.measured_point:
+            point = known["marker_offset"]
+            near = tuple(p._replace(low=MEASURED * p.low, high=MEASURED * p.high) for p in point.parameters)
+            known["marker_offset"] = replace(point, parameters=near)
         return known
 
     @cached_property

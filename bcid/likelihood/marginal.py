@@ -89,11 +89,13 @@ def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
             M += weight * of.AA[s, c]
             b += weight * of.Ar[s, c]
             square += weight * of.rr[s, c]
+        if not np.isfinite(M).all():  # what is no form has no value; an exception here would end the process
+            M[:] = 0.0
         sign, size = np.linalg.slogdet(M)
-        form = sign > 0.0 and np.isfinite(size)  # else it has no value; an exception here would end the process
-        V = np.linalg.inv(M if form else np.eye(N_FREE))
+        form = 1.0 if sign > 0.0 and np.isfinite(size) else np.nan
+        V = np.linalg.inv(M if form == 1.0 else np.eye(N_FREE)) * form
         z = np.dot(V, b)
-        chi2[s] = square - np.dot(b, z) if form else np.nan
+        chi2[s] = square - np.dot(b, z)
         log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size
         count[s] = 3 * of.rows[s] - N_START
         zs[s], Vs[s] = z, V

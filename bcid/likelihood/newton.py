@@ -128,9 +128,12 @@ def slope_and_curvature(of: Problem, tangent: Tangent, now: State) -> tuple[Floa
 
 
 def within(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:
-    """Where a Newton step leads; what would leave its bounds stays there, and the others go on without it."""
+    """Where a Newton step leads; what would leave its bounds stays there, and the others go on without it.
+
+    So they do without what has no room between its bounds.
+    """
     low, high = bounds
-    free, after = np.ones(len(phi), dtype=bool), phi.copy()
+    free, after = low < high, phi.copy()
     while free.any():
         rest = slope - curvature[:, ~free] @ (after - phi)[~free]
         change = np.linalg.lstsq(curvature[np.ix_(free, free)], rest[free], rcond=None)[0]

@@ -90,7 +90,7 @@ def base_of(vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: 
     )
     return Hypothesis(
         (), car, steering.max_angle_rad, constants_of(vehicle), unknown, units_of(car, estimates), assumed,
-        vehicle.raw_steering,
+        vehicle.raw_steering, measured_point=vehicle.mocap.marker_offset_m is not None,
     )  # fmt: skip
 
 

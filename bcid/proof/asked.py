@@ -34,6 +34,8 @@ class Asked(NamedTuple):
         for case in cases.withheld:
             tables = self._tables_of(case.recording, case.vehicle)
             validated(file, Vehicle, tables, f"vehicle of {case.name!r} or its calibration", "see the vehicle file")
+        for name in self.calibrated:
+            validated(file, Vehicle, self._tables_of(name, {}), f"calibration of {name}", "see the vehicle file")
 
     def moved(self, name: str, vehicle: Vehicle) -> tuple[Recording, Estimate, Tuning]:
         """The recording, and its motion."""

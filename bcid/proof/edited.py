@@ -19,7 +19,8 @@ from bcid.proof.edits import EDITS
 from bcid.proof.real_cases import Edited
 
 AS_IT_WAS = 0.02  # relative trust in what a recording showed before it was edited
-NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found
+NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found,
+FARTHEST = 0.5  # of its size, however large they are
 
 
 def as_it_was(name: str, asked: Asked) -> Diagnosis:
@@ -51,7 +52,7 @@ def answered(case: Edited, unedited: Diagnosis, asked: Asked) -> dict[str, Any]:
     values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
     value, se = values[0] if values else (None, 0.0)
     beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
-    near = max(NEAR * abs(case.value), SURE * math.hypot(se, unsure))
+    near = min(max(NEAR * abs(case.value), SURE * math.hypot(se, unsure)), FARTHEST * abs(case.value))
     return {
         "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
         "before": before, "value": value, "beside": beside,

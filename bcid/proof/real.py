@@ -1,8 +1,8 @@
 """Real recordings with a known omission: a published model less one of its effects must be told which one.
 
 Controls are what must not be named: an effect that a drive does not excite, or any vehicle physics where the tracking
-failed.  A last tier edits recordings (`bcid.proof.edits`), so that what the edited ones show beyond the recording as it
-was is known exactly.
+failed, beyond what other drives of the car show as well.  A last tier edits recordings (`bcid.proof.edits`), so that
+what the edited ones show beyond the recording as it was is known exactly.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence, Set
 from concurrent.futures import as_completed
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +22,15 @@ from bcid.diagnosis.diagnose import Compared, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
-from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
 from bcid.proof import edited
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
 from bcid.proof.keeping import keep
-from bcid.proof.real_cases import VEHICLE, Edited, Ghost, Withheld, read_cases
+from bcid.proof.real_cases import VEHICLE, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
-from bcid.recording.types import Recording, Stream
+from bcid.recording.types import Recording
 from bcid.store.artifact import sha256_of
 from bcid.store.code import code_of
 from bcid.vehicle import Vehicle, read_vehicle
@@ -110,7 +108,7 @@ def _rows(group: list[_Case], asked: Asked) -> list[dict[str, Any]]:
 def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
     """What is made of a recording where something is withheld; not asked where that makes no difference."""
     vehicle = asked.vehicle_of(case.recording, case.vehicle)
-    recording, estimate, tuning = asked.moved(case.recording, vehicle)
+    recording, estimate, _ = asked.moved(case.recording, vehicle)
     less, ratio = None, 1.0
     if asked.simulation is not None:
         less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
@@ -131,23 +129,8 @@ def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
     answer = said(diagnosed([recording], [estimate], vehicle, less))
     beside = [f["effect"] for f in answer["findings"] if not {f["effect"], *f["twins"]} & set(case.accepted)]
-    named = _named(answer)
-    if case.ghost is not None:  # what the car shows without its ghost is no ghost
-        clean = _without(case.ghost, recording)
-        row["ghost_poses"] = len(recording.poses.time_s) - len(clean.poses.time_s)
-        known = (
-            diagnosed([clean], [estimate_motion(clean, vehicle, tuning)], vehicle, less) if row["ghost_poses"] else None
-        )
-        named -= _named(said(known) if known else answer)
-    right = bool(_with_kinds(named) & set(case.accepted)) != case.control
-    return {**row, "beside": beside, "right": right, **answer}
-
-
-def _without(ghost: Ghost, recording: Recording) -> Recording:
-    """The recording less the poses at the ghost's place."""
-    t, poses = recording.poses.time_s, recording.poses.values
-    away = np.hypot(poses[:, 0] - ghost.x_m, poses[:, 1] - ghost.y_m) > ghost.radius_m
-    return replace(recording, poses=Stream(t[away], poses[away]))
+    told = _with_kinds(_named(answer) - set(case.known))
+    return {**row, "beside": beside, "right": bool(told & set(case.accepted)) != case.control, **answer}
 
 
 def _named(answer: Mapping[str, Any]) -> set[str]:

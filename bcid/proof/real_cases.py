@@ -16,14 +16,6 @@ from bcid.toml_file import Settings, read_toml
 VEHICLE = "vehicle"
 
 
-class Ghost(Settings):
-    """A place where the tracking sees the body while the car is elsewhere."""
-
-    x_m: float
-    y_m: float
-    radius_m: float
-
-
 class Withheld(Settings):
     """What the simulation is denied: an effect, parameters, or what the vehicle file knows."""
 
@@ -34,7 +26,7 @@ class Withheld(Settings):
     vehicle: dict[str, Any] = Field(default_factory=dict)  # tables laid over the vehicle file's
     accepted: list[str]  # ids, "unknown in CHANNEL", or "vehicle" for all that is neither measurement nor floor
     control: bool = False  # none of `accepted` may be named
-    ghost: Ghost | None = None  # of a control: nor may be what is not named where the ghost's poses are taken out
+    known: list[str] = Field(default_factory=list)  # of a control: what other drives of the car show as well
 
     @property
     def withholds(self) -> bool:
@@ -86,8 +78,9 @@ def read_cases(file: Path) -> Cases:
             raise InputRefused(file, place, f"accepts {strange or 'nothing'}", "see `bcid effects` for the ids")
         if case.parameters and simulation is None:
             raise InputRefused(file, place, "changes parameters of no simulation", "name a simulation")
-        if case.ghost and not case.control:
-            raise InputRefused(file, place, "has a ghost and is no control", "say control = true")
+        unknown = [k for k in case.known if k not in EFFECTS]
+        if unknown or (case.known and not case.control):
+            raise InputRefused(file, place, f"knows {unknown or 'something and is no control'}", "see `bcid effects`")
     asked = {case.recording for case in cases.withheld} | {edit.recording for edit in cases.edited}
     unasked = set(cases.calibrated) - asked
     if unasked:
