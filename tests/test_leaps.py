@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.effects.entry import Parameter
 from bcid.likelihood import leaps
 from bcid.likelihood.leaps import PATIENCE, SLACK, leapt
 from bcid.likelihood.newton import State, within
@@ -21,7 +20,7 @@ class Valley:
     """A hypothesis of one parameter whose objective is known everywhere, and seen to a step ahead only."""
 
     size, bound = 1, np.inf
-    base_size, parameters = 1, ()
+    placed = np.array([False])
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
         self.calls, self._objective = 0, objective
@@ -104,7 +103,7 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
 
     class Floor(Valley):
         edge = 1e-9
-        size, parameters = 2, (("rough_patch__x", Parameter("x", "m", -10.0, 10.0, 1.0, "where", places=True)),)
+        size, placed = 2, np.array([False, True])
 
         def bounds(self) -> tuple[np.ndarray, np.ndarray]:
             return np.array([-np.inf, -10.0]), np.array([np.inf, 10.0])

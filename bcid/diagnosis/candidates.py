@@ -84,8 +84,8 @@ def at_simulated(corrected: Fit) -> Floats:
 def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
     """Effects that `fit` does not hold and that are not bound to a place."""
     entries, held = fit.hypothesis.entries, fit.hypothesis.effects
-    own = {n: entries[n].parameters for n in EFFECTS if n in entries and n not in (*held, *left_out)}
-    return tuple(n for n, parameters in own.items() if parameters and not any(p.places for p in parameters))
+    own = [entries[n] for n in EFFECTS if n in entries and n not in (*held, *left_out)]
+    return tuple(e.id for e in own if e.amplitudes and not e.places)
 
 
 def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> list[Fit]:

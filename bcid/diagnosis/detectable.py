@@ -63,7 +63,7 @@ def options_of(names: Sequence[str], take: Take, hypothesis: Hypothesis) -> list
 
 def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
     """Where an effect may be: circles over the floor that was driven, a cable from any side of it, any time."""
-    symbols = [p.symbol for p in effect.parameters if p.places]
+    symbols = [p.symbol for p in effect.places]
     if not symbols:
         return [{}]
     if "t_s" in symbols:
@@ -111,9 +111,9 @@ def detectable(
     found: dict[str, Sizes | None] = {}
     for name in names:
         seen: Sizes = {}
-        for p in hypothesis.entries[name].parameters:
+        for p in hypothesis.entries[name].amplitudes:
             here = [s for o, s in zip(options, sizes, strict=True) if (o.effect, o.parameter) == (name, p)]
-            if not p.places and np.isfinite(here).mean() >= SHOWN:
+            if np.isfinite(here).mean() >= SHOWN:
                 seen[p.symbol] = (float(np.sort(here)[int(SHOWN * (len(here) - 1))]), p.unit)
         found[name] = seen or None
     return found

@@ -36,7 +36,7 @@ def smallest_detectable(fit: Fit, take: Take, trials: Changes, gate: float) -> d
     for trial in trials.trials:
         if trial.effect not in EFFECTS:
             continue
-        amplitudes = [p for p in entries[trial.effect].parameters if not p.places]
+        amplitudes = entries[trial.effect].amplitudes
         sizes = found.setdefault(trial.effect, {p.symbol: None for p in amplitudes})
         for k, vector in enumerate(trial.vectors):
             i = next(i for i, p in enumerate(entries[trial.effect].parameters) if not p.places and vector[i] != p.off)

@@ -22,7 +22,7 @@ LOOKS = 1000  # of a search all around before a walk
 
 def placed(fit: Fit, take: Take) -> Fit:
     """The fit with its effects' places and times where the likelihood is highest nearby."""
-    if not any(p.places for _, p in fit.hypothesis.parameters):
+    if not fit.hypothesis.placed.any():
         return fit
     for _ in range(WALKS):
         try:

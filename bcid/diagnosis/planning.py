@@ -89,10 +89,9 @@ def plan(
 
 def _excess(sizes: Sizes | None, effect: Effect) -> float:
     """The smallest size that shows over the declared one, of the amplitude that shows least."""
-    amplitudes = [p for p in effect.parameters if not p.places]
-    if sizes is None or any(p.symbol not in sizes for p in amplitudes):
+    if sizes is None or any(p.symbol not in sizes for p in effect.amplitudes):
         return math.inf
-    return max(sizes[p.symbol][0] / p.size for p in amplitudes)
+    return max(sizes[p.symbol][0] / p.size for p in effect.amplitudes)
 
 
 def _promising(sizes: Sizes | None, effect: Effect) -> bool:

@@ -173,7 +173,7 @@ def nulls(fit: Fit, take: Take, trials: Changes) -> Nulls:
     A placebo is a trial's change carried to segments half a take away, where it has nothing to explain.
     """
     found = projected(fit, take, trials.columns)
-    local = [t.own for t in trials.trials if any(p.places for p in ENTRIES[t.effect].parameters)]
+    local = [t.own for t in trials.trials if ENTRIES[t.effect].places]
     maxima = null_maxima(found, [t.own for t in trials.trials])
     best = max(promise(found, t.own) for t in trials.trials)
     elsewhere = projected(fit, take, _elsewhere(trials.columns, take))

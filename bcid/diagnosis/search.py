@@ -125,7 +125,7 @@ def _with_one_more(
     effects `names` at their sizes, from the parameters of a simulation to be trusted as long as there is one.
     """
     if take.pushed:  # beside pushes that do its work already, a small change promises little of what an effect does
-        shortlist = [c for c in shortlist if any(p.places for p in best.hypothesis.entries[c.effect].parameters)]
+        shortlist = [c for c in shortlist if best.hypothesis.entries[c.effect].places]
     fits = of_the_shortlist(best, take, shortlist)
     if given:
         fits += beside_given(given, best, take, left_out)

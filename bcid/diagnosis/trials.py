@@ -53,7 +53,7 @@ def _places(effect: Effect, take: Take, odd: Sequence[Circle]) -> list[dict[str,
 
     Circles are tried on a grid and where the disturbances are larger than elsewhere.
     """
-    symbols = [p.symbol for p in effect.parameters if p.places]
+    symbols = [p.symbol for p in effect.places]
     if not symbols:
         return [{}]
     if "t_s" in symbols:

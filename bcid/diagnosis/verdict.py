@@ -141,10 +141,9 @@ def _values(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
 
 def _passes(finding: Finding, found: Search) -> bool:
     entry = found.best.hypothesis.entries[finding.effect]
-    local = any(p.places for p in entry.parameters)
-    matters = any(abs(finding.values[p.symbol][0]) > RELEVANT_SIZE * p.size for p in entry.parameters if not p.places)
+    matters = any(abs(finding.values[p.symbol][0]) > RELEVANT_SIZE * p.size for p in entry.amplitudes)
     sure = finding.heldout.ci95[0] > 0.0 or finding.heldout.nats > PLAIN  # few blocks of a short take scatter
-    worth = finding.heldout.nats > found.nulls.local_gate if local else sure
+    worth = finding.heldout.nats > found.nulls.local_gate if entry.places else sure
     return worth and matters and finding.gain > found.nulls.gate
 
 

@@ -108,6 +108,16 @@ class Effect:
         """The parameters' names among the switches."""
         return tuple(field_of(self.id, p.symbol) for p in self.parameters)
 
+    @property
+    def places(self) -> tuple[Parameter, ...]:
+        """Where and when it acts; empty for what acts everywhere."""
+        return tuple(p for p in self.parameters if p.places)
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        """How strong it is."""
+        return tuple(p for p in self.parameters if not p.places)
+
 
 def field_of(effect: str, symbol: str) -> str:
     """The name of an effect's parameter among the switches."""

@@ -60,7 +60,7 @@ def as_markdown(effects: Sequence[Effect]) -> str:
     rows = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
     for e in effects:
         numbers = "; ".join(f"{p.symbol} {unit_in_words(p.unit)}" for p in e.parameters)
-        sizes = "; ".join(f"{p.symbol} {p.size:g}" for p in e.parameters if not p.places)
+        sizes = "; ".join(f"{p.symbol} {p.size:g}" for p in e.amplitudes)
         cells = [f"`{e.id}`", e.equation, numbers, sizes, e.channel, e.kind, ", ".join(e.looks_like) or "–", e.source]
         rows.append(f"| {' | '.join(cells)} |")
     return INTRODUCTION + "\n" + "\n".join(rows) + "\n\n" + REFERENCES.rstrip()

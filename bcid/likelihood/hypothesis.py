@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import FORCE_ONLY, RAW_COMMANDS
@@ -150,6 +151,11 @@ class Hypothesis:
     def size(self) -> int:
         """Length of phi."""
         return self.base_size + len(self.parameters)
+
+    @property
+    def placed(self) -> npt.NDArray[np.bool_]:
+        """Which of phi are places or times."""
+        return np.array([False] * self.base_size + [p.places for _, p in self.parameters])
 
     def sizes(self) -> Floats:
         """What one unit of each effect parameter in phi is."""

@@ -22,7 +22,7 @@ SLACK = 3.0  # nats by which settling anew makes the same parameters better or w
 PATIENCE = 3  # leaps without a gain
 
 
-class _Place(NamedTuple):
+class _Point(NamedTuple):
     """A state, and how the objective answers there."""
 
     tangent: Tangent
@@ -46,7 +46,7 @@ def leapt(of: Problem, phi: Floats, start: Floats, scales: Scales, leaps: int) -
         step = leap.state.phi - now.state.phi
         now = _stretched(of, now.state, leap) if last is not None and _straight(last, step) else leap
         last, vain = step, 0 if now.state.objective > best.state.objective + CONVERGED else vain + 1
-        best = max(best, now, key=lambda place: place.state.objective)
+        best = max(best, now, key=lambda point: point.state.objective)
         if vain == PATIENCE:
             break
     return best.tangent, best.state
@@ -56,7 +56,7 @@ def _straight(last: Floats, step: Floats) -> bool:
     return float(last @ step) > STRAIGHT * float(np.linalg.norm(last) * np.linalg.norm(step))
 
 
-def _leap(of: Problem, now: _Place) -> _Place | None:
+def _leap(of: Problem, now: _Point) -> _Point | None:
     """Where the first damped Newton step leads that is hardly worse; or none."""
     phi = now.state.phi
     for damping, bounds in _ways(of, phi):
@@ -75,15 +75,14 @@ def _ways(of: Problem, phi: Floats) -> list[tuple[float, tuple[Floats, Floats]]]
     Over an edge on the floor no tangent holds: where places are not leapt to as they stand, all else goes on without.
     """
     low, high = of.hypothesis.bounds()
-    first = of.hypothesis.base_size
-    placed = np.array([False] * first + [p.places for _, p in of.hypothesis.parameters])
+    placed = of.hypothesis.placed
     if not placed.any():
         return [(damping, (low, high)) for damping in DAMPINGS]
     there = np.where(placed, phi, low), np.where(placed, phi, high)
     return [(DAMPINGS[0], (low, high)), *((damping, there) for damping in DAMPINGS)]
 
 
-def _stretched(of: Problem, before: State, leap: _Place) -> _Place:
+def _stretched(of: Problem, before: State, leap: _Point) -> _Point:
     """The leap, or twice, four times as far, as long as that gains and the bounds let it."""
     step, times, bounds = leap.state.phi - before.phi, 2.0, of.hypothesis.bounds()
     while True:
@@ -96,14 +95,14 @@ def _stretched(of: Problem, before: State, leap: _Place) -> _Place:
         leap, times = further, 2.0 * times
 
 
-def _tried(of: Problem, phi: Floats, near: State) -> _Place | None:
-    """The place at phi from the free parts of a state nearby, or nothing where a step too long left the numbers."""
+def _tried(of: Problem, phi: Floats, near: State) -> _Point | None:
+    """The point at phi from the free parts of a state nearby, or nothing where a step too long left the numbers."""
     try:
         return _at(of, phi, near.start, near.scales)
     except FloatingPointError:
         return None
 
 
-def _at(of: Problem, phi: Floats, start: Floats, scales: Scales) -> _Place:
+def _at(of: Problem, phi: Floats, start: Floats, scales: Scales) -> _Point:
     tangent, state = settled_at(of, phi, start, scales)
-    return _Place(tangent, state, *slope_and_curvature(of, tangent, state))
+    return _Point(tangent, state, *slope_and_curvature(of, tangent, state))

@@ -137,7 +137,7 @@ def _anew(of: Problem, anchor: State, ahead: State) -> tuple[Tangent, State] | N
     A tangent that is left far behind promises what is not there, of initial states above all.  Where an edge on the
     floor makes the likelihood rough, a refit goes on through its dents.
     """
-    rough = any(p.places for _, p in of.hypothesis.parameters)
+    rough = of.hypothesis.placed.any()
     for share in SHORTER:
         phi = anchor.phi + share * (ahead.phi - anchor.phi)
         start = anchor.start + share * (ahead.start - anchor.start)

@@ -175,7 +175,7 @@ def _parameters(rows: Sequence[dict[str, Any]]) -> tuple[list[float], list[bool]
     for row in rows:
         for finding in row["findings"]:
             truth = row["truth"].get(finding["effect"], {})
-            places = {p.symbol for p in EFFECTS[finding["effect"]].parameters if p.places}
+            places = {p.symbol for p in EFFECTS[finding["effect"]].places}
             for symbol, true in truth.items():
                 if symbol in places or symbol not in finding["values"] or true == 0.0:
                     continue
