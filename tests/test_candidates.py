@@ -23,6 +23,7 @@ from bcid.diagnosis.candidates import (
     without_place,
 )
 from bcid.effects.constants import Constants
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.likelihood.hypothesis import Hypothesis
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
@@ -197,6 +198,13 @@ def test_a_trusted_simulation_s_parameters_leave_what_was_found_alone() -> None:
     phi = at_simulated(bent)
     np.testing.assert_array_equal(phi[: len(trusting.simulated.phi)], trusting.simulated.phi)
     assert trusting.values(phi)["yaw_scrub__c"] == pytest.approx(7.0)
+
+
+def test_a_gain_of_raw_commands_is_none_of_a_simulation_s_parameters() -> None:
+    raw = replace(BASE, assumed=("motor_lag", *RAW_COMMANDS), raw_commands=True).trusting([0.06, 0.0], 0.02)
+    bent: Any = base_fit(raw.holding("yaw_scrub"), (0.5, 0.2, 7.0))
+    values = raw.holding("yaw_scrub").values(at_simulated(bent))
+    assert values == pytest.approx({"motor_lag__tau": 0.06, "steering_scale__g": 0.2, "yaw_scrub__c": 7.0})
 
 
 def test_what_a_base_model_assumes_may_end_where_it_will() -> None:

@@ -161,6 +161,10 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     np.testing.assert_allclose(stiffness[:logs], 0.02**-2)
     lag = base  # in units of its size, as well known relative to itself
     assert stiffness[lag] == pytest.approx((0.02 * max(centre[lag], 1.0)) ** -2)
+    otherwise = free.trusting(values, 0.02, {"K_t": 0.1, "motor_lag": 0.5}).holding("yaw_scrub").prior(more)[1]
+    changed = np.flatnonzero(otherwise != stiffness)
+    np.testing.assert_array_equal(changed, [trusting.logs.index("K_t"), lag])
+    assert otherwise[changed] == pytest.approx([0.1**-2, (0.5 * max(centre[lag], 1.0)) ** -2])
     assert stiffness[lag + 1] == pytest.approx(PRIOR_SD**-2)  # a gain of raw commands belongs to no simulation
     assert stiffness[-1] == 0.0  # nor does what may be missing
 
@@ -172,6 +176,9 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
         (parameters(no_such="a = 1.0"), "effects.no_such"),
         (parameters(motor_lag="sigma = 1.0"), "effects.motor_lag"),
         ("relative_sd = -1.0\n[parameters]", "relative_sd"),
+        (parameters() + "\n[relative_sd_of]\nK_tt = 0.1", "names K_tt"),
+        (parameters() + "\n[relative_sd_of]\nK_t = 2.0", "relative_sd_of.K_t"),
+        (parameters().partition("\n")[2] + "\n[relative_sd_of]\nK_t = 0.1", "stands without"),
         ("parameters = 3", "parameters"),
         ("[parameters", "not valid TOML"),
     ],

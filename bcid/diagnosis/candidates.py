@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.hypothesis import Hypothesis
@@ -71,14 +72,18 @@ def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]
 
 
 def at_simulated(corrected: Fit) -> Floats:
-    """The fit's phi with the parameters of a simulation to be trusted.
+    """The fit's phi with the parameters of a simulation to be trusted; a gain of raw commands is none of them.
 
     What is missing is plain there, and hardly seen any more where those have bent to it.
     """
     hypothesis = corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
-    return np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
+    phi = np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
+    for k, (field, _) in enumerate(hypothesis.parameters, start=hypothesis.base_size):
+        if field.startswith(RAW_COMMANDS):
+            phi[k] = corrected.phi[k]
+    return phi
 
 
 def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:

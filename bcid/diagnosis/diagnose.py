@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +67,7 @@ class Compared(NamedTuple):
     car: Car
     effects: dict[str, float]  # by field of the switches
     trust: float | None = None  # relative standard deviation of all that; None to refit it freely
+    trust_of: Mapping[str, float] = MappingProxyType({})  # the same of a parameter or effect that is known otherwise
 
     @classmethod
     def of(cls, fit: Fit) -> Compared:
@@ -126,7 +128,7 @@ def based(
     hypothesis = base_of(vehicle, car, estimates, effects_of(assumed))
     values = list(assumed.values())
     if simulation and simulation.trust is not None:
-        hypothesis = hypothesis.trusting(values, simulation.trust)
+        hypothesis = hypothesis.trusting(values, simulation.trust, simulation.trust_of)
     progress(0.05, "the base model")
     with _followed(recordings):
         take, hits, fit = base_from(recordings, estimates, hypothesis, values)

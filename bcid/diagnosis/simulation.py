@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -49,10 +49,14 @@ def of_model(folder: Path) -> Compared:
     raise InputRefused(folder, "model.json", f"holds {model.name}, which has no forces", "name a newton-euler model")
 
 
+_Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
 class Parameters(Settings):
     """A file of parameters, measured or published."""
 
-    relative_sd: float | None = Field(default=None, gt=0.0, le=1.0)
+    relative_sd: _Share | None = None
+    relative_sd_of: dict[str, _Share] = Field(default_factory=dict)  # by parameter or effect: what is known otherwise
     parameters: dict[str, float]
     effects: dict[str, dict[str, float]] = Field(default_factory=dict)
 
@@ -60,7 +64,8 @@ class Parameters(Settings):
 def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
     """The simulation whose parameters a TOML file gives: Newton-Euler's, and those of the effects that it has.
 
-    With `relative_sd` the parameters stay about that near to what they are; without, they are where the refit starts.
+    With `relative_sd` the parameters stay about that near to what they are, or as near as `relative_sd_of` says of one;
+    without, they are where the refit starts.
 
     Raises:
         InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.
@@ -85,6 +90,10 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
     for name, values in file.effects.items():
         if name not in ENTRIES or set(values) != {p.symbol for p in ENTRIES[name].parameters}:
             raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
+    unknown = sorted(set(file.relative_sd_of) - set(file.parameters) - set(file.effects))
+    if unknown or (file.relative_sd_of and file.relative_sd is None):
+        cause = f"names {', '.join(unknown)}, which the file does not give" if unknown else "stands without relative_sd"
+        raise InputRefused(path, "relative_sd_of", cause, "give relative_sd, and here what is known otherwise")
     facts = estimates[0].facts
     car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)._replace(**file.parameters)
     entries, fields = base_of(vehicle, car, estimates).entries, dict[str, float]()
@@ -96,7 +105,7 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
                 bounds = f"{p.symbol} = {values[p.symbol]:g} lies outside {p.low:g} to {p.high:g} {p.unit}"
                 raise InputRefused(path, f"effects.{name}", bounds, "check its unit; see bcid effects")
             fields[field] = values[p.symbol]
-    return Compared(car, fields, file.relative_sd)
+    return Compared(car, fields, file.relative_sd, file.relative_sd_of)
 
 
 def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:

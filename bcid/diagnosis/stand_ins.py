@@ -11,7 +11,6 @@ from bcid.diagnosis.disturbance import disturbances, relieved
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import Search
-from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import held
 from bcid.likelihood.take import Take
@@ -54,7 +53,7 @@ def _beside_simulation(found: Search, take: Take) -> dict[str, float]:
     if best.simulated is None:
         return {}
     phi = at_simulated(found.best)
-    values = best.values(phi) | {f: v for f, v in best.values(found.best.phi).items() if f.startswith(RAW_COMMANDS)}
+    values = best.values(phi)
 
     def nats(*effects: str) -> float:
         own = best.holding(*effects)

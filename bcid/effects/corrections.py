@@ -60,7 +60,7 @@ CORRECTIONS: dict[str, Effect] = {
         ),
         Effect(
             "two_rear_wheels", "the rear axle's side force as that of two wheels, t apart",
-            (Parameter("t", "m", 0.0, 5.0, 0.5, "track of the rear wheels"),),
+            (Parameter("t", "m", 0.0, 1.3, 0.5, "track of the rear wheels"),),  # at most one and a half wheelbases
             "fy", depends_on=("alpha_r", "yaw_rate"),
             source="slip angle of each rear wheel at its own place; rigid-body kinematics",
         ),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -181,18 +182,20 @@ class Hypothesis:
             centre[:n], stiffness[:n] = self.simulated.phi, 1.0 / np.array(self.simulated.sd) ** 2
         return centre, stiffness
 
-    def trusting(self, values: Sequence[float], relative: float) -> Hypothesis:
+    def trusting(
+        self, values: Sequence[float], relative: float, of: Mapping[str, float] = MappingProxyType({})
+    ) -> Hypothesis:
         """The same where the nominal car and the `values` of what is assumed are known as well as `relative` says.
 
-        What is nothing in the simulation is known as well as that share of its unit; a gain that turns raw commands
-        into angles belongs to no simulation, and stays as free as it is.
+        Or as `of` says of a parameter of the base model or of an effect by its name.  What is nothing in the simulation
+        is known as well as that share of its unit; a gain that turns raw commands into angles belongs to no simulation,
+        and stays as free as it is.
         """
-        centre = self.holding().start(self.nominal, values)
-        sd = np.full(len(centre), relative)  # of a logarithm it is relative as it stands
+        centre, own = self.holding().start(self.nominal, values), self.holding().parameters
+        names = [*self.logs, *DRAG, *(field.partition("__")[0] for field, _ in own)]
+        sd = np.array([of.get(name, relative) for name in names])  # of a logarithm it is relative as it stands
         sd[len(self.logs) :] *= np.maximum(np.abs(centre[len(self.logs) :]), 1.0)
-        for k, (field, _) in enumerate(self.holding().parameters, start=self.base_size):
-            if field.partition("__")[0] in RAW_COMMANDS:
-                sd[k] = PRIOR_SD
+        sd[[name in RAW_COMMANDS for name in names]] = PRIOR_SD
         return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist())))
 
     def bounds(self) -> tuple[Floats, Floats]:
