@@ -37,7 +37,7 @@ EFFECTS = (
     Effect(
         "mass_change", "m, I_z × (1 + d) from t_s on",
         (
-            Parameter("d", "1", -0.8, 3.0, 0.1, "relative change"),
+            Parameter("d", "1", -0.5, 3.0, 0.1, "relative change"),  # a load is seldom more than the car
             Parameter("t_s", "s", 0.0, 1e5, 0.0, "when", places=True),
         ),
         "any", looks_like=("motor_sag",), depends_on=("time",),
