@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,6 +19,7 @@ from bcid.effects.corrections import RAW_COMMANDS
 from bcid.likelihood.hypothesis import Hypothesis
 
 TAKE: Any = None
+NOTHING_LEFT = Remainder("fx", 0.0, {}, (), 0.0, None)
 
 
 def fit(bic: float, *effects: str) -> Any:
@@ -106,10 +106,9 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
 ) -> None:
     seen = {"best": shoved(1.0, 1.0, 1.0), "no lag": shoved(3.0, 1.0, 1.0), "no scrub": shoved(1.0, 1.1, 3.0)}
     monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: seen[fit])
-    monkeypatch.setattr(stand_ins, "named", lambda fit: ("motor_lag", "yaw_scrub"))
-    found: Any = SimpleNamespace(best="best", without={"motor_lag": "no lag", "yaw_scrub": "no scrub"})
     left = Remainder("fy", max(standing.values()), standing, (), 50.0, None)
-    assert stand_ins._mixed(found, None, left) == mixed  # type: ignore[arg-type]
+    shown: Any = stand_ins._Seen("best", {"motor_lag": "no lag", "yaw_scrub": "no scrub"}, left, {})  # type: ignore[arg-type,dict-item]
+    assert stand_ins._mixed(shown, TAKE) == mixed
 
 
 @pytest.mark.parametrize(
@@ -121,38 +120,68 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
 ) -> None:
     """Free functions promise 200 nats of it to first order; of 280 in another channel 210 are left beside it."""
     monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
-    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(3.0 if fit == "none" else 1.0, 1.0, 1.0))
-    found: Any = SimpleNamespace(best="best", without={"front_coulomb_friction": "none"})
+    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    fits: Any = SimpleNamespace(bic=gain), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
     take: Any = SimpleNamespace(pushed=pushed)
-    assert stand_ins._stands_in("front_coulomb_friction", gain, found, take, None, {"motor": 210.0}) is stands_in
+    seen = stand_ins._Seen(*fits, NOTHING_LEFT, {"motor": 210.0})
+    assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
 
 
-def test_beside_a_simulation_an_effect_gains_what_its_parameters_cannot_bend_to(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The base model is as the simulation knows it, raw commands' gain and all else found as in the best fit."""
+def fitted(of: Hypothesis, K_t: float, *values: float, bic: float = 0.0) -> Any:
+    return SimpleNamespace(hypothesis=of, phi=of.start(CAR._replace(K_t=K_t), values), scales=None, bic=bic)
+
+
+def test_beside_a_simulation_only_its_own_parameters_go_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The car is as the simulation knows it; raw commands' gain and all else as in each fit."""
     known = Hypothesis((), CAR, 2.012, Constants(), assumed=RAW_COMMANDS, raw_commands=True).trusting([0.0], 0.02)
-    best = known.holding("slip_speed", "motor_lag", "yaw_scrub")
-    bent = best.start(CAR._replace(K_t=2.0 * CAR.K_t), [0.3, 0.5, 0.06, 13.0])
+    best = fitted(known.holding("slip_speed", "motor_lag", "yaw_scrub"), 300.0, 0.3, 0.5, 0.06, 13.0)
+    no_lag = fitted(known.holding("slip_speed", "yaw_scrub"), 350.0, 0.1, 0.4, 14.0)
+    no_scrub = fitted(known.holding("slip_speed", "motor_lag"), 250.0, 0.2, 0.6, 0.05)
     asked = dict[tuple[str, ...], tuple[float, dict[str, float]]]()
 
     def held(take: Any, of: Hypothesis, phi: np.ndarray, scales: Any) -> Any:
         asked[of.effects] = of.car(phi).K_t, of.values(phi)
         if "yaw_scrub" not in of.effects:
             raise FloatingPointError
-        return SimpleNamespace(bic=0.0 if "motor_lag" in of.effects else -5000.0)
+        return SimpleNamespace(bic=0.0 if "motor_lag" in of.effects else -5000.0, car=lambda: CAR)
 
     monkeypatch.setattr(stand_ins, "held", held)
-    fit = SimpleNamespace(hypothesis=best, phi=bent, scales=None)
-    found: Any = SimpleNamespace(best=fit)
-    assert stand_ins._beside_simulation(found, TAKE) == {"motor_lag": 5000.0}
-    everything = {"steering_scale__g": 0.3, "slip_speed__d": 0.5, "motor_lag__tau": 0.06, "yaw_scrub__c": 13.0}
-    for effects, (K_t, values) in asked.items():
+    for name in ("disturbances", "remainder", "explained_by"):
+        monkeypatch.setattr(stand_ins, name, lambda *_: {})
+    found: Any = SimpleNamespace(best=best, without={"motor_lag": no_lag, "yaw_scrub": no_scrub})
+    assert stand_ins._beside_simulation(found, TAKE, None).gains == {"motor_lag": 5000.0}
+    for fit in (best, no_lag, no_scrub):
+        K_t, values = asked[fit.hypothesis.effects]
         assert pytest.approx(CAR.K_t) == K_t
-        expected = {f: v for f, v in everything.items() if f.partition("__")[0] in effects}
-        assert values == pytest.approx(expected)
-    free: Any = SimpleNamespace(best=SimpleNamespace(hypothesis=replace(best, simulated=None)))
-    assert stand_ins._beside_simulation(free, TAKE) == {}
+        assert values == pytest.approx(fit.hypothesis.values(fit.phi))
+
+
+@pytest.mark.parametrize(
+    ("refitted", "beside", "trusted", "standing_in"),
+    [
+        (210.0, 210.0, False, ("front_coulomb_friction",)),
+        (210.0, 210.0, True, ("front_coulomb_friction",)),
+        (210.0, 20.0, True, ()),  # what is missing had bent a trusted simulation
+        (20.0, 210.0, True, ()),
+        (210.0, 20.0, False, ("front_coulomb_friction",)),  # of which there is none
+    ],
+)
+def test_beside_a_trusted_simulation_an_effect_has_to_stand_in_twice(
+    refitted: float, beside: float, trusted: bool, standing_in: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nats that are left in the motor beside an effect that gains as many, refitted and beside its own parameters."""
+    known = Hypothesis((), CAR, 2.012, Constants())
+    known = known.trusting([], 0.02) if trusted else known
+    best: Any = fitted(known.holding("front_coulomb_friction"), CAR.K_t, 9.0, bic=205.0)
+    found: Any = SimpleNamespace(
+        best=best, without={"front_coulomb_friction": fitted(known, CAR.K_t)}, nulls=SimpleNamespace(gate=10.0)
+    )
+    held = stand_ins._Seen(found.best, found.without, NOTHING_LEFT, {"motor": beside})
+    monkeypatch.setattr(stand_ins, "_beside_simulation", lambda *_: held)
+    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
+    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    take: Any = SimpleNamespace(pushed=True)
+    assert stand_ins.stand_ins(found, take, None, NOTHING_LEFT, {"motor": refitted}) == standing_in
 
 
 @pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])

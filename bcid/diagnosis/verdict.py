@@ -14,7 +14,7 @@ from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import DELAYS, PLAIN, Search
-from bcid.diagnosis.stand_ins import stand_ins
+from bcid.diagnosis.stand_ins import WORTH_TELLING, stand_ins
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import SEGMENT_S, Take
@@ -23,7 +23,6 @@ Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 
 TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
 MOST_TWINS = 3
-WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
 RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
 TEMPER = 2.0  # divides differences of BIC in stated probabilities
 SURPRISE = 5.0  # nats of prior against something that no entry describes: about one case in 150
@@ -89,13 +88,9 @@ def judged(
     entering = explained_by(best, take, place)
     findings = _findings(found, take)
     failing = [f for f in findings if not _passes(f, found)]
-    failed: tuple[str, ...] = ()
-    if failing:  # without the weakest the others may pass
-        failed = (min(failing, key=lambda f: f.gain).effect,)
-    else:
-        least = max(found.nulls.gate, WORTH_TELLING * sum(f.gain for f in findings))
-        over = {c: nats for c, nats in entering.items() if nats > least}
-        failed = stand_ins(found, {f.effect: f.gain for f in findings}, take, place, left, over)
+    # without the weakest the others may pass
+    weakest = (min(failing, key=lambda f: f.gain).effect,) if failing else ()
+    failed = weakest or stand_ins(found, take, place, left, entering)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
         return judged(found.reduced(rest, take), take, place, None, (*dropped, *failed))
