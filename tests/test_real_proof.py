@@ -311,19 +311,45 @@ def test_an_edit_is_what_a_drive_shows_beyond_what_it_showed_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """A pose that comes 0.06 s late, where it came `before` already."""
-    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
-    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
-    found = Hypothesis((), CAR, 2.012, Constants())
-    best = SimpleNamespace(hypothesis=found, phi=found.start(CAR), car=lambda: CAR)
-    seen = [{"effect": "pose_latency", "values": {"tau": (value, se)}}] if value is not None else []
-    monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
-    monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
-    monkeypatch.setattr(edited, "_before", lambda *_: (before, unsure))
-    monkeypatch.setattr(edited, "diagnosed", lambda *_: None)
-    monkeypatch.setattr(edited, "said", lambda _: {"verdict": "named", "findings": seen})
-    case = Edited(recording="take.csv", effect="pose_latency", value=0.06)
-    row = edited.answered(case, SimpleNamespace(search=SimpleNamespace(best=best)), asked)  # type: ignore[arg-type]
+    found = edits_found(monkeypatch, {"tau": (before, unsure)}, {"tau": (value, se)} if value is not None else None)
+    row = found(drive, tmp_path, Edited(recording="take.csv", effect="pose_latency", value=0.06))
     assert (row["right"], row["before"], row["value"]) == (right, before, value)
+
+
+@pytest.mark.parametrize(
+    ("d_y", "more", "right"),
+    [(-0.007, (), True), (0.015, (), False), (-0.007, ("rear_toe",), False)],
+)
+def test_an_edit_is_nothing_else(
+    d_y: float, more: tuple[str, ...], right: bool, drive: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tracked point is moved ahead, not to the side, and nothing else is edited."""
+    before = {"d_x": (0.002, 0.001), "d_y": (-0.006, 0.001)}
+    found = edits_found(monkeypatch, before, {"d_x": (0.033, 0.001), "d_y": (d_y, 0.001)}, more)
+    assert found(drive, tmp_path, Edited(recording="take.csv", effect="marker_offset", value=0.03))["right"] is right
+
+
+def edits_found(
+    monkeypatch: pytest.MonkeyPatch, before: dict[str, tuple[float, float]],
+    values: dict[str, tuple[float, float]] | None, more: tuple[str, ...] = (),
+) -> Any:  # fmt: skip
+    """What is answered of an edit where the diagnosis finds these values of it, and more."""
+
+    def answered(drive: Recording, folder: Path, case: Edited) -> dict[str, Any]:
+        (folder / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+        asked = Asked(read_vehicle(folder / "vehicle.toml"), {}, None, folder)
+        of = Hypothesis((), CAR, 2.012, Constants())
+        best = SimpleNamespace(hypothesis=of, phi=of.start(CAR), car=lambda: CAR)
+        seen = [{"effect": case.effect, "values": values}] if values else []
+        seen += [{"effect": name, "values": {}} for name in more]
+        monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
+        monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
+        monkeypatch.setattr(edited, "_before", lambda *_: before)
+        monkeypatch.setattr(edited, "diagnosed", lambda *_: None)
+        monkeypatch.setattr(edited, "said", lambda _: {"verdict": "named", "findings": seen})
+        return edited.answered(case, SimpleNamespace(search=SimpleNamespace(best=best)), asked)  # type: ignore[arg-type]
+
+    return answered
 
 
 def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -342,9 +368,9 @@ def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest
         return SimpleNamespace(values=lambda: {"pose_latency__tau": (-0.01, 0.002)})
 
     monkeypatch.setattr(edited, "refit", refit)
-    assert edited._before("steering_backlash", unedited) == (0.02, 0.001)
+    assert edited._before("steering_backlash", unedited) == {"b": (0.02, 0.001)}
     assert not asked
-    assert edited._before("pose_latency", unedited) == (-0.01, 0.002)
+    assert edited._before("pose_latency", unedited) == {"tau": (-0.01, 0.002)}
     ((more, start),) = asked
     assert more.effects == ("steering_backlash", "pose_latency")
     np.testing.assert_allclose(start, [*phi, 0.0])
@@ -353,6 +379,19 @@ def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest
     assert stiffness[more.logs.index("K_t")] == pytest.approx(edited.AS_IT_WAS**-2)
     assert stiffness[-2] > 0.0  # the backlash is known
     assert stiffness[-1] == 0.0  # the latency is not
+
+
+def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Motive take's lie beside it."""
+    for file in (f for f in asked.iterdir() if f.is_file()):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    done = list[str]()
+    monkeypatch.setattr(real, "_rows", lambda group, _: [done.append(case.recording) or {} for case, _ in group])
+    commands = tmp_path / "take.commands.csv"
+    for times, text in ((3, commands.read_text()), (6, commands.read_text().replace("0.1", "0.2"))):
+        commands.write_text(text)
+        list(run_real(tmp_path / "cases.toml", tmp_path, tmp_path / "out"))
+        assert len(done) == times
 
 
 def test_another_calibration_is_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -399,6 +438,10 @@ accepted = ["steering_lag"]
         (('effect = "steering_offset"', 'effect = "no_such_edit"'), "no such edit"),
         (("control = true", 'known = ["motor_lag"]'), "no control"),
         (("control = true", 'control = true\nknown = ["motor_lagg"]'), "motor_lagg"),
+        (("control = true", "parameters.F_fmax = 9.0"), "changes parameters F_fmax"),
+        (("control = true", "parameters.F_f_max = -9.0"), "changes parameters F_f_max"),
+        (('accepted = ["motor_lag"]', 'accepted = ["unknown in Fy"]'), "unknown in Fy"),
+        (('"simulation.toml"', '"not_there.toml"'), "not_there.toml"),
         (('"simulation.toml"', '"simulation.toml"\ncalibrated.other.body.mass_kg = 1.0'), "nothing is asked of other"),
         (('"simulation.toml"', '"simulation.toml"\ncalibrated."take.csv".body.mass = 1.0'), "unknown key body.mass"),
     ],
@@ -413,6 +456,43 @@ def test_a_question_that_asks_nothing_is_refused(
     (tmp_path / "cases.toml").write_text(text.replace(*change), encoding="utf-8")
     with pytest.raises(InputRefused, match=says):
         next(run_real(tmp_path / "cases.toml", asked, tmp_path / "out"))
+
+
+@pytest.mark.parametrize("text", ["effects = 3", "[parameters", "parameters = {}\nno_such = 1"])
+def test_questions_beside_a_simulation_that_is_none_are_refused(text: str, asked: Path, tmp_path: Path) -> None:
+    for name in ("vehicle.toml", "cases.toml"):
+        (tmp_path / name).write_bytes((asked / name).read_bytes())
+    (tmp_path / "simulation.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputRefused, match=r"simulation\.toml"):
+        next(run_real(tmp_path / "cases.toml", asked, tmp_path / "out"))
+
+
+def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And takes no other with it: each takes a quarter of an hour."""
+    answers = list[str]()
+
+    def withheld(case: Withheld, _: Any) -> dict[str, Any]:
+        answers.append(case.name)
+        if not case.control:
+            raise FloatingPointError("left the numbers")
+        return {"tier": "control", "recording": case.recording, "case": case.name, "right": True, "verdict": "named"}
+
+    def shown(*_: Any) -> None:
+        raise InputRefused("take.csv", "poses", "cannot be followed", "look at it")
+
+    monkeypatch.setattr(real, "_withheld", withheld)
+    monkeypatch.setattr(edited, "as_it_was", shown)
+    for _ in range(2):
+        rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
+        assert outcome(rows)["tiers"] == {
+            "withheld": {"right": 0, "n": 1}, "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
+        }  # fmt: skip
+        told = {row["tier"]: row.get("error", "") for row in rows}
+        assert "left the numbers" in told["withheld"]
+        assert "cannot be followed" in told["edited"]
+    assert sorted(answers) == ["drag of the steered wheel"] * 2 + ["nothing"]
 
 
 def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(

@@ -15,7 +15,8 @@ from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.likelihood.hypothesis import DRAG, SPEED_LAW, TYRES
+from bcid.likelihood.hypothesis import DRAG, PRIOR_SD, SPEED_LAW, TYRES
+from bcid.likelihood.recordings import base_of
 from bcid.models import published
 from bcid.models.saving import save_model
 from bcid.recording.read import read_recording
@@ -120,6 +121,22 @@ def test_a_file_of_parameters_that_no_car_has_is_refused(
     (tmp_path / "sim.toml").write_text("\n".join(["[parameters]", *lines]), encoding="utf-8")
     with pytest.raises(InputRefused, match=says):
         of_parameters(tmp_path / "sim.toml", estimates, vehicle)
+
+
+def test_only_what_is_published_is_trusted(tmp_path: Path, estimates: list[Estimate], vehicle: Vehicle) -> None:
+    """What neither file says of the servo is the estimate's own of this take."""
+    lines = [f"{s} = {getattr(CAR, s)!r}" for s in (*SPEED_LAW, *TYRES, *DRAG)]
+    text = "\n".join(["relative_sd = 0.02", "relative_sd_of = {{ K_t = 0.05 }}", "[parameters]", *lines])
+    steering = vehicle.steering.model_copy(update={"time_constant_s": None, "max_rate_radps": None})
+    unsaid = vehicle.model_copy(update={"steering": steering})
+    for said in ("", f"T_s = {CAR.T_s}"):
+        (tmp_path / "sim.toml").write_text(text.format() + "\n" + said, encoding="utf-8")
+        against = of_parameters(tmp_path / "sim.toml", estimates, unsaid)
+        hypothesis = base_of(unsaid, against.car, estimates, ()).trusting([], 0.02, against.trust_of)
+        assert hypothesis.simulated is not None
+        sd = dict(zip(hypothesis.logs, hypothesis.simulated.sd, strict=False))
+        assert (sd["K_t"], sd["C_f"], sd["d"]) == (0.05, 0.02, PRIOR_SD)
+        assert sd["T_s"] == (0.02 if said else PRIOR_SD)
 
 
 def test_an_effect_beyond_its_bounds_is_refused_not_clipped(

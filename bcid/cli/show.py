@@ -157,9 +157,11 @@ def proof(found: dict[str, Any]) -> Group:
 
 def real_proof(found: dict[str, Any]) -> Group:
     """What was asked of real recordings, what was answered, and whether that is right."""
+    from bcid.report.proof_page import raised
+
     rows = [
         [
-            r["tier"], Path(r["recording"]).stem[-24:], r["case"], f"{r['ratio']:.2f}" if "ratio" in r else "",
+            r["tier"], Path(r["recording"]).stem[-24:], r["case"], raised(r, "{:.2f}"),
             ", ".join(f["effect"] for f in r["findings"]) or r["verdict"], "yes" if r["right"] else "NO",
         ]
         for r in found["rows"]

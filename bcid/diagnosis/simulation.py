@@ -21,7 +21,7 @@ from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate
-from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, PRIOR_SD, SPEED_LAW, TYRES
 from bcid.likelihood.recordings import base_of
 from bcid.models.augmented import AugmentedNewtonEuler
 from bcid.models.interface import Floats, History, history_at, rollout
@@ -61,6 +61,15 @@ class Parameters(Settings):
     effects: dict[str, dict[str, float]] = Field(default_factory=dict)
 
 
+def read_parameters(path: Path) -> Parameters:
+    """The file at `path`.
+
+    Raises:
+        InputRefused: it is no such file.
+    """
+    return read_toml(path, Parameters, "simulation file", "pipelines/dart/simulation.toml is one")
+
+
 def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
     """The simulation whose parameters a TOML file gives: Newton-Euler's, and those of the effects that it has.
 
@@ -70,7 +79,7 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
     Raises:
         InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.
     """
-    file = read_toml(path, Parameters, "simulation file", "pipelines/dart/simulation.toml is one")
+    file = read_parameters(path)
     law = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
     steering = vehicle.steering
     wanted, may = {*law, *TYRES, *DRAG}, {"T_s": steering.time_constant_s, "d": steering.max_rate_radps}
@@ -105,7 +114,8 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
                 bounds = f"{p.symbol} = {values[p.symbol]:g} lies outside {p.low:g} to {p.high:g} {p.unit}"
                 raise InputRefused(path, f"effects.{name}", bounds, "check its unit; see bcid effects")
             fields[field] = values[p.symbol]
-    return Compared(car, fields, file.relative_sd, file.relative_sd_of)
+    unsaid = {s: PRIOR_SD for s in may if s not in file.parameters}  # the take's own, which nobody has published
+    return Compared(car, fields, file.relative_sd, {**unsaid, **file.relative_sd_of})
 
 
 def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:

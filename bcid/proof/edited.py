@@ -10,10 +10,11 @@ import numpy as np
 
 from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
 from bcid.diagnosis.simulation import of_parameters
+from bcid.effects.entry import Effect
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
-from bcid.likelihood.refit import refit
+from bcid.likelihood.refit import Fit, refit
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
 from bcid.proof.edits import EDITS
@@ -38,22 +39,30 @@ def as_it_was(name: str, asked: Asked) -> Diagnosis:
 def answered(case: Edited, unedited: Diagnosis, asked: Asked) -> dict[str, Any]:
     """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
 
-    Its value has to be the edit's beyond what the drive showed of it `before`.
+    Its parameters have to be the edit's beyond what the drive showed of them `before`, and nothing else named: the
+    first is as large as the edit, a second one nothing.
     """
     known = Compared.of(unedited.search.best)._replace(trust=AS_IT_WAS)
-    before, unsure = _before(case.effect, unedited)
+    before = _before(case.effect, unedited)
     rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
     changed, estimate, vehicle = _changed(case, known, asked)
     answer = said(diagnosed([changed], [estimate], vehicle, rest))
-    values = [next(iter(f["values"].values())) for f in answer["findings"] if f["effect"] == case.effect]
-    value, se = values[0] if values else (None, 0.0)
+    told = next((f["values"] for f in answer["findings"] if f["effect"] == case.effect), None)
     beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
-    near = min(max(NEAR * abs(case.value), SURE * math.hypot(se, unsure)), FARTHEST * abs(case.value))
+    first, *others = before
+    made = {first: case.value, **dict.fromkeys(others, 0.0)}
+    right = told is not None and all(_near(told[s], before[s], made[s], abs(case.value)) for s in made)
     return {
         "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
-        "before": before, "value": value, "beside": beside,
-        "right": value is not None and abs(value - before - case.value) < near, **answer,
+        "before": before[first][0], "value": told[first][0] if told else None, "beside": beside,
+        "right": right and not beside, **answer,
     }  # fmt: skip
+
+
+def _near(value: tuple[float, float], before: tuple[float, float], made: float, size: float) -> bool:
+    """Whether a parameter is what was made of it beyond what it was before, for an edit of such a size."""
+    off, se = value[0] - before[0] - made, math.hypot(value[1], before[1])
+    return abs(off) < min(max(NEAR * size, SURE * se), FARTHEST * size)
 
 
 def _changed(case: Edited, known: Compared, asked: Asked) -> tuple[Recording, Estimate, Vehicle]:
@@ -69,16 +78,22 @@ def _changed(case: Edited, known: Compared, asked: Asked) -> tuple[Recording, Es
     return changed, estimate_motion(changed, vehicle, tuning), vehicle
 
 
-def _before(effect: str, unedited: Diagnosis) -> tuple[float, float]:
-    """What an unedited drive shows of an effect beside all else that it shows, with its standard error.
+def _before(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
+    """What an unedited drive shows of an effect's parameters beside all else that it shows, with standard errors.
 
     As much as nothing where an effect is of one sign only and the drive would rather have the other.
     """
-    best, field = unedited.search.best, EFFECTS[effect].fields[0]
+    best, entry = unedited.search.best, EFFECTS[effect]
     if effect in best.hypothesis.effects:
-        return best.values()[field]
+        return _own(best, entry)
     values = list(best.hypothesis.values(best.phi).values())
     known = replace(best.hypothesis, nominal=best.car(), assumed=best.hypothesis.effects)
     more = known.trusting(values, AS_IT_WAS).holding(effect)
     start = more.start(best.car(), [*values, *(p.off for p in more.entries[effect].parameters)])
-    return refit(unedited.take, more, start, best.start, best.scales).values()[field]
+    return _own(refit(unedited.take, more, start, best.start, best.scales), entry)
+
+
+def _own(fit: Fit, entry: Effect) -> dict[str, tuple[float, float]]:
+    """The effect's parameters in a fit, by symbol."""
+    values = fit.values()
+    return {p.symbol: values[field] for field, p in zip(entry.fields, entry.parameters, strict=True)}

@@ -14,7 +14,8 @@ Floats = npt.NDArray[np.float64]
 
 
 def _later(of: Recording, tau: float) -> Recording:
-    return replace(of, poses=Stream(of.poses.time_s + tau, of.poses.values))
+    later = tuple(t + tau for t in of.breaks_s)
+    return replace(of, poses=Stream(of.poses.time_s + tau, of.poses.values), breaks_s=later)
 
 
 def _posed(of: Recording, factor: float = 1.0, turned: float = 0.0) -> Recording:

@@ -21,7 +21,7 @@ from bcid.diagnosis.before_after import compared_model
 from bcid.diagnosis.diagnose import Compared, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.table import EFFECTS
-from bcid.errors import InputRefused
+from bcid.errors import BcidError, InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
 from bcid.proof import edited
@@ -30,8 +30,8 @@ from bcid.proof.asking import said
 from bcid.proof.keeping import keep
 from bcid.proof.real_cases import VEHICLE, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
+from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
-from bcid.store.artifact import sha256_of
 from bcid.store.code import code_of
 from bcid.vehicle import Vehicle, read_vehicle
 
@@ -61,13 +61,15 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     asked = Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, simulation, recordings)
     asked.check(cases, file)
     folder.mkdir(parents=True, exist_ok=True)
-    code = code_of(__name__)
+    code, drives = code_of(__name__), dict[str, str]()
     given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), simulation) if p]
     asking: tuple[Withheld | Edited, ...] = (*cases.withheld, *cases.edited)
     done, todo = 0, dict[str, list[_Case]]()
     for case in asking:
-        own = cases.calibrated.get(case.recording)
-        what = [case.model_dump(), own, sha256_of(recordings / case.recording), code.digest, code.packages, given]
+        own, name = cases.calibrated.get(case.recording), case.recording
+        if name not in drives:
+            drives[name] = read_recording(recordings / name, asked.vehicle_of(name)).sha256  # commands may lie beside
+        what = [case.model_dump(), own, drives[name], code.digest, code.packages, given]
         kept = folder / f"real.{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]}.json"
         if kept.is_file():
             done += 1
@@ -92,17 +94,34 @@ def _answered(groups: Sequence[list[_Case]], asked: Asked, workers: int) -> Iter
 
 
 def _rows(group: list[_Case], asked: Asked) -> list[dict[str, Any]]:
-    """What was answered, kept; edits are of one recording."""
+    """What was answered, kept; edits are of one recording.
+
+    What ended in an error is told, and asked again next time.
+    """
     rows, unedited = list[dict[str, Any]](), None
     for case, kept in group:
-        if isinstance(case, Withheld):
-            row = _withheld(case, asked)
-        else:
-            unedited = unedited or edited.as_it_was(case.recording, asked)
-            row = edited.answered(case, unedited, asked)
-        keep(row, kept)
+        try:
+            if isinstance(case, Withheld):
+                row = _withheld(case, asked)
+            else:
+                unedited = unedited or edited.as_it_was(case.recording, asked)
+                row = edited.answered(case, unedited, asked)
+            keep(row, kept)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
+            row = _failed(case, error)
         rows.append(row)
     return rows
+
+
+def _failed(case: Withheld | Edited, error: Exception) -> dict[str, Any]:
+    """A question without an answer."""
+    tier, name = ("edited", case.effect) if isinstance(case, Edited) else (_tier(case), case.name)
+    said = {"right": False, "verdict": "error", "findings": [], "error": repr(error)}
+    return {"tier": tier, "recording": case.recording, "case": name, **said}
+
+
+def _tier(case: Withheld) -> str:
+    return "control" if case.control else "withheld"
 
 
 def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
@@ -122,8 +141,8 @@ def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
         ratio = float((_errors(less, vehicle, recording, estimate) / whole).max())
     wanted = not case.control and ratio > MATTERS
     row = {
-        "tier": "control" if case.control else "withheld", "recording": case.recording, "case": case.name,
-        "ratio": round(ratio, 3), "wanted": wanted,
+        "tier": _tier(case), "recording": case.recording, "case": case.name,
+        "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted,
     }  # fmt: skip
     if not (wanted or case.control):
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import Field
 
+from bcid.diagnosis.simulation import Parameters, read_parameters
+from bcid.effects.entry import Channel
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
 from bcid.proof.edits import EDITS
 from bcid.toml_file import Settings, read_toml
 
 VEHICLE = "vehicle"
+UNKNOWN = tuple(f"unknown in {channel}" for channel in get_args(Channel))
 
 
 class Withheld(Settings):
@@ -67,20 +69,10 @@ def read_cases(file: Path) -> Cases:
         InputRefused: what is no such file, or what would be answered rightly by asking nothing.
     """
     cases = read_toml(file, Cases, "file of real cases", "pipelines/dart/cases.toml is one")
-    simulation = cases.simulation_file(file)
-    effects = set(tomllib.loads(simulation.read_text(encoding="utf-8")).get("effects", {})) if simulation else set()
+    path = cases.simulation_file(file)
+    simulation = Parameters(parameters={}) if path is None else read_parameters(path)
     for case in cases.withheld:
-        place = f"withheld {case.name!r}"
-        if case.effect and case.effect not in effects:
-            raise InputRefused(file, place, f"the simulation has no {case.effect!r}", f"one of {', '.join(effects)}")
-        strange = [a for a in case.accepted if a not in EFFECTS and a != VEHICLE and not a.startswith("unknown in ")]
-        if strange or not case.accepted:
-            raise InputRefused(file, place, f"accepts {strange or 'nothing'}", "see `bcid effects` for the ids")
-        if case.parameters and simulation is None:
-            raise InputRefused(file, place, "changes parameters of no simulation", "name a simulation")
-        unknown = [k for k in case.known if k not in EFFECTS]
-        if unknown or (case.known and not case.control):
-            raise InputRefused(file, place, f"knows {unknown or 'something and is no control'}", "see `bcid effects`")
+        _check(case, simulation, file)
     asked = {case.recording for case in cases.withheld} | {edit.recording for edit in cases.edited}
     unasked = set(cases.calibrated) - asked
     if unasked:
@@ -89,3 +81,22 @@ def read_cases(file: Path) -> Cases:
         if edit.effect not in EDITS:
             raise InputRefused(file, f"edited {edit.effect!r}", "no such edit", f"one of {', '.join(EDITS)}")
     return cases
+
+
+def _check(case: Withheld, simulation: Parameters, file: Path) -> None:
+    """Raise `InputRefused` where there is nothing to withhold or to accept."""
+    place = f"withheld {case.name!r}"
+    if case.effect and case.effect not in simulation.effects:
+        some = f"one of {', '.join(simulation.effects)}"
+        raise InputRefused(file, place, f"the simulation has no {case.effect!r}", some)
+    strange = [a for a in case.accepted if a not in (*EFFECTS, VEHICLE, *UNKNOWN)]
+    if strange or not case.accepted:
+        ids = f"see `bcid effects` for the ids; or {', '.join(UNKNOWN)}"
+        raise InputRefused(file, place, f"accepts {strange or 'nothing'}", ids)
+    changed = [s for s, v in case.parameters.items() if s not in simulation.parameters or not v > 0.0]
+    if changed:
+        some = f"one of {', '.join(simulation.parameters) or 'a simulation, which is not named'}, above zero"
+        raise InputRefused(file, place, f"changes parameters {', '.join(changed)} of the simulation", some)
+    unknown = [k for k in case.known if k not in EFFECTS]
+    if unknown or (case.known and not case.control):
+        raise InputRefused(file, place, f"knows {unknown or 'something and is no control'}", "see `bcid effects`")

@@ -115,12 +115,23 @@ def answers(outcomes: Sequence[Mapping[str, Any]]) -> str:
         [
             [
                 row["tier"], _shortened(Path(row["recording"]).stem), row["case"],
-                f"× {row['ratio']:.2f}" if "ratio" in row else "–", _answered(row),
+                raised(row, "× {:.2f}"), _answered(row),
                 "–" if row["verdict"] == NOT_ASKED else "yes" if row["right"] else "**no**",
             ]
             for row in rows
         ],
     )  # fmt: skip
+
+
+def raised(row: Mapping[str, Any], form: str) -> str:
+    """How much an error is raised by what is withheld; a simulation may leave the numbers without it.
+
+    >>> raised({"ratio": 1.967}, "× {:.2f}"), raised({"ratio": None}, "{}"), raised({}, "{}")
+    ('× 1.97', 'endless', '–')
+    """
+    if "ratio" not in row:
+        return "–"
+    return "endless" if row["ratio"] is None else form.format(row["ratio"])
 
 
 def _answered(row: Mapping[str, Any]) -> str:
