@@ -142,7 +142,7 @@ def _suite(seed: int, sizes: dict[str, int], every: int | None) -> list[Any]:
     from bcid.proof.cases import quick_suite, subset, suite
 
     whole = list(suite(seed, sizes["repeats"], sizes["nulls"], sizes["imperfect_nulls"], sizes["pairs"]))
-    return quick_suite(whole) if every is None else subset(whole, every)
+    return quick_suite(whole, seed) if every is None else subset(whole, every)
 
 
 def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, workers: int, sink: Sink) -> None:
@@ -158,6 +158,8 @@ def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, 
     if salt:
         seal = seal_up(cases, salt, out, known(cases, out, baselines))
         sink.told(f"seal of {len(cases)} answers: {seal}")
+    else:
+        sink.note(f"not sealed: whoever knows the seed ({about['seed']}) knows the answers; --salt seals them")
     rows: list[dict[str, Any]] = []
     with sink.stage("prove") as progress:
         for row in run_all(cases, out, workers or os.cpu_count() or 1, baselines):

@@ -63,7 +63,8 @@ def said(found: Diagnosis) -> dict[str, Any]:
 def _oracle_share(case: Case, found: Diagnosis) -> float | None:
     """Held-out gain of what was found, over that of refitting the true structure from the true values.
 
-    None of several effects, of one that has no name here, or that the search was not allowed.
+    None of several effects, of one that has no name here, that the search was not allowed, or that is worth no more
+    than chance.
     """
     if len(case.concealed) != 1 or case.channel:
         return None
@@ -84,4 +85,4 @@ def _oracle_share(case: Case, found: Diagnosis) -> float | None:
     nothing = scores(corrected, take).sum()
     best = scores(oracle, take).sum() - nothing
     reached = scores(fit, take).sum() - nothing if fit is not corrected else 0.0
-    return float(reached / best) if best > 0.0 else None
+    return float(reached / best) if best > found.judgement.gate else None

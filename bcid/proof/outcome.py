@@ -11,7 +11,7 @@ from typing import Any
 
 from bcid import __version__
 from bcid.proof.calibration import calibration
-from bcid.proof.scoring import pooled, tiers
+from bcid.proof.scoring import each_pooled, pooled, tiers
 from bcid.store.code import code_of
 
 SCHEMA = "bcid.prove/1"
@@ -31,18 +31,26 @@ def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, 
         "code": code_of("bcid.diagnosis.diagnose").digest,
         "tiers": [{**asdict(t), "goal": t.goal, "missed": list(t.missed)} for t in tiers(rows)],
         "pooled": pooled(rows),
+        "pooled_by_tier": each_pooled(rows),
         "calibration": asdict(calibration(rows)),
         "confusion": confusion(rows),
     }
 
 
 def missed(found: dict[str, Any]) -> list[str]:
-    """The goals that an outcome misses; of a quick one, in which single figures are chance, all cases together."""
+    """The goals that an outcome misses; of a quick one, in which single figures are chance, all cases together.
+
+    And every tier, as if any of them had been looked at alone (Bonferroni).
+    """
     errors = [f"{t['tier']}: {t['errors']} errors" for t in found["tiers"] if t["errors"]]
     if found.get("quick"):
-        few = found["pooled"]
-        told = f"{few['right']} of {few['n']} right where {few['expected']:.1f} are wanted"
-        return [*errors, told] if few["p"] < REFUTED else errors
+        every = found["pooled_by_tier"]
+        least = {tier: REFUTED / len(every) for tier in every}
+        return errors + [
+            f"{tier}: {few['right']} of {few['n']} right where {few['expected']:.1f} are wanted"
+            for tier, few in {"all": found["pooled"], **every}.items()
+            if few["p"] < least.get(tier, REFUTED)
+        ]
     return [*errors, *(f"{t['tier']}: {field}" for t in found["tiers"] for field in t["missed"])]
 
 

@@ -21,6 +21,12 @@ GOALS: dict[str, dict[str, tuple[float, float]]] = {
     "pair": {"exact": (0.8, 1.0)},
     "outside": {"channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
     "unexcited": {"not_seen": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "closed-loop": {"top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
+    "two-minutes": {"top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
+    **{tier: {"wrong": (0.0, 0.1)} for tier in (
+        "ten-hertz", "three-times-noise", "half-size", "double-size", "triple", "measurement-and-vehicle",
+        "thirty-minutes", "hundred-twenty-hertz",
+    )},
 }  # fmt: skip
 """Lowest and highest that the project wants of each tier."""
 
@@ -143,6 +149,11 @@ def pooled(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     hits = sum(right(r) for r in counted)
     expected = float(np.sum([RATES[r["tier"]] for r in counted]))
     return {"right": hits, "n": len(counted), "expected": expected, "p": float(chances[: hits + 1].sum())}
+
+
+def each_pooled(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """The same of each tier alone: one that is broken altogether hides among the others."""
+    return {tier: pooled([r for r in rows if r["tier"] == tier]) for tier in dict.fromkeys(r["tier"] for r in rows)}
 
 
 def _channels(row: dict[str, Any]) -> tuple[str, ...]:
