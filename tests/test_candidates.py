@@ -126,6 +126,21 @@ def test_the_size_from_which_an_effect_is_refitted_is_looked_for(share: float, m
     assert {(n, tangents) for _, n, tangents in refits.made if tangents <= ROUGHLY} == {(FEW, 0), (ENOUGH, ROUGHLY)}
 
 
+@pytest.mark.parametrize("true", [(0.03, -0.03), (-0.09, 0.0), (0.0, 0.2), (0.03, 0.03), (-0.09, 0.09)])
+def test_two_amplitudes_are_tried_each_and_together(true: tuple[float, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tracked point may be off to the side as well as ahead, or both, either way."""
+
+    def score(name: str, values: dict[str, float], start: np.ndarray) -> float:
+        return -float(np.hypot(values["marker_offset__d_x"] - true[0], values["marker_offset__d_y"] - true[1]))
+
+    Refits(monkeypatch, score)
+    fit = base_fit()
+    (found,) = at_their_sizes(fit, Segments(90), fit.phi, ["marker_offset"])  # type: ignore[arg-type]
+    values = found.hypothesis.values(found.phi)
+    off = np.hypot(values["marker_offset__d_x"] - true[0], values["marker_offset__d_y"] - true[1])
+    assert off < 0.5 * np.hypot(*true)
+
+
 def test_no_size_lies_beyond_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     own = BASE.entries["tyre_soft_saturation"].parameters[0]
     assert own.size * max(COARSELY) > own.high

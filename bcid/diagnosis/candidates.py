@@ -28,6 +28,8 @@ MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a
 ROUGHLY, CLOSELY = 1, 3  # tangents along which
 COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0, -1.0, -3.0, -9.0, -27.0, -81.0)
 """Times an effect's size that are tried: what a small car lacks may be far beyond what would just show."""
+WAYS = ((1.0, 1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 1.0))
+"""In which two of them are tried together."""
 FINELY = (0.6, 1.7)
 """Times the best of them."""
 
@@ -136,7 +138,11 @@ def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Float
 def _sizes(own: Sequence[Parameter], of: tuple[float, ...], shares: tuple[float, ...]) -> list[tuple[float, ...]]:
     """Values to try of an effect's parameters: such shares `of` some, within their bounds."""
     signed = shares if all(p.low < 0.0 for p in own) else [share for share in shares if share > 0.0]
-    values = (tuple(min(max(share * v, p.low), p.high) for p, v in zip(own, of, strict=True)) for share in signed)
+    ways = WAYS if len(own) == 2 and shares is COARSELY else [(1.0,) * len(own)]
+    values = (
+        tuple(min(max(share * s * v, p.low), p.high) for p, v, s in zip(own, of, way, strict=True))
+        for share, way in itertools.product(signed, ways)
+    )
     return list(dict.fromkeys(values))
 
 

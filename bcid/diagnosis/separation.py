@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.free_part import residuals, sensitivities
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis, Setting
-from bcid.likelihood.marginal import Scales, eliminate, moments, products
+from bcid.likelihood.marginal import Scales, eliminated, moments, products
 from bcid.likelihood.newton import jacobian
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.segments import wrapped
@@ -47,9 +48,12 @@ def information(take: Take, setting: Setting, scales: Scales, columns: Floats) -
     """Every segment's information columns^T P columns (S, n, n) about changes of the prediction (N, 3, n).
 
     Initial states and pushes are eliminated.
+
+    Raises:
+        FloatingPointError: where they are lost in rounding.
     """
     A, still = sensitivities(take, setting, take.start), np.zeros_like(take.pose)
-    V = eliminate(moments(still, A, take.first), scales.r, scales.precisions()).V
+    V = eliminated(moments(still, A, take.first), scales).V
     return np.asarray(products(still, A, columns, take.first, scales.r, V)[1])
 
 
@@ -103,16 +107,14 @@ def best_manoeuvre(
     hypothesis, phi, _ = _known(one)
     if top is None:
         top = usual_throttle(hypothesis.car(phi), hypothesis.units)
-    walls = arena._replace(margin=0.0)
-    drives = [
-        drive
-        for drive in catalogue(hypothesis.car(phi), hypothesis.angle_limit, top, arena)
-        if inside(driven(drive, hypothesis, phi)[0].pose, walls)  # with the effects that `one` holds
-    ]
-    if not drives:
+    walls, found = arena._replace(margin=0.0), list[tuple[Drive, Separation]]()
+    for drive in catalogue(hypothesis.car(phi), hypothesis.angle_limit, top, arena):
+        with suppress(FloatingPointError, np.linalg.LinAlgError):  # what a take allows may not last a whole drive
+            if inside(driven(drive, hypothesis, phi)[0].pose, walls):  # with the effects that `one` holds
+                found.append((drive, separation(drive, one, other, scales)))
+    if not found:
         return None
-    found = [separation(drive, one, other, scales) for drive in drives]
-    drive, best = max(zip(drives, found, strict=True), key=lambda pair: pair[1].score())
+    drive, best = max(found, key=lambda pair: pair[1].score())
     repeats = next((n for n in range(1, MOST_REPEATS + 1) if best.score(n) >= GATE), None)
     if repeats is None:
         return None

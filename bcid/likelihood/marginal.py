@@ -155,7 +155,12 @@ def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
     return Scales(np.sqrt(np.maximum(r2 / w.mean(), SMALLEST)), np.sqrt(np.maximum(q2 / w.mean(), SMALLEST)))
 
 
-def _eliminated(of: Moments, scales: Scales) -> Eliminated:
+def eliminated(of: Moments, scales: Scales) -> Eliminated:
+    """The likelihood's terms.
+
+    Raises:
+        FloatingPointError: where they are lost in rounding.
+    """
     e = eliminate(of, scales.r, scales.precisions())
     if not (e.chi2 > -ROUNDING * NU).all():  # an unstable car answers so strongly that the difference is lost
         raise FloatingPointError("a quadratic form was lost in rounding")
@@ -170,12 +175,12 @@ def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminate
     """
     if not (np.isfinite(of.rr).all() and np.isfinite(of.AA).all()):
         raise FloatingPointError("a prediction left the finite numbers")
-    e = _eliminated(of, scales)
+    e = eliminated(of, scales)
     for _ in range(steps):
         before, scales = scales, updated(scales, e, of.rows)
         if not np.isfinite([*scales.r, *scales.q]).all():
             raise FloatingPointError("the noise left the finite numbers")
-        e = _eliminated(of, scales)
+        e = eliminated(of, scales)
         if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=SETTLED, atol=0.0):
             break
     return scales, e
