@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.diagnose import diagnosed
+from bcid.diagnosis.diagnose import Compared, diagnosed
 from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
@@ -19,6 +19,7 @@ from bcid.likelihood.hypothesis import DRAG, PRIOR_SD, SPEED_LAW, TYRES
 from bcid.likelihood.recordings import base_of
 from bcid.models import published
 from bcid.models.saving import save_model
+from bcid.proof.concealed import outside
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
@@ -47,6 +48,21 @@ def test_only_what_the_simulator_lacks_is_named(tmp_path: Path, vehicle: Vehicle
     found = diagnosed([real[0]], [real[1]], vehicle, against)
     assert [f.effect for f in found.judgement.findings] == ["rear_rolling_coulomb"]
     assert found.judgement.fit.values()["yaw_scrub__c"][0] == pytest.approx(16.0, rel=0.1)
+
+
+@pytest.mark.proof
+@pytest.mark.parametrize(("k", "name"), [(2, "rear_roll_steer"), (4, "steering_reaction"), (5, "motor_ripple")])
+def test_what_has_no_name_gets_none_beside_a_trusted_simulation(
+    k: int, name: str, tmp_path: Path, vehicle: Vehicle, tuning: Tuning
+) -> None:
+    """Whose figures are three per cent off and trusted as if they were two."""
+    hidden, rng = outside(name, np.random.default_rng(3 + k)), np.random.default_rng(k)
+    recording, estimate = taken(tmp_path, vehicle, tuning, Plant(**ROUGH, **hidden.plant), 11 + k, 180.0)
+    known = (*SPEED_LAW, *TYRES, "R_1")
+    car = CAR._replace(**{s: getattr(CAR, s) * float(np.exp(0.03 * rng.normal())) for s in known})
+    found = diagnosed([recording], [estimate], vehicle, Compared(car, {}, 0.02)).judgement
+    assert found.findings == ()
+    assert found.verdict == "unknown"
 
 
 def test_a_function_s_model_drives_the_recording_s_commands(
