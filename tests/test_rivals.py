@@ -113,7 +113,7 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
 
 @pytest.mark.parametrize(
     ("pushed", "gain", "stands_in"),
-    [(False, 250.0, True), (False, 700.0, False), (True, 250.0, False), (True, 205.0, True)],
+    [(False, 300.0, True), (False, 700.0, False), (True, 300.0, False), (True, 250.0, True)],
 )
 def test_beside_pushes_an_effect_counts_as_what_it_gains(
     pushed: bool, gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
