@@ -122,14 +122,15 @@ def _findings(found: Search, take: Take) -> list[Finding]:
     with_all = scores(best, take)
     return [
         Finding(
-            name, _twins(best, found, take, name), _probability(found, name), _values(best, name),
+            name, _twins(best, found, take, name), _probability(found, name), values_of(best, name),
             best.bic - found.without[name].bic, gain(with_all, scores(found.without[name], take), take),
         )
         for name in named(best)
     ]  # fmt: skip
 
 
-def _values(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
+def values_of(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
+    """An effect's parameters in a fit, by symbol, with standard errors."""
     values, entry = fit.values(), EFFECTS[name]
     return {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
 

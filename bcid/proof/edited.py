@@ -10,11 +10,10 @@ import numpy as np
 
 from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
 from bcid.diagnosis.simulation import of_parameters
-from bcid.effects.entry import Effect
-from bcid.effects.table import EFFECTS
+from bcid.diagnosis.verdict import values_of
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
-from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit import refit
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
 from bcid.proof.edits import EDITS
@@ -83,17 +82,11 @@ def _before(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
 
     As much as nothing where an effect is of one sign only and the drive would rather have the other.
     """
-    best, entry = unedited.search.best, EFFECTS[effect]
+    best = unedited.search.best
     if effect in best.hypothesis.effects:
-        return _own(best, entry)
+        return values_of(best, effect)
     values = list(best.hypothesis.values(best.phi).values())
     known = replace(best.hypothesis, nominal=best.car(), assumed=best.hypothesis.effects)
     more = known.trusting(values, AS_IT_WAS).holding(effect)
     start = more.start(best.car(), [*values, *(p.off for p in more.entries[effect].parameters)])
-    return _own(refit(unedited.take, more, start, best.start, best.scales), entry)
-
-
-def _own(fit: Fit, entry: Effect) -> dict[str, tuple[float, float]]:
-    """The effect's parameters in a fit, by symbol."""
-    values = fit.values()
-    return {p.symbol: values[field] for field, p in zip(entry.fields, entry.parameters, strict=True)}
+    return values_of(refit(unedited.take, more, start, best.start, best.scales), effect)
