@@ -127,6 +127,21 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
     assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
 
 
+@pytest.mark.parametrize(("gain", "stands_in"), [(400.0, True), (440.0, False)])
+def test_half_as_much_may_be_left_beside_pushes_as_is_explained(
+    gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 500 nats in the other channel 210 are left, or as many that trees predict."""
+    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 500.0})
+    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    fits: Any = SimpleNamespace(bic=gain), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
+    pushed: Any = SimpleNamespace(pushed=True)
+    predicted = Remainder("fx", 0.9, {"fx": 0.9}, (), 210.0, None)
+    for left, entering in ((NOTHING_LEFT, {"motor": 210.0}), (predicted, {})):
+        found = stand_ins._doing_duty(stand_ins._Seen(*fits, left, entering), pushed, None, 100.0)
+        assert found == (("front_coulomb_friction",) if stands_in else ())
+
+
 def fitted(of: Hypothesis, K_t: float, *values: float, bic: float = 0.0) -> Any:
     return SimpleNamespace(hypothesis=of, phi=of.start(CAR._replace(K_t=K_t), values), scales=None, bic=bic)
 

@@ -81,11 +81,8 @@ def at_simulated(corrected: Fit) -> Floats:
     hypothesis = corrected.hypothesis
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
-    phi = np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
-    for k, (field, _) in enumerate(hypothesis.parameters, start=hypothesis.base_size):
-        if field.startswith(RAW_COMMANDS):
-            phi[k] = corrected.phi[k]
-    return phi
+    simulated = np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
+    return np.where(np.isin(hypothesis.names, RAW_COMMANDS), corrected.phi, simulated)
 
 
 def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
@@ -123,8 +120,9 @@ def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Float
     hypothesis, part, before = fit.hypothesis, take.part(chosen), fit.per_segment[chosen]
     known, own = list(hypothesis.values(phi).values()), more.entries[more.effects[-1]].parameters
     tried, best = dict[tuple[float, ...], float](), tuple(p.size for p in own)
-    for shares in (COARSELY, FINELY):
-        for sizes in (v for v in _sizes(own, best, shares) if v not in tried):
+    together = ((1.0,) * len(own),)
+    for shares, ways in ((COARSELY, WAYS if len(own) == 2 else together), (FINELY, together)):
+        for sizes in (v for v in _sizes(own, best, shares, ways) if v not in tried):
             with suppress(FloatingPointError):
                 there = more.start(hypothesis.car(phi), [*known, *sizes])
                 found = refit(part, more, there, fit.start[chosen], fit.scales, tangents=0)
@@ -135,10 +133,11 @@ def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Float
     return best
 
 
-def _sizes(own: Sequence[Parameter], of: tuple[float, ...], shares: tuple[float, ...]) -> list[tuple[float, ...]]:
-    """Values to try of an effect's parameters: such shares `of` some, within their bounds."""
+def _sizes(
+    own: Sequence[Parameter], of: tuple[float, ...], shares: tuple[float, ...], ways: Sequence[tuple[float, ...]]
+) -> list[tuple[float, ...]]:
+    """Values to try of an effect's parameters: such shares `of` some, in each of the `ways`, within their bounds."""
     signed = shares if all(p.low < 0.0 for p in own) else [share for share in shares if share > 0.0]
-    ways = WAYS if len(own) == 2 and shares is COARSELY else [(1.0,) * len(own)]
     values = (
         tuple(min(max(share * s * v, p.low), p.high) for p, v, s in zip(own, of, way, strict=True))
         for share, way in itertools.product(signed, ways)

@@ -154,6 +154,11 @@ class Hypothesis:
         return self.base_size + len(self.parameters)
 
     @property
+    def names(self) -> list[str]:
+        """Of all of phi: the base model's symbols, and the effects' ids once for each of their parameters."""
+        return [*self.logs, *DRAG, *(field.partition("__")[0] for field, _ in self.parameters)]
+
+    @property
     def placed(self) -> npt.NDArray[np.bool_]:
         """Which of phi are places or times."""
         return np.array([False] * self.base_size + [p.places for _, p in self.parameters])
@@ -191,11 +196,10 @@ class Hypothesis:
         is known as well as that share of its unit; a gain that turns raw commands into angles belongs to no simulation,
         and stays as free as it is.
         """
-        centre, own = self.holding().start(self.nominal, values), self.holding().parameters
-        names = [*self.logs, *DRAG, *(field.partition("__")[0] for field, _ in own)]
+        centre, names = self.holding().start(self.nominal, values), self.holding().names
         sd = np.array([of.get(name, relative) for name in names])  # of a logarithm it is relative as it stands
         sd[len(self.logs) :] *= np.maximum(np.abs(centre[len(self.logs) :]), 1.0)
-        sd[[name in RAW_COMMANDS for name in names]] = PRIOR_SD
+        sd[np.isin(names, RAW_COMMANDS)] = PRIOR_SD
         return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist())))
 
     def bounds(self) -> tuple[Floats, Floats]:
