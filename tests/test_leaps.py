@@ -24,7 +24,9 @@ class Valley:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
         self.calls, self._objective = 0, objective
-        monkeypatch.setattr(leaps, "settled_at", self._settled_at)
+        self.asked: list[float] = []  # where it was asked how predictions answer
+        monkeypatch.setattr(leaps, "standing_at", self._standing_at)
+        monkeypatch.setattr(leaps, "tangent_at", lambda of, A, now: self.asked.append(float(now.phi[0])))
         monkeypatch.setattr(leaps, "slope_and_curvature", self._slope)
 
     hypothesis = property(lambda self: self)
@@ -32,7 +34,7 @@ class Valley:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.bound])
 
-    def _settled_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+    def _standing_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
         self.calls += 1
         found = self._objective(float(phi[0]), self.calls)
         if np.isnan(found):
@@ -98,6 +100,14 @@ def test_the_ends_of_the_numbers_and_of_the_bounds_are_not_crossed(monkeypatch: 
     assert leap(valley) == 3.0
 
 
+def test_how_predictions_answer_is_asked_only_where_a_leap_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is half the work, and of no use where a step is turned down."""
+    valley = Valley(monkeypatch, lambda phi, n: -50.0 if phi > 1e-9 else 0.0)
+    assert leap(valley) == 0.0
+    assert valley.calls > 1
+    assert valley.asked == [0.0]
+
+
 def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """A place that Newton's method would move falls off an edge at once; the rest has a valley to go along."""
 
@@ -108,8 +118,8 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
         def bounds(self) -> tuple[np.ndarray, np.ndarray]:
             return np.array([-np.inf, -10.0]), np.array([np.inf, 10.0])
 
-        def _settled_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
-            tangent, state = super()._settled_at(of, phi, start, scales)
+        def _standing_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+            tangent, state = super()._standing_at(of, phi, start, scales)
             return tangent, state._replace(objective=state.objective - (100.0 if phi[1] > self.edge else -phi[1]))
 
         def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:

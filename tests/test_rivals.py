@@ -14,8 +14,11 @@ from bcid.diagnosis.candidates import credible
 from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.rivals import distinct, settled
+from bcid.diagnosis.screen import Candidate, Changes
+from bcid.diagnosis.trials import Trial
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.table import ENTRIES
 from bcid.likelihood.hypothesis import Hypothesis
 
 TAKE: Any = None
@@ -59,8 +62,63 @@ def test_rivals_of_what_is_left_do_not_hold_what_was_dropped(monkeypatch: pytest
     beside(monkeypatch, {("yaw_scrub",): [twin]})
     old = (fit(96.0, "quadratic_drag", "motor_sag"),)
     none = fit(0.0)
-    found = search.Search(none, none, dropped, {}, old, TAKE, 0.0, TAKE)
-    assert found.reduced(left, TAKE).others == (twin,)
+    found = search.Search(none, none, dropped, {}, old, TAKE, 0.0, Changes(TAKE, []), ("motor_sag", "rear_toe"))
+    assert found.reduced(left, TAKE, ("motor_sag",)).others == (twin,)
+
+
+def test_what_was_dropped_comes_back_as_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither by the score test nor from its size."""
+    given = {}
+
+    def rest(fit: Any, take: Any, trials: Changes, known: Any, promising: Any) -> rivals.Beside:
+        given.update(tried={t.effect for t in trials.trials}, promising=promising)
+        return rivals.Beside(fit, {}, ())
+
+    monkeypatch.setattr(search, "settled", rest)
+    trials = Changes(TAKE, [Trial(name, [], slice(0)) for name in ("motor_sag", "rear_toe", "yaw_coulomb")])
+    none = fit(0.0)
+    found = search.Search(none, none, none, {}, (), TAKE, 0.0, trials, ("motor_sag", "rear_toe"))
+    found.reduced(none, TAKE, ("motor_sag",))
+    assert given == {"tried": {"rear_toe", "yaw_coulomb"}, "promising": ("rear_toe",)}
+
+
+def test_under_pushes_an_effect_is_exchanged_for_others_at_their_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A score test, which tells nothing there, is believed of places alone."""
+    scored = [Candidate("motor_sag", [1.0], 1e6), Candidate("rough_patch", [1.0] * 4, 1e6)]
+    held, less = fit(100.0, "yaw_scrub"), fit(10.0)
+    less.hypothesis.entries = ENTRIES
+    twin, placed = fit(99.0, "yaw_coulomb"), fit(98.0, "rough_patch")
+    asked = []
+
+    def sized(fit: Any, take: Any, names: Any, least: float) -> tuple[list[Any], tuple[str, ...]]:
+        asked.append((fit, list(names), least))
+        return [twin], ()
+
+    monkeypatch.setattr(rivals, "screen", lambda *_: scored)
+    monkeypatch.setattr(rivals, "quickly", lambda fit, take, c: {"rough_patch": placed}[c.effect])
+    monkeypatch.setattr(rivals, "fully", lambda fit, take: fit)
+    monkeypatch.setattr(rivals, "best_first", lambda fits, take: sorted(fits, key=lambda f: -f.bic))
+    monkeypatch.setattr(rivals, "from_their_sizes", sized)
+    take: Any = SimpleNamespace(pushed=True)
+    found = rivals._exchanged(held, take, Changes(TAKE, []), {"yaw_scrub": less}, ("yaw_scrub", "yaw_coulomb"))
+    assert found == [twin, placed]
+    assert asked == [(less, ["yaw_coulomb"], 90.0)]
+
+
+@pytest.mark.parametrize(
+    ("gained", "explained", "enough"),
+    [(30.0, 30.0, True), (20.0, 20.0, False), (20.0, 25.0, False), (20.0, 10.0, True), (20.0, -5.0, True),
+     (13.0, 0.0, False)],
+)  # fmt: skip
+def test_what_unbends_a_trusted_simulation_need_not_explain_what_is_left(
+    gained: float, explained: float, enough: bool
+) -> None:
+    """A quarter of what trees predict is asked of what explains pushes, and a gain beyond chance of everything."""
+    best, more = fit(0.0), fit(gained)
+    best.log_likelihood, more.log_likelihood = 0.0, explained
+    left = Remainder("fy", 0.9, {}, (), 100.0, None)
+    assert search._substantial(best, more, left, 14.0) is enough
+    assert search._substantial(best, more, NOTHING_LEFT, 14.0) is (gained > 14.0)
 
 
 def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from bcid.diagnosis.candidates import CLOSE, WORTH, best_first, fully, named, quickly, refit_with
+from bcid.diagnosis.candidates import (
+    CLOSE,
+    WORTH,
+    best_first,
+    fully,
+    named,
+    quickly,
+    refit_with,
+    told,
+)
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.screen import Changes, screen
+from bcid.diagnosis.sizes import from_their_sizes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 
@@ -24,16 +34,16 @@ class Beside(NamedTuple):
     others: tuple[Fit, ...]  # each with one named effect exchanged, best first
 
 
-def settled(fit: Fit, take: Take, trials: Changes, known: Iterable[Fit]) -> Beside:
+def settled(fit: Fit, take: Take, trials: Changes, known: Iterable[Fit], promising: Sequence[str] = ()) -> Beside:
     """The fit and its rivals, after exchanges of single effects for better ones as long as there are any.
 
-    `known` are fits with fewer effects that need no refit.
+    `known` are fits with fewer effects that need no refit, `promising` effects that are tried from their sizes too.
     """
     known = tuple(known)
     others: tuple[Fit, ...] = ()
     for _ in range(EXCHANGES):
         without = each_left_out(fit, known, take)
-        others = distinct(fit, [*_exchanged(fit, take, trials, without), *others])
+        others = distinct(fit, [*_exchanged(fit, take, trials, without, promising), *others])
         if not others or others[0].bic <= fit.bic:
             return Beside(fit, without, others)
         fit, others = placed(others[0], take), (fit, *others[1:])
@@ -63,15 +73,15 @@ def each_left_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
     return found
 
 
-def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit]) -> list[Fit]:
+def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit], promising: Sequence[str]) -> list[Fit]:
     """Refits with one of several effects exchanged for the most promising others, best first."""
-    found = []
+    held, found = fit.hypothesis.effects, list[Fit]()
     for less in without.values():
-        shortlist = screen(less, take, trials.without(fit.hypothesis.effects))[:OF_EACH]
         lost = fit.bic - less.bic
-        for candidate in shortlist:
+        for candidate in told(less, take, screen(less, take, trials.without(held)))[:OF_EACH]:
             if candidate.score > max(WORTH, CLOSE * lost):
                 with suppress(FloatingPointError):
                     quick = quickly(less, take, candidate)
                     found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
+        found += from_their_sizes(less, take, [n for n in promising if n not in held], lost)[0]
     return best_first(found, take)

@@ -13,23 +13,21 @@ from bcid.diagnosis.candidates import (
     QUICK,
     SHORTLIST,
     WORTH,
-    at_simulated,
-    at_their_sizes,
     beside_given,
     best_first,
     from_afar,
     fully,
     named,
     of_the_shortlist,
-    on_the_whole,
     refit_with,
-    without_place,
+    told,
 )
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.rivals import distinct, each_left_out, settled
 from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen
+from bcid.diagnosis.sizes import from_their_sizes, without_place
 from bcid.effects.corrections import CORRECTIONS
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
@@ -60,10 +58,12 @@ class Search:
     nulls: Nulls  # what chance promises beside the best fit
     p_value: float  # that all which stands out beside the corrected base model is chance
     trials: Changes  # of the whole vocabulary beside the corrected base model
+    promising: tuple[str, ...]  # effects that were so at their sizes, where a score test does not tell
 
-    def reduced(self, best: Fit, take: Take) -> Search:
-        """The same search with fewer effects in its best fit, whose rivals are others than before."""
-        found = settled(best, take, self.trials, (self.corrected, self.base))
+    def reduced(self, best: Fit, take: Take, dropped: Sequence[str]) -> Search:
+        """The same search with fewer effects in its best fit, whose rivals are others now, none of them `dropped`."""
+        names = tuple(n for n in self.promising if n not in dropped)
+        found = settled(best, take, self.trials.without(dropped), (self.corrected, self.base), names)
         return replace(self, best=found.best, without=found.without, others=found.others)
 
 
@@ -83,26 +83,29 @@ def search(
     trials = changes(best, take).without(left_out)
     chance = nulls(best, take, trials)
     p_value = chance.p_value
-    names: Sequence[str] = without_place(best, left_out) if take.pushed or best.hypothesis.simulated else ()
+    names = without_place(best, left_out) if take.pushed or best.hypothesis.simulated else ()
+    promising: tuple[str, ...] = ()
     while len(named(best)) < (MOST_PUSHED if take.pushed else MOST_EFFECTS):
         candidates = screen(best, take, trials.without(best.hypothesis.effects))
         worth = max(WORTH, HOPELESS * candidates[0].score)
         shortlist = [c for c in candidates[:SHORTLIST] if c.score > worth]
         report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
         left = whole if best is base else remainder(disturbances(best, take), best.car())
-        # a mixture of effects would only stand in for something that has no name
-        least = max(RELEVANT * (best.bic - base.bic), SUBSTANTIAL * left.gain if left.predictable else 0.0)
-        fits, names = _with_one_more(best, take, shortlist, names, left_out, given if best is corrected else None)
+        least = max(RELEVANT * (best.bic - base.bic), min(chance.gate, PLAIN))
+        beside = given if best is corrected else None
+        tried = names
+        fits, names = _with_one_more(best, take, shortlist, tried, least, left_out, beside)
+        promising = promising or names
         fits = best_first(fits, take)
-        if left.predictable and (not fits or fits[0].bic - best.bic < max(least, chance.gate)):
-            fits = best_first([*fits, *from_afar(best, take, left_out)], take)
-        if not fits or fits[0].bic - best.bic < max(least, min(chance.gate, PLAIN)):
+        if left.predictable and not (fits and _substantial(best, fits[0], left, max(least, chance.gate))):
+            fits = best_first([*fits, *from_afar(best, take, (*left_out, *tried))], take)
+        if not (fits and _substantial(best, fits[0], left, least)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
-        beside = nulls(fits[0], take, trials.without(best.hypothesis.effects))
-        if fits[0].bic - best.bic < min(chance.gate, beside.gate):
+        after = nulls(fits[0], take, trials.without(best.hypothesis.effects))
+        if fits[0].bic - best.bic < min(chance.gate, after.gate):
             break
-        best, accepted, chance = fits[0], fits, beside
+        best, accepted, chance = fits[0], fits, after
     before = best
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
@@ -111,30 +114,39 @@ def search(
         rest = distinct(best, accepted)
         without = each_left_out(best, (corrected, base), take)
     else:
-        best, without, rest = settled(best, take, trials, (corrected, base))
-    return Search(base, corrected, best, without, rest, chance, p_value, trials)
+        best, without, rest = settled(best, take, trials, (corrected, base), promising)
+    return Search(base, corrected, best, without, rest, chance, p_value, trials, promising)
+
+
+def _substantial(best: Fit, more: Fit, left: Remainder, least: float) -> bool:
+    """Whether a fit that holds one effect more than `best` gains the `least`, and a fair share of what is `left`.
+
+    A mixture of effects, each of which explains little, would only stand in for something that has no name.  What is
+    gained because a trusted simulation's parameters need bend less is no part of what is left.
+    """
+    gained = more.bic - best.bic
+    if gained < least or not left.predictable:
+        return gained >= least
+    explained = (more.log_likelihood - best.log_likelihood) / gained
+    return gained >= SUBSTANTIAL * left.gain * min(max(explained, 0.0), 1.0)
 
 
 def _with_one_more(
-    best: Fit, take: Take, shortlist: Sequence[Candidate], names: Sequence[str], left_out: Sequence[str],
-    given: Fit | None,
-) -> tuple[list[Fit], Sequence[str]]:  # fmt: skip
+    best: Fit, take: Take, shortlist: Sequence[Candidate], names: tuple[str, ...], least: float,
+    left_out: Sequence[str], given: Fit | None,
+) -> tuple[list[Fit], tuple[str, ...]]:  # fmt: skip
     """Joint refits with one effect more, and which of `names` are worth trying beside the next.
 
     Those of the shortlist start from the score test's values, beside `given` parameters of a simulation as well; the
-    effects `names` at their sizes, from the parameters of a simulation to be trusted as long as there is one.
+    effects `names` from their sizes, if they are likely to gain the `least` that is asked.
     """
-    if take.pushed:  # beside pushes that do its work already, a small change promises little of what an effect does
-        shortlist = [c for c in shortlist if best.hypothesis.entries[c.effect].places]
-    fits = of_the_shortlist(best, take, shortlist)
+    fits = of_the_shortlist(best, take, told(best, take, shortlist))
     if given:
         fits += beside_given(given, best, take, left_out)
     if names:
-        phi = best.phi if best.hypothesis.simulated is None else at_simulated(best)
-        sized = at_their_sizes(best, take, phi, [n for n in names if n not in best.hypothesis.effects])
-        fits += on_the_whole(best, take, sized)
-        names = [f.hypothesis.effects[-1] for f in sized] if take.pushed else ()
-    return fits, names
+        sized, names = from_their_sizes(best, take, names, least)
+        fits += sized
+    return fits, names if take.pushed else ()
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:

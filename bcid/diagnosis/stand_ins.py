@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from bcid.diagnosis.candidates import at_simulated, named
+from bcid.diagnosis.candidates import named
 from bcid.diagnosis.channels import explained_by
 from bcid.diagnosis.disturbance import disturbances, relieved
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import Search
+from bcid.diagnosis.sizes import at_simulated
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit, held
 from bcid.likelihood.take import Take

@@ -93,7 +93,8 @@ def judged(
     failed = weakest or stand_ins(found, take, place, left, entering)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
-        return judged(found.reduced(rest, take), take, place, None, (*dropped, *failed))
+        dropped = (*dropped, *failed)
+        return judged(found.reduced(rest, take, dropped), take, place, None, dropped)
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"

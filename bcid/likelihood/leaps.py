@@ -12,7 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import CONVERGED, Problem, State, Tangent, settled_at, slope_and_curvature, within
+from bcid.likelihood.newton import (
+    CONVERGED,
+    Problem,
+    State,
+    Tangent,
+    slope_and_curvature,
+    standing_at,
+    tangent_at,
+    within,
+)
 from bcid.likelihood.take import Floats
 
 DAMPINGS = (0.0, 10.0, 1e3)  # of steps in phi, of which all components are of size one
@@ -37,7 +46,7 @@ def leapt(of: Problem, phi: Floats, start: Floats, scales: Scales, leaps: int) -
     Raises:
         FloatingPointError: where predictions leave the finite numbers at phi.
     """
-    best = now = _at(of, phi, start, scales)
+    best = now = _answering(of, *standing_at(of, phi, start, scales))
     last, vain = None, 0
     for _ in range(leaps):
         leap = _leap(of, now)
@@ -63,8 +72,8 @@ def _leap(of: Problem, now: _Point) -> _Point | None:
         ahead = within(phi, now.slope, now.curvature + damping * np.eye(len(phi)), bounds)
         if np.max(np.abs(ahead - phi)) < NOWHERE:
             break
-        there = _tried(of, ahead, now.state)
-        if there and there.state.objective > now.state.objective - SLACK:
+        there = _tried(of, ahead, now.state, now.state.objective - SLACK)
+        if there:
             return there
     return None
 
@@ -89,20 +98,24 @@ def _stretched(of: Problem, before: State, leap: _Point) -> _Point:
         ahead = np.clip(before.phi + times * step, *bounds)
         if np.max(np.abs(ahead - leap.state.phi)) < NOWHERE:
             return leap
-        further = _tried(of, ahead, leap.state)
-        if further is None or further.state.objective <= leap.state.objective + CONVERGED:
+        further = _tried(of, ahead, leap.state, leap.state.objective + CONVERGED)
+        if further is None:
             return leap
         leap, times = further, 2.0 * times
 
 
-def _tried(of: Problem, phi: Floats, near: State) -> _Point | None:
-    """The point at phi from the free parts of a state nearby, or nothing where a step too long left the numbers."""
+def _tried(of: Problem, phi: Floats, near: State, least: float) -> _Point | None:
+    """The point at phi from the free parts of a state nearby, if its objective is more than `least`.
+
+    Nothing, too, where a step too long left the numbers.  How it answers to phi, half the work, is asked last.
+    """
     try:
-        return _at(of, phi, near.start, near.scales)
+        A, now = standing_at(of, phi, near.start, near.scales)
+        return _answering(of, A, now) if now.objective > least else None
     except FloatingPointError:
         return None
 
 
-def _at(of: Problem, phi: Floats, start: Floats, scales: Scales) -> _Point:
-    tangent, state = settled_at(of, phi, start, scales)
-    return _Point(tangent, state, *slope_and_curvature(of, tangent, state))
+def _answering(of: Problem, A: Floats, now: State) -> _Point:
+    tangent = tangent_at(of, A, now)
+    return _Point(tangent, now, *slope_and_curvature(of, tangent, now))

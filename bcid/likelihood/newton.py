@@ -86,10 +86,27 @@ def settled_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int 
     Raises:
         FloatingPointError: where predictions leave the finite numbers.
     """
-    take, hypothesis = of.take, of.hypothesis
-    start, r, A = settled(take, hypothesis.setting(phi, take), start, scales)
-    tangent = Tangent(A, jacobian(take, hypothesis, phi, start, r, range(hypothesis.base_size)))
-    return tangent, as_it_is(of, found(of, phi, start, scales, r, A, em))
+    A, now = standing_at(of, phi, start, scales, em)
+    return tangent_at(of, A, now), now
+
+
+def standing_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int = EM_STEPS) -> tuple[Floats, State]:
+    """How predictions answer to free parts (N, 3, N_FREE) that have settled at phi, and the state by it.
+
+    Raises:
+        FloatingPointError: where predictions leave the finite numbers.
+    """
+    start, r, A = settled(of.take, of.hypothesis.setting(phi, of.take), start, scales)
+    return A, as_it_is(of, found(of, phi, start, scales, r, A, em))
+
+
+def tangent_at(of: Problem, A: Floats, now: State) -> Tangent:
+    """The tangent at `now`, whose answer to free parts is `A`.
+
+    Raises:
+        FloatingPointError: where predictions leave the finite numbers.
+    """
+    return Tangent(A, jacobian(of.take, of.hypothesis, now.phi, now.start, now.r, range(of.hypothesis.base_size)))
 
 
 def found(of: Problem, phi: Floats, start: Floats, scales: Scales, r: Floats, A: Floats, em: int = EM_STEPS) -> State:

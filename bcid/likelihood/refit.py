@@ -21,6 +21,7 @@ from bcid.likelihood.newton import (
     found,
     settled_at,
     slope_and_curvature,
+    standing_at,
     within,
 )
 from bcid.likelihood.take import Floats, Take
@@ -149,6 +150,16 @@ def _anew(of: Problem, anchor: State, ahead: State) -> tuple[Tangent, State] | N
         if rough or there.objective > anchor.objective:
             return tangent, there
     return None
+
+
+def standing(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales) -> Floats:
+    """Log-likelihood of every segment (S,) at phi, which is not refitted, with free parts and scales found for it.
+
+    Raises:
+        FloatingPointError: where predictions leave the finite numbers.
+    """
+    of = Problem(take, hypothesis, Prior(phi, np.zeros_like(phi)))
+    return log_likelihood(standing_at(of, phi, start, scales, LAST_EM_STEPS)[1].e)
 
 
 def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:

@@ -90,9 +90,9 @@ class Take(NamedTuple):
 
 def _spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
     """The numbers in the chosen spans of `first`, and the spans' new beginnings."""
-    parts = [np.arange(first[s], first[s + 1]) for s in chosen]
-    joined = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-    return joined, np.r_[0, np.cumsum([len(p) for p in parts])].astype(np.int64)
+    begin, lengths = first[chosen], first[np.asarray(chosen) + 1] - first[chosen]
+    ends = np.r_[0, np.cumsum(lengths)].astype(np.int64)
+    return np.arange(ends[-1]) + np.repeat(begin - ends[:-1], lengths), ends
 
 
 def take_of(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S) -> Take:

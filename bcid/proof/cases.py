@@ -217,7 +217,7 @@ def subset(cases: list[Case], every: int) -> list[Case]:
 
 
 QUICK_EVERY = {
-    "single": 25, "single-imperfect": 43, "null": 100, "null-imperfect": 100, "left-out": 14, "pair": 30, "outside": 14,
+    "single": 30, "single-imperfect": 60, "null": 100, "null-imperfect": 100, "left-out": 20, "pair": 50, "outside": 14,
     "unexcited": 6, "closed-loop": 20, "two-minutes": 11,
 }  # fmt: skip
 """Of each tier, one in so many makes a score of cases."""

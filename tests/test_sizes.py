@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import candidates
-from bcid.diagnosis.candidates import (
+from bcid.diagnosis import candidates, sizes
+from bcid.diagnosis.candidates import FINALISTS
+from bcid.diagnosis.sizes import (
+    CLOSELY,
     COARSELY,
     ENOUGH,
+    FALLS,
     FEW,
-    FINALISTS,
+    LIKELY,
     PROMISING,
     ROUGHLY,
+    Sized,
     at_simulated,
     at_their_sizes,
     on_the_whole,
@@ -70,7 +74,8 @@ class Refits:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, score: Any) -> None:
         self.made: list[tuple[Found, int, int]] = []
         self._score = score
-        monkeypatch.setattr(candidates, "refit", self)
+        monkeypatch.setattr(sizes, "refit", self)
+        monkeypatch.setattr(sizes, "standing", lambda *given: self(*given, tangents=0).per_segment)
 
     def __call__(
         self, take: Any, hypothesis: Hypothesis, phi: Any, start: Any, scales: Any, tangents: int = 99
@@ -103,8 +108,8 @@ def test_an_effect_of_either_sign_is_tried_with_both_and_the_better_one_is_kept(
     Refits(monkeypatch, lambda name, values, start: -np.sign(values.get("steering_offset__o", 0.0)))
     fit, names = base_fit(), ["steering_offset", "yaw_scrub"]
     found = at_their_sizes(fit, Segments(90), fit.phi, names)  # type: ignore[arg-type]
-    assert [f.hypothesis.effects[-1] for f in found] == ["steering_offset", "yaw_scrub"]
-    assert found[0].hypothesis.values(found[0].phi)["steering_offset__o"] < 0.0
+    assert [f.effect for f in found] == ["steering_offset", "yaw_scrub"]
+    assert found[0].fit.hypothesis.values(found[0].fit.phi)["steering_offset__o"] < 0.0
 
 
 def test_what_has_one_sign_is_tried_with_that(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,9 +126,26 @@ def test_the_size_from_which_an_effect_is_refitted_is_looked_for(share: float, m
     assert own.low <= true <= own.high
     refits = Refits(monkeypatch, of_size("rear_rolling_coulomb", "rear_rolling_coulomb__c", true))
     (found,) = at_their_sizes(fit, Segments(90), fit.phi, ["rear_rolling_coulomb"])  # type: ignore[arg-type]
-    value = found.hypothesis.values(found.phi)["rear_rolling_coulomb__c"]
+    value = found.fit.hypothesis.values(found.fit.phi)["rear_rolling_coulomb__c"]
     assert 1.0 / np.sqrt(3.0) < value / true < np.sqrt(3.0)
     assert {(n, tangents) for _, n, tangents in refits.made if tangents <= ROUGHLY} == {(FEW, 0), (ENOUGH, ROUGHLY)}
+
+
+@pytest.mark.parametrize(("dip", "tried"), [(0.9 * FALLS, max(COARSELY)), (1.1 * FALLS, 9.0)])
+def test_from_a_size_that_is_worse_no_larger_one_is_tried(
+    dip: float, tried: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Large sizes lose segments, which costs most; another mode of a segment may make a small dip."""
+    own = BASE.entries["rear_rolling_coulomb"].parameters[0]
+
+    def score(name: str, values: dict[str, float], start: Any) -> float:
+        share = values["rear_rolling_coulomb__c"] / own.size
+        return share if share < 5.0 else 3.0 - dip if share < 10.0 else share
+
+    refits, fit = Refits(monkeypatch, score), base_fit()
+    at_their_sizes(fit, Segments(90), fit.phi, ["rear_rolling_coulomb"])  # type: ignore[arg-type]
+    sizes = [f.values()["rear_rolling_coulomb__c"] for f, _, tangents in refits.made if tangents == 0]
+    assert max(s for s in sizes if s <= max(COARSELY) * own.size) == pytest.approx(tried * own.size)
 
 
 @pytest.mark.parametrize("true", [(0.03, -0.03), (-0.09, 0.0), (0.0, 0.2), (0.03, 0.03), (-0.09, 0.09)])
@@ -136,7 +158,7 @@ def test_two_amplitudes_are_tried_each_and_together(true: tuple[float, float], m
     Refits(monkeypatch, score)
     fit = base_fit()
     (found,) = at_their_sizes(fit, Segments(90), fit.phi, ["marker_offset"])  # type: ignore[arg-type]
-    values = found.hypothesis.values(found.phi)
+    values = found.fit.hypothesis.values(found.fit.phi)
     off = np.hypot(values["marker_offset__d_x"] - true[0], values["marker_offset__d_y"] - true[1])
     assert off < 0.5 * np.hypot(*true)
 
@@ -158,8 +180,8 @@ def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch
     refits = Refits(monkeypatch, lambda name, values, start: worth[name])
     found = at_their_sizes(fit, Segments(20), fit.phi, names)  # type: ignore[arg-type]
     best = list(reversed(names))[:PROMISING]
-    assert [f.hypothesis.effects[-1] for f in found] == best
-    closely = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == candidates.CLOSELY]
+    assert [f.effect for f in found] == best
+    closely = [f.hypothesis.effects[-1] for f, _, tangents in refits.made if tangents == CLOSELY]
     assert sorted(closely) == sorted(best)
 
 
@@ -168,24 +190,35 @@ def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.Mon
     Refits(monkeypatch, lambda name, values, start: nats[name])
     fit = base_fit()
     found = at_their_sizes(fit, Segments(30), fit.phi, list(nats))  # type: ignore[arg-type]
-    assert [f.hypothesis.effects[-1] for f in found] == ["yaw_scrub", "quadratic_drag"]
-    assert found[0].bic < found[1].bic
+    assert [f.effect for f in found] == ["yaw_scrub", "quadratic_drag"]
+    assert found[0].fit.bic < found[1].fit.bic
 
 
 def test_gains_are_those_of_the_segments_that_were_chosen_and_never_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = base_fit()
-    chosen = candidates._evenly(Segments(90), candidates.ENOUGH)  # type: ignore[arg-type]
+    chosen = sizes._evenly(Segments(90), ENOUGH)  # type: ignore[arg-type]
     fit.per_segment[chosen] = 1000.0  # all others have none
     nats = {"yaw_scrub": 1100.0, "quadratic_drag": 1120.0, "motor_sag": 1000.0}
     Refits(monkeypatch, lambda name, values, start: np.full(30, nats[name]))
     found = at_their_sizes(fit, Segments(90), fit.phi, list(nats))  # type: ignore[arg-type]
-    assert [f.hypothesis.effects[-1] for f in found] == ["quadratic_drag", "yaw_scrub", "motor_sag"]
+    assert [f.effect for f in found] == ["quadratic_drag", "yaw_scrub", "motor_sag"]
 
 
-def test_leaving_what_a_simulation_says_is_charged() -> None:
+def test_leaving_what_a_simulation_says_is_charged_by_the_share_that_was_chosen() -> None:
+    free, some = base_fit(), np.arange(30)  # of 90 segments
+    far = replace(free, per_segment=np.full(30, 1.0), charged=90.0)
+    assert sizes._promise(far, free, some) == pytest.approx(
+        sizes._promise(replace(far, charged=0.0), free, some) - 30.0
+    )
+    bent = replace(free, charged=60.0)  # what the fit before has paid for bending counts as well
+    assert sizes._promise(far, bent, some) == pytest.approx(sizes._promise(far, free, some) + 20.0)
+
+
+def test_what_suits_the_chosen_segments_alone_is_no_promise() -> None:
+    """Parameters refitted to some segments gain half a nat each there by chance."""
     free = base_fit()
-    far = replace(free, per_segment=free.per_segment + 1.0, charged=100.0)
-    assert candidates._promise(far, free.per_segment) < candidates._promise(free, free.per_segment)
+    chance = replace(free, per_segment=np.full(30, 0.5 * len(free.phi) / 30.0))
+    assert sizes._promise(chance, free, np.arange(30)) == pytest.approx(0.0, abs=0.05)
 
 
 def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,15 +227,37 @@ def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch)
     assert {"steering_offset", "quadratic_drag", "pose_scale"} <= set(names)
 
 
+def on_a_part(promises: dict[str, tuple[float, float]]) -> list[Sized]:
+    """Refits of 30 segments: value and promise by effect."""
+    fits: list[Any] = [
+        replace(base_fit(BASE.holding(name), (v,)), per_segment=np.zeros(30)) for name, (v, _) in promises.items()
+    ]
+    return [Sized(f, promise) for f, (_, promise) in zip(fits, promises.values(), strict=True)]
+
+
 def test_on_the_whole_the_first_credible_ones_count(monkeypatch: pytest.MonkeyPatch) -> None:
     fit, low = base_fit(), BASE.entries["steering_offset"].parameters[0].low
-    sizes = {"steering_offset": low, "yaw_scrub": 5.0, "quadratic_drag": 1.0, "motor_sag": 0.1, "rear_toe": 0.01}
-    of_part: list[Any] = [base_fit(BASE.holding(name), (value,)) for name, value in sizes.items()]
     refits = Refits(monkeypatch, lambda name, values, start: 1.0)
-    whole = on_the_whole(fit, Segments(90), of_part)  # type: ignore[arg-type]
+    values = {"steering_offset": low, "yaw_scrub": 5.0, "quadratic_drag": 1.0, "motor_sag": 0.1, "rear_toe": 0.01}
+    whole = on_the_whole(fit, Segments(90), on_a_part({n: (v, 9.0) for n, v in values.items()}), 0.0)  # type: ignore[arg-type]
     assert [f.hypothesis.effects[-1] for f in whole] == ["yaw_scrub", "quadratic_drag", "motor_sag"]
     assert len(whole) == FINALISTS
     assert {segments for _, segments, _ in refits.made} == {90}
+
+
+@pytest.mark.parametrize(("least", "refitted"), [(0.0, ["yaw_scrub", "rear_toe"]), (90.0, ["yaw_scrub"]), (300.0, [])])
+def test_what_is_not_likely_to_win_is_not_refitted(
+    least: float, refitted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither what promises little beside the first, nor what is far from what is asked of the whole take."""
+    Refits(monkeypatch, lambda name, values, start: 1.0)
+    promised = {
+        "yaw_scrub": (5.0, 20.0),
+        "rear_toe": (0.01, 1.2 * LIKELY * 20.0),
+        "motor_sag": (0.1, 0.9 * LIKELY * 20.0),
+    }
+    whole = on_the_whole(base_fit(), Segments(90), on_a_part(promised), least)  # type: ignore[arg-type]
+    assert [f.hypothesis.effects[-1] for f in whole] == refitted
 
 
 def test_a_trusted_simulation_s_parameters_leave_what_was_found_alone() -> None:
