@@ -5,6 +5,9 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
+import subprocess
+import sys
+import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -251,6 +254,32 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
             assert len(set(answers)) == len(answers)
     for tier in ("single", "left-out", "outside", "closed-loop"):  # who knows one run's names does not know the next's
         assert len({tuple(c.answer for c in few if c.tier == tier) for few in drawn[1:]}) == 3
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_workers_end_with_who_started_them() -> None:
+    """A run that is killed leaves none behind that would keep the cores busy for what nobody reads."""
+    begin = "import os, time; from bcid.proof.running import pool_of; pool = pool_of(1); "
+    work = "print(pool.submit(os.getpid).result(), flush=True); pool.submit(time.sleep, 600); time.sleep(600)"
+    with subprocess.Popen(
+        [sys.executable, "-c", begin + work], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as run:
+        assert run.stdout is not None
+        worker = int(run.stdout.readline())
+        assert _lives(worker)
+        run.kill()
+    until = time.monotonic() + 30.0
+    while time.monotonic() < until and _lives(worker):
+        time.sleep(0.1)
+    assert not _lives(worker)
+
+
+def _lives(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
 
 
 def test_circles_overlap() -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -84,8 +86,17 @@ def _alone() -> None:
     import numba
     from threadpoolctl import threadpool_limits
 
+    Thread(target=_with_parent, daemon=True).start()
     numba.set_num_threads(1)
     threadpool_limits(1)
+
+
+def _with_parent() -> None:
+    """End this process as soon as its parent has ended, however: nobody would read what it makes."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _kept(case: Case, folder: Path, others: bool) -> dict[str, Any]:
