@@ -106,6 +106,9 @@ def test_how_predictions_answer_is_asked_only_where_a_leap_ends(monkeypatch: pyt
     assert leap(valley) == 0.0
     assert valley.calls > 1
     assert valley.asked == [0.0]
+    valley = Valley(monkeypatch, lambda phi, n: -abs(phi - 4.0 * STEP))  # a stretch goes too far at last
+    assert leap(valley) == pytest.approx(4.0 * STEP, abs=STEP)
+    assert len(valley.asked) < valley.calls
 
 
 def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,7 +42,7 @@ from bcid.likelihood.marginal import (
     weights,
 )
 from bcid.likelihood.newton import jacobian
-from bcid.likelihood.refit import refit
+from bcid.likelihood.refit import refit, standing
 from bcid.likelihood.segments import Layout, free_sensitivities, layout, predict, segment_poses
 from bcid.likelihood.take import (
     FORGOTTEN,
@@ -307,6 +307,14 @@ def test_a_part_is_its_segments(take: Take) -> None:
     r, whole = residuals(part, setting, part.start), residuals(take, setting, take.start)
     rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
     np.testing.assert_array_equal(r, whole[rows])
+
+
+@pytest.mark.parametrize("chosen", [[3, 7, 5], [0], []])
+def test_the_rows_of_some_segments_are_theirs_in_their_order(take: Take, chosen: list[int]) -> None:
+    rows = [row for s in chosen for row in range(take.first[s], take.first[s + 1])]
+    some = np.array(chosen, dtype=np.int64)
+    assert take.rows(some).tolist() == rows
+    assert np.diff(take.part(some).first).tolist() == [take.first[s + 1] - take.first[s] for s in chosen]
 
 
 def test_what_stands_still_is_left_out(take: Take) -> None:
@@ -615,6 +623,14 @@ def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
     se = np.sqrt(np.diag(found.covariance))[: len(BASE.logs)]
     assert (np.abs(np.array(apart) / se) < 4.0).all(), dict(zip(BASE.logs, zip(apart, se, strict=True), strict=True))
     np.testing.assert_allclose(found.scales.q, [0.3, 0.3, 0.6], rtol=0.3)
+
+
+@pytest.mark.parametrize("pushed", [False, True])
+def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: Take, pushed: bool) -> None:
+    take = pushed_take(part)[0]._replace(pushed=pushed)
+    phi = BASE.start(CAR._replace(C_f=1.1 * CAR.C_f))
+    each = standing(take, BASE, phi, take.start, LOUD)
+    np.testing.assert_allclose(each, refit(take, BASE, phi, take.start, LOUD, tangents=0).per_segment, atol=0.1)
 
 
 def test_what_pushes_had_taken_over_goes_back_to_the_effect_that_it_is(part: Take) -> None:

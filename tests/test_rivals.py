@@ -66,7 +66,7 @@ def test_rivals_of_what_is_left_do_not_hold_what_was_dropped(monkeypatch: pytest
     assert found.reduced(left, TAKE, ("motor_sag",)).others == (twin,)
 
 
-def test_what_was_dropped_comes_back_as_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stand_in_comes_back_as_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither by the score test nor from its size."""
     given = {}
 
@@ -106,19 +106,19 @@ def test_under_pushes_an_effect_is_exchanged_for_others_at_their_sizes(monkeypat
 
 
 @pytest.mark.parametrize(
-    ("gained", "explained", "enough"),
-    [(30.0, 30.0, True), (20.0, 20.0, False), (20.0, 25.0, False), (20.0, 10.0, True), (20.0, -5.0, True),
-     (13.0, 0.0, False)],
+    ("explained", "unbent", "enough"),
+    [(30.0, 0.0, True), (20.0, 0.0, False), (20.0, 13.0, True), (11.0, 13.0, False), (0.0, 15.0, True),
+     (11.0, 15.0, True), (30.0, 15.0, True), (13.0, 0.0, False)],
 )  # fmt: skip
 def test_what_unbends_a_trusted_simulation_need_not_explain_what_is_left(
-    gained: float, explained: float, enough: bool
+    explained: float, unbent: float, enough: bool
 ) -> None:
-    """A quarter of what trees predict is asked of what explains pushes, and a gain beyond chance of everything."""
-    best, more = fit(0.0), fit(gained)
-    best.log_likelihood, more.log_likelihood = 0.0, explained
+    """A quarter of what trees predict is asked, or a gain beyond chance by unbending alone; more is never worse."""
+    best, more = fit(0.0), fit(explained + unbent)
+    best.bent, more.bent = -40.0, -40.0 + unbent
     left = Remainder("fy", 0.9, {}, (), 100.0, None)
     assert search._substantial(best, more, left, 14.0) is enough
-    assert search._substantial(best, more, NOTHING_LEFT, 14.0) is (gained > 14.0)
+    assert search._substantial(best, more, NOTHING_LEFT, 14.0) is (explained + unbent > 14.0)
 
 
 def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:

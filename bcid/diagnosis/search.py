@@ -59,12 +59,14 @@ class Search:
     p_value: float  # that all which stands out beside the corrected base model is chance
     trials: Changes  # of the whole vocabulary beside the corrected base model
     promising: tuple[str, ...]  # effects that were so at their sizes, where a score test does not tell
+    stand_ins: tuple[str, ...] = ()  # dropped for something that has no name, and no rivals of what is left
 
-    def reduced(self, best: Fit, take: Take, dropped: Sequence[str]) -> Search:
-        """The same search with fewer effects in its best fit, whose rivals are others now, none of them `dropped`."""
-        names = tuple(n for n in self.promising if n not in dropped)
-        found = settled(best, take, self.trials.without(dropped), (self.corrected, self.base), names)
-        return replace(self, best=found.best, without=found.without, others=found.others)
+    def reduced(self, best: Fit, take: Take, stand_ins: Sequence[str]) -> Search:
+        """The same search with fewer effects in its best fit, `stand_ins` were dropped; the rivals are others now."""
+        out = (*self.stand_ins, *stand_ins)
+        names = tuple(n for n in self.promising if n not in out)
+        found = settled(best, take, self.trials.without(out), (self.corrected, self.base), names)
+        return replace(self, best=found.best, without=found.without, others=found.others, stand_ins=out)
 
 
 def search(
@@ -98,7 +100,8 @@ def search(
         promising = promising or names
         fits = best_first(fits, take)
         if left.predictable and not (fits and _substantial(best, fits[0], left, max(least, chance.gate))):
-            fits = best_first([*fits, *from_afar(best, take, (*left_out, *tried))], take)
+            others = (*left_out, *tried) if take.pushed else left_out
+            fits = best_first([*fits, *from_afar(best, take, others)], take)
         if not (fits and _substantial(best, fits[0], left, least)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
@@ -110,7 +113,7 @@ def search(
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
     best = placed(_without_idlers(best, take, chance.gate), take)
-    if named(best) == named(before) and len(named(best)) < 2:  # all others have been refitted beside it
+    if named(best) == named(before) and len(named(best)) < 2:  # what comes near has been refitted beside it
         rest = distinct(best, accepted)
         without = each_left_out(best, (corrected, base), take)
     else:
@@ -121,14 +124,12 @@ def search(
 def _substantial(best: Fit, more: Fit, left: Remainder, least: float) -> bool:
     """Whether a fit that holds one effect more than `best` gains the `least`, and a fair share of what is `left`.
 
-    A mixture of effects, each of which explains little, would only stand in for something that has no name.  What is
-    gained because a trusted simulation's parameters need bend less is no part of what is left.
+    A mixture of effects, each of which explains little, would only stand in for something that has no name.  Nothing of
+    what is left need be explained by what is worth the least because a trusted simulation's parameters bend less.
     """
     gained = more.bic - best.bic
-    if gained < least or not left.predictable:
-        return gained >= least
-    explained = (more.log_likelihood - best.log_likelihood) / gained
-    return gained >= SUBSTANTIAL * left.gain * min(max(explained, 0.0), 1.0)
+    fair = gained >= SUBSTANTIAL * left.gain or more.bent - best.bent >= least
+    return gained >= least and (fair or not left.predictable)
 
 
 def _with_one_more(

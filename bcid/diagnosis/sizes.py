@@ -24,12 +24,14 @@ ENOUGH = 30  # segments on which effects are compared
 PROMISING = 8  # effects that are compared more closely, and tried again beside what was found
 MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a lost one would outweigh all the others
 ROUGHLY, CLOSELY = 1, 3  # tangents along which
-LIKELY = 0.5  # of what the first promises, or of what is asked, below which nothing is refitted
+LIKELY = 0.5  # of what is asked, or of what the first promises, below which nothing is refitted,
+CHANCE = 2.0  # and standard deviations by which a promise may be less than that by chance
 COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0)
 """Times an effect's size that are tried: what a small car lacks may be far beyond what would just show."""
 FINELY = (0.6, 1.7)
 """Times the best of them."""
-FALLS = 5.0  # nats by which a larger size is worse than chance, or another mode, would make it
+FALLS = 2  # sizes in a row, each worse than the one before: a single one may have thrown a segment off
+ATTEMPTS = 2  # sizes from which a refit is tried
 TWO_WAYS = ((1.0, 1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 1.0))
 """In which two amplitudes are tried."""
 
@@ -58,6 +60,7 @@ class Sized(NamedTuple):
 
     fit: Fit
     promise: float  # nats on that part
+    sd: float  # of the promise, by how segments scatter
 
     @property
     def effect(self) -> str:
@@ -70,38 +73,43 @@ def from_their_sizes(fit: Fit, take: Take, names: Iterable[str], least: float) -
 
     From the parameters of a simulation to be trusted, as long as there is one.
     """
+    names = [n for n in names if n not in fit.hypothesis.effects]
+    if not names:
+        return [], ()
     phi = fit.phi if fit.hypothesis.simulated is None else at_simulated(fit)
-    sized = at_their_sizes(fit, take, phi, [n for n in names if n not in fit.hypothesis.effects])
+    sized = at_their_sizes(fit, take, phi, names)
     return on_the_whole(fit, take, sized, least), tuple(s.effect for s in sized)
 
 
 def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> list[Sized]:
     """The most promising of `names`, each from its best size beside what `fit` holds, the most promising first.
 
-    On a part of the take, from `phi` of that and from the fit's free parts.
+    On a part of the take, which bends a simulation's parameters as far as the whole does, from `phi` of that and from
+    the fit's free parts.
     """
     few, enough = (_evenly(take, n) for n in (FEW, ENOUGH))
-    part, best, hypothesis = take.part(enough), list[Sized](), fit.hypothesis
+    part, sized, hypothesis = take.part(enough), list[Sized](), fit.hypothesis.of_a_share(len(enough) / take.segments)
     for name in names:
         more = hypothesis.holding(*hypothesis.effects, name)
-        sizes = _best_sizes(fit, take, few, more, phi)
-        if sizes:
+        for sizes in _best_sizes(fit, take, few, more, phi)[:ATTEMPTS]:
             there = more.start(hypothesis.car(phi), [*hypothesis.values(phi).values(), *sizes])
-            with suppress(FloatingPointError):
-                rough = refit(part, more, there, fit.start[enough], fit.scales, tangents=ROUGHLY)
-                best.append(Sized(rough, _promise(rough, fit, enough)))
-    closely = (_closer(s.fit, part) for s in _in_order(best)[:PROMISING])
-    return _in_order(Sized(f, _promise(f, fit, enough)) for f in closely)
+            with suppress(FloatingPointError):  # beside the end of the numbers a size has no slope
+                sized.append(
+                    _sized(refit(part, more, there, fit.start[enough], fit.scales, tangents=ROUGHLY), fit, enough)
+                )
+                break
+    return _in_order(_sized(_closer(s.fit, part), fit, enough) for s in _in_order(sized)[:PROMISING])
 
 
 def _in_order(sized: Iterable[Sized]) -> list[Sized]:
     return sorted(sized, key=lambda s: -s.promise)
 
 
-def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Floats) -> tuple[float, ...]:
-    """Of `more`'s last effect the values that promise most on the `chosen` segments; none where all leave the numbers.
+def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Floats) -> list[tuple[float, ...]]:
+    """Values of `more`'s last effect, those first that promise most on the `chosen` segments.
 
-    All else stays at `phi` of what `fit` holds.  From a size that is worse than a smaller one no larger one is tried.
+    All else stays at `phi` of what `fit` holds.  After two sizes each of which is worse than the smaller one before it,
+    no larger one is tried; none is told that leaves the numbers.
     """
     hypothesis, part = fit.hypothesis, take.part(chosen)
     known, own = list(hypothesis.values(phi).values()), more.entries[more.effects[-1]].parameters
@@ -113,19 +121,20 @@ def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Float
             with suppress(FloatingPointError):
                 there = more.start(hypothesis.car(phi), [*known, *sizes])
                 each = standing(part, more, there, fit.start[chosen], fit.scales)
-                tried[sizes] = _counted(each - fit.per_segment[chosen])
+                tried[sizes] = float(_counted(each - fit.per_segment[chosen]).sum())
         return tried[sizes]
 
     for way in _ways(own):
-        last = -np.inf
+        last, falls = -np.inf, 0
         for share in COARSELY:
             now = promises(_within(own, [share * v for v in way]))
-            if now < last - FALLS:
+            falls, last = falls + 1 if now < last or now == -np.inf else 0, now
+            if falls == FALLS:
                 break
-            last = now
     best = max(tried, key=promises)
-    best = max((best, *(_within(own, [share * v for v in best]) for share in FINELY)), key=promises)
-    return best if promises(best) > -np.inf else ()
+    for share in FINELY:
+        promises(_within(own, [share * v for v in best]))
+    return sorted((sizes for sizes in tried if promises(sizes) > -np.inf), key=lambda sizes: -tried[sizes])
 
 
 def _ways(own: Sequence[Parameter]) -> list[tuple[float, ...]]:
@@ -148,20 +157,22 @@ def _closer(fit: Fit, part: Take) -> Fit:
         return fit
 
 
-def _promise(fit: Fit, beside: Fit, chosen: Ints) -> float:
-    """Nats that a fit of the `chosen` segments gains there over `beside`, which is of all of them.
+def _sized(fit: Fit, beside: Fit, chosen: Ints) -> Sized:
+    """What a fit of the `chosen` segments promises there over `beside`, which is of all of them.
 
     Lost segments count little.  Of what either is charged for its parameters, as much as was chosen; and half a nat for
-    each of them, which it gains by suiting these segments more than the others.
+    each free one, which it gains by suiting these segments more than the others.
     """
-    charged = (fit.bic - fit.log_likelihood) - (beside.bic - beside.log_likelihood)
-    share = len(chosen) / len(beside.per_segment)
-    return _counted(fit.per_segment - beside.per_segment[chosen]) + share * charged - 0.5 * len(fit.phi)
+    each, share = _counted(fit.per_segment - beside.per_segment[chosen]), len(chosen) / len(beside.per_segment)
+    more, simulated = len(fit.hypothesis.parameters) - len(beside.hypothesis.parameters), fit.hypothesis.simulated
+    free = len(fit.phi) - (0 if simulated is None else len(simulated.phi))
+    charged = fit.bent - share * (beside.bent + 0.5 * more * float(np.log(len(beside.per_segment))))
+    return Sized(fit, float(each.sum()) + charged - 0.5 * free, float(each.std() * np.sqrt(len(each))))
 
 
-def _counted(nats: Floats) -> float:
-    """The sum over segments, of which none counts for more than MOST."""
-    return float(np.sum(MOST * np.tanh(nats / MOST)))
+def _counted(nats: Floats) -> Floats:
+    """Nats by segment, of which none counts for more than MOST."""
+    return np.asarray(MOST * np.tanh(nats / MOST))
 
 
 def on_the_whole(beside: Fit, take: Take, sized: Sequence[Sized], least: float) -> list[Fit]:
@@ -172,11 +183,12 @@ def on_the_whole(beside: Fit, take: Take, sized: Sequence[Sized], least: float) 
     """
     likely, whole = [s for s in sized if credible(s.fit, take)][:FINALISTS], list[Fit]()
     for s in likely:
-        asked = least * len(s.fit.per_segment) / take.segments
-        if s.promise < LIKELY * max(likely[0].promise, asked):
+        asked = LIKELY * least * len(s.fit.per_segment) / take.segments
+        if s.promise + CHANCE * s.sd < asked or (whole and s.promise < LIKELY * likely[0].promise):
             break
+        more = beside.hypothesis.holding(*s.fit.hypothesis.effects)
         with suppress(FloatingPointError):
-            whole.append(refit(take, s.fit.hypothesis, s.fit.phi, beside.start, beside.scales))
+            whole.append(refit(take, more, s.fit.phi, beside.start, beside.scales))
     return whole
 
 

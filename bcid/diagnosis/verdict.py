@@ -90,11 +90,11 @@ def judged(
     failing = [f for f in findings if not _passes(f, found)]
     # without the weakest the others may pass
     weakest = (min(failing, key=lambda f: f.gain).effect,) if failing else ()
-    failed = weakest or stand_ins(found, take, place, left, entering)
+    standing_in = () if weakest else stand_ins(found, take, place, left, entering)
+    failed = (*weakest, *standing_in)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
-        dropped = (*dropped, *failed)
-        return judged(found.reduced(rest, take, dropped), take, place, None, dropped)
+        return judged(found.reduced(rest, take, standing_in), take, place, None, (*dropped, *failed))
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"

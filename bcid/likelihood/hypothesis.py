@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -201,6 +202,13 @@ class Hypothesis:
         sd[len(self.logs) :] *= np.maximum(np.abs(centre[len(self.logs) :]), 1.0)
         sd[np.isin(names, RAW_COMMANDS)] = PRIOR_SD
         return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist())))
+
+    def of_a_share(self, share: float) -> Hypothesis:
+        """The same for a share of a take, which bends a simulation's parameters as far as the whole does."""
+        if self.simulated is None:
+            return self
+        sd = tuple(s / math.sqrt(share) for s in self.simulated.sd)
+        return replace(self, simulated=self.simulated._replace(sd=sd))
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest phi; of the base parameters, where no car is beyond.

@@ -58,8 +58,12 @@ class Fit:
         Less, too, what it costs to leave the parameters of a simulation that is trusted.
         """
         extra = len(self.hypothesis.parameters)
-        cost = 0.0 if self.hypothesis.simulated is None else Prior(*self.hypothesis.prior(self.phi))(self.phi)
-        return self.log_likelihood + cost - 0.5 * extra * float(np.log(len(self.per_segment)))
+        return self.log_likelihood + self.bent - 0.5 * extra * float(np.log(len(self.per_segment)))
+
+    @property
+    def bent(self) -> float:
+        """Nats, less than nothing, that it costs to leave the parameters of a simulation that is trusted."""
+        return 0.0 if self.hypothesis.simulated is None else Prior(*self.hypothesis.prior(self.phi))(self.phi)
 
     def car(self) -> Car:
         """The fitted base parameters."""
@@ -158,6 +162,7 @@ def standing(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, sca
     Raises:
         FloatingPointError: where predictions leave the finite numbers.
     """
+    phi = np.clip(phi, *hypothesis.bounds())
     of = Problem(take, hypothesis, Prior(phi, np.zeros_like(phi)))
     return log_likelihood(standing_at(of, phi, start, scales, LAST_EM_STEPS)[1].e)
 

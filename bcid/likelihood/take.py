@@ -90,7 +90,7 @@ class Take(NamedTuple):
 
 def _spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
     """The numbers in the chosen spans of `first`, and the spans' new beginnings."""
-    begin, lengths = first[chosen], first[np.asarray(chosen) + 1] - first[chosen]
+    begin, lengths = first[chosen], first[chosen + 1] - first[chosen]
     ends = np.r_[0, np.cumsum(lengths)].astype(np.int64)
     return np.arange(ends[-1]) + np.repeat(begin - ends[:-1], lengths), ends
 

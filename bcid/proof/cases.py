@@ -220,11 +220,11 @@ QUICK_EVERY = {
     "single": 30, "single-imperfect": 60, "null": 100, "null-imperfect": 100, "left-out": 20, "pair": 50, "outside": 14,
     "unexcited": 6, "closed-loop": 20, "two-minutes": 11,
 }  # fmt: skip
-"""Of each tier, one in so many makes a score of cases."""
+"""Of each tier, one in so many makes eighteen cases."""
 
 
 def quick_suite(cases: Sequence[Case], seed: int) -> list[Case]:
-    """About twenty of the cases, drawn from the tiers in which most is at stake."""
+    """Eighteen of the cases, drawn from the tiers in which most is at stake."""
     drawn = list[Case]()
     for k, (tier, every) in enumerate(QUICK_EVERY.items()):
         of = [c for c in cases if c.tier == tier]
