@@ -144,6 +144,7 @@ def test_a_published_motor_may_fade(estimates: list[Estimate]) -> None:
     given = of_parameters(Path("pipelines/dart/simulation.toml"), estimates, vehicle)
     assert given.effects["motor_fade__k"] == 4.815
     assert given.car.K_t == 25.358
+    assert given.trust_of["steering_scale"] == 0.04
 
 
 def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
@@ -167,6 +168,11 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     assert otherwise[changed] == pytest.approx([0.1**-2, (0.5 * max(centre[lag], 1.0)) ** -2])
     assert stiffness[lag + 1] == pytest.approx(PRIOR_SD**-2)  # a gain of raw commands belongs to no simulation
     assert stiffness[-1] == 0.0  # nor does what may be missing
+    measured = free.trusting(values, 0.02, {"steering_scale": 0.04}).holding("yaw_scrub")  # unless it was measured
+    unit = free.entries["steering_scale"].parameters[0].size
+    assert measured.prior(more)[1][lag + 1] == pytest.approx((0.04 / unit) ** -2)
+    assert measured.simulated is not None
+    assert measured.simulated.free == ()
 
 
 @pytest.mark.parametrize(
@@ -177,6 +183,7 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
         (parameters(motor_lag="sigma = 1.0"), "effects.motor_lag"),
         ("relative_sd = -1.0\n[parameters]", "relative_sd"),
         (parameters() + "\n[relative_sd_of]\nK_tt = 0.1", "names K_tt"),
+        (parameters() + "\n[relative_sd_of]\nsteering_scale = 0.1", "names steering_scale"),  # commands are angles
         (parameters() + "\n[relative_sd_of]\nK_t = 2.0", "relative_sd_of.K_t"),
         (parameters().partition("\n")[2] + "\n[relative_sd_of]\nK_t = 0.1", "stands without"),
         ("parameters = 3", "parameters"),

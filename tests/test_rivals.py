@@ -138,6 +138,14 @@ def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytes
     assert found[0] == -2.0
 
 
+def test_a_trusted_simulation_s_figures_speak_on_every_block() -> None:
+    take: Any = SimpleNamespace(begin_s=np.arange(0.0, 240.0, 1.5), T=240.0)
+    scatter = np.random.default_rng(3).standard_normal(160)
+    plain, bent = (heldout.gain(scatter, np.zeros(160), take, unbent) for unbent in (0.0, 50.0))
+    assert bent.nats == pytest.approx(plain.nats + 50.0)
+    assert np.subtract(bent.ci95, plain.ci95) == pytest.approx([50.0, 50.0])
+
+
 def shoved(*sizes: float) -> Disturbances:
     """Pushes of these sizes along, across and about the car, as large as they may be expected."""
     push = np.random.default_rng(2).standard_normal((200, 3)) * sizes

@@ -334,11 +334,12 @@ def test_a_trusted_simulation_s_parameters_leave_what_was_found_alone() -> None:
     assert trusting.values(phi)["yaw_scrub__c"] == pytest.approx(7.0)
 
 
-def test_a_gain_of_raw_commands_is_none_of_a_simulation_s_parameters() -> None:
-    raw = replace(BASE, assumed=("motor_lag", *RAW_COMMANDS), raw_commands=True).trusting([0.06, 0.0], 0.02)
+@pytest.mark.parametrize(("known", "g"), [({}, 0.2), ({"steering_scale": 0.04}, 0.0)])
+def test_a_gain_of_raw_commands_is_a_simulation_s_own_where_it_was_measured(known: dict[str, float], g: float) -> None:
+    raw = replace(BASE, assumed=("motor_lag", *RAW_COMMANDS), raw_commands=True).trusting([0.06, 0.0], 0.02, known)
     bent: Any = base_fit(raw.holding("yaw_scrub"), (0.5, 0.2, 7.0))
     values = raw.holding("yaw_scrub").values(at_simulated(bent))
-    assert values == pytest.approx({"motor_lag__tau": 0.06, "steering_scale__g": 0.2, "yaw_scrub__c": 7.0})
+    assert values == pytest.approx({"motor_lag__tau": 0.06, "steering_scale__g": g, "yaw_scrub__c": 7.0})
 
 
 def test_what_a_base_model_assumes_may_end_where_it_will() -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from bcid.diagnosis.diagnose import Compared, diagnosed
+from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
@@ -99,7 +100,8 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
     for name, values in file.effects.items():
         if name not in ENTRIES or set(values) != {p.symbol for p in ENTRIES[name].parameters}:
             raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
-    unknown = sorted(set(file.relative_sd_of) - set(file.parameters) - set(file.effects))
+    gains = RAW_COMMANDS if vehicle.raw_steering else ()
+    unknown = sorted(set(file.relative_sd_of) - {*file.parameters, *file.effects, *gains})
     if unknown or (file.relative_sd_of and file.relative_sd is None):
         cause = f"names {', '.join(unknown)}, which the file does not give" if unknown else "stands without relative_sd"
         raise InputRefused(path, "relative_sd_of", cause, "give relative_sd, and here what is known otherwise")

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.candidates import FINALISTS, credible
-from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.hypothesis import Hypothesis
@@ -37,7 +36,7 @@ TWO_WAYS = ((1.0, 1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 1.0))
 
 
 def at_simulated(corrected: Fit) -> Floats:
-    """The fit's phi with the parameters of a simulation to be trusted; a gain of raw commands is none of them.
+    """The fit's phi with the parameters of a simulation to be trusted, as far as that knows them.
 
     What is missing is plain there, and hardly seen any more where those have bent to it.
     """
@@ -45,7 +44,7 @@ def at_simulated(corrected: Fit) -> Floats:
     assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
     known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
     simulated = np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
-    return np.where(np.isin(hypothesis.names, RAW_COMMANDS), corrected.phi, simulated)
+    return np.where(np.isin(hypothesis.names, hypothesis.simulated.free), corrected.phi, simulated)
 
 
 def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:

@@ -124,9 +124,9 @@ def _findings(found: Search, take: Take) -> list[Finding]:
     return [
         Finding(
             name, _twins(best, found, take, name), _probability(found, name), values_of(best, name),
-            best.bic - found.without[name].bic, gain(with_all, scores(found.without[name], take), take),
+            best.bic - less.bic, gain(with_all, scores(less, take), take, best.bent - less.bent),
         )
-        for name in named(best)
+        for name, less in ((name, found.without[name]) for name in named(best))
     ]  # fmt: skip
 
 

@@ -72,6 +72,7 @@ class Simulated(NamedTuple):
 
     phi: tuple[float, ...]
     sd: tuple[float, ...]
+    free: tuple[str, ...] = ()  # of `names`, what it knows nothing of
 
 
 @dataclass(frozen=True)
@@ -195,13 +196,15 @@ class Hypothesis:
 
         Or as `of` says of a parameter of the base model or of an effect by its name.  What is nothing in the simulation
         is known as well as that share of its unit; a gain that turns raw commands into angles belongs to no simulation,
-        and stays as free as it is.
+        and stays as free as it is where `of` does not say how well it was measured.
         """
-        centre, names = self.holding().start(self.nominal, values), self.holding().names
+        centre, names = self.holding().start(self.nominal, values), np.array(self.holding().names)
         sd = np.array([of.get(name, relative) for name in names])  # of a logarithm it is relative as it stands
         sd[len(self.logs) :] *= np.maximum(np.abs(centre[len(self.logs) :]), 1.0)
-        sd[np.isin(names, RAW_COMMANDS)] = PRIOR_SD
-        return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist())))
+        free = tuple(name for name in RAW_COMMANDS if name not in of)
+        for name in np.intersect1d(RAW_COMMANDS, names).tolist():
+            sd[names == name] = of[name] / self.entries[name].parameters[0].size if name in of else PRIOR_SD
+        return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist()), free))
 
     def of_a_share(self, share: float) -> Hypothesis:
         """The same for a share of a take, which bends a simulation's parameters as far as the whole does."""
