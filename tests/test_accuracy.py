@@ -111,14 +111,20 @@ def test_a_file_of_data_with_problems_is_refused(tmp_path: Path) -> None:
         list(plans(tmp_path / "data.toml", None, tmp_path))
 
 
+TAKES = 16
+
+
 @pytest.mark.slow
 def test_fits_to_poses_state_intervals_that_hold_and_one_step_fits_do_not() -> None:
-    """Over many small fits of the paper's car; constants of one fit are nearly independent of each other."""
-    rows = [row for seed in range(300, 308) for row in fitted(seed, 50.0, ["one-step", "poses"])]
+    """Over many small fits of the paper's car; constants of one fit are nearly independent of each other.
+
+    Of half as many takes it hung on the machine which constants a one-step fit tells, and so how far off they are.
+    """
+    rows = [row for seed in range(300, 300 + TAKES) for row in fitted(seed, 50.0, ["one-step", "poses"])]
     table = {(r["loss"], r["symbol"]): r for r in recovered(rows, {})["rows"]}
     poses, one_step = table["poses", "all"], table["one-step", "all"]
     n = poses["n"]
-    assert n >= 8 * 7
+    assert n >= TAKES * 7
     low, high = binom.ppf([0.005, 0.995], n, GOAL) / n  # the goal's ends, as so many intervals can tell them
     assert low <= poses["covered"] <= high
     squares = chi2.ppf([1e-4, 1.0 - 1e-4], n) / n  # of errors in standard errors: twice too wide would be a quarter
