@@ -205,6 +205,23 @@ def test_only_the_promising_are_compared_closely(monkeypatch: pytest.MonkeyPatch
     assert sorted(closely) == sorted(best)
 
 
+def test_what_suits_its_segments_only_along_a_second_tangent_is_compared_closely(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A size found on FEW segments may lose some of ENOUGH: yaw scrub promised -100 nats at first, 230 later."""
+    fit = base_fit()
+    names = without_place(fit, ())
+    refits = Refits(monkeypatch, lambda name, values, start: 230.0 if name == names[-1] else 0.0)
+
+    def unsettled(*given: Any, tangents: int) -> Any:
+        found = refits(*given, tangents=tangents)
+        early = tangents == 1 and found.hypothesis.effects[-1] == names[-1]
+        return replace(found, per_segment=found.per_segment - 11.0) if early else found
+
+    monkeypatch.setattr(sizes, "refit", unsettled)
+    assert at_their_sizes(fit, Segments(30), fit.phi, names)[0].effect == names[-1]  # type: ignore[arg-type]
+
+
 def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     nats = {"yaw_scrub": np.r_[-5000.0, np.full(29, 10.0)], "quadratic_drag": np.ones(30)}
     Refits(monkeypatch, lambda name, values, start: nats[name])

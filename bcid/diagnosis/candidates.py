@@ -74,13 +74,12 @@ def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
     The best of them on a part of the take, then on the whole.
     """
     chosen = np.arange(0, take.segments, 4)
-    part, found = take.part(chosen), []
-    for name, share, car in itertools.product(SWALLOWED, FAR_SHARES, (fit.car(), fit.hypothesis.nominal)):
-        if name in fit.hypothesis.effects or name in left_out:
+    part, found, h = take.part(chosen), list[Fit](), fit.hypothesis
+    nominal = h.start(h.nominal, list(h.values(fit.phi).values()))
+    for name, share, near in itertools.product(SWALLOWED, FAR_SHARES, (fit.phi, nominal)):
+        if name in h.effects or name in left_out:
             continue
-        more = fit.hypothesis.holding(*fit.hypothesis.effects, name)
-        sizes = [share * p.size for p in more.entries[name].parameters]
-        phi = more.start(car, [*fit.hypothesis.values(fit.phi).values(), *sizes])
+        more, phi = h.with_effect(name, near, [share * p.size for p in h.entries[name].parameters])
         with suppress(FloatingPointError):
             found.append(refit(part, more, phi, fit.start[chosen], fit.scales, QUICK))
     if not found:
@@ -94,9 +93,8 @@ def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
 def quickly(fit: Fit, take: Take, candidate: Candidate) -> Fit:
     """The joint refit with one more effect along the fit's own tangent, from the score test's values."""
     sharp = sharpened(fit, take, candidate)
-    more = fit.hypothesis.holding(*fit.hypothesis.effects, candidate.effect)
-    values = [*fit.hypothesis.values(fit.phi).values(), *sharp.values]
-    return refit(take, more, more.start(fit.car(), values), fit.start, fit.scales, QUICK, fit.tangent)
+    more, phi = fit.hypothesis.with_effect(candidate.effect, fit.phi, sharp.values)
+    return refit(take, more, phi, fit.start, fit.scales, QUICK, fit.tangent)
 
 
 def named(fit: Fit) -> tuple[str, ...]:

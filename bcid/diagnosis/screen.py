@@ -138,9 +138,7 @@ def _moved(
 
 def _difference(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
     """What the effect at `values` changes in the prediction (N, 3)."""
-    base = fit.hypothesis
-    more = base.holding(*base.effects, name)
-    phi = more.start(fit.car(), [*base.values(fit.phi).values(), *values])
+    more, phi = fit.hypothesis.with_effect(name, fit.phi, values)
     at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
     chosen = concerned(take, take.pose - r, at)
     part, rows = take.part(chosen), take.rows(chosen)

@@ -5,7 +5,8 @@ Beside pushes that do its work already, and beside parameters that have bent to 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from bcid.diagnosis.candidates import FINALISTS, credible
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit, refit, standing
 from bcid.likelihood.take import Floats, Ints, Take
 
@@ -22,7 +24,7 @@ FEW = 12  # segments on which an effect's size is looked for
 ENOUGH = 30  # segments on which effects are compared
 PROMISING = 8  # effects that are compared more closely, and tried again beside what was found
 MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a lost one would outweigh all the others
-ROUGHLY, CLOSELY = 1, 3  # tangents along which
+ROUGHLY, CLOSELY = 2, 3  # tangents along which; after one alone, a size found on FEW segments does not suit ENOUGH yet
 LIKELY = 0.5  # of what is asked, or of what the first promises, below which nothing is refitted,
 CHANCE = 2.0  # and standard deviations by which a promise may be less than that by chance
 COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0)
@@ -87,39 +89,42 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> l
     the fit's free parts.
     """
     few, enough = (_evenly(take, n) for n in (FEW, ENOUGH))
-    part, sized, hypothesis = take.part(enough), list[Sized](), fit.hypothesis.of_a_share(len(enough) / take.segments)
+    part, hypothesis = take.part(enough), fit.hypothesis.of_a_share(len(enough) / take.segments)
+    rough = list[Fit]()
     for name in names:
-        more = hypothesis.holding(*hypothesis.effects, name)
-        for sizes in _best_sizes(fit, take, few, more, phi)[:ATTEMPTS]:
-            there = more.start(hypothesis.car(phi), [*hypothesis.values(phi).values(), *sizes])
-            with suppress(FloatingPointError):  # beside the end of the numbers a size has no slope
-                sized.append(
-                    _sized(refit(part, more, there, fit.start[enough], fit.scales, tangents=ROUGHLY), fit, enough)
-                )
-                break
-    return _in_order(_sized(_closer(s.fit, part), fit, enough) for s in _in_order(sized)[:PROMISING])
+        starts = (
+            hypothesis.with_effect(name, phi, sizes) for sizes in _best_sizes(fit, take, few, name, phi)[:ATTEMPTS]
+        )
+        rough += itertools.islice(_refitted(part, starts, fit.start[enough], fit.scales), 1)
+    first = _in_order(_sized(f, fit, enough) for f in rough)[:PROMISING]
+    return _in_order(_sized(_closer(s.fit, part), fit, enough) for s in first)
 
 
 def _in_order(sized: Iterable[Sized]) -> list[Sized]:
     return sorted(sized, key=lambda s: -s.promise)
 
 
-def _best_sizes(fit: Fit, take: Take, chosen: Ints, more: Hypothesis, phi: Floats) -> list[tuple[float, ...]]:
-    """Values of `more`'s last effect, those first that promise most on the `chosen` segments.
+def _refitted(part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales) -> Iterator[Fit]:
+    """Rough refits from each of these, but for those that have no slope: such lie beside the end of the numbers."""
+    for more, phi in starts:
+        with suppress(FloatingPointError):
+            yield refit(part, more, phi, start, scales, tangents=ROUGHLY)
+
+
+def _best_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> list[tuple[float, ...]]:
+    """Values of one effect more, those first that promise most on the `chosen` segments.
 
     All else stays at `phi` of what `fit` holds.  After two sizes each of which is worse than the smaller one before it,
     no larger one is tried; none is told that leaves the numbers.
     """
-    hypothesis, part = fit.hypothesis, take.part(chosen)
-    known, own = list(hypothesis.values(phi).values()), more.entries[more.effects[-1]].parameters
+    part, own = take.part(chosen), fit.hypothesis.entries[name].parameters
     tried = dict[tuple[float, ...], float]()
 
     def promises(sizes: tuple[float, ...]) -> float:
         if sizes not in tried:
             tried[sizes] = -np.inf
             with suppress(FloatingPointError):
-                there = more.start(hypothesis.car(phi), [*known, *sizes])
-                each = standing(part, more, there, fit.start[chosen], fit.scales)
+                each = standing(part, *fit.hypothesis.with_effect(name, phi, sizes), fit.start[chosen], fit.scales)
                 tried[sizes] = float(_counted(each - fit.per_segment[chosen]).sum())
         return tried[sizes]
 

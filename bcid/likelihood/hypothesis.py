@@ -141,6 +141,11 @@ class Hypothesis:
         """The same base model, and what it assumes, with these effects."""
         return replace(self, effects=(*self.assumed, *(e for e in effects if e not in self.assumed)))
 
+    def with_effect(self, name: str, phi: Floats, values: Sequence[float]) -> tuple[Hypothesis, Floats]:
+        """The hypothesis with one effect more at `values`, and phi where that of all else is `phi`."""
+        more = self.holding(*self.effects, name)
+        return more, np.array([*phi, *(np.array(values) / more.sizes()[len(phi) - self.base_size :])])
+
     @property
     def parameters(self) -> list[tuple[str, Parameter]]:
         """Field among the switches and declaration of each effect parameter."""

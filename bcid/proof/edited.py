@@ -87,6 +87,6 @@ def _before(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
         return values_of(best, effect)
     values = list(best.hypothesis.values(best.phi).values())
     known = replace(best.hypothesis, nominal=best.car(), assumed=best.hypothesis.effects)
-    more = known.trusting(values, AS_IT_WAS).holding(effect)
-    start = more.start(best.car(), [*values, *(p.off for p in more.entries[effect].parameters)])
+    off = [p.off for p in known.entries[effect].parameters]
+    more, start = known.trusting(values, AS_IT_WAS).with_effect(effect, best.phi, off)
     return values_of(refit(unedited.take, more, start, best.start, best.scales), effect)
