@@ -25,7 +25,7 @@ class Valley:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
         self.calls, self._objective = 0, objective
         self.asked: list[float] = []  # where it was asked how predictions answer
-        monkeypatch.setattr(leaps, "standing_at", self._standing_at)
+        monkeypatch.setattr(leaps, "_standing", self._standing)
         monkeypatch.setattr(leaps, "tangent_at", lambda of, A, now: self.asked.append(float(now.phi[0])))
         monkeypatch.setattr(leaps, "slope_and_curvature", self._slope)
 
@@ -34,7 +34,7 @@ class Valley:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.bound])
 
-    def _standing_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+    def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
         self.calls += 1
         found = self._objective(float(phi[0]), self.calls)
         if np.isnan(found):
@@ -121,8 +121,8 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
         def bounds(self) -> tuple[np.ndarray, np.ndarray]:
             return np.array([-np.inf, -10.0]), np.array([np.inf, 10.0])
 
-        def _standing_at(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
-            tangent, state = super()._standing_at(of, phi, start, scales)
+        def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+            tangent, state = super()._standing(of, phi, start, scales)
             return tangent, state._replace(objective=state.objective - (100.0 if phi[1] > self.edge else -phi[1]))
 
         def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
@@ -144,3 +144,23 @@ def test_what_has_no_room_bends_no_other_step() -> None:
     slope, curvature = np.array([0.2, 2.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
     low, high = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
     np.testing.assert_allclose(within(np.zeros(2), slope, curvature, (low, high)), [0.2, 0.0])
+
+
+@pytest.mark.parametrize(("objectives", "settled"), [((0.0, 5.0), 5.0), ((0.0, 0.1), 0.0), ((0.0, -1.0), 0.0)])
+def test_free_parts_settle_anew_for_the_scales_found_with_them_as_long_as_that_gains(
+    objectives: tuple[float, ...], settled: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Any] = []
+
+    def standing_at(of: Any, phi: Any, start: Any, scales: Any, em: int) -> tuple[Any, State]:
+        given.append((start, scales))
+        n = len(given)
+        nothing: Any = None
+        return n, State(phi, n, n, nothing, nothing, objectives[n - 1])  # type: ignore[arg-type]
+
+    monkeypatch.setattr(leaps, "standing_at", standing_at)
+    anything: Any = None
+    A, now = leaps._standing(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
+    assert now.objective == settled
+    assert now.start == A  # the tangent belongs to it
+    assert given == [(n, n) for n in range(len(given))]  # each from what the one before has found

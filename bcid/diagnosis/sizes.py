@@ -22,9 +22,9 @@ from bcid.likelihood.take import Floats, Ints, Take
 
 FEW = 12  # segments on which an effect's size is looked for
 ENOUGH = 30  # segments on which effects are compared
-PROMISING = 8  # effects that are compared more closely, and tried again beside what was found
-MOST = 50.0  # nats that no segment exceeds when effects are compared roughly: a lost one would outweigh all the others
-ROUGHLY, CLOSELY = 2, 3  # tangents along which; after one alone, a size found on FEW segments does not suit ENOUGH yet
+PROMISING = 8  # effects that are refitted on the whole take if they are likely, and tried again beside what was found
+MOST = 50.0  # nats that no segment exceeds when effects are compared: a lost one would outweigh all the others
+TANGENTS = 3  # along which: after fewer, a size found on FEW segments may not suit ENOUGH yet
 LIKELY = 0.5  # of what is asked, or of what the first promises, below which nothing is refitted,
 CHANCE = 2.0  # and standard deviations by which a promise may be less than that by chance
 COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0)
@@ -90,25 +90,39 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> l
     """
     few, enough = (_evenly(take, n) for n in (FEW, ENOUGH))
     part, hypothesis = take.part(enough), fit.hypothesis.of_a_share(len(enough) / take.segments)
-    rough = list[Fit]()
+    nothing, sized = _nothing_more(fit, part, enough, hypothesis, phi), list[Sized]()
     for name in names:
-        starts = (
-            hypothesis.with_effect(name, phi, sizes) for sizes in _best_sizes(fit, take, few, name, phi)[:ATTEMPTS]
-        )
-        rough += itertools.islice(_refitted(part, starts, fit.start[enough], fit.scales), 1)
-    first = _in_order(_sized(f, fit, enough) for f in rough)[:PROMISING]
-    return _in_order(_sized(_closer(s.fit, part), fit, enough) for s in first)
+        starts = (hypothesis.with_effect(name, phi, s) for s in _best_sizes(fit, take, few, name, phi)[:ATTEMPTS])
+        refits = _refitted(part, starts, fit.start[enough], fit.scales)
+        sized += (_sized(f, nothing, take.segments) for f in itertools.islice(refits, 1))
+    return sorted(sized, key=lambda s: -s.promise)[:PROMISING]
 
 
-def _in_order(sized: Iterable[Sized]) -> list[Sized]:
-    return sorted(sized, key=lambda s: -s.promise)
+class _Nothing(NamedTuple):
+    """A part of a take without anything more."""
+
+    parameters: int
+    per_segment: Floats
+    bent: float
+
+
+def _nothing_more(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, phi: Floats) -> _Nothing:
+    """The fit on the `chosen` segments, or a refit to these alone from where effects are tried, if that is better.
+
+    What any effect would gain by trying says nothing of it.
+    """
+    more = len(hypothesis.parameters)
+    as_it_is = _Nothing(more, fit.per_segment[chosen], fit.bent * len(chosen) / len(fit.per_segment))
+    again = _refitted(part, [(hypothesis, phi)], fit.start[chosen], fit.scales)
+    refitted = [_Nothing(more, f.per_segment, f.bent) for f in again]
+    return max([as_it_is, *refitted], key=lambda n: float(n.per_segment.sum()) + n.bent)
 
 
 def _refitted(part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales) -> Iterator[Fit]:
-    """Rough refits from each of these, but for those that have no slope: such lie beside the end of the numbers."""
+    """Refits from each of these, but for those that have no slope: such lie beside the end of the numbers."""
     for more, phi in starts:
         with suppress(FloatingPointError):
-            yield refit(part, more, phi, start, scales, tangents=ROUGHLY)
+            yield refit(part, more, phi, start, scales, tangents=TANGENTS)
 
 
 def _best_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> list[tuple[float, ...]]:
@@ -153,25 +167,16 @@ def _within(own: Sequence[Parameter], values: Sequence[float]) -> tuple[float, .
     return tuple(min(max(v, p.low), p.high) for v, p in zip(values, own, strict=True))
 
 
-def _closer(fit: Fit, part: Take) -> Fit:
-    """The fit a few tangents on, or as it is where they lead out of the finite numbers."""
-    try:
-        return refit(part, fit.hypothesis, fit.phi, fit.start, fit.scales, tangents=CLOSELY)
-    except FloatingPointError:
-        return fit
+def _sized(fit: Fit, nothing: _Nothing, segments: int) -> Sized:
+    """What a fit of a part promises there over `nothing` more, of a take of so many `segments`.
 
-
-def _sized(fit: Fit, beside: Fit, chosen: Ints) -> Sized:
-    """What a fit of the `chosen` segments promises there over `beside`, which is of all of them.
-
-    Lost segments count little.  Of what either is charged for its parameters, as much as was chosen; and half a nat for
-    each free one, which it gains by suiting these segments more than the others.
+    Lost segments count little.  Of what the whole is charged for a parameter more, as much as the part is of it; and
+    half a nat, which each gains by suiting these segments more than the others.
     """
-    each, share = _counted(fit.per_segment - beside.per_segment[chosen]), len(chosen) / len(beside.per_segment)
-    more, simulated = len(fit.hypothesis.parameters) - len(beside.hypothesis.parameters), fit.hypothesis.simulated
-    free = len(fit.phi) - (0 if simulated is None else len(simulated.phi))
-    charged = fit.bent - share * (beside.bent + 0.5 * more * float(np.log(len(beside.per_segment))))
-    return Sized(fit, float(each.sum()) + charged - 0.5 * free, float(each.std() * np.sqrt(len(each))))
+    each, share = _counted(fit.per_segment - nothing.per_segment), len(fit.per_segment) / segments
+    charged = 0.5 * (len(fit.hypothesis.parameters) - nothing.parameters) * (share * float(np.log(segments)) + 1.0)
+    promise = float(each.sum()) + fit.bent - nothing.bent - charged
+    return Sized(fit, promise, float(each.std() * np.sqrt(len(each))))
 
 
 def _counted(nats: Floats) -> Floats:

@@ -3,6 +3,8 @@
 Pushes that do the work of what is missing make a tangent hold for hardly any way, and a valley of it runs straight
 for long: what a force lacks goes over into the effect that it is, push by push.  So a Newton step is judged after
 the free parts have settled (`bcid.likelihood.free_part`), and one that goes on as the last one did is stretched.
+The scales settle with them, in turn: free parts found for large pushes are unlikely ones where pushes have become
+rare, so that a step to what is missing would seem a loss, and a refit would stop short of its best.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import (
     CONVERGED,
+    MOST_EM_STEPS,
     Problem,
     State,
     Tangent,
@@ -29,6 +32,7 @@ NOWHERE = 1e-4  # of any component of phi, below which a step is none
 STRAIGHT = 0.9  # cosine between steps of which the second goes on as the first did
 SLACK = 3.0  # nats by which settling anew makes the same parameters better or worse
 PATIENCE = 3  # leaps without a gain
+TURNS = 1  # in which free parts settle anew for the scales found with them; further ones gain little
 
 
 class _Point(NamedTuple):
@@ -46,7 +50,7 @@ def leapt(of: Problem, phi: Floats, start: Floats, scales: Scales, leaps: int) -
     Raises:
         FloatingPointError: where predictions leave the finite numbers at phi.
     """
-    best = now = _answering(of, *standing_at(of, phi, start, scales))
+    best = now = _answering(of, *_standing(of, phi, start, scales))
     last, vain = None, 0
     for _ in range(leaps):
         leap = _leap(of, now)
@@ -110,10 +114,21 @@ def _tried(of: Problem, phi: Floats, near: State, least: float) -> _Point | None
     Nothing, too, where a step too long left the numbers.  How it answers to phi, half the work, is asked last.
     """
     try:
-        A, now = standing_at(of, phi, near.start, near.scales)
+        A, now = _standing(of, phi, near.start, near.scales)
         return _answering(of, A, now) if now.objective > least else None
     except FloatingPointError:
         return None
+
+
+def _standing(of: Problem, phi: Floats, start: Floats, scales: Scales) -> tuple[Floats, State]:
+    """Where free parts and scales have settled at phi, and how predictions answer to free parts there."""
+    A, now = standing_at(of, phi, start, scales, MOST_EM_STEPS)
+    for _ in range(TURNS):
+        anew, there = standing_at(of, phi, now.start, now.scales, MOST_EM_STEPS)
+        if there.objective < now.objective + CONVERGED:
+            break
+        A, now = anew, there
+    return A, now
 
 
 def _answering(of: Problem, A: Floats, now: State) -> _Point:

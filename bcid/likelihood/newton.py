@@ -15,7 +15,7 @@ from bcid.likelihood.take import Floats, Take
 STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
 LONGEST_STEP = 3.0  # of any component of phi
-EM_STEPS = 2
+EM_STEPS, MOST_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales are to settle
 CONVERGED = 0.3  # nats, below which a step has gained nothing
 
 

@@ -13,6 +13,7 @@ from bcid.likelihood.marginal import Scales, log_likelihood
 from bcid.likelihood.newton import (
     CONVERGED,
     EM_STEPS,
+    MOST_EM_STEPS,
     Prior,
     Problem,
     State,
@@ -34,7 +35,6 @@ DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Of steps in phi, of which all components are of size one: what the take hardly shows is held back by it, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal it would close them)."""
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
-LAST_EM_STEPS = 20
 HELD_STEPS = 3  # after which initial states have settled
 
 
@@ -98,7 +98,7 @@ def refit(
         tangent, now = leapt(of, phi, start, scales, tangents)
     else:
         tangent, now = _by_tangents(of, phi, start, scales, iterations, tangents)
-    now = found(of, now.phi, now.start, now.scales, now.r, tangent.A, LAST_EM_STEPS)
+    now = found(of, now.phi, now.start, now.scales, now.r, tangent.A, MOST_EM_STEPS)
     if known is None:
         now = as_it_is(of, now)
     each = log_likelihood(now.e)
@@ -164,7 +164,7 @@ def standing(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, sca
     """
     phi = np.clip(phi, *hypothesis.bounds())
     of = Problem(take, hypothesis, Prior(phi, np.zeros_like(phi)))
-    return log_likelihood(standing_at(of, phi, start, scales, LAST_EM_STEPS)[1].e)
+    return log_likelihood(standing_at(of, phi, start, scales, MOST_EM_STEPS)[1].e)
 
 
 def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
@@ -177,9 +177,9 @@ def held(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit
     setting, of = hypothesis.setting(phi, take), Problem(take, hypothesis, Prior(phi, np.zeros_like(phi)))
     for _ in range(HELD_STEPS):
         start, r, A = settled(take, setting, start, scales)
-        now = found(of, phi, start, scales, r, A, LAST_EM_STEPS)
+        now = found(of, phi, start, scales, r, A, MOST_EM_STEPS)
         start, scales = start if take.pushed else moved(take, start, now.e.z), now.scales
-    tangent, now = settled_at(of, phi, start, scales, LAST_EM_STEPS)
+    tangent, now = settled_at(of, phi, start, scales, MOST_EM_STEPS)
     each = log_likelihood(now.e)
     size = hypothesis.size
     return Fit(hypothesis, phi, now.start, now.scales, float(each.sum()), each, np.zeros((size, size)), tangent)
