@@ -4,7 +4,12 @@ With x_0 the deviation of the initial state and p the pushes of a segment, z = [
 r = A z + eps, eps ~ N(0, R), p ~ N(0, Q), and x_0 anything at all (a flat prior).  R is diagonal, so everything
 goes through the small matrix M = A^T R^-1 A + diag(0, Q^-1):
 
-    P = R^-1 - R^-1 A M^-1 A^T R^-1,    log density = const - log|R|/2 - log|Q|/2 - log|M|/2 - r^T P r/2.
+    P = R^-1 - R^-1 A M^-1 A^T R^-1,
+    log density = const - log|R|/2 - log|Q|/2 - log|M|/2 + log|A_0^T A_0|/2 - r^T P r/2,
+
+A_0 being the columns of A that belong to x_0.  It is the density of what of r is free of x_0 (restricted likelihood;
+Harville 1974): without log|A_0^T A_0| a model that forgets its initial state sooner would be the likelier one for that
+alone, by a nat a segment on slow circles.
 
 Over segments the residuals follow Student's t with nu degrees of freedom in place of the normal law, so that a
 segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
@@ -45,6 +50,7 @@ class Moments(NamedTuple):
     AA: Floats  # (S, 3, N_FREE, N_FREE)
     Ar: Floats  # (S, 3, N_FREE)
     rr: Floats  # (S, 3)
+    log_start: Floats  # (S,) log|A_0^T A_0|
     rows: Ints  # (S,)
 
 
@@ -52,7 +58,7 @@ class Eliminated(NamedTuple):
     """Per segment: the quadratic form of S^-1, and the posterior of the free part."""
 
     chi2: Floats  # (S,) r^T P r
-    log_det: Floats  # (S,) log|R| + log|Q| + log|M|
+    log_det: Floats  # (S,) log|R| + log|Q| + log|M| - log|A_0^T A_0|
     numbers: Floats  # (S,) numbers in the segment's residual, less N_START
     z: Floats  # (S, N_FREE) posterior mean of the free part
     V: Floats  # (S, N_FREE, N_FREE) and its covariance
@@ -65,6 +71,7 @@ def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
     """Products of `residual` (N, 3) and `A` (N, 3, N_FREE)."""
     S = len(first) - 1
     AA, Ar, rr = np.empty((S, 3, N_FREE, N_FREE)), np.empty((S, 3, N_FREE)), np.empty((S, 3))
+    log_start = np.empty(S)
     for s in numba.prange(S):
         rows = slice(first[s], first[s + 1])
         for c in range(3):
@@ -72,7 +79,11 @@ def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
             AA[s, c] = np.dot(Ac.T, Ac)
             Ar[s, c] = np.dot(Ac.T, rc)
             rr[s, c] = np.dot(rc, rc)
-    return Moments(AA, Ar, rr, first[1:] - first[:-1])
+        of_start = np.ascontiguousarray((AA[s, 0] + AA[s, 1] + AA[s, 2])[:N_START, :N_START])
+        if not np.isfinite(of_start).all():  # an exception here would end the process
+            of_start[:] = 0.0
+        log_start[s] = np.linalg.slogdet(of_start)[1]
+    return Moments(AA, Ar, rr, log_start, first[1:] - first[:-1])
 
 
 @njit_parallel
@@ -96,7 +107,7 @@ def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
         V = np.linalg.inv(M if form == 1.0 else np.eye(N_FREE)) * form
         z = np.dot(V, b)
         chi2[s] = square - np.dot(b, z)
-        log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size
+        log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of.log_start[s]
         count[s] = 3 * of.rows[s] - N_START
         zs[s], Vs[s] = z, V
         for c in range(3):
