@@ -30,6 +30,7 @@ from bcid.likelihood.newton import within
 from bcid.likelihood.recordings import base_from, base_of
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
+from bcid.proof.asking import run_case
 from bcid.proof.cases import Case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
@@ -93,6 +94,12 @@ def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     for found, there in zip((far.car().K_t, far.car().R_1), (near.car().K_t, near.car().R_1), strict=True):
         assert found == pytest.approx(there, rel=0.05)
     assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.05)
+
+
+def test_slow_circles_of_a_car_that_lacks_nothing_show_nothing() -> None:
+    """Initial states are soon forgotten there: a model is no better for forgetting them sooner (a nat a segment)."""
+    answer = run_case(Case("circles", 7, (), driver="circles", seed=9))
+    assert answer["verdict"] == "nothing-found", (answer["findings"], answer["remainder"])
 
 
 def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:

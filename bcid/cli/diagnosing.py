@@ -111,7 +111,7 @@ def plan(
 
 def prove(
     out: Annotated[Path, typer.Option("--out", help="Where the cases' results are kept; a second run goes on.")],
-    quick: Annotated[bool, typer.Option("--quick", help="A score of cases of all tiers, and the baselines.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Eighteen cases of ten tiers, and the baselines.")] = False,
     seed: Annotated[int, typer.Option(help="Of what is concealed, drivers and noise.")] = 1,
     salt: Annotated[str, typer.Option(help="Of the seal that is printed before; without one there is no seal.")] = "",
     repeats: Annotated[int, typer.Option(min=1, help="Singles of every effect.")] = 3,
