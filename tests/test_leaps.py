@@ -146,21 +146,23 @@ def test_what_has_no_room_bends_no_other_step() -> None:
     np.testing.assert_allclose(within(np.zeros(2), slope, curvature, (low, high)), [0.2, 0.0])
 
 
-@pytest.mark.parametrize(("objectives", "settled"), [((0.0, 5.0), 5.0), ((0.0, 0.1), 0.0), ((0.0, -1.0), 0.0)])
-def test_free_parts_settle_anew_for_the_scales_found_with_them_as_long_as_that_gains(
-    objectives: tuple[float, ...], settled: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("then", "settled"), [(5.0, 5.0), (0.1, 0.0), (-1.0, 0.0), (np.nan, 0.0)])
+def test_free_parts_settle_anew_for_the_scales_found_with_them_where_that_gains(
+    then: float, settled: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[Any] = []
 
     def standing_at(of: Any, phi: Any, start: Any, scales: Any, em: int) -> tuple[Any, State]:
         given.append((start, scales))
-        n = len(given)
+        n, objective = len(given), (0.0, then)[len(given) - 1]
+        if np.isnan(objective):
+            raise FloatingPointError
         nothing: Any = None
-        return n, State(phi, n, n, nothing, nothing, objectives[n - 1])  # type: ignore[arg-type]
+        return n, State(phi, n, n, nothing, nothing, objective)  # type: ignore[arg-type]
 
     monkeypatch.setattr(leaps, "standing_at", standing_at)
     anything: Any = None
     A, now = leaps._standing(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
     assert now.objective == settled
     assert now.start == A  # the tangent belongs to it
-    assert given == [(n, n) for n in range(len(given))]  # each from what the one before has found
+    assert given == [(0, 0), (1, 1)]  # from what was found first

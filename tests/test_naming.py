@@ -96,6 +96,7 @@ def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.05)
 
 
+@pytest.mark.slow
 def test_slow_circles_of_a_car_that_lacks_nothing_show_nothing() -> None:
     """Initial states are soon forgotten there: a model is no better for forgetting them sooner (a nat a segment)."""
     answer = run_case(Case("circles", 7, (), driver="circles", seed=9))

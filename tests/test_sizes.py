@@ -16,6 +16,7 @@ from bcid.diagnosis.sizes import (
     ENOUGH,
     FEW,
     LIKELY,
+    MOST,
     PROMISING,
     TANGENTS,
     Sized,
@@ -209,7 +210,7 @@ def test_what_suits_its_segments_only_along_further_tangents_is_promising(monkey
 
     def unsettled(*given: Any, tangents: int) -> Any:
         found = refits(*given, tangents=tangents)
-        early = tangents == 1 and found.hypothesis.effects == (names[-1],)
+        early = tangents < 3 and found.hypothesis.effects == (names[-1],)
         return replace(found, per_segment=found.per_segment - 11.0) if early else found
 
     monkeypatch.setattr(sizes, "refit", unsettled)
@@ -225,7 +226,16 @@ def test_what_these_segments_gain_with_nothing_more_speaks_for_no_effect(
     fit = base_fit()
     first, _ = at_their_sizes(fit, Segments(90), fit.phi, ["quadratic_drag", "yaw_scrub"])  # type: ignore[arg-type]
     assert first.effect == "yaw_scrub"
-    assert first.promise == pytest.approx(promise - 0.5 - 0.5 * np.log(90.0) / 3.0, abs=0.1)
+    assert first.promise == pytest.approx(promise - 0.5 * np.log(90.0) / 3.0 - 0.5 * (1.0 - 1.0 / 3.0), abs=0.1)
+
+
+def test_a_lost_segment_does_not_hide_what_the_others_gain_with_nothing_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    lost: Any = np.r_[-5000.0, np.full(29, 10.0)]
+    refits = Refits(monkeypatch, lambda name, values, start: np.full(30, 10.0), lost)
+    fit = base_fit()
+    (found,) = at_their_sizes(fit, Segments(90), fit.phi, ["yaw_scrub"])  # type: ignore[arg-type]
+    assert found.promise < MOST + 1.0  # for the lost one alone, not for all of them
+    assert {t for _, _, t in refits.made if t} == {TANGENTS}
 
 
 def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,7 +260,7 @@ def test_gains_are_those_of_the_segments_that_were_chosen_and_never_alike(monkey
 def test_what_bending_costs_counts_by_the_share_that_was_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A part bends a simulation's parameters as far as the whole does; what that costs is as much less."""
     free, promise = base_fit(), promises_without_a_refit(monkeypatch)
-    far = replace(free, per_segment=np.full(30, 1.0), bent=-10.0)
+    far = replace(base_fit(BASE.holding("yaw_scrub"), (5.0,)), per_segment=np.full(30, 1.0), bent=-10.0)
     assert promise(far, free) == pytest.approx(promise(replace(far, bent=0.0), free) - 10.0)
     bent = replace(free, bent=-60.0)  # what the fit before has paid counts as well
     assert promise(far, bent) == pytest.approx(promise(far, free) + 20.0)
@@ -280,9 +290,9 @@ def test_a_further_effect_is_charged_as_on_the_whole_and_for_suiting_the_chosen_
 ) -> None:
     plain, promise = base_fit(), promises_without_a_refit(monkeypatch)
     more = replace(base_fit(BASE.holding("yaw_scrub"), (5.0,)), per_segment=np.zeros(30))
-    less = replace(plain, per_segment=np.zeros(30))
-    assert promise(less, plain) == 0.0
-    assert promise(more, plain) == pytest.approx(-0.5 - 0.5 * np.log(90.0) / 3.0)
+    assert promise(more, plain) == pytest.approx(-0.5 * np.log(90.0) / 3.0 - 0.5 * (1.0 - 1.0 / 3.0))
+    nothing = sizes._Nothing(np.zeros(30), 0.0)
+    assert sizes._sized(more, nothing, 30).promise == pytest.approx(-0.5 * np.log(30.0))  # there are no others
 
 
 def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:

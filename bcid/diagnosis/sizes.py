@@ -5,8 +5,7 @@ Beside pushes that do its work already, and beside parameters that have bent to 
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -22,9 +21,9 @@ from bcid.likelihood.take import Floats, Ints, Take
 
 FEW = 12  # segments on which an effect's size is looked for
 ENOUGH = 30  # segments on which effects are compared
-PROMISING = 8  # effects that are refitted on the whole take if they are likely, and tried again beside what was found
+PROMISING = 8  # effects of which the likeliest are refitted on the whole take, and all tried again beside what is found
 MOST = 50.0  # nats that no segment exceeds when effects are compared: a lost one would outweigh all the others
-TANGENTS = 3  # along which: after fewer, a size found on FEW segments may not suit ENOUGH yet
+TANGENTS = 3  # along which these are refitted: after fewer, a size found on FEW of them may not suit the others yet
 LIKELY = 0.5  # of what is asked, or of what the first promises, below which nothing is refitted,
 CHANCE = 2.0  # and standard deviations by which a promise may be less than that by chance
 COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0)
@@ -92,18 +91,21 @@ def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> l
     part, hypothesis = take.part(enough), fit.hypothesis.of_a_share(len(enough) / take.segments)
     nothing, sized = _nothing_more(fit, part, enough, hypothesis, phi), list[Sized]()
     for name in names:
-        starts = (hypothesis.with_effect(name, phi, s) for s in _best_sizes(fit, take, few, name, phi)[:ATTEMPTS])
-        refits = _refitted(part, starts, fit.start[enough], fit.scales)
-        sized += (_sized(f, nothing, take.segments) for f in itertools.islice(refits, 1))
+        starts = [hypothesis.with_effect(name, phi, s) for s in _best_sizes(fit, take, few, name, phi)[:ATTEMPTS]]
+        refitted = _refitted(part, starts, fit.start[enough], fit.scales)
+        sized += [_sized(refitted, nothing, take.segments)] if refitted else []
     return sorted(sized, key=lambda s: -s.promise)[:PROMISING]
 
 
 class _Nothing(NamedTuple):
     """A part of a take without anything more."""
 
-    parameters: int
     per_segment: Floats
     bent: float
+
+    def bettered_by(self, fit: Fit) -> Floats:
+        """Nats by segment, of which none counts for more than MOST: a lost one would outweigh all the others."""
+        return _counted(fit.per_segment - self.per_segment)
 
 
 def _nothing_more(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, phi: Floats) -> _Nothing:
@@ -111,18 +113,19 @@ def _nothing_more(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, ph
 
     What any effect would gain by trying says nothing of it.
     """
-    more = len(hypothesis.parameters)
-    as_it_is = _Nothing(more, fit.per_segment[chosen], fit.bent * len(chosen) / len(fit.per_segment))
+    nothing = _Nothing(fit.per_segment[chosen], fit.bent * len(chosen) / len(fit.per_segment))
     again = _refitted(part, [(hypothesis, phi)], fit.start[chosen], fit.scales)
-    refitted = [_Nothing(more, f.per_segment, f.bent) for f in again]
-    return max([as_it_is, *refitted], key=lambda n: float(n.per_segment.sum()) + n.bent)
+    if again and nothing.bettered_by(again).sum() + again.bent - nothing.bent > 0.0:
+        return _Nothing(again.per_segment, again.bent)
+    return nothing
 
 
-def _refitted(part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales) -> Iterator[Fit]:
-    """Refits from each of these, but for those that have no slope: such lie beside the end of the numbers."""
-    for more, phi in starts:
+def _refitted(part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales) -> Fit | None:
+    """The refit from the first of these that has a slope: others lie beside the end of the numbers."""
+    for hypothesis, phi in starts:
         with suppress(FloatingPointError):
-            yield refit(part, more, phi, start, scales, tangents=TANGENTS)
+            return refit(part, hypothesis, phi, start, scales, tangents=TANGENTS)
+    return None
 
 
 def _best_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> list[tuple[float, ...]]:
@@ -170,13 +173,13 @@ def _within(own: Sequence[Parameter], values: Sequence[float]) -> tuple[float, .
 def _sized(fit: Fit, nothing: _Nothing, segments: int) -> Sized:
     """What a fit of a part promises there over `nothing` more, of a take of so many `segments`.
 
-    Lost segments count little.  Of what the whole is charged for a parameter more, as much as the part is of it; and
-    half a nat, which each gains by suiting these segments more than the others.
+    Of what the whole is charged for each parameter of the effect, as much as the part is of it; and half a nat, which
+    it gains by suiting these segments more than the others, where there are others.
     """
-    each, share = _counted(fit.per_segment - nothing.per_segment), len(fit.per_segment) / segments
-    charged = 0.5 * (len(fit.hypothesis.parameters) - nothing.parameters) * (share * float(np.log(segments)) + 1.0)
-    promise = float(each.sum()) + fit.bent - nothing.bent - charged
-    return Sized(fit, promise, float(each.std() * np.sqrt(len(each))))
+    each, share = nothing.bettered_by(fit), len(fit.per_segment) / segments
+    own = len(fit.hypothesis.entries[fit.hypothesis.effects[-1]].parameters)
+    charged = 0.5 * own * (share * float(np.log(segments)) + 1.0 - share)
+    return Sized(fit, float(each.sum()) + fit.bent - nothing.bent - charged, float(each.std() * np.sqrt(len(each))))
 
 
 def _counted(nats: Floats) -> Floats:

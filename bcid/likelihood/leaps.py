@@ -9,6 +9,7 @@ rare, so that a step to what is missing would seem a loss, and a refit would sto
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,6 @@ NOWHERE = 1e-4  # of any component of phi, below which a step is none
 STRAIGHT = 0.9  # cosine between steps of which the second goes on as the first did
 SLACK = 3.0  # nats by which settling anew makes the same parameters better or worse
 PATIENCE = 3  # leaps without a gain
-TURNS = 1  # in which free parts settle anew for the scales found with them; further ones gain little
 
 
 class _Point(NamedTuple):
@@ -121,13 +121,15 @@ def _tried(of: Problem, phi: Floats, near: State, least: float) -> _Point | None
 
 
 def _standing(of: Problem, phi: Floats, start: Floats, scales: Scales) -> tuple[Floats, State]:
-    """Where free parts and scales have settled at phi, and how predictions answer to free parts there."""
+    """Where free parts and scales have settled at phi, and how predictions answer to free parts there.
+
+    Free parts settle once more for the scales that were found with them; a third time gains little.
+    """
     A, now = standing_at(of, phi, start, scales, MOST_EM_STEPS)
-    for _ in range(TURNS):
+    with suppress(FloatingPointError):  # what has settled once stands
         anew, there = standing_at(of, phi, now.start, now.scales, MOST_EM_STEPS)
-        if there.objective < now.objective + CONVERGED:
-            break
-        A, now = anew, there
+        if there.objective > now.objective + CONVERGED:
+            return anew, there
     return A, now
 
 

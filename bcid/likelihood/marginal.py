@@ -9,7 +9,8 @@ goes through the small matrix M = A^T R^-1 A + diag(0, Q^-1):
 
 A_0 being the columns of A that belong to x_0.  It is the density of what of r is free of x_0 (restricted likelihood;
 Harville 1974): without log|A_0^T A_0| a model that forgets its initial state sooner would be the likelier one for that
-alone, by a nat a segment on slow circles.
+alone, by a nat a segment on slow circles.  He gives it for one A_0; between models it holds as far as metres and
+radians are measured alike and pushes are small beside the noise while initial states are forgotten.
 
 Over segments the residuals follow Student's t with nu degrees of freedom in place of the normal law, so that a
 segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
