@@ -90,7 +90,7 @@ def settled_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int 
     return tangent_at(of, A, now), now
 
 
-def standing_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int = EM_STEPS) -> tuple[Floats, State]:
+def standing_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int) -> tuple[Floats, State]:
     """How predictions answer to free parts (N, 3, N_FREE) that have settled at phi, and the state by it.
 
     Raises:
