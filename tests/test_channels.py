@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.channels import NOWHERE, TELLING, changes_by, entered, explained_by
+from bcid.diagnosis.channels import NOWHERE, changes_by, explained_by
+from bcid.diagnosis.directions import lying
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.free_functions import SIZES
+from bcid.diagnosis.left import TELLING, Left
 from bcid.diagnosis.remainder import Remainder, remainder
 from bcid.diagnosis.search import search
 from bcid.diagnosis.verdict import Judgement, judged
@@ -112,8 +114,27 @@ def test_nothing_enters_where_nothing_is_missing(null: tuple[Fit, Take]) -> None
     gains = explained_by(*null, None)
     assert max(gains.values()) < TELLING
     assert list(gains.values()) == sorted(gains.values(), reverse=True)
-    left = Remainder("fy", 0.1, {"fy": 0.1}, (), 0.0, None)
-    assert entered(gains, left) == "fy"  # where most would be predictable
+    fit, take = null
+    ways = lying(disturbances(fit, take), fit.car())
+    assert ways[0].nats < TELLING
+    none = Remainder("fy", 0.1, {"fy": 0.1}, (), 0.0, None)
+    assert Left(none, gains, ways).channel == "fy"  # where most would be predictable
+
+
+@pytest.mark.parametrize(
+    ("plant", "channel"),
+    [
+        ({"drive_unevenness": 35.0}, "fx"), ({"washboard": 25.0}, "fx"), ({"rear_roll_steer": 0.01}, "fy"),
+        ({"tyre_wear": 0.4}, "fy"), ({"motor_dropout": 0.6}, "motor"), ({"steering_shimmy": 0.02}, "steering"),
+    ],
+)  # fmt: skip
+def test_what_no_function_describes_pushes_in_its_channel_s_directions(
+    plant: dict[str, float], channel: str, maker: Maker
+) -> None:
+    fit, take = maker.fitted(Plant()._replace(**plant), Sensor())
+    way = lying(disturbances(fit, take), fit.car())[0]
+    assert way.channel == channel
+    assert way.nats > 20.0
 
 
 @pytest.mark.parametrize(
@@ -147,5 +168,5 @@ def test_what_stands_in_for_something_else_is_dropped(maker: Maker) -> None:
     assert found.best.hypothesis.effects == ("pose_latency",)
     assert verdict.dropped == ("pose_latency",)
     assert verdict.verdict == "unknown"
-    assert verdict.left_in == "steering"
-    assert verdict.left > 100.0
+    assert verdict.left.channel == "steering"
+    assert verdict.nats_left > 100.0

@@ -73,11 +73,11 @@ def test_what_is_not_in_the_vocabulary_is_unknown_with_its_channel(
 ) -> None:
     along = tuple(n for n, e in EFFECTS.items() if e.channel == "fx")
     found = verdict_on(tmp_path, vehicle, tuning, Plant(**ROUGH, rear_rolling_viscous=25.0), along)
-    left: Remainder = found.judgement.remainder
+    left: Remainder = found.judgement.left.remainder
     assert found.judgement.verdict == "unknown"
     assert found.judgement.findings == ()
     assert left.predictable
-    assert found.judgement.left_in == "fx"
+    assert found.judgement.left.channel == "fx"
     assert "v_x" in left.depends_on
     assert left.form is not None
     assert "v_x" in left.form

@@ -277,6 +277,13 @@ def test_unknown_says_channel_dependence_and_form() -> None:
     assert "tyre fall" in verdict_sentence(unknown()[0] | {"unknown": None})
 
 
+def test_unknown_says_where_pushes_lie() -> None:
+    d = unknown()[0]
+    d["unknown"] |= {"channel": "fx", "depends_on": [], "form": None, "lies": "along the front wheel"}
+    said = verdict_sentence(d)
+    assert "it acts on the forward force (fx); the pushes lie along the front wheel" in said, said
+
+
 def test_nothing_found_says_so() -> None:
     said = verdict_sentence(nothing()[0])
     assert said.startswith("Nothing is missing beyond the noise floor: 2 s ahead")

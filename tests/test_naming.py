@@ -340,7 +340,14 @@ def driven(seed: int, segments: int = 80) -> Disturbances:
     still = dict.fromkeys(STATES, np.zeros(K)) | {"p_x": place[:, 0], "p_y": place[:, 1]}
     strength = rng.standard_normal((K, 3))
     return Disturbances(
-        0.25 + 0.5 * np.arange(K), np.arange(K) // KNOTS, 0.01 * strength, strength, still, np.ones((K, 3))
+        0.25 + 0.5 * np.arange(K),
+        np.arange(K) // KNOTS,
+        0.01 * strength,
+        strength,
+        still,
+        np.ones((K, 3)),
+        0.01 * strength.reshape(segments, -1),
+        np.tile(1e-6 * np.eye(3 * KNOTS), (segments, 1, 1)),
     )
 
 

@@ -26,7 +26,7 @@ from bcid.proof.calibration import calibration
 from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
 from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
 from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
-from bcid.proof.outcome import REFUTED, missed, outcome
+from bcid.proof.outcome import REFUTED, missed, outcome, wrong
 from bcid.proof.running import run_all
 from bcid.proof.scoring import RATES, pooled, right, tiers
 from bcid.proof.seal import opened, seal_of, seal_up, sealed
@@ -134,6 +134,22 @@ def test_counting() -> None:
     assert null.false_ci95[0] < 0.5 < null.false_ci95[1]
     assert hidden.channel == 1.0
     assert hidden.wrong == 0.0
+
+
+def test_what_a_recording_does_not_show_is_not_to_be_named() -> None:
+    """A slippery patch, driven over by a car whose tyres never slide: even the truth is worth nothing there."""
+    patch = ["slippery_patch"]
+    told, untold, named = (
+        row(f"closed-loop-{i}", patch, found, tier="closed-loop", shown=False, not_excited=unseen)
+        for i, found, unseen in ((1, [], {"slippery_patch": 0.9}), (2, [], {}), (3, patch, {"slippery_patch": 0.9}))
+    )
+    assert [right(r) for r in (told, untold, named)] == [True, False, False]
+    there = row("closed-loop-4", patch, patch, tier="closed-loop", shown=True)
+    (tier,) = tiers([told, untold, named, there])
+    assert (tier.top1, tier.not_seen) == (1.0, pytest.approx(1 / 3))
+    assert right(there)
+    assert wrong(untold) == {"case": "closed-loop-2", "there": "slippery_patch", "said": "nothing-found"}
+    assert wrong({**untold, "error": "ValueError()"})["said"] == "ValueError()"
 
 
 @pytest.mark.parametrize(("named", "code"), [(True, 0), (False, 5)])

@@ -12,6 +12,7 @@ from cars import CAR
 from bcid.diagnosis import heldout, rivals, search, stand_ins
 from bcid.diagnosis.candidates import credible
 from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
+from bcid.diagnosis.left import Left
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.rivals import distinct, settled
 from bcid.diagnosis.screen import Candidate, Changes
@@ -150,7 +151,9 @@ def shoved(*sizes: float) -> Disturbances:
     """Pushes of these sizes along, across and about the car, as large as they may be expected."""
     push = np.random.default_rng(2).standard_normal((200, 3)) * sizes
     none = np.zeros(200)
-    return Disturbances(none, none.astype(int), push, push / sizes, dict.fromkeys(STATES, none), np.ones((200, 3)))
+    return Disturbances(
+        none, none.astype(int), push, push / sizes, dict.fromkeys(STATES, none), np.ones((200, 3)), push, push
+    )
 
 
 def test_what_acts_along_a_car_relieves_it_there() -> None:
@@ -173,7 +176,7 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
     seen = {"best": shoved(1.0, 1.0, 1.0), "no lag": shoved(3.0, 1.0, 1.0), "no scrub": shoved(1.0, 1.1, 3.0)}
     monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: seen[fit])
     left = Remainder("fy", max(standing.values()), standing, (), 50.0, None)
-    shown: Any = stand_ins._Seen("best", {"motor_lag": "no lag", "yaw_scrub": "no scrub"}, left, {})  # type: ignore[arg-type,dict-item]
+    shown: Any = stand_ins._Seen("best", {"motor_lag": "no lag", "yaw_scrub": "no scrub"}, Left(left, {}, ()))  # type: ignore[arg-type,dict-item]
     assert stand_ins._mixed(shown, TAKE) == mixed
 
 
@@ -189,7 +192,7 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
     monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
     fits: Any = SimpleNamespace(bic=gain), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
     take: Any = SimpleNamespace(pushed=pushed)
-    seen = stand_ins._Seen(*fits, NOTHING_LEFT, {"motor": 210.0})
+    seen = stand_ins._Seen(*fits, Left(NOTHING_LEFT, {"motor": 210.0}, ()))
     assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
 
 
@@ -204,7 +207,7 @@ def test_half_as_much_may_be_left_beside_pushes_as_is_explained(
     pushed: Any = SimpleNamespace(pushed=True)
     predicted = Remainder("fx", 0.9, {"fx": 0.9}, (), 210.0, None)
     for left, entering in ((NOTHING_LEFT, {"motor": 210.0}), (predicted, {})):
-        found = stand_ins._doing_duty(stand_ins._Seen(*fits, left, entering), pushed, None, 100.0)
+        found = stand_ins._doing_duty(stand_ins._Seen(*fits, Left(left, entering, ())), pushed, None, 100.0)
         assert found == (("front_coulomb_friction",) if stands_in else ())
 
 
@@ -227,8 +230,7 @@ def test_beside_a_simulation_only_its_own_parameters_go_back(monkeypatch: pytest
         return SimpleNamespace(bic=0.0 if "motor_lag" in of.effects else -5000.0, car=lambda: CAR)
 
     monkeypatch.setattr(stand_ins, "held", held)
-    for name in ("disturbances", "remainder", "explained_by"):
-        monkeypatch.setattr(stand_ins, name, lambda *_: {})
+    monkeypatch.setattr(stand_ins.Left, "of", lambda *_: None)
     found: Any = SimpleNamespace(best=best, without={"motor_lag": no_lag, "yaw_scrub": no_scrub})
     assert stand_ins._beside_simulation(found, TAKE, None).gains == {"motor_lag": 5000.0}
     for fit in (best, no_lag, no_scrub):
@@ -257,12 +259,12 @@ def test_beside_a_trusted_simulation_an_effect_has_to_stand_in_twice(
     found: Any = SimpleNamespace(
         best=best, without={"front_coulomb_friction": fitted(known, CAR.K_t)}, nulls=SimpleNamespace(gate=10.0)
     )
-    held = stand_ins._Seen(found.best, found.without, NOTHING_LEFT, {"motor": beside})
+    held = stand_ins._Seen(found.best, found.without, Left(NOTHING_LEFT, {"motor": beside}, ()))
     monkeypatch.setattr(stand_ins, "_beside_simulation", lambda *_: held)
     monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
     monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
     take: Any = SimpleNamespace(pushed=True)
-    assert stand_ins.stand_ins(found, take, None, NOTHING_LEFT, {"motor": refitted}) == standing_in
+    assert stand_ins.stand_ins(found, take, None, Left(NOTHING_LEFT, {"motor": refitted}, ())) == standing_in
 
 
 @pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])

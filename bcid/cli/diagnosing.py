@@ -173,7 +173,9 @@ def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, 
     sink.note(f"page: {out / 'prove.html'}")
     short = missed(found)
     if short:
-        raise GoalMissed(f"goals missed ({'; '.join(short)})\n  next: look at these cases' rows in {out}")
+        raise GoalMissed(
+            f"goals missed ({'; '.join(short)})\n  next: look at the rows of what was answered wrongly in {out}"
+        )
 
 
 def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:

@@ -145,6 +145,10 @@ def proof(found: dict[str, Any]) -> Group:
     ]
     note = "goals in brackets; ! misses it"
     tables = [table(f"{found['cases']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
+    if found["wrong"]:
+        wrong = [[w["case"], w["there"], w["said"]] for w in found["wrong"]]
+        again = f"--seed {found['seed']} makes them again"
+        tables.append(table("not as it should be", ["case", "there", "said"], wrong, again, ["there", "said"]))
     if found["baselines"]:
         fields = {"first": "top1", "false alarms": "false", "detects": "detected", "error explained": "explained"}
         others = [

@@ -4,7 +4,8 @@ At every place where physics may be missing - along the wheels, across the tyres
 steering, at the motor, in the seen pose, between the clocks - a few plain functions of the state act with free
 amplitudes.  The place whose functions explain most of the residuals, the base parameters projected out, is where
 the mismatch enters.  A steered front wheel pushes along the body, across it and about it at once, so the direction
-of a push in the body's frame does not tell.
+of a push in the body's frame does not tell; whether pushes lie in a wheel's, whatever they depend on, is asked beside
+it (`directions`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import math
 import numpy as np
 
 from bcid.diagnosis.free_functions import NUDGE, SIZES, pushed_by
-from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.score import explained, projected
 from bcid.likelihood.hypothesis import Setting
@@ -24,7 +24,6 @@ from bcid.likelihood.take import Floats, Take
 
 SERVO_RATE = 0.2  # rad/s above which the servo moves
 SHIFT_S = 1e-3
-TELLING = 5.0  # nats from which a channel's functions explain something
 NOWHERE = Circle(0.0, 0.0, 0.0, 0.0)
 
 
@@ -57,12 +56,6 @@ def changes_by(fit: Fit, take: Take, circle: Circle) -> tuple[Floats, dict[str, 
     columns = np.concatenate([pushed, *parts.values()], axis=2)
     columns[:, :, ~np.isfinite(columns).all(axis=(0, 1))] = 0.0
     return columns, of
-
-
-def entered(entering: dict[str, float], left: Remainder) -> str:
-    """The channel whose functions explain most; where none explains anything, the one in which most is predictable."""
-    first = next(iter(entering))
-    return first if entering[first] > TELLING else left.channel
 
 
 def _of_the_servo(fit: Fit, of: Layout, setting: Setting, still: Floats) -> Floats:

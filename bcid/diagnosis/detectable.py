@@ -107,7 +107,8 @@ def detectable(
     fit = fit_at(hypothesis, phi, scales, take)
     names = [n for n in effects if n not in hypothesis.effects]
     options = options_of(names, take, hypothesis)
-    sizes = _smallest(fit, take, options) if options else []
+    need = np.array([needed(fit.hypothesis.entries[o.effect], take.segments) for o in options])
+    sizes = smallest(fit, take, options, need) if options else []
     found: dict[str, Sizes | None] = {}
     for name in names:
         seen: Sizes = {}
@@ -119,16 +120,15 @@ def detectable(
     return found
 
 
-def _smallest(fit: Fit, take: Take, options: list[Option]) -> list[float]:
-    """The amplitude of each option that is expected to gain what it must; inf where none within reach does."""
-    need = np.array([needed(fit.hypothesis.entries[o.effect], take.segments) for o in options])
+def smallest(fit: Fit, take: Take, options: list[Option], need: Floats) -> list[float]:
+    """The amplitude of each option that is expected to gain what it needs; inf where none within reach does."""
     sizes = np.array([o.values[o.which] for o in options])
     highest = np.minimum([o.parameter.high for o in options], FURTHEST * sizes)
     too_small, enough = np.zeros(len(options)), np.full(len(options), np.inf)
     open_ = np.arange(len(options))
     for _ in range(ROUNDS):
         now = sizes[open_]
-        gains = _gains(fit, take, [options[i].at(s) for i, s in zip(open_, now.tolist(), strict=True)])
+        gains = gains_of(fit, take, [options[i].at(s) for i, s in zip(open_, now.tolist(), strict=True)])
         shows = gains >= need[open_]
         too_small[open_] = np.where(shows, too_small[open_], now)
         enough[open_] = np.where(shows, now, enough[open_])
@@ -144,7 +144,7 @@ def _smallest(fit: Fit, take: Take, options: list[Option]) -> list[float]:
     return [float(s) for s in np.where(np.isfinite(enough), sizes, np.inf)]
 
 
-def _gains(fit: Fit, take: Take, options: Sequence[Option]) -> Floats:
+def gains_of(fit: Fit, take: Take, options: Sequence[Option]) -> Floats:
     """What refits with the options, each alone, are expected to gain (nats) if they are true."""
     tried = changes_of(fit, take, [(o.effect, [o.values]) for o in options])
     return np.asarray(0.5 * np.diag(projected(fit, take, tried.columns).G))

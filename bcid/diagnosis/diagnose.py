@@ -18,10 +18,11 @@ from bcid.diagnosis.remainder import remainder
 from bcid.diagnosis.search import Search, search
 from bcid.diagnosis.verdict import Judgement, judged
 from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.entry import Units
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.likelihood.recordings import base_from, base_of
+from bcid.likelihood.recordings import base_from, base_of, units_of
 from bcid.likelihood.refit import Fit, held
 from bcid.likelihood.take import Take
 from bcid.models.newton_euler_start import started_car
@@ -90,6 +91,7 @@ class Based(NamedTuple):
     take: Take
     contacts: tuple[Contact, ...]
     fit: Fit
+    usual: Units  # of the vehicle as fast as it can be asked to drive
     given: Fit | None = None  # the simulation as it is
 
 
@@ -136,7 +138,7 @@ def based(
         if simulation and simulation.trust is None:
             with suppress(FloatingPointError):  # as it is it may not drive this take at all
                 given = held(take, fit.hypothesis, fit.hypothesis.start(car, values), fit.scales)
-    return Based(take, hits, fit, given)
+    return Based(take, hits, fit, units_of(fit.car(), estimates, vehicle.motor.reference_speed_mps or 0.0), given)
 
 
 @contextmanager
@@ -162,7 +164,7 @@ def _of_take(of: Based, progress: Progress, left_out: Sequence[str]) -> Diagnosi
     location = located(base, take, before, whole)
     found = search(base, take, whole, lambda text: progress(0.3, text), left_out, of.given)
     progress(0.8, "what is left")
-    judgement = judged(found, take, location.place, whole if found.best is base else None)
+    judgement = judged(found, take, location.place, location.left if found.best is base else None)
     after = disturbances(judgement.fit, take)
-    not_seen = unexcited(judgement.fit, take, found.trials, found.nulls.gate)
+    not_seen = unexcited(judgement.fit, take, of.usual, found.nulls.gate)
     return Diagnosis(take, of.contacts, found, judgement, location, before, after, not_seen)

@@ -12,7 +12,7 @@ from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
 from bcid.likelihood.free_part import deviations
-from bcid.likelihood.marginal import moments, rescaled
+from bcid.likelihood.marginal import eliminate, moments, rescaled
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.segments import Layout, layout, pushes_of, since
 from bcid.likelihood.take import KNOTS, N_START, Floats, Ints, Take
@@ -21,6 +21,7 @@ from bcid.physics.car import Car
 STATES = ("p_x", "p_y", "theta", "v_x", "v_y", "omega", "delta", "delta_rate", "u_m", "alpha_f", "alpha_r", "F_m")
 CHANNELS = ("fx", "fy", "mz")
 CLIP_SD = 12.0  # beyond which one knot counts no more
+BOUNDLESS = 100.0  # m/s^2 and rad/s^2: what is expected of pushes of which nothing is to be expected
 
 
 class Disturbances(NamedTuple):
@@ -32,6 +33,8 @@ class Disturbances(NamedTuple):
     strength: Floats  # (K, 3) in standard deviations of what the fit expects of them
     mean: dict[str, Floats]  # by STATES (K,)
     share: Floats  # (K, 3) of a push that its posterior mean shows: the rest is lost to noise
+    seen: Floats  # (S, 3 KNOTS) m/s^2, m/s^2, rad/s^2: what the poses alone say of a segment's pushes,
+    doubt: Floats  # (S, 3 KNOTS, 3 KNOTS) and the covariance of that
 
 
 @njit_parallel
@@ -77,7 +80,9 @@ def disturbances(fit: Fit, take: Take) -> Disturbances:
     """The pushes that explain a fit's residuals best."""
     setting = fit.hypothesis.setting(fit.phi, take)
     r = deviations(take, setting, fit.start, fit.tangent.A)
-    _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    products = moments(r, fit.tangent.A, take.first)
+    _, e = rescaled(products, fit.scales, 0)
+    alone = eliminate(products, fit.scales.r, np.r_[np.zeros(N_START), np.full(3 * KNOTS, BOUNDLESS**-2)])
     means = _knot_means(layout(take), fit.start, *setting.acting)
     push = e.z[:, N_START:].reshape(-1, 3)
     spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)
@@ -87,4 +92,5 @@ def disturbances(fit: Fit, take: Take) -> Disturbances:
     return Disturbances(
         knots.ravel(), np.repeat(np.arange(take.segments), KNOTS), push, push / expected,
         dict(zip(STATES, columns, strict=True)), (expected / fit.scales.q) ** 2,
+        alone.z[:, N_START:], alone.V[:, N_START:, N_START:],
     )  # fmt: skip

@@ -1,13 +1,15 @@
-"""What a take could not have shown: the smallest size of each effect that would have been found."""
+"""What a take could not have shown: effects that would have had to be large for this vehicle to be seen."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.score import projected
-from bcid.diagnosis.screen import Changes
+from bcid.diagnosis.detectable import Option, gains_of, options_of, smallest
+from bcid.effects.entry import Units
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -24,40 +26,29 @@ class Unexcited(NamedTuple):
     unit: str
 
 
-def smallest_detectable(fit: Fit, take: Take, trials: Changes, gate: float) -> dict[str, dict[str, float | None]]:
-    """For each effect and amplitude the size at which its expected gain reaches the gate; at its best place.
+def unexcited(fit: Fit, take: Take, units: Units, gate: float) -> tuple[Unexcited, ...]:
+    """The effects that `fit` does not hold and that the take would not have shown at LARGE times their size.
 
-    The gain of an amplitude a is a^2 G/2, G its information with the base parameters projected out.
+    At the size as it suits the vehicle in `units`, not this drive: what matters at full speed may not show in a slow
+    one.  Of an effect with a place, at the one that shows it best.
     """
-    information = np.diag(projected(fit, take, trials.columns).G)
+    usual = replace(fit.hypothesis, units=units)
+    names = [n for n in EFFECTS if n in usual.entries and n not in usual.effects]
+    options = [o.at(min(LARGE * o.values[o.which], o.parameter.high)) for o in options_of(names, take, usual)]
     price = gate + 0.5 * np.log(take.segments)
-    entries = fit.hypothesis.entries
-    found: dict[str, dict[str, float | None]] = {}
-    for trial in trials.trials:
-        if trial.effect not in EFFECTS:
-            continue
-        amplitudes = entries[trial.effect].amplitudes
-        sizes = found.setdefault(trial.effect, {p.symbol: None for p in amplitudes})
-        for k, vector in enumerate(trial.vectors):
-            i = next(i for i, p in enumerate(entries[trial.effect].parameters) if not p.places and vector[i] != p.off)
-            p = entries[trial.effect].parameters[i]
-            G = information[trial.own][k]
-            if G > 1e-6:
-                size = abs(vector[i]) * float(np.sqrt(2.0 * price / G))
-                known = sizes[p.symbol]
-                sizes[p.symbol] = size if known is None else min(known, size)
-    return found
+    seen = gains_of(fit, take, options)
+    best = dict[tuple[str, str], int]()
+    for i, o in enumerate(options):
+        here = (o.effect, o.parameter.symbol)
+        best[here] = max(best.get(here, i), i, key=lambda j: seen[j])
+    missed = [options[i] for i in best.values() if seen[i] < price]
+    return _told(missed, smallest(fit, take, missed, np.full(len(missed), price))) if missed else ()
 
 
-def unexcited(fit: Fit, take: Take, trials: Changes, gate: float) -> tuple[Unexcited, ...]:
-    """The effects that `fit` does not hold and that the take would not have shown at LARGE times their size."""
+def _told(missed: Sequence[Option], sizes: Sequence[float]) -> tuple[Unexcited, ...]:
+    """Each with the smallest size that shows, if any within its bounds does."""
     rows = []
-    others = trials.without(fit.hypothesis.effects)
-    for name, sizes in smallest_detectable(fit, take, others, gate).items():
-        for p in fit.hypothesis.entries[name].parameters:
-            smallest = sizes.get(p.symbol, 0.0)
-            if smallest is None or smallest > LARGE * p.size > 0.0:
-                seen = None if smallest is None or smallest > max(abs(p.low), abs(p.high)) else smallest
-                told = p.quoted(seen or 0.0, None)
-                rows.append(Unexcited(name, told.symbol, None if seen is None else told.value, told.unit))
+    for o, size in zip(missed, sizes, strict=True):
+        told = o.parameter.quoted(size if np.isfinite(size) else 0.0, None)
+        rows.append(Unexcited(o.effect, told.symbol, told.value if np.isfinite(size) else None, told.unit))
     return tuple(rows)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bcid.diagnosis.channels import entered, explained_by
 from bcid.diagnosis.disturbance import CHANNELS, Disturbances
+from bcid.diagnosis.left import Left
 from bcid.diagnosis.remainder import Remainder
 from bcid.diagnosis.scan import Circle, Window, circles, windows
 from bcid.likelihood.refit import Fit
@@ -22,15 +22,18 @@ FEWEST = 20  # knots of a regime
 class Location:
     """Where the pushes that a model needs are larger than it expects, or predictable."""
 
-    channel: str  # where it enters
-    entering: dict[str, float]  # nats that free functions in each channel would gain, most first
+    left: Left  # beside the fit, all of it
     depends_on: tuple[str, ...]
     regime: str
     place: Circle | None
     place_p: float
     window: Window | None
     window_p: float
-    whole: Remainder  # what of the disturbances is predictable
+
+    @property
+    def channel(self) -> str:
+        """Where it enters."""
+        return self.left.channel
 
 
 def located(fit: Fit, take: Take, of: Disturbances, whole: Remainder) -> Location:
@@ -38,11 +41,10 @@ def located(fit: Fit, take: Take, of: Disturbances, whole: Remainder) -> Locatio
     found, place_p = circles(of, 1)
     place = found[0] if place_p < SIGNIFICANT else None
     window, window_p = windows(of)
-    entering = explained_by(fit, take, place)
     i = CHANNELS.index(whole.channel)
     return Location(
-        entered(entering, whole), entering, whole.depends_on, regime(of, of.strength[:, i] ** 2), place, place_p,
-        window if window_p < SIGNIFICANT else None, window_p, whole,
+        Left.by(of, whole, fit, take, place), whole.depends_on, regime(of, of.strength[:, i] ** 2), place, place_p,
+        window if window_p < SIGNIFICANT else None, window_p,
     )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         **about,
         "verdict": judgement.verdict,
         "mismatch": {"detected": detected, "p_value": found.p_value, "where": _where(found) if detected else None},
-        "channels": {channel: round(nats, 1) for channel, nats in found.location.entering.items()},
+        "channels": {channel: round(nats, 1) for channel, nats in found.location.left.entering.items()},
         "findings": [_finding(f, judgement.fit.hypothesis.entries[f.effect]) for f in judgement.findings],
         "unknown": _unknown(found, corrections) if unknown else None,
         "fit": _fit(horizons),
@@ -130,16 +130,17 @@ def _correction(found: Diagnosis, name: str) -> dict[str, Any]:
 
 
 def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
-    left = found.judgement.remainder
-    if found.judgement.left > 0.0:
+    judgement = found.judgement
+    left, way = judgement.left.remainder, judgement.left.way(judgement.gate)
+    if judgement.nats_left > 0.0:
         return {
-            "channel": found.judgement.left_in, "depends_on": list(left.depends_on) if left.predictable else [],
-            "form": left.form if left.channel == found.judgement.left_in else None,
-            "heldout_gain": left.gain, "gain_nats": found.judgement.left,
+            "channel": judgement.left.channel, "depends_on": list(left.depends_on) if left.predictable else [],
+            "form": left.form if left.channel == judgement.left.channel else None,
+            "heldout_gain": left.gain, "gain_nats": judgement.nats_left, "lies": way.words if way else None,
         }  # fmt: skip
     words = "; ".join(ENTRIES[n].equation for n in corrections)
     depends = list(dict.fromkeys(d for n in corrections for d in ENTRIES[n].depends_on))
-    gained = found.judgement.corrections
+    gained = judgement.corrections
     return {
         "channel": found.location.channel, "depends_on": depends, "form": words or None,
         "heldout_gain": gained.nats if gained else 0.0,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from bcid.diagnosis.candidates import named
 from bcid.diagnosis.channels import explained_by
 from bcid.diagnosis.disturbance import disturbances, relieved
-from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.left import Left
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import Search
 from bcid.diagnosis.sizes import at_simulated
@@ -34,8 +34,7 @@ class _Seen(NamedTuple):
 
     best: Fit
     without: Mapping[str, Fit]
-    left: Remainder
-    entering: Mapping[str, float]  # nats that free functions would still explain, by channel
+    left: Left
 
     @property
     def gains(self) -> dict[str, float]:
@@ -45,21 +44,18 @@ class _Seen(NamedTuple):
     def over(self, gate: float) -> dict[str, float]:
         """Of `entering` what is worth telling and beyond chance."""
         least = max(gate, WORTH_TELLING * sum(self.gains.values()))
-        return {channel: nats for channel, nats in self.entering.items() if nats > least}
+        return {channel: nats for channel, nats in self.left.entering.items() if nats > least}
 
 
-def stand_ins(
-    found: Search, take: Take, place: Circle | None, left: Remainder, entering: Mapping[str, float]
-) -> tuple[str, ...]:
-    """Those of the effects found that stand in, each alone or all together.
+def stand_ins(found: Search, take: Take, place: Circle | None, left: Left) -> tuple[str, ...]:
+    """Those of the effects found that stand in, each alone or all together; `left` is what is left beside them.
 
-    `left` is what is predictable beside them, `entering` what free functions would still explain by channel.  Beside a
-    trusted simulation they have to stand in beside its own parameters as well: a refit without an effect bends those to
-    what is missing, however well they are known, so that the effect seems to explain little.
+    Beside a trusted simulation they have to stand in beside its own parameters as well: a refit without an effect bends
+    those to what is missing, however well they are known, so that the effect seems to explain little.
     """
     if not named(found.best):
         return ()
-    seen = _Seen(found.best, found.without, left, entering)
+    seen = _Seen(found.best, found.without, left)
     doing = _doing_duty(seen, take, place, found.nulls.gate)
     if not doing or found.best.hypothesis.simulated is None:
         return doing
@@ -82,7 +78,7 @@ def _beside_simulation(found: Search, take: Take, place: Circle | None) -> _Seen
     for name, fit in found.without.items():
         with suppress(FloatingPointError):
             without[name] = _held(fit, take)
-    return _Seen(best, without, remainder(disturbances(best, take), best.car()), explained_by(best, take, place))
+    return _Seen(best, without, Left.of(best, take, place))
 
 
 def _held(fit: Fit, take: Take) -> Fit:
@@ -92,7 +88,7 @@ def _held(fit: Fit, take: Take) -> Fit:
 
 def _doing_duty(seen: _Seen, take: Take, place: Circle | None, gate: float) -> tuple[str, ...]:
     """Those that stand in, each alone; all together where none does and much is left that stands out."""
-    over, gains, left = seen.over(gate), seen.gains, seen.left
+    over, gains, left = seen.over(gate), seen.gains, seen.left.remainder
     alone = tuple(name for name in gains if over and _stands_in(name, seen, take, place, over))
     if alone or not left.predictable or left.correlation <= STANDING_OUT:
         return alone
@@ -133,5 +129,5 @@ def _pushes_in(channels: Sequence[str], name: str, seen: _Seen, take: Take) -> b
 
 def _mixed(seen: _Seen, take: Take) -> tuple[str, ...]:
     """Effects that stand in, together, for something that is not in the vocabulary and still stands out."""
-    out = [c for c, r in seen.left.correlations.items() if r > STANDING_OUT]
+    out = [c for c, r in seen.left.remainder.correlations.items() if r > STANDING_OUT]
     return tuple(n for n in seen.without if _pushes_in(out, n, seen, take))

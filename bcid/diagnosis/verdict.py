@@ -8,10 +8,8 @@ from typing import Literal
 import numpy as np
 
 from bcid.diagnosis.candidates import RIVAL, named, refit_with
-from bcid.diagnosis.channels import entered, explained_by
-from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
-from bcid.diagnosis.remainder import Remainder, remainder
+from bcid.diagnosis.left import Left
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.search import DELAYS, PLAIN, Search
 from bcid.diagnosis.stand_ins import WORTH_TELLING, stand_ins
@@ -47,8 +45,7 @@ class Judgement:
     verdict: Verdict
     findings: tuple[Finding, ...]  # by evidence
     dropped: tuple[str, ...]  # what the search accepted and the gates did not
-    remainder: Remainder  # beside `fit`
-    entering: dict[str, float]  # nats that free functions in each channel would still gain, most first
+    left: Left  # beside `fit`
     gate: float  # nats that chance does not reach
     corrections: Gain | None  # held-out gain of the base model's own simplifications, where they stand out
     search: Search  # without what was dropped
@@ -59,38 +56,32 @@ class Judgement:
         return self.search.best
 
     @property
-    def left_in(self) -> str:
-        """The channel where what is left enters."""
-        return entered(self.entering, self.remainder)
-
-    @property
-    def left(self) -> float:
+    def nats_left(self) -> float:
         """Nats that something more would be worth; none where chance may be all there is."""
-        return _left(self.remainder, self.entering, self.gate)
+        return self.left.nats(self.gate)
 
     @property
     def more_is_left(self) -> bool:
         """Whether what remains is worth telling beside what was found."""
-        return self.left > WORTH_TELLING * sum(f.gain for f in self.findings)
+        return self.nats_left > WORTH_TELLING * sum(f.gain for f in self.findings)
 
 
 def judged(
-    found: Search, take: Take, place: Circle | None = None, left: Remainder | None = None, dropped: tuple[str, ...] = ()
+    found: Search, take: Take, place: Circle | None = None, left: Left | None = None, dropped: tuple[str, ...] = ()
 ) -> Judgement:
     """The findings that pass the gates, and the verdict.
 
-    `place` stands out on the floor; `left` is what remains predictable beside `found.best`.
+    `place` stands out on the floor; `left` is what is left beside `found.best`.
 
     Where an effect does not pass, the rest is refitted without it and judged anew.
     """
     best = found.best
-    left = left or remainder(disturbances(best, take), best.car())
-    entering = explained_by(best, take, place)
+    left = left or Left.of(best, take, place)
     findings = _findings(found, take)
     failing = [f for f in findings if not _passes(f, found)]
     # without the weakest the others may pass
     weakest = (min(failing, key=lambda f: f.gain).effect,) if failing else ()
-    standing_in = () if weakest else stand_ins(found, take, place, left, entering)
+    standing_in = () if weakest else stand_ins(found, take, place, left)
     failed = (*weakest, *standing_in)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
@@ -98,21 +89,15 @@ def judged(
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"
-    elif _left(left, entering, found.nulls.gate) > 0.0 or best.hypothesis.effects != found.base.hypothesis.effects:
+    elif left.nats(found.nulls.gate) > 0.0 or best.hypothesis.effects != found.base.hypothesis.effects:
         verdict = "unknown"
     corrections = None
     if found.corrected is not found.base:
         corrections = gain(scores(found.corrected, take), scores(found.base, take), take)
     return Judgement(
-        verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, entering, found.nulls.gate,
+        verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, found.nulls.gate,
         corrections, found,
     )  # fmt: skip
-
-
-def _left(remainder: Remainder, entering: dict[str, float], gate: float) -> float:
-    """Nats that trees, or free functions in one channel, see in what is left; none where chance reaches as far."""
-    seen = max(entering.values())
-    return max(remainder.gain if remainder.predictable else 0.0, seen if seen > gate else 0.0)
 
 
 def _findings(found: Search, take: Take) -> list[Finding]:

@@ -51,9 +51,10 @@ def units_at(car: Car, speed_mps: float) -> Units:
     return Units(car.m / BUMPER_CAR.mass_kg, length, length * BUMPER_CAR.speed_mps / max(speed_mps, 0.05))
 
 
-def units_of(car: Car, estimates: Sequence[Estimate]) -> Units:
-    """The same of a car as fast as it was driven."""
-    return units_at(car, float(np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9)))
+def units_of(car: Car, estimates: Sequence[Estimate], at_least: float = 0.0) -> Units:
+    """The same of a car as fast as it was driven, or as `at_least` so many m/s."""
+    driven = np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9)
+    return units_at(car, max(float(driven), at_least))
 
 
 def prepared(

@@ -24,7 +24,7 @@ def run_case(case: Case, others: bool = False) -> dict[str, Any]:
     estimate = estimate_motion(recording, of, TUNING)
     found = diagnosed([recording], [estimate], of, left_out=case.left_out)
     seconds = time.perf_counter() - begin
-    row = {**said(found), "seconds": round(seconds, 2), "oracle_share": _oracle_share(case, found)}
+    row = {**said(found), "seconds": round(seconds, 2), **_oracle(case, found)}
     if others:
         from bcid.proof.baselines import compared
 
@@ -35,7 +35,7 @@ def run_case(case: Case, others: bool = False) -> dict[str, Any]:
 def said(found: Diagnosis) -> dict[str, Any]:
     """All of a diagnosis that is scored."""
     judgement, location = found.judgement, found.location
-    left, place, window = judgement.remainder, location.place, location.window
+    left, place, window = judgement.left.remainder, location.place, location.window
     return {
         "verdict": judgement.verdict,
         "findings": [
@@ -49,8 +49,9 @@ def said(found: Diagnosis) -> dict[str, Any]:
         "dropped": list(judgement.dropped),
         "corrections": [n for n in judgement.fit.hypothesis.effects if n not in EFFECTS],
         "remainder": {
-            "channel": judgement.left_in, "entering": judgement.entering, "correlations": left.correlations,
-            "gain": round(left.gain, 1), "nats": round(judgement.left, 1),
+            "channel": judgement.left.channel, "entering": judgement.left.entering, "correlations": left.correlations,
+            "gain": round(left.gain, 1), "nats": round(judgement.nats_left, 1),
+            "lying": {way.channel: round(way.nats, 1) for way in judgement.left.lying},
         },
         "located": location.channel,
         "place": [place.x, place.y, place.radius] if place else None,
@@ -60,14 +61,14 @@ def said(found: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _oracle_share(case: Case, found: Diagnosis) -> float | None:
+def _oracle(case: Case, found: Diagnosis) -> dict[str, Any]:
     """Held-out gain of what was found, over that of refitting the true structure from the true values.
 
-    None of several effects, of one that has no name here, that the search was not allowed, or that is worth no more
-    than chance.
+    And whether that is worth more than chance: else the recording does not show the effect at all.  Nothing of several
+    effects, or of one that has no name here or that the search was not allowed.
     """
     if len(case.concealed) != 1 or case.channel:
-        return None
+        return {"oracle_share": None}
     corrected, fit, take = found.search.corrected, found.judgement.fit, found.take
     (hidden,) = case.concealed
     held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
@@ -81,8 +82,9 @@ def _oracle_share(case: Case, found: Diagnosis) -> float | None:
     try:
         oracle = refit(take, hypothesis, hypothesis.start(near.car(), values), near.start, near.scales)
     except FloatingPointError:
-        return None
+        return {"oracle_share": None}
     nothing = scores(corrected, take).sum()
     best = scores(oracle, take).sum() - nothing
     reached = scores(fit, take).sum() - nothing if fit is not corrected else 0.0
-    return float(reached / best) if best > found.judgement.gate else None
+    shown = bool(best > found.judgement.gate)
+    return {"oracle_share": float(reached / best) if shown else None, "shown": shown}

@@ -24,6 +24,7 @@ from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import moments, products, rescaled, weights
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Floats, Ints, Take
+from bcid.proof.scoring import shown
 
 SEEN = 0.02  # share of the pushes' squares on blocks not seen, above which a fit counts as a detection
 SIGNIFICANT = 0.01
@@ -232,7 +233,7 @@ def summary(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Of the diagnosis and each method on the same takes: first names right, false alarms, detections."""
     by_method: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        if "others" not in row or row["tier"] == "unexcited":  # where naming is wrong
+        if "others" not in row or not shown(row):  # where naming is wrong
             continue
         first = row["findings"][0]["effect"] if row["findings"] else None
         ours = {

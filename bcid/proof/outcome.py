@@ -11,7 +11,7 @@ from typing import Any
 
 from bcid import __version__
 from bcid.proof.calibration import calibration
-from bcid.proof.scoring import each_pooled, pooled, tiers
+from bcid.proof.scoring import each_pooled, pooled, right, tiers
 from bcid.store.code import code_of
 
 SCHEMA = "bcid.prove/1"
@@ -34,7 +34,19 @@ def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, 
         "pooled_by_tier": each_pooled(rows),
         "calibration": asdict(calibration(rows)),
         "confusion": confusion(rows),
+        "wrong": [wrong(row) for row in rows if not right(row)],
     }
+
+
+def wrong(row: dict[str, Any]) -> dict[str, Any]:
+    """What was concealed in a case that was not answered as it should be, and what was said: enough to look for it."""
+    there = ", ".join(row["answer"]) or NOTHING
+    if "error" in row:
+        return {"case": row["case"], "there": there, "said": row["error"]}
+    names = ", ".join(f["effect"] for f in row["findings"])
+    place = f" in {row['remainder']['channel']}" if row["verdict"] == "unknown" else ""
+    there += f" ({row['channel']})" * bool(row["channel"])
+    return {"case": row["case"], "there": there, "said": (names or row["verdict"]) + place}
 
 
 def missed(found: dict[str, Any]) -> list[str]:

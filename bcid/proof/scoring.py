@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,7 +61,7 @@ class Tier:
     located: float | None  # the channel, before any hypothesis
     place_overlap: float | None  # median, intersection over union
     time_overlap: float | None
-    not_seen: float | None  # what is there and not named is told as not excited
+    not_seen: float | None  # of what is there and does not show: it is not named, and told as not excited
     seconds: float | None  # median
     errors: int
 
@@ -92,15 +92,16 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
     failed = {"findings": [], "verdict": "error", "remainder": {"channel": ""}, "seconds": float("nan")}
     rows = [r if "error" not in r else {**failed, **r} for r in members]
     known = [r for r in rows if r["answer"] and not r["channel"]]
+    seen, unseen = [r for r in known if shown(r)], [r for r in known if not shown(r)]
     nulls = [r for r in rows if not r["answer"]]
     hidden = [r for r in rows if r["channel"]]
     errors, covered = _parameters(known)
     measured = [r for r in known if any(EFFECTS[e].kind == "measurement" for e in r["answer"])]
     false = [not right(r) for r in nulls]
     return Tier(
-        name, len(members), _mean(r["findings"] != [] and r["findings"][0]["effect"] in r["answer"] for r in known),
-        _mean(set(r["answer"]) <= _set(r) and len(_set(r)) <= LARGEST_SET for r in known),
-        _mean(set(r["answer"]) == {f["effect"] for f in r["findings"]} for r in known),
+        name, len(members), _mean(r["findings"] != [] and r["findings"][0]["effect"] in r["answer"] for r in seen),
+        _mean(set(r["answer"]) <= _set(r) and len(_set(r)) <= LARGEST_SET for r in seen),
+        _mean(set(r["answer"]) == {f["effect"] for f in r["findings"]} for r in seen),
         _mean(false), _interval(sum(false), len(false)) if false else None,
         float(np.mean([r["verdict"] == "unknown" for r in rows])),
         _mean(bool({f["effect"] for f in r["findings"]} - _alike(r)) or "error" in r for r in known + hidden),
@@ -111,7 +112,7 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         _mean(x for x in map(channel_right, known + hidden) if x is not None),
         _median([x for x in map(place_overlap, known) if x is not None]),
         _median([x for x in map(time_overlap, known) if x is not None]),
-        _mean(map(_told_unseen, known)) if name == "unexcited" else None,
+        _mean(map(_told_unseen, unseen)),
         _median([r["seconds"] for r in rows if "error" not in r]), sum("error" in r for r in members),
     )  # fmt: skip
 
@@ -125,9 +126,17 @@ def right(row: dict[str, Any]) -> bool:
         return not names and (row["tier"] != "null" or row["verdict"] != "unknown")
     if row["channel"]:
         return not names and row["verdict"] == "unknown" and row["remainder"]["channel"] in _channels(row)
-    if row["tier"] == "unexcited":
+    if not shown(row):
         return not names and _told_unseen(row)
     return bool(names) and set(row["answer"]) <= _set(row) and not names - _alike(row)
+
+
+def shown(row: Mapping[str, Any]) -> bool:
+    """Whether a recording shows its effect: by the driver, or by what even the true structure is worth on it.
+
+    A driver whose tyres never slide does not show that a patch is slippery.
+    """
+    return row["tier"] != "unexcited" and row.get("shown") is not False
 
 
 def _told_unseen(row: dict[str, Any]) -> bool:

@@ -198,6 +198,8 @@ def _left(unknown: Mapping[str, Any]) -> str:
     depends = both([plain(n) for n in unknown["depends_on"]])
     text = f"it acts on the {CHANNELS.get(channel, channel)}" if channel else "its channel is not clear"
     text += f" and depends on {depends}" if depends else ""
+    lies = unknown.get("lies")
+    text += f"; the pushes lie {lies}" if lies else ""
     return text + (f"; a short form fits it: {unknown['form']}" if unknown["form"] else "; no short form fits it")
 
 

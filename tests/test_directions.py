@@ -1,0 +1,105 @@
+"""Where pushes lie: drawn along each way, beside a rough floor, and what of several views of a remainder counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cars import CAR
+
+from bcid.diagnosis.directions import Lying, _Seen, lying, ways
+from bcid.diagnosis.disturbance import STATES, Disturbances
+from bcid.diagnosis.left import TELLING, Left
+from bcid.diagnosis.remainder import Remainder
+from bcid.likelihood.take import KNOTS
+
+SEGMENTS = 150
+INERTIA = np.array([CAR.m, CAR.m, CAR.I_z])
+FLOOR = np.array([3.0, 3.0, 1.5])  # N, N, N m
+WAYS = range(15)
+
+
+def seen(seed: int, way: int | None = None, size: float = 8.0) -> Disturbances:
+    """Pushes of a rough floor, and along a way, of a car that does all kinds of things; a hundredth is doubtful."""
+    rng = np.random.default_rng(seed)
+    K = KNOTS * SEGMENTS
+    mean = {name: rng.uniform(-1.0, 1.0, K) for name in STATES}
+    mean |= {"delta": rng.uniform(-1.5, 1.5, K), "theta": rng.uniform(-3.0, 3.0, K), "F_m": rng.uniform(0.0, 60.0, K)}
+    mean |= {"alpha_f": rng.uniform(-0.3, 0.3, K), "alpha_r": rng.uniform(-0.2, 0.2, K)}
+    nothing = np.zeros((K, 3))
+    still = Disturbances(
+        mean["p_x"], np.arange(K) // KNOTS, nothing, nothing, mean, nothing, np.zeros((SEGMENTS, 3 * KNOTS)),
+        np.tile(1e-8 * np.eye(3 * KNOTS), (SEGMENTS, 1, 1)),
+    )  # fmt: skip
+    pushes = FLOOR * rng.standard_normal((K, 3))
+    for d in ways(still, CAR)[way].d if way is not None else ():
+        pushes += size * d / np.sqrt(np.mean(np.sum(d**2, axis=1))) * rng.standard_normal((K, 1))
+    return still._replace(seen=(pushes / INERTIA).reshape(SEGMENTS, -1))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_pushes_lie_where_they_were_drawn(way: int) -> None:
+    of = seen(way, way)
+    drawn = ways(of, CAR)[way]
+    found = lying(of, CAR)[0]
+    assert found.channel == drawn.channel
+    assert found.words == drawn.words
+    assert found.nats > 20.0
+
+
+def test_every_way_is_tried() -> None:
+    assert len(ways(seen(0), CAR)) == len(WAYS)
+
+
+def test_a_rough_floor_s_pushes_lie_nowhere() -> None:
+    most = [lying(seen(seed), CAR)[0].nats for seed in range(20)]
+    assert max(most) < TELLING
+
+
+def test_a_segment_that_shows_nothing_does_not_count() -> None:
+    of = seen(3, 2)
+    lost = of._replace(seen=of.seen.copy(), doubt=of.doubt.copy())
+    lost.seen[4], lost.doubt[7] = np.nan, np.inf
+    assert lying(lost, CAR)[0].nats == pytest.approx(lying(of, CAR)[0].nats, rel=0.05)
+
+
+def test_the_slope_is_the_likelihood_s() -> None:
+    of = seen(5, 2)
+    pushes = _Seen.by(of, CAR)
+    squares = [pushes.along(d) for d in ways(of, CAR)[12].d]
+    at = np.array([0.7, 1.4])
+    _, slope = pushes._slope(at, squares)
+    for j, step in enumerate(1e-5 * np.eye(2)):
+        ahead, behind = (pushes._slope(at + sign * step, squares)[0] for sign in (1.0, -1.0))
+        assert slope[j] == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
+
+
+NOTHING = Remainder("mz", 0.1, {"mz": 0.1}, (), 0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("entering", "nats", "channel"),
+    [
+        ({"motor": 90.0}, 60.0, "motor"), ({"motor": 60.0}, 90.0, "fy"), ({"pose": 60.0}, 90.0, "pose"),
+        ({"motor": 2.0}, 90.0, "fy"), ({"motor": 2.0}, 3.0, "mz"), ({"motor": 8.0}, -3.0, "motor"),
+    ],
+)  # fmt: skip
+def test_what_explains_most_says_where_it_enters(entering: dict[str, float], nats: float, channel: str) -> None:
+    left = Left(NOTHING, entering, (Lying("fy", "across the front wheel", nats),))
+    assert left.channel == channel
+    way = left.way(14.0)
+    assert (way is not None) is (channel == "fy")
+
+
+def test_what_explains_next_to_nothing_of_what_trees_predict_says_nothing() -> None:
+    """A moment against the servo's rate: no function has it, and it is not a floor's either."""
+    predictable = Remainder("mz", 0.9, {"mz": 0.9}, (), 1000.0, None)
+    left = Left(predictable, {"steering": 11.0}, (Lying("fy", "across the front wheel", 40.0),))
+    assert left.channel == "mz"
+    assert left._replace(remainder=NOTHING).channel == "fy"
+
+
+def test_what_only_lies_somewhere_is_left_too() -> None:
+    """A drive wheel that is not round pushes along itself, whenever it likes."""
+    left = Left(NOTHING, {"motor": -3.0}, (Lying("fx", "along the front wheel", 40.0),))
+    assert left.nats(14.0) == 40.0
+    assert left.nats(50.0) == 0.0
