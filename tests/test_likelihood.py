@@ -18,6 +18,7 @@ from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.likelihood import free_part
 from bcid.likelihood.free_part import (
     Settled,
     _settle_anew,
@@ -547,6 +548,19 @@ def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> N
     np.testing.assert_allclose(e.z[:, N_START:], start[:, N_START:], atol=0.02)
     assert bent(take, setting, start, LOUD, A) == pytest.approx(0.0, abs=0.05)
     assert bent(take, setting, take.start, LOUD, sensitivities(take, setting, take.start)) > 1.0
+
+
+@pytest.mark.parametrize("badness", [1e9, np.inf, np.nan])
+def test_a_segment_that_spins_bends_no_take(badness: float, part: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    setting, kept = BASE.setting(BASE.start(CAR), part), free_part.badness
+
+    def spun(take: Take, *given: np.ndarray) -> np.ndarray:
+        return np.r_[badness, kept(take, *given)[1:]]
+
+    still = bent(part, setting, part.start, LOUD, sensitivities(part, setting, part.start))
+    monkeypatch.setattr(free_part, "badness", spun)
+    one = bent(part, setting, part.start, LOUD, sensitivities(part, setting, part.start))
+    assert one - still == pytest.approx(free_part.SPUN / part.segments, rel=0.1)
 
 
 @pytest.mark.parametrize(("push", "each"), [(40.0, 3), (np.nan, 3), (40.0, 1)])

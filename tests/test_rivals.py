@@ -122,6 +122,28 @@ def test_what_unbends_a_trusted_simulation_need_not_explain_what_is_left(
     assert search._substantial(best, more, NOTHING_LEFT, 14.0) is (explained + unbent > 14.0)
 
 
+@pytest.mark.parametrize(
+    ("held", "pushed", "gains", "from_sizes"),
+    [
+        (("pose_latency",), True, 3.0, True),  # most of what is left has no name among the promising ones
+        (("pose_latency",), True, 60.0, False), (("pose_latency",), False, 3.0, False), ((), True, 3.0, False),
+    ],
+)  # fmt: skip
+def test_beside_what_was_found_all_others_are_tried_where_much_is_left(
+    held: tuple[str, ...], pushed: bool, gains: float, from_sizes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    best, first, found = fit(0.0, *held), fit(gains, *held, "motor_lag"), fit(80.0, *held, "rear_drag_asymmetry")
+    best.bent = first.bent = found.bent = 0.0
+    monkeypatch.setattr(search, "best_first", lambda fits, take: sorted(fits, key=lambda f: -f.bic))
+    monkeypatch.setattr(search, "from_afar", lambda *_: [])
+    monkeypatch.setattr(search, "without_place", lambda fit, others: ("rear_drag_asymmetry",))
+    monkeypatch.setattr(search, "from_their_sizes", lambda fit, take, names, least: ([found], names))
+    left, take = Remainder("fx", 0.9, {}, (), 100.0, None), SimpleNamespace(pushed=pushed)
+    fits, names = search._further(best, take, [first], left, (14.0, 14.0), ("motor_lag",))  # type: ignore[arg-type]
+    assert fits == ([found, first] if from_sizes else [first])
+    assert names == (("rear_drag_asymmetry",) if from_sizes else ())
+
+
 def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """What half a take makes of a poor explanation may not even drive the other half."""
     take = SimpleNamespace(segments=4, begin_s=np.array([0.0, 1.0, 2.0, 3.0]), T=12.0)

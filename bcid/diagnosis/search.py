@@ -98,10 +98,9 @@ def search(
         tried = names
         fits, names = _with_one_more(best, take, shortlist, tried, least, left_out, beside)
         promising = promising or names
-        fits = best_first(fits, take)
-        if left.predictable and not (fits and _substantial(best, fits[0], left, max(least, chance.gate))):
-            others = (*left_out, *tried) if take.pushed else left_out
-            fits = best_first([*fits, *from_afar(best, take, others)], take)
+        others = (*left_out, *tried) if take.pushed else left_out
+        fits, also = _further(best, take, best_first(fits, take), left, (least, max(least, chance.gate)), others)
+        names = (*names, *also)
         if not (fits and _substantial(best, fits[0], left, least)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
@@ -148,6 +147,27 @@ def _with_one_more(
         sized, names = from_their_sizes(best, take, names, least)
         fits += sized
     return fits, names if take.pushed else ()
+
+
+def _further(
+    best: Fit, take: Take, fits: list[Fit], left: Remainder, least: tuple[float, float], others: Sequence[str]
+) -> tuple[list[Fit], tuple[str, ...]]:
+    """The fits, and where much is `left` and none explains enough of it, more: from afar, and under pushes from sizes.
+
+    Effects in `others` were tried or may not be.  Beside what was found, any may promise that did not before; the names
+    of those that do.  `least` is asked of what was tried at last, and of what was tried first.
+    """
+
+    def enough(asked: float) -> bool:
+        return bool(fits) and _substantial(best, fits[0], left, asked)
+
+    if not left.predictable or enough(least[1]):
+        return fits, ()
+    fits = best_first([*fits, *from_afar(best, take, others)], take)
+    if not (take.pushed and named(best)) or enough(least[0]):
+        return fits, ()
+    more, names = from_their_sizes(best, take, without_place(best, others), least[0])
+    return best_first([*fits, *more], take), names
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:

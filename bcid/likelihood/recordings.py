@@ -32,7 +32,7 @@ class _Yardstick(NamedTuple):
 
 BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
 FEWEST_SEGMENTS = 20
-MOST_BENT = 1.0  # nats per segment by which predictions may miss their tangent, before they are made under pushes
+MOST_BENT = 0.5  # nats per segment by which predictions may miss their tangent, before they are made under pushes
 FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
 
 
