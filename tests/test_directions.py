@@ -11,6 +11,9 @@ from bcid.diagnosis.disturbance import STATES, Disturbances
 from bcid.diagnosis.left import TELLING, Left
 from bcid.diagnosis.remainder import Remainder
 from bcid.likelihood.take import KNOTS
+from bcid.physics.car import wrench
+from bcid.physics.kinematics import wheel_velocity
+from bcid.physics.tyres import slip_angle
 
 SEGMENTS = 150
 INERTIA = np.array([CAR.m, CAR.m, CAR.I_z])
@@ -60,6 +63,51 @@ def test_a_segment_that_shows_nothing_does_not_count() -> None:
     lost = of._replace(seen=of.seen.copy(), doubt=of.doubt.copy())
     lost.seen[4], lost.doubt[7] = np.nan, np.inf
     assert lying(lost, CAR)[0].nats == pytest.approx(lying(of, CAR)[0].nats, rel=0.05)
+
+
+def test_where_no_segment_shows_a_push_none_lies_anywhere() -> None:
+    of = seen(3, 2)
+    assert lying(of._replace(seen=np.full_like(of.seen, np.nan)), CAR) == ()
+
+
+GRIPPING = CAR._replace(
+    R_1=30.0, R_2=0.0, F_f_max=1e5, F_r_max=1e5, sets_force=1.0, K_t=100.0, u_0=0.0, K_v=0.0, K_b=0.0, F_m_max=1e5
+)
+V_X, V_Y, YAW_RATE, DELTA, THROTTLE = 3.0, 0.2, 0.4, 0.5, 0.6
+CHANGED = [
+    ("along the front wheel, the more the faster it goes", "R_1", 1.0),
+    ("along the body, the more the faster it goes", "R_1", 0.0),
+    ("along the driven wheels, the more the harder they drive", "K_t", 1.0),
+    ("along the driven wheels, the more the harder they drive", "K_t", 0.0),
+    ("across the front wheel, the more the larger its side force", "C_f", 1.0),
+    ("across the rear wheels, the more the larger their side force", "C_r", 1.0),
+    ("as if the front wheel turned", "delta", 0.0),
+]  # what a model's parameter does lies in a way; the front's share of drive and drag
+
+
+@pytest.mark.parametrize(("words", "parameter", "front_share"), CHANGED)
+def test_a_way_is_what_a_parameter_changes_of_the_wrench(words: str, parameter: str, front_share: float) -> None:
+    """By finite differences of the model's own wrench; nothing but its direction counts."""
+    car = GRIPPING._replace(front_share=front_share, **({"R_1": 0.0} if parameter == "delta" else {}))
+    v_f = wheel_velocity(V_X, V_Y, YAW_RATE, car.l_f, DELTA)
+    state = {name: np.zeros(1) for name in STATES} | {
+        "v_x": V_X, "v_y": V_Y, "omega": YAW_RATE, "delta": DELTA, "F_m": car.K_t * THROTTLE, "u_m": THROTTLE,
+        "alpha_f": slip_angle(*v_f, car.v_0),
+        "alpha_r": slip_angle(*wheel_velocity(V_X, V_Y, YAW_RATE, -car.l_r, 0.0), car.v_0),
+    }  # fmt: skip
+    of = seen(0)._replace(mean={name: np.atleast_1d(value) for name, value in state.items()})
+
+    def after(sign: float) -> np.ndarray:
+        if parameter == "delta":
+            return np.array(wrench(V_X, V_Y, YAW_RATE, DELTA + sign * 1e-5, THROTTLE, car))
+        off = car._replace(**{parameter: getattr(car, parameter) * (1.0 + sign * 1e-5)})
+        return np.array(wrench(V_X, V_Y, YAW_RATE, DELTA, THROTTLE, off))
+
+    moved = after(1.0) - after(-1.0)
+    (way,) = (w for w in ways(of, car) if w.words == words)
+    unit = way.d[0][0] / np.linalg.norm(way.d[0][0])
+    np.testing.assert_allclose(moved - (moved @ unit) * unit, 0.0, atol=1e-4 * np.linalg.norm(moved))
+    assert np.linalg.norm(moved) > 0.0
 
 
 def test_the_slope_is_the_likelihood_s() -> None:

@@ -723,6 +723,15 @@ def test_a_difference_stays_within_the_bounds(part: Take) -> None:
 # --- hypotheses --------------------------------------------------------------------------------------------------
 
 
+def test_one_effect_more_has_the_sizes_it_is_given_and_all_else_stays() -> None:
+    lag = BASE.holding("motor_lag")
+    phi = lag.start(CAR, [0.2])
+    more, longer = lag.with_effect("floor_slope", phi, [0.01, -0.02])
+    assert more.effects == ("motor_lag", "floor_slope")
+    np.testing.assert_array_equal(longer, more.start(CAR, [0.2, 0.01, -0.02]))
+    np.testing.assert_array_equal(longer[: len(phi)], phi)
+
+
 @pytest.mark.parametrize("unknown", [(), ("T_s", "d")])
 @pytest.mark.parametrize("sets_force", [0.0, 1.0])
 def test_phi_and_the_car_are_one(unknown: tuple[str, ...], sets_force: float) -> None:

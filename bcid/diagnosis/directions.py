@@ -43,8 +43,10 @@ class Lying(NamedTuple):
 
 
 def lying(of: Disturbances, car: Car) -> tuple[Lying, ...]:
-    """The best way of each channel that pushes, the likeliest first."""
+    """The best way of each channel that pushes, the likeliest first; none where no segment shows any push."""
     seen = _Seen.by(of, car)
+    if not len(seen.of):
+        return ()
     length, found = 0.5 * (car.l_f + car.l_r), dict[str, Lying]()
     rough = [seen.every(np.diag(f)) for f in ([1.0, 1.0, 0.0], [0.0, 0.0, length**2])]
     nothing = seen.best(rough, 0)

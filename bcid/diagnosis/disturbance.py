@@ -53,10 +53,11 @@ def _knot_means(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Cons
             drive = Drive(t, T, chain.delta[2 * k], u_m, chain.u_next[k], chain.late[k])
             w = wrench(b, drive, lagged, p, e[0], c)
             v_ry = b.v_y - p.l_r * b.omega
+            F_m = p.front_share * w.steady.F_mf + (1.0 - p.front_share) * w.steady.F_mr
             row = (
                 b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega, drive.delta,
                 (chain.delta[2 * k + 2] - chain.delta[2 * k]) / chain.h, drive.u_m, w.steady.alpha_f,
-                np.arctan(v_ry / max(abs(b.v_x), p.v_0)), w.steady.F_mf + w.steady.F_mr,
+                np.arctan(v_ry / max(abs(b.v_x), p.v_0)), F_m,
             )  # fmt: skip
             for j in range(12):
                 out[s, i // per_knot, j] += row[j] / per_knot
