@@ -21,13 +21,13 @@ from bcid.effects.corrections import CORRECTIONS, FORCE_ONLY, RAW_COMMANDS
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
-from bcid.likelihood import newton, recordings
+from bcid.likelihood import newton
 from bcid.likelihood.base_fit import base_fit
 from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.likelihood.newton import within
-from bcid.likelihood.recordings import base_from, base_of
+from bcid.likelihood.recordings import base_from, base_of, misses, under_pushes
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
 from bcid.proof.asking import run_case
@@ -103,15 +103,15 @@ def test_slow_circles_of_a_car_that_lacks_nothing_show_nothing() -> None:
     assert answer["verdict"] == "nothing-found", (answer["findings"], answer["remainder"])
 
 
-def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle) -> None:
     """Predictions are made under pushes where these are far from nothing; elsewhere it makes no difference."""
     null = Case("null", 0, (), duration_s=120.0, seed=4)
     recording = recorded(null.driven(), null.rate_hz, vehicle)
     estimates = [estimate_motion(recording, vehicle, TUNING)]
     hypothesis = base_of(vehicle, CAR, estimates)
     plain, _, at_rest = base_from([recording], estimates, hypothesis, [])
-    monkeypatch.setattr(recordings, "MOST_BENT", -np.inf)
-    under, _, pushed = base_from([recording], estimates, hypothesis, [])
+    assert not misses(at_rest, plain)
+    under, pushed = under_pushes(plain, at_rest)
     assert (plain.pushed, under.pushed) == (False, True)
     assert not at_rest.start[:, N_START:].any()
     assert np.abs(pushed.start[:, N_START:]).max() > 1e-3

@@ -32,7 +32,7 @@ class _Yardstick(NamedTuple):
 
 BUMPER_CAR = _Yardstick(319.6, 0.87, 1.9)
 FEWEST_SEGMENTS = 20
-MOST_BENT = 0.5  # nats per segment by which predictions may miss their tangent, before they are made under pushes
+MOST_BENT = 0.5  # nats per segment by which predictions may miss their tangent without being made under pushes
 FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins
 
 
@@ -98,7 +98,7 @@ def base_of(vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: 
 def base_from(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], hypothesis: Hypothesis, assumed: Sequence[float]
 ) -> tuple[Take, tuple[Contact, ...], Fit]:
-    """The take, its contacts and the base model's fit, in steps that the fitted car bears.
+    """The take, its contacts and the base model's fit, in steps that the fitted car bears; without pushes.
 
     Raises:
         InputRefused: when too little of the recordings can be used.
@@ -110,11 +110,24 @@ def base_from(
         take, hits = prepared(recordings, estimates, base.car(), hypothesis.angle_limit)
         known = list(base.hypothesis.values(base.phi).values())
         base = base_fit(take, replace(hypothesis, nominal=base.car()), first_scales(take), known)
-    if bent(take, base.hypothesis.setting(base.phi, take), base.start, base.scales, base.tangent.A) > MOST_BENT:
-        take = take._replace(pushed=True)
-        known = list(base.hypothesis.values(base.phi).values())
-        base = base_fit(take, replace(hypothesis, nominal=base.car()), base.scales, known)
     return take, hits, base
+
+
+def misses(fit: Fit, take: Take) -> bool:
+    """Whether predictions miss the fit's tangent by so much that they have to be made under pushes."""
+    setting = fit.hypothesis.setting(fit.phi, take)
+    return not take.pushed and bent(take, setting, fit.start, fit.scales, fit.tangent.A) > MOST_BENT
+
+
+def under_pushes(take: Take, base: Fit) -> tuple[Take, Fit]:
+    """The take with predictions to be made under the likeliest pushes, and the base model's fit made so.
+
+    Raises:
+        FloatingPointError: when the base model cannot follow it.
+    """
+    take, h = take._replace(pushed=True), base.hypothesis
+    known = list(h.values(base.phi).values())
+    return take, base_fit(take, replace(h, nominal=base.car()), base.scales, known)
 
 
 def first_scales(take: Take) -> Scales:

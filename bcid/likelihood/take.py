@@ -90,8 +90,9 @@ class Take(NamedTuple):
 
 def _spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
     """The numbers in the chosen spans of `first`, and the spans' new beginnings."""
-    begin, lengths = first[chosen], first[chosen + 1] - first[chosen]
-    ends = np.r_[0, np.cumsum(lengths)].astype(np.int64)
+    begin = first[chosen]
+    lengths, ends = first[chosen + 1] - begin, np.zeros(len(chosen) + 1, dtype=np.int64)
+    np.cumsum(lengths, out=ends[1:])
     return np.arange(ends[-1]) + np.repeat(begin - ends[:-1], lengths), ends
 
 

@@ -183,7 +183,10 @@ def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
 
 def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
     """`errors` of the simulation; without one, of the base model refitted."""
-    return errors(simulation or Compared.of(based([recording], [estimate], vehicle).fit), vehicle, estimate)
+    if simulation is None:
+        of = based([recording], [estimate], vehicle)
+        simulation = Compared.of((of.under_pushes() if of.misses() else of).fit)
+    return errors(simulation, vehicle, estimate)
 
 
 def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
