@@ -12,13 +12,20 @@ from cars import CAR
 from scipy.linalg import null_space
 from scipy.stats import multivariate_t
 
+from bcid.diagnosis.simulated import seen_at
 from bcid.diagnosis.trials import concerned
+from bcid.effects.car import Body
 from bcid.effects.constants import Constants
-from bcid.effects.table import EFFECTS
+from bcid.effects.corrections import FORCE_ONLY
+from bcid.effects.motion import body_step
+from bcid.effects.motion import settled as lags_at_rest
+from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.lanes import LANES
 from bcid.likelihood import free_part
+from bcid.likelihood.abreast import layout
 from bcid.likelihood.free_part import (
     Settled,
     _settle_anew,
@@ -44,7 +51,7 @@ from bcid.likelihood.marginal import (
 )
 from bcid.likelihood.newton import jacobian
 from bcid.likelihood.refit import refit, standing
-from bcid.likelihood.segments import Layout, free_sensitivities, layout, predict, segment_poses
+from bcid.likelihood.segments import free_sensitivities, predict
 from bcid.likelihood.take import (
     FORGOTTEN,
     GROUP_S,
@@ -431,16 +438,38 @@ def test_predictions_join_the_estimate(take: Take) -> None:
 # --- sensitivities -----------------------------------------------------------------------------------------------
 
 
-def pushed(of: Layout, start: np.ndarray, pushes: np.ndarray, setting: Setting) -> np.ndarray:
-    """Mean poses (N, 3) of all rows, every segment under `pushes` (KNOTS, 3)."""
-    out = np.zeros((of.first[-1], 3))
-    for s in range(len(of.step)):
-        mine = slice(of.first_stamp[s], of.first_stamp[s + 1])
-        segment_poses(
-            out, of.stamps[mine], of.row[mine], of.share[mine], start[s], pushes, of.step[s], of.steps, setting.chain,
-            of.length[s], setting.car, setting.switches, setting.constants,
-        )  # fmt: skip
+def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: Setting) -> np.ndarray:
+    """Mean poses (N, 3) of all rows, every segment under its `pushes` (S, KNOTS, 3): one car after the other."""
+    out, chain = np.zeros((take.first[-1], 3)), setting.chain
+    for s in range(take.segments):
+        own = chain._replace(t_0=chain.t_0 - take.zero_s[s])
+        b, each = Body(*start[s, :N_START]), take.steps // KNOTS
+        driving = (own, take.length_s[s])
+        acting = (setting.car, setting.switches, setting.constants)
+        lagged, true = lags_at_rest(b, take.step[s], *driving, *acting), [b]
+        for i in range(take.steps):
+            b, lagged = body_step(b, lagged, take.step[s] + i, *driving, pushes[s, i // each], *acting)
+            true.append(b)
+        mine = slice(take.first_stamp[s], take.first_stamp[s + 1])
+        seen = seen_at(take.stamp_s[mine] - take.begin_s[s], np.array(true), setting)
+        np.add.at(out, take.row[mine], take.share[mine, None] * seen)
     return out
+
+
+@pytest.mark.parametrize("name", sorted(ENTRIES))
+def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> None:
+    """Whatever the effect, at rest and under pushes; the number of segments fills no whole number of vectors."""
+    car = CAR._replace(sets_force=1.0, K_v=20.0) if name == FORCE_ONLY else CAR
+    base = replace(BASE, raw_commands=True, nominal=car)
+    own, few = base.entries[name].parameters, part.part(np.arange(0, part.segments, 6))
+    values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.places else 3.0 * p.size for p in own])
+    hypothesis = base.holding(name)
+    setting = hypothesis.setting(hypothesis.start(base.nominal, values), few)
+    assert few.segments % LANES
+    for start in (few.start, shoved(few)):
+        push = start[:, N_START:].reshape(-1, KNOTS, 3) * [CAR.m, CAR.m, CAR.I_z]
+        each = pushed(few, start, push, setting)
+        np.testing.assert_allclose(predict(layout(few), start, *setting.acting), each, rtol=0.0, atol=1e-8)
 
 
 def misses(columns: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -500,7 +529,8 @@ def test_pushes_are_wrenches_by_mass_and_inertia(part: Take) -> None:
     push = np.array([[0.1, -0.2, 0.3], [0.0, 0.1, -0.5], [0.2, 0.0, 0.1]])
     start = part.start.copy()
     start[:, N_START:] = push.ravel()
-    there = pushed(of, part.start, push * [CAR.m, CAR.m, CAR.I_z], setting)
+    all_alike = np.broadcast_to(push * [CAR.m, CAR.m, CAR.I_z], (part.segments, KNOTS, 3))
+    there = pushed(part, part.start, all_alike, setting)
     np.testing.assert_allclose(predict(of, start, *setting.acting), there, rtol=0.0, atol=1e-12)
     assert np.abs(there - predict(of, part.start, *setting.acting)).max() > 0.01
 

@@ -17,9 +17,10 @@ import numpy as np
 from bcid.diagnosis.free_functions import NUDGE, SIZES, pushed_by
 from bcid.diagnosis.scan import Circle
 from bcid.diagnosis.score import explained, projected
+from bcid.likelihood.abreast import Layout, layout
 from bcid.likelihood.hypothesis import Setting
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.segments import Layout, layout, predict
+from bcid.likelihood.segments import predict
 from bcid.likelihood.take import Floats, Take
 
 SERVO_RATE = 0.2  # rad/s above which the servo moves

@@ -11,10 +11,11 @@ from bcid.compiled import njit_parallel
 from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
+from bcid.likelihood.abreast import Layout, layout, since
 from bcid.likelihood.free_part import deviations
 from bcid.likelihood.marginal import eliminate, moments, rescaled
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.segments import Layout, layout, pushes_of, since
+from bcid.likelihood.segments import pushes_of
 from bcid.likelihood.take import KNOTS, N_START, Floats, Ints, Take
 from bcid.physics.car import Car
 

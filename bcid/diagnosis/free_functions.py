@@ -18,8 +18,10 @@ from bcid.effects.car import Body, Drive, wrench
 from bcid.effects.constants import Constants
 from bcid.effects.motion import Chain, body_step, settled
 from bcid.effects.tyres import side_force
-from bcid.likelihood.segments import PUSH, Layout, pushes_of, segment_poses, since
-from bcid.likelihood.take import KNOTS, Floats
+from bcid.lanes import LANES
+from bcid.likelihood.abreast import Layout, begun, driven, new_path, see, segment_alone, since
+from bcid.likelihood.segments import PUSH, free_of, pushes_of
+from bcid.likelihood.take import KNOTS, N_START, Floats
 from bcid.physics.car import Car
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.tyres import lateral_force, slip_angle
@@ -206,23 +208,25 @@ def pushed_by(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Consta
     """What the functions' wrenches change in the predicted poses (N, 3, n), per unit."""
     out, inertia = np.zeros((of.first[-1], 3, n)), np.array([p.m, p.m, p.I_z])
     for s in numba.prange(len(of.step)):
-        a, b, f, g = of.first_stamp[s], of.first_stamp[s + 1], of.first[s], of.first[s + 1]
-        stamps, row, share = of.stamps[a:b] - of.zero[s], of.row[a:b] - f, of.share[a:b]
-        own, T = since(chain, of.zero[s]), of.length[s]
-        still, pushes = np.zeros((g - f, 3)), np.empty((of.steps, 3))
-        knots = pushes_of(start[s], p)
+        f, g, mine = of.first[s], of.first[s + 1], segment_alone(np.int64(s), of, chain)
+        free, path, pushes = free_of(start, mine), new_path(of.steps), np.empty((of.steps, 3, LANES))
+        knots, begin = pushes_of(free, p), begun(free[:N_START], mine, chain, p, e[0], c)
         for i in range(of.steps):
             pushes[i] = knots[i // (of.steps // KNOTS)]
-        segment_poses(still, stamps, row, share, start[s], pushes, of.step[s], of.steps, own, T, p, e[0], c)
-        wrenches = _segment_wrenches(start[s], of.step[s], of.steps, own, T, p, e[0], c, circle, n)
-        for j in range(n):
-            push = wrenches[:, :, j].copy()
-            strongest = np.max(np.abs(push / inertia))
-            if strongest == 0.0:
-                continue
-            moved, small = np.zeros((g - f, 3)), PUSH / strongest
-            segment_poses(
-                moved, stamps, row, share, start[s], pushes + small * push, of.step[s], of.steps, own, T, p, e[0], c
-            )
-            out[f:g, :, j] = (moved - still) / small
+        still = np.zeros((g - f, 3))
+        driven(path, begin, of.steps, pushes, mine, chain, p, e[0], c)
+        see(still, path, 0, 0, mine, of, chain.h, e[0])
+        own = since(chain, of.zero[s])
+        wrenches = _segment_wrenches(start[s], of.step[s], of.steps, own, of.length[s], p, e[0], c, circle, n)
+        strongest = np.array([np.max(np.abs(wrenches[:, :, j] / inertia)) for j in range(n)])
+        acting = np.flatnonzero(strongest)
+        for first in range(0, len(acting), LANES):
+            columns, moved = acting[first : first + LANES], pushes.copy()
+            for k, j in enumerate(columns):
+                moved[:, :, k] += PUSH / strongest[j] * wrenches[:, :, j]
+            driven(path, begin, of.steps, moved, mine, chain, p, e[0], c)
+            for k, j in enumerate(columns):
+                seen = np.zeros((g - f, 3))
+                see(seen, path, k, 0, mine, of, chain.h, e[0])
+                out[f:g, :, j] = (seen - still) * (strongest[j] / PUSH)
     return out

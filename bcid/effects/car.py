@@ -16,6 +16,7 @@ import numpy.typing as npt
 from bcid.compiled import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
+from bcid.lanes import some, where
 from bcid.physics.car import Car, motor_force
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
@@ -82,18 +83,17 @@ def _held_force(u_m: float, v_w: float, drive: Drive, p: Car, e: Any, c: Constan
     """F_m (N) at one wheel under one throttle, with the motor's effects."""
     u_m = motor.dead_zone(u_m, e.motor_dead_zone__width)
     F = corrections.faded(motor_force(u_m, v_w, p), u_m, v_w, p.u_0, e.motor_fade__k)
-    if u_m >= 0.0:
-        F = motor.power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
-        F = motor.sag(F, drive.t, drive.T, e.motor_sag__s)
-        F += motor.regeneration(u_m, v_w, p.K_t, p.F_m_max, e.motor_regeneration__r)
-    return F
+    supplied = motor.power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
+    supplied = motor.sag(supplied, drive.t, drive.T, e.motor_sag__s)
+    supplied += motor.regeneration(u_m, v_w, p.K_t, p.F_m_max, e.motor_regeneration__r)
+    return where(u_m >= 0.0, supplied, F)
 
 
 @njit_inline
 def throttle_force(v_w: float, drive: Drive, p: Car, e: Any, c: Constants) -> float:
     """F_m (N) at one wheel; forces are averaged, not throttles, of which the force is no linear function."""
     F = _held_force(drive.u_m, v_w, drive, p, e, c)
-    if drive.late != 0.0:
+    if some(drive.late != 0.0):
         F += drive.late * (_held_force(drive.u_next, v_w, drive, p, e, c) - F)
     return F
 
@@ -110,10 +110,9 @@ def _front(
     F_d = rolling
     F_d += forces.front_coulomb_friction(v_fx, e.front_coulomb_friction__c, c.v_c)
     F_d += forces.steering_drag(delta_w, v_fx, e.steering_drag__k)
-    if e.rough_patch__b != 0.0 and forces.inside(
-        b.p_x, b.p_y, e.rough_patch__x, e.rough_patch__y, e.rough_patch__radius
-    ):
-        F_d += e.rough_patch__b * v_fx
+    if e.rough_patch__b != 0.0:
+        rough = forces.inside(b.p_x, b.p_y, e.rough_patch__x, e.rough_patch__y, e.rough_patch__radius)
+        F_d += where(rough, e.rough_patch__b * v_fx, 0.0)
     F_l = p.front_share * (pull - rolling) - (F_d - rolling)
     alpha_s = slip_angle(v_fx, v_fy, corrections.slip_speed(p.v_0, e.slip_speed__d))
     alpha = lagged.alpha_f if e.tyre_relaxation__sigma > 0.0 else alpha_s
@@ -145,16 +144,16 @@ def _wheel_angle(
     miss_high = high - base - k * _front(high, b, drive, lagged, grip, F_lr, p, e, c).F_a
     angle = base
     for _ in range(COMPLIANCE_STEPS):
-        if miss_high == miss_low:  # so weak that the angle does not move
+        slope = miss_high - miss_low
+        if not some(slope != 0.0):  # so weak that the angle does not move
             break
-        angle = high - miss_high * (high - low) / (miss_high - miss_low)
+        angle = where(slope != 0.0, high - miss_high * (high - low) / where(slope != 0.0, slope, 1.0), angle)
         miss = angle - base - k * _front(angle, b, drive, lagged, grip, F_lr, p, e, c).F_a
-        if abs(miss) < COMPLIANCE_MISS:
+        if not some(abs(miss) >= COMPLIANCE_MISS):
             break
-        if miss * miss_high < 0.0:
-            low, miss_low = high, miss_high
-        else:
-            miss_low *= 0.5  # the Illinois rule: the end that stays counts half
+        crossed = miss * miss_high < 0.0
+        low = where(crossed, high, low)
+        miss_low = where(crossed, miss_high, 0.5 * miss_low)  # the Illinois rule: the end that stays counts half
         high, miss_high = angle, miss
     return angle
 
@@ -167,7 +166,8 @@ def _rear_side_force(b: Body, v_rx: float, v_ry: float, grip: float, p: Car, e: 
     if e.two_rear_wheels__t == 0.0:
         alpha = slip_angle(v_rx, v_ry, v_0) + tyres.rear_toe(v_rx, e.rear_toe__epsilon, v_0)
         F_there = corrections.grip_left(-p.C_r * alpha, F_max, e.tyre_fall__f)
-        return float(tyres.side_force(alpha, p.C_r, F_there, 0.0, e.tyre_soft_saturation__s))
+        total: float = tyres.side_force(alpha, p.C_r, F_there, 0.0, e.tyre_soft_saturation__s)
+        return total
     total = 0.0
     for hand in (-0.5, 0.5):
         v_wx = b.v_x - hand * e.two_rear_wheels__t * b.omega
@@ -181,10 +181,9 @@ def _rear_side_force(b: Body, v_rx: float, v_ry: float, grip: float, p: Car, e: 
 def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) -> Wrench:
     """Forces and moment on the body with every effect in its place."""
     grip = 1.0
-    if e.slippery_patch__D != 0.0 and forces.inside(
-        b.p_x, b.p_y, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius
-    ):
-        grip = 1.0 - e.slippery_patch__D
+    if e.slippery_patch__D != 0.0:
+        slippery = forces.inside(b.p_x, b.p_y, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius)
+        grip = where(slippery, 1.0 - e.slippery_patch__D, 1.0)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     F_mr = throttle_force(v_rx, drive, p, e, c) if p.front_share < 1.0 else 0.0
     pull_r = lagged.F_mr if e.motor_lag__tau > 0.0 else F_mr
@@ -210,8 +209,8 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
     world_y = cable_y + heavier * p.m * e.floor_slope__g_y
     F_x += air_x + one_x
     F_y += air_y
-    if world_x != 0.0 or world_y != 0.0:
-        sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
+    if e.tether_pull__k != 0.0 or e.floor_slope__g_x != 0.0 or e.floor_slope__g_y != 0.0:
+        sin_t, cos_t = sincos(b.theta)
         F_x += cos_t * world_x + sin_t * world_y
         F_y += cos_t * world_y - sin_t * world_x
     M_z += one_m + forces.yaw_scrub(b.omega, e.yaw_scrub__c) + forces.yaw_coulomb(b.omega, e.yaw_coulomb__c, c.w_c)
@@ -229,6 +228,6 @@ def alike_everywhere(e: Any) -> bool:
 def lag_after(start: float, steady_0: float, steady: float, ratio: float) -> float:
     """A first-order lag after `ratio` time constants, exactly where its input runs linearly from steady_0 to steady."""
     E = math.exp(-ratio)
-    if ratio == 0.0:
-        return start
-    return steady - (steady - steady_0) * (1.0 - E) / ratio + (start - steady_0) * E
+    passed = ratio != 0.0
+    after = steady - (steady - steady_0) * (1.0 - E) / where(passed, ratio, 1.0) + (start - steady_0) * E
+    return where(passed, after, start)

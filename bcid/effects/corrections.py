@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
+from bcid.lanes import where
 
 
 @njit
 def grip_left(linear: float, F_max: float, f: float) -> float:
     """The grip past saturation: F_max falls towards (1 - f) F_max as the slip goes on."""
-    if f == 0.0 or F_max <= 0.0:
+    if f == 0.0:
         return F_max
-    over = max(abs(linear) / F_max - 1.0, 0.0)
-    return F_max * (1.0 - f * over / (1.0 + over))
+    over = max(abs(linear) / where(F_max > 0.0, F_max, 1.0) - 1.0, 0.0)
+    return where(F_max > 0.0, F_max * (1.0 - f * over / (1.0 + over)), F_max)
 
 
 @njit
@@ -34,7 +35,7 @@ def scaled_steering(delta: float, g: float) -> float:
 @njit
 def faded(F: float, u_m: float, v_w: float, u_0: float, k: float) -> float:
     """F - k (u_m - u_0) v_w above u_0: a bridge that is on for a share of the time lets the motor brake as long."""
-    return F if k == 0.0 or u_m <= u_0 else F - k * (u_m - u_0) * v_w
+    return where(u_m > u_0, F - k * (u_m - u_0) * v_w, F) if k != 0.0 else F
 
 
 RAW_COMMANDS = ("steering_scale",)

@@ -9,6 +9,8 @@ import math
 
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
+from bcid.lanes import where
+from bcid.physics.elementary import sincos
 
 N = "kg m s^-2"
 N_S_PER_M = "kg s^-1"
@@ -58,7 +60,7 @@ def steering_drag(delta_w: float, v_fx: float, k: float) -> float:
 @njit
 def inside(p_x: float, p_y: float, x: float, y: float, radius: float) -> bool:
     """Whether the CoG is in the circle."""
-    return (p_x - x) ** 2 + (p_y - y) ** 2 < radius * radius
+    return (p_x - x) * (p_x - x) + (p_y - y) * (p_y - y) < radius * radius
 
 
 @njit
@@ -67,9 +69,8 @@ def tether(p_x: float, p_y: float, k: float, x: float, y: float, r_0: float) -> 
     if k == 0.0:
         return 0.0, 0.0
     r = math.hypot(x - p_x, y - p_y)
-    if r <= r_0 or r == 0.0:
-        return 0.0, 0.0
-    pull = k * (r - r_0) / r
+    taut = (r > r_0) & (r > 0.0)
+    pull = where(taut, k * (r - r_0) / where(taut, r, 1.0), 0.0)
     return pull * (x - p_x), pull * (y - p_y)
 
 
@@ -88,7 +89,7 @@ def yaw_coulomb(omega: float, c: float, w_c: float) -> float:
 @njit
 def drive_lateral_offset(F_l: float, delta_w: float, a: float) -> float:
     """M_z += a (F_m - F_d) cos(delta_w)."""
-    return a * F_l * math.cos(delta_w) if a != 0.0 else 0.0
+    return a * F_l * sincos(delta_w)[1] if a != 0.0 else 0.0
 
 
 _PLACE = (

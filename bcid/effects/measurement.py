@@ -6,6 +6,7 @@ import math
 
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
+from bcid.lanes import where
 
 
 @njit
@@ -28,7 +29,7 @@ def true_time(stamp: float, latency: float, drift: float) -> float:
 @njit
 def heavier(t: float, d: float, t_s: float) -> float:
     """M and I_z times (1 + d) from t_s on."""
-    return 1.0 + d if t >= t_s else 1.0
+    return where(t >= t_s, 1.0 + d, 1.0) if d != 0.0 else 1.0
 
 
 _HELD = "the vehicle file's lengths"

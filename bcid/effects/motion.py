@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.compiled import njit, njit_inline
 from bcid.effects import steering
 from bcid.effects.car import Body, Drive, Lagged, Wrench, lag_after, wrench
 from bcid.effects.constants import Constants
+from bcid.lanes import where
 from bcid.physics.car import Car
+from bcid.physics.elementary import sincos
 from bcid.physics.steering import steering_step
 
 Floats = npt.NDArray[np.float64]
@@ -33,6 +35,18 @@ class Chain(NamedTuple):
     u_m: Floats  # (n + 1,) as each step begins
     u_next: Floats  # (n + 1,) mean after the first change within the step
     late: Floats  # (n + 1,) share of the step after that change, 0 where there is none
+
+
+class Given(NamedTuple):
+    """What acts on the body in one step."""
+
+    t: float  # s since the recording began, as the step begins
+    T: float  # the recording's length, s
+    delta: tuple[float, float, float]  # rad, as the step begins, in its middle and at its end
+    u_m: float
+    u_next: float
+    late: float  # as in `Chain`
+    push: tuple[float, float, float]  # a constant further wrench
 
 
 class Servo(NamedTuple):
@@ -150,7 +164,8 @@ def _lagged_at(start: Lagged, first: Wrench, now: Wrench, ahead: float, p: Car, 
 @njit
 def _mean_behind(miss: float, ratio: float) -> float:
     """Mean over a step of what is left of `miss` while it fades, `ratio` time constants long."""
-    return miss * (1.0 - math.exp(-ratio)) / ratio if ratio > 1e-9 else miss
+    fades = ratio > 1e-9
+    return where(fades, miss * (1.0 - math.exp(-ratio)) / where(fades, ratio, 1.0), miss)
 
 
 @njit
@@ -173,7 +188,7 @@ def _lagged_in(start: Lagged, first: Wrench, now: Wrench, ahead: float, h: float
 @njit
 def _rates(b: Body, w: Wrench, push_x: float, push_y: float, push_m: float, p: Car) -> Body:
     """Rates of pose and twist under the wrench and a further push on the body."""
-    sin_t, cos_t = math.sin(b.theta), math.cos(b.theta)
+    sin_t, cos_t = sincos(b.theta)
     return Body(
         cos_t * b.v_x - sin_t * b.v_y, sin_t * b.v_x + cos_t * b.v_y, b.omega,
         (w.F_x + push_x) / (w.heavier * p.m) + b.omega * b.v_y,
@@ -195,34 +210,48 @@ def body_step(
     b: Body, lagged: Lagged, k: int, chain: Chain, T: float, push: Floats, p: Car, e: Any, c: Constants
 ) -> tuple[Body, Lagged]:
     """Pose, twist and lags after step `k` of the chain, one RK4 step; `push` (3,) is a constant further wrench."""
-    h, t = chain.h, chain.t_0 + k * chain.h
-    u_m, u_next, s = chain.u_m[k], chain.u_next[k], chain.late[k]
+    return stepped(b, lagged, given_in(k, chain, T, push), chain.h, p, e, c)
+
+
+@njit
+def given_in(k: int, chain: Chain, T: float, push: Floats) -> Given:
+    """What the chain gives in step `k`, and a further wrench `push` (3,)."""
+    return Given(
+        chain.t_0 + k * chain.h, T, (chain.delta[2 * k], chain.delta[2 * k + 1], chain.delta[2 * k + 2]),
+        chain.u_m[k], chain.u_next[k], chain.late[k], (push[0], push[1], push[2]),
+    )  # fmt: skip
+
+
+@njit_inline
+def stepped(b: Body, lagged: Lagged, given: Given, h: float, p: Car, e: Any, c: Constants) -> tuple[Body, Lagged]:
+    """The same of what is given in the step, of `h` seconds; of several cars abreast where that is (`bcid.lanes`)."""
+    t, T, u_m, u_next, s = given.t, given.T, given.u_m, given.u_next, given.late
     # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
     at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)
-    start = Drive(t, T, chain.delta[2 * k], u_m, u_next, at_start)
-    middle = Drive(t + 0.5 * h, T, chain.delta[2 * k + 1], u_m, u_next, s)
-    end = Drive(t + h, T, chain.delta[2 * k + 2], u_m, u_next, at_end)
+    start = Drive(t, T, given.delta[0], u_m, u_next, at_start)
+    middle = Drive(t + 0.5 * h, T, given.delta[1], u_m, u_next, s)
+    end = Drive(t + h, T, given.delta[2], u_m, u_next, at_end)
     # a lag's value at a stage follows from the steady one there: only then is the wrench found twice
     lags = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
     first = wrench(b, start, lagged, p, e, c)
     w1 = first
     if lags:
         w1 = wrench(b, start, _lagged_in(lagged, first, first, 0.0, h, p, e), p, e, c)
-    k1 = _rates(b, w1, push[0], push[1], push[2], p)
+    k1 = _rates(b, w1, given.push[0], given.push[1], given.push[2], p)
     b2 = _moved(b, k1, 0.5 * h)
     w2 = wrench(b2, middle, lagged, p, e, c)
     if lags:
         w2 = wrench(b2, middle, _lagged_in(lagged, first, w2, 0.5 * h, h, p, e), p, e, c)
-    k2 = _rates(b2, w2, push[0], push[1], push[2], p)
+    k2 = _rates(b2, w2, given.push[0], given.push[1], given.push[2], p)
     b3 = _moved(b, k2, 0.5 * h)
     w3 = wrench(b3, middle, _lagged_in(lagged, first, w2, 0.5 * h, h, p, e), p, e, c)
-    k3 = _rates(b3, w3, push[0], push[1], push[2], p)
+    k3 = _rates(b3, w3, given.push[0], given.push[1], given.push[2], p)
     b4 = _moved(b, k3, h)
     w4 = wrench(b4, end, lagged, p, e, c)
     after = _lagged_at(lagged, first, w4, h, p, e)
     if lags:
         w4 = wrench(b4, end, _lagged_in(lagged, first, w4, h, h, p, e), p, e, c)
-    k4 = _rates(b4, w4, push[0], push[1], push[2], p)
+    k4 = _rates(b4, w4, given.push[0], given.push[1], given.push[2], p)
     total = Body(
         k1.p_x + 2.0 * k2.p_x + 2.0 * k3.p_x + k4.p_x, k1.p_y + 2.0 * k2.p_y + 2.0 * k3.p_y + k4.p_y,
         k1.theta + 2.0 * k2.theta + 2.0 * k3.theta + k4.theta, k1.v_x + 2.0 * k2.v_x + 2.0 * k3.v_x + k4.v_x,
@@ -234,7 +263,13 @@ def body_step(
 @njit
 def settled(b: Body, k: int, chain: Chain, T: float, p: Car, e: Any, c: Constants) -> Lagged:
     """The lagging quantities at step `k` as if nothing had changed for long."""
-    drive = Drive(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], 0.0)
+    return settled_in(b, given_in(k, chain, T, np.zeros(3)), p, e, c)
+
+
+@njit
+def settled_in(b: Body, given: Given, p: Car, e: Any, c: Constants) -> Lagged:
+    """The same as a step begins of which that is given."""
+    drive = Drive(given.t, given.T, given.delta[0], given.u_m, given.u_next, 0.0)
     return wrench(b, drive, Lagged(0.0, 0.0, 0.0), p, e, c).steady
 
 

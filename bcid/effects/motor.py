@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
+from bcid.lanes import where
 
 
 @njit
 def dead_zone(u_m: float, w: float) -> float:
     """A throttle reference reduced by w, not below 0; braking is untouched."""
-    return u_m if u_m < 0.0 or w == 0.0 else max(u_m - w, 0.0)
+    return where(u_m < 0.0, u_m, max(u_m - w, 0.0)) if w != 0.0 else u_m
 
 
 @njit
@@ -27,9 +28,9 @@ def power_limit(F: float, v_w: float, inverse_P: float, v_p: float) -> float:
 @njit
 def regeneration(u_m: float, v_w: float, K_t: float, F_max: float, r: float) -> float:
     """Above its reference the throttle brakes with the share r of K_t."""
-    if u_m < 0.0 or v_w <= u_m or r == 0.0:
+    if r == 0.0:
         return 0.0
-    return max(r * K_t * (u_m - v_w), -F_max)
+    return where((u_m < 0.0) | (v_w <= u_m), 0.0, max(r * K_t * (u_m - v_w), -F_max))
 
 
 EFFECTS = (

@@ -27,7 +27,7 @@ def play(behind: float, delta: float, b: float) -> float:
 def linkage(delta: float, speed: float, k3: float, side: float, k_v: float, offset: float) -> float:
     """Delta + k delta^3, times (1 + a sign), times (1 - k |V|), plus o."""
     angle = delta + k3 * delta * delta * delta
-    if side != 0.0 and angle != 0.0:
+    if side != 0.0:
         angle *= 1.0 + side * math.copysign(1.0, angle)
     return angle * (1.0 - k_v * speed) + offset
 

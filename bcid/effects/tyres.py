@@ -7,6 +7,8 @@ import math
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.forces import RADIUS
+from bcid.lanes import where
+from bcid.physics.elementary import sincos
 
 
 @njit
@@ -18,9 +20,10 @@ def relaxed(alpha: float, alpha_s: float, v_fx: float, sigma: float, h: float) -
 @njit
 def friction_circle(F_max: float, F_m: float, kappa: float) -> float:
     """F_max sqrt(1 - kappa (F_m/F_max)^2)."""
-    if kappa == 0.0 or F_max <= 0.0:
+    if kappa == 0.0:
         return F_max
-    return F_max * math.sqrt(max(1.0 - kappa * (F_m / F_max) ** 2, 0.0))
+    share = F_m / where(F_max > 0.0, F_max, 1.0)
+    return where(F_max > 0.0, F_max * math.sqrt(max(1.0 - kappa * share * share, 0.0)), F_max)
 
 
 @njit
@@ -28,15 +31,16 @@ def side_force(alpha: float, C: float, F_max: float, shift: float, s: float) -> 
     """-C alpha + shift, limited: the blend (1 - s) clip + s F_max tanh(. / F_max)."""
     linear = -C * alpha + shift
     clipped = min(max(linear, -F_max), F_max)
-    if s == 0.0 or F_max <= 0.0:
+    if s == 0.0:
         return clipped
-    return (1.0 - s) * clipped + s * F_max * math.tanh(linear / F_max)
+    soft = F_max * math.tanh(linear / where(F_max > 0.0, F_max, 1.0))
+    return where(F_max > 0.0, (1.0 - s) * clipped + s * soft, clipped)
 
 
 @njit
 def load_factor(F_l: float, delta_w: float, m: float, k: float) -> float:
     """1 - k a_x with a_x = (F_m - F_d) cos(delta_w)/m: the front axle unloads when the car speeds up."""
-    return 1.0 - k * F_l * math.cos(delta_w) / m if k != 0.0 else 1.0
+    return 1.0 - k * F_l * sincos(delta_w)[1] / m if k != 0.0 else 1.0
 
 
 @njit

@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bcid.likelihood.abreast import layout
 from bcid.likelihood.hypothesis import Setting
 from bcid.likelihood.marginal import NU, Scales, moments, rescaled
-from bcid.likelihood.segments import free_sensitivities, layout, predict, wrapped
+from bcid.likelihood.segments import free_sensitivities, predict, wrapped
 from bcid.likelihood.take import N_START, Floats, Ints, Take
 
 DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature

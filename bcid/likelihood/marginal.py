@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from bcid.compiled import njit_parallel
+from bcid.compiled import njit, njit_parallel
 from bcid.likelihood.take import KNOTS, N_FREE, N_START, Floats, Ints
 
 NU = 8.0
@@ -41,7 +41,8 @@ class Scales(NamedTuple):
 
     def precisions(self) -> Floats:
         """Of [initial state, pushes] (N_FREE,): nothing is known of the initial state."""
-        known: Floats = np.r_[np.zeros(N_START), np.tile(1.0 / self.q**2, KNOTS)]
+        known = np.zeros(N_FREE)
+        known[N_START:].reshape(KNOTS, 3)[:] = self.q**-2.0
         return known
 
 
@@ -87,6 +88,41 @@ def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
     return Moments(AA, Ar, rr, log_start, first[1:] - first[:-1])
 
 
+@njit
+def inverted(M: Floats) -> tuple[Floats, float]:
+    """M^-1 (n, n) and log|M| by Cholesky's factor L; NaN of what is no positive form, for which LAPACK would raise.
+
+    An exception in a parallel loop would end the process.
+    """
+    n, log_det = len(M), 0.0
+    L, of_L, V = np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))  # L and its inverse, transposed
+    for i in range(n):
+        for j in range(i + 1):
+            left = M[i, j]
+            for k in range(j):
+                left -= L[i, k] * L[j, k]
+            if i > j:
+                L[i, j] = left / L[j, j]
+            elif 0.0 < left < np.inf:
+                L[i, i] = math.sqrt(left)
+            else:
+                return np.full((n, n), np.nan), np.nan
+        log_det += 2.0 * math.log(L[i, i])
+        of_L[i, i] = 1.0 / L[i, i]
+        for j in range(i):
+            left = 0.0
+            for k in range(j, i):
+                left -= L[i, k] * of_L[j, k]
+            of_L[j, i] = left / L[i, i]
+    for i in range(n):
+        for j in range(i + 1):
+            sum_ = 0.0
+            for k in range(i, n):
+                sum_ += of_L[i, k] * of_L[j, k]
+            V[i, j] = V[j, i] = sum_
+    return V, log_det
+
+
 @njit_parallel
 def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
     """All segments' likelihood terms at noise `r` (3,) and `precisions` (N_FREE,) of the free part."""
@@ -95,17 +131,13 @@ def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
     zs, Vs, rests, spreads = np.empty((S, N_FREE)), np.empty((S, N_FREE, N_FREE)), np.empty((S, 3)), np.empty((S, 3))
     constant = -np.sum(np.log(precisions[N_START:]))
     for s in numba.prange(S):
-        M, b, square = np.diag(precisions), np.zeros(N_FREE), 0.0
-        for c in range(3):
-            weight = 1.0 / (r[c] * r[c])
-            M += weight * of.AA[s, c]
-            b += weight * of.Ar[s, c]
-            square += weight * of.rr[s, c]
-        if not np.isfinite(M).all():  # what is no form has no value; an exception here would end the process
-            M[:] = 0.0
-        sign, size = np.linalg.slogdet(M)
-        form = 1.0 if sign > 0.0 and np.isfinite(size) else np.nan
-        V = np.linalg.inv(M if form == 1.0 else np.eye(N_FREE)) * form
+        w_x, w_y, w_yaw = 1.0 / (r[0] * r[0]), 1.0 / (r[1] * r[1]), 1.0 / (r[2] * r[2])
+        M = w_x * of.AA[s, 0] + w_y * of.AA[s, 1] + w_yaw * of.AA[s, 2]
+        b = w_x * of.Ar[s, 0] + w_y * of.Ar[s, 1] + w_yaw * of.Ar[s, 2]
+        square = w_x * of.rr[s, 0] + w_y * of.rr[s, 1] + w_yaw * of.rr[s, 2]
+        for i in range(N_FREE):
+            M[i, i] += precisions[i]
+        V, size = inverted(M)
         z = np.dot(V, b)
         chi2[s] = square - np.dot(b, z)
         log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of.log_start[s]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from bcid.compiled import njit_inline
+from bcid.lanes import floor, where
 
 _TWO_OVER_PI = 2.0 / math.pi
 # pi/2 in three parts; the first two are short enough that a whole number below 2^20 times them is exact
@@ -27,15 +28,15 @@ _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for
 @njit_inline
 def sincos(x: float) -> tuple[float, float]:
     """sin(x), cos(x) for |x| < 1e6: Taylor's series about the nearest multiple of pi/2."""
-    quarters = np.floor(x * _TWO_OVER_PI + 0.5)
+    quarters = floor(x * _TWO_OVER_PI + 0.5)
     y = ((x - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
     z = y * y
     s = y + y * z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * (_S13 + z * _S15))))))
     c = 1.0 - 0.5 * z + z * z * (_C4 + z * (_C6 + z * (_C8 + z * (_C10 + z * (_C12 + z * (_C14 + z * _C16))))))
-    turned = quarters - 4.0 * np.floor(0.25 * quarters)  # 0, 1, 2, 3
+    turned = quarters - 4.0 * floor(0.25 * quarters)  # 0, 1, 2, 3
     swapped = (turned == 1.0) | (turned == 3.0)  # `in` is a call
-    sin_x, cos_x = (c if swapped else s), (s if swapped else c)
-    return (-sin_x if turned >= 2.0 else sin_x), (-cos_x if (turned == 1.0) | (turned == 2.0) else cos_x)
+    sin_x, cos_x = where(swapped, c, s), where(swapped, s, c)
+    return where(turned >= 2.0, -sin_x, sin_x), where((turned == 1.0) | (turned == 2.0), -cos_x, cos_x)
 
 
 _TAN_EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
@@ -60,17 +61,17 @@ def arctan(x: float) -> float:
     """
     size = abs(x)
     steep = size > 1.0
-    t = 1.0 / size if steep else size
+    t = where(steep, 1.0 / size, size)
     middle = t > _TAN_EIGHTH
-    w = (t - 1.0) / (t + 1.0) if middle else t
+    w = where(middle, (t - 1.0) / (t + 1.0), t)
     z = w * w
     even = _A0 + z * (_A1 + z * (_A2 + z * (_A3 + z * (_A4 + z * (_A5 + z * (_A6 + z * (_A7 + z * (_A8 + z * _A9))))))))
-    angle = w * even + (0.25 * math.pi if middle else 0.0)
-    return math.copysign(0.5 * math.pi - angle if steep else angle, x)
+    angle = w * even + where(middle, 0.25 * math.pi, 0.0)
+    return math.copysign(where(steep, 0.5 * math.pi - angle, angle), x)
 
 
 @njit_inline
 def clip(x: float, low: float, high: float) -> float:
     """`x` within [low, high]; NaN stays NaN."""
-    above = low if x < low else x
-    return high if above > high else above
+    above = where(x < low, low, x)
+    return where(above > high, high, above)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcid.compiled import njit_inline
+from bcid.lanes import where
 from bcid.physics.elementary import clip
 
 
@@ -15,7 +16,7 @@ def speed_controlled_force(u_m: float, v_w: float, K_t: float, K_b: float, F_max
     """
     supplied = clip(K_t * (u_m - v_w), 0.0, F_max)
     braked = clip(u_m * K_b * v_w, -F_max, F_max)
-    return supplied if u_m >= 0.0 else braked
+    return where(u_m >= 0.0, supplied, braked)
 
 
 @njit_inline
@@ -26,7 +27,7 @@ def force_controlled_force(u_m: float, v_w: float, K: float, u_0: float, K_v: fl
     """
     supplied = clip(K * (u_m - u_0) - K_v * v_w, -F_max, F_max)
     braked = clip(min(u_m, 0.0) * K_b * v_w, -F_max, F_max)
-    return supplied if u_m > u_0 else braked
+    return where(u_m > u_0, supplied, braked)
 
 
 @njit_inline
