@@ -208,7 +208,7 @@ def pushed_by(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Consta
     """What the functions' wrenches change in the predicted poses (N, 3, n), per unit."""
     out, inertia = np.zeros((of.first[-1], 3, n)), np.array([p.m, p.m, p.I_z])
     for s in numba.prange(len(of.step)):
-        f, g, mine = of.first[s], of.first[s + 1], segment_alone(np.int64(s), of, chain)
+        f, g, mine = of.first[s], of.first[s + 1], segment_alone(s, of, chain)
         free, path, pushes = free_of(start, mine), new_path(of.steps), np.empty((of.steps, 3, LANES))
         knots, begin = pushes_of(free, p), begun(free[:N_START], mine, chain, p, e[0], c)
         for i in range(of.steps):

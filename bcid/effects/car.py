@@ -124,6 +124,14 @@ def _front(
     return _Front(F_l, F_a, alpha_s, F_m, v_fx)
 
 
+@njit
+def _side_force_at(
+    delta_w: float, b: Body, drive: Drive, lagged: Lagged, grip: float, F_lr: float, p: Car, e: Any, c: Constants
+) -> float:
+    """The front wheel's side force at an angle, not inlined: a step would hold this code thirty times."""
+    return _front(delta_w, b, drive, lagged, grip, F_lr, p, e, c).F_a
+
+
 @njit_inline
 def _wheel_angle(
     b: Body, drive: Drive, lagged: Lagged, grip: float, F_lr: float, p: Car, e: Any, c: Constants
@@ -140,15 +148,15 @@ def _wheel_angle(
         return base
     reach = 2.0 * abs(k) * p.F_f_max
     low, high = base - reach, base + reach
-    miss_low = low - base - k * _front(low, b, drive, lagged, grip, F_lr, p, e, c).F_a
-    miss_high = high - base - k * _front(high, b, drive, lagged, grip, F_lr, p, e, c).F_a
+    miss_low = low - base - k * _side_force_at(low, b, drive, lagged, grip, F_lr, p, e, c)
+    miss_high = high - base - k * _side_force_at(high, b, drive, lagged, grip, F_lr, p, e, c)
     angle = base
     for _ in range(COMPLIANCE_STEPS):
         slope = miss_high - miss_low
         if not some(slope != 0.0):  # so weak that the angle does not move
             break
         angle = where(slope != 0.0, high - miss_high * (high - low) / where(slope != 0.0, slope, 1.0), angle)
-        miss = angle - base - k * _front(angle, b, drive, lagged, grip, F_lr, p, e, c).F_a
+        miss = angle - base - k * _side_force_at(angle, b, drive, lagged, grip, F_lr, p, e, c)
         if not some(abs(miss) >= COMPLIANCE_MISS):
             break
         crossed = miss * miss_high < 0.0

@@ -206,6 +206,12 @@ def _moved(b: Body, r: Body, h: float) -> Body:
 
 
 @njit
+def _wrench_under(lagged: Lagged, b: Body, drive: Drive, p: Car, e: Any, c: Constants) -> Wrench:
+    """`wrench`, not inlined: where it is found a second time."""
+    return wrench(b, drive, lagged, p, e, c)
+
+
+@njit
 def body_step(
     b: Body, lagged: Lagged, k: int, chain: Chain, T: float, push: Floats, p: Car, e: Any, c: Constants
 ) -> tuple[Body, Lagged]:
@@ -236,12 +242,12 @@ def stepped(b: Body, lagged: Lagged, given: Given, h: float, p: Car, e: Any, c: 
     first = wrench(b, start, lagged, p, e, c)
     w1 = first
     if lags:
-        w1 = wrench(b, start, _lagged_in(lagged, first, first, 0.0, h, p, e), p, e, c)
+        w1 = _wrench_under(_lagged_in(lagged, first, first, 0.0, h, p, e), b, start, p, e, c)
     k1 = _rates(b, w1, given.push[0], given.push[1], given.push[2], p)
     b2 = _moved(b, k1, 0.5 * h)
     w2 = wrench(b2, middle, lagged, p, e, c)
     if lags:
-        w2 = wrench(b2, middle, _lagged_in(lagged, first, w2, 0.5 * h, h, p, e), p, e, c)
+        w2 = _wrench_under(_lagged_in(lagged, first, w2, 0.5 * h, h, p, e), b2, middle, p, e, c)
     k2 = _rates(b2, w2, given.push[0], given.push[1], given.push[2], p)
     b3 = _moved(b, k2, 0.5 * h)
     w3 = wrench(b3, middle, _lagged_in(lagged, first, w2, 0.5 * h, h, p, e), p, e, c)
@@ -250,7 +256,7 @@ def stepped(b: Body, lagged: Lagged, given: Given, h: float, p: Car, e: Any, c: 
     w4 = wrench(b4, end, lagged, p, e, c)
     after = _lagged_at(lagged, first, w4, h, p, e)
     if lags:
-        w4 = wrench(b4, end, _lagged_in(lagged, first, w4, h, h, p, e), p, e, c)
+        w4 = _wrench_under(_lagged_in(lagged, first, w4, h, h, p, e), b4, end, p, e, c)
     k4 = _rates(b4, w4, given.push[0], given.push[1], given.push[2], p)
     total = Body(
         k1.p_x + 2.0 * k2.p_x + 2.0 * k3.p_x + k4.p_x, k1.p_y + 2.0 * k2.p_y + 2.0 * k3.p_y + k4.p_y,

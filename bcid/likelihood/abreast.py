@@ -70,7 +70,7 @@ ON_PATH = 6
 @njit
 def segments_from(first: int, of: Layout, chain: Chain) -> Segments:
     """Those from `first` on."""
-    s = np.minimum(np.arange(first, first + LANES), len(of.step) - 1)
+    s = np.minimum(np.arange(LANES) + np.int64(first), len(of.step) - 1)  # a parallel loop counts without signs
     step = of.step[s]
     return Segments(s, step, 2 * step, chain.t_0 + step * chain.h - of.zero[s], of.length[s])
 
