@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
 from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
 from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
 from bcid.proof.outcome import REFUTED, missed, outcome, wrong
-from bcid.proof.running import run_all
+from bcid.proof.running import known, run_all
 from bcid.proof.scoring import RATES, pooled, right, tiers
 from bcid.proof.seal import opened, seal_of, seal_up, sealed
 from bcid.report.proof_page import evidence, write_proof_page
@@ -71,26 +72,47 @@ def _leaves(tree: Any) -> list[Any]:
     return [tree]
 
 
-def test_rows_are_kept_by_case_and_made_again_after_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[str] = []
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of cases as they are run, the first of seed 1 in vain."""
+    names: list[str] = []
 
     def fake(case: Case, others: bool = False) -> dict[str, Any]:
-        made.append(case.name)
-        if case.seed == 1 and len(made) == 1:
+        names.append(case.name)
+        if case.seed == 1 and len(names) == 1:
             raise ValueError("no such luck")
-        return row(case.name, list(case.answer), list(case.answer))
+        return row(case.name, [], [])
 
     monkeypatch.setattr(running, "run_case", fake)
+    return names
+
+
+def test_rows_are_kept_by_case_and_made_again_after_an_error(tmp_path: Path, made: list[str]) -> None:
     cases = list(suite(1, 1, 2, 0, 0))[:3]
-    first = list(run_all(cases, tmp_path, 1))
-    assert ["error" in r for r in first] == [True, False, False]
+    assert sum("error" in r for r in run_all(cases, tmp_path, 1)) == 1
     assert not any("error" in r for r in run_all(cases, tmp_path, 1))
     assert len(made) == 4
-    list(run_all(list(suite(2, 1, 2, 0, 0))[:3], tmp_path, 1))
+    others = list(suite(2, 1, 2, 0, 0))[:3]
+    list(run_all(others, tmp_path, 1))
     assert len(made) == 7  # another seed's cases of the same names are others
-    (tmp_path / next(p.name for p in tmp_path.iterdir())).write_text("{")
-    list(run_all(cases + list(suite(2, 1, 2, 0, 0))[:3], tmp_path, 1))
-    assert len(made) == 8  # a broken file is made again
+    assert known(cases + others, tmp_path) == 6
+    file = tmp_path / "rows.jsonl"
+    file.write_bytes(file.read_bytes()[:-20])  # a run was cut off as it wrote
+    more = list(suite(3, 1, 2, 0, 0))[:1]
+    assert {r["case"] for r in run_all(cases + others + more, tmp_path, 1)} == {c.name for c in cases}
+    assert len(made) == 9  # the row that was not whole, and the new one
+    assert known(cases + others + more, tmp_path) == 7
+
+
+def test_a_run_ends_in_time_and_goes_on(tmp_path: Path, made: list[str]) -> None:
+    """By lot: the part that was run first is of no tier more than of another."""
+    cases = list(suite(2, 1, 40, 0, 0, more=False))  # some 200
+    assert list(run_all(cases, tmp_path, 1, minutes=0.0)) == []
+    first = [r["case"] for r in islice(run_all(cases, tmp_path, 1), 60)]
+    assert 4 < sum(name.startswith("null") for name in first) < 24
+    assert len(list(run_all(cases, tmp_path, 1, minutes=0.0))) == len(made) == 60
+    assert {r["case"] for r in run_all(cases, tmp_path, 1)} == {c.name for c in cases}
+    assert len(made) == len(cases)
 
 
 def row(case: str, answer: list[str], found: list[str], **more: Any) -> dict[str, Any]:

@@ -393,7 +393,7 @@ def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkey
     for file in (f for f in asked.iterdir() if f.is_file()):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     done = list[str]()
-    monkeypatch.setattr(real, "_rows", lambda group, _: [done.append(case.recording) or {} for case, _ in group])
+    monkeypatch.setattr(real, "_rows", lambda group, *_: [done.append(case.recording) or {} for case, _ in group])
     commands = tmp_path / "take.commands.csv"
     for times, text in ((3, commands.read_text()), (6, commands.read_text().replace("0.1", "0.2"))):
         commands.write_text(text)

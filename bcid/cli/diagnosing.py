@@ -120,6 +120,9 @@ def prove(
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
     every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
     baselines: Annotated[bool, typer.Option("--baselines", help="Run other methods on the same takes.")] = False,
+    minutes: Annotated[
+        float, typer.Option(min=0.0, help="Begin no further case after so many; a second run goes on. 0 for no end.")
+    ] = 0.0,
     workers: Annotated[int, typer.Option(min=0, help="Cases at a time; 0 for as many as there are cores.")] = 0,
     real: Annotated[
         Path | None,
@@ -135,7 +138,7 @@ def prove(
         sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs}
         cases = _suite(seed, sizes, None if quick else every)
         about = {"seed": seed, "salt": salt, "quick": quick, "sizes": {**sizes, "every": every}}
-        _prove(cases, out, about, quick or baselines, workers, Sink(format))
+        _prove(cases, out, about, quick or baselines, workers, minutes or float("inf"), Sink(format))
 
 
 def _suite(seed: int, sizes: dict[str, int], every: int | None) -> list[Any]:
@@ -145,8 +148,13 @@ def _suite(seed: int, sizes: dict[str, int], every: int | None) -> list[Any]:
     return quick_suite(whole, seed) if every is None else subset(whole, every)
 
 
-def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, workers: int, sink: Sink) -> None:
-    """Answers are sealed, every case is run, the seals are opened, all is counted."""
+def _prove(
+    cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, workers: int, minutes: float, sink: Sink
+) -> None:
+    """Answers are sealed, every case is run, or as many as the `minutes` allow, their seals are opened, all is counted.
+
+    Cases of the same tier are alike but for what was drawn, so that a part of them says what all would, less surely.
+    """
     from bcid.cli import show
     from bcid.proof.baselines import summary
     from bcid.proof.outcome import missed, outcome
@@ -162,10 +170,12 @@ def _prove(cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, 
         sink.note(f"not sealed: whoever knows the seed ({about['seed']}) knows the answers; --salt seals them")
     rows: list[dict[str, Any]] = []
     with sink.stage("prove") as progress:
-        for row in run_all(cases, out, workers or os.cpu_count() or 1, baselines):
+        for row in run_all(cases, out, workers or os.cpu_count() or 1, baselines, minutes):
             rows.append(row)
             progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
-    about |= {"seal": seal} | (opened(cases, salt, out) if salt else {})
+    ran = {row["case"] for row in rows}
+    about |= {"of": len(cases), "seal": seal}
+    about |= opened([c for c in cases if c.name in ran], salt, out) if salt else {}
     found = outcome(rows, about) | {"baselines": summary(rows)}
     (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     write_proof_page(found, out / "prove.html")

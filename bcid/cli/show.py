@@ -144,7 +144,7 @@ def proof(found: dict[str, Any]) -> Group:
         [t["tier"], str(t["n"]), figures(t, columns, "{}!").replace("\N{NO-BREAK SPACE}", " ")] for t in found["tiers"]
     ]
     note = "goals in brackets; ! misses it"
-    tables = [table(f"{found['cases']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
+    tables = [table(f"{found['cases']} of {found['of']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
     if found["wrong"]:
         wrong = [[w["case"], w["there"], w["said"]] for w in found["wrong"]]
         again = f"--seed {found['seed']} makes them again"

@@ -1,14 +1,36 @@
-"""A row of a blind test on disk: whole, or not there."""
+"""Rows of a blind test on disk, all in one file that can be committed: each whole, or not there."""
 
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
+ROWS = "rows.jsonl"
 
-def keep(row: dict[str, Any], path: Path) -> None:
-    """Write `row` to `path`; a run that is cut off leaves no half of it."""
-    beside = path.with_suffix(".part")
-    beside.write_text(json.dumps(row), encoding="utf-8")
-    beside.replace(path)
+
+def keep(row: dict[str, Any], key: str, folder: Path) -> None:
+    """Add `row` to those in `folder`, as a line of its own; several processes may do so.
+
+    A line that a run which was cut off left unfinished is ended first, so that it spoils no other.
+    """
+    line = json.dumps({"key": key, "row": row}) + "\n"
+    with (folder / ROWS).open("a+b", buffering=0) as file:
+        if file.tell():
+            file.seek(-1, os.SEEK_END)
+            line = line if file.read(1) == b"\n" else "\n" + line
+        file.write(line.encode())
+
+
+def kept(folder: Path) -> dict[str, dict[str, Any]]:
+    """All rows in `folder` by their keys, the last where there are several; unfinished lines hold none."""
+    rows = dict[str, dict[str, Any]]()
+    path = folder / ROWS
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+        try:
+            entry = json.loads(line)
+            rows[entry["key"]] = entry["row"]
+        except (ValueError, KeyError, TypeError):
+            continue
+    return rows

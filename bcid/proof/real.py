@@ -27,7 +27,7 @@ from bcid.evaluation.closed_loop import restarted
 from bcid.proof import edited
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
-from bcid.proof.keeping import keep
+from bcid.proof.keeping import keep, kept
 from bcid.proof.real_cases import VEHICLE, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
 from bcid.recording.read import read_recording
@@ -45,7 +45,7 @@ TIERS = ("withheld", "control", "edited")
 NOT_ASKED = "not asked"  # what makes no difference where it is withheld
 
 
-_Case = tuple[Withheld | Edited, Path]  # and where its row is kept
+_Case = tuple[Withheld | Edited, str]  # and the key of its row
 
 
 def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> Iterator[tuple[dict[str, Any], float]]:
@@ -64,49 +64,51 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     code, drives = code_of(__name__), dict[str, str]()
     given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), simulation) if p]
     asking: tuple[Withheld | Edited, ...] = (*cases.withheld, *cases.edited)
-    done, todo = 0, dict[str, list[_Case]]()
+    known, done, todo = kept(folder), 0, dict[str, list[_Case]]()
     for case in asking:
         own, name = cases.calibrated.get(case.recording), case.recording
         if name not in drives:
             drives[name] = read_recording(recordings / name, asked.vehicle_of(name)).sha256  # commands may lie beside
         what = [case.model_dump(), own, drives[name], code.digest, code.packages, given]
-        kept = folder / f"real.{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]}.json"
-        if kept.is_file():
+        key = f"real.{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]}"
+        if key in known:
             done += 1
-            yield json.loads(kept.read_text(encoding="utf-8")), done / len(asking)
+            yield known[key], done / len(asking)
         else:  # the edits of a recording share what it showed before
-            todo.setdefault(case.recording if isinstance(case, Edited) else kept.name, []).append((case, kept))
-    for rows in _answered(list(todo.values()), asked, workers):
+            todo.setdefault(case.recording if isinstance(case, Edited) else key, []).append((case, key))
+    for rows in _answered(list(todo.values()), asked, folder, workers):
         for row in rows:
             done += 1
             yield row, done / len(asking)
 
 
-def _answered(groups: Sequence[list[_Case]], asked: Asked, workers: int) -> Iterator[list[dict[str, Any]]]:
+def _answered(
+    groups: Sequence[list[_Case]], asked: Asked, folder: Path, workers: int
+) -> Iterator[list[dict[str, Any]]]:
     """The rows of each group as it is done."""
     if workers <= 1:
-        yield from (_rows(group, asked) for group in groups)
+        yield from (_rows(group, asked, folder) for group in groups)
         return
     with pool_of(workers) as pool:
         longest_first = sorted(groups, key=len, reverse=True)
-        for ended in as_completed([pool.submit(_rows, group, asked) for group in longest_first]):
+        for ended in as_completed([pool.submit(_rows, group, asked, folder) for group in longest_first]):
             yield ended.result()
 
 
-def _rows(group: list[_Case], asked: Asked) -> list[dict[str, Any]]:
-    """What was answered, kept; edits are of one recording.
+def _rows(group: list[_Case], asked: Asked, folder: Path) -> list[dict[str, Any]]:
+    """What was answered, kept in `folder`; edits are of one recording.
 
     What ended in an error is told, and asked again next time.
     """
     rows, unedited = list[dict[str, Any]](), None
-    for case, kept in group:
+    for case, key in group:
         try:
             if isinstance(case, Withheld):
                 row = _withheld(case, asked)
             else:
                 unedited = unedited or edited.as_it_was(case.recording, asked)
                 row = edited.answered(case, unedited, asked)
-            keep(row, kept)
+            keep(row, key, folder)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
             row = _failed(case, error)
         rows.append(row)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
@@ -17,7 +18,7 @@ import numpy as np
 from bcid.errors import BcidError
 from bcid.proof.asking import run_case
 from bcid.proof.cases import Case
-from bcid.proof.keeping import keep
+from bcid.proof.keeping import keep, kept
 from bcid.store.code import code_of
 
 JUDGED = ("bcid.simulation.drive", "bcid.proof.asking")
@@ -33,48 +34,61 @@ def _told(case: Case) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run_all(cases: Iterable[Case], folder: Path, workers: int, others: bool = False) -> Iterator[dict[str, Any]]:
+def run_all(
+    cases: Iterable[Case], folder: Path, workers: int, others: bool = False, minutes: float = np.inf
+) -> Iterator[dict[str, Any]]:
     """Every case's row: what is in `folder` is read, the others made and kept there, each as it is done.
 
     What a diagnosis said is kept under the digests of what was driven and of the simulation's and the diagnosis's
-    code; one that ended in an error is made again.
+    code; one that ended in an error is made again.  Cases are run in an order drawn by lot, so that of a run which
+    ends after so many `minutes` every tier has its part.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    todo = []
+    rows, code, todo = kept(folder), _code(others), list[Case]()
     for case in cases:
-        row = _known(case, folder, others)
+        row = _known(rows, case, code)
         if row is None:
             todo.append(case)
         else:
             yield {**_told(case), **row}
+    todo.sort(key=lambda case: case.digest())
+    end = time.monotonic() + 60.0 * minutes
     if workers <= 1:
         for case in todo:
-            yield {**_told(case), **_kept(case, folder, others)}
+            if time.monotonic() < end:
+                yield {**_told(case), **_run(case, code, folder, others)}
         return
     with pool_of(workers) as pool:
-        running = {pool.submit(_kept, case, folder, others): case for case in todo}
-        for done in as_completed(running):
-            yield {**_told(running[done]), **done.result()}
+        waiting, running = iter(todo), dict[Future[dict[str, Any]], Case]()
+        while True:
+            free = workers - len(running) if time.monotonic() < end else 0
+            running |= {pool.submit(_run, case, code, folder, others): case for case in islice(waiting, free)}
+            if not running:
+                return
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                yield {**_told(running.pop(done)), **done.result()}
 
 
 def known(cases: Iterable[Case], folder: Path, others: bool = False) -> int:
     """How many cases' rows lie in `folder` already."""
-    return sum(_known(case, folder, others) is not None for case in cases)
+    rows, code = kept(folder), _code(others)
+    return sum(_known(rows, case, code) is not None for case in cases)
 
 
-def _file(case: Case, folder: Path, others: bool) -> Path:
-    modules = (*JUDGED, "bcid.proof.baselines") if others else JUDGED
-    code = [code_of(m) for m in modules]
+def _code(others: bool) -> str:
+    """The digest of the code that makes a row."""
+    code = [code_of(m) for m in ((*JUDGED, "bcid.proof.baselines") if others else JUDGED)]
     text = repr([(c.digest, sorted(c.packages.items())) for c in code])
-    return folder / f"{case.digest()}.{hashlib.sha256(text.encode()).hexdigest()[:12]}.json"
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def _known(case: Case, folder: Path, others: bool) -> dict[str, Any] | None:
-    try:
-        row: dict[str, Any] = json.loads(_file(case, folder, others).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return None if "error" in row else row
+def _key(case: Case, code: str) -> str:
+    return f"{case.digest()}.{code}"
+
+
+def _known(rows: Mapping[str, dict[str, Any]], case: Case, code: str) -> dict[str, Any] | None:
+    row = rows.get(_key(case, code))
+    return None if row is None or "error" in row else row
 
 
 def pool_of(workers: int) -> ProcessPoolExecutor:
@@ -99,10 +113,10 @@ def _with_parent() -> None:
         os._exit(1)
 
 
-def _kept(case: Case, folder: Path, others: bool) -> dict[str, Any]:
+def _run(case: Case, code: str, folder: Path, others: bool) -> dict[str, Any]:
     try:
         row = run_case(case, others)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
         row = {"error": repr(error)}
-    keep(row, _file(case, folder, others))
+    keep(row, _key(case, code), folder)
     return row
