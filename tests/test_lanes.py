@@ -1,0 +1,99 @@
+"""Vectors of numbers compute what numbers do, one by one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numba.core.errors import TypingError
+
+from bcid.lanes import LANES, abreast, floor, lane, picked, put, some, where
+from bcid.physics.elementary import arctan, clip, sincos
+
+X, Y = np.array([1.5, -2.0, 0.0, 1e3]), np.array([-0.5, -2.0, 3.0, 0.25])
+
+
+@numba.njit
+def _grown(x: Any, y: Any) -> Any:
+    x += y
+    x *= 3.0
+    x -= 1.0
+    return x
+
+
+FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
+    "sums": lambda x, y: x + y - 2.0 * x,
+    "quotients": lambda x, y: -x / y,
+    "grown": _grown,
+    "size": lambda x, y: abs(x) + math.sqrt(abs(y)),
+    "sign": lambda x, y: math.copysign(2.0, x) + math.copysign(x, y),
+    "least": lambda x, y: min(x, y) + 2.0 * min(x, 0.5),
+    "largest": lambda x, y: max(x, y) + 2.0 * max(0.5, y),
+    "floor": lambda x, y: floor(x * y),
+    "chosen": lambda x, y: where((x > y) | (x == 0.0), x, 2.0 * y),
+    "among": lambda x, y: where((x >= 0.0) & (y != 3.0), 1.0, where(x < y, 2.0, where(x <= y, 3.0, 4.0))),
+    "called": lambda x, y: math.tanh(x) + math.exp(y) + math.hypot(x, y),
+    "turned": lambda x, y: sincos(x)[0] + sincos(y)[1],
+    "slip": lambda x, y: arctan(x / y) + clip(x, -1.0, 1.0),
+    "either": lambda x, y: x if some(x > 1e6) else y,
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_each_lane_is_a_number_of_its_own(name: str) -> None:
+    function = numba.njit(FUNCTIONS[name])
+
+    @numba.njit
+    def all_at_once(x: Any, y: Any) -> Any:
+        out = np.empty(LANES)
+        put(function(abreast(x, 0), abreast(y, 0)), out, 0)
+        return out
+
+    each = [function(x, y) for x, y in zip(X, Y, strict=True)]
+    np.testing.assert_allclose(all_at_once(X, Y), each, rtol=1e-15)
+
+
+def test_what_is_computed_in_plain_python_is_the_same() -> None:
+    assert [floor(x) for x in (-0.5, 2.0)] == [-1.0, 2.0]
+    assert (where(True, 1.0, 2.0), where(False, 1.0, 2.0), some(False)) == (1.0, 2.0, False)
+
+
+@pytest.mark.parametrize("x", [math.nan, -math.nan])
+def test_no_number_stays_none(x: float) -> None:
+    """It is neither above nor below anything, and unequal to it; a clipped one stays, as for one number."""
+
+    @numba.njit
+    def compared(x: Any) -> Any:
+        v, out = abreast(x, 0), np.empty((3, LANES))
+        put(where(v > 0.0, 1.0, where(v <= 0.0, 2.0, 3.0)), out.reshape(out.size), 0)
+        put(where(v != 0.0, 1.0, 0.0), out.reshape(out.size), LANES)
+        put(clip(v, -1.0, 1.0), out.reshape(out.size), 2 * LANES)
+        return out
+
+    told = compared(np.full(LANES, x))
+    np.testing.assert_array_equal(told[0], 3.0)
+    np.testing.assert_array_equal(told[1], 1.0)
+    assert np.isnan(told[2]).all()
+
+
+def test_numbers_are_picked_from_anywhere() -> None:
+    @numba.njit
+    def every(numbers: Any, places: Any) -> Any:
+        v = picked(numbers, places, 2)
+        return [lane(v, k) for k in range(LANES)]
+
+    assert every(np.arange(20.0), np.array([3, 0, 17, 3])) == [5.0, 2.0, 19.0, 5.0]
+
+
+def test_only_contiguous_doubles_are_taken_abreast() -> None:
+    @numba.njit
+    def first(numbers: Any) -> Any:
+        return lane(abreast(numbers, 0), 0)
+
+    for numbers in (np.arange(20.0)[::2], np.arange(20, dtype=np.float32)):
+        with pytest.raises(TypingError, match="contiguous arrays of doubles"):
+            first(numbers)
