@@ -17,7 +17,6 @@ from bcid.physics.elementary import arctan, clip, sincos
 X, Y = np.array([1.5, -2.0, 0.0, 1e3]), np.array([-0.5, -2.0, 3.0, 0.25])
 
 
-@numba.njit
 def _grown(x: Any, y: Any) -> Any:
     x += y
     x *= 3.0
