@@ -237,7 +237,7 @@ def lane(_typing: Any, x: Any, i: Any) -> Any:
 
 
 @_intrinsic
-def abreast(_typing: Any, numbers: Any, at: Any) -> Any:
+def load(_typing: Any, numbers: Any, at: Any) -> Any:
     """LANES of a contiguous array's `numbers` (n,) from `at` on."""
 
     def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
@@ -251,7 +251,7 @@ def abreast(_typing: Any, numbers: Any, at: Any) -> Any:
 
 
 @_intrinsic
-def put(_typing: Any, x: Any, numbers: Any, at: Any) -> Any:
+def store(_typing: Any, x: Any, numbers: Any, at: Any) -> Any:
     """Write `x` to LANES of a contiguous array's `numbers` (n,) from `at` on."""
 
     def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
@@ -292,7 +292,7 @@ _overloads(math.hypot, _by_lane(math.hypot, 2), 2)
 
 
 @_intrinsic
-def picked(_typing: Any, numbers: Any, places: Any, ahead: Any) -> Any:
+def gather(_typing: Any, numbers: Any, places: Any, ahead: Any) -> Any:
     """Of a contiguous array's `numbers` (n,) those at `places` (LANES,), each so many further `ahead`."""
 
     def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:

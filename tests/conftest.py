@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from bcid.estimate.consistency import Truth
 from bcid.estimate.noise import Noise
@@ -18,6 +19,9 @@ from bcid.recording.types import Recording
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.samples import VEHICLE, Take, write_take
 from bcid.vehicle import Vehicle, read_vehicle
+
+settings.register_profile("kernels", deadline=None)  # the first call compiles
+settings.load_profile("kernels")
 
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_logs"

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
+from bcid.diagnosis import diagnose
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.remainder import Remainder
 from bcid.effects.table import EFFECTS
@@ -44,6 +47,38 @@ def verdict_on(
 ) -> Diagnosis:
     recording, estimate = taken(folder, vehicle, tuning, plant, 5)
     return diagnosed([recording], [estimate], vehicle, left_out=left_out)
+
+
+@pytest.mark.parametrize(
+    ("trusted", "bent", "fails", "passes"),
+    [
+        (False, [False], False, ["at rest"]),  # what was found explains all
+        (False, [True], False, ["at rest", "under pushes"]),
+        (False, [], True, ["at rest", "under pushes"]),  # no tangent follows
+        (True, [True], False, ["under pushes"]),
+        (True, [False, False], False, ["at rest"]),
+    ],
+)
+def test_pushes_are_for_what_is_bent_beside_the_best(
+    trusted: bool, bent: list[bool], fails: bool, passes: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of_take(of: Any, *_: Any) -> Any:
+        done.append("under pushes" if of.take.pushed else "at rest")
+        if fails and not of.take.pushed:
+            raise FloatingPointError
+        return SimpleNamespace(judgement=SimpleNamespace(fit=None), take=of.take)
+
+    fit = SimpleNamespace(hypothesis=SimpleNamespace(simulated=(1.0,) if trusted else None))
+    under = SimpleNamespace(fit=fit, take=SimpleNamespace(pushed=True))
+    based = SimpleNamespace(fit=fit, take=SimpleNamespace(pushed=False), under_pushes=lambda: under)
+    done, answers = list[str](), list(bent)
+    monkeypatch.setattr(diagnose, "based", lambda *_: based)
+    monkeypatch.setattr(diagnose, "_of_take", of_take)
+    monkeypatch.setattr(diagnose, "too_bent", lambda *_: answers.pop(0))
+    nothing: Any = None
+    assert diagnosed([], [], nothing).take.pushed is (passes[-1] == "under pushes")
+    assert done == passes
+    assert not answers
 
 
 @pytest.mark.slow

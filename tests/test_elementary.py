@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bcid.physics.elementary import arctan, clip, sincos
@@ -14,7 +14,6 @@ from bcid.physics.elementary import arctan, clip, sincos
 ULP = np.finfo(float).eps
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.floats(-1e6, 1e6))
 def test_sine_and_cosine_are_the_library_s(x: float) -> None:
     """Also in plain Python, and at the ends of quadrants."""
@@ -31,7 +30,6 @@ def test_quadrants_join(quarter: int) -> None:
         np.testing.assert_allclose(sincos(x), (math.sin(x), math.cos(x)), rtol=0.0, atol=2.0 * ULP)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.floats(allow_nan=False))
 def test_the_arc_tangent_is_the_library_s(x: float) -> None:
     assert arctan(x) == pytest.approx(math.atan(x), abs=4.0 * ULP)
@@ -44,7 +42,6 @@ def test_small_angles_are_themselves() -> None:
         assert sincos(x)[0] == pytest.approx(math.sin(x), rel=2.0 * ULP, abs=0.0)
 
 
-@settings(deadline=None)  # the first call compiles
 @given(st.floats(), st.floats(-5.0, 0.0), st.floats(0.0, 5.0))
 def test_clip_is_numpy_s(x: float, low: float, high: float) -> None:
     np.testing.assert_equal(clip(x, low, high), float(np.clip(x, low, high)))

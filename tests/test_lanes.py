@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from bcid.lanes import LANES, abreast, floor, lane, picked, put, some, where
+from bcid.lanes import LANES, floor, gather, lane, load, some, store, where
 from bcid.physics.elementary import arctan, clip, sincos
 
 X, Y = np.array([1.5, -2.0, 0.0, 1e3]), np.array([-0.5, -2.0, 3.0, 0.25])
@@ -38,7 +38,7 @@ FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
     "called": lambda x, y: math.tanh(x) + math.exp(y) + math.hypot(x, y),
     "turned": lambda x, y: sincos(x)[0] + sincos(y)[1],
     "slip": lambda x, y: arctan(x / y) + clip(x, -1.0, 1.0),
-    "either": lambda x, y: x if some(x > 1e6) else y,
+    "none": lambda x, y: x if some(x > 1e6) else y,
 }
 
 
@@ -49,16 +49,42 @@ def test_each_lane_is_a_number_of_its_own(name: str) -> None:
     @numba.njit
     def all_at_once(x: Any, y: Any) -> Any:
         out = np.empty(LANES)
-        put(function(abreast(x, 0), abreast(y, 0)), out, 0)
+        store(function(load(x, 0), load(y, 0)), out, 0)
         return out
 
     each = [function(x, y) for x, y in zip(X, Y, strict=True)]
     np.testing.assert_allclose(all_at_once(X, Y), each, rtol=1e-15)
 
 
+@pytest.mark.parametrize("above", [-3.0, 0.7, 2.0, 1e4])
+def test_some_is_any_of_them(above: float) -> None:
+    @numba.njit
+    def any_above(x: Any, y: float) -> bool:
+        return some(load(x, 0) > y)
+
+    assert any_above(X, above) == (above < X).any()
+
+
+@pytest.mark.parametrize("x", [math.nan, 1.0])
+def test_the_lesser_of_what_is_none_is_as_for_one_number(x: float) -> None:
+    @numba.njit
+    def both(x: Any, y: Any) -> Any:
+        return min(x, y), max(x, y)
+
+    @numba.njit
+    def abreast(x: Any, y: Any) -> Any:
+        low, high = both(load(x, 0), load(y, 0))
+        return lane(low, 1), lane(high, 1)
+
+    for y in (2.0, math.nan):
+        np.testing.assert_array_equal(abreast(np.full(LANES, x), np.full(LANES, y)), both(x, y))
+
+
 def test_what_is_computed_in_plain_python_is_the_same() -> None:
     assert [floor(x) for x in (-0.5, 2.0)] == [-1.0, 2.0]
     assert (where(True, 1.0, 2.0), where(False, 1.0, 2.0), some(False)) == (1.0, 2.0, False)
+    plain: Any = arctan
+    assert [plain.py_func(x) for x in (0.0, 2.0)] == pytest.approx([0.0, math.atan(2.0)], abs=1e-15)
 
 
 @pytest.mark.parametrize("x", [math.nan, -math.nan])
@@ -67,10 +93,10 @@ def test_no_number_stays_none(x: float) -> None:
 
     @numba.njit
     def compared(x: Any) -> Any:
-        v, out = abreast(x, 0), np.empty((3, LANES))
-        put(where(v > 0.0, 1.0, where(v <= 0.0, 2.0, 3.0)), out.reshape(out.size), 0)
-        put(where(v != 0.0, 1.0, 0.0), out.reshape(out.size), LANES)
-        put(clip(v, -1.0, 1.0), out.reshape(out.size), 2 * LANES)
+        v, out = load(x, 0), np.empty((3, LANES))
+        store(where(v > 0.0, 1.0, where(v <= 0.0, 2.0, 3.0)), out.reshape(out.size), 0)
+        store(where(v != 0.0, 1.0, 0.0), out.reshape(out.size), LANES)
+        store(clip(v, -1.0, 1.0), out.reshape(out.size), 2 * LANES)
         return out
 
     told = compared(np.full(LANES, x))
@@ -82,7 +108,7 @@ def test_no_number_stays_none(x: float) -> None:
 def test_numbers_are_picked_from_anywhere() -> None:
     @numba.njit
     def every(numbers: Any, places: Any) -> Any:
-        v = picked(numbers, places, 2)
+        v = gather(numbers, places, 2)
         return [lane(v, k) for k in range(LANES)]
 
     assert every(np.arange(20.0), np.array([3, 0, 17, 3])) == [5.0, 2.0, 19.0, 5.0]
@@ -91,7 +117,7 @@ def test_numbers_are_picked_from_anywhere() -> None:
 def test_only_contiguous_doubles_are_taken_abreast() -> None:
     @numba.njit
     def first(numbers: Any) -> Any:
-        return lane(abreast(numbers, 0), 0)
+        return lane(load(numbers, 0), 0)
 
     for numbers in (np.arange(20.0)[::2], np.arange(20, dtype=np.float32)):
         with pytest.raises(TypingError, match="contiguous arrays of doubles"):

@@ -43,6 +43,7 @@ from bcid.likelihood.marginal import (
     Eliminated,
     Scales,
     eliminate,
+    inverted,
     log_likelihood,
     moments,
     products,
@@ -435,6 +436,25 @@ def test_predictions_join_the_estimate(take: Take) -> None:
     assert np.sqrt((r[:, 2] ** 2).mean()) < 0.03
 
 
+@pytest.mark.parametrize("condition", [1.0, 1e6, 1e12])
+def test_forms_are_inverted(condition: float) -> None:
+    rng = np.random.default_rng(1)
+    turned = np.linalg.qr(rng.standard_normal((N_FREE, N_FREE)))[0]
+    sizes = np.geomspace(1.0, condition, N_FREE)
+    V, log_det = inverted((turned * sizes) @ turned.T)
+    np.testing.assert_allclose(V, (turned / sizes) @ turned.T, atol=1e-15 * condition)
+    assert log_det == pytest.approx(np.log(sizes).sum(), abs=1e-15 * condition)
+
+
+@pytest.mark.parametrize("no_form", [-1.0, 0.0, np.inf, np.nan])
+def test_what_is_no_form_has_no_value(no_form: float) -> None:
+    M = np.eye(N_FREE)
+    M[4, 4] = no_form
+    V, log_det = inverted(M)
+    assert np.isnan(V).all()
+    assert np.isnan(log_det)
+
+
 # --- sensitivities -----------------------------------------------------------------------------------------------
 
 
@@ -469,7 +489,11 @@ def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> No
     for start in (few.start, shoved(few)):
         push = start[:, N_START:].reshape(-1, KNOTS, 3) * [CAR.m, CAR.m, CAR.I_z]
         each = pushed(few, start, push, setting)
-        np.testing.assert_allclose(predict(layout(few), start, *setting.acting), each, rtol=0.0, atol=1e-8)
+        abreast = predict(layout(few), start, *setting.acting)
+        np.testing.assert_allclose(abreast, each, rtol=0.0, atol=1e-8)
+        some = np.array([1, 4])  # whoever drives beside it, to the last bit
+        beside = predict(layout(few.part(some)), start[some], *setting.acting)
+        np.testing.assert_array_equal(beside, abreast[few.rows(some)])
 
 
 def misses(columns: np.ndarray, expected: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.likelihood.newton import within
-from bcid.likelihood.recordings import base_from, base_of, misses, under_pushes
+from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
 from bcid.proof.asking import run_case
@@ -110,7 +110,7 @@ def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle) -> None:
     estimates = [estimate_motion(recording, vehicle, TUNING)]
     hypothesis = base_of(vehicle, CAR, estimates)
     plain, _, at_rest = base_from([recording], estimates, hypothesis, [])
-    assert not misses(at_rest, plain)
+    assert not too_bent(at_rest, plain)
     under, pushed = under_pushes(plain, at_rest)
     assert (plain.pushed, under.pushed) == (False, True)
     assert not at_rest.start[:, N_START:].any()

@@ -8,6 +8,7 @@ import json
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
@@ -113,6 +114,27 @@ def test_a_run_ends_in_time_and_goes_on(tmp_path: Path, made: list[str]) -> None
     assert len(list(run_all(cases, tmp_path, 1, minutes=0.0))) == len(made) == 60
     assert {r["case"] for r in run_all(cases, tmp_path, 1)} == {c.name for c in cases}
     assert len(made) == len(cases)
+
+
+def test_several_at_a_time_end_in_time_and_go_on(
+    tmp_path: Path, made: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
+    cases = list(suite(2, 1, 4, 0, 0, more=False))[-20:]
+    assert list(run_all(cases, tmp_path, 3, minutes=0.0)) == []
+    first = [r["case"] for r in islice(run_all(cases, tmp_path, 3), 5)]
+    assert 5 <= len(made) <= 8  # what has begun is ended
+    assert {r["case"] for r in run_all(cases, tmp_path, 3)} == {c.name for c in cases} > set(first)
+    assert sorted(made) == sorted(c.name for c in cases)
+
+
+def test_a_part_of_a_run_is_told_as_one() -> None:
+    about = {"seed": 1, "quick": False, "of": 9, "tiers_of": {"null": 5, "pair": 4}}
+    part = outcome([row(f"null-{i}", [], ["yaw_scrub"] if i else []) for i in range(2)], about)
+    assert "| null | 2 of 5 |" in evidence(part)
+    assert "| pair | 0 of 4 | not run |" in evidence(part)
+    assert missed(part) == []  # one of two may be chance
+    assert missed(part | {"of": 2}) == ["null: false"]
 
 
 def row(case: str, answer: list[str], found: list[str], **more: Any) -> dict[str, Any]:
@@ -222,7 +244,10 @@ def test_seals_lie_there_before_and_are_opened_after(tmp_path: Path) -> None:
     assert seal_up(cases, "salt", tmp_path, 3) == seal  # a run that goes on
     with pytest.raises(UsageError, match="seals of other answers"):
         seal_up(cases, "pepper", tmp_path, 0)
-    assert opened(cases, "salt", tmp_path) == {"opened": 3, "known_before": 1}
+    assert opened(cases[:2], "salt", tmp_path, 2) == {"opened": 2, "known_before": 1, "made_after_opening": 0}
+    assert cases[2].answer[0] not in (tmp_path / "answers.json").read_text(encoding="utf-8")
+    assert opened(cases, "salt", tmp_path, 1) == {"opened": 3, "known_before": 1, "made_after_opening": 1}
+    kept = json.loads((tmp_path / "seals.json").read_text(encoding="utf-8"))
     told = json.loads((tmp_path / "answers.json").read_text(encoding="utf-8"))
     assert [list(a["effects"]) for a in told["answers"]] == [list(c.answer) for c in cases]
     kept["cases"][cases[1].name] = "0" * 64

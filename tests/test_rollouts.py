@@ -7,7 +7,7 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bcid.estimate.types import Estimate
@@ -119,7 +119,6 @@ def test_a_speed_that_no_vehicle_has_is_divergence() -> None:
     v_f=st.floats(0.0, 3.0), alpha=st.tuples(st.floats(-1.5, 1.5), st.floats(-1.2, 1.2)), delta=st.floats(-2.0, 2.0),
     u_s=st.floats(-2.0, 2.0), u_m=st.floats(-1.0, 0.0), seed=st.integers(0, 20),
 )  # fmt: skip
-@settings(deadline=None)  # the first call compiles
 def test_a_dissipative_model_gains_no_energy_without_throttle(
     v_f: float, alpha: tuple[float, float], delta: float, u_s: float, u_m: float, seed: int
 ) -> None:

@@ -137,13 +137,14 @@ def _far(estimate: Mapping[str, Any]) -> bool:
 
 def proof(found: dict[str, Any]) -> Group:
     """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
-    from bcid.report.proof_page import figures, shown
+    from bcid.report.proof_page import figures, not_run, shown, takes
 
     columns = shown(found["tiers"])
     rows = [
-        [t["tier"], str(t["n"]), figures(t, columns, "{}!").replace("\N{NO-BREAK SPACE}", " ")] for t in found["tiers"]
+        [t["tier"], takes(found, t["tier"]), figures(t, columns, "{}!").replace("\N{NO-BREAK SPACE}", " ")]
+        for t in found["tiers"]
     ]
-    note = "goals in brackets; ! misses it"
+    note = "; ".join(["goals in brackets; ! misses it", *(f"not run: {tier}" for tier in not_run(found))])
     tables = [table(f"{found['cases']} of {found['of']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
     if found["wrong"]:
         wrong = [[w["case"], w["there"], w["said"]] for w in found["wrong"]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
@@ -22,7 +22,7 @@ from bcid.effects.entry import Units
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.likelihood.recordings import base_from, base_of, misses, under_pushes, units_of
+from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes, units_of
 from bcid.likelihood.refit import Fit, held
 from bcid.likelihood.take import Take
 from bcid.models.newton_euler_start import started_car
@@ -32,7 +32,6 @@ from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 SMALLEST_P = 1e-3  # that is claimed: the null takes drawn are about a thousand
-FIRST = 0.4  # of the progress, until what is found without pushes is judged
 
 Progress = Callable[[float, str], None]
 
@@ -106,10 +105,6 @@ class Based(NamedTuple):
         except FloatingPointError:
             return None
 
-    def misses(self) -> bool:
-        """Whether predictions miss the fit's tangent by so much that they have to be made under pushes."""
-        return misses(self.fit, self.take)
-
     def under_pushes(self) -> Based:
         """The same with all predictions made under the likeliest pushes.
 
@@ -137,12 +132,13 @@ def diagnosed(
     """
     of = based(recordings, estimates, vehicle, simulation, progress)
     with _followed(recordings):
-        if of.fit.hypothesis.simulated is None or not of.misses():
-            found = _of_take(of, lambda share, text: progress(FIRST * share, text), left_out)
-            if not misses(found.judgement.fit, of.take):
-                return found
-        progress(FIRST, "the base model under pushes")
-        return _of_take(of.under_pushes(), lambda share, text: progress(FIRST + (1.0 - FIRST) * share, text), left_out)
+        if of.fit.hypothesis.simulated is None or not too_bent(of.fit, of.take):
+            with suppress(FloatingPointError, np.linalg.LinAlgError):  # what no tangent follows pushes may
+                found = _of_take(of, progress, left_out)
+                if not too_bent(found.judgement.fit, of.take):
+                    return found
+        progress(0.05, "the base model, under pushes")
+        return _of_take(of.under_pushes(), progress, left_out)
 
 
 def based(

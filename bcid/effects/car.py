@@ -150,20 +150,18 @@ def _wheel_angle(
     low, high = base - reach, base + reach
     miss_low = low - base - k * _side_force_at(low, b, drive, lagged, grip, F_lr, p, e, c)
     miss_high = high - base - k * _side_force_at(high, b, drive, lagged, grip, F_lr, p, e, c)
-    angle = base
     for _ in range(COMPLIANCE_STEPS):
         slope = miss_high - miss_low
-        if not some(slope != 0.0):  # so weak that the angle does not move
+        going = (abs(miss_high) >= COMPLIANCE_MISS) & (slope != 0.0)  # else found, or so weak that nothing moves
+        if not some(going):
             break
-        angle = where(slope != 0.0, high - miss_high * (high - low) / where(slope != 0.0, slope, 1.0), angle)
+        angle = where(going, high - miss_high * (high - low) / where(going, slope, 1.0), high)
         miss = angle - base - k * _side_force_at(angle, b, drive, lagged, grip, F_lr, p, e, c)
-        if not some(abs(miss) >= COMPLIANCE_MISS):
-            break
         crossed = miss * miss_high < 0.0
-        low = where(crossed, high, low)
-        miss_low = where(crossed, miss_high, 0.5 * miss_low)  # the Illinois rule: the end that stays counts half
-        high, miss_high = angle, miss
-    return angle
+        low = where(going & crossed, high, low)
+        halved = where(crossed, miss_high, 0.5 * miss_low)  # the Illinois rule: the end that stays counts half
+        miss_low, miss_high, high = where(going, halved, miss_low), where(going, miss, miss_high), angle
+    return high
 
 
 @njit_inline

@@ -230,7 +230,7 @@ def given_in(k: int, chain: Chain, T: float, push: Floats) -> Given:
 
 @njit_inline
 def stepped(b: Body, lagged: Lagged, given: Given, h: float, p: Car, e: Any, c: Constants) -> tuple[Body, Lagged]:
-    """The same of what is given in the step, of `h` seconds; of several cars abreast where that is (`bcid.lanes`)."""
+    """Pose, twist and lags after a step of `h` seconds in which so much is `given`, of one car or of `bcid.lanes`."""
     t, T, u_m, u_next, s = given.t, given.T, given.u_m, given.u_next, given.late
     # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
     at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)
@@ -274,7 +274,7 @@ def settled(b: Body, k: int, chain: Chain, T: float, p: Car, e: Any, c: Constant
 
 @njit
 def settled_in(b: Body, given: Given, p: Car, e: Any, c: Constants) -> Lagged:
-    """The same as a step begins of which that is given."""
+    """The lagging quantities, as if nothing had changed for long, where a step begins in which so much is `given`."""
     drive = Drive(given.t, given.T, given.delta[0], given.u_m, given.u_next, 0.0)
     return wrench(b, drive, Lagged(0.0, 0.0, 0.0), p, e, c).steady
 

@@ -33,8 +33,9 @@ def side_force(alpha: float, C: float, F_max: float, shift: float, s: float) -> 
     clipped = min(max(linear, -F_max), F_max)
     if s == 0.0:
         return clipped
-    soft = F_max * math.tanh(linear / where(F_max > 0.0, F_max, 1.0))
-    return where(F_max > 0.0, (1.0 - s) * clipped + s * soft, clipped)
+    none = F_max <= 0.0
+    soft = F_max * math.tanh(linear / where(none, 1.0, F_max))
+    return where(none, clipped, (1.0 - s) * clipped + s * soft)
 
 
 @njit

@@ -11,7 +11,7 @@ from bcid.effects.car import Body, Lagged
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import seen_pose
 from bcid.effects.motion import Chain, Given, settled_in, stepped
-from bcid.lanes import LANES, abreast, picked, put
+from bcid.lanes import LANES, gather, load, store
 from bcid.likelihood.take import Floats, Ints, Take
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
@@ -93,11 +93,11 @@ def new_path(steps: int) -> Floats:
 def _given(mine: Segments, i: int, chain: Chain, pushes: Floats, at: int) -> Given:
     """What acts on the segments in step `i`; `at` is where their push stands among `pushes`."""
     return Given(
-        abreast(mine.begin, 0) + i * chain.h, abreast(mine.length, 0),
-        (picked(chain.delta, mine.half, 2 * i), picked(chain.delta, mine.half, 2 * i + 1),
-         picked(chain.delta, mine.half, 2 * i + 2)),
-        picked(chain.u_m, mine.step, i), picked(chain.u_next, mine.step, i), picked(chain.late, mine.step, i),
-        (abreast(pushes, at), abreast(pushes, at + LANES), abreast(pushes, at + 2 * LANES)),
+        load(mine.begin, 0) + i * chain.h, load(mine.length, 0),
+        (gather(chain.delta, mine.half, 2 * i), gather(chain.delta, mine.half, 2 * i + 1),
+         gather(chain.delta, mine.half, 2 * i + 2)),
+        gather(chain.u_m, mine.step, i), gather(chain.u_next, mine.step, i), gather(chain.late, mine.step, i),
+        (load(pushes, at), load(pushes, at + LANES), load(pushes, at + 2 * LANES)),
     )  # fmt: skip
 
 
@@ -106,12 +106,12 @@ def _put(path: Floats, i: int, b: Body) -> None:
     """Write pose and its rates to the path, after `i` steps."""
     flat, at = path.reshape(path.size), i * ON_PATH * LANES
     sin_t, cos_t = sincos(b.theta)
-    put(b.p_x, flat, at)
-    put(b.p_y, flat, at + LANES)
-    put(b.theta, flat, at + 2 * LANES)
-    put(cos_t * b.v_x - sin_t * b.v_y, flat, at + 3 * LANES)
-    put(sin_t * b.v_x + cos_t * b.v_y, flat, at + 4 * LANES)
-    put(b.omega, flat, at + 5 * LANES)
+    store(b.p_x, flat, at)
+    store(b.p_y, flat, at + LANES)
+    store(b.theta, flat, at + 2 * LANES)
+    store(cos_t * b.v_x - sin_t * b.v_y, flat, at + 3 * LANES)
+    store(sin_t * b.v_x + cos_t * b.v_y, flat, at + 4 * LANES)
+    store(b.omega, flat, at + 5 * LANES)
 
 
 @njit
@@ -119,8 +119,8 @@ def begun(x: Floats, mine: Segments, chain: Chain, p: Car, e: Any, c: Constants)
     """The beginning of segments in the states `x` (6, LANES), their lags settled."""
     flat = x.reshape(x.size)
     b = Body(
-        abreast(flat, 0), abreast(flat, LANES), abreast(flat, 2 * LANES), abreast(flat, 3 * LANES),
-        abreast(flat, 4 * LANES), abreast(flat, 5 * LANES),
+        load(flat, 0), load(flat, LANES), load(flat, 2 * LANES), load(flat, 3 * LANES),
+        load(flat, 4 * LANES), load(flat, 5 * LANES),
     )  # fmt: skip
     return Way(b, settled_in(b, _given(mine, 0, chain, np.zeros(3 * LANES), 0), p, e, c), 0)
 
@@ -155,14 +155,14 @@ def _between(path: Floats, i: int, j: int, lane: int, u: float, h: float) -> flo
 
 
 @njit
-def see(out: Floats, path: Floats, lane: int, since: int, mine: Segments, of: Layout, h: float, e: Any) -> None:
-    """Add the poses seen from step `since` on, each with its share, to their segment's rows `out` (n, 3)."""
+def see(out: Floats, path: Floats, lane: int, first_step: int, mine: Segments, of: Layout, h: float, e: Any) -> None:
+    """Add the poses seen from `first_step` on, each with its share, to their segment's rows `out` (n, 3)."""
     s, steps = mine.s[lane], len(path) - 1
     begin, first = of.zero[s] + mine.begin[lane], of.first[s]
     for j in range(of.first_stamp[s], of.first_stamp[s + 1]):
         at = (of.stamps[j] - begin) / h
         i = min(max(int(np.ceil(at)) - 1, 0), steps - 1)
-        if i < since:
+        if i < first_step:
             continue
         u = at - i
         x, y, yaw = seen_pose(

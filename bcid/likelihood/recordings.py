@@ -113,7 +113,7 @@ def base_from(
     return take, hits, base
 
 
-def misses(fit: Fit, take: Take) -> bool:
+def too_bent(fit: Fit, take: Take) -> bool:
     """Whether predictions miss the fit's tangent by so much that they have to be made under pushes."""
     setting = fit.hypothesis.setting(fit.phi, take)
     return not take.pushed and bent(take, setting, fit.start, fit.scales, fit.tangent.A) > MOST_BENT
@@ -128,6 +128,15 @@ def under_pushes(take: Take, base: Fit) -> tuple[Take, Fit]:
     take, h = take._replace(pushed=True), base.hypothesis
     known = list(h.values(base.phi).values())
     return take, base_fit(take, replace(h, nominal=base.car()), base.scales, known)
+
+
+def suited(take: Take, base: Fit) -> tuple[Take, Fit]:
+    """The same `under_pushes` where it is too bent without.
+
+    Raises:
+        FloatingPointError: when the base model cannot follow it.
+    """
+    return under_pushes(take, base) if too_bent(base, take) else (take, base)
 
 
 def first_scales(take: Take) -> Scales:

@@ -38,7 +38,7 @@ def pushes_of(free: Floats, p: Car) -> Floats:
 
 
 @njit
-def _all_but(first: int, of: Layout) -> int:
+def _count_from(first: int, of: Layout) -> int:
     """How many of the segments abreast from `first` on there are."""
     return min(LANES, len(of.step) - first)
 
@@ -55,7 +55,7 @@ def predict(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constant
         free = free_of(start, mine)
         way = begun(free[:N_START], mine, chain, p, e[0], c)
         driven(path, way, of.steps, pushes_of(free, p), mine, chain, p, e[0], c)
-        for k in range(_all_but(group * LANES, of)):
+        for k in range(_count_from(group * LANES, of)):
             see(out[of.first[mine.s[k]] :], path, k, 0, mine, of, chain.h, e[0])
     return out
 
@@ -65,7 +65,7 @@ def free_sensitivities(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, 
     """D pose / d `start`, (N, 3, N_FREE), by differences; of a car that drives alike everywhere, it moves as one."""
     out, rigid = np.zeros((of.first[-1], 3, N_FREE)), alike_everywhere(e[0])
     for group in numba.prange((len(of.step) + LANES - 1) // LANES):
-        mine, count = segments_from(group * LANES, of, chain), _all_but(group * LANES, of)
+        mine, count = segments_from(group * LANES, of, chain), _count_from(group * LANES, of)
         free, path, each = free_of(start, mine), new_path(of.steps), of.steps // KNOTS
         pushes = pushes_of(free, p)
         for j in range(N_POSE if rigid else 0, N_START):

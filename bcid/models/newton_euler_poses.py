@@ -16,7 +16,7 @@ from bcid.errors import InputRefused
 from bcid.likelihood.free_part import deviations
 from bcid.likelihood.hypothesis import DRAG, PRIOR_SD
 from bcid.likelihood.marginal import log_likelihood, moments, rescaled
-from bcid.likelihood.recordings import base_from, base_of, misses, under_pushes
+from bcid.likelihood.recordings import base_from, base_of, suited
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.models.interface import FitTask, Floats
@@ -28,7 +28,7 @@ from bcid.physics.car import Car
 NEAR_BOUND = 1e-3  # of phi
 OF_THE_PRIOR = 0.5  # of its standard deviation: who knows no more has learnt little from the poses
 TINY = 1e-12
-SHOWN = 6.0  # nats that a limit must gain, all other constants held: its place is free, and chance gains two of them
+SHOWN = 6.0  # nats that a limit must gain, all other constants held, which takes part of it for nothing
 STEERING = {"T_s": ("s", "steering time constant"), "d": ("rad/s", "steering rate limit")}
 
 
@@ -47,8 +47,7 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
         try:
             task.progress(0.1, "likelihood of the poses")
             take, _, fit = base_from(task.recordings, estimates, hypothesis, ())
-            if misses(fit, take):
-                take, fit = under_pushes(take, fit)
+            take, fit = suited(take, fit)
         except (FloatingPointError, np.linalg.LinAlgError) as error:
             raise InputRefused(
                 task.recordings[0].sources[0].path, "poses and commands", f"the model cannot follow them: {error}",

@@ -61,7 +61,7 @@ def arctan(x: float) -> float:
     """
     size = abs(x)
     steep = size > 1.0
-    t = where(steep, 1.0 / size, size)
+    t = where(steep, 1.0 / where(steep, size, 1.0), size)
     middle = t > _TAN_EIGHTH
     w = where(middle, (t - 1.0) / (t + 1.0), t)
     z = w * w

@@ -11,26 +11,29 @@ ROWS = "rows.jsonl"
 
 
 def keep(row: dict[str, Any], key: str, folder: Path) -> None:
-    """Add `row` to those in `folder`, as a line of its own; several processes may do so.
+    """Add `row` to those in `folder`, as a line of its own; several processes of one machine may do so.
 
     A line that a run which was cut off left unfinished is ended first, so that it spoils no other.
     """
-    line = json.dumps({"key": key, "row": row}) + "\n"
+    line = json.dumps({"key": key, "row": row}).encode() + b"\n"
     with (folder / ROWS).open("a+b", buffering=0) as file:
         if file.tell():
             file.seek(-1, os.SEEK_END)
-            line = line if file.read(1) == b"\n" else "\n" + line
-        file.write(line.encode())
+            line = line if file.read(1) == b"\n" else b"\n" + line
+        while line:
+            line = line[file.write(line) :]
 
 
 def kept(folder: Path) -> dict[str, dict[str, Any]]:
-    """All rows in `folder` by their keys, the last where there are several; unfinished lines hold none."""
+    """All rows in `folder` by their keys; unfinished lines hold none, and what ended in an error replaces nothing."""
     rows = dict[str, dict[str, Any]]()
     path = folder / ROWS
     for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
         try:
             entry = json.loads(line)
-            rows[entry["key"]] = entry["row"]
+            key, row = entry["key"], entry["row"]
         except (ValueError, KeyError, TypeError):
             continue
+        if isinstance(row, dict) and not ("error" in row and key in rows):
+            rows[key] = row
     return rows

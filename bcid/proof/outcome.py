@@ -50,12 +50,12 @@ def wrong(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def missed(found: dict[str, Any]) -> list[str]:
-    """The goals that an outcome misses; of a quick one, in which single figures are chance, all cases together.
+    """The goals that an outcome misses; of a quick one or of a part, in which single figures are chance, all together.
 
     And every tier, as if any of them had been looked at alone (Bonferroni).
     """
     errors = [f"{t['tier']}: {t['errors']} errors" for t in found["tiers"] if t["errors"]]
-    if found.get("quick"):
+    if found.get("quick") or found["cases"] < found.get("of", 0):
         every = found["pooled_by_tier"]
         least = {tier: REFUTED / len(every) for tier in every}
         return errors + [

@@ -24,6 +24,7 @@ from bcid.effects.table import EFFECTS
 from bcid.errors import BcidError, InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
+from bcid.likelihood.recordings import suited
 from bcid.proof import edited
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
@@ -187,7 +188,7 @@ def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording,
     """`errors` of the simulation; without one, of the base model refitted."""
     if simulation is None:
         of = based([recording], [estimate], vehicle)
-        simulation = Compared.of((of.under_pushes() if of.misses() else of).fit)
+        simulation = Compared.of(suited(of.take, of.fit)[1])
     return errors(simulation, vehicle, estimate)
 
 

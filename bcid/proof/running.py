@@ -35,13 +35,13 @@ def _told(case: Case) -> dict[str, Any]:
 
 
 def run_all(
-    cases: Iterable[Case], folder: Path, workers: int, others: bool = False, minutes: float = np.inf
+    cases: Iterable[Case], folder: Path, workers: int, others: bool = False, minutes: float | None = None
 ) -> Iterator[dict[str, Any]]:
     """Every case's row: what is in `folder` is read, the others made and kept there, each as it is done.
 
     What a diagnosis said is kept under the digests of what was driven and of the simulation's and the diagnosis's
-    code; one that ended in an error is made again.  Cases are run in an order drawn by lot, so that of a run which
-    ends after so many `minutes` every tier has its part.
+    code; one that ended in an error is made again.  Cases are run in an order drawn by lot, so that a run which ends
+    after so many `minutes`, with what it has begun, has run a fair part of every tier.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows, code, todo = kept(folder), _code(others), list[Case]()
@@ -52,11 +52,12 @@ def run_all(
         else:
             yield {**_told(case), **row}
     todo.sort(key=lambda case: case.digest())
-    end = time.monotonic() + 60.0 * minutes
+    end = np.inf if minutes is None else time.monotonic() + 60.0 * minutes
     if workers <= 1:
         for case in todo:
-            if time.monotonic() < end:
-                yield {**_told(case), **_run(case, code, folder, others)}
+            if time.monotonic() >= end:
+                return
+            yield {**_told(case), **_run(case, code, folder, others)}
         return
     with pool_of(workers) as pool:
         waiting, running = iter(todo), dict[Future[dict[str, Any]], Case]()

@@ -59,10 +59,12 @@ def seal_up(cases: Sequence[Case], salt: str, folder: Path, known: int) -> str:
     return str(content["seal"])
 
 
-def opened(cases: Sequence[Case], salt: str, folder: Path) -> dict[str, Any]:
-    """Write the answers beside their seals, after all have run, and hold each against its seal.
+def opened(cases: Sequence[Case], salt: str, folder: Path, made: int = 0) -> dict[str, Any]:
+    """Write the answers of the cases that have run beside their seals, and hold each against its seal.
 
-    Returns how many fit, and how many rows were known before the seal.
+    Who knows the salt can open all others, too: of a run that went on after a part was opened, so many rows as were
+    `made` since were not made blindly.  Returns how many seals fit, how many rows were known before the seal, and how
+    many were made after an opening.
 
     Raises:
         InputRefused: a seal that does not fit.
@@ -72,6 +74,10 @@ def opened(cases: Sequence[Case], salt: str, folder: Path) -> dict[str, Any]:
     for case in cases:
         if not hmac.compare_digest(content["cases"].get(case.name, ""), sealed(case, salt)):
             raise InputRefused(path, case.name, "the seal does not fit the answer", "run anew in another folder")
+    if (folder / ANSWERS).is_file():
+        content["made_after_opening"] = content.get("made_after_opening", 0) + made
+        path.write_text(json.dumps(content, indent=1), encoding="utf-8")
     answers = {"salt": salt, "answers": [answer_of(case) for case in cases]}
     (folder / ANSWERS).write_text(json.dumps(answers, indent=1), encoding="utf-8")
-    return {"opened": len(cases), "known_before": content["known_before"]}
+    told = {k: content.get(k, 0) for k in ("known_before", "made_after_opening")}
+    return {"opened": len(cases), **told}

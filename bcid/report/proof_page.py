@@ -73,12 +73,32 @@ def figures(tier: Mapping[str, Any], columns: Mapping[str, str], marked: str) ->
     return "; ".join(f"{title} {text}" for title, text in told.items() if text != "–")
 
 
+def takes(outcome: Mapping[str, Any], tier: str) -> str:
+    """How many takes of a tier were run, of how many if not all.
+
+    >>> run = {"tiers": [{"tier": "null", "n": 3}], "tiers_of": {"null": 5, "pair": 2}}
+    >>> takes(run, "null"), takes(run, "pair"), takes({"tiers": run["tiers"]}, "null")
+    ('3 of 5', '0 of 2', '3')
+    """
+    n = next((t["n"] for t in outcome["tiers"] if t["tier"] == tier), 0)
+    whole = outcome.get("tiers_of", {}).get(tier, n)
+    return str(n) if n == whole else f"{n} of {whole}"
+
+
+def not_run(outcome: Mapping[str, Any]) -> list[str]:
+    """Tiers that a part of a run has no take of."""
+    return [tier for tier in outcome.get("tiers_of", {}) if tier not in {t["tier"] for t in outcome["tiers"]}]
+
+
 def evidence(outcome: Mapping[str, Any]) -> str:
     """The README's table of a run: one row a tier, goals in brackets."""
     columns = shown(outcome["tiers"])
     return _markdown(
         ["takes of", "n", "figures"],
-        [[t["tier"], str(t["n"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]],
+        [
+            *([t["tier"], takes(outcome, t["tier"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]),
+            *([tier, takes(outcome, tier), "not run"] for tier in not_run(outcome)),
+        ],
     )
 
 
@@ -197,13 +217,13 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
     rows = [
         {
             "tier": t["tier"],
-            "n": t["n"],
+            "n": takes(outcome, t["tier"]),
             "cells": [(cell(t, f, "{} missed"), f in t["missed"]) for f in columns.values()],
         }
         for t in outcome["tiers"]
     ]
     text = template("proof.html.j2").render(
-        o=outcome, columns=list(columns), rows=rows, baselines=outcome.get("baselines") or [],
+        o=outcome, columns=list(columns), rows=rows, not_run=not_run(outcome), baselines=outcome.get("baselines") or [],
         confusion=confusion_picture(outcome["confusion"]),
         calibration=calibration_picture(outcome["calibration"]) if outcome["calibration"]["bins"] else None,
     )  # fmt: skip
