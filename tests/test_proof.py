@@ -130,7 +130,7 @@ def test_several_at_a_time_end_in_time_and_go_on(
 
 def test_a_part_of_a_run_is_told_as_one() -> None:
     about = {"seed": 1, "quick": False, "of": 9, "tiers_of": {"null": 5, "pair": 4}}
-    part = outcome([row(f"null-{i}", [], ["yaw_scrub"] if i else []) for i in range(2)], about)
+    part = outcome([row(f"null-{i}", [], ["yaw_scrub"] * i, tier="null") for i in range(2)], about)
     assert "| null | 2 of 5 |" in evidence(part)
     assert "| pair | 0 of 4 | not run |" in evidence(part)
     assert missed(part) == []  # one of two may be chance

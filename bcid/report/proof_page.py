@@ -223,8 +223,9 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
         for t in outcome["tiers"]
     ]
     text = template("proof.html.j2").render(
-        o=outcome, columns=list(columns), rows=rows, not_run=not_run(outcome), baselines=outcome.get("baselines") or [],
-        confusion=confusion_picture(outcome["confusion"]),
+        o=outcome, columns=list(columns), rows=rows, not_run=not_run(outcome),
+        whole=outcome.get("of", outcome["cases"]), made_after_opening=outcome.get("made_after_opening", 0),
+        baselines=outcome.get("baselines") or [], confusion=confusion_picture(outcome["confusion"]),
         calibration=calibration_picture(outcome["calibration"]) if outcome["calibration"]["bins"] else None,
     )  # fmt: skip
     path.write_text(text, encoding="utf-8")
