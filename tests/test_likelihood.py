@@ -481,17 +481,18 @@ def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> No
     """Whatever the effect, at rest and under pushes; the number of segments fills no whole number of vectors."""
     car = CAR._replace(sets_force=1.0, K_v=20.0) if name == FORCE_ONLY else CAR
     base = replace(BASE, raw_commands=True, nominal=car)
-    own, few = base.entries[name].parameters, part.part(np.arange(0, part.segments, 6))
+    own, few = base.entries[name].parameters, part.part(np.arange(0, part.segments, 2))
     values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.places else 3.0 * p.size for p in own])
     hypothesis = base.holding(name)
     setting = hypothesis.setting(hypothesis.start(base.nominal, values), few)
+    assert LANES < few.segments
     assert few.segments % LANES
     for start in (few.start, shoved(few)):
         push = start[:, N_START:].reshape(-1, KNOTS, 3) * [CAR.m, CAR.m, CAR.I_z]
         each = pushed(few, start, push, setting)
         abreast = predict(layout(few), start, *setting.acting)
         np.testing.assert_allclose(abreast, each, rtol=0.0, atol=1e-8)
-        some = np.array([1, 4])  # whoever drives beside it, to the last bit
+        some = np.array([1, few.segments - 1])  # whoever drives beside it, to the last bit
         beside = predict(layout(few.part(some)), start[some], *setting.acting)
         np.testing.assert_array_equal(beside, abreast[few.rows(some)])
 
