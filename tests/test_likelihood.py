@@ -120,6 +120,7 @@ class Dense(NamedTuple):
     S: np.ndarray
     of_start: np.ndarray  # covariance of the initial state found by least squares
     P: np.ndarray
+    alike: np.ndarray  # what makes numbers alike: one over their noise, of geometric mean one
 
 
 def dense(problem: Problem, s: int) -> Dense:
@@ -131,7 +132,9 @@ def dense(problem: Problem, s: int) -> Dense:
     inverse = np.linalg.inv(S)
     of_start = np.linalg.inv(X.T @ inverse @ X)
     P = inverse - inverse @ X @ of_start @ X.T @ inverse
-    return Dense(r, X, pushes, problem.J[rows].reshape(len(r), -1), Q, S, of_start, P)
+    noise = np.tile(problem.scales.r, len(r) // 3)
+    alike = np.exp(np.log(noise).mean()) / noise
+    return Dense(r, X, pushes, problem.J[rows].reshape(len(r), -1), Q, S, of_start, P, alike)
 
 
 def test_elimination_is_the_dense_algebra() -> None:
@@ -140,7 +143,8 @@ def test_elimination_is_the_dense_algebra() -> None:
     for s in range(len(problem.first) - 1):
         d = dense(problem, s)
         assert e.chi2[s] == pytest.approx(d.r @ d.P @ d.r, rel=1e-8)
-        log_det = np.linalg.slogdet(d.S)[1] - np.linalg.slogdet(d.of_start)[1] - np.linalg.slogdet(d.X.T @ d.X)[1]
+        X = d.alike[:, None] * d.X
+        log_det = np.linalg.slogdet(d.S)[1] - np.linalg.slogdet(d.of_start)[1] - np.linalg.slogdet(X.T @ X)[1]
         assert e.log_det[s] == pytest.approx(log_det, rel=1e-9)
         assert e.numbers[s] == len(d.r) - N_START
 
@@ -154,6 +158,14 @@ def test_how_far_a_model_lets_an_initial_state_go_does_not_make_it_likelier() ->
         A[:, :, :N_START] = A[:, :, :N_START] @ change
         likelihood = log_likelihood(problem._replace(A=A).eliminated())
         np.testing.assert_allclose(likelihood, log_likelihood(problem.eliminated()), rtol=1e-6)
+
+
+def test_which_motions_a_start_explains_makes_no_model_likelier() -> None:
+    """Metres and radians have noise of their own sizes; as long as pushes are small beside it, any columns will do."""
+    problem = random_problem()
+    quiet = problem._replace(scales=problem.scales._replace(q=np.full(3, 1e-9)))
+    other = quiet._replace(A=np.random.default_rng(5).standard_normal(quiet.A.shape) * [[[1.0], [3.0], [0.1]]])
+    np.testing.assert_allclose(other.eliminated().log_det, quiet.eliminated().log_det, rtol=1e-9)
 
 
 def test_the_posterior_is_generalised_least_squares() -> None:
@@ -208,7 +220,7 @@ def test_the_density_is_student_s_t() -> None:
     problem = random_problem()
     for s, log_density in enumerate(log_likelihood(problem.eliminated())):
         d = dense(problem, s)
-        contrasts = null_space(d.X.T)
+        contrasts = d.alike[:, None] * null_space((d.alike[:, None] * d.X).T)
         law = multivariate_t(shape=contrasts.T @ d.S @ contrasts, df=NU)
         expected = law.logpdf(contrasts.T @ d.r)
         assert log_density == pytest.approx(expected, rel=1e-8)
@@ -223,13 +235,21 @@ def test_a_bad_segment_weighs_little() -> None:
 
 
 def test_em_ends_where_the_likelihood_is_stationary() -> None:
-    """And on its way there the likelihood never falls; the scales that it finds are the problem's."""
+    """In the units of the noise that it finds, which stand; and on its way there the likelihood never falls.
+
+    The scales that it finds are the problem's.
+    """
     problem = random_problem(segments=60)
     of = moments(problem.residual, problem.A, problem.first)
 
+    def of_start(r: np.ndarray) -> np.ndarray:
+        alike = np.exp(2.0 * np.log(r).mean()) / r**2
+        return np.linalg.slogdet(np.einsum("c,scij->sij", alike, of.AA)[:, :N_START, :N_START])[1]
+
     def total(log_scales: np.ndarray) -> float:
-        scales = Scales(np.exp(log_scales[:3]), np.exp(log_scales[3:]))
-        return float(log_likelihood(eliminate(of, scales.r, scales.precisions())).sum())
+        tried = Scales(np.exp(log_scales[:3]), np.exp(log_scales[3:]))
+        e = eliminate(of, tried.r, tried.precisions())
+        return float(log_likelihood(e._replace(log_det=e.log_det + of_start(tried.r) - of_start(scales.r))).sum())
 
     scales, path = Scales(3.0 * problem.scales.r, 0.2 * problem.scales.q), []
     for _ in range(60):

@@ -5,12 +5,14 @@ r = A z + eps, eps ~ N(0, R), p ~ N(0, Q), and x_0 anything at all (a flat prior
 goes through the small matrix M = A^T R^-1 A + diag(0, Q^-1):
 
     P = R^-1 - R^-1 A M^-1 A^T R^-1,
-    log density = const - log|R|/2 - log|Q|/2 - log|M|/2 + log|A_0^T A_0|/2 - r^T P r/2,
+    log density = const - log|R|/2 - log|Q|/2 - log|M|/2 + log|A_0^T W A_0|/2 - r^T P r/2,
 
 A_0 being the columns of A that belong to x_0.  It is the density of what of r is free of x_0 (restricted likelihood;
-Harville 1974): without log|A_0^T A_0| a model that forgets its initial state sooner would be the likelier one for that
-alone, by a nat a segment on slow circles.  He gives it for one A_0; between models it holds as far as metres and
-radians are measured alike and pushes are small beside the noise while initial states are forgotten.
+Harville 1974): without log|A_0^T W A_0| a model that forgets its initial state sooner would be the likelier one for
+that alone, by a nat a segment on slow circles.  He gives it for one A_0; between models it holds where all numbers are
+measured alike, in units of their noise: W is R^-1 times the geometric mean of the noise's squares (with metres beside
+radians tyres seemed to lag on slow circles, for half a nat a segment), and as far as pushes are small beside the noise
+while initial states are forgotten.
 
 Over segments the residuals follow Student's t with nu degrees of freedom in place of the normal law, so that a
 segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
@@ -52,7 +54,6 @@ class Moments(NamedTuple):
     AA: Floats  # (S, 3, N_FREE, N_FREE)
     Ar: Floats  # (S, 3, N_FREE)
     rr: Floats  # (S, 3)
-    log_start: Floats  # (S,) log|A_0^T A_0|
     rows: Ints  # (S,)
 
 
@@ -60,7 +61,7 @@ class Eliminated(NamedTuple):
     """Per segment: the quadratic form of S^-1, and the posterior of the free part."""
 
     chi2: Floats  # (S,) r^T P r
-    log_det: Floats  # (S,) log|R| + log|Q| + log|M| - log|A_0^T A_0|
+    log_det: Floats  # (S,) log|R| + log|Q| + log|M| - log|A_0^T W A_0|
     numbers: Floats  # (S,) numbers in the segment's residual, less N_START
     z: Floats  # (S, N_FREE) posterior mean of the free part
     V: Floats  # (S, N_FREE, N_FREE) and its covariance
@@ -73,7 +74,6 @@ def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
     """Products of `residual` (N, 3) and `A` (N, 3, N_FREE)."""
     S = len(first) - 1
     AA, Ar, rr = np.empty((S, 3, N_FREE, N_FREE)), np.empty((S, 3, N_FREE)), np.empty((S, 3))
-    log_start = np.empty(S)
     for s in numba.prange(S):
         rows = slice(first[s], first[s + 1])
         for c in range(3):
@@ -81,11 +81,7 @@ def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
             AA[s, c] = np.dot(Ac.T, Ac)
             Ar[s, c] = np.dot(Ac.T, rc)
             rr[s, c] = np.dot(rc, rc)
-        of_start = np.ascontiguousarray((AA[s, 0] + AA[s, 1] + AA[s, 2])[:N_START, :N_START])
-        if not np.isfinite(of_start).all():  # an exception here would end the process
-            of_start[:] = 0.0
-        log_start[s] = np.linalg.slogdet(of_start)[1]
-    return Moments(AA, Ar, rr, log_start, first[1:] - first[:-1])
+    return Moments(AA, Ar, rr, first[1:] - first[:-1])
 
 
 @njit
@@ -135,12 +131,13 @@ def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
         M = w_x * of.AA[s, 0] + w_y * of.AA[s, 1] + w_yaw * of.AA[s, 2]
         b = w_x * of.Ar[s, 0] + w_y * of.Ar[s, 1] + w_yaw * of.Ar[s, 2]
         square = w_x * of.rr[s, 0] + w_y * of.rr[s, 1] + w_yaw * of.rr[s, 2]
+        of_start = inverted(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0))[1]
         for i in range(N_FREE):
             M[i, i] += precisions[i]
         V, size = inverted(M)
         z = np.dot(V, b)
         chi2[s] = square - np.dot(b, z)
-        log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of.log_start[s]
+        log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of_start
         count[s] = 3 * of.rows[s] - N_START
         zs[s], Vs[s] = z, V
         for c in range(3):
