@@ -136,7 +136,7 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
     assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
 
 
-def test_the_readme_s_answers_are_those_of_the_committed_real_recordings() -> None:
+def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
     from bcid.proof.real import NOT_ASKED, TIERS
     from bcid.report import proof_page
 
@@ -144,11 +144,19 @@ def test_the_readme_s_answers_are_those_of_the_committed_real_recordings() -> No
     files = sorted((ROOT / "docs" / "results").glob("real_*.json"))
     found = [json.loads(file.read_text(encoding="utf-8")) for file in files]
     assert found
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert proof_page.answers(found) in readme
-    assert all(outcome["code"][:12] in readme for outcome in found)  # whose answers they are
-    counts = {tier: [sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in TIERS}
-    assert "; ".join(f"{tier}: {right} of {n}" for tier, (right, n) in counts.items()) in readme
+    page, readme = ((ROOT / name).read_text(encoding="utf-8") for name in ("docs/real_recordings.md", "README.md"))
+    assert proof_page.answers(found) in page
+    assert all(outcome["code"][:12] in page for outcome in found)  # whose answers they are
+    counts = [[sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in TIERS]
+    told = [f"{right} of {n}" for right, n in counts]
+    assert "; ".join(f"{tier}: {count}" for tier, count in zip(TIERS, told, strict=True)) in page
+    assert "named in {} questions, controls passed {}, edits were found in {}".format(*told) in readme
+
+
+def test_the_docs_are_text_without_control_characters() -> None:
+    for path in (ROOT / "docs").glob("*.md"):
+        text = path.read_text(encoding="utf-8")
+        assert all(sign.isprintable() or sign == "\n" for sign in text), path.name
 
 
 def test_the_page_of_effects_is_what_the_command_makes() -> None:

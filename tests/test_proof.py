@@ -131,8 +131,8 @@ def test_several_at_a_time_end_in_time_and_go_on(
 def test_a_part_of_a_run_is_told_as_one() -> None:
     about = {"seed": 1, "quick": False, "of": 9, "tiers_of": {"null": 5, "pair": 4}}
     part = outcome([row(f"null-{i}", [], ["yaw_scrub"] * i, tier="null") for i in range(2)], about)
-    assert "| null | 2 of 5 |" in evidence(part)
-    assert "| pair | 0 of 4 | not run |" in evidence(part)
+    assert "| nothing | 2 of 5 |" in evidence(part)
+    assert "| two effects | 0 of 4 | not run |" in evidence(part)
     assert missed(part) == []  # one of two may be chance
     assert missed(part | {"of": 2}) == ["null: false"]
 
@@ -424,8 +424,8 @@ def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
     found = outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False}) | {"baselines": summary(rows)}
     assert found["confusion"] == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
     text = evidence(found)
-    assert "| single | 1 | first **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in text
-    assert "| null | 1 | " in text
+    assert "| one effect | 1 | **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%) |" in text
+    assert "| nothing | 1 | – |" in text
     write_proof_page(found, tmp_path / "p.html")
     page = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "0\N{NO-BREAK SPACE}% missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in page

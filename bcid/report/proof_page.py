@@ -18,13 +18,29 @@ import matplotlib.pyplot as plt  # the backend must be chosen first
 
 COLUMNS = {
     "first": "top1", "in the set": "set", "exact": "exact", "false alarms": "false", "unknown": "unknown",
-    "wrong name": "wrong", "channel": "channel", "not excited": "not_seen", "measurement so called": "kind",
-    "located": "located", "place": "place_overlap", "time": "time_overlap",
-    "set size": "set_size", "parameter error": "parameter_error", "95 % covers": "coverage",
+    "wrong name": "wrong", "in its channel": "channel", "told as not excited": "not_seen",
+    "measurement so called": "kind", "located": "located", "place": "place_overlap", "time": "time_overlap",
+    "set size": "set_size", "parameter error": "parameter_error", "95 % intervals hold": "coverage",
     "oracle's gain": "oracle_share", "errors": "errors", "seconds": "seconds",
 }  # fmt: skip
 PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap", "errors")
 """Fields that are no shares of takes."""
+
+ALWAYS = ("channel", "not_seen", "coverage")
+"""Fields that the README's table has of every tier that fills them."""
+
+TITLES = {
+    "null": "nothing", "null-imperfect": "nothing, imperfect base", "single": "one effect",
+    "single-imperfect": "one effect, imperfect base", "half-size": "one effect of half the size",
+    "double-size": "one effect of twice the size", "pair": "two effects", "triple": "three effects",
+    "measurement-and-vehicle": "an effect of the measurement and one of the vehicle",
+    "left-out": "one effect that may not be named", "outside": "an effect outside the vocabulary",
+    "unexcited": "an effect that the drive does not excite", "closed-loop": "one effect, a driver who follows a path",
+    "two-minutes": "one effect, two minutes", "thirty-minutes": "one effect, thirty minutes",
+    "ten-hertz": "one effect, poses at 10 Hz", "hundred-twenty-hertz": "one effect, poses at 120 Hz",
+    "three-times-noise": "one effect, three times the noise",
+}  # fmt: skip
+"""What is concealed in the takes of a tier: of ten minutes at 60 Hz, where it says nothing else."""
 
 NOT_ASKED = "not asked"
 """Of a real recording: what makes no difference where it is withheld."""
@@ -48,7 +64,7 @@ def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> 
 
 def _number(value: float, field: str) -> str:
     if field in PLAIN:
-        return f"{value:.3g}"
+        return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
     return f"{100.0 * value:.3g}\N{NO-BREAK SPACE}%"
 
 
@@ -92,14 +108,20 @@ def not_run(outcome: Mapping[str, Any]) -> list[str]:
 
 def evidence(outcome: Mapping[str, Any]) -> str:
     """The README's table of a run: one row a tier, goals in brackets."""
-    columns = shown(outcome["tiers"])
-    return _markdown(
-        ["takes of", "n", "figures"],
-        [
-            *([t["tier"], takes(outcome, t["tier"]), figures(t, columns, "**{}** missed")] for t in outcome["tiers"]),
-            *([tier, takes(outcome, tier), "not run"] for tier in not_run(outcome)),
-        ],
-    )
+    rows = []
+    for tier in outcome["tiers"]:
+        wrongly = "wrong" if tier["false"] is None else "false"
+        told = ("top1", "exact", wrongly, "seconds")
+        more = {t: f for t, f in COLUMNS.items() if f not in told and (f in tier["goal"] or f in ALWAYS)}
+        first, exactly, wrong, seconds = (cell(tier, field) for field in told)
+        rest = figures(tier, more, "**{}** missed") or "–"
+        rows.append([_title(tier["tier"]), takes(outcome, tier["tier"]), first, exactly, wrong, rest, seconds])
+    rows += [[_title(tier), takes(outcome, tier), "not run", *4 * ["–"]] for tier in not_run(outcome)]
+    return _markdown(["concealed", "takes", "named first", "just that", "a wrong name", "further", "seconds"], rows)
+
+
+def _title(tier: str) -> str:
+    return TITLES.get(tier, tier)
 
 
 def methods(outcome: Mapping[str, Any]) -> str:
@@ -128,8 +150,10 @@ def _shortened(name: str, most: int = 32) -> str:
 
 
 def answers(outcomes: Sequence[Mapping[str, Any]]) -> str:
-    """The README's table of questions to real recordings: one row each."""
+    """The docs' table of questions to real recordings: one row each, a tier's together."""
     rows = [row for outcome in outcomes for row in outcome["rows"]]
+    tiers = list(dict.fromkeys(row["tier"] for row in rows))
+    rows.sort(key=lambda r: (tiers.index(r["tier"]), r["recording"], r["case"]))
     return _markdown(
         ["tier", "recording", "what", "error", "answered", "right"],
         [

@@ -31,6 +31,8 @@ docs/results/faults.json.
 
 ## Ways to be wrong, and what is said
 Made by code from one clean drive (`tests/catalogue`), numbers shown as #. The clean drive is read without a word.
+*Refused*: one error with exit code 4, and the next step. *Read*: used, and what is *fixed* (the same values, written
+otherwise), *excluded* (left out, counted and located) or only a *warning* is told. Rows of one number are of one kind.
 
 {catalogue_table(golden)}
 """

@@ -6,6 +6,9 @@ from typing import Any
 
 from faults.fuzzing import FAILURES
 
+NAMES = {"\x1b": "ESC", "\x00": "NUL"}
+"""Of what nobody sees."""
+
 
 def catalogue_table(golden: dict[str, dict[str, list[str]]]) -> str:
     """What is said of each input: a refusal's cause and next step, or what is told of a take that is read."""
@@ -21,10 +24,10 @@ def catalogue_table(golden: dict[str, dict[str, list[str]]]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown shows as it is."""
-    for sign in ("|", "<", ">", "[", "]", "_", "\x1b"):
-        text = text.replace(sign, "ESC" if sign == "\x1b" else f"\\{sign}")
-    return text
+    """Text that Markdown shows as it is, and that any viewer takes for text."""
+    for sign in ("|", "<", ">", "[", "]", "_"):
+        text = text.replace(sign, f"\\{sign}")
+    return "".join(sign if sign.isprintable() else NAMES.get(sign, "\N{REPLACEMENT CHARACTER}") for sign in text)
 
 
 def faults_table(found: dict[str, Any]) -> str:
