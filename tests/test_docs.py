@@ -137,7 +137,8 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
 
 
 def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
-    from bcid.proof.real import NOT_ASKED, TIERS
+    from bcid.proof.real_cases import NOT_ASKED
+    from bcid.proof.real_outcome import TIERS
     from bcid.report import proof_page
 
     assert proof_page.NOT_ASKED == NOT_ASKED

@@ -30,8 +30,8 @@ from bcid.likelihood.newton import within
 from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
-from bcid.proof.asking import run_case
 from bcid.proof.cases import Case
+from bcid.proof.running import run_case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import ROUGHNESS_TIME_S

@@ -25,9 +25,10 @@ from bcid.proof import edited, real
 from bcid.proof.asked import Asked
 from bcid.proof.edits import EDITS
 from bcid.proof.keeping import kept
-from bcid.proof.real import NOT_ASKED, outcome, run_real
+from bcid.proof.real import run_real
+from bcid.proof.real_cases import NOT_ASKED, Edited, Withheld, read_cases
 from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
-from bcid.proof.real_cases import Edited, Withheld, read_cases
+from bcid.proof.real_outcome import outcome
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -95,16 +96,17 @@ def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str
     np.testing.assert_array_equal(acting(edited, t)[:, 1 - which], acting(drive.commands, t)[:, 1 - which])
 
 
-def test_two_delays_that_cannot_be_told_from_a_late_pose_are_both_named() -> None:
-    """And a car's effect among what cannot be told apart is the vehicle's."""
-    late = {"effect": "pose_latency", "twins": ["steering_delay+motor_delay"]}
-    answer = {"verdict": "ambiguous", "findings": [late]}
-    named = {"pose_latency", "steering_delay", "motor_delay"}
-    assert real._named(answer) == named
-    assert real._with_kinds(named) == {*named, VEHICLE_PHYSICS}
+def test_two_delays_that_cannot_be_told_from_a_late_pose_are_accepted_together() -> None:
+    """And either of them alone is the vehicle's, where nothing of it may be named."""
+    named = {"pose_latency", "steering_delay+motor_delay"}
+    assert real._accepted(named, ["pose_latency"])
+    assert real._accepted(named, ["motor_delay", "steering_delay"])
+    assert not real._accepted(named, ["steering_delay"])
+    parts = {"pose_latency", "steering_delay", "motor_delay"}
+    assert real._parts(named) == parts
+    assert real._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
     assert real._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
-    nothing = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fy"}}
-    assert real._named(nothing) == {"unknown in fy"}
+    assert real._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
 
 
 @pytest.mark.parametrize(("spun", "error"), [(0, 0.5), (3, np.inf)])
@@ -122,16 +124,47 @@ def test_a_simulation_that_leaves_the_finite_numbers_is_endlessly_wrong(
 
 def test_what_makes_no_difference_does_not_count() -> None:
     rows = [
-        {"tier": tier, "recording": "r", "case": "c", "right": right, "verdict": verdict}
-        for tier, right, verdict in (
-            ("withheld", True, "named"), ("withheld", False, "unknown"), ("withheld", True, NOT_ASKED),
-            ("control", True, "complete"), ("edited", False, "named"),
+        {"tier": tier, "recording": "r", "case": "c", "right": right, "verdict": said, "first": first, "beside": more}
+        for tier, right, said, first, more in (
+            ("withheld", True, "named", True, ["rear_toe"]), ("withheld", True, "named", False, []),
+            ("withheld", False, "unknown", False, []), ("withheld", True, NOT_ASKED, False, []),
+            ("control", True, "complete", True, []), ("edited", False, "named", False, []),
         )
     ]  # fmt: skip
     told = outcome(rows)["tiers"]
     assert told == {
-        "withheld": {"right": 1, "n": 2}, "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
+        "withheld": {"right": 2, "n": 3, "first": 1, "alone": 1}, "control": {"right": 1, "n": 1},
+        "edited": {"right": 0, "n": 1},
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("findings", "right", "first", "beside"),
+    [
+        ([("motor_lag", []), ("rear_toe", [])], True, True, ["rear_toe"]),
+        ([("rear_toe", []), ("pose_scale", ["motor_lag"])], True, False, ["rear_toe"]),
+        ([("pose_latency", ["steering_delay+motor_lag"])], False, False, ["pose_latency"]),
+        ([], True, True, []),  # unknown in fx is accepted as well
+    ],
+)
+def test_what_is_withheld_is_right_by_any_name_and_told_apart_from_first(
+    findings: list[tuple[str, list[str]]], right: bool, first: bool, beside: list[str], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
+    monkeypatch.setattr(Asked, "moved", lambda *_: (None, None, None))
+    monkeypatch.setattr(real, "diagnosed", lambda *_: None)
+    errors = iter([np.full(2, 2.0), np.ones(2)])  # without, and with what is withheld
+    monkeypatch.setattr(real, "_errors_of_the_whole", lambda *_: np.ones(2))
+    monkeypatch.setattr(real, "_errors", lambda *_: next(errors))
+    told = [{"effect": effect, "twins": twins} for effect, twins in findings]
+    answer = {"verdict": "named" if told else "unknown", "findings": told, "remainder": {"channel": "fx"}}
+    monkeypatch.setattr(real, "said", lambda _: answer)
+    lag = {"steering": {"time_constant_s": 0.05}}
+    case = Withheld(recording="take.csv", name="lag", vehicle=lag, accepted=["motor_lag", "unknown in fx"])
+    row = real._withheld(case, asked)
+    assert (row["right"], row["first"], row["beside"]) == (right, first, beside)
 
 
 def test_blocks_are_short_in_a_short_take_and_never_long() -> None:
@@ -434,7 +467,7 @@ accepted = ["steering_lag"]
     assert share == 1.0
     assert row["ratio"] == pytest.approx(1.0, abs=0.05)
     assert row["verdict"].startswith("not asked")
-    assert outcome([row])["tiers"] == {"withheld": {"right": 0, "n": 0}}
+    assert outcome([row])["tiers"] == {"withheld": {"right": 0, "n": 0, "first": 0, "alone": 0}}
 
 
 @pytest.mark.parametrize(
@@ -495,7 +528,8 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     for _ in range(2):
         rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
         assert outcome(rows)["tiers"] == {
-            "withheld": {"right": 0, "n": 1}, "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
+            "withheld": {"right": 0, "n": 1, "first": 0, "alone": 0}, "control": {"right": 1, "n": 1},
+            "edited": {"right": 0, "n": 1},
         }  # fmt: skip
         told = {row["tier"]: row.get("error", "") for row in rows}
         assert "left the numbers" in told["withheld"]
@@ -509,7 +543,7 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
     said = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fx"}}
     monkeypatch.setattr(real, "_withheld", lambda case, _: {
         "tier": "withheld", "recording": case.recording, "case": case.name, "ratio": 2.0, "wanted": True,
-        "right": case.control, **said,
+        "right": case.control, "first": case.control, "beside": [], **said,
     })  # fmt: skip
     monkeypatch.setattr(edited, "as_it_was", lambda *_: None)
     monkeypatch.setattr(edited, "answered", lambda case, *_: {
@@ -522,7 +556,7 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
         main()
     told = capsys.readouterr()
     assert ended.value.code == 5
-    assert "withheld: 1 of 2; edited: 1 of 1" in " ".join(told.out.split())
+    assert "withheld: 1 of 2, 1 first, 1 alone; edited: 1 of 1" in " ".join(told.out.split())
     assert "drag of the steered wheel" in told.err
     assert json.loads((tmp_path / "real.json").read_text())["tiers"]["edited"] == {"right": 1, "n": 1}
 

@@ -111,13 +111,17 @@ def plan(
 
 
 def prove(
-    out: Annotated[Path, typer.Option("--out", help="Where the cases' results are kept; a second run goes on.")],
+    out: Annotated[Path, typer.Option("--out", help="The folder for results; a second run with the same goes on.")],
     quick: Annotated[bool, typer.Option("--quick", help="Eighteen cases of ten tiers, and the baselines.")] = False,
-    seed: Annotated[int, typer.Option(help="Of what is concealed, drivers and noise.")] = 1,
-    salt: Annotated[str, typer.Option(help="Of the seal that is printed before; without one there is no seal.")] = "",
-    repeats: Annotated[int, typer.Option(min=1, help="Singles of every effect.")] = 3,
+    seed: Annotated[int, typer.Option(help="Random seed of what is concealed, drivers and noise.")] = 1,
+    salt: Annotated[
+        str, typer.Option(help="A secret text: a digest of it and all answers is printed before the run.")
+    ] = "",
+    repeats: Annotated[int, typer.Option(min=1, help="Takes that conceal one effect, of every effect.")] = 3,
     nulls: Annotated[int, typer.Option(min=0, help="Takes that conceal nothing.")] = 300,
-    imperfect_nulls: Annotated[int, typer.Option(min=0, help="The same with an imperfect base.")] = 100,
+    imperfect_nulls: Annotated[
+        int, typer.Option(min=0, help="The same of a car that the base model does not fit.")
+    ] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
     every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
     baselines: Annotated[bool, typer.Option("--baselines", help="Run other methods on the same takes.")] = False,
@@ -133,9 +137,13 @@ def prove(
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Conceal effects in takes and count what the diagnosis makes of them; resumable."""
+    if quick and every != 1:
+        raise UsageError("--quick is a part of its own\n  next: leave out --every")
     if real is not None:
-        if minutes is not None:
-            raise UsageError("--minutes is of concealed cases\n  next: leave it out with --real, which goes on as well")
+        concealed = {"quick": quick, "salt": salt, "baselines": baselines, "minutes": minutes is not None}
+        given = [f"--{name}" for name, is_given in concealed.items() if is_given]
+        if given:
+            raise UsageError(f"{', '.join(given)}: of concealed cases\n  next: leave it out with --real")
         _prove_real(real, recordings, out, workers or os.cpu_count() or 1, Sink(format))
     else:
         sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs}
@@ -157,7 +165,7 @@ def _prove(
     """Answers are sealed, cases are run, as many as the `minutes` allow, their seals are opened, all is counted."""
     from bcid.cli import show
     from bcid.proof.baselines import summary
-    from bcid.proof.outcome import missed, outcome
+    from bcid.proof.outcome import outcome
     from bcid.proof.running import known, run_all
     from bcid.proof.seal import opened, seal_up
     from bcid.report.proof_page import write_proof_page
@@ -181,17 +189,16 @@ def _prove(
     write_proof_page(found, out / "prove.html")
     sink.result(found, lambda: show.proof(found))
     sink.note(f"page: {out / 'prove.html'}")
-    short = missed(found)
-    if short:
-        raise GoalMissed(
-            f"goals missed ({'; '.join(short)})\n  next: look at the rows of what was answered wrongly in {out}"
-        )
+    if found["missed"]:
+        short = "; ".join(found["missed"])
+        raise GoalMissed(f"goals missed ({short})\n  next: see what was answered wrongly in {out / 'prove.html'}")
 
 
 def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
     """Every question to real recordings, counted."""
     from bcid.cli import show
-    from bcid.proof.real import outcome, run_real
+    from bcid.proof.real import run_real
+    from bcid.proof.real_outcome import outcome
 
     rows: list[dict[str, Any]] = []
     with sink.stage("prove on real recordings") as progress:

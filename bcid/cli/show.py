@@ -171,7 +171,10 @@ def real_proof(found: dict[str, Any]) -> Group:
         ]
         for r in found["rows"]
     ]  # fmt: skip
-    told = "; ".join(f"{tier}: {t['right']} of {t['n']}" for tier, t in found["tiers"].items())
+    told = "; ".join(
+        f"{tier}: {t['right']} of {t['n']}" + (f", {t['first']} first, {t['alone']} alone" if "first" in t else "")
+        for tier, t in found["tiers"].items()
+    )
     return Group(
         table(
             "real recordings",
@@ -196,7 +199,7 @@ def bench(found: Mapping[str, Any]) -> Table:
     absent = [name for name, version in found["versions"].items() if version is None]
     caption = f"{found['machine']['processor']}, {found['machine']['cores']} cores; medians of {found['repeats']} turns"
     if absent:
-        caption += f"; not installed and left out: {', '.join(absent)} (pip install bcid[bench])"
+        caption += f"; not installed and left out: {', '.join(absent)} (pip install -e '.[bench]')"
     columns = ["path", "ours, ms", "peer", "peer, ms", "ratio", "goal", "largest difference"]
     return table("hot paths beside their peers", columns, rows, caption)
 

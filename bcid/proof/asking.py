@@ -3,33 +3,34 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.heldout import scores
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.likelihood.refit import refit
+from bcid.simulation.drive import Drive
 from bcid.virtual_lab import TUNING, recorded, vehicle
 
-if TYPE_CHECKING:  # a suite that grows leaves the rows of its cases as they are
-    from bcid.proof.cases import Case
 
+def answered(
+    run: Drive, rate_hz: float, left_out: tuple[str, ...], truth: Mapping[str, Mapping[str, float]]
+) -> tuple[dict[str, Any], Diagnosis]:
+    """What the diagnosis says of a drive's recording, as it is scored and whole.
 
-def run_case(case: Case, others: bool = False) -> dict[str, Any]:
-    """What the diagnosis says of the case's recording, and with `others` what the baselines make of it."""
+    It sees the recording and the vehicle file, and what it may not name.  The `truth`, parameters by effect of what it
+    could have named, is held beside its answer afterwards.  How cases are made and scored is not known here, so that
+    rows outlive changes of either.
+    """
     of = vehicle()
-    recording = recorded(case.driven(), case.rate_hz, of, "concealed")  # all that the diagnosis sees, with the vehicle
+    recording = recorded(run, rate_hz, of, "concealed")
     begin = time.perf_counter()
     estimate = estimate_motion(recording, of, TUNING)
-    found = diagnosed([recording], [estimate], of, left_out=case.left_out)
+    found = diagnosed([recording], [estimate], of, left_out=left_out)
     seconds = time.perf_counter() - begin
-    row = {**said(found), "seconds": round(seconds, 2), **_oracle(case, found)}
-    if others:
-        from bcid.proof.baselines import compared
-
-        row["others"] = compared(found)
-    return row
+    return {**said(found), "seconds": round(seconds, 2), **_oracle(truth, found)}, found
 
 
 def said(found: Diagnosis) -> dict[str, Any]:
@@ -61,20 +62,20 @@ def said(found: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _oracle(case: Case, found: Diagnosis) -> dict[str, Any]:
+def _oracle(truth: Mapping[str, Mapping[str, float]], found: Diagnosis) -> dict[str, Any]:
     """Held-out gain of what was found, over that of refitting the true structure from the true values.
 
     And whether that is worth more than chance: else the recording does not show the effect at all.  Nothing of several
-    effects, or of one that has no name here or that the search was not allowed.
+    effects.
     """
-    if len(case.concealed) != 1 or case.channel:
+    if len(truth) != 1:
         return {"oracle_share": None}
     corrected, fit, take = found.search.corrected, found.judgement.fit, found.take
-    (hidden,) = case.concealed
-    held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), hidden.effect)
+    ((effect, parameters),) = truth.items()
+    held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), effect)
     hypothesis, old = corrected.hypothesis.holding(*held), fit.values()
     values = [
-        hidden.parameters[p.symbol] if name == hidden.effect else old[field][0]
+        parameters[p.symbol] if name == effect else old[field][0]
         for name in held
         for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
     ]

@@ -222,10 +222,10 @@ def compared(found: Diagnosis) -> dict[str, dict[str, Any]]:
         for method, says in METHODS.items():
             begin = time.perf_counter()
             try:
-                said = says(ground)
-            except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # a method that fails says nothing
-                said = Said(None, False, None)
-            told[method] = {**said._asdict(), "seconds": round(time.perf_counter() - begin, 2)}
+                said, failed = says(ground), ""
+            except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:  # it says nothing, and is counted
+                said, failed = Said(None, False, None), repr(error)
+            told[method] = {**said._asdict(), "failed": failed, "seconds": round(time.perf_counter() - begin, 2)}
     return told
 
 
@@ -257,5 +257,6 @@ def _counted(method: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         "false": float(np.mean([r["detected"] for r in nothing])) if nothing else None,
         "detected": float(np.mean([r["detected"] for r in there])) if there else None,
         "explained": float(np.median(explained)) if explained else None,
+        "failed": sum(bool(r.get("failed")) for r in rows),
         "seconds": float(np.median([r["seconds"] for r in rows])),
     }  # fmt: skip

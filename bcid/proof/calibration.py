@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from bcid.proof.scoring import exact_ci95
+
 EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
+SIGNIFICANT = 0.05
 
 
 @dataclass(frozen=True)
@@ -18,7 +21,7 @@ class Calibration:
 
     n: int
     brier: float | None
-    bins: tuple[dict[str, float], ...]  # low, high, n, stated (mean), there (share)
+    bins: tuple[dict[str, Any], ...]  # low, high, n, stated (mean), there (share), there_ci95
 
 
 def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
@@ -35,6 +38,13 @@ def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
         if inside.any():
             bins.append({
                 "low": low, "high": high, "n": int(inside.sum()), "stated": float(p[inside].mean()),
-                "there": float(y[inside].mean()),
+                "there": float(y[inside].mean()), "there_ci95": exact_ci95(int(y[inside].sum()), int(inside.sum())),
             })  # fmt: skip
     return Calibration(len(p), float(np.mean((p - y) ** 2)) if len(p) else None, tuple(bins))
+
+
+def of_nothing(rows: Iterable[dict[str, Any]]) -> dict[str, Any] | None:
+    """How many takes of nothing have a p-value of SIGNIFICANT or less, a share that it should be; None without any."""
+    p = [row["p_value"] for row in rows if row["tier"] == "null" and "p_value" in row]
+    low = sum(value <= SIGNIFICANT for value in p)
+    return {"n": len(p), "level": SIGNIFICANT, "share": low / len(p), "ci95": exact_ci95(low, len(p))} if p else None

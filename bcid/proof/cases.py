@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from bcid.proof.concealed import MEASUREMENT, MOST, OUTSIDE, SIZES, Concealed, conceal, flaws, outside
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.drive import COMMAND_HZ, Drive, drive
+from bcid.simulation.drive import Drive, drive, slow_circles
 
 ROUGHNESS = {"rough_force": 3.0, "rough_moment": 1.5}
 """Of the floor, N and N m, wherever the base is imperfect or the recording harder; a matched car has no extras."""
@@ -81,6 +80,11 @@ class Case:
         """What is there."""
         return tuple(c.effect for c in self.concealed)
 
+    @property
+    def nameable(self) -> dict[str, dict[str, float]]:
+        """Of what is there all that the search may name, with its parameters."""
+        return {} if self.channel else {c.effect: dict(c.parameters) for c in self.concealed}
+
     def plant(self) -> Plant:
         """The car with what is concealed."""
         rng = np.random.default_rng([self.seed, self.number, 7])
@@ -108,7 +112,7 @@ class Case:
 
     def driven(self) -> Drive:
         """The drive."""
-        given = _circles(self.duration_s) if self.driver == "circles" else None
+        given = slow_circles(self.duration_s) if self.driver == "circles" else None
         return drive(
             self.plant(), self.sensor(), self.duration_s, self._drive_seed(), given=given,
             pursues=self.driver == "pursuit",
@@ -116,12 +120,6 @@ class Case:
 
     def _drive_seed(self) -> int:
         return int(np.random.default_rng([self.seed, self.number, 11]).integers(2**31))
-
-
-def _circles(duration: float) -> npt.NDArray[np.float64]:
-    """Slow circles to the left: commands (M, 2) that neither saturate, nor limit, nor brake anything."""
-    t = np.arange(round(duration * COMMAND_HZ)) / COMMAND_HZ
-    return np.column_stack([0.62 + 0.06 * np.sin(0.21 * t), 0.72 + 0.08 * np.sin(0.13 * t)])
 
 
 USUAL = Case("usual", 0, ())
@@ -230,6 +228,6 @@ def quick_suite(cases: Sequence[Case], seed: int) -> list[Case]:
         of = [c for c in cases if c.tier == tier]
         shuffled = [of[i] for i in np.random.default_rng([seed, k, 5]).permutation(len(of))]
         different = list({c.answer: c for c in shuffled}.values())
-        few = len(of[every // 2 :: every])
+        few = max(len(of[every // 2 :: every]), min(len(of), 1))
         drawn += (different if len(different) >= few else shuffled)[:few]
     return drawn

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from bcid import __version__
-from bcid.proof.calibration import calibration
+from bcid.proof.calibration import calibration, of_nothing
 from bcid.proof.scoring import each_pooled, pooled, right, tiers
 from bcid.store.code import code_of
 
@@ -22,7 +22,7 @@ REFUTED = 0.01  # of a quick run: right answers as few are rarer, were the goals
 
 def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, Any]:
     """All figures of `rows`; `about` holds seed, salt and seal of the run, and whether it is a quick one."""
-    return {
+    found = {
         "schema": SCHEMA,
         **about,
         "cases": len(rows),
@@ -33,9 +33,11 @@ def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, 
         "pooled": pooled(rows),
         "pooled_by_tier": each_pooled(rows),
         "calibration": asdict(calibration(rows)),
+        "p_values": of_nothing(rows),
         "confusion": confusion(rows),
         "wrong": [wrong(row) for row in rows if not right(row)],
     }
+    return {**found, "missed": missed(found)}
 
 
 def wrong(row: dict[str, Any]) -> dict[str, Any]:
@@ -50,20 +52,25 @@ def wrong(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def missed(found: dict[str, Any]) -> list[str]:
-    """The goals that an outcome misses; of a quick one or of a part, in which single figures are chance, all together.
+    """The goals that an outcome misses, tier by tier where all of a tier's takes have run.
 
-    And every tier, as if any of them had been looked at alone (Bonferroni).
+    In a few takes, those of a quick run or of a tier that has not ended, single figures are chance: their right
+    answers are judged all together, and every such tier as if any of them had been looked at alone (Bonferroni).
     """
-    errors = [f"{t['tier']}: {t['errors']} errors" for t in found["tiers"] if t["errors"]]
-    if found.get("quick") or found["cases"] < found.get("of", 0):
-        every = found["pooled_by_tier"]
-        least = {tier: REFUTED / len(every) for tier in every}
-        return errors + [
-            f"{tier}: {few['right']} of {few['n']} right where {few['expected']:.1f} are wanted"
-            for tier, few in {"all": found["pooled"], **every}.items()
-            if few["p"] < least.get(tier, REFUTED)
-        ]
-    return [*errors, *(f"{t['tier']}: {field}" for t in found["tiers"] for field in t["missed"])]
+    of = found.get("tiers_of", {})
+    ended = [t for t in found["tiers"] if not found.get("quick") and t["n"] >= of.get(t["tier"], 0)]
+    few = [t["tier"] for t in found["tiers"] if t not in ended]
+    judged = {"all": (found["pooled"], REFUTED)} if few else {}
+    judged |= {tier: (found["pooled_by_tier"][tier], REFUTED / len(few)) for tier in few}
+    return [
+        *(f"{t['tier']}: {t['errors']} errors" for t in found["tiers"] if t["errors"]),
+        *(f"{t['tier']}: {field}" for t in ended for field in t["missed"]),
+        *(
+            f"{tier}: {told['right']} of {told['n']} right where {told['expected']:.1f} are wanted"
+            for tier, (told, least) in judged.items()
+            if told["p"] < least
+        ),
+    ]
 
 
 def confusion(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:

@@ -29,7 +29,7 @@ from bcid.proof import edited
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
 from bcid.proof.keeping import keep, kept
-from bcid.proof.real_cases import VEHICLE, Edited, Withheld, read_cases
+from bcid.proof.real_cases import NOT_ASKED, VEHICLE, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
@@ -38,12 +38,9 @@ from bcid.vehicle import Vehicle, read_vehicle
 
 Floats = npt.NDArray[np.float64]
 
-SCHEMA = "bcid.prove-real/1"
 HORIZON_S = 1.0
 MOVING = 0.3  # m/s: slower predictions are not compared
 MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
-TIERS = ("withheld", "control", "edited")
-NOT_ASKED = "not asked"  # what makes no difference where it is withheld
 
 
 _Case = tuple[Withheld | Edited, str]  # and the key of its row
@@ -150,17 +147,30 @@ def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
     if not (wanted or case.control):
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
     answer = said(diagnosed([recording], [estimate], vehicle, less))
-    beside = [f["effect"] for f in answer["findings"] if not {f["effect"], *f["twins"]} & set(case.accepted)]
-    told = _with_kinds(_named(answer) - set(case.known))
-    return {**row, "beside": beside, "right": bool(told & set(case.accepted)) != case.control, **answer}
+    sets = [{f["effect"], *f["twins"]} for f in answer["findings"]]
+    met = [_accepted(names, case.accepted) for names in sets]
+    beside = [f["effect"] for f, is_met in zip(answer["findings"], met, strict=True) if not is_met]
+    if case.control:
+        told = _parts(set().union(*sets, _nameless(answer)))
+        right = not _with_kinds(told - set(case.known)) & set(case.accepted)
+    else:
+        right = any(met) or _accepted(_nameless(answer), case.accepted)
+    return {**row, "first": right and (not met or met[0]), "beside": beside, "right": right, **answer}
 
 
-def _named(answer: Mapping[str, Any]) -> set[str]:
-    """All that the answer may mean by its names: effects, what cannot be told from them, a channel without a name."""
-    named = {e for f in answer["findings"] for twin in (f["effect"], *f["twins"]) for e in twin.split("+")}
-    if answer["verdict"] == "unknown":
-        named.add(f"unknown in {answer['remainder']['channel']}")
-    return named
+def _accepted(names: Set[str], accepted: Sequence[str]) -> bool:
+    """Whether one of the names is accepted; several that are alike only together, if all of them are."""
+    return any(set(name.split("+")) <= set(accepted) for name in names)
+
+
+def _nameless(answer: Mapping[str, Any]) -> set[str]:
+    """What the answer says of what has no name."""
+    return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
+
+
+def _parts(names: Set[str]) -> set[str]:
+    """Every effect that the names may mean."""
+    return {part for name in names for part in name.split("+")}
 
 
 def _with_kinds(named: Set[str]) -> set[str]:
@@ -201,18 +211,3 @@ def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats
     off = (restarted(model, estimate, HORIZON_S).twist - estimate.twist)[:, [0, 2]]
     known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > MOVING)
     return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
-
-
-def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """All rows in order, and right answers of how many, tier by tier.
-
-    What makes no difference to the error where it is withheld does not count.
-    """
-    rows = sorted(rows, key=lambda r: (TIERS.index(r["tier"]), r["recording"], r["case"]))
-    counted = [r for r in rows if r["verdict"] != NOT_ASKED]
-    tiers = {
-        tier: {"right": sum(r["right"] for r in of), "n": len(of)}
-        for tier in dict.fromkeys(r["tier"] for r in rows)
-        for of in [[r for r in counted if r["tier"] == tier]]
-    }
-    return {"schema": SCHEMA, "code": code_of(__name__).digest, "tiers": tiers, "rows": rows}

@@ -15,6 +15,7 @@ from bcid.proof.edits import EDITS
 from bcid.toml_file import Settings, read_toml
 
 VEHICLE = "vehicle"
+NOT_ASKED = "not asked"  # a verdict: what makes no difference where it is withheld
 UNKNOWN = tuple(f"unknown in {channel}" for channel in get_args(Channel))
 
 

@@ -6,25 +6,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-import numpy as np
-
-from bcid.effects.table import EFFECTS
-from bcid.report.figures import png
+from bcid.report.proof_figures import calibration_picture, confusion_picture
 from bcid.report.templates import template
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt  # the backend must be chosen first
 
 COLUMNS = {
     "first": "top1", "in the set": "set", "exact": "exact", "false alarms": "false", "unknown": "unknown",
     "wrong name": "wrong", "in its channel": "channel", "told as not excited": "not_seen",
     "measurement so called": "kind", "located": "located", "place": "place_overlap", "time": "time_overlap",
     "set size": "set_size", "parameter error": "parameter_error", "95 % intervals hold": "coverage",
-    "oracle's gain": "oracle_share", "errors": "errors", "seconds": "seconds",
+    "oracle's gain": "oracle_share", "not shown": "unshown", "more told beside": "more",
+    "a place where none is": "place_told", "errors": "errors", "seconds": "seconds",
 }  # fmt: skip
 PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap", "errors")
 """Fields that are no shares of takes."""
+
+UNUSUAL = ("errors", "unshown")
+"""Fields that are told where there is something to tell."""
 
 ALWAYS = ("channel", "not_seen", "coverage")
 """Fields that the README's table has of every tier that fills them."""
@@ -44,8 +41,6 @@ TITLES = {
 
 NOT_ASKED = "not asked"
 """Of a real recording: what makes no difference where it is withheld."""
-
-OTHER_ANSWERS = ("unknown", "nothing", "error")
 
 
 def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> str:
@@ -79,7 +74,7 @@ def shown(tiers: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return {
         title: f
         for title, f in COLUMNS.items()
-        if any(t.get(f) is not None and (f != "errors" or t[f] > 0) for t in tiers)
+        if any(t.get(f) is not None and (f not in UNUSUAL or t[f] > 0) for t in tiers)
     }
 
 
@@ -195,44 +190,8 @@ def _of_a_method(method: Mapping[str, Any]) -> str:
     """What a method that may not name anything has to show."""
     titles = {"top1": "first", "detected": "detects", "false": "false alarms", "explained": "of the error explained"}
     told = [f"{title} {_number(method[f], f)}" for f, title in titles.items() if method[f] is not None]
-    return "; ".join([*told, f"seconds {_number(method['seconds'], 'seconds')}"])
-
-
-def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> str:
-    """What was concealed against what was answered first, as a PNG."""
-    known = [e for e in EFFECTS if e in confusion]
-    more = [e for e in confusion if e not in EFFECTS]
-    truths = [*known, *more]
-    answers = [*(e for e in EFFECTS if e in known or any(e in said for said in confusion.values())), *OTHER_ANSWERS]
-    counts = np.array([[confusion[t].get(a, 0) for a in answers] for t in truths], dtype=float)
-    counts = counts.reshape(len(truths), len(answers))
-    shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    figure, ax = plt.subplots(figsize=(11, 1.5 + 0.2 * len(truths)), layout="constrained")
-    ax.imshow(np.ma.masked_equal(shares, 0.0), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    ax.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=7)
-    ax.set_yticks(range(len(truths)), [t.replace("_", " ") for t in truths], fontsize=7)
-    for i, j in zip(*np.nonzero(counts), strict=True):
-        ax.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=6,
-                color="white" if shares[i, j] > 0.5 else "black")  # fmt: skip
-    ax.set_xlabel("answered first")
-    ax.set_ylabel("concealed alone")
-    ax.grid(False)
-    return png(figure)
-
-
-def calibration_picture(calibration: Mapping[str, Any]) -> str:
-    """Stated probability against the share that was there, as a PNG."""
-    figure, ax = plt.subplots(figsize=(4.5, 4.0), layout="constrained")
-    ax.plot([0, 1], [0, 1], color="#999999", lw=1)
-    bins = calibration["bins"]
-    ax.plot([b["stated"] for b in bins], [b["there"] for b in bins], "o-", color="#0072b2")
-    for b in bins:
-        ax.annotate(f"{b['n']:.0f}", (b["stated"], b["there"]), textcoords="offset points", xytext=(6, -10), fontsize=8)
-    ax.set_xlabel("stated probability")
-    ax.set_ylabel("share that was there")
-    ax.set_xlim(0, 1.03)
-    ax.set_ylim(0, 1.03)
-    return png(figure)
+    failed = [f"failed {method['failed']}"] if method.get("failed") else []
+    return "; ".join([*told, *failed, f"seconds {_number(method['seconds'], 'seconds')}"])
 
 
 def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
@@ -248,7 +207,8 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
     ]
     text = template("proof.html.j2").render(
         o=outcome, columns=list(columns), rows=rows, not_run=not_run(outcome),
-        whole=outcome.get("of", outcome["cases"]), made_after_opening=outcome.get("made_after_opening", 0),
+        whole=outcome.get("of", outcome["cases"]), known_before=outcome.get("known_before", 0),
+        made_after_opening=outcome.get("made_after_opening", 0), missed=outcome["missed"],
         baselines=outcome.get("baselines") or [], confusion=confusion_picture(outcome["confusion"]),
         calibration=calibration_picture(outcome["calibration"]) if outcome["calibration"]["bins"] else None,
     )  # fmt: skip

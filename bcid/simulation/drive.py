@@ -81,6 +81,12 @@ def _run(
     return states, commands
 
 
+def slow_circles(duration: float) -> Floats:
+    """Commands (duration * 20, 2) of slow circles to the left, that neither saturate, nor limit, nor brake anything."""
+    t = np.arange(round(duration * COMMAND_HZ)) / COMMAND_HZ
+    return np.column_stack([0.62 + 0.06 * np.sin(0.21 * t), 0.72 + 0.08 * np.sin(0.13 * t)])
+
+
 def drive(
     plant: Plant, sensor: Sensor, duration: float, seed: int, arena: Arena | None = None, given: Floats | None = None,
     pursues: bool = False,

@@ -1,0 +1,31 @@
+"""What the answers of real recordings amount to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bcid.proof.real_cases import NOT_ASKED
+from bcid.store.code import code_of
+
+SCHEMA = "bcid.prove-real/1"
+TIERS = ("withheld", "control", "edited")
+
+
+def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """All rows in order, and right answers of how many, tier by tier.
+
+    Of what was withheld also how many right names stand first, and how many have no other beside them.  What makes no
+    difference to the error where it is withheld does not count.
+    """
+    rows = sorted(rows, key=lambda r: (TIERS.index(r["tier"]), r["recording"], r["case"]))
+    counted = [r for r in rows if r["verdict"] != NOT_ASKED]
+    tiers = {
+        tier: {"right": sum(r["right"] for r in of), "n": len(of)}
+        for tier in dict.fromkeys(r["tier"] for r in rows)
+        for of in [[r for r in counted if r["tier"] == tier]]
+    }
+    if "withheld" in tiers:
+        right = [r for r in counted if r["tier"] == "withheld" and r["right"]]
+        tiers["withheld"] |= {"first": sum(r["first"] for r in right), "alone": sum(not r["beside"] for r in right)}
+    return {"schema": SCHEMA, "code": code_of("bcid.proof.real").digest, "tiers": tiers, "rows": rows}
