@@ -56,23 +56,15 @@ def options(
     """From motion-capture logs of small ground vehicles to fitted planar models and a comparison."""
 
 
-app.command()(diagnosing.diagnose)
-app.command()(diagnosing.plan)
-app.command()(diagnosing.prove)
-app.command()(bench)
-
-
-@app.command()
 def run(
     pipeline: PipelineOption = None,
     allow_partial: AllowPartialOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Do everything: ingest, estimate, fit every model, evaluate, report."""
+    """Do everything: ingest, estimate, fit every model, evaluate, report, diagnose what the pipeline file names."""
     _report(pipeline, [], allow_partial, Sink(format))
 
 
-@app.command()
 def report(
     model: Annotated[
         list[Path] | None,
@@ -101,7 +93,6 @@ def _report(pipeline: Path | None, models: list[Path], allow_partial: bool, sink
     end(work)
 
 
-@app.command()
 def ingest(
     recordings: Recordings = None,
     pipeline: PipelineOption = None,
@@ -133,7 +124,6 @@ def ingest(
     end(work)
 
 
-@app.command()
 def estimate(
     recordings: Recordings = None,
     pipeline: PipelineOption = None,
@@ -157,7 +147,6 @@ def estimate(
     end(work)
 
 
-@app.command()
 def fit(
     recordings: Recordings = None,
     model: Annotated[
@@ -200,7 +189,6 @@ def fit(
     end(work)
 
 
-@app.command()
 def models(format: FormatOption = Format.human) -> None:  # noqa: A002
     """List the models."""
     rows = [
@@ -214,7 +202,6 @@ def models(format: FormatOption = Format.human) -> None:  # noqa: A002
     )
 
 
-@app.command()
 def effects(
     name: Annotated[str | None, typer.Argument(help="One effect's id; all of them where none is named.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="As the page docs/effects.md.")] = False,
@@ -236,7 +223,6 @@ def effects(
     Sink(format).result({"schema": "bcid.effects/1", "effects": [as_json(e) for e in chosen]}, human)
 
 
-@app.command()
 def simulate(
     name: Annotated[str, typer.Argument(help="The take's name.")] = "simulated",
     out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = Path(),
@@ -250,7 +236,9 @@ def simulate(
     ideal: Annotated[bool, typer.Option("--ideal", help="The paper's car alone: none of a real car's extras.")] = False,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", help="A constant of the plant or the sensor, NAME=VALUE; repeat for several."),
+        typer.Option(
+            "--set", help="A constant of the car or the sensor, NAME=VALUE (most ids of bcid effects); repeat."
+        ),
     ] = None,
     sample_logs: Annotated[Path | None, typer.Option(help="Make all of sample_logs/ in this folder instead.")] = None,
     model: Annotated[
@@ -295,7 +283,6 @@ def simulate(
     )
 
 
-@app.command()
 def init(
     folder: Annotated[Path, typer.Argument(help="Where to write the two files.")] = Path(),
     format: FormatOption = Format.human,  # noqa: A002
@@ -313,6 +300,13 @@ def init(
         {"schema": "bcid.init/1", "files": [str(t) for t in targets]},
         lambda: "\n".join([*map(str, targets), f"next: edit both, then bcid run -p {folder / 'pipeline.toml'}"]),
     )
+
+
+for command in (  # as a newcomer needs them
+    init, ingest, estimate, fit, report, run, diagnosing.diagnose, diagnosing.plan, simulate, models, effects, bench,
+    diagnosing.prove,
+):  # fmt: skip
+    app.command()(command)
 
 
 def main() -> None:
