@@ -65,7 +65,6 @@ class Tier:
     located: float | None  # the channel, before any hypothesis
     place_overlap: float | None  # mean, intersection over union
     time_overlap: float | None
-    place_told: float | None  # of what is nowhere in particular: a place is told
     not_seen: float | None  # of what is there and does not show: it is not named, and told as not excited
     seconds: float | None  # median
     errors: int
@@ -104,7 +103,6 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
     errors, covered = _parameters(known)
     measured = [r for r in known if any(EFFECTS[e].kind == "measurement" for e in r["answer"])]
     false = [not right(r) for r in nulls]
-    spread = [r for r in rows if "place" in r and not any("radius" in t for t in r["truth"].values())]
     return Tier(
         tier=name,
         n=len(members),
@@ -126,7 +124,6 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         located=_mean(_known(channel_right, known + hidden)),
         place_overlap=_mean(_known(place_overlap, known)),
         time_overlap=_mean(_known(time_overlap, known)),
-        place_told=_mean(r["place"] is not None for r in spread),
         not_seen=_mean(map(_told_unseen, unseen)),
         seconds=_median([r["seconds"] for r in rows if "error" not in r]),
         errors=sum("error" in r for r in members),

@@ -15,7 +15,7 @@ COLUMNS = {
     "measurement so called": "kind", "located": "located", "place": "place_overlap", "time": "time_overlap",
     "set size": "set_size", "parameter error": "parameter_error", "95 % intervals hold": "coverage",
     "oracle's gain": "oracle_share", "not shown": "unshown", "more told beside": "more",
-    "a place where none is": "place_told", "errors": "errors", "seconds": "seconds",
+    "errors": "errors", "seconds": "seconds",
 }  # fmt: skip
 PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap", "errors")
 """Fields that are no shares of takes."""
