@@ -24,8 +24,8 @@ JUDGED = ("bcid.simulation.drive", "bcid.proof.asking")
 """The modules whose code, with all that they import, makes a row what it is."""
 
 
-def _told(case: Case) -> dict[str, Any]:
-    """The answer."""
+def truth_of(case: Case) -> dict[str, Any]:
+    """What is concealed, as it is scored."""
     return {
         "case": case.name, "tier": case.tier, "answer": list(case.answer), "channel": case.channel,
         "truth": {c.effect: dict(c.parameters) for c in case.concealed}, "left_out": list(case.left_out),
@@ -49,14 +49,14 @@ def run_all(
         if row is None:
             todo.append(case)
         else:
-            yield {**_told(case), **row}
+            yield {**truth_of(case), **row}
     todo.sort(key=lambda case: case.digest())
     end = np.inf if minutes is None else time.monotonic() + 60.0 * minutes
     if workers <= 1:
         for case in todo:
             if time.monotonic() >= end:
                 return
-            yield {**_told(case), **_run(case, code, folder, others)}
+            yield {**truth_of(case), **_run(case, code, folder, others)}
         return
     with pool_of(workers) as pool:
         waiting, running = iter(todo), dict[Future[dict[str, Any]], Case]()
@@ -66,7 +66,7 @@ def run_all(
             if not running:
                 return
             for done in wait(running, return_when=FIRST_COMPLETED).done:
-                yield {**_told(running.pop(done)), **done.result()}
+                yield {**truth_of(running.pop(done)), **done.result()}
 
 
 def known(cases: Iterable[Case], folder: Path, others: bool = False) -> int:

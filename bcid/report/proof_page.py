@@ -199,14 +199,14 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
     columns = shown(outcome["tiers"])
     rows = [
         {
-            "tier": t["tier"],
+            "tier": _title(t["tier"]),
             "n": takes(outcome, t["tier"]),
             "cells": [(cell(t, f, "{} missed"), f in t["missed"]) for f in columns.values()],
         }
         for t in outcome["tiers"]
     ]
     text = template("proof.html.j2").render(
-        o=outcome, columns=list(columns), rows=rows, not_run=not_run(outcome),
+        o=outcome, columns=list(columns), rows=rows, not_run=list(map(_title, not_run(outcome))),
         whole=outcome.get("of", outcome["cases"]), known_before=outcome.get("known_before", 0),
         made_after_opening=outcome.get("made_after_opening", 0), missed=outcome["missed"],
         baselines=outcome.get("baselines") or [], confusion=confusion_picture(outcome["confusion"]),
