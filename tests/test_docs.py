@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
 
 from bcid.bench.accuracy import SEEDS_CHANGE
@@ -134,6 +135,33 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
     assert f"seed {quick['seed']}" in readme
     right, wanted = quick["pooled"]["right"], quick["pooled"]["expected"]
     assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
+
+
+def test_the_blind_test_s_figures_follow_from_its_rows() -> None:
+    """And its seals hold the answers of its seed."""
+    from bcid.proof.cases import suite
+    from bcid.proof.keeping import kept
+    from bcid.proof.outcome import outcome
+    from bcid.proof.running import truth_of
+    from bcid.proof.seal import SEALS, seal_of, sealed
+
+    results = ROOT / "docs" / "results"
+    if not (results / "proof").is_dir():
+        pytest.skip("the committed figures are of a run whose rows were not kept")
+    told = json.loads((results / "prove.json").read_text(encoding="utf-8"))
+    seals = json.loads((results / "proof" / SEALS).read_text(encoding="utf-8"))
+    of = {key: told["sizes"][key] for key in ("repeats", "nulls", "imperfect_nulls", "pairs")}
+    cases = [case for case in suite(told["seed"], **of) if case.name in seals["cases"]]
+    assert {case.name: sealed(case, told["salt"]) for case in cases} == seals["cases"]
+    assert seal_of(cases, told["salt"]) == seals["seal"] == told["seal"]
+    rows = {key.partition(".")[0]: row for key, row in kept(results / "proof").items()}
+    assert len({key.partition(".")[2] for key in kept(results / "proof")}) == 1  # of one code
+    ran = [truth_of(case) | rows[case.digest()] for case in cases if case.digest() in rows]
+    about = {key: told[key] for key in ("seed", "salt", "quick", "sizes", "of", "tiers_of", "seal")}
+    again = json.loads(json.dumps(outcome(ran, about)))
+    figures = ("cases", "tiers", "pooled", "pooled_by_tier", "calibration", "p_values", "confusion", "wrong", "missed")
+    for key in figures:
+        assert again[key] == told[key], key
 
 
 def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:

@@ -50,7 +50,8 @@ from bcid.likelihood.marginal import (
     rescaled,
     weights,
 )
-from bcid.likelihood.newton import jacobian
+from bcid.likelihood.newton import THROWN, Prior, jacobian, moved_unless_thrown, standing_at
+from bcid.likelihood.newton import Problem as Fitted
 from bcid.likelihood.refit import refit, standing
 from bcid.likelihood.segments import free_sensitivities, predict
 from bcid.likelihood.take import (
@@ -71,6 +72,7 @@ from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
 LIMIT = 2.012
+N_POSE_AND_FORWARD = 3  # where v_x stands among free parts
 BASE = Hypothesis((), CAR, LIMIT, Constants())
 RICH = BASE.holding("steering_lag", "steering_delay", "rough_patch")
 RICH_VALUES = (0.02, 0.009, 60.0, 1.0, 0.5, 1.5)
@@ -672,6 +674,45 @@ def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:
     start, _, A = settled(part, setting, part.start, LOUD)
     np.testing.assert_array_equal(start, part.start)
     np.testing.assert_array_equal(A, sensitivities(part, setting, part.start))
+
+
+def quietly(take: Take) -> tuple[Take, Fitted, np.ndarray]:
+    """The base model's own poses with a little noise, the problem at its parameters, and these."""
+    phi = BASE.start(CAR)
+    noise = np.random.default_rng(5).standard_normal(take.pose.shape) * LOUD.r
+    made = take._replace(pose=np.asarray(predict(layout(take), take.start, *BASE.setting(phi, take).acting)) + noise)
+    return made, Fitted(made, BASE, Prior(*BASE.prior(phi))), phi
+
+
+def test_a_segment_that_is_thrown_off_holds_no_other_where_it_is(part: Take) -> None:
+    """All begin 5 cm/s off, and what is left of one asks for a car at 60 m/s."""
+    take, of, phi = quietly(part)
+    start = take.start + 0.05 * (np.arange(N_FREE) == N_POSE_AND_FORWARD)
+    A, now = standing_at(of, phi, start, LOUD, 0)
+    z = now.e.z.copy()
+    z[3, N_POSE_AND_FORWARD] += 60.0
+    there = moved_unless_thrown(of, A, now._replace(e=now.e._replace(z=z)))
+    others = np.arange(take.segments) != 3
+    np.testing.assert_array_equal(there.start[3], start[3])
+    np.testing.assert_allclose(there.start[others, :N_START], (start + now.e.z)[others, :N_START])
+    assert (log_likelihood(there.e) > log_likelihood(now.e) - THROWN).all()
+    np.testing.assert_allclose(there.r, of.residuals(phi, there.start), atol=1e-12)
+
+
+def test_a_segment_that_has_strayed_begins_anew_alone(part: Take) -> None:
+    take, of, phi = quietly(part)
+    start = take.start.copy()
+    start[3, :N_START] += [3.0, -2.0, 1.5, 4.0, -4.0, 3.0]
+    near, strayed = standing_at(of, phi, take.start, LOUD, 0), standing_at(of, phi, start, LOUD, 0)
+    each = [log_likelihood(state.e) for _, state in (near, strayed)]
+    assert each[1][3] == pytest.approx(each[0][3], abs=1.0)
+    others = np.arange(take.segments) != 3
+    np.testing.assert_array_equal(strayed[1].start[others], start[others])
+    rows = np.repeat(others, np.diff(take.first))
+    np.testing.assert_array_equal(strayed[0][rows], near[0][rows])
+    setting = BASE.setting(phi, take)
+    np.testing.assert_allclose(strayed[1].r, residuals(take, setting, strayed[1].start), atol=1e-12)
+    np.testing.assert_allclose(strayed[0], sensitivities(take, setting, strayed[1].start), rtol=1e-9, atol=1e-12)
 
 
 def test_a_residual_without_pushes_is_that_at_rest(part: Take) -> None:

@@ -6,17 +6,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.likelihood.free_part import badness, residuals, settled, without_pushes
+from bcid.likelihood.free_part import badness, moved, residuals, sensitivities, settled, without_pushes
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import Eliminated, Scales, log_likelihood, moments, products, rescaled, weights
+from bcid.likelihood.marginal import (
+    Eliminated,
+    Scales,
+    eliminate,
+    log_likelihood,
+    moments,
+    products,
+    rescaled,
+    weights,
+)
 from bcid.likelihood.segments import wrapped
-from bcid.likelihood.take import Floats, Take
+from bcid.likelihood.take import Bools, Floats, Take
 
 STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
 LONGEST_STEP = 3.0  # of any component of phi
 EM_STEPS, MOST_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales are to settle
 CONVERGED = 0.3  # nats, below which a step has gained nothing
+STRAYED = 4.0  # chi^2 for each number measured (about 1 is expected) from which a segment may have lost its beginning
+THROWN = 3.0  # nats that a segment loses by a step of its own, beyond which its tangent has misled it
+MOST_STRAYED = 0.1  # share of the segments beyond which it is the parameters' fault, not theirs
+BEGINNINGS = 3  # tangents from which such a segment begins anew
 
 
 class Tangent(NamedTuple):
@@ -97,7 +110,68 @@ def standing_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int
         FloatingPointError: where predictions leave the finite numbers.
     """
     start, r, A = settled(of.take, of.hypothesis.setting(phi, of.take), start, scales)
-    return A, as_it_is(of, found(of, phi, start, scales, r, A, em))
+    now = found(of, phi, start, scales, r, A, em)
+    return (A, as_it_is(of, now)) if of.take.pushed else _begun_anew(of, A, now, em)
+
+
+def moved_unless_thrown(of: Problem, A: Floats, now: State) -> State:
+    """The state with initial states at the posterior's mean, but of those segments that are thrown off by it.
+
+    Each for itself: one of four hundred that a kink throws out of its way would hold all the others where they are.
+    All that lose little by it are moved as well: of two tangents the likelier one errs in its own favour.
+    """
+    start = moved(of.take, now.start, now.e.z)
+    r = of.residuals(now.phi, start)
+    e = _by(A, start, r, of.take, now.scales)
+    there = State(now.phi, start, now.scales, r, e, now.objective)
+    return _mixed(of, _gains(e, now.e) > -THROWN, there, now)
+
+
+def _begun_anew(of: Problem, A: Floats, now: State, em: int) -> tuple[Floats, State]:
+    """The tangent `A` and the state with segments that have strayed begun anew where the recording has them.
+
+    Where that is much likelier, each for itself.  Once its initial state is far off, a segment's tangent leads nowhere.
+    """
+    strayed = np.flatnonzero(~(now.e.chi2 < STRAYED * now.e.numbers))
+    if not 0 < len(strayed) <= MOST_STRAYED * of.take.segments:
+        return A, now
+    part, rows, setting = of.take.part(strayed), of.take.rows(strayed), of.hypothesis.setting(now.phi, of.take)
+    start, all_starts, all_r, A = part.start, now.start.copy(), now.r.copy(), A.copy()
+    best = Eliminated(*(of_all[strayed] for of_all in now.e))
+    for _ in range(BEGINNINGS):
+        r, answer = residuals(part, setting, start), sensitivities(part, setting, start)
+        e = _by(answer, start, r, part, now.scales)
+        better = ~(_gains(e, best) < THROWN) & np.isfinite(e.chi2)
+        to, of_part = rows[part.rows(np.flatnonzero(better))], part.rows(np.flatnonzero(better))
+        all_starts[strayed[better]], all_r[to], A[to] = start[better], r[of_part], answer[of_part]
+        best = _either(better, e, best)
+        start = np.where(np.isfinite(e.z).all(axis=1, keepdims=True), moved(part, start, e.z), start)
+    return A, found(of, now.phi, all_starts, now.scales, all_r, A, em)
+
+
+def _by(A: Floats, start: Floats, r: Floats, take: Take, scales: Scales) -> Eliminated:
+    """The likelihood's terms; NaN of segments whose predictions have left the finite numbers."""
+    return eliminate(moments(without_pushes(r, A, start, take.first), A, take.first), scales.r, scales.precisions())
+
+
+def _gains(one: Eliminated, other: Eliminated) -> Floats:
+    """Nats by which each segment (S,) is the likelier by the `one`; NaN of what has left the numbers."""
+    with np.errstate(invalid="ignore"):
+        return log_likelihood(one) - log_likelihood(other)
+
+
+def _either(first: Bools, one: Eliminated, other: Eliminated) -> Eliminated:
+    """Of the segments marked `first` (S,) the one, of the rest the other."""
+    return Eliminated(
+        *(np.where(first.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in zip(one, other, strict=True))
+    )
+
+
+def _mixed(of: Problem, first: Bools, one: State, other: State) -> State:
+    """The same of states at one phi and with one set of scales."""
+    rows, e = np.repeat(first, np.diff(of.take.first)), _either(first, one.e, other.e)
+    start, r = np.where(first[:, None], one.start, other.start), np.where(rows[:, None], one.r, other.r)
+    return other._replace(start=start, r=r, e=e, objective=of.objective(other.phi, e))
 
 
 def tangent_at(of: Problem, A: Floats, now: State) -> Tangent:

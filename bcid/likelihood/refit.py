@@ -20,6 +20,7 @@ from bcid.likelihood.newton import (
     Tangent,
     as_it_is,
     found,
+    moved_unless_thrown,
     settled_at,
     slope_and_curvature,
     standing_at,
@@ -192,9 +193,8 @@ def _step(of: Problem, now: State, A: Floats, slope: Floats, curvature: Floats) 
         phi = within(now.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
         trial = _tried(of, phi, now.start, now.scales, A, EM_STEPS)
         if trial and trial.objective > now.objective:
-            start = moved(of.take, now.start, trial.e.z)
-            there = _tried(of, phi, start, trial.scales, A, 0)
-            return there if there and there.objective > now.objective else trial
+            there = moved_unless_thrown(of, A, trial)
+            return there if there.objective > now.objective else trial
     return now
 
 

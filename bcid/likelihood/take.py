@@ -16,6 +16,7 @@ from bcid.recording.types import Recording
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
 
 SEGMENT_S = 1.5
 KNOTS = 3  # of a segment, in each of which a push is constant
