@@ -255,7 +255,8 @@ def test_a_seal_fits_its_answer_and_salt_alone() -> None:
     told = one.concealed[0]
     key = next(iter(told.parameters))
     turned = replace(told, parameters={**told.parameters, key: told.parameters[key] * (1.0 + 1e-12)})
-    assert sealed(replace(one, concealed=(turned,)), "salt") != sealed(one, "salt")
+    for changed in (replace(one, concealed=(turned,)), replace(one, channel="fx"), replace(one, tier="null")):
+        assert sealed(changed, "salt") != sealed(one, "salt")
     assert seal_of([one, other], "salt") != seal_of([other, one], "salt")
 
 

@@ -20,11 +20,11 @@ SEALS, ANSWERS = "seals.json", "answers.json"
 
 
 def answer_of(case: Case) -> dict[str, Any]:
-    """All that is concealed in a case."""
+    """All that is concealed in a case, and what its answer is held against; its name tells the tier."""
     return {
         "case": case.name, "effects": {c.effect: dict(c.parameters) for c in case.concealed},
         "constants": {c.effect: {**c.plant, **c.sensor} for c in case.concealed}, "left_out": list(case.left_out),
-        "imperfect": case.imperfect,
+        "channel": case.channel, "imperfect": case.imperfect,
     }  # fmt: skip
 
 
