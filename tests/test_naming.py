@@ -30,6 +30,7 @@ from bcid.likelihood.newton import within
 from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
+from bcid.physics.car import Car
 from bcid.proof.cases import Case
 from bcid.proof.running import run_case
 from bcid.recording.read import read_recording
@@ -279,12 +280,19 @@ def test_a_fit_is_immutable(null_fit: Fit) -> None:
         null_fit.log_likelihood = 1.0  # type: ignore[misc]
 
 
+def with_more_drag(times: float) -> Car:
+    """The car with R_1 so many of the standard deviations too high by which a simulation is trusted to 2 %."""
+    simulated, k = BASE.trusting([], 0.02).simulated, len(BASE.logs)
+    assert simulated is not None
+    return CAR._replace(R_1=CAR.R_1 + times * simulated.sd[k] * float(BASE.drag_units[0]))
+
+
 def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: Fit) -> None:
     """At its maximum the objective has no slope along the fit's own parameters: a trial's is the likelihood's alone.
 
     Against the dense slope of `products`; a score test that projects the likelihood's slope out would forget the pull.
     """
-    stiff = CAR._replace(C_f=1.1 * CAR.C_f, R_1=1.2 * CAR.R_1)
+    stiff = CAR._replace(C_f=1.05 * CAR.C_f, R_1=with_more_drag(2.0).R_1)
     fit = refit(
         null_take, replace(BASE, nominal=stiff).trusting([], 0.02), null_fit.phi, null_fit.start, null_fit.scales
     )
@@ -490,3 +498,16 @@ def test_a_base_model_s_own_flaws_are_no_effects(maker: Maker) -> None:
         value, se = values[field]
         assert abs(value - truth) < 4.0 * se, field
     assert 0.3 < values["tyre_fall__f"][0] < 0.6  # the simulation's grip falls faster
+
+
+def test_a_trusted_parameter_at_its_end_makes_no_room(null_take: Take, null_fit: Fit) -> None:
+    """What an effect does counts in full where the parameter that could do the same goes no farther; free, not at all.
+
+    The column is what R_1 does itself, of a car whose drag the simulation has a great deal too high.
+    """
+    high, own = replace(BASE, nominal=with_more_drag(10.0)).trusting([], 0.02), len(BASE.logs)
+    fits = [refit(null_take, of, null_fit.phi, null_fit.start, null_fit.scales) for of in (BASE, high)]
+    found = [projected(fit, null_take, fit.tangent.J[:, :, [own]]) for fit in fits]
+    assert fits[1].phi[own] == pytest.approx(high.bounds()[0][own])
+    assert found[0].G[0, 0] < 1e-3 * found[1].G[0, 0]
+    assert np.all(found[1].pulls[own] == 0.0)

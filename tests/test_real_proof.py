@@ -12,6 +12,7 @@ import pytest
 from cars import CAR
 
 from bcid.cli.app import main
+from bcid.diagnosis.diagnose import Compared
 from bcid.diagnosis.heldout import LONGEST_BLOCK_S, block_s
 from bcid.diagnosis.simulation import of_parameters
 from bcid.effects.constants import Constants
@@ -21,7 +22,7 @@ from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
-from bcid.proof import edited, real
+from bcid.proof import edited, real, withheld
 from bcid.proof.asked import Asked
 from bcid.proof.edits import EDITS
 from bcid.proof.keeping import kept
@@ -99,14 +100,14 @@ def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str
 def test_two_delays_that_cannot_be_told_from_a_late_pose_are_accepted_together() -> None:
     """And either of them alone is the vehicle's, where nothing of it may be named."""
     named = {"pose_latency", "steering_delay+motor_delay"}
-    assert real._accepted(named, ["pose_latency"])
-    assert real._accepted(named, ["motor_delay", "steering_delay"])
-    assert not real._accepted(named, ["steering_delay"])
+    assert withheld._accepted(named, ["pose_latency"])
+    assert withheld._accepted(named, ["motor_delay", "steering_delay"])
+    assert not withheld._accepted(named, ["steering_delay"])
     parts = {"pose_latency", "steering_delay", "motor_delay"}
-    assert real._parts(named) == parts
-    assert real._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
-    assert real._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
-    assert real._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
+    assert withheld._parts(named) == parts
+    assert withheld._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
+    assert withheld._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
+    assert withheld._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
 
 
 @pytest.mark.parametrize(("spun", "error"), [(0, 0.5), (3, np.inf)])
@@ -117,9 +118,9 @@ def test_a_simulation_that_leaves_the_finite_numbers_is_endlessly_wrong(
     predicted = twist + np.array([0.5, 0.0, 0.5])
     predicted[20 : 20 + spun] = np.nan
     estimate: Any = SimpleNamespace(twist=twist, time_s=np.arange(50) * 0.1, period_s=0.1)
-    monkeypatch.setattr(real, "compared_model", lambda *_: None)
-    monkeypatch.setattr(real, "restarted", lambda *_: SimpleNamespace(twist=predicted))
-    np.testing.assert_allclose(real.errors(None, None, estimate), [error, error])  # type: ignore[arg-type]
+    monkeypatch.setattr(withheld, "compared_model", lambda *_: None)
+    monkeypatch.setattr(withheld, "restarted", lambda *_: SimpleNamespace(twist=predicted))
+    np.testing.assert_allclose(withheld.errors(None, None, estimate), [error, error])  # type: ignore[arg-type]
 
 
 def test_what_makes_no_difference_does_not_count() -> None:
@@ -154,16 +155,16 @@ def test_what_is_withheld_is_right_by_any_name_and_told_apart_from_first(
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
     monkeypatch.setattr(Asked, "moved", lambda *_: (None, None, None))
-    monkeypatch.setattr(real, "diagnosed", lambda *_: None)
+    monkeypatch.setattr(withheld, "diagnosed", lambda *_: None)
     errors = iter([np.full(2, 2.0), np.ones(2)])  # without, and with what is withheld
-    monkeypatch.setattr(real, "_errors_of_the_whole", lambda *_: np.ones(2))
-    monkeypatch.setattr(real, "_errors", lambda *_: next(errors))
+    monkeypatch.setattr(withheld, "_errors_of_the_whole", lambda *_: np.ones(2))
+    monkeypatch.setattr(withheld, "_errors", lambda *_: next(errors))
     told = [{"effect": effect, "twins": twins} for effect, twins in findings]
     answer = {"verdict": "named" if told else "unknown", "findings": told, "remainder": {"channel": "fx"}}
-    monkeypatch.setattr(real, "said", lambda _: answer)
+    monkeypatch.setattr(withheld, "said", lambda _: answer)
     lag = {"steering": {"time_constant_s": 0.05}}
     case = Withheld(recording="take.csv", name="lag", vehicle=lag, accepted=["motor_lag", "unknown in fx"])
-    row = real._withheld(case, asked)
+    row = withheld.answered(case, asked)
     assert (row["right"], row["first"], row["beside"]) == (right, first, beside)
 
 
@@ -207,6 +208,21 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     assert measured.prior(more)[1][lag + 1] == pytest.approx((0.04 / unit) ** -2)
     assert measured.simulated is not None
     assert measured.simulated.free == ()
+
+
+def test_no_parameter_goes_farther_than_it_is_trusted() -> None:
+    """Three standard deviations, of a share of a take as well; what nothing assumes has its own bounds."""
+    free = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag",))
+    trusting = free.trusting([0.06], 0.02, {"K_t": 0.05}).holding("yaw_scrub")
+    for of in (trusting, trusting.of_a_share(0.1)):
+        low, high = of.bounds()
+        K_t, lag = of.logs.index("K_t"), of.base_size
+        np.testing.assert_allclose(np.exp([low[K_t], high[K_t]]) / CAR.K_t, np.exp([-0.15, 0.15]))
+        unit = of.entries["motor_lag"].parameters[0].size
+        np.testing.assert_allclose(high[lag] * unit, 0.06 + 0.06 * max(0.06, unit))
+        assert low[lag] == 0.0 or low[lag] * unit == pytest.approx(0.06 - 0.06 * max(0.06, unit))
+        np.testing.assert_array_equal([low[-1], high[-1]], [b[-1] for b in free.holding("yaw_scrub").bounds()])
+    assert free.bounds()[1][free.logs.index("K_t")] == np.inf
 
 
 @pytest.mark.parametrize(
@@ -304,10 +320,10 @@ def test_the_whole_and_what_is_withheld_of_it_are_that_day_s_car(
         return None, None, None
 
     monkeypatch.setattr(Asked, "moved", moved)
-    monkeypatch.setattr(real, "_errors", lambda *_: np.ones(2))
+    monkeypatch.setattr(withheld, "_errors", lambda *_: np.ones(2))
     less = {"steering": {"time_constant_s": 0.05}}
     case = Withheld(recording="take.csv", name="lag", vehicle=less, accepted=["steering_lag"])
-    assert real._withheld(case, asked)["verdict"] == NOT_ASKED
+    assert withheld.answered(case, asked)["verdict"] == NOT_ASKED
     assert [(v.body.mass_kg, v.steering.time_constant_s) for v in seen] == [(20.0, 0.05), (20.0, 0.3)]
 
 
@@ -326,13 +342,13 @@ def test_what_other_drives_of_a_car_show_as_well_is_no_ghost(
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
     asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
     monkeypatch.setattr(Asked, "moved", lambda *_: (None, None, None))
-    monkeypatch.setattr(real, "diagnosed", lambda *_: None)
+    monkeypatch.setattr(withheld, "diagnosed", lambda *_: None)
     findings = [{"effect": name, "twins": []} for name in named]
-    monkeypatch.setattr(real, "said", lambda _: {"verdict": "named", "findings": findings})
+    monkeypatch.setattr(withheld, "said", lambda _: {"verdict": "named", "findings": findings})
     case = Withheld(
         recording="take.csv", name="ghost", accepted=[VEHICLE_PHYSICS], control=True, known=["steering_backlash"]
     )
-    assert real._withheld(case, asked)["right"] is right
+    assert withheld.answered(case, asked)["right"] is right
 
 
 @pytest.mark.parametrize(
@@ -379,16 +395,13 @@ def edits_found(
     def answered(drive: Recording, folder: Path, case: Edited) -> dict[str, Any]:
         (folder / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
         asked = Asked(read_vehicle(folder / "vehicle.toml"), {}, None, folder)
-        of = Hypothesis((), CAR, 2.012, Constants())
-        best = SimpleNamespace(hypothesis=of, phi=of.start(CAR), car=lambda: CAR)
         seen = [{"effect": case.effect, "values": values}] if values else []
         seen += [{"effect": name, "values": {}} for name in more]
         monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
         monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
-        monkeypatch.setattr(edited, "_before", lambda *_: before)
         monkeypatch.setattr(edited, "diagnosed", lambda *_: None)
         monkeypatch.setattr(edited, "said", lambda _: {"verdict": "named", "findings": seen})
-        return edited.answered(case, SimpleNamespace(search=SimpleNamespace(best=best)), asked)  # type: ignore[arg-type]
+        return edited.answered(case, edited.Before(Compared(CAR, {}, edited.AS_IT_WAS), {case.effect: before}), asked)
 
     return answered
 
@@ -427,16 +440,16 @@ def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkey
     for file in (f for f in asked.iterdir() if f.is_file()):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     done = list[str]()
-    monkeypatch.setattr(real, "_rows", lambda group, *_: [done.append(case.recording) or {} for case, _ in group])
+    monkeypatch.setattr(real, "_row", lambda job, *_: done.append(job.asks.recording) or {})
     commands = tmp_path / "take.commands.csv"
-    for times, text in ((3, commands.read_text()), (6, commands.read_text().replace("0.1", "0.2"))):
+    for times, text in ((4, commands.read_text()), (8, commands.read_text().replace("0.1", "0.2"))):
         commands.write_text(text)
         list(run_real(tmp_path / "cases.toml", tmp_path, tmp_path / "out"))
         assert len(done) == times
 
 
 def test_another_calibration_is_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(real, "_withheld", lambda *_: {"tier": "withheld"})
+    monkeypatch.setattr(withheld, "answered", lambda *_: {"tier": "withheld"})
     for name in ("vehicle.toml", "simulation.toml"):
         (tmp_path / name).write_bytes((asked / name).read_bytes())
     text = (asked / "cases.toml").read_text(encoding="utf-8").partition("[[edited]]")[0]
@@ -508,13 +521,46 @@ def test_questions_beside_a_simulation_that_is_none_are_refused(text: str, asked
         next(run_real(tmp_path / "cases.toml", asked, tmp_path / "out"))
 
 
+def test_edits_of_a_drive_are_held_against_what_it_showed_once(
+    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is asked first, for all of them, and kept like the answers; an edit that is asked later uses what was kept."""
+    for name in ("vehicle.toml", "simulation.toml"):
+        (tmp_path / name).write_bytes((asked / name).read_bytes())
+    before, told = {"steering_offset": {"o": (0.01, 0.002)}}, list[Any]()
+
+    def as_it_was(name: str, effects: tuple[str, ...], _: Asked) -> edited.Before:
+        told.append((name, effects))
+        return edited.Before(Compared(CAR, {"yaw_scrub__c": 3.0}, edited.AS_IT_WAS), before)
+
+    def answered(case: Edited, known: edited.Before, _: Asked) -> dict[str, Any]:
+        assert known.known == Compared(CAR, {"yaw_scrub__c": 3.0}, edited.AS_IT_WAS)
+        assert known.of["steering_offset"]["o"][0] == 0.01
+        told.append(case.value)
+        if case.value == 0.03 and told.count(0.03) == 1:
+            raise FloatingPointError("left the numbers")
+        return {"tier": "edited", "recording": case.recording, "case": str(case.value), "right": True}
+
+    monkeypatch.setattr(edited, "as_it_was", as_it_was)
+    monkeypatch.setattr(edited, "answered", answered)
+    edits = "".join(
+        f'[[edited]]\nrecording = "take.csv"\neffect = "steering_offset"\nvalue = {value}\n' for value in (0.02, 0.03)
+    )
+    (tmp_path / "cases.toml").write_text(
+        f'vehicle = "vehicle.toml"\nsimulation = "simulation.toml"\n{edits}', encoding="utf-8"
+    )
+    for _ in range(2):
+        assert [share for _, share in run_real(tmp_path / "cases.toml", asked, tmp_path / "out")] == [0.5, 1.0]
+    assert told == [("take.csv", ("steering_offset",)), 0.02, 0.03, 0.03]
+
+
 def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And takes no other with it: each takes a quarter of an hour."""
     answers = list[str]()
 
-    def withheld(case: Withheld, _: Any) -> dict[str, Any]:
+    def answered(case: Withheld, _: Any) -> dict[str, Any]:
         answers.append(case.name)
         if not case.control:
             raise FloatingPointError("left the numbers")
@@ -523,7 +569,7 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     def shown(*_: Any) -> None:
         raise InputRefused("take.csv", "poses", "cannot be followed", "look at it")
 
-    monkeypatch.setattr(real, "_withheld", withheld)
+    monkeypatch.setattr(withheld, "answered", answered)
     monkeypatch.setattr(edited, "as_it_was", shown)
     for _ in range(2):
         rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
@@ -541,11 +587,11 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
     asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fx"}}
-    monkeypatch.setattr(real, "_withheld", lambda case, _: {
+    monkeypatch.setattr(withheld, "answered", lambda case, _: {
         "tier": "withheld", "recording": case.recording, "case": case.name, "ratio": 2.0, "wanted": True,
         "right": case.control, "first": case.control, "beside": [], **said,
     })  # fmt: skip
-    monkeypatch.setattr(edited, "as_it_was", lambda *_: None)
+    monkeypatch.setattr(edited, "as_it_was", lambda *_: edited.Before(Compared(CAR, {}), {}))
     monkeypatch.setattr(edited, "answered", lambda case, *_: {
         "tier": "edited", "recording": case.recording, "case": case.effect, "right": True, **said,
     })  # fmt: skip

@@ -165,18 +165,23 @@ def _horizon(h: Horizon) -> dict[str, Any]:
 
 
 def _base(found: Diagnosis) -> list[dict[str, Any]]:
-    """The refitted base parameters; `shown` is false where the recording hardly says anything of one."""
+    """The refitted base parameters; `shown` is false where the recording hardly says anything of one.
+
+    `at_bound` is one as far from where it started as a car may be, or as a simulation's is trusted.
+    """
     fit = found.judgement.fit
     car, hypothesis = fit.car(), fit.hypothesis
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     units = FORCE_UNITS if car.sets_force else UNITS
     scales = [*(getattr(car, s) for s in hypothesis.logs), *hypothesis.drag_units]
+    low, high = hypothesis.bounds()
+    stuck = (fit.phi <= low) | (fit.phi >= high)
     return [
         {
             "symbol": s, "value": getattr(car, s), "se": float(abs(scale) * e), "unit": units[s],
-            "shown": bool(e < HARDLY or s in DRAG),
+            "shown": bool(e < HARDLY or s in DRAG), "at_bound": bool(at_end),
         }
-        for s, scale, e in zip((*hypothesis.logs, *DRAG), scales, se, strict=False)
+        for s, scale, e, at_end in zip((*hypothesis.logs, *DRAG), scales, se, stuck, strict=False)
     ]  # fmt: skip
 
 

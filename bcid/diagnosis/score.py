@@ -68,9 +68,14 @@ def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
     if not np.isfinite(total).all():  # LAPACK would not come back from it
         raise FloatingPointError("a change of a prediction left the finite numbers")
     centre, known = hypothesis.prior(fit.phi)
+    taken, bends = np.zeros((held, columns.shape[2])), np.ones(held, dtype=bool)
     if hypothesis.simulated is None:
         known = np.zeros(held)
-    taken = np.linalg.lstsq(total[:held, :held] + np.diag(known), total[:held, held:], rcond=None)[0]
+    else:  # what has gone as far as it is trusted goes no farther
+        low, high = hypothesis.bounds()
+        bends = (low < fit.phi) & (fit.phi < high)
+    answers = total[:held, :held] + np.diag(known)
+    taken[bends] = np.linalg.lstsq(answers[np.ix_(bends, bends)], total[:held, held:][bends], rcond=None)[0]
     X, Y = X[:, :, held:] - X[:, :, :held] @ taken, Y[:, :, held:] - Y[:, :, :held] @ taken
     each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
     G = total[held:, held:] - total[held:, :held] @ taken

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -38,6 +37,7 @@ FORCE_DEAD_ZONE = 0.1  # of the throttle
 MEASURED = 0.5  # of how far a tracked point may be from where it was thought, where somebody has measured that
 DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
+TRUSTED = 3.0  # standard deviations from a simulation's parameter beyond which it is not: something else is missing
 
 
 ON_THE_CHAIN = (
@@ -73,6 +73,7 @@ class Simulated(NamedTuple):
     phi: tuple[float, ...]
     sd: tuple[float, ...]
     free: tuple[str, ...] = ()  # of `names`, what it knows nothing of
+    share: float = 1.0  # of the take that is fitted, which bends them as far as the whole does
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,7 @@ class Hypothesis:
             stiffness[: self.base_size] = 1.0 / PRIOR_SD**2
         else:
             n = len(self.simulated.phi)
-            centre[:n], stiffness[:n] = self.simulated.phi, 1.0 / np.array(self.simulated.sd) ** 2
+            centre[:n], stiffness[:n] = self.simulated.phi, self.simulated.share / np.array(self.simulated.sd) ** 2
         return centre, stiffness
 
     def trusting(
@@ -213,16 +214,14 @@ class Hypothesis:
 
     def of_a_share(self, share: float) -> Hypothesis:
         """The same for a share of a take, which bends a simulation's parameters as far as the whole does."""
-        if self.simulated is None:
-            return self
-        sd = tuple(s / math.sqrt(share) for s in self.simulated.sd)
-        return replace(self, simulated=self.simulated._replace(sd=sd))
+        return self if self.simulated is None else replace(self, simulated=self.simulated._replace(share=share))
 
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest phi; of the base parameters, where no car is beyond.
+        """Lowest and highest phi; of the base parameters, where no car is beyond, and none that a simulation knows.
 
         A fit without what is missing runs away with them: a tyre of endless stiffness and hardly any grip, say,
-        does what a drag does that grows with the steering.
+        does what a drag does that grows with the steering; and a motor a quarter weaker than it is known to be does
+        what a friction does, for as many nats as its square says, where a drive of minutes tells by thousands.
         """
         n, car = self.base_size, self.nominal
         inertia = car.m * car.l_f * car.l_r
@@ -233,7 +232,12 @@ class Hypothesis:
             high[k] = max(np.log(usual * times), np.log(getattr(car, symbol)))
         own_low = [p.low / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
         own_high = [p.high / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
-        return np.r_[low, own_low], np.r_[high, own_high]
+        low, high = np.r_[low, own_low], np.r_[high, own_high]
+        if self.simulated is not None:
+            n, reach = len(self.simulated.phi), TRUSTED * np.array(self.simulated.sd)
+            low[:n] = np.maximum(low[:n], self.simulated.phi - reach)
+            high[:n] = np.minimum(high[:n], self.simulated.phi + reach)
+        return low, high
 
     def values(self, phi: Floats) -> dict[str, float]:
         """The effects' parameters by field."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from bcid.diagnosis.verdict import values_of
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.likelihood.refit import refit
+from bcid.physics.car import Car
 from bcid.proof.asked import Asked
 from bcid.proof.asking import said
 from bcid.proof.edits import EDITS
@@ -21,28 +23,53 @@ from bcid.proof.real_cases import Edited
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-AS_IT_WAS = 0.02  # relative trust in what a recording showed before it was edited
+AS_IT_WAS = 0.02  # relative trust in what a recording shows without the edit
 NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found,
 FARTHEST = 0.5  # of its size, however large they are
 
 
-def as_it_was(name: str, asked: Asked) -> Diagnosis:
-    """What a recording shows before anything is edited in it, whether or not it has a name."""
+class Before(NamedTuple):
+    """What a drive shows before anything is edited in it."""
+
+    known: Compared  # a simulation of it that is to be trusted
+    of: Mapping[str, Mapping[str, tuple[float, float]]]  # by effect, of its parameters: values with standard errors
+
+    def row(self) -> dict[str, Any]:
+        """As it is kept."""
+        return {"car": self.known.car._asdict(), "effects": self.known.effects, "of": self.of}
+
+    @classmethod
+    def from_row(cls, row: Mapping[str, Any]) -> Before:
+        """As it was kept."""
+        return cls(Compared(Car(**row["car"]), row["effects"], AS_IT_WAS), row["of"])
+
+
+def as_it_was(name: str, effects: Iterable[str], asked: Asked) -> Before:
+    """What a recording shows before any of these effects is edited in it, whether or not it has a name.
+
+    It is asked freely first, and then as the edited one will be, beside what was found: what that adds is no edit's.
+    """
     vehicle, start = asked.vehicle_of(name), None
     recording, estimate, _ = asked.moved(name, vehicle)
     if asked.simulation is not None:
         start = of_parameters(asked.simulation, [estimate], vehicle)._replace(trust=None)
-    return diagnosed([recording], [estimate], vehicle, start)
+    freely = diagnosed([recording], [estimate], vehicle, start)
+    unedited = diagnosed([recording], [estimate], vehicle, _trusted(freely))
+    return Before(_trusted(unedited), {effect: _before(effect, unedited) for effect in effects})
 
 
-def answered(case: Edited, unedited: Diagnosis, asked: Asked) -> dict[str, Any]:
+def _trusted(found: Diagnosis) -> Compared:
+    """What a drive showed, as a simulation of it that is to be trusted."""
+    return Compared.of(found.search.best)._replace(trust=AS_IT_WAS)
+
+
+def answered(case: Edited, unedited: Before, asked: Asked) -> dict[str, Any]:
     """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
 
     Its parameters have to be the edit's beyond what the drive showed of them `before`, and nothing else named: the
     first is as large as the edit, a second one nothing.
     """
-    known = Compared.of(unedited.search.best)._replace(trust=AS_IT_WAS)
-    before = _before(case.effect, unedited)
+    known, before = unedited.known, unedited.of[case.effect]
     rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
     changed, estimate, vehicle = _changed(case, known, asked)
     answer = said(diagnosed([changed], [estimate], vehicle, rest))

@@ -9,41 +9,37 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence, Set
-from concurrent.futures import as_completed
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.diagnosis.before_after import compared_model
-from bcid.diagnosis.diagnose import Compared, based, diagnosed
-from bcid.diagnosis.simulation import of_parameters
-from bcid.effects.table import EFFECTS
-from bcid.errors import BcidError, InputRefused
-from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import restarted
-from bcid.likelihood.recordings import suited
-from bcid.proof import edited
+from bcid.errors import BcidError
+from bcid.proof import edited, withheld
 from bcid.proof.asked import Asked
-from bcid.proof.asking import said
 from bcid.proof.keeping import keep, kept
-from bcid.proof.real_cases import NOT_ASKED, VEHICLE, Edited, Withheld, read_cases
+from bcid.proof.real_cases import Cases, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
 from bcid.recording.read import read_recording
-from bcid.recording.types import Recording
 from bcid.store.code import code_of
-from bcid.vehicle import Vehicle, read_vehicle
-
-Floats = npt.NDArray[np.float64]
-
-HORIZON_S = 1.0
-MOVING = 0.3  # m/s: slower predictions are not compared
-MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
+from bcid.vehicle import read_vehicle
 
 
-_Case = tuple[Withheld | Edited, str]  # and the key of its row
+class _Unedited(NamedTuple):
+    """What edits are held against: a recording, before any of these effects is edited in it."""
+
+    recording: str
+    effects: tuple[str, ...]
+
+
+class _Job(NamedTuple):
+    """A question, the key of its row, and that of the row which has to be there first."""
+
+    asks: Withheld | Edited | _Unedited
+    key: str
+    after: str = ""
 
 
 def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> Iterator[tuple[dict[str, Any], float]]:
@@ -55,159 +51,95 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
         InputRefused: the file, or what it names.
     """
     cases = read_cases(file)
-    simulation = cases.simulation_file(file)
-    asked = Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, simulation, recordings)
+    asked = Asked(read_vehicle(cases.vehicle_file(file)), cases.calibrated, cases.simulation_file(file), recordings)
     asked.check(cases, file)
     folder.mkdir(parents=True, exist_ok=True)
+    known, jobs = kept(folder), _jobs(cases, file, asked)
+    there = {job.key: known[job.key] for job in jobs if job.key in known}
+    done = 0
+    for job in jobs:
+        if job.key in there and not isinstance(job.asks, _Unedited):
+            done += 1
+            yield there[job.key], done / cases.size
+    todo = [job for job in jobs if job.key not in there]
+    needed = {job.after for job in todo}
+    todo = [job for job in todo if job.key in needed or not isinstance(job.asks, _Unedited)]
+    for row in _answered(todo, there, asked, folder, workers):
+        done += 1
+        yield row, done / cases.size
+
+
+def _jobs(cases: Cases, file: Path, asked: Asked) -> list[_Job]:
+    """All that is asked, what edits are held against first: it takes longest."""
     code, drives = code_of(__name__), dict[str, str]()
-    given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), simulation) if p]
-    asking: tuple[Withheld | Edited, ...] = (*cases.withheld, *cases.edited)
-    known, done, todo = kept(folder), 0, dict[str, list[_Case]]()
-    for case in asking:
-        own, name = cases.calibrated.get(case.recording), case.recording
-        if name not in drives:
-            drives[name] = read_recording(recordings / name, asked.vehicle_of(name)).sha256  # commands may lie beside
-        what = [case.model_dump(), own, drives[name], code.digest, code.packages, given]
-        key = f"real.{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]}"
-        if key in known:
-            done += 1
-            yield known[key], done / len(asking)
-        else:  # the edits of a recording share what it showed before
-            todo.setdefault(case.recording if isinstance(case, Edited) else key, []).append((case, key))
-    for rows in _answered(list(todo.values()), asked, folder, workers):
-        for row in rows:
-            done += 1
-            yield row, done / len(asking)
+    given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), asked.simulation) if p]
+
+    def key_of(recording: str, what: Any) -> str:
+        if recording not in drives:
+            read = read_recording(asked.recordings / recording, asked.vehicle_of(recording))
+            drives[recording] = read.sha256  # commands may lie beside
+        all_of_it = [what, cases.calibrated.get(recording), drives[recording], code.digest, code.packages, given]
+        return f"real.{hashlib.sha256(json.dumps(all_of_it, sort_keys=True).encode()).hexdigest()[:24]}"
+
+    first = {name: _Unedited(name, cases.edits_of(name)) for name in dict.fromkeys(e.recording for e in cases.edited)}
+    before = {name: _Job(asks, key_of(name, asks)) for name, asks in first.items()}
+    return [
+        *before.values(),
+        *(_Job(case, key_of(case.recording, case.model_dump())) for case in cases.withheld),
+        *(_Job(case, key_of(case.recording, case.model_dump()), before[case.recording].key) for case in cases.edited),
+    ]
 
 
 def _answered(
-    groups: Sequence[list[_Case]], asked: Asked, folder: Path, workers: int
-) -> Iterator[list[dict[str, Any]]]:
-    """The rows of each group as it is done."""
+    jobs: Sequence[_Job], before: dict[str, dict[str, Any]], asked: Asked, folder: Path, workers: int
+) -> Iterator[dict[str, Any]]:
+    """The rows of all cases, each as it is done; `before` are such as come before some of them, by their keys."""
     if workers <= 1:
-        yield from (_rows(group, asked, folder) for group in groups)
+        for job in jobs:
+            row = _row(job, before.get(job.after), asked, folder)
+            if isinstance(job.asks, _Unedited):
+                before[job.key] = row
+            else:
+                yield row
         return
     with pool_of(workers) as pool:
-        longest_first = sorted(groups, key=len, reverse=True)
-        for ended in as_completed([pool.submit(_rows, group, asked, folder) for group in longest_first]):
-            yield ended.result()
+
+        def submitted(ready: Iterable[_Job]) -> dict[Future[dict[str, Any]], _Job]:
+            return {pool.submit(_row, job, before.get(job.after), asked, folder): job for job in ready}
+
+        running = submitted(job for job in jobs if not job.after or job.after in before)
+        while running:
+            for ended in wait(running, return_when=FIRST_COMPLETED).done:
+                job, row = running.pop(ended), ended.result()
+                if isinstance(job.asks, _Unedited):
+                    before[job.key] = row
+                    running |= submitted(other for other in jobs if other.after == job.key)
+                else:
+                    yield row
 
 
-def _rows(group: list[_Case], asked: Asked, folder: Path) -> list[dict[str, Any]]:
-    """What was answered, kept in `folder`; edits are of one recording.
-
-    What ended in an error is told, and asked again next time.
-    """
-    rows, unedited = list[dict[str, Any]](), None
-    for case, key in group:
-        try:
-            if isinstance(case, Withheld):
-                row = _withheld(case, asked)
-            else:
-                unedited = unedited or edited.as_it_was(case.recording, asked)
-                row = edited.answered(case, unedited, asked)
-            keep(row, key, folder)
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
-            row = _failed(case, error)
-        rows.append(row)
-    return rows
+def _row(job: _Job, before: dict[str, Any] | None, asked: Asked, folder: Path) -> dict[str, Any]:
+    """What was answered, kept in `folder`; what ended in an error is told, and asked again next time."""
+    asks = job.asks
+    try:
+        if isinstance(asks, _Unedited):
+            row = edited.as_it_was(asks.recording, asks.effects, asked).row()
+        elif isinstance(asks, Withheld):
+            row = withheld.answered(asks, asked)
+        elif before is None or "error" in before:
+            return _failed(asks, (before or {}).get("error", "nothing is known of it before"))
+        else:
+            row = edited.answered(asks, edited.Before.from_row(before), asked)
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
+        return _failed(asks, repr(error))
+    keep(row, job.key, folder)
+    return row
 
 
-def _failed(case: Withheld | Edited, error: Exception) -> dict[str, Any]:
+def _failed(asks: Withheld | Edited | _Unedited, error: str) -> dict[str, Any]:
     """A question without an answer."""
-    tier, name = ("edited", case.effect) if isinstance(case, Edited) else (_tier(case), case.name)
-    said = {"right": False, "verdict": "error", "findings": [], "error": repr(error)}
-    return {"tier": tier, "recording": case.recording, "case": name, **said}
-
-
-def _tier(case: Withheld) -> str:
-    return "control" if case.control else "withheld"
-
-
-def _withheld(case: Withheld, asked: Asked) -> dict[str, Any]:
-    """What is made of a recording where something is withheld; not asked where that makes no difference."""
-    vehicle = asked.vehicle_of(case.recording, case.vehicle)
-    recording, estimate, _ = asked.moved(case.recording, vehicle)
-    less, ratio = None, 1.0
-    if asked.simulation is not None:
-        less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
-    if case.withholds:
-        whole = _errors_of_the_whole(case, asked)
-        if not np.isfinite(whole).all():
-            nowhere = "with nothing withheld the simulation leaves the finite numbers"
-            raise InputRefused(
-                asked.recordings / case.recording, case.name, nowhere, "ask of a drive that it can follow"
-            )
-        ratio = float((_errors(less, vehicle, recording, estimate) / whole).max())
-    wanted = not case.control and ratio > MATTERS
-    row = {
-        "tier": _tier(case), "recording": case.recording, "case": case.name,
-        "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted,
-    }  # fmt: skip
-    if not (wanted or case.control):
-        return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
-    answer = said(diagnosed([recording], [estimate], vehicle, less))
-    sets = [{f["effect"], *f["twins"]} for f in answer["findings"]]
-    met = [_accepted(names, case.accepted) for names in sets]
-    beside = [f["effect"] for f, is_met in zip(answer["findings"], met, strict=True) if not is_met]
-    if case.control:
-        told = _parts(set().union(*sets, _nameless(answer)))
-        right = not _with_kinds(told - set(case.known)) & set(case.accepted)
-    else:
-        right = any(met) or _accepted(_nameless(answer), case.accepted)
-    return {**row, "first": right and (not met or met[0]), "beside": beside, "right": right, **answer}
-
-
-def _accepted(names: Set[str], accepted: Sequence[str]) -> bool:
-    """Whether one of the names is accepted; several that are alike only together, if all of them are."""
-    return any(set(name.split("+")) <= set(accepted) for name in names)
-
-
-def _nameless(answer: Mapping[str, Any]) -> set[str]:
-    """What the answer says of what has no name."""
-    return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
-
-
-def _parts(names: Set[str]) -> set[str]:
-    """Every effect that the names may mean."""
-    return {part for name in names for part in name.split("+")}
-
-
-def _with_kinds(named: Set[str]) -> set[str]:
-    """The names, and VEHICLE where one of them is the vehicle's."""
-    return {*named, *(EFFECTS[e].kind for e in named if e in EFFECTS and EFFECTS[e].kind == VEHICLE)}
-
-
-def _less(case: Withheld, published: Compared) -> Compared:
-    """The simulation without what the case withholds of it."""
-    return published._replace(
-        car=published.car._replace(**case.parameters),
-        effects={f: v for f, v in published.effects.items() if f.partition("__")[0] != case.effect},
-    )
-
-
-def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
-    """`errors` with nothing withheld."""
-    vehicle = asked.vehicle_of(case.recording)
-    recording, estimate, _ = asked.moved(case.recording, vehicle)
-    published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], vehicle)
-    return _errors(published, vehicle, recording, estimate)
-
-
-def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
-    """`errors` of the simulation; without one, of the base model refitted."""
-    if simulation is None:
-        of = based([recording], [estimate], vehicle)
-        simulation = Compared.of(suited(of.take, of.fit)[1])
-    return errors(simulation, vehicle, estimate)
-
-
-def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
-    """RMSE of v_x (m/s) and yaw rate (rad/s) of the simulation as it is, started anew every HORIZON_S.
-
-    Endless where it leaves the finite numbers.
-    """
-    model = compared_model(simulation, vehicle, float(np.ptp(estimate.time_s)), estimate.period_s)
-    off = (restarted(model, estimate, HORIZON_S).twist - estimate.twist)[:, [0, 2]]
-    known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > MOVING)
-    return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
+    if isinstance(asks, _Unedited):
+        return {"error": error}
+    tier, name = ("edited", asks.effect) if isinstance(asks, Edited) else (withheld.tier_of(asks), asks.name)
+    said = {"right": False, "verdict": "error", "findings": [], "error": error}
+    return {"tier": tier, "recording": asks.recording, "case": name, **said}

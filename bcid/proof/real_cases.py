@@ -54,6 +54,15 @@ class Cases(Settings):
     withheld: list[Withheld] = Field(default_factory=list)
     edited: list[Edited] = Field(default_factory=list)
 
+    @property
+    def size(self) -> int:
+        """How many questions."""
+        return len(self.withheld) + len(self.edited)
+
+    def edits_of(self, recording: str) -> tuple[str, ...]:
+        """The effects that are made in one recording."""
+        return tuple(dict.fromkeys(edit.effect for edit in self.edited if edit.recording == recording))
+
     def vehicle_file(self, file: Path) -> Path:
         """Of these questions of `file`."""
         return file.parent / self.vehicle

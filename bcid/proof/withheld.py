@@ -1,0 +1,123 @@
+"""A published model less one of its effects, or of what its vehicle file knows, must be told which one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.diagnosis.before_after import compared_model
+from bcid.diagnosis.diagnose import Compared, based, diagnosed
+from bcid.diagnosis.simulation import of_parameters
+from bcid.effects.table import EFFECTS
+from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
+from bcid.evaluation.closed_loop import restarted
+from bcid.likelihood.recordings import suited
+from bcid.proof.asked import Asked
+from bcid.proof.asking import said
+from bcid.proof.real_cases import NOT_ASKED, VEHICLE, Withheld
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+Floats = npt.NDArray[np.float64]
+
+HORIZON_S = 1.0
+MOVING = 0.3  # m/s: slower predictions are not compared
+MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
+
+
+def tier_of(case: Withheld) -> str:
+    """Of its row."""
+    return "control" if case.control else "withheld"
+
+
+def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
+    """What is made of a recording where something is withheld; not asked where that makes no difference."""
+    vehicle = asked.vehicle_of(case.recording, case.vehicle)
+    recording, estimate, _ = asked.moved(case.recording, vehicle)
+    less, ratio = None, 1.0
+    if asked.simulation is not None:
+        less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
+    if case.withholds:
+        whole = _errors_of_the_whole(case, asked)
+        if not np.isfinite(whole).all():
+            nowhere = "with nothing withheld the simulation leaves the finite numbers"
+            raise InputRefused(
+                asked.recordings / case.recording, case.name, nowhere, "ask of a drive that it can follow"
+            )
+        ratio = float((_errors(less, vehicle, recording, estimate) / whole).max())
+    wanted = not case.control and ratio > MATTERS
+    row = {
+        "tier": tier_of(case), "recording": case.recording, "case": case.name,
+        "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted,
+    }  # fmt: skip
+    if not (wanted or case.control):
+        return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
+    answer = said(diagnosed([recording], [estimate], vehicle, less))
+    sets = [{f["effect"], *f["twins"]} for f in answer["findings"]]
+    met = [_accepted(names, case.accepted) for names in sets]
+    beside = [f["effect"] for f, is_met in zip(answer["findings"], met, strict=True) if not is_met]
+    if case.control:
+        told = _parts(set().union(*sets, _nameless(answer)))
+        right = not _with_kinds(told - set(case.known)) & set(case.accepted)
+    else:
+        right = any(met) or _accepted(_nameless(answer), case.accepted)
+    return {**row, "first": right and (not met or met[0]), "beside": beside, "right": right, **answer}
+
+
+def _accepted(names: Set[str], accepted: Sequence[str]) -> bool:
+    """Whether one of the names is accepted; several that are alike only together, if all of them are."""
+    return any(set(name.split("+")) <= set(accepted) for name in names)
+
+
+def _nameless(answer: Mapping[str, Any]) -> set[str]:
+    """What the answer says of what has no name."""
+    return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
+
+
+def _parts(names: Set[str]) -> set[str]:
+    """Every effect that the names may mean."""
+    return {part for name in names for part in name.split("+")}
+
+
+def _with_kinds(named: Set[str]) -> set[str]:
+    """The names, and VEHICLE where one of them is the vehicle's."""
+    return {*named, *(EFFECTS[e].kind for e in named if e in EFFECTS and EFFECTS[e].kind == VEHICLE)}
+
+
+def _less(case: Withheld, published: Compared) -> Compared:
+    """The simulation without what the case withholds of it."""
+    return published._replace(
+        car=published.car._replace(**case.parameters),
+        effects={f: v for f, v in published.effects.items() if f.partition("__")[0] != case.effect},
+    )
+
+
+def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
+    """`errors` with nothing withheld."""
+    vehicle = asked.vehicle_of(case.recording)
+    recording, estimate, _ = asked.moved(case.recording, vehicle)
+    published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], vehicle)
+    return _errors(published, vehicle, recording, estimate)
+
+
+def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
+    """`errors` of the simulation; without one, of the base model refitted."""
+    if simulation is None:
+        of = based([recording], [estimate], vehicle)
+        simulation = Compared.of(suited(of.take, of.fit)[1])
+    return errors(simulation, vehicle, estimate)
+
+
+def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
+    """RMSE of v_x (m/s) and yaw rate (rad/s) of the simulation as it is, started anew every HORIZON_S.
+
+    Endless where it leaves the finite numbers.
+    """
+    model = compared_model(simulation, vehicle, float(np.ptp(estimate.time_s)), estimate.period_s)
+    off = (restarted(model, estimate, HORIZON_S).twist - estimate.twist)[:, [0, 2]]
+    known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > MOVING)
+    return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
