@@ -325,6 +325,15 @@ def test_null_figures_are_dashes(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_a_parameter_that_could_go_no_farther_is_told(tmp_path: Path) -> None:
+    d, knots, tracks = named()
+    assert "at its bound" not in page((d, knots, tracks), tmp_path)[0]
+    d["base"]["parameters"][2]["at_bound"] = True
+    (row,) = [r for r in page((d, knots, tracks), tmp_path)[0].split("<tr>") if "at its bound" in r]
+    assert row.startswith("<td>K_t</td>")
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_hostile_names_are_inert(tmp_path: Path) -> None:
     def poisoned(value: Any) -> Any:
         if isinstance(value, str):

@@ -511,3 +511,13 @@ def test_a_trusted_parameter_at_its_end_makes_no_room(null_take: Take, null_fit:
     assert fits[1].phi[own] == pytest.approx(high.bounds()[0][own])
     assert found[0].G[0, 0] < 1e-3 * found[1].G[0, 0]
     assert np.all(found[1].pulls[own] == 0.0)
+
+
+def test_a_lag_that_a_simulation_knows_to_be_none_is_felt(null_take: Take, null_fit: Fit) -> None:
+    """It is trusted by less than the width of a difference, and below it no effect is: nothing would change there."""
+    known = replace(BASE, assumed=("motor_lag",)).trusting([0.0], 0.01).holding()
+    phi = known.start(null_fit.car(), [0.0])
+    low, high = known.bounds()
+    assert (low[-1], high[-1]) == pytest.approx((0.0, 0.03))
+    r = residuals(null_take, known.setting(phi, null_take), null_fit.start)
+    assert np.abs(newton.jacobian(null_take, known, phi, null_fit.start, r)[:, :, -1]).max() > 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -220,9 +221,13 @@ def test_no_parameter_goes_farther_than_it_is_trusted() -> None:
         np.testing.assert_allclose(np.exp([low[K_t], high[K_t]]) / CAR.K_t, np.exp([-0.15, 0.15]))
         unit = of.entries["motor_lag"].parameters[0].size
         np.testing.assert_allclose(high[lag] * unit, 0.06 + 0.06 * max(0.06, unit))
-        assert low[lag] == 0.0 or low[lag] * unit == pytest.approx(0.06 - 0.06 * max(0.06, unit))
+        np.testing.assert_allclose(low[lag] * unit, 0.06 - 0.06 * max(0.06, unit))
         np.testing.assert_array_equal([low[-1], high[-1]], [b[-1] for b in free.holding("yaw_scrub").bounds()])
     assert free.bounds()[1][free.logs.index("K_t")] == np.inf
+    raw = Hypothesis((), CAR, 2.012, Constants(), assumed=RAW_COMMANDS, raw_commands=True)
+    of_a_gain = [raw.trusting([0.0], 0.02, known).holding().bounds()[1][-1] for known in ({}, {"steering_scale": 0.04})]
+    unit = raw.entries["steering_scale"].parameters[0].size
+    assert of_a_gain == pytest.approx([raw.entries["steering_scale"].parameters[0].high / unit, 0.12 / unit])
 
 
 @pytest.mark.parametrize(
@@ -407,32 +412,68 @@ def edits_found(
 
 
 def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside all else that it shows, which is known as well as when the edit is looked for; or as it was found."""
-    found = Hypothesis((), CAR, 2.012, Constants()).holding("steering_backlash")
-    phi = found.start(CAR._replace(K_t=300.0), [0.02])
-    best = SimpleNamespace(
-        hypothesis=found, phi=phi, start=None, scales=None, car=lambda: found.car(phi),
-        values=lambda: {"steering_backlash__b": (0.02, 0.001)},
-    )  # fmt: skip
+    """Beside all else that it shows, which is known as well as when the edit is looked for; itself it is free."""
+    found = Hypothesis((), CAR, 2.012, Constants()).holding("steering_backlash", "yaw_scrub")
+    phi = found.start(CAR._replace(K_t=300.0), [0.02, 3.0])
+    best = SimpleNamespace(hypothesis=found, phi=phi, start=None, scales=None, car=lambda: found.car(phi))
     unedited: Any = SimpleNamespace(search=SimpleNamespace(best=best), take=None)
     asked = list[tuple[Hypothesis, np.ndarray]]()
 
     def refit(take: Any, more: Hypothesis, start: np.ndarray, *_: Any) -> Any:
         asked.append((more, start))
-        return SimpleNamespace(values=lambda: {"pose_latency__tau": (-0.01, 0.002)})
+        values = {"pose_latency__tau": (-0.01, 0.002), "steering_backlash__b": (0.019, 0.001)}
+        return SimpleNamespace(values=lambda: values)
 
     monkeypatch.setattr(edited, "refit", refit)
-    assert edited._before("steering_backlash", unedited) == {"b": (0.02, 0.001)}
-    assert not asked
+    assert edited._before("steering_backlash", unedited) == {"b": (0.019, 0.001)}
     assert edited._before("pose_latency", unedited) == {"tau": (-0.01, 0.002)}
-    ((more, start),) = asked
-    assert more.effects == ("steering_backlash", "pose_latency")
-    np.testing.assert_allclose(start, [*phi, 0.0])
-    centre, stiffness = more.prior(start)
-    np.testing.assert_allclose(centre, start)
-    assert stiffness[more.logs.index("K_t")] == pytest.approx(edited.AS_IT_WAS**-2)
-    assert stiffness[-2] > 0.0  # the backlash is known
-    assert stiffness[-1] == 0.0  # the latency is not
+    for (more, start), effects, own in zip(
+        asked, (("yaw_scrub", "steering_backlash"), ("steering_backlash", "yaw_scrub", "pose_latency")), (0.02, 0.0),
+        strict=True,
+    ):  # fmt: skip
+        assert more.effects == effects
+        values = list(more.values(start).values())
+        assert values[-1] == pytest.approx(own)
+        assert values[-2] == pytest.approx(3.0)
+        centre, stiffness = more.prior(start)
+        np.testing.assert_allclose(centre, start)
+        assert stiffness[more.logs.index("K_t")] == pytest.approx(edited.AS_IT_WAS**-2)
+        assert stiffness[-2] > 0.0  # the scrub is known
+        assert stiffness[-1] == 0.0  # the effect itself is not
+
+
+def test_a_drive_is_asked_freely_and_then_as_an_edited_one(
+    drive: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the second asking adds is known as well; an effect that cannot be fitted there takes no other with it."""
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
+    of, simulations = Hypothesis((), CAR, 2.012, Constants()), list[Any]()
+
+    def diagnosed(recordings: Any, estimates: Any, vehicle: Any, simulation: Compared | None) -> Any:
+        simulations.append(simulation)
+        holding = of.holding("steering_backlash", *(["yaw_scrub"] if simulation else []))
+        phi = holding.start(CAR, [0.02, 3.0][: len(holding.effects)])
+        best = SimpleNamespace(hypothesis=holding, phi=phi, car=lambda: CAR)
+        return SimpleNamespace(search=SimpleNamespace(best=best))
+
+    def before(effect: str, _: Any) -> dict[str, tuple[float, float]]:
+        if effect == "pose_scale":
+            raise FloatingPointError
+        return {"tau": (0.0, 0.1)}
+
+    monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
+    monkeypatch.setattr(edited, "diagnosed", diagnosed)
+    monkeypatch.setattr(edited, "_before", before)
+    found = edited.as_it_was("take.csv", ("pose_latency", "pose_scale"), asked)
+    assert simulations[0] is None
+    assert simulations[1].trust == found.known.trust == edited.AS_IT_WAS
+    assert simulations[1].effects == pytest.approx({"steering_backlash__b": 0.02})
+    assert found.known.effects == pytest.approx({"steering_backlash__b": 0.02, "yaw_scrub__c": 3.0})
+    assert found.of == {"pose_latency": {"tau": (0.0, 0.1)}}
+    assert edited.Before.from_row(json.loads(json.dumps(found.row()))).known == found.known
+    with pytest.raises(FloatingPointError, match="pose_scale"):
+        edited.answered(Edited(recording="take.csv", effect="pose_scale", value=0.08), found, asked)
 
 
 def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -521,8 +562,9 @@ def test_questions_beside_a_simulation_that_is_none_are_refused(text: str, asked
         next(run_real(tmp_path / "cases.toml", asked, tmp_path / "out"))
 
 
+@pytest.mark.parametrize("workers", [1, 2])
 def test_edits_of_a_drive_are_held_against_what_it_showed_once(
-    asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    workers: int, asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is asked first, for all of them, and kept like the answers; an edit that is asked later uses what was kept."""
     for name in ("vehicle.toml", "simulation.toml"):
@@ -541,6 +583,7 @@ def test_edits_of_a_drive_are_held_against_what_it_showed_once(
             raise FloatingPointError("left the numbers")
         return {"tier": "edited", "recording": case.recording, "case": str(case.value), "right": True}
 
+    monkeypatch.setattr(real, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
     monkeypatch.setattr(edited, "as_it_was", as_it_was)
     monkeypatch.setattr(edited, "answered", answered)
     edits = "".join(
@@ -550,8 +593,10 @@ def test_edits_of_a_drive_are_held_against_what_it_showed_once(
         f'vehicle = "vehicle.toml"\nsimulation = "simulation.toml"\n{edits}', encoding="utf-8"
     )
     for _ in range(2):
-        assert [share for _, share in run_real(tmp_path / "cases.toml", asked, tmp_path / "out")] == [0.5, 1.0]
-    assert told == [("take.csv", ("steering_offset",)), 0.02, 0.03, 0.03]
+        rows = list(run_real(tmp_path / "cases.toml", asked, tmp_path / "out", workers))
+        assert [share for _, share in rows] == [0.5, 1.0]
+    assert told[0] == ("take.csv", ("steering_offset",))
+    assert sorted(told[1:]) == [0.02, 0.03, 0.03]
 
 
 def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
@@ -569,10 +614,11 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     def shown(*_: Any) -> None:
         raise InputRefused("take.csv", "poses", "cannot be followed", "look at it")
 
+    monkeypatch.setattr(real, "pool_of", ThreadPoolExecutor)
     monkeypatch.setattr(withheld, "answered", answered)
     monkeypatch.setattr(edited, "as_it_was", shown)
-    for _ in range(2):
-        rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path)]
+    for workers in (1, 3):
+        rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path, workers)]
         assert outcome(rows)["tiers"] == {
             "withheld": {"right": 0, "n": 1, "first": 0, "alone": 0}, "control": {"right": 1, "n": 1},
             "edited": {"right": 0, "n": 1},

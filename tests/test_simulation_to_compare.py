@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from cars import CAR
 
+from bcid.diagnosis import saving
 from bcid.diagnosis.diagnose import Compared, diagnosed
 from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
+from bcid.effects.constants import Constants
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.likelihood.hypothesis import DRAG, PRIOR_SD, SPEED_LAW, TYRES
+from bcid.likelihood.hypothesis import DRAG, PRIOR_SD, SPEED_LAW, TYRES, Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.newton import Tangent
 from bcid.likelihood.recordings import base_of
+from bcid.likelihood.refit import Fit
 from bcid.models import published
 from bcid.models.saving import save_model
 from bcid.proof.concealed import outside
@@ -165,3 +172,21 @@ def test_an_effect_beyond_its_bounds_is_refused_not_clipped(
     (tmp_path / "sim.toml").write_text(text.format(50.0), encoding="utf-8")
     with pytest.raises(InputRefused, match="tau = 50 lies outside"):
         of_parameters(tmp_path / "sim.toml", estimates, vehicle)
+
+
+def test_what_has_gone_as_far_as_it_is_trusted_is_told() -> None:
+    """Of the base model, and of what the simulation has; what is found beside is told with the findings."""
+    known = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", "yaw_scrub")).trusting([0.06, 13.0], 0.02)
+    held = known.holding("motor_delay")
+    low, high = held.bounds()
+    phi = held.start(CAR, [0.06, 13.0, 0.05])
+    K_t, scrub = held.logs.index("K_t"), held.base_size + 1
+    phi[K_t], phi[scrub] = low[K_t], high[scrub]
+    scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
+    fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
+    found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
+    rows = {row["symbol"]: row for row in saving._base(found)}
+    assert [s for s, row in rows.items() if row["at_bound"]] == ["K_t", "yaw_scrub.c"]
+    assert list(rows)[-2:] == ["motor_lag.tau", "yaw_scrub.c"]
+    assert rows["motor_lag.tau"]["value"] == pytest.approx(0.06)
+    assert rows["yaw_scrub.c"]["unit"] == "kg m^2 s^-1 rad^-1"

@@ -165,23 +165,31 @@ def _horizon(h: Horizon) -> dict[str, Any]:
 
 
 def _base(found: Diagnosis) -> list[dict[str, Any]]:
-    """The refitted base parameters; `shown` is false where the recording hardly says anything of one.
+    """The refitted parameters of the base model and of what its simulation has.
 
-    `at_bound` is one as far from where it started as a car may be, or as a simulation's is trusted.
+    `shown` is false where the recording hardly says anything of one; one `at_bound` is as far from where it started as
+    a car may be, or as a simulation's is trusted.
     """
     fit = found.judgement.fit
-    car, hypothesis = fit.car(), fit.hypothesis
+    car, hypothesis, values = fit.car(), fit.hypothesis, fit.values()
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     units = FORCE_UNITS if car.sets_force else UNITS
     scales = [*(getattr(car, s) for s in hypothesis.logs), *hypothesis.drag_units]
-    low, high = hypothesis.bounds()
-    stuck = (fit.phi <= low) | (fit.phi >= high)
-    return [
+    stuck = hypothesis.at_bound(fit.phi).tolist()
+    rows = [
         {
             "symbol": s, "value": getattr(car, s), "se": float(abs(scale) * e), "unit": units[s],
-            "shown": bool(e < HARDLY or s in DRAG), "at_bound": bool(at_end),
+            "shown": bool(e < HARDLY or s in DRAG), "at_bound": at_end,
         }
         for s, scale, e, at_end in zip((*hypothesis.logs, *DRAG), scales, se, stuck, strict=False)
+    ]  # fmt: skip
+    return rows + [
+        {
+            "symbol": field.replace("__", "."), "value": values[field][0], "se": values[field][1], "unit": p.unit,
+            "shown": True, "at_bound": at_end,
+        }
+        for (field, p), at_end in zip(hypothesis.parameters, stuck[hypothesis.base_size :], strict=True)
+        if field.partition("__")[0] in hypothesis.assumed
     ]  # fmt: skip
 
 

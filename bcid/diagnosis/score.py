@@ -72,8 +72,7 @@ def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
     if hypothesis.simulated is None:
         known = np.zeros(held)
     else:  # what has gone as far as it is trusted goes no farther
-        low, high = hypothesis.bounds()
-        bends = (low < fit.phi) & (fit.phi < high)
+        bends = ~hypothesis.at_bound(fit.phi)
     answers = total[:held, :held] + np.diag(known)
     taken[bends] = np.linalg.lstsq(answers[np.ix_(bends, bends)], total[:held, held:][bends], rcond=None)[0]
     X, Y = X[:, :, held:] - X[:, :, :held] @ taken, Y[:, :, held:] - Y[:, :, :held] @ taken

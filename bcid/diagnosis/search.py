@@ -123,12 +123,10 @@ def search(
 def _substantial(best: Fit, more: Fit, left: Remainder, least: float) -> bool:
     """Whether a fit that holds one effect more than `best` gains the `least`, and a fair share of what is `left`.
 
-    A mixture of effects, each of which explains little, would only stand in for something that has no name.  Nothing of
-    what is left need be explained by what is worth the least because a trusted simulation's parameters bend less.
+    A mixture of effects, each of which explains little, would only stand in for something that has no name.
     """
     gained = more.bic - best.bic
-    fair = gained >= SUBSTANTIAL * left.gain or more.bent - best.bent >= least
-    return gained >= least and (fair or not left.predictable)
+    return gained >= least and (gained >= SUBSTANTIAL * left.gain or not left.predictable)
 
 
 def _with_one_more(

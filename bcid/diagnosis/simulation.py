@@ -74,8 +74,8 @@ def read_parameters(path: Path) -> Parameters:
 def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
     """The simulation whose parameters a TOML file gives: Newton-Euler's, and those of the effects that it has.
 
-    With `relative_sd` the parameters stay about that near to what they are, or as near as `relative_sd_of` says of one;
-    without, they are where the refit starts.
+    With `relative_sd` the parameters stay about that near to what they are, or as near as `relative_sd_of` says of one,
+    and never go beyond three times that; without, they are where the refit starts.
 
     Raises:
         InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.

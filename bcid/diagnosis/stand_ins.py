@@ -51,7 +51,7 @@ def stand_ins(found: Search, take: Take, place: Circle | None, left: Left) -> tu
     """Those of the effects found that stand in, each alone or all together; `left` is what is left beside them.
 
     Beside a trusted simulation they have to stand in beside its own parameters as well: a refit without an effect bends
-    those to what is missing, however well they are known, so that the effect seems to explain little.
+    those to what is missing as far as they go, so that the effect seems to explain little.
     """
     if not named(found.best):
         return ()

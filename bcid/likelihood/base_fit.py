@@ -21,7 +21,7 @@ def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
 
     From the nominal car, which may be far off where it comes from one-step predictions, and from cars with usual
     tyres that slide or do not: grip that is never reached has no slope.  The best of them on a part of the take is
-    refitted to the whole.
+    refitted to the whole.  A trusted simulation is its own only start.
 
     Raises:
         FloatingPointError: when none stays within the finite numbers.
@@ -32,7 +32,7 @@ def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     usual = [with_usual_tyres(nominal, grip) for grip in GRIPS]
     if "d" in hypothesis.unknown_steering:  # a servo may have no limit that shows
         usual = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in usual]
-    for car in (nominal, *usual):
+    for car in (nominal, *usual) if hypothesis.simulated is None else (nominal,):
         try:
             fits.append(refit(part, base, base.start(car, assumed), part.start, scales))
         except FloatingPointError as failed:

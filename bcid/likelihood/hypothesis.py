@@ -37,6 +37,7 @@ FORCE_DEAD_ZONE = 0.1  # of the throttle
 MEASURED = 0.5  # of how far a tracked point may be from where it was thought, where somebody has measured that
 DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
 PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
+NEAR_BOUND = 1e-3  # of phi
 TRUSTED = 3.0  # standard deviations from a simulation's parameter beyond which it is not: something else is missing
 
 
@@ -217,11 +218,25 @@ class Hypothesis:
         return self if self.simulated is None else replace(self, simulated=self.simulated._replace(share=share))
 
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest phi; of the base parameters, where no car is beyond, and none that a simulation knows.
+        """Lowest and highest phi: where no car is beyond (`usual_bounds`), and none that a trusted simulation knows.
+
+        A motor a quarter weaker than it is known to be does what a friction does, at the price of a few nats by its
+        prior, where a drive of minutes tells by hundreds.
+        """
+        low, high = self.usual_bounds()
+        if self.simulated is not None:
+            known, centre = slice(len(self.simulated.phi)), np.array(self.simulated.phi)
+            free = np.isin(self.names[known], self.simulated.free)
+            reach = np.where(free, np.inf, TRUSTED * np.array(self.simulated.sd))
+            low[known] = np.maximum(low[known], centre - reach)
+            high[known] = np.minimum(high[known], centre + reach)
+        return low, high
+
+    def usual_bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest phi of any car.
 
         A fit without what is missing runs away with them: a tyre of endless stiffness and hardly any grip, say,
-        does what a drag does that grows with the steering; and a motor a quarter weaker than it is known to be does
-        what a friction does, for as many nats as its square says, where a drive of minutes tells by thousands.
+        does what a drag does that grows with the steering.
         """
         n, car = self.base_size, self.nominal
         inertia = car.m * car.l_f * car.l_r
@@ -232,12 +247,12 @@ class Hypothesis:
             high[k] = max(np.log(usual * times), np.log(getattr(car, symbol)))
         own_low = [p.low / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
         own_high = [p.high / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
-        low, high = np.r_[low, own_low], np.r_[high, own_high]
-        if self.simulated is not None:
-            n, reach = len(self.simulated.phi), TRUSTED * np.array(self.simulated.sd)
-            low[:n] = np.maximum(low[:n], self.simulated.phi - reach)
-            high[:n] = np.minimum(high[:n], self.simulated.phi + reach)
-        return low, high
+        return np.r_[low, own_low], np.r_[high, own_high]
+
+    def at_bound(self, phi: Floats) -> npt.NDArray[np.bool_]:
+        """Which of phi are at an end of their `bounds`, as near as refits end."""
+        low, high = self.bounds()
+        return np.asarray(np.minimum(phi - low, high - phi) < NEAR_BOUND)
 
     def values(self, phi: Floats) -> dict[str, float]:
         """The effects' parameters by field."""

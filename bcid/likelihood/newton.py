@@ -80,8 +80,11 @@ class State(NamedTuple):
 def jacobian(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, which: range | None = None
 ) -> Floats:
-    """D prediction / d phi (N, 3, n) of the components `which` (all), by differences from `r`, the residual at phi."""
-    _, high = hypothesis.bounds()
+    """D prediction / d phi (N, 3, n) of the components `which` (all), by differences from `r`, the residual at phi.
+
+    Differences go where a simulation's parameters are trusted no more: back from there might be an effect that is off.
+    """
+    _, high = hypothesis.usual_bounds()
     columns = []
     for j in which if which is not None else range(hypothesis.size):
         width = STEP_PHI if j < hypothesis.base_size else STEP_EFFECT

@@ -145,7 +145,7 @@ def _anew(of: Problem, anchor: State, ahead: State) -> tuple[Tangent, State] | N
     """
     rough = of.hypothesis.placed.any()
     for share in SHORTER:
-        phi = anchor.phi + share * (ahead.phi - anchor.phi)
+        phi = ahead.phi if share == 1.0 else anchor.phi + share * (ahead.phi - anchor.phi)
         start = anchor.start + share * (ahead.start - anchor.start)
         scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
         try:

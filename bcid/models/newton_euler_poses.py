@@ -25,7 +25,6 @@ from bcid.models.newton_euler_start import started_car
 from bcid.models.settings import NewtonEulerSettings
 from bcid.physics.car import Car
 
-NEAR_BOUND = 1e-3  # of phi
 OF_THE_PRIOR = 0.5  # of its standard deviation: who knows no more has learnt little from the poses
 TINY = 1e-12
 SHOWN = 6.0  # nats that a limit must gain, all other constants held, which takes part of it for nothing
@@ -64,8 +63,7 @@ def _facts(fit: Fit, stretches: int, unreached: list[str], task: FitTask, top: f
     hidden = [symbols.index(s) for s in unreached]
     covariance[hidden], covariance[:, hidden] = np.nan, np.nan
     errors = np.sqrt(np.diag(covariance))
-    hypothesis, (low, high) = fit.hypothesis, fit.hypothesis.bounds()
-    ends = np.minimum(fit.phi - low, high - fit.phi) < NEAR_BOUND
+    hypothesis = fit.hypothesis
     x, y, yaw = 1e3 * fit.scales.r
     return {
         "optimiser": f"likelihood of the poses in {stretches} stretches of 1.5 s",
@@ -80,7 +78,7 @@ def _facts(fit: Fit, stretches: int, unreached: list[str], task: FitTask, top: f
             for symbol, se in zip(symbols, errors, strict=True)
         },
         "correlated": correlated(covariance, symbols),
-        "at_bound": [s for s, at_end in zip(hypothesis.logs, ends, strict=False) if at_end],
+        "at_bound": [s for s, at_end in zip(hypothesis.logs, hypothesis.at_bound(fit.phi), strict=False) if at_end],
         "top_speed_mps": top,
         "mass_given": task.vehicle.body.mass_kg is not None,
     }  # fmt: skip

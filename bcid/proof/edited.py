@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
+from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed, effects_of
 from bcid.diagnosis.simulation import of_parameters
 from bcid.diagnosis.verdict import values_of
 from bcid.estimate.run import estimate_motion
@@ -32,7 +33,7 @@ class Before(NamedTuple):
     """What a drive shows before anything is edited in it."""
 
     known: Compared  # a simulation of it that is to be trusted
-    of: Mapping[str, Mapping[str, tuple[float, float]]]  # by effect, of its parameters: values with standard errors
+    of: dict[str, dict[str, tuple[float, float]]]  # by effect, of its parameters: values with standard errors
 
     def row(self) -> dict[str, Any]:
         """As it is kept."""
@@ -55,7 +56,11 @@ def as_it_was(name: str, effects: Iterable[str], asked: Asked) -> Before:
         start = of_parameters(asked.simulation, [estimate], vehicle)._replace(trust=None)
     freely = diagnosed([recording], [estimate], vehicle, start)
     unedited = diagnosed([recording], [estimate], vehicle, _trusted(freely))
-    return Before(_trusted(unedited), {effect: _before(effect, unedited) for effect in effects})
+    found = Before(_trusted(unedited), {})
+    for effect in effects:
+        with suppress(FloatingPointError):  # that is of this edit alone
+            found.of[effect] = _before(effect, unedited)
+    return found
 
 
 def _trusted(found: Diagnosis) -> Compared:
@@ -68,7 +73,12 @@ def answered(case: Edited, unedited: Before, asked: Asked) -> dict[str, Any]:
 
     Its parameters have to be the edit's beyond what the drive showed of them `before`, and nothing else named: the
     first is as large as the edit, a second one nothing.
+
+    Raises:
+        FloatingPointError: where the drive, edited or not, cannot be followed.
     """
+    if case.effect not in unedited.of:
+        raise FloatingPointError(f"what the drive shows of {case.effect} before it is edited leaves the finite numbers")
     known, before = unedited.known, unedited.of[case.effect]
     rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
     changed, estimate, vehicle = _changed(case, known, asked)
@@ -107,13 +117,14 @@ def _changed(case: Edited, known: Compared, asked: Asked) -> tuple[Recording, Es
 def _before(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
     """What an unedited drive shows of an effect's parameters beside all else that it shows, with standard errors.
 
-    As much as nothing where an effect is of one sign only and the drive would rather have the other.
+    The effect's own are as free as they are in an edited drive, from where they were found or from nothing.  As much
+    as nothing where an effect is of one sign only and the drive would rather have the other.
     """
     best = unedited.search.best
-    if effect in best.hypothesis.effects:
-        return values_of(best, effect)
-    values = list(best.hypothesis.values(best.phi).values())
-    known = replace(best.hypothesis, nominal=best.car(), assumed=best.hypothesis.effects)
-    off = [p.off for p in known.entries[effect].parameters]
-    more, start = known.trusting(values, AS_IT_WAS).with_effect(effect, best.phi, off)
+    values, entry = best.hypothesis.values(best.phi), best.hypothesis.entries[effect]
+    rest = {field: v for field, v in values.items() if field not in entry.fields}
+    known = replace(best.hypothesis, nominal=best.car(), assumed=effects_of(rest)).trusting([*rest.values()], AS_IT_WAS)
+    phi = known.holding().start(best.car(), [*rest.values()])
+    own = [values.get(field, p.off) for field, p in zip(entry.fields, entry.parameters, strict=True)]
+    more, start = known.holding().with_effect(effect, phi, own)
     return values_of(refit(unedited.take, more, start, best.start, best.scales), effect)

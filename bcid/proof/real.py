@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -91,12 +91,13 @@ def _jobs(cases: Cases, file: Path, asked: Asked) -> list[_Job]:
 
 
 def _answered(
-    jobs: Sequence[_Job], before: dict[str, dict[str, Any]], asked: Asked, folder: Path, workers: int
+    jobs: Sequence[_Job], there: Mapping[str, dict[str, Any]], asked: Asked, folder: Path, workers: int
 ) -> Iterator[dict[str, Any]]:
-    """The rows of all cases, each as it is done; `before` are such as come before some of them, by their keys."""
+    """The rows of all cases, each as it is done; `there` are such as come before some of them, by their keys."""
+    before = dict(there)
     if workers <= 1:
         for job in jobs:
-            row = _row(job, before.get(job.after), asked, folder)
+            row = _row(job, before, asked, folder)
             if isinstance(job.asks, _Unedited):
                 before[job.key] = row
             else:
@@ -105,7 +106,7 @@ def _answered(
     with pool_of(workers) as pool:
 
         def submitted(ready: Iterable[_Job]) -> dict[Future[dict[str, Any]], _Job]:
-            return {pool.submit(_row, job, before.get(job.after), asked, folder): job for job in ready}
+            return {pool.submit(_row, job, before, asked, folder): job for job in ready}
 
         running = submitted(job for job in jobs if not job.after or job.after in before)
         while running:
@@ -118,18 +119,21 @@ def _answered(
                     yield row
 
 
-def _row(job: _Job, before: dict[str, Any] | None, asked: Asked, folder: Path) -> dict[str, Any]:
-    """What was answered, kept in `folder`; what ended in an error is told, and asked again next time."""
+def _row(job: _Job, before: Mapping[str, dict[str, Any]], asked: Asked, folder: Path) -> dict[str, Any]:
+    """What was answered, kept in `folder`; what ended in an error is told, and asked again next time.
+
+    `before` holds the row of what comes before it.
+    """
     asks = job.asks
     try:
         if isinstance(asks, _Unedited):
             row = edited.as_it_was(asks.recording, asks.effects, asked).row()
         elif isinstance(asks, Withheld):
             row = withheld.answered(asks, asked)
-        elif before is None or "error" in before:
-            return _failed(asks, (before or {}).get("error", "nothing is known of it before"))
+        elif "error" in before[job.after]:
+            return _failed(asks, before[job.after]["error"])
         else:
-            row = edited.answered(asks, edited.Before.from_row(before), asked)
+            row = edited.answered(asks, edited.Before.from_row(before[job.after]), asked)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
         return _failed(asks, repr(error))
     keep(row, job.key, folder)

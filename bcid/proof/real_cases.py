@@ -61,7 +61,7 @@ class Cases(Settings):
 
     def edits_of(self, recording: str) -> tuple[str, ...]:
         """The effects that are made in one recording."""
-        return tuple(dict.fromkeys(edit.effect for edit in self.edited if edit.recording == recording))
+        return tuple(sorted({edit.effect for edit in self.edited if edit.recording == recording}))
 
     def vehicle_file(self, file: Path) -> Path:
         """Of these questions of `file`."""
