@@ -460,14 +460,13 @@ def test_predictions_join_the_estimate(take: Take) -> None:
 
 @pytest.mark.parametrize("condition", [1.0, 1e6, 1e12])
 def test_forms_are_inverted(condition: float) -> None:
-    """To rounding, N_FREE times that of a number: how a machine's BLAS orders its sums is its own."""
-    rounding = N_FREE * np.finfo(float).eps * condition
+    """The logarithm to N_FREE roundings, of as many pivots: how a machine's BLAS orders its sums is its own."""
     rng = np.random.default_rng(1)
     turned = np.linalg.qr(rng.standard_normal((N_FREE, N_FREE)))[0]
     sizes = np.geomspace(1.0, condition, N_FREE)
     V, log_det = inverted((turned * sizes) @ turned.T)
-    np.testing.assert_allclose(V, (turned / sizes) @ turned.T, atol=rounding)
-    assert log_det == pytest.approx(np.log(sizes).sum(), abs=rounding)
+    np.testing.assert_allclose(V, (turned / sizes) @ turned.T, atol=1e-15 * condition)
+    assert log_det == pytest.approx(np.log(sizes).sum(), abs=N_FREE * np.finfo(float).eps * condition)
 
 
 @pytest.mark.parametrize("no_form", [-1.0, 0.0, np.inf, np.nan])
