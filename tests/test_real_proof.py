@@ -481,7 +481,7 @@ def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkey
     for file in (f for f in asked.iterdir() if f.is_file()):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     done = list[str]()
-    monkeypatch.setattr(real, "_row", lambda job, *_: done.append(job.asks.recording) or {})
+    monkeypatch.setattr(real, "_row", lambda job, *_: done.append(job.key) or {})
     commands = tmp_path / "take.commands.csv"
     for times, text in ((4, commands.read_text()), (8, commands.read_text().replace("0.1", "0.2"))):
         commands.write_text(text)

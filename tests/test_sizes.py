@@ -386,6 +386,6 @@ def test_what_a_base_model_assumes_may_end_where_it_will() -> None:
     low = BASE.entries["steering_offset"].parameters[0].low
     held: Any = base_fit(BASE.holding("steering_offset", "yaw_scrub"), (low, 5.0))
     take: Any = Segments(90)
-    assert not candidates.credible(held, take)
+    assert candidates.incredible(held, take) == ("steering_offset",)
     assumed = replace(BASE, assumed=("steering_offset",)).holding("yaw_scrub")
-    assert candidates.credible(base_fit(assumed, (low, 5.0)), take)
+    assert not candidates.incredible(base_fit(assumed, (low, 5.0)), take)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bcid.diagnosis import verdict
 from bcid.diagnosis.heldout import Gain
 from bcid.diagnosis.score import level
 from bcid.diagnosis.screen import Candidate, Nulls
@@ -65,6 +66,33 @@ def test_gates(
     assert _passes(finding, search(fit(1000.0, effect), {})) is passes
     above_all = search(fit(1000.0, effect), {}, placebo=150.0)
     assert not _passes(finding, above_all)
+
+
+def test_what_is_told_in_the_end_is_where_no_range_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refit without something else may lead what was credible to an end: the weakest such is dropped."""
+    sizes = {"mass_change": 100.0, "marker_offset": 50.0, "yaw_scrub": 10.0}
+    ends = {("mass_change", "marker_offset", "yaw_scrub"): ("mass_change", "marker_offset")}
+    ends[("mass_change", "yaw_scrub")] = ("mass_change",)
+
+    def found(best: Any) -> Any:
+        seen = search(best, {n: fit(best.bic - sizes[n]) for n in best.hypothesis.effects})
+        seen.base = fit(0.0)
+        seen.corrected = seen.base
+        seen.reduced = lambda rest, take, out: found(rest)
+        return seen
+
+    def seen(found: Any, take: Any) -> list[Finding]:
+        return [Finding(n, (), 0.9, {}, sizes[n], Gain(9.0, (1.0, 9.0))) for n in found.best.hypothesis.effects]
+
+    monkeypatch.setattr(verdict, "_findings", seen)
+    monkeypatch.setattr(verdict, "_passes", lambda *_: True)
+    monkeypatch.setattr(verdict, "stand_ins", lambda *_: ())
+    monkeypatch.setattr(verdict, "refit_with", lambda best, take, effects: fit(sum(map(sizes.get, effects)), *effects))
+    monkeypatch.setattr(verdict, "incredible", lambda fit, take: ends.get(fit.hypothesis.effects, ()))
+    monkeypatch.setattr(verdict, "Left", SimpleNamespace(of=lambda *_: None))
+    told = verdict.judged(found(fit(160.0, *sizes)), TAKE)
+    assert told.dropped == ("marker_offset", "mass_change")
+    assert [f.effect for f in told.findings] == ["yaw_scrub"]
 
 
 def test_a_level_is_met_as_rarely_as_it_says() -> None:

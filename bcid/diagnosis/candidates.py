@@ -12,7 +12,8 @@ from contextlib import suppress
 import numpy as np
 
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
-from bcid.effects.table import EFFECTS
+from bcid.effects.entry import Parameter
+from bcid.effects.table import EFFECTS, effects_of
 from bcid.likelihood.refit import Fit, held, refit
 from bcid.likelihood.take import Take
 
@@ -102,24 +103,25 @@ def named(fit: Fit) -> tuple[str, ...]:
     return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
-def credible(fit: Fit, take: Take) -> bool:
-    """Whether none that it names stands in: no car has a size, of either sign, where the range of such sizes ends.
+def incredible(fit: Fit, take: Take) -> tuple[str, ...]:
+    """Those of the effects named that stand in: no car has a size, of either sign, where the range of such sizes ends.
 
     A change so early or late that the rest of the take is another car tells of the base model's parameters.
     """
-    values, names, length_s = fit.hypothesis.values(fit.phi), named(fit), float(np.max(take.length_s))
-    return not any(
-        not EDGE * length_s < values[field] < (1.0 - EDGE) * length_s
-        if p.symbol == "t_s"
-        else p.low < 0.0 and not p.places and p.at_bound(values[field])
-        for field, p in fit.hypothesis.parameters
-        if field.partition("__")[0] in names
-    )
+    values, length_s = fit.hypothesis.values(fit.phi), float(np.max(take.length_s))
+
+    def at_an_end(field: str, p: Parameter) -> bool:
+        if p.symbol == "t_s":
+            return not EDGE * length_s < values[field] < (1.0 - EDGE) * length_s
+        return p.low < 0.0 and not p.places and p.at_bound(values[field])
+
+    at_ends = effects_of(field for field, p in fit.hypothesis.parameters if at_an_end(field, p))
+    return tuple(name for name in named(fit) if name in at_ends)
 
 
 def best_first(fits: Sequence[Fit], take: Take) -> list[Fit]:
-    """Those that are credible."""
-    return sorted((f for f in fits if credible(f, take)), key=lambda f: -f.bic)
+    """Those that name nothing incredible."""
+    return sorted((f for f in fits if not incredible(f, take)), key=lambda f: -f.bic)
 
 
 def fully(fit: Fit, take: Take) -> Fit:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -19,7 +19,7 @@ from bcid.diagnosis.search import Search, search
 from bcid.diagnosis.verdict import Judgement, judged
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Units
-from bcid.effects.table import ENTRIES
+from bcid.effects.table import ENTRIES, effects_of
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes, units_of
@@ -79,10 +79,9 @@ class Compared(NamedTuple):
         """The effects' ids."""
         return effects_of(self.effects)
 
-
-def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
-    """The ids of the effects with these fields among the switches."""
-    return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
+    def without(self, effect: str) -> Compared:
+        """The same simulation, less that effect if it has it."""
+        return self._replace(effects={f: v for f, v in self.effects.items() if effects_of([f]) != (effect,)})
 
 
 class Based(NamedTuple):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.candidates import FINALISTS, credible
+from bcid.diagnosis.candidates import FINALISTS, incredible
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.hypothesis import Hypothesis
@@ -193,7 +193,7 @@ def on_the_whole(beside: Fit, take: Take, sized: Sequence[Sized], least: float) 
     Those that are not credible are passed over, and those left that promise little beside the first, or beside the
     `least` that is asked of the whole.
     """
-    likely, whole = [s for s in sized if credible(s.fit, take)][:FINALISTS], list[Fit]()
+    likely, whole = [s for s in sized if not incredible(s.fit, take)][:FINALISTS], list[Fit]()
     for s in likely:
         asked = LIKELY * least * len(s.fit.per_segment) / take.segments
         if s.promise + CHANCE * s.sd < asked or (whole and s.promise < LIKELY * likely[0].promise):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from bcid.diagnosis.candidates import RIVAL, named, refit_with
+from bcid.diagnosis.candidates import RIVAL, incredible, named, refit_with
 from bcid.diagnosis.heldout import Gain, block_s, gain, scores
 from bcid.diagnosis.left import Left
 from bcid.diagnosis.scan import Circle
@@ -78,10 +79,11 @@ def judged(
     best = found.best
     left = left or Left.of(best, take, place)
     findings = _findings(found, take)
-    failing = [f for f in findings if not _passes(f, found)]
-    # without the weakest the others may pass
-    weakest = (min(failing, key=lambda f: f.gain).effect,) if failing else ()
-    standing_in = () if weakest else stand_ins(found, take, place, left)
+    weakest = _weakest(f for f in findings if not _passes(f, found))
+    standing_in: tuple[str, ...] = ()
+    if not weakest:  # a refit with less may have led another to where no car is
+        at_ends = _weakest(f for f in findings if f.effect in incredible(best, take))
+        standing_in = at_ends or stand_ins(found, take, place, left)
     failed = (*weakest, *standing_in)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
@@ -98,6 +100,11 @@ def judged(
         verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, found.nulls.gate,
         corrections, found,
     )  # fmt: skip
+
+
+def _weakest(failing: Iterable[Finding]) -> tuple[str, ...]:
+    """The one that is worth least, if any fails: without it the others may pass."""
+    return tuple(f.effect for f in sorted(failing, key=lambda f: f.gain)[:1])
 
 
 def _findings(found: Search, take: Take) -> list[Finding]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,11 @@ def switches(on: Mapping[str, float] | None = None) -> Any:
 def off() -> Any:
     """Switches at which nothing changes to the last bit."""
     return switches()
+
+
+def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
+    """The ids of the effects with these fields among the switches."""
+    return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
 
 
 def effect_of(name: str) -> Effect:

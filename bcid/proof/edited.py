@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed, effects_of
+from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
 from bcid.diagnosis.simulation import of_parameters
 from bcid.diagnosis.verdict import values_of
+from bcid.effects.table import effects_of
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.likelihood.refit import refit
@@ -43,6 +44,11 @@ class Before(NamedTuple):
     def from_row(cls, row: Mapping[str, Any]) -> Before:
         """As it was kept."""
         return cls(Compared(Car(**row["car"]), row["effects"], AS_IT_WAS), row["of"])
+
+
+def head(case: Edited) -> dict[str, Any]:
+    """Of its row."""
+    return {"tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}"}
 
 
 def as_it_was(name: str, effects: Iterable[str], asked: Asked) -> Before:
@@ -80,18 +86,16 @@ def answered(case: Edited, unedited: Before, asked: Asked) -> dict[str, Any]:
     if case.effect not in unedited.of:
         raise FloatingPointError(f"what the drive shows of {case.effect} before it is edited leaves the finite numbers")
     known, before = unedited.known, unedited.of[case.effect]
-    rest = known._replace(effects={f: v for f, v in known.effects.items() if f.partition("__")[0] != case.effect})
     changed, estimate, vehicle = _changed(case, known, asked)
-    answer = said(diagnosed([changed], [estimate], vehicle, rest))
+    answer = said(diagnosed([changed], [estimate], vehicle, known.without(case.effect)))
     told = next((f["values"] for f in answer["findings"] if f["effect"] == case.effect), None)
     beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
     first, *others = before
     made = {first: case.value, **dict.fromkeys(others, 0.0)}
     right = told is not None and all(_near(told[s], before[s], made[s], abs(case.value)) for s in made)
     return {
-        "tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}", "truth": case.value,
-        "before": before[first][0], "value": told[first][0] if told else None, "beside": beside,
-        "right": right and not beside, **answer,
+        **head(case), "truth": case.value, "before": before[first][0], "value": told[first][0] if told else None,
+        "beside": beside, "right": right and not beside, **answer,
     }  # fmt: skip
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,25 +22,19 @@ from bcid.errors import BcidError
 from bcid.proof import edited, withheld
 from bcid.proof.asked import Asked
 from bcid.proof.keeping import keep, kept
-from bcid.proof.real_cases import Cases, Edited, Withheld, read_cases
+from bcid.proof.real_cases import Cases, Edited, read_cases
 from bcid.proof.running import pool_of
 from bcid.recording.read import read_recording
 from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
 
 
-class _Unedited(NamedTuple):
-    """What edits are held against: a recording, before any of these effects is edited in it."""
-
-    recording: str
-    effects: tuple[str, ...]
-
-
 class _Job(NamedTuple):
-    """A question, the key of its row, and that of the row which has to be there first."""
+    """What makes a row, of what is asked and of the row that has to be there first, and the keys of the two."""
 
-    asks: Withheld | Edited | _Unedited
+    answer: Callable[..., dict[str, Any]]
     key: str
+    head: dict[str, Any]  # of the row; nothing where it answers no question, but is what edits are held against
     after: str = ""
 
 
@@ -56,16 +52,11 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     folder.mkdir(parents=True, exist_ok=True)
     known, jobs = kept(folder), _jobs(cases, file, asked)
     there = {job.key: known[job.key] for job in jobs if job.key in known}
-    done = 0
-    for job in jobs:
-        if job.key in there and not isinstance(job.asks, _Unedited):
-            done += 1
-            yield there[job.key], done / cases.size
     todo = [job for job in jobs if job.key not in there]
     needed = {job.after for job in todo}
-    todo = [job for job in todo if job.key in needed or not isinstance(job.asks, _Unedited)]
-    for row in _answered(todo, there, asked, folder, workers):
-        done += 1
+    todo = [job for job in todo if job.head or job.key in needed]
+    rows = [there[job.key] for job in jobs if job.head and job.key in there]
+    for done, row in enumerate(chain(rows, _answered(todo, there, asked, folder, workers)), 1):
         yield row, done / cases.size
 
 
@@ -81,13 +72,30 @@ def _jobs(cases: Cases, file: Path, asked: Asked) -> list[_Job]:
         all_of_it = [what, cases.calibrated.get(recording), drives[recording], code.digest, code.packages, given]
         return f"real.{hashlib.sha256(json.dumps(all_of_it, sort_keys=True).encode()).hexdigest()[:24]}"
 
-    first = {name: _Unedited(name, cases.edits_of(name)) for name in dict.fromkeys(e.recording for e in cases.edited)}
-    before = {name: _Job(asks, key_of(name, asks)) for name, asks in first.items()}
+    edits = {name: cases.edits_of(name) for name in dict.fromkeys(edit.recording for edit in cases.edited)}
+    before = {name: _Job(partial(_before, name, es), key_of(name, [name, es]), {}) for name, es in edits.items()}
     return [
         *before.values(),
-        *(_Job(case, key_of(case.recording, case.model_dump())) for case in cases.withheld),
-        *(_Job(case, key_of(case.recording, case.model_dump()), before[case.recording].key) for case in cases.edited),
-    ]
+        *(
+            _Job(partial(withheld.answered, case), key_of(case.recording, case.model_dump()), withheld.head(case))
+            for case in cases.withheld
+        ),
+        *(
+            _Job(
+                partial(_edited, case), key_of(case.recording, case.model_dump()), edited.head(case),
+                before[case.recording].key,
+            )
+            for case in cases.edited
+        ),
+    ]  # fmt: skip
+
+
+def _before(recording: str, effects: Sequence[str], asked: Asked) -> dict[str, Any]:
+    return edited.as_it_was(recording, effects, asked).row()
+
+
+def _edited(case: Edited, asked: Asked, before: Mapping[str, Any]) -> dict[str, Any]:
+    return edited.answered(case, edited.Before.from_row(before), asked)
 
 
 def _answered(
@@ -97,11 +105,9 @@ def _answered(
     before = dict(there)
     if workers <= 1:
         for job in jobs:
-            row = _row(job, before, asked, folder)
-            if isinstance(job.asks, _Unedited):
-                before[job.key] = row
-            else:
-                yield row
+            before[job.key] = _row(job, before, asked, folder)
+            if job.head:
+                yield before[job.key]
         return
     with pool_of(workers) as pool:
 
@@ -112,10 +118,9 @@ def _answered(
         while running:
             for ended in wait(running, return_when=FIRST_COMPLETED).done:
                 job, row = running.pop(ended), ended.result()
-                if isinstance(job.asks, _Unedited):
-                    before[job.key] = row
-                    running |= submitted(other for other in jobs if other.after == job.key)
-                else:
+                before[job.key] = row
+                running |= submitted(other for other in jobs if other.after == job.key)
+                if job.head:
                     yield row
 
 
@@ -124,26 +129,14 @@ def _row(job: _Job, before: Mapping[str, dict[str, Any]], asked: Asked, folder: 
 
     `before` holds the row of what comes before it.
     """
-    asks = job.asks
-    try:
-        if isinstance(asks, _Unedited):
-            row = edited.as_it_was(asks.recording, asks.effects, asked).row()
-        elif isinstance(asks, Withheld):
-            row = withheld.answered(asks, asked)
-        elif "error" in before[job.after]:
-            return _failed(asks, before[job.after]["error"])
+    first = [before[job.after]] if job.after else []
+    error = next((row["error"] for row in first if "error" in row), None)
+    if error is None:
+        try:
+            row = job.answer(asked, *first)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as failed:
+            error = repr(failed)
         else:
-            row = edited.answered(asks, edited.Before.from_row(before[job.after]), asked)
-    except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as error:
-        return _failed(asks, repr(error))
-    keep(row, job.key, folder)
-    return row
-
-
-def _failed(asks: Withheld | Edited | _Unedited, error: str) -> dict[str, Any]:
-    """A question without an answer."""
-    if isinstance(asks, _Unedited):
-        return {"error": error}
-    tier, name = ("edited", asks.effect) if isinstance(asks, Edited) else (withheld.tier_of(asks), asks.name)
-    said = {"right": False, "verdict": "error", "findings": [], "error": error}
-    return {"tier": tier, "recording": asks.recording, "case": name, **said}
+            keep(row, job.key, folder)
+            return row
+    return {**job.head, "right": False, "verdict": "error", "findings": [], "error": error}

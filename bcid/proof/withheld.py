@@ -29,9 +29,9 @@ MOVING = 0.3  # m/s: slower predictions are not compared
 MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
 
 
-def tier_of(case: Withheld) -> str:
+def head(case: Withheld) -> dict[str, Any]:
     """Of its row."""
-    return "control" if case.control else "withheld"
+    return {"tier": "control" if case.control else "withheld", "recording": case.recording, "case": case.name}
 
 
 def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
@@ -50,10 +50,7 @@ def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
             )
         ratio = float((_errors(less, vehicle, recording, estimate) / whole).max())
     wanted = not case.control and ratio > MATTERS
-    row = {
-        "tier": tier_of(case), "recording": case.recording, "case": case.name,
-        "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted,
-    }  # fmt: skip
+    row = {**head(case), "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted}
     if not (wanted or case.control):
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
     answer = said(diagnosed([recording], [estimate], vehicle, less))
@@ -90,10 +87,7 @@ def _with_kinds(named: Set[str]) -> set[str]:
 
 def _less(case: Withheld, published: Compared) -> Compared:
     """The simulation without what the case withholds of it."""
-    return published._replace(
-        car=published.car._replace(**case.parameters),
-        effects={f: v for f, v in published.effects.items() if f.partition("__")[0] != case.effect},
-    )
+    return published.without(case.effect)._replace(car=published.car._replace(**case.parameters))
 
 
 def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
