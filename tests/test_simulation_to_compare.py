@@ -190,3 +190,16 @@ def test_what_has_gone_as_far_as_it_is_trusted_is_told() -> None:
     assert list(rows)[-2:] == ["motor_lag.tau", "yaw_scrub.c"]
     assert rows["motor_lag.tau"]["value"] == pytest.approx(0.06)
     assert rows["yaw_scrub.c"]["unit"] == "kg m^2 s^-1 rad^-1"
+
+
+@pytest.mark.parametrize("assumed", [(), ("steering_scale",)])
+def test_the_gain_of_raw_commands_is_told_once(assumed: tuple[str, ...]) -> None:
+    """With the base model where that assumes it, otherwise as a correction of it."""
+    held = Hypothesis((), CAR, 2.012, Constants(), assumed=assumed, raw_commands=True).holding("steering_scale")
+    phi = held.start(CAR, [0.03])
+    scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
+    fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
+    found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
+    in_base = [row["symbol"] for row in saving._base(found) if row["symbol"] == "steering_scale.g"]
+    assert in_base == ["steering_scale.g"] * len(assumed)
+    assert saving._corrections(held) == (() if assumed else ("steering_scale",))

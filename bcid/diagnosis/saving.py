@@ -15,8 +15,8 @@ from bcid.diagnosis.locate import SIGNIFICANT
 from bcid.diagnosis.verdict import Finding, alike
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter
-from bcid.effects.table import EFFECTS, ENTRIES
-from bcid.likelihood.hypothesis import DRAG
+from bcid.effects.table import EFFECTS, ENTRIES, effects_of
+from bcid.likelihood.hypothesis import DRAG, Hypothesis
 from bcid.likelihood.take import Floats
 from bcid.models.augmented import FORCE_UNITS, UNITS
 
@@ -38,7 +38,8 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
     """The whole of it; `about` holds vehicle, recordings, duration_s and simulation."""
     judgement = found.judgement
     detected = bool(judgement.findings) or judgement.verdict == "unknown" or found.p_value < SIGNIFICANT
-    corrections = tuple(n for n in judgement.fit.hypothesis.effects if n in CORRECTIONS)
+    hypothesis = judgement.fit.hypothesis
+    corrections = _corrections(hypothesis)
     unknown = judgement.verdict == "unknown" or judgement.more_is_left
     return {
         "schema": SCHEMA,
@@ -46,7 +47,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         "verdict": judgement.verdict,
         "mismatch": {"detected": detected, "p_value": found.p_value, "where": _where(found) if detected else None},
         "channels": {channel: round(nats, 1) for channel, nats in found.location.left.entering.items()},
-        "findings": [_finding(f, judgement.fit.hypothesis.entries[f.effect]) for f in judgement.findings],
+        "findings": [_finding(f, hypothesis.entries[f.effect]) for f in judgement.findings],
         "unknown": _unknown(found, corrections) if unknown else None,
         "fit": _fit(horizons),
         "horizons": [_horizon(h) for h in horizons],
@@ -123,6 +124,11 @@ def _sentence(f: Finding, effect: Effect) -> str:
     return f"{f.effect.replace('_', ' ')}: {words}"
 
 
+def _corrections(hypothesis: Hypothesis) -> tuple[str, ...]:
+    """Those of the base model's own simplifications that were corrected; what is assumed stands with the base model."""
+    return tuple(n for n in hypothesis.effects if n in CORRECTIONS and n not in hypothesis.assumed)
+
+
 def _correction(found: Diagnosis, name: str) -> dict[str, Any]:
     values, entry = found.judgement.fit.values(), CORRECTIONS[name]
     by_symbol = {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
@@ -189,7 +195,7 @@ def _base(found: Diagnosis) -> list[dict[str, Any]]:
             "shown": True, "at_bound": at_end,
         }
         for (field, p), at_end in zip(hypothesis.parameters, stuck[hypothesis.base_size :], strict=True)
-        if field.partition("__")[0] in hypothesis.assumed
+        if effects_of([field])[0] in hypothesis.assumed
     ]  # fmt: skip
 
 
