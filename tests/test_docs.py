@@ -132,7 +132,7 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     assert evidence(whole) in readme
     assert methods(quick) in readme
-    assert f"seed {quick['seed']}" in readme
+    assert f"seed {quick['seed']}, code {quick['code']}" in readme
     right, wanted = quick["pooled"]["right"], quick["pooled"]["expected"]
     assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
 
@@ -155,9 +155,9 @@ def test_the_blind_test_s_figures_follow_from_its_rows() -> None:
     assert {case.name: sealed(case, told["salt"]) for case in cases} == seals["cases"]
     assert seal_of(cases, told["salt"]) == seals["seal"] == told["seal"]
     rows = {key.partition(".")[0]: row for key, row in kept(results / "proof").items()}
-    assert len({key.partition(".")[2] for key in kept(results / "proof")}) == 1  # of one code
+    assert {key.partition(".")[2] for key in kept(results / "proof")} == {told["code"]}
     ran = [truth_of(case) | rows[case.digest()] for case in cases if case.digest() in rows]
-    about = {key: told[key] for key in ("seed", "salt", "quick", "sizes", "of", "tiers_of", "seal")}
+    about = {key: told[key] for key in ("seed", "salt", "quick", "sizes", "of", "tiers_of", "seal", "code")}
     again = json.loads(json.dumps(outcome(ran, about)))
     figures = ("cases", "tiers", "pooled", "pooled_by_tier", "calibration", "p_values", "confusion", "wrong", "missed")
     for key in figures:

@@ -281,9 +281,21 @@ def test_seals_lie_there_before_and_are_opened_after(tmp_path: Path) -> None:
         opened(cases, "salt", tmp_path)
 
 
-def test_a_diagnosis_cannot_reach_an_answer() -> None:
-    """Nothing that a diagnosis runs imports the blind test or the simulation, and a recording holds no case."""
-    reached, todo = set[str](), ["bcid.diagnosis.diagnose", "bcid.estimate.run", "bcid.recording.assemble"]
+EXPLAINING = ("bcid.diagnosis.diagnose", "bcid.estimate.run", "bcid.recording.assemble")
+THE_SIMULATION = ("bcid.simulation.drive", "bcid.simulation.dynamics", "bcid.simulation.samples")
+
+
+@pytest.mark.parametrize(
+    ("roots", "among", "never"),
+    [
+        (EXPLAINING, "bcid.diagnosis.search", ("bcid.proof", "bcid.simulation")),
+        (THE_SIMULATION, "bcid.simulation.car", ("bcid.proof", "bcid.diagnosis", "bcid.likelihood", "bcid.effects",
+                                                 "bcid.models", "bcid.physics", "bcid.estimate")),
+    ],
+)  # fmt: skip
+def test_truth_and_judge_are_apart(roots: tuple[str, ...], among: str, never: tuple[str, ...]) -> None:
+    """Nothing that a diagnosis runs imports the blind test or the simulation, nor does that import what explains it."""
+    reached, todo = set[str](), [*roots]
     while todo:
         name = todo.pop()
         if name in reached or not name.startswith("bcid"):
@@ -300,8 +312,8 @@ def test_a_diagnosis_cannot_reach_an_answer() -> None:
                 todo += [a.name for a in node.names]
             elif isinstance(node, ast.ImportFrom) and node.module:
                 todo += [node.module, *(f"{node.module}.{a.name}" for a in node.names if a.name.islower())]
-    assert "bcid.diagnosis.search" in reached
-    assert not [name for name in reached if name.startswith(("bcid.proof", "bcid.simulation"))]
+    assert among in reached
+    assert not [name for name in reached if name.startswith(never)]
 
 
 @pytest.mark.parametrize("name", list(OUTSIDE))
@@ -443,6 +455,11 @@ def test_few_cases_of_many_tiers_are_judged_together() -> None:
 def test_what_is_right() -> None:
     assert right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]))
     assert not right(row("a-1", ["yaw_scrub"], ["yaw_scrub", "rear_toe"]))
+    for twins, told in (["rear_toe", "yaw_coulomb", "motor_sag"], True), (["a", "b", "c", "d"], False):
+        ambiguous = row("a-1", ["yaw_scrub"], ["yaw_scrub"])
+        ambiguous["findings"][0]["twins"] = twins
+        assert right(ambiguous) is told  # a set that is too long tells nothing, here as in its tier's figures
+        assert tiers([ambiguous])[0].set == float(told)
     assert not right(row("a-1", ["yaw_scrub"], []))
     assert right(row("a-1", [], [], tier="null"))
     assert not right(row("a-1", [], [], tier="null", verdict="unknown"))  # something missing where nothing is
@@ -457,7 +474,8 @@ def test_what_is_right() -> None:
 
 def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
     rows = [row("single-1", ["yaw_scrub"], ["rear_toe"]), row("null-2", [], [], tier="null")]
-    found = outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False}) | {"baselines": summary(rows)}
+    found = outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False, "code": "c0de"})
+    found |= {"baselines": summary(rows)}
     assert found["confusion"] == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
     text = evidence(found)
     assert "| one effect | 1 | **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%) |" in text
@@ -480,8 +498,19 @@ def test_other_methods_say_what_they_can(o: float) -> None:
     assert [m for m in METHODS if said[m]["effect"]] == [m for m in METHODS if m in NAMING and said[m]["effect"]]
     assert json.loads(json.dumps(said)) == said
     counted = {m["method"]: m for m in summary([{**row("s-1", ["steering_offset"], []), "others": said}])}
-    assert counted["bcid diagnose"]["top1"] == 0.0
+    assert counted["bcid diagnose"]["top1"] == [0, 1]
     assert counted["residual MLP"]["top1"] is None
+
+
+def test_a_take_on_which_the_diagnosis_ends_in_an_error_counts_against_it() -> None:
+    """Nothing of the others is known there."""
+    there, nothing = row("s-1", ["yaw_scrub"], ["yaw_scrub"]), row("n-2", [], [], tier="null")
+    broken = {"case": "s-3", "tier": "single", "answer": ["yaw_scrub"], "channel": "", "error": "ValueError()"}
+    net = {"effect": None, "detected": True, "explained": 0.7, "failed": "", "seconds": 1.0}
+    ours, other = summary([*({**r, "others": {"residual MLP": net}} for r in (there, nothing)), broken])
+    assert (ours["method"], ours["n"], ours["failed"], ours["seconds"]) == ("bcid diagnose", 3, 1, 1.0)
+    assert (ours["top1"], ours["detected"], ours["false"]) == ([1, 2], [1, 2], [0, 1])
+    assert (other["n"], other["top1"], other["detected"], other["false"]) == (2, None, [1, 1], [1, 1])
 
 
 def _diagnosis(case: Case) -> Diagnosis:

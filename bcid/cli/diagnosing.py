@@ -166,7 +166,7 @@ def _prove(
     from bcid.cli import show
     from bcid.proof.baselines import summary
     from bcid.proof.outcome import outcome
-    from bcid.proof.running import known, run_all
+    from bcid.proof.running import code_of_rows, known, run_all
     from bcid.proof.seal import opened, seal_up
     from bcid.report.proof_page import write_proof_page
 
@@ -182,7 +182,12 @@ def _prove(
             rows.append(row)
             progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
     ran = {row["case"] for row in rows}
-    about |= {"of": len(cases), "tiers_of": Counter(c.tier for c in cases), "seal": seal}
+    about |= {
+        "of": len(cases),
+        "tiers_of": Counter(c.tier for c in cases),
+        "seal": seal,
+        "code": code_of_rows(baselines),
+    }
     about |= opened([c for c in cases if c.name in ran], salt, out, len(ran) - before) if salt else {}
     found = outcome(rows, about) | {"baselines": summary(rows)}
     (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")

@@ -137,13 +137,13 @@ def _far(estimate: Mapping[str, Any]) -> bool:
 
 def proof(found: dict[str, Any]) -> Group:
     """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
-    from bcid.report.proof_page import figures, not_run, shown, takes
+    from bcid.report.proof_page import SAID, figures, not_run, said_by, shown, takes
+
+    def plain(text: str) -> str:
+        return text.replace("\N{NO-BREAK SPACE}", " ")
 
     columns = shown(found["tiers"])
-    rows = [
-        [t["tier"], takes(found, t["tier"]), figures(t, columns, "{}!").replace("\N{NO-BREAK SPACE}", " ")]
-        for t in found["tiers"]
-    ]
+    rows = [[t["tier"], takes(found, t["tier"]), plain(figures(t, columns, "{}!"))] for t in found["tiers"]]
     note = "; ".join(["goals in brackets; ! misses it", *(f"not run: {tier}" for tier in not_run(found))])
     tables = [table(f"{found['cases']} of {found['of']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
     if found["wrong"]:
@@ -151,12 +151,10 @@ def proof(found: dict[str, Any]) -> Group:
         again = f"--seed {found['seed']} makes them again"
         tables.append(table("not as it should be", ["case", "there", "said"], wrong, again, ["there", "said"]))
     if found["baselines"]:
-        fields = {"first": "top1", "false alarms": "false", "detects": "detected", "error explained": "explained"}
         others = [
-            [b["method"], str(b["n"]), *("–" if b[f] is None else f"{b[f]:.0%}" for f in fields.values())]
-            for b in found["baselines"]
+            [b["method"], str(b["n"]), *(plain(said_by(b, f)) for f in SAID.values())] for b in found["baselines"]
         ]
-        tables.append(table("the same takes by other methods", ["method", "n", *fields], others))
+        tables.append(table("the same takes by other methods", ["method", "n", *SAID], others))
     return Group(*tables)
 
 
@@ -172,7 +170,12 @@ def real_proof(found: dict[str, Any]) -> Group:
         for r in found["rows"]
     ]  # fmt: skip
     told = "; ".join(
-        f"{tier}: {t['right']} of {t['n']}" + (f", {t['first']} first, {t['alone']} alone" if "first" in t else "")
+        f"{tier}: {t['right']} of {t['n']}"
+        + (
+            f", {t['first']} first, {t['alone']} alone, {t['accepted']} of {t['names']} names accepted"
+            if "first" in t
+            else ""
+        )
         for tier, t in found["tiers"].items()
     )
     return Group(

@@ -230,17 +230,21 @@ def compared(found: Diagnosis) -> dict[str, dict[str, Any]]:
 
 
 def summary(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of the diagnosis and each method on the same takes: first names right, false alarms, detections."""
+    """Of the diagnosis and each method on the same takes: first names right, false alarms, detections, of how many.
+
+    A take on which the diagnosis ended in an error has nothing of the others, and counts as missed by it.
+    """
     by_method: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        if "others" not in row or not shown(row):  # where naming is wrong
+        others = row.get("others", {})
+        if not (others or "error" in row) or not shown(row):  # where naming is wrong
             continue
-        first = row["findings"][0]["effect"] if row["findings"] else None
+        first = row["findings"][0]["effect"] if row.get("findings") else None
         ours = {
-            "effect": first, "detected": bool(first) or row["verdict"] == "unknown", "explained": None,
-            "seconds": row["seconds"],
+            "effect": first, "detected": bool(first) or row.get("verdict") == "unknown", "explained": None,
+            "seconds": row.get("seconds", np.nan), "failed": row.get("error", ""),
         }  # fmt: skip
-        for method, said in {"bcid diagnose": ours, **row["others"]}.items():
+        for method, said in {"bcid diagnose": ours, **others}.items():
             by_method.setdefault(method, []).append(
                 {**said, "answer": row["answer"], "hidden": row["channel"], "tier": row["tier"]}
             )
@@ -253,10 +257,10 @@ def _counted(method: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     explained = [r["explained"] for r in there if r["explained"] is not None]
     return {
         "method": method, "n": len(rows),
-        "top1": float(np.mean(nameable)) if nameable and method in NAMING else None,
-        "false": float(np.mean([r["detected"] for r in nothing])) if nothing else None,
-        "detected": float(np.mean([r["detected"] for r in there])) if there else None,
+        "top1": [sum(nameable), len(nameable)] if nameable and method in NAMING else None,
+        "false": [sum(r["detected"] for r in nothing), len(nothing)] if nothing else None,
+        "detected": [sum(r["detected"] for r in there), len(there)] if there else None,
         "explained": float(np.median(explained)) if explained else None,
         "failed": sum(bool(r.get("failed")) for r in rows),
-        "seconds": float(np.median([r["seconds"] for r in rows])),
+        "seconds": float(np.nanmedian([r["seconds"] for r in rows])),
     }  # fmt: skip

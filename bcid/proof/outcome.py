@@ -12,7 +12,6 @@ from typing import Any
 from bcid import __version__
 from bcid.proof.calibration import calibration, of_nothing
 from bcid.proof.scoring import each_pooled, pooled, right, tiers
-from bcid.store.code import code_of
 
 SCHEMA = "bcid.prove/1"
 NOTHING, UNKNOWN, ERROR = "nothing", "unknown", "error"
@@ -21,14 +20,13 @@ REFUTED = 0.01  # of a quick run: right answers as few are rarer, were the goals
 
 
 def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, Any]:
-    """All figures of `rows`; `about` holds seed, salt and seal of the run, and whether it is a quick one."""
+    """All figures of `rows`; `about` holds seed, salt, seal and code of the run, and whether it is a quick one."""
     found = {
         "schema": SCHEMA,
         **about,
         "cases": len(rows),
         "versions": {"bcid": __version__, "python": platform.python_version()}
         | {name: importlib.metadata.version(name) for name in LIBRARIES},
-        "code": code_of("bcid.diagnosis.diagnose").digest,
         "tiers": [{**asdict(t), "goal": t.goal, "missed": list(t.missed)} for t in tiers(rows)],
         "pooled": pooled(rows),
         "pooled_by_tier": each_pooled(rows),

@@ -15,8 +15,8 @@ TIERS = ("withheld", "control", "edited")
 def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """All rows in order, and right answers of how many, tier by tier.
 
-    Of what was withheld also how many right names stand first, and how many have no other beside them.  What makes no
-    difference to the error where it is withheld does not count.
+    Of what was withheld also how many right names stand first, how many have no other beside them, and of all names how
+    many are accepted.  What makes no difference to the error where it is withheld does not count.
     """
     rows = sorted(rows, key=lambda r: (TIERS.index(r["tier"]), r["recording"], r["case"]))
     counted = [r for r in rows if r["verdict"] != NOT_ASKED]
@@ -26,6 +26,10 @@ def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         for of in [[r for r in counted if r["tier"] == tier]]
     }
     if "withheld" in tiers:
-        right = [r for r in counted if r["tier"] == "withheld" and r["right"]]
-        tiers["withheld"] |= {"first": sum(r["first"] for r in right), "alone": sum(not r["beside"] for r in right)}
+        asked = [r for r in counted if r["tier"] == "withheld" and "error" not in r]
+        right, names = [r for r in asked if r["right"]], sum(len(r["findings"]) for r in asked)
+        tiers["withheld"] |= {
+            "first": sum(r["first"] for r in right), "alone": sum(not r["beside"] for r in right),
+            "names": names, "accepted": names - sum(len(r["beside"]) for r in asked),
+        }  # fmt: skip
     return {"schema": SCHEMA, "code": code_of("bcid.proof.real").digest, "tiers": tiers, "rows": rows}

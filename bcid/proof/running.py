@@ -43,7 +43,7 @@ def run_all(
     after so many `minutes`, with what it has begun, has run a fair part of every tier.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    rows, code, todo = kept(folder), _code(others), list[Case]()
+    rows, code, todo = kept(folder), code_of_rows(others), list[Case]()
     for case in cases:
         row = _known(rows, case, code)
         if row is None:
@@ -71,12 +71,12 @@ def run_all(
 
 def known(cases: Iterable[Case], folder: Path, others: bool = False) -> int:
     """How many cases' rows lie in `folder` already."""
-    rows, code = kept(folder), _code(others)
+    rows, code = kept(folder), code_of_rows(others)
     return sum(_known(rows, case, code) is not None for case in cases)
 
 
-def _code(others: bool) -> str:
-    """The digest of the code that makes a row."""
+def code_of_rows(others: bool) -> str:
+    """The digest of the code that makes a row, of `others` methods as well, and of the libraries' versions."""
     code = [code_of(m) for m in ((*JUDGED, "bcid.proof.baselines") if others else JUDGED)]
     text = repr([(c.digest, sorted(c.packages.items())) for c in code])
     return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -37,7 +37,7 @@ RATES = {
 }  # fmt: skip
 """Share of `right` answers that is wanted of a tier."""
 OTHERWISE = 0.9  # of the others
-LARGEST_SET = 4  # a longer set is a miss
+LARGEST_SET = 4  # names for one effect that is there; a longer set is a miss
 NORMAL95 = 1.96
 
 
@@ -57,6 +57,7 @@ class Tier:
     set_size: float | None
     parameter_error: float | None  # median, relative
     coverage: float | None  # of 95 % intervals
+    coverage_ci95: tuple[float, float] | None
     oracle_share: float | None  # median, of the held-out gain of the true structure
     unshown: float | None  # of what is there and driven: not worth its name even to the truth, and not asked for
     more: float | None  # of right names: something is told as left beside them
@@ -107,7 +108,7 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         tier=name,
         n=len(members),
         top1=_mean(r["findings"] != [] and r["findings"][0]["effect"] in r["answer"] for r in seen),
-        set=_mean(set(r["answer"]) <= _set(r) and len(_set(r)) <= LARGEST_SET for r in seen),
+        set=_mean(_in_the_set(r) for r in seen),
         exact=_mean(set(r["answer"]) == {f["effect"] for f in r["findings"]} for r in seen),
         false=_mean(false),
         false_ci95=exact_ci95(sum(false), len(false)) if false else None,
@@ -116,6 +117,7 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         set_size=_mean(len(_set(r)) for r in known if r["findings"]),
         parameter_error=_median(errors),
         coverage=_mean(covered),
+        coverage_ci95=exact_ci95(sum(covered), len(covered)) if covered else None,
         oracle_share=_median([r["oracle_share"] for r in known if r.get("oracle_share") is not None]),
         unshown=None if name == "unexcited" else _mean(not shown(r) for r in known),
         more=_mean(r["remainder"].get("nats", 0.0) > 0.0 for r in named),
@@ -141,7 +143,7 @@ def right(row: dict[str, Any]) -> bool:
         return not names and row["verdict"] == "unknown" and row["remainder"]["channel"] in _channels(row)
     if not shown(row):
         return not names and _told_unseen(row)
-    return bool(names) and set(row["answer"]) <= _set(row) and not names - _alike(row)
+    return bool(names) and _in_the_set(row) and not names - _alike(row)
 
 
 def shown(row: Mapping[str, Any]) -> bool:
@@ -192,6 +194,11 @@ def _called_measurement(row: dict[str, Any]) -> bool:
 def _set(row: dict[str, Any]) -> set[str]:
     """What is returned: all findings and what they cannot be told from.  A pair that is a twin counts as one."""
     return {e for f in row["findings"] for e in (f["effect"], *f["twins"])}
+
+
+def _in_the_set(row: dict[str, Any]) -> bool:
+    """Whether all that is there is returned, in a set that is no longer than tells something."""
+    return set(row["answer"]) <= _set(row) and len(_set(row)) < LARGEST_SET + len(row["answer"])
 
 
 def _alike(row: dict[str, Any]) -> set[str]:

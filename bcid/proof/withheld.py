@@ -38,19 +38,18 @@ def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
     """What is made of a recording where something is withheld; not asked where that makes no difference."""
     vehicle = asked.vehicle_of(case.recording, case.vehicle)
     recording, estimate, _ = asked.moved(case.recording, vehicle)
-    less, ratio = None, 1.0
+    less, published, ratio = None, dict[str, float](), 1.0
     if asked.simulation is not None:
-        less = _less(case, of_parameters(asked.simulation, [estimate], vehicle))
+        whole = of_parameters(asked.simulation, [estimate], vehicle)
+        less = whole.without(case.effect)._replace(car=whole.car._replace(**case.parameters))
+        published = {field: value for field, value in whole.effects.items() if field not in less.effects}
     if case.withholds:
-        whole = _errors_of_the_whole(case, asked)
-        if not np.isfinite(whole).all():
-            nowhere = "with nothing withheld the simulation leaves the finite numbers"
-            raise InputRefused(
-                asked.recordings / case.recording, case.name, nowhere, "ask of a drive that it can follow"
-            )
-        ratio = float((_errors(less, vehicle, recording, estimate) / whole).max())
+        ratio = float((_errors(less, vehicle, recording, estimate) / _errors_of_the_whole(case, asked)).max())
     wanted = not case.control and ratio > MATTERS
-    row = {**head(case), "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted}
+    row = {
+        **head(case), "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted,
+        "published": published,
+    }  # fmt: skip
     if not (wanted or case.control):
         return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
     answer = said(diagnosed([recording], [estimate], vehicle, less))
@@ -85,17 +84,20 @@ def _with_kinds(named: Set[str]) -> set[str]:
     return {*named, *(EFFECTS[e].kind for e in named if e in EFFECTS and EFFECTS[e].kind == VEHICLE)}
 
 
-def _less(case: Withheld, published: Compared) -> Compared:
-    """The simulation without what the case withholds of it."""
-    return published.without(case.effect)._replace(car=published.car._replace(**case.parameters))
-
-
 def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
-    """`errors` with nothing withheld."""
+    """`errors` with nothing withheld.
+
+    Raises:
+        InputRefused: where they are endless.
+    """
     vehicle = asked.vehicle_of(case.recording)
     recording, estimate, _ = asked.moved(case.recording, vehicle)
     published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], vehicle)
-    return _errors(published, vehicle, recording, estimate)
+    found = _errors(published, vehicle, recording, estimate)
+    if not np.isfinite(found).all():
+        nowhere = "with nothing withheld the simulation leaves the finite numbers"
+        raise InputRefused(asked.recordings / case.recording, case.name, nowhere, "ask of a drive that it can follow")
+    return found
 
 
 def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:

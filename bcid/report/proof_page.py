@@ -39,6 +39,12 @@ TITLES = {
 }  # fmt: skip
 """What is concealed in the takes of a tier: of ten minutes at 60 Hz, where it says nothing else."""
 
+SAID = {
+    "first": "top1", "detects": "detected", "false alarms": "false", "of the error explained": "explained",
+    "failed": "failed",
+}  # fmt: skip
+"""What is told of each method on the same takes."""
+
 NOT_ASKED = "not asked"
 """Of a real recording: what makes no difference where it is withheld."""
 
@@ -50,8 +56,8 @@ def cell(tier: Mapping[str, Any], field: str, marked: str = "**{}** missed") -> 
     if value is None:
         return "–"  # nothing in the tier asks for it
     text = _number(value, field)
-    if field == "false" and tier.get("false_ci95"):
-        text += f" [{100.0 * tier['false_ci95'][0]:.2g} to {100.0 * tier['false_ci95'][1]:.2g}]"
+    if tier.get(f"{field}_ci95"):
+        text += " [{:.3g} to {:.3g}]".format(*(100.0 * end for end in tier[f"{field}_ci95"]))
     if field in tier["missed"]:
         text = marked.format(text)
     return f"{text} ({_goal(goal[0], goal[1], field)})" if goal else text
@@ -107,7 +113,7 @@ def evidence(outcome: Mapping[str, Any]) -> str:
     for tier in outcome["tiers"]:
         wrongly = "wrong" if tier["false"] is None else "false"
         told = ("top1", "exact", wrongly, "seconds")
-        more = {t: f for t, f in COLUMNS.items() if f not in told and (f in tier["goal"] or f in ALWAYS)}
+        more = {t: f for t, f in shown([tier]).items() if f not in told and f in (*tier["goal"], *ALWAYS, *UNUSUAL)}
         first, exactly, wrong, seconds = (cell(tier, field) for field in told)
         rest = figures(tier, more, "**{}** missed") or "–"
         rows.append([_title(tier["tier"]), takes(outcome, tier["tier"]), first, exactly, wrong, rest, seconds])
@@ -174,10 +180,19 @@ def raised(row: Mapping[str, Any], form: str) -> str:
 
 
 def _answered(row: Mapping[str, Any]) -> str:
-    """Names with their twins and values, or the verdict."""
+    """Names with their twins and values, published ones beside them, or the verdict.
+
+    >>> zone = {"effect": "motor_dead_zone", "twins": [], "values": {"width": [0.162, 0.002]}}
+    >>> _answered({"findings": [zone], "published": {"motor_dead_zone__width": 0.164}})
+    '`motor_dead_zone` (0.162 ± 0.002; published 0.164)'
+    """
     told = []
     for finding in row["findings"]:
-        values = ", ".join(f"{v:.3g} ± {se:.1g}" for v, se in finding["values"].values())
+        published = {s: row.get("published", {}).get(f"{finding['effect']}__{s}") for s in finding["values"]}
+        values = ", ".join(
+            f"{v:.3g} ± {se:.1g}" + (f"; published {published[s]:.3g}" if published[s] is not None else "")
+            for s, (v, se) in finding["values"].items()
+        )
         names = " or ".join(f"`{name}`" for name in (finding["effect"], *finding["twins"]))
         told.append(f"{names} ({values})")
     if told:
@@ -188,10 +203,23 @@ def _answered(row: Mapping[str, Any]) -> str:
 
 def _of_a_method(method: Mapping[str, Any]) -> str:
     """What a method that may not name anything has to show."""
-    titles = {"top1": "first", "detected": "detects", "false": "false alarms", "explained": "of the error explained"}
-    told = [f"{title} {_number(method[f], f)}" for f, title in titles.items() if method[f] is not None]
-    failed = [f"failed {method['failed']}"] if method.get("failed") else []
-    return "; ".join([*told, *failed, f"seconds {_number(method['seconds'], 'seconds')}"])
+    told = [f"{title} {said_by(method, f)}" for title, f in SAID.items() if method[f]]
+    return "; ".join([*told, f"seconds {_number(method['seconds'], 'seconds')}"])
+
+
+def said_by(method: Mapping[str, Any], field: str) -> str:
+    """A figure of a method: of how many takes, a share, or a number.
+
+    >>> net = {"top1": None, "detected": [12, 13], "explained": 0.717, "failed": 0}
+    >>> [said_by(net, field).replace("\N{NO-BREAK SPACE}", " ") for field in net]
+    ['–', '12 of 13', '71.7 %', '0']
+    """
+    value = method[field]
+    if value is None:
+        return "–"  # such a method fits, and cannot name
+    if isinstance(value, Sequence):
+        return f"{value[0]} of {value[1]}"
+    return _number(value, field) if isinstance(value, float) else str(value)
 
 
 def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
@@ -209,7 +237,8 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
         o=outcome, columns=list(columns), rows=rows, not_run=list(map(_title, not_run(outcome))),
         whole=outcome.get("of", outcome["cases"]), known_before=outcome.get("known_before", 0),
         made_after_opening=outcome.get("made_after_opening", 0), missed=outcome["missed"],
-        baselines=outcome.get("baselines") or [], confusion=confusion_picture(outcome["confusion"]),
+        said=SAID, said_by=said_by, baselines=outcome.get("baselines") or [],
+        confusion=confusion_picture(outcome["confusion"]),
         calibration=calibration_picture(outcome["calibration"]) if outcome["calibration"]["bins"] else None,
     )  # fmt: skip
     path.write_text(text, encoding="utf-8")
