@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from itertools import chain
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -125,85 +127,92 @@ class Case:
 USUAL = Case("usual", 0, ())
 
 
+Conceals = Callable[[np.random.Generator], tuple[Concealed, ...]]
+
+
+class _Draft(NamedTuple):
+    """A case before its number, of which its seed draws what is concealed how large and where."""
+
+    tier: str
+    conceals: Conceals
+    more: Mapping[str, Any] = MappingProxyType({})
+
+
 def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int, more: bool = True) -> Iterator[Case]:
     """All tiers, from one seed; without `more` those that have goals, and harder recordings."""
-    number = 0
+    drafts = _with_goals(repeats, nulls, imperfect_nulls, pairs)
+    for number, draft in enumerate(chain(drafts, _others(repeats, pairs) if more else ())):
+        hidden = draft.conceals(np.random.default_rng([seed, number, 3]))
+        yield Case(draft.tier, number, hidden, seed=seed, **draft.more)
 
-    def rng() -> np.random.Generator:
-        return np.random.default_rng([seed, number, 3])
 
+def _with_goals(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_Draft]:
+    """One effect, nothing, what may not be named, two; harder recordings."""
     for imperfect, tier in ((False, "single"), (True, "single-imperfect")):
-        for _ in range(repeats):
-            for effect in SIZES:
-                yield Case(tier, number, (conceal(effect, rng(), 600.0),), imperfect, seed=seed)
-                number += 1
-    for _ in range(nulls):
-        yield Case("null", number, (), seed=seed)
-        number += 1
-    for _ in range(imperfect_nulls):
-        yield Case("null-imperfect", number, (), True, seed=seed)
-        number += 1
+        for effect in repeats * [*SIZES]:
+            yield _Draft(tier, _one(effect), {"imperfect": imperfect})
+    yield from nulls * [_Draft("null", _nothing)]
+    yield from imperfect_nulls * [_Draft("null-imperfect", _nothing, {"imperfect": True})]
     for channel, family in FAMILIES.items():
         for effect in family:
-            hidden = (conceal(effect, rng(), 600.0),)
             left_out = (*family, *EQUALS.get(effect, ()))
-            yield Case("left-out", number, hidden, left_out=left_out, channel=channel, seed=seed)
-            number += 1
-    names = list(SIZES)
-    for _ in range(pairs):
-        yield Case("pair", number, _several(rng(), names, 2), seed=seed)
-        number += 1
+            yield _Draft("left-out", _one(effect), {"left_out": left_out, "channel": channel})
+    yield from pairs * [_Draft("pair", _several(2))]
     for tier, duration, rate, noise in HARDER:
-        for effect in names[::FEWER]:
-            hidden = (conceal(effect, rng(), duration),)
-            yield Case(tier, number, hidden, duration_s=duration, rate_hz=rate, noise=noise, seed=seed)
-            number += 1
-    if more:
-        yield from _more(seed, number, repeats, pairs)
+        for effect in [*SIZES][::FEWER]:
+            yield _recorded(tier, effect, duration, rate, noise)
 
 
-def _more(seed: int, number: int, repeats: int, pairs: int) -> Iterator[Case]:
+def _others(repeats: int, pairs: int) -> Iterator[_Draft]:
     """Other sizes, several at once, what has no name, what is not excited, other drivers and recordings."""
-    names = list(SIZES)
-
-    def rng() -> np.random.Generator:
-        return np.random.default_rng([seed, number, 3])
-
-    for tier, times in (("half-size", 0.5), ("double-size", 2.0)):
-        for effect in (n for n in names if times < 1.0 or n not in MOST):
-            yield Case(tier, number, (conceal(effect, rng(), 600.0, times),), seed=seed)
-            number += 1
-    for _ in range(2 * pairs // 5):
-        yield Case("triple", number, _several(rng(), names, 3), seed=seed)
-        number += 1
-    vehicle = [n for n in names if n not in MEASUREMENT]
-    for _ in range(2 * pairs // 5):
-        draw = rng()
-        one, other = str(draw.choice(MEASUREMENT)), str(draw.choice(vehicle))
-        both = (conceal(one, draw, 600.0), conceal(other, draw, 600.0))
-        yield Case("measurement-and-vehicle", number, both, seed=seed)
-        number += 1
-    for _ in range(repeats):
-        for effect, (channel, _size) in OUTSIDE.items():
-            yield Case("outside", number, (outside(effect, rng()),), channel=channel, seed=seed)
-            number += 1
+    for effect in SIZES:
+        yield _Draft("half-size", _one(effect, times=0.5))
+    for effect in SIZES:
+        if effect not in MOST:
+            yield _Draft("double-size", _one(effect, times=2.0))
+    yield from (2 * pairs // 5) * [_Draft("triple", _several(3))]
+    yield from (2 * pairs // 5) * [_Draft("measurement-and-vehicle", _measurement_and_vehicle)]
+    for effect, (channel, _) in repeats * [*OUTSIDE.items()]:
+        yield _Draft("outside", _nameless(effect), {"channel": channel})
     for effect in QUIET:
-        yield Case("unexcited", number, (conceal(effect, rng(), 600.0),), driver="circles", seed=seed)
-        number += 1
-    for effect in names[1::2]:
-        yield Case("closed-loop", number, (conceal(effect, rng(), 600.0),), driver="pursuit", seed=seed)
-        number += 1
+        yield _Draft("unexcited", _one(effect), {"driver": "circles"})
+    for effect in [*SIZES][1::2]:
+        yield _Draft("closed-loop", _one(effect), {"driver": "pursuit"})
     for tier, duration, rate, noise, fewer in OTHERWISE:
-        for effect in names[2::fewer]:
-            hidden = (conceal(effect, rng(), duration),)
-            yield Case(tier, number, hidden, duration_s=duration, rate_hz=rate, noise=noise, seed=seed)
-            number += 1
+        for effect in [*SIZES][2::fewer]:
+            yield _recorded(tier, effect, duration, rate, noise)
 
 
-def _several(draw: np.random.Generator, names: Sequence[str], count: int) -> tuple[Concealed, ...]:
+def _recorded(tier: str, effect: str, duration: float, rate: float, noise: float) -> _Draft:
+    """One effect in a recording that is not the usual one."""
+    return _Draft(tier, _one(effect, duration), {"duration_s": duration, "rate_hz": rate, "noise": noise})
+
+
+def _nothing(_: np.random.Generator) -> tuple[Concealed, ...]:
+    return ()
+
+
+def _one(effect: str, duration: float = USUAL.duration_s, times: float = 1.0) -> Conceals:
+    """An effect, so many times its size."""
+    return lambda draw: (conceal(effect, draw, duration, times),)
+
+
+def _nameless(effect: str) -> Conceals:
+    """An effect that has no id."""
+    return lambda draw: (outside(effect, draw),)
+
+
+def _several(count: int) -> Conceals:
     """Different effects at their sizes."""
-    chosen = draw.choice(len(names), count, replace=False)
-    return tuple(conceal(names[i], draw, 600.0) for i in chosen)
+    names = list(SIZES)
+    return lambda draw: tuple(
+        conceal(names[i], draw, USUAL.duration_s) for i in draw.choice(len(names), count, replace=False)
+    )
+
+
+def _measurement_and_vehicle(draw: np.random.Generator) -> tuple[Concealed, ...]:
+    names = [str(draw.choice(MEASUREMENT)), str(draw.choice([n for n in SIZES if n not in MEASUREMENT]))]
+    return tuple(conceal(name, draw, USUAL.duration_s) for name in names)
 
 
 def subset(cases: list[Case], every: int) -> list[Case]:
