@@ -22,7 +22,7 @@ from bcid.errors import BcidError
 from bcid.proof import edited, withheld
 from bcid.proof.asked import Asked
 from bcid.proof.keeping import keep, kept
-from bcid.proof.real_cases import Cases, Edited, read_cases
+from bcid.proof.real_cases import Cases, Edited, Withheld, read_cases
 from bcid.proof.running import pool_of
 from bcid.recording.read import read_recording
 from bcid.store.code import code_of
@@ -72,22 +72,16 @@ def _jobs(cases: Cases, file: Path, asked: Asked) -> list[_Job]:
         all_of_it = [what, cases.calibrated.get(recording), drives[recording], code.digest, code.packages, given]
         return f"real.{hashlib.sha256(json.dumps(all_of_it, sort_keys=True).encode()).hexdigest()[:24]}"
 
+    def job(answer: Callable[..., dict[str, Any]], case: Withheld | Edited, head: dict[str, Any], after: str) -> _Job:
+        return _Job(partial(answer, case), key_of(case.recording, case.model_dump()), head, after)
+
     edits = {name: cases.edits_of(name) for name in dict.fromkeys(edit.recording for edit in cases.edited)}
     before = {name: _Job(partial(_before, name, es), key_of(name, [name, es]), {}) for name, es in edits.items()}
     return [
         *before.values(),
-        *(
-            _Job(partial(withheld.answered, case), key_of(case.recording, case.model_dump()), withheld.head(case))
-            for case in cases.withheld
-        ),
-        *(
-            _Job(
-                partial(_edited, case), key_of(case.recording, case.model_dump()), edited.head(case),
-                before[case.recording].key,
-            )
-            for case in cases.edited
-        ),
-    ]  # fmt: skip
+        *(job(withheld.answered, case, withheld.head(case), "") for case in cases.withheld),
+        *(job(_edited, case, edited.head(case), before[case.recording].key) for case in cases.edited),
+    ]
 
 
 def _before(recording: str, effects: Sequence[str], asked: Asked) -> dict[str, Any]:
