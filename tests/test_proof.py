@@ -30,7 +30,7 @@ from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
 from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
 from bcid.proof.outcome import REFUTED, missed, outcome, wrong
 from bcid.proof.running import known, run_all
-from bcid.proof.scoring import RATES, pooled, right, tiers
+from bcid.proof.scoring import GOALS, pooled, right, tiers
 from bcid.proof.seal import opened, seal_of, seal_up, sealed
 from bcid.report.proof_page import evidence, write_proof_page
 from bcid.store.code import closure
@@ -183,7 +183,8 @@ def test_counting() -> None:
             remainder={"channel": "mz"}),
     ]  # fmt: skip
     single, null, hidden = tiers(rows)
-    assert {"top1", "set", "kind"} <= set(single.missed)
+    assert {"right", "top1", "set", "kind"} <= set(single.missed)
+    assert single.right == pytest.approx(1 / 3)
     assert "parameter_error" not in single.missed
     assert null.missed == ("false",)
     assert hidden.missed == ()
@@ -220,16 +221,40 @@ def test_what_a_recording_does_not_show_is_not_to_be_named() -> None:
     assert wrong({**untold, "error": "ValueError()"})["said"] == "ValueError()"
 
 
+def twenty(tier: str, named: list[str], **more: Any) -> list[dict[str, Any]]:
+    """Takes of a tier that are all answered alike."""
+    answer = [] if tier.startswith("null") else ["yaw_scrub"]
+    hidden = {"channel": "mz", "remainder": {"channel": "mz"}} if tier in ("left-out", "outside") else {}
+    return [row(f"{tier}-{i}", answer, named, tier=tier, oracle_share=1.0, **hidden, **more) for i in range(20)]
+
+
+@pytest.mark.parametrize("tier", list(GOALS))
+@pytest.mark.parametrize("named", [[], ["yaw_scrub"], ["yaw_scrub", "rear_toe"], ["rear_toe"]])
+def test_no_tier_s_goals_are_met_by_saying_nothing_or_too_much(tier: str, named: list[str]) -> None:
+    silent, hidden = tier in ("null", "null-imperfect"), tier in ("left-out", "outside", "unexcited")
+    right = not hidden and named == ([] if silent else ["yaw_scrub"])
+    missed = set(tiers(twenty(tier, named))[0].missed) - {"coverage"}  # all intervals hold here, which is too good
+    assert (missed == set()) is right
+
+
+@pytest.mark.parametrize("tier", ["single", "single-imperfect"])
+def test_what_a_drive_shows_may_not_be_told_as_not_excited(tier: str) -> None:
+    (told,) = tiers(twenty(tier, ["yaw_scrub"], not_excited=dict.fromkeys(EFFECTS)))
+    assert (told.right, told.denied) == (1.0, 1.0)
+    assert "denied" in told.missed
+
+
 @pytest.mark.parametrize(("named", "code"), [(True, 0), (False, 5)])
 def test_the_command_ends_as_its_goals_are_met(
     named: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def fake(case: Case, others: bool = False) -> dict[str, Any]:
         found = list(case.answer) if named else []
+        unseen = case.answer if named and case.tier == "unexcited" else ()
         hidden = {"verdict": "unknown", "remainder": {"channel": case.channel}} if case.channel else {}
         silent = case.channel or case.tier == "unexcited"
         made = row(case.name, list(case.answer), [] if silent else found, tier=case.tier, channel=case.channel,
-                   oracle_share=1.0, not_excited=dict.fromkeys(case.answer) if named else {}, **hidden)  # fmt: skip
+                   oracle_share=1.0, not_excited=dict.fromkeys(unseen), **hidden)  # fmt: skip
         if case.number % 20 == 0:  # one interval in twenty misses
             made["truth"] = {e: dict.fromkeys(values, 1.5) for e, values in made["truth"].items()}
         return made
@@ -348,7 +373,7 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
     assert drawn[0] == drawn[1]
     for few in drawn:
         assert 15 <= len(few) <= 25
-        assert {c.tier for c in few} == set(QUICK_EVERY) >= set(RATES)
+        assert {c.tier for c in few} == set(QUICK_EVERY) <= set(GOALS)
         for tier in ("single", "single-imperfect", "left-out"):
             answers = [c.answer for c in few if c.tier == tier]
             assert len(set(answers)) == len(answers)
@@ -479,7 +504,7 @@ def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
     assert found["confusion"] == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
     text = evidence(found)
     assert "| one effect | 1 | **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%) |" in text
-    assert "| nothing | 1 | – |" in text
+    assert "| nothing | 1 | 100\N{NO-BREAK SPACE}% | – |" in text
     write_proof_page(found, tmp_path / "p.html")
     page = (tmp_path / "p.html").read_text(encoding="utf-8")
     assert "0\N{NO-BREAK SPACE}% missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%)" in page

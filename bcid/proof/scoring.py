@@ -12,31 +12,26 @@ from bcid.effects.table import EFFECTS
 from bcid.proof.localisation import channel_right, channels_of, place_overlap, time_overlap
 
 GOALS: dict[str, dict[str, tuple[float, float]]] = {
-    "single": {"top1": (0.95, 1.0), "set": (0.98, 1.0), "set_size": (0.0, 1.6), "parameter_error": (0.0, 0.03),
-               "coverage": (0.85, 0.99), "oracle_share": (0.95, 2.0), "kind": (0.95, 1.0), "seconds": (0.0, 60.0),
-               "unshown": (0.0, 0.05)},
-    "single-imperfect": {"top1": (0.85, 1.0), "set": (0.95, 1.0), "kind": (0.95, 1.0), "unshown": (0.0, 0.05)},
+    "single": {"right": (0.95, 1.0), "top1": (0.95, 1.0), "set": (0.98, 1.0), "set_size": (0.0, 1.6),
+               "parameter_error": (0.0, 0.03), "coverage": (0.85, 0.99), "oracle_share": (0.95, 2.0),
+               "kind": (0.95, 1.0), "seconds": (0.0, 60.0), "unshown": (0.0, 0.05), "denied": (0.0, 0.05)},
+    "single-imperfect": {"right": (0.85, 1.0), "top1": (0.85, 1.0), "set": (0.95, 1.0), "kind": (0.95, 1.0),
+                         "unshown": (0.0, 0.05), "denied": (0.0, 0.05)},
     "null": {"false": (0.0, 0.01)},
     "null-imperfect": {"false": (0.0, 0.05)},
-    "left-out": {"channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
-    "pair": {"exact": (0.8, 1.0)},
-    "outside": {"channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
-    "unexcited": {"not_seen": (0.8, 1.0), "wrong": (0.0, 0.1)},
-    "closed-loop": {"top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
-    "two-minutes": {"top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
-    **{tier: {"wrong": (0.0, 0.1)} for tier in (
+    "left-out": {"right": (0.8, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "pair": {"right": (0.8, 1.0), "exact": (0.8, 1.0)},
+    "outside": {"right": (0.8, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "unexcited": {"right": (0.8, 1.0), "not_seen": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "closed-loop": {"right": (0.9, 1.0), "top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
+    "two-minutes": {"right": (0.9, 1.0), "top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
+    **{tier: {"right": (0.9, 1.0), "wrong": (0.0, 0.1)} for tier in (
         "ten-hertz", "three-times-noise", "half-size", "double-size", "triple", "measurement-and-vehicle",
         "thirty-minutes", "hundred-twenty-hertz",
     )},
 }  # fmt: skip
 """Lowest and highest that the project wants of each tier."""
 
-RATES = {
-    "single": 0.95, "single-imperfect": 0.85, "null": 0.99, "null-imperfect": 0.95, "left-out": 0.8, "pair": 0.8,
-    "outside": 0.8, "unexcited": 0.8,
-}  # fmt: skip
-"""Share of `right` answers that is wanted of a tier."""
-OTHERWISE = 0.9  # of the others
 LARGEST_SET = 4  # names for one effect that is there; a longer set is a miss
 NORMAL95 = 1.96
 
@@ -47,6 +42,7 @@ class Tier:
 
     tier: str
     n: int
+    right: float  # answered as they should be, with nothing wrong beside
     top1: float | None  # what is there stands first
     set: float | None  # or among first, twins and the other findings
     exact: float | None  # the findings are what is there
@@ -60,6 +56,7 @@ class Tier:
     coverage_ci95: tuple[float, float] | None
     oracle_share: float | None  # median, of the held-out gain of the true structure
     unshown: float | None  # of what is there and driven: not worth its name even to the truth, and not asked for
+    denied: float | None  # of what shows: told as not excited all the same
     more: float | None  # of right names: something is told as left beside them
     kind: float | None  # measurement called measurement
     channel: float | None  # of what has no name: verdict unknown, in the right channel
@@ -107,6 +104,7 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
     return Tier(
         tier=name,
         n=len(members),
+        right=float(np.mean([right(r) for r in rows])),
         top1=_mean(r["findings"] != [] and r["findings"][0]["effect"] in r["answer"] for r in seen),
         set=_mean(_in_the_set(r) for r in seen),
         exact=_mean(set(r["answer"]) == {f["effect"] for f in r["findings"]} for r in seen),
@@ -120,6 +118,7 @@ def _tier(name: str, members: Sequence[dict[str, Any]]) -> Tier:
         coverage_ci95=exact_ci95(sum(covered), len(covered)) if covered else None,
         oracle_share=_median([r["oracle_share"] for r in known if r.get("oracle_share") is not None]),
         unshown=None if name == "unexcited" else _mean(not shown(r) for r in known),
+        denied=_mean(bool(set(r["answer"]) & set(r.get("not_excited", {}))) for r in seen),
         more=_mean(r["remainder"].get("nats", 0.0) > 0.0 for r in named),
         kind=_mean(_called_measurement(r) for r in measured),
         channel=_mean(r["verdict"] == "unknown" and r["remainder"]["channel"] in _channels(r) for r in hidden),
@@ -165,12 +164,18 @@ def pooled(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
 
     The number right is a sum of independent draws with the tiers' own rates (Poisson-binomial).
     """
-    rates = [RATES.get(row["tier"], OTHERWISE) for row in rows]
+    rates = [_wanted(row["tier"]) for row in rows]
     chances = np.ones(1)
     for rate in rates:
         chances = np.convolve(chances, [1.0 - rate, rate])
     hits = sum(map(right, rows))
     return {"right": hits, "n": len(rows), "expected": float(sum(rates)), "p": float(chances[: hits + 1].sum())}
+
+
+def _wanted(tier: str) -> float:
+    """Share of right answers that is wanted of a tier; where nothing is there, those are without a false alarm."""
+    goal = GOALS[tier]
+    return goal["right"][0] if "right" in goal else 1.0 - goal["false"][1]
 
 
 def each_pooled(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:

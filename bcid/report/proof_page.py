@@ -10,11 +10,12 @@ from bcid.report.proof_figures import calibration_picture, confusion_picture
 from bcid.report.templates import template
 
 COLUMNS = {
-    "first": "top1", "in the set": "set", "exact": "exact", "false alarms": "false", "unknown": "unknown",
-    "wrong name": "wrong", "in its channel": "channel", "told as not excited": "not_seen",
+    "right": "right", "first": "top1", "in the set": "set", "exact": "exact", "false alarms": "false",
+    "unknown": "unknown", "wrong name": "wrong", "in its channel": "channel", "told as not excited": "not_seen",
     "measurement so called": "kind", "located": "located", "place": "place_overlap", "time": "time_overlap",
     "set size": "set_size", "parameter error": "parameter_error", "95 % intervals hold": "coverage",
-    "oracle's gain": "oracle_share", "not shown": "unshown", "more told beside": "more",
+    "oracle's gain": "oracle_share", "not shown": "unshown", "shown, told as not excited": "denied",
+    "more told beside": "more",
     "errors": "errors", "seconds": "seconds",
 }  # fmt: skip
 PLAIN = ("set_size", "seconds", "place_overlap", "time_overlap", "errors")
@@ -112,13 +113,15 @@ def evidence(outcome: Mapping[str, Any]) -> str:
     rows = []
     for tier in outcome["tiers"]:
         wrongly = "wrong" if tier["false"] is None else "false"
-        told = ("top1", "exact", wrongly, "seconds")
+        told = ("right", "top1", "exact", wrongly, "seconds")
         more = {t: f for t, f in shown([tier]).items() if f not in told and f in (*tier["goal"], *ALWAYS, *UNUSUAL)}
-        first, exactly, wrong, seconds = (cell(tier, field) for field in told)
+        right, first, exactly, wrong, seconds = (cell(tier, field) for field in told)
         rest = figures(tier, more, "**{}** missed") or "–"
-        rows.append([_title(tier["tier"]), takes(outcome, tier["tier"]), first, exactly, wrong, rest, seconds])
-    rows += [[_title(tier), takes(outcome, tier), "not run", *4 * ["–"]] for tier in not_run(outcome)]
-    return _markdown(["concealed", "takes", "named first", "just that", "a wrong name", "further", "seconds"], rows)
+        rows.append([_title(tier["tier"]), takes(outcome, tier["tier"]), right, first, exactly, wrong, rest, seconds])
+    rows += [[_title(tier), takes(outcome, tier), "not run", *5 * ["–"]] for tier in not_run(outcome)]
+    return _markdown(
+        ["concealed", "takes", "right", "named first", "just that", "a wrong name", "further", "seconds"], rows
+    )
 
 
 def _title(tier: str) -> str:
