@@ -12,6 +12,7 @@ from contextlib import suppress
 import numpy as np
 
 from bcid.diagnosis.screen import Candidate, changes, screen, sharpened
+from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS, effects_of
 from bcid.likelihood.refit import Fit, held, refit
@@ -101,6 +102,11 @@ def quickly(fit: Fit, take: Take, candidate: Candidate) -> Fit:
 def named(fit: Fit) -> tuple[str, ...]:
     """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
     return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
+
+
+def corrections(fit: Fit) -> tuple[str, ...]:
+    """The base model's own simplifications that `fit` corrects; what is assumed stands with the base model."""
+    return tuple(n for n in fit.hypothesis.effects if n in CORRECTIONS and n not in fit.hypothesis.assumed)
 
 
 def incredible(fit: Fit, take: Take) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bcid.diagnosis.before_after import Horizon, Tracks
-from bcid.diagnosis.candidates import named
+from bcid.diagnosis.candidates import corrections, named
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.disturbance import CHANNELS
 from bcid.diagnosis.locate import SIGNIFICANT
@@ -16,7 +16,7 @@ from bcid.diagnosis.verdict import Finding, alike
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effects_of
-from bcid.likelihood.hypothesis import DRAG, Hypothesis
+from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.take import Floats
 from bcid.models.augmented import FORCE_UNITS, UNITS
 
@@ -39,7 +39,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
     judgement = found.judgement
     detected = bool(judgement.findings) or judgement.verdict == "unknown" or found.p_value < SIGNIFICANT
     hypothesis = judgement.fit.hypothesis
-    corrections = _corrections(hypothesis)
+    corrected = corrections(judgement.fit)
     unknown = judgement.verdict == "unknown" or judgement.more_is_left
     return {
         "schema": SCHEMA,
@@ -48,7 +48,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         "mismatch": {"detected": detected, "p_value": found.p_value, "where": _where(found) if detected else None},
         "channels": {channel: round(nats, 1) for channel, nats in found.location.left.entering.items()},
         "findings": [_finding(f, hypothesis.entries[f.effect]) for f in judgement.findings],
-        "unknown": _unknown(found, corrections) if unknown else None,
+        "unknown": _unknown(found, corrected) if unknown else None,
         "fit": _fit(horizons),
         "horizons": [_horizon(h) for h in horizons],
         "not_excited": [
@@ -59,7 +59,7 @@ def as_json(found: Diagnosis, horizons: Sequence[Horizon], about: dict[str, Any]
         "contacts": [
             {"begin_s": c.begin_s, "end_s": c.end_s, "x_m": c.x_m, "y_m": c.y_m, "kind": c.kind} for c in found.contacts
         ],
-        "corrections": [_correction(found, n) for n in corrections],
+        "corrections": [_correction(found, n) for n in corrected],
         "base": {"parameters": _base(found)},
         "rivals": _rivals(found),
         "placebos": [
@@ -124,18 +124,13 @@ def _sentence(f: Finding, effect: Effect) -> str:
     return f"{f.effect.replace('_', ' ')}: {words}"
 
 
-def _corrections(hypothesis: Hypothesis) -> tuple[str, ...]:
-    """Those of the base model's own simplifications that were corrected; what is assumed stands with the base model."""
-    return tuple(n for n in hypothesis.effects if n in CORRECTIONS and n not in hypothesis.assumed)
-
-
 def _correction(found: Diagnosis, name: str) -> dict[str, Any]:
     values, entry = found.judgement.fit.values(), CORRECTIONS[name]
     by_symbol = {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
     return {"correction": name, "equation": entry.equation, "parameters": _numbers(entry.parameters, by_symbol)}
 
 
-def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
+def _unknown(found: Diagnosis, corrected: Sequence[str]) -> dict[str, Any]:
     judgement = found.judgement
     left, way = judgement.left.remainder, judgement.left.way(judgement.gate)
     if judgement.nats_left > 0.0:
@@ -144,8 +139,8 @@ def _unknown(found: Diagnosis, corrections: Sequence[str]) -> dict[str, Any]:
             "form": left.form if left.channel == judgement.left.channel else None,
             "heldout_gain": left.gain, "gain_nats": judgement.nats_left, "lies": way.words if way else None,
         }  # fmt: skip
-    words = "; ".join(ENTRIES[n].equation for n in corrections)
-    depends = list(dict.fromkeys(d for n in corrections for d in ENTRIES[n].depends_on))
+    words = "; ".join(ENTRIES[n].equation for n in corrected)
+    depends = list(dict.fromkeys(d for n in corrected for d in ENTRIES[n].depends_on))
     gained = judgement.corrections
     return {
         "channel": found.location.channel, "depends_on": depends, "form": words or None,

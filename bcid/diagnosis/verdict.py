@@ -82,8 +82,8 @@ def judged(
     weakest = _weakest(f for f in findings if not _passes(f, found))
     standing_in: tuple[str, ...] = ()
     if not weakest:  # a refit with less may have led another to where no car is
-        at_ends = _weakest(f for f in findings if f.effect in incredible(best, take))
-        standing_in = at_ends or stand_ins(found, take, place, left)
+        at_ends = incredible(best, take)
+        standing_in = _weakest(f for f in findings if f.effect in at_ends) or stand_ins(found, take, place, left)
     failed = (*weakest, *standing_in)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))

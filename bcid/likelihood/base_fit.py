@@ -37,7 +37,10 @@ def base_fit(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
             fits.append(refit(part, base, base.start(car, assumed), part.start, scales))
         except FloatingPointError as failed:
             error = failed
-    if not fits:
-        raise error
-    best = max(fits, key=lambda f: f.bic)
-    return refit(take, base, best.phi, take.start, best.scales)
+    for fit in sorted(fits, key=lambda f: -f.bic):
+        for begun in (fit.scales, scales):
+            try:
+                return refit(take, base, fit.phi, take.start, begun)
+            except FloatingPointError as failed:
+                error = failed
+    raise error

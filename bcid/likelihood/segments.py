@@ -114,8 +114,9 @@ def half_steps(T: float, h: float) -> int:
     return math.ceil(T / h) + 2
 
 
+@np.errstate(invalid="ignore")
 def wrapped(residual: Floats) -> Floats:
-    """The residual (N, 3) with its yaw in (-pi, pi]."""
+    """The residual (N, 3) with its yaw in (-pi, pi]; what has left the finite numbers stays outside."""
     residual = residual.copy()
     residual[:, 2] -= 2.0 * np.pi * np.round(residual[:, 2] / (2.0 * np.pi))
     return residual

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from bcid.diagnosis.candidates import corrections
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.heldout import scores
 from bcid.effects.table import EFFECTS
@@ -48,7 +49,7 @@ def said(found: Diagnosis) -> dict[str, Any]:
             for f in judgement.findings
         ],
         "dropped": list(judgement.dropped),
-        "corrections": [n for n in judgement.fit.hypothesis.effects if n not in EFFECTS],
+        "corrections": list(corrections(judgement.fit)),
         "remainder": {
             "channel": judgement.left.channel, "entering": judgement.left.entering, "correlations": left.correlations,
             "gain": round(left.gain, 1), "nats": round(judgement.nats_left, 1),

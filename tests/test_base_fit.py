@@ -1,0 +1,98 @@
+"""Where a fit of the base model begins, and what it does where a start leads out of the finite numbers."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from cars import CAR
+
+from bcid.effects.constants import Constants
+from bcid.likelihood import base_fit
+from bcid.likelihood.hypothesis import Hypothesis
+
+BASE = Hypothesis((), CAR, 2.012, Constants())
+USUAL, OF_A_PART = "usual", "of a part"  # scales
+SEGMENTS = 4 * base_fit.ENOUGH
+
+
+class Take(NamedTuple):
+    """A take of which only the segments count."""
+
+    segments: int
+    start: Any = None
+
+    def part(self, chosen: np.ndarray) -> Take:
+        return Take(len(chosen))
+
+
+class Found(NamedTuple):
+    """What a refit that moves nothing returns: worth more, the lower the grip it begins with."""
+
+    phi: np.ndarray
+    scales: str
+
+    @property
+    def bic(self) -> float:
+        return -BASE.car(self.phi).F_f_max
+
+
+class Refits:
+    """Refits that end in the finite numbers but where `lost` says otherwise of (segments, grip, scales)."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any) -> None:
+        self.whole: list[tuple[float, str]] = []  # grip and scales that refits of the whole take began with
+        self._lost = lost
+        monkeypatch.setattr(base_fit, "refit", self)
+
+    def __call__(self, take: Take, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any) -> Found:
+        grip = round(hypothesis.car(phi).F_f_max)
+        if take.segments == SEGMENTS:
+            self.whole.append((grip, scales))
+        if self._lost(take.segments, grip, scales):
+            raise FloatingPointError(f"lost at {grip}")
+        return Found(phi, OF_A_PART)
+
+
+def fitted() -> Any:
+    return base_fit.base_fit(Take(SEGMENTS), BASE, USUAL)  # type: ignore[arg-type]
+
+
+def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Of the cars that the fit begins with, best first."""
+    begun: list[float] = []
+    Refits(monkeypatch, lambda n, grip, scales: begun.append(grip))
+    fitted()
+    return sorted(begun[:-1])
+
+
+def test_the_best_start_on_a_part_is_refitted_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    best, *others = grips(monkeypatch)
+    assert len(others) == len(base_fit.GRIPS)
+    refits = Refits(monkeypatch, lambda n, grip, scales: n < SEGMENTS and grip == best)
+    fitted()
+    assert refits.whole == [(others[0], OF_A_PART)]
+
+
+def test_where_the_scales_of_a_part_do_not_suit_the_whole_the_usual_ones_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best start, of wider scales, before the next best."""
+    best, *_ = grips(monkeypatch)
+    refits = Refits(monkeypatch, lambda n, grip, scales: n == SEGMENTS and scales == OF_A_PART)
+    fitted()
+    assert refits.whole == [(best, OF_A_PART), (best, USUAL)]
+
+
+def test_where_the_best_start_is_lost_on_the_whole_the_next_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    best, second, _ = grips(monkeypatch)
+    refits = Refits(monkeypatch, lambda n, grip, scales: n == SEGMENTS and grip == best)
+    assert BASE.car(fitted().phi).F_f_max == pytest.approx(second, abs=1.0)
+    assert refits.whole[-1] == (second, OF_A_PART)
+
+
+@pytest.mark.parametrize("least", [0, SEGMENTS])
+def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPatch, least: int) -> None:
+    """On the part already, or on the whole."""
+    Refits(monkeypatch, lambda n, grip, scales: n >= least)
+    with pytest.raises(FloatingPointError, match="lost at"):
+        fitted()
