@@ -17,6 +17,7 @@ from bcid.effects.corrections import CORRECTIONS, grip_left
 from bcid.effects.entry import Units, resized
 from bcid.effects.motion import Chain, body_step, drive_on, mean_held, servo_step, steering_chain
 from bcid.effects.table import EFFECTS, ENTRIES, off, switches
+from bcid.effects.tyres import load_factor
 from bcid.physics import car as base
 from bcid.physics.car import Car
 from bcid.simulation.car import Plant, Sensor
@@ -314,8 +315,6 @@ def test_the_seen_pose_turns_the_lever_with_the_car() -> None:
     assert (x, y) == pytest.approx((1.5 * (1.0 - 0.1), 1.5 * 2.3))
     assert yaw == pytest.approx(math.pi / 2 + 0.02)
     assert measurement.seen_pose(1.0, 2.0, 0.7, 0.0, 0.0, 0.0, 0.0) == (1.0, 2.0, 0.7)
-    assert measurement.true_time(10.0, 0.0, 0.0) == 10.0
-    assert measurement.true_time(10.0, 0.01, 0.0) == pytest.approx(9.99)
 
 
 # --- when commands come ------------------------------------------------------------------------------------------
@@ -411,6 +410,32 @@ def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
     )
     assert offset.M_z - plain.M_z == pytest.approx(0.2 * plain.F_x, rel=1e-12)
     assert plain.F_x > 100.0
+
+
+def test_a_driven_rear_axle_pulls_along_the_body() -> None:
+    """Wherever the front wheel points."""
+    car = CAR._replace(front_share=0.0, R_1=0.0, R_2=0.0)
+    b, now = Body(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Drive(0.0, 1.0, 0.7, 1.8, 1.8, 0.0)
+    plain, offset = (
+        wrench(b, now, Lagged(0.0, 0.0, 0.0), car, e, Constants())
+        for e in (off(), switches({"drive_lateral_offset__a": 0.2}))
+    )
+    assert offset.M_z - plain.M_z == pytest.approx(0.2 * plain.steady.F_mr, rel=1e-12)
+    assert plain.steady.F_mr > 100.0
+    assert load_factor(40.0, 0.7, 60.0, 300.0, 0.1) == pytest.approx(1.0 - 0.1 * (40.0 * math.cos(0.7) + 60.0) / 300.0)
+
+
+def test_a_floor_is_as_wide_as_suits_the_vehicle() -> None:
+    """By its size, or by how far it drives in a time; a patch may lie anywhere in its frame."""
+    patch = EFFECTS["rough_patch"]
+    fast = {p.symbol: p for p in resized(patch, Units(1.0, 2.0, 0.2)).parameters}
+    usual = {p.symbol: p for p in patch.parameters}
+    assert fast["radius"].high == pytest.approx(10.0 * usual["radius"].high)
+    assert fast["radius"].size == pytest.approx(10.0 * usual["radius"].size)
+    small = {p.symbol: p for p in resized(patch, Units(0.005, 0.2, 0.2)).parameters}
+    assert small["radius"].low == pytest.approx(0.2 * usual["radius"].low)
+    assert small["radius"].high == usual["radius"].high
+    assert fast["x"].low <= -1e6 < 1e6 <= fast["x"].high
 
 
 def test_delays_are_no_shorter_in_a_small_car() -> None:

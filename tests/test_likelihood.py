@@ -52,6 +52,7 @@ from bcid.likelihood.marginal import (
 )
 from bcid.likelihood.newton import THROWN, Prior, jacobian, moved_unless_thrown, standing_at
 from bcid.likelihood.newton import Problem as Fitted
+from bcid.likelihood.recordings import constants_of
 from bcid.likelihood.refit import refit, standing
 from bcid.likelihood.segments import free_sensitivities, predict
 from bcid.likelihood.take import (
@@ -870,6 +871,21 @@ def test_a_throttle_that_sets_a_force_has_a_dead_zone_and_no_reference() -> None
     assert "motor_regeneration" not in force.entries
     width = force.entries["motor_dead_zone"].parameters[0]
     assert (width.unit, width.high) == ("1", 1.0)
+
+
+def test_a_front_wheel_that_is_not_driven_spends_no_grip_on_it() -> None:
+    shares = {share: replace(BASE, nominal=CAR._replace(front_share=share)).entries for share in (0.0, 0.4, 1.0)}
+    assert [share for share, entries in shares.items() if "friction_circle" in entries] == [0.4, 1.0]
+
+
+def test_rear_wheels_are_as_far_apart_as_a_car_s_wheelbase_lets_expect(vehicle: Vehicle) -> None:
+    """The bumper car's 0.6 m on 0.87 m, unless the vehicle file says."""
+    own = vehicle.body
+    bumper = own.model_copy(update={"cog_to_front_m": 0.4, "cog_to_rear_m": 0.47, "rear_track_m": None})
+    small = bumper.model_copy(update={"cog_to_front_m": 0.0805, "cog_to_rear_m": 0.093})
+    given = small.model_copy(update={"rear_track_m": 0.16})
+    tracks = [constants_of(vehicle.model_copy(update={"body": b})).track for b in (bumper, small, given)]
+    assert tracks == pytest.approx([0.6, 0.6 * 0.1735 / 0.87, 0.16])
 
 
 def test_a_steering_s_cubic_part_is_as_large_a_share_at_any_full_lock() -> None:

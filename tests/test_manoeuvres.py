@@ -44,7 +44,7 @@ from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import jacobian
 from bcid.likelihood.recordings import units_at
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import N_FREE, SEGMENT_S, Take
+from bcid.likelihood.take import N_FREE, SEGMENT_S, Take, joined
 from bcid.recording.commands import read_commands
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
@@ -313,6 +313,19 @@ def test_detectable_speaks_of_each_amplitude_and_of_what_is_not_excited() -> Non
     assert detectable(held, held.start(CAR), NOMINAL, moving, ["floor_slope"]) == {}
 
 
+def test_a_change_on_the_way_shows_in_several_recordings_as_in_one() -> None:
+    """A time counts from where its own recording begins."""
+    early = COMMANDS[0] < 45.0  # or they would run into the next drive
+    given = COMMANDS[0][early], COMMANDS[1][early]
+    setting = BASE.setting(BASE.start(CAR), undriven(*given, 45.0))
+    drives = [simulated_take(setting, *given, 45.0, NOMINAL, 30.0, seed, np.zeros(6)) for seed in (1, 2, 3, 4)]
+    found = detectable(BASE, BASE.start(CAR), NOMINAL, joined(drives), ["mass_change"])["mass_change"]
+    alone = detectable(BASE, BASE.start(CAR), NOMINAL, drives[0], ["mass_change"])["mass_change"]
+    assert found is not None
+    assert alone is not None
+    assert found["d"][0] == pytest.approx(0.5 * alone["d"][0], rel=0.2)  # four times as much is known
+
+
 def test_more_noise_hides_more() -> None:
     take = taken(BASE, BASE.start(CAR), NOMINAL, seconds=45.0)
     loud = Scales(3.0 * NOMINAL.r, 3.0 * NOMINAL.q)
@@ -344,9 +357,6 @@ def test_a_plan_shows_what_is_asked(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_commands(path)[2], made.command, atol=1e-5)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="at a third of the speed no drive is said to show yaw_scrub either: not understood yet"
-)
 def test_a_plan_names_the_impossible() -> None:
     """A slow car never comes near its front wheel's grip; a narrow floor takes no manoeuvre."""
     made = plan(CAR, Constants(), LIMIT, NOMINAL, ["friction_circle", "yaw_scrub"], top=0.6)

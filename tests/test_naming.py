@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from bcid.diagnosis.screen import changes, screen
 from bcid.diagnosis.search import Search, search
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS, FORCE_ONLY, RAW_COMMANDS
+from bcid.effects.entry import Units
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
@@ -43,6 +45,7 @@ from bcid.virtual_lab import TUNING, recorded
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SCALES = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.02, 0.02, 0.02]))
+BUMPER_CAR = Units()
 ROUGH = Plant(rough_force=3.0, rough_moment=1.5)
 SECONDS = 120.0
 
@@ -377,11 +380,23 @@ def test_energy_is_one_where_nothing_is() -> None:
 def test_a_planted_place_is_located(seed: int) -> None:
     of, centre, radius = driven(seed), np.array([4.0, 2.5]), 1.0
     inside = np.hypot(of.mean["p_x"] - centre[0], of.mean["p_y"] - centre[1]) < radius
-    found, p = circles(of._replace(strength=np.where(inside[:, None], 3.0, 1.0) * of.strength))
+    found, p = circles(of._replace(strength=np.where(inside[:, None], 3.0, 1.0) * of.strength), BUMPER_CAR)
     assert p < 0.01
     assert np.hypot(found[0].x - centre[0], found[0].y - centre[1]) < 0.5 * radius
     assert 0.5 * radius <= found[0].radius <= 1.7 * radius
     assert [c.statistic for c in found] == sorted((c.statistic for c in found), reverse=True)
+
+
+def test_a_place_is_as_wide_as_suits_the_vehicle() -> None:
+    """Ten times as fast, a car drives ten times as far between two knots."""
+    of = driven(0)
+    wide = of._replace(mean=of.mean | {s: 10.0 * of.mean[s] for s in ("p_x", "p_y")})
+    inside = np.hypot(wide.mean["p_x"] - 40.0, wide.mean["p_y"] - 25.0) < 10.0
+    wide = wide._replace(strength=np.where(inside[:, None], 3.0, 1.0) * of.strength)
+    found, p = circles(wide, Units(1.0, 1.0, 0.1))
+    assert p < 0.01
+    assert np.hypot(found[0].x - 40.0, found[0].y - 25.0) < 5.0
+    assert circles(wide, BUMPER_CAR)[0][0].radius <= 1.7  # the bumper car's are too narrow there
 
 
 @pytest.mark.parametrize("segments", [20, 25, 40, 41, 120])
@@ -408,7 +423,7 @@ def test_a_planted_time_is_located() -> None:
     assert window.end_s == pytest.approx(90.0, abs=6.0)
 
 
-@pytest.mark.parametrize("look", [circles, windows])
+@pytest.mark.parametrize("look", [partial(circles, units=BUMPER_CAR), windows])
 def test_p_values_of_nothing_are_uniform(look: object) -> None:
     from scipy.stats import kstest
 

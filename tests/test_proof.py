@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import importlib.util
 import json
 import subprocess
 import sys
@@ -22,14 +20,16 @@ from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
-from bcid.proof import running
-from bcid.proof.baselines import METHODS, NAMING, compared, summary
+from bcid.proof import asking, real, running
+from bcid.proof.baselines import METHODS, NAMING, compared
 from bcid.proof.calibration import calibration, of_nothing
 from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
 from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
+from bcid.proof.keeping import keep
 from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
+from bcid.proof.methods import summary
 from bcid.proof.outcome import REFUTED, missed, outcome, wrong
-from bcid.proof.running import known, run_all
+from bcid.proof.running import asked_before, known, run_all
 from bcid.proof.scoring import GOALS, pooled, right, tiers
 from bcid.proof.seal import opened, seal_of, seal_up, sealed
 from bcid.report.proof_page import evidence, write_proof_page
@@ -53,6 +53,29 @@ def test_a_suite_is_the_same_for_the_same_seed_and_another_for_another() -> None
     for case in one:
         for concealed in (c for c in case.concealed if c.effect in EFFECTS):
             assert set(concealed.parameters) == {p.symbol for p in EFFECTS[concealed.effect].parameters}
+
+
+def test_the_answer_changes_nothing_that_the_diagnosis_is_handed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is held beside what was said afterwards."""
+    case = next(c for c in suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
+    handed = list[Any]()
+
+    def diagnosed(*given: Any, **more: Any) -> None:
+        handed.append((given, more))
+        raise ArithmeticError("asked")
+
+    monkeypatch.setattr(asking, "diagnosed", diagnosed)
+    for truth in (case.nameable, {"rear_toe": {"epsilon": 0.3}}):
+        with pytest.raises(ArithmeticError, match="asked"):
+            asking.answered(replace(case, duration_s=20.0).driven(), case.rate_hz, ("motor_lag",), truth)
+    one, _ = handed
+    assert [type(v).__name__ for v in one[0]] == ["list", "list", "Vehicle"]
+    assert [[type(v).__name__ for v in of] for of in one[0][:2]] == [["Recording"], ["Estimate"]]
+    assert one[1] == {"left_out": ("motor_lag",)}
+    leaves = [_leaves([asdict(of[0][0][0]), asdict(of[0][1][0]), of[0][2].model_dump(), of[1]]) for of in handed]
+    assert len(leaves[0]) == len(leaves[1]) > 10
+    for a, b in zip(*leaves, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_the_diagnosis_is_handed_no_answer() -> None:
@@ -152,8 +175,14 @@ def test_a_tier_that_has_ended_is_judged_by_its_goals_though_others_have_not() -
 def test_rows_outlive_what_is_concealed_and_how_it_is_scored() -> None:
     """What makes a row is the code of simulation and diagnosis: neither suites, nor scores, nor other methods."""
     inside = {name for name in closure(running.JUDGED) if name.startswith("bcid.proof.")}
-    assert inside == {"bcid.proof.asking"}
+    assert inside == {"bcid.proof.asking", "bcid.proof.said"}
     assert {"bcid.simulation.dynamics", "bcid.diagnosis.search", "bcid.effects.car"} <= closure(running.JUDGED)
+    assert "bcid.proof.scoring" not in closure(("bcid.proof.baselines",))
+    of_real_drives = {
+        name.removeprefix("bcid.proof.") for name in closure(real.JUDGED) if name.startswith("bcid.proof.")
+    }
+    assert of_real_drives == {"withheld", "edited", "edits", "asked", "said", "real_cases"}
+    assert not [name for name in closure(real.JUDGED) if name.startswith("bcid.simulation")]
 
 
 THIS_AND_THAT = ("yaw_scrub", "rear_toe")
@@ -273,6 +302,49 @@ def test_the_command_ends_as_its_goals_are_met(
     assert ("goals missed" in told.err) is not named
 
 
+def test_answers_are_sealed_before_the_first_take_and_opened_after_the_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = list[tuple[bool, bool]]()
+
+    def fake(case: Case, others: bool = False) -> dict[str, Any]:
+        seen.append(((tmp_path / "seals.json").is_file(), (tmp_path / "answers.json").is_file()))
+        return row(case.name, list(case.answer), [], tier=case.tier, channel=case.channel)
+
+    monkeypatch.setattr(running, "run_case", fake)
+    words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1", "--every", "40", "--format", "quiet",
+             "--salt", "pepper"]  # fmt: skip
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as refused:
+        main()
+    assert refused.value.code == 2
+    assert "usual seed" in capsys.readouterr().err
+    assert not (tmp_path / "seals.json").exists()
+    monkeypatch.setattr("sys.argv", [*words, "--seed", "7"])
+    with pytest.raises(SystemExit):
+        main()
+    assert len(seen) > 10
+    assert set(seen) == {(True, False)}
+    told = json.loads((tmp_path / "prove.json").read_text(encoding="utf-8"))
+    assert (told["opened"], told["known_before"], told["made_after_opening"]) == (len(seen), 0, 0)
+    assert told["seal"] in capsys.readouterr().err
+
+
+def test_what_older_code_said_was_known_before(tmp_path: Path) -> None:
+    cases = list(suite(7, 1, 2, 0, 0))[:3]
+    keep(row(cases[1].name, [], []), f"{cases[1].digest()}.of_older_code", tmp_path)
+    assert (known(cases, tmp_path), asked_before(cases, tmp_path)) == (0, 1)
+
+
+def test_an_error_that_there_is_no_time_to_ask_again_counts(tmp_path: Path, made: list[str]) -> None:
+    cases = list(suite(1, 1, 2, 0, 0))[:3]
+    first = list(run_all(cases, tmp_path, 1))
+    again = list(run_all(cases, tmp_path, 1, minutes=0.0))
+    assert sorted(r["case"] for r in again) == sorted(r["case"] for r in first)
+    assert sum("error" in r for r in again) == 1
+    assert len(made) == 3
+
+
 def test_a_seal_fits_its_answer_and_salt_alone() -> None:
     one, other = list(suite(1, 1, 1, 0, 0))[:2]
     assert sealed(one, "salt") == sealed(one, "salt")
@@ -320,23 +392,7 @@ THE_SIMULATION = ("bcid.simulation.drive", "bcid.simulation.dynamics", "bcid.sim
 )  # fmt: skip
 def test_truth_and_judge_are_apart(roots: tuple[str, ...], among: str, never: tuple[str, ...]) -> None:
     """Nothing that a diagnosis runs imports the blind test or the simulation, nor does that import what explains it."""
-    reached, todo = set[str](), [*roots]
-    while todo:
-        name = todo.pop()
-        if name in reached or not name.startswith("bcid"):
-            continue
-        reached.add(name)
-        try:
-            spec = importlib.util.find_spec(name)
-        except ModuleNotFoundError:  # what is imported from a module is no module
-            continue
-        if spec is None or spec.origin is None:
-            continue
-        for node in ast.walk(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                todo += [a.name for a in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                todo += [node.module, *(f"{node.module}.{a.name}" for a in node.names if a.name.islower())]
+    reached = closure(roots)
     assert among in reached
     assert not [name for name in reached if name.startswith(never)]
 
@@ -384,7 +440,7 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 def test_workers_end_with_who_started_them() -> None:
     """A run that is killed leaves none behind that would keep the cores busy for what nobody reads."""
-    begin = "import os, time; from bcid.proof.running import pool_of; pool = pool_of(1); "
+    begin = "import os, time; from bcid.proof.workers import pool_of; pool = pool_of(1); "
     work = "print(pool.submit(os.getpid).result(), flush=True); pool.submit(time.sleep, 600); time.sleep(600)"
     with subprocess.Popen(
         [sys.executable, "-c", begin + work], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +24,7 @@ from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
-from bcid.proof import edited, real, withheld
+from bcid.proof import edited, real, real_scoring, withheld
 from bcid.proof.asked import Asked
 from bcid.proof.edits import EDITS
 from bcid.proof.keeping import kept
@@ -31,6 +32,7 @@ from bcid.proof.real import run_real
 from bcid.proof.real_cases import NOT_ASKED, Edited, Withheld, read_cases
 from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
 from bcid.proof.real_outcome import outcome
+from bcid.proof.real_scoring import judged
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -76,6 +78,9 @@ def test_edits_of_the_pose_have_the_vocabulary_s_signs(drive: Recording) -> None
     turned = seen_pose(x, y, yaw, 0.0, 0.0, 0.05, 0.0)
     np.testing.assert_allclose(EDITS["body_yaw_misalignment"](drive, 0.05).poses.values[7], turned[:3])
     np.testing.assert_allclose(EDITS["pose_latency"](drive, 0.05).poses.time_s, drive.poses.time_s + 0.05)
+    fast = EDITS["clock_drift"](replace(drive, breaks_s=(10.0,)), 0.002)
+    np.testing.assert_allclose(fast.poses.time_s, 1.002 * drive.poses.time_s)
+    assert fast.breaks_s == pytest.approx([10.02])
 
 
 def test_edits_of_size_and_side_are_what_the_vocabulary_calls_them(drive: Recording) -> None:
@@ -101,14 +106,14 @@ def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str
 def test_two_delays_that_cannot_be_told_from_a_late_pose_are_accepted_together() -> None:
     """And either of them alone is the vehicle's, where nothing of it may be named."""
     named = {"pose_latency", "steering_delay+motor_delay"}
-    assert withheld._accepted(named, ["pose_latency"])
-    assert withheld._accepted(named, ["motor_delay", "steering_delay"])
-    assert not withheld._accepted(named, ["steering_delay"])
+    assert real_scoring._accepted(named, ["pose_latency"])
+    assert real_scoring._accepted(named, ["motor_delay", "steering_delay"])
+    assert not real_scoring._accepted(named, ["steering_delay"])
     parts = {"pose_latency", "steering_delay", "motor_delay"}
-    assert withheld._parts(named) == parts
-    assert withheld._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
-    assert withheld._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
-    assert withheld._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
+    assert real_scoring._parts(named) == parts
+    assert real_scoring._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
+    assert real_scoring._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
+    assert real_scoring._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
 
 
 @pytest.mark.parametrize(("spun", "error"), [(0, 0.5), (3, np.inf)])
@@ -134,7 +139,7 @@ def test_what_makes_no_difference_does_not_count() -> None:
             ("control", True, "complete", True, [], 0), ("edited", False, "named", False, [], 1),
         )
     ]  # fmt: skip
-    told = outcome(rows)["tiers"]
+    told = outcome(rows, "c0de")["tiers"]
     assert told == {
         "withheld": {"right": 2, "n": 3, "first": 1, "alone": 1, "names": 3, "accepted": 2},
         "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
@@ -148,26 +153,40 @@ def test_what_makes_no_difference_does_not_count() -> None:
         ([("rear_toe", []), ("pose_scale", ["motor_lag"])], True, False, ["rear_toe"]),
         ([("pose_latency", ["steering_delay+motor_lag"])], False, False, ["pose_latency"]),
         ([], True, True, []),  # unknown in fx is accepted as well
+        ([("rear_toe", ["motor_lag", "yaw_scrub", "pose_scale"])], True, True, []),
+        ([("rear_toe", ["motor_lag", "yaw_scrub", "pose_scale", "motor_sag"])], False, False, ["rear_toe"]),  # too long
     ],
 )
 def test_what_is_withheld_is_right_by_any_name_and_told_apart_from_first(
-    findings: list[tuple[str, list[str]]], right: bool, first: bool, beside: list[str], tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    findings: list[tuple[str, list[str]]], right: bool, first: bool, beside: list[str]
+) -> None:
+    case = Withheld(recording="take.csv", name="lag", accepted=["motor_lag", "unknown in fx"])
+    row = judged(case, said_of(findings))
+    assert (row["right"], row["first"], row["beside"]) == (right, first, beside)
+
+
+def said_of(findings: list[tuple[str, list[str]]]) -> dict[str, Any]:
+    """What a diagnosis says that names these effects, or that fx is unknown."""
+    told = [{"effect": effect, "twins": twins} for effect, twins in findings]
+    return {"verdict": "named" if told else "unknown", "findings": told, "remainder": {"channel": "fx"}}
+
+
+@pytest.mark.parametrize(("ratio", "control", "asked"), [(2.0, False, True), (1.2, False, False), (1.0, True, True)])
+def test_what_matters_is_asked_and_a_control_is_anyway(
+    ratio: float, control: bool, asked: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
-    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
+    vehicle = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
     monkeypatch.setattr(Asked, "moved", lambda *_: (None, None, None))
     monkeypatch.setattr(withheld, "diagnosed", lambda *_: None)
-    errors = iter([np.full(2, 2.0), np.ones(2)])  # without, and with what is withheld
     monkeypatch.setattr(withheld, "_errors_of_the_whole", lambda *_: np.ones(2))
-    monkeypatch.setattr(withheld, "_errors", lambda *_: next(errors))
-    told = [{"effect": effect, "twins": twins} for effect, twins in findings]
-    answer = {"verdict": "named" if told else "unknown", "findings": told, "remainder": {"channel": "fx"}}
-    monkeypatch.setattr(withheld, "said", lambda _: answer)
+    monkeypatch.setattr(withheld, "_errors", lambda *_: np.full(2, ratio))
+    monkeypatch.setattr(withheld, "said", lambda _: said_of([("motor_lag", [])]))
     lag = {"steering": {"time_constant_s": 0.05}}
-    case = Withheld(recording="take.csv", name="lag", vehicle=lag, accepted=["motor_lag", "unknown in fx"])
-    row = withheld.answered(case, asked)
-    assert (row["right"], row["first"], row["beside"]) == (right, first, beside)
+    case = Withheld(recording="take.csv", name="lag", vehicle=lag, accepted=["motor_lag"], control=control)
+    row = withheld.answered(case, vehicle)
+    assert (row["ratio"], row["verdict"]) == (ratio, "named" if asked else NOT_ASKED)
+    assert judged(case, row)["right"] is not control  # a control may not be named
 
 
 def test_blocks_are_short_in_a_short_take_and_never_long() -> None:
@@ -289,7 +308,6 @@ def test_what_a_simulation_is_denied_is_named_and_an_edit_too(asked: Path, tmp_p
     drag, nothing, offset = rows
     assert all(row["right"] for row in rows)
     assert offset["beside"] == []
-    assert drag["wanted"]
     assert drag["ratio"] > 1.3
     assert [f["effect"] for f in drag["findings"]] == ["steering_drag"]
     assert drag["findings"][0]["values"]["k"][0] == pytest.approx(60.0, rel=0.1)
@@ -342,19 +360,11 @@ def test_the_whole_and_what_is_withheld_of_it_are_that_day_s_car(
         (["rear_toe"], False),
     ],
 )
-def test_what_other_drives_of_a_car_show_as_well_is_no_ghost(
-    named: list[str], right: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
-    asked = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path)
-    monkeypatch.setattr(Asked, "moved", lambda *_: (None, None, None))
-    monkeypatch.setattr(withheld, "diagnosed", lambda *_: None)
-    findings = [{"effect": name, "twins": []} for name in named]
-    monkeypatch.setattr(withheld, "said", lambda _: {"verdict": "named", "findings": findings})
+def test_what_other_drives_of_a_car_show_as_well_is_no_ghost(named: list[str], right: bool) -> None:
     case = Withheld(
         recording="take.csv", name="ghost", accepted=[VEHICLE_PHYSICS], control=True, known=["steering_backlash"]
     )
-    assert withheld.answered(case, asked)["right"] is right
+    assert judged(case, said_of([(name, []) for name in named]))["right"] is right
 
 
 @pytest.mark.parametrize(
@@ -370,46 +380,43 @@ def test_what_other_drives_of_a_car_show_as_well_is_no_ghost(
     ],
 )
 def test_an_edit_is_what_a_drive_shows_beyond_what_it_showed_before(
-    value: float | None, se: float, before: float, unsure: float, right: bool, drive: Recording, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    value: float | None, se: float, before: float, unsure: float, right: bool
+) -> None:
     """A pose that comes 0.06 s late, where it came `before` already."""
-    found = edits_found(monkeypatch, {"tau": (before, unsure)}, {"tau": (value, se)} if value is not None else None)
-    row = found(drive, tmp_path, Edited(recording="take.csv", effect="pose_latency", value=0.06))
-    assert (row["right"], row["before"], row["value"]) == (right, before, value)
+    found = [{"effect": "pose_latency", "values": {"tau": [value, se]}}] if value is not None else []
+    said = {"verdict": "named", "before": {"tau": [before, unsure]}, "findings": found}
+    row = judged(Edited(recording="take.csv", effect="pose_latency", value=0.06), said)
+    assert (row["right"], row["value"]) == (right, value)
 
 
 @pytest.mark.parametrize(
     ("d_y", "more", "right"),
     [(-0.007, (), True), (0.015, (), False), (-0.007, ("rear_toe",), False)],
 )
-def test_an_edit_is_nothing_else(
-    d_y: float, more: tuple[str, ...], right: bool, drive: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_edit_is_nothing_else(d_y: float, more: tuple[str, ...], right: bool) -> None:
     """The tracked point is moved ahead, not to the side, and nothing else is edited."""
-    before = {"d_x": (0.002, 0.001), "d_y": (-0.006, 0.001)}
-    found = edits_found(monkeypatch, before, {"d_x": (0.033, 0.001), "d_y": (d_y, 0.001)}, more)
-    assert found(drive, tmp_path, Edited(recording="take.csv", effect="marker_offset", value=0.03))["right"] is right
+    found = [{"effect": "marker_offset", "values": {"d_x": [0.033, 0.001], "d_y": [d_y, 0.001]}}]
+    found += [{"effect": name, "values": {}} for name in more]
+    said = {"verdict": "named", "before": {"d_x": [0.002, 0.001], "d_y": [-0.006, 0.001]}, "findings": found}
+    row = judged(Edited(recording="take.csv", effect="marker_offset", value=0.03), said)
+    assert (row["right"], row["beside"]) == (right, list(more))
 
 
-def edits_found(
-    monkeypatch: pytest.MonkeyPatch, before: dict[str, tuple[float, float]],
-    values: dict[str, tuple[float, float]] | None, more: tuple[str, ...] = (),
-) -> Any:  # fmt: skip
-    """What is answered of an edit where the diagnosis finds these values of it, and more."""
-
-    def answered(drive: Recording, folder: Path, case: Edited) -> dict[str, Any]:
-        (folder / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
-        asked = Asked(read_vehicle(folder / "vehicle.toml"), {}, None, folder)
-        seen = [{"effect": case.effect, "values": values}] if values else []
-        seen += [{"effect": name, "values": {}} for name in more]
-        monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
-        monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
-        monkeypatch.setattr(edited, "diagnosed", lambda *_: None)
-        monkeypatch.setattr(edited, "said", lambda _: {"verdict": "named", "findings": seen})
-        return edited.answered(case, edited.Before(Compared(CAR, {}, edited.AS_IT_WAS), {case.effect: before}), asked)
-
-    return answered
+def test_what_is_said_of_an_edited_drive_is_kept_with_what_it_showed_before(
+    drive: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The effect that is edited is taken from what the drive is known to show, and looked for anew."""
+    (tmp_path / "vehicle.toml").write_text(VEHICLE, encoding="utf-8")
+    asked, given = Asked(read_vehicle(tmp_path / "vehicle.toml"), {}, None, tmp_path), list[Compared]()
+    monkeypatch.setattr(Asked, "moved", lambda *_: (drive, None, None))
+    monkeypatch.setattr(edited, "estimate_motion", lambda *_: None)
+    monkeypatch.setattr(edited, "diagnosed", lambda *of: given.append(of[3]))
+    monkeypatch.setattr(edited, "said", lambda _: said_of([]))
+    known = Compared(CAR, {"pose_latency__tau": 0.01, "yaw_scrub__c": 3.0}, edited.AS_IT_WAS)
+    before = edited.Before(known, {"pose_latency": {"tau": (0.01, 0.001)}})
+    row = edited.answered(Edited(recording="take.csv", effect="pose_latency", value=0.06), before, asked)
+    assert (row["truth"], row["before"]) == (0.06, {"tau": (0.01, 0.001)})
+    assert [c.effects for c in given] == [{"yaw_scrub__c": 3.0}]
 
 
 def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -482,7 +489,7 @@ def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkey
     for file in (f for f in asked.iterdir() if f.is_file()):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     done = list[str]()
-    monkeypatch.setattr(real, "_row", lambda job, *_: done.append(job.key) or {})
+    monkeypatch.setattr(real, "_row", lambda job, *_: done.append(job.key) or {"error": "none is wanted"})
     commands = tmp_path / "take.commands.csv"
     for times, text in ((4, commands.read_text()), (8, commands.read_text().replace("0.1", "0.2"))):
         commands.write_text(text)
@@ -491,7 +498,7 @@ def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkey
 
 
 def test_another_calibration_is_another_question(asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(withheld, "answered", lambda *_: {"tier": "withheld"})
+    monkeypatch.setattr(withheld, "answered", lambda *_: said_of([]))
     for name in ("vehicle.toml", "simulation.toml"):
         (tmp_path / name).write_bytes((asked / name).read_bytes())
     text = (asked / "cases.toml").read_text(encoding="utf-8").partition("[[edited]]")[0]
@@ -522,7 +529,7 @@ accepted = ["steering_lag"]
     assert share == 1.0
     assert row["ratio"] == pytest.approx(1.0, abs=0.05)
     assert row["verdict"].startswith("not asked")
-    assert outcome([row])["tiers"] == {
+    assert outcome([row], "c0de")["tiers"] == {
         "withheld": {"right": 0, "n": 0, "first": 0, "alone": 0, "names": 0, "accepted": 0}
     }
 
@@ -584,7 +591,7 @@ def test_edits_of_a_drive_are_held_against_what_it_showed_once(
         told.append(case.value)
         if case.value == 0.03 and told.count(0.03) == 1:
             raise FloatingPointError("left the numbers")
-        return {"tier": "edited", "recording": case.recording, "case": str(case.value), "right": True}
+        return {**said_of([]), "before": known.of["steering_offset"]}
 
     monkeypatch.setattr(real, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
     monkeypatch.setattr(edited, "as_it_was", as_it_was)
@@ -612,7 +619,7 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
         answers.append(case.name)
         if not case.control:
             raise FloatingPointError("left the numbers")
-        return {"tier": "control", "recording": case.recording, "case": case.name, "right": True, "verdict": "named"}
+        return said_of([])
 
     def shown(*_: Any) -> None:
         raise InputRefused("take.csv", "poses", "cannot be followed", "look at it")
@@ -622,7 +629,7 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     monkeypatch.setattr(edited, "as_it_was", shown)
     for workers in (1, 3):
         rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path, workers)]
-        assert outcome(rows)["tiers"] == {
+        assert outcome(rows, "c0de")["tiers"] == {
             "withheld": {"right": 0, "n": 1, "first": 0, "alone": 0, "names": 0, "accepted": 0},
             "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
         }  # fmt: skip
@@ -635,15 +642,11 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
 def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
     asked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = {"verdict": "unknown", "findings": [], "remainder": {"channel": "fx"}}
-    monkeypatch.setattr(withheld, "answered", lambda case, _: {
-        "tier": "withheld", "recording": case.recording, "case": case.name, "ratio": 2.0, "wanted": True,
-        "right": case.control, "first": case.control, "beside": [], **said,
-    })  # fmt: skip
+    monkeypatch.setattr(withheld, "answered", lambda *_: {"ratio": 2.0, **said_of([])})
     monkeypatch.setattr(edited, "as_it_was", lambda *_: edited.Before(Compared(CAR, {}), {}))
-    monkeypatch.setattr(edited, "answered", lambda case, *_: {
-        "tier": "edited", "recording": case.recording, "case": case.effect, "right": True, **said,
-    })  # fmt: skip
+    offset = [{"effect": "steering_offset", "twins": [], "values": {"o": [0.021, 0.001]}}]
+    before = {"o": [0.0, 0.001]}
+    monkeypatch.setattr(edited, "answered", lambda *_: {**said_of([]), "before": before, "findings": offset})
     words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1"]
     words += ["--real", str(asked / "cases.toml"), "--recordings", str(asked)]
     monkeypatch.setattr("sys.argv", words)
@@ -651,7 +654,9 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
         main()
     told = capsys.readouterr()
     assert ended.value.code == 5
-    assert "withheld: 1 of 2, 1 first, 1 alone, 0 of 0 names accepted; edited: 1 of 1" in " ".join(told.out.split())
+    assert "withheld: 0 of 1, 0 first, 0 alone, 0 of 0 names accepted; control: 1 of 1; edited: 1 of 1" in " ".join(
+        told.out.split()
+    )
     assert "drag of the steered wheel" in told.err
     assert json.loads((tmp_path / "real.json").read_text())["tiers"]["edited"] == {"right": 1, "n": 1}
 

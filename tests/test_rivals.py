@@ -57,6 +57,35 @@ def test_an_exchange_that_wins_is_exchanged_in_turn(monkeypatch: pytest.MonkeyPa
     assert set(found.without) == {"c", "d"}
 
 
+def test_a_single_name_keeps_its_rivals_when_a_correction_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that were refitted beside it hold the correction, and are none: others are looked for."""
+    fall = ("tyre_fall", "yaw_scrub")
+    before, after = fit(10.0, *fall), fit(9.0, "yaw_scrub")
+    tried = [fit(9.5, "tyre_fall", "yaw_coulomb")]
+    monkeypatch.setattr(search, "each_left_out", lambda f, known, take: {})
+    monkeypatch.setattr(search, "settled", lambda best, *_: rivals.Beside(best, {}, ("looked for",)))  # type: ignore[arg-type]
+    known: Any = (None, None)
+    assert search._beside(before, tried, TAKE, TAKE, known, ()).others == tuple(tried)
+    assert search._beside(after, [], TAKE, TAKE, known, ()).others == ("looked for",)
+    assert distinct(after, tried) == ()
+    monkeypatch.setattr(search, "refit_with", lambda f, take, effects: fit(9.0, *effects))
+    monkeypatch.setattr(search, "_sure", lambda f, name: name != "tyre_fall")
+    assert search._without_idlers(before, TAKE, 7.0).hypothesis.effects == ("yaw_scrub",)
+
+
+def test_half_a_take_bends_a_trusted_simulation_as_far_as_the_whole_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    trusting = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag",)).trusting([0.06], 0.02)
+    take: Any = SimpleNamespace(segments=4, rows=lambda chosen: chosen, part=lambda chosen: None)
+    made = list[Any]()
+    monkeypatch.setattr(heldout, "refit", lambda part, hypothesis, *_: made.append(hypothesis))
+    tangent = SimpleNamespace(A=np.zeros((4, 1)), J=np.zeros((4, 1)))
+    whole: Any = SimpleNamespace(hypothesis=trusting, phi=None, start=np.zeros((4, 1)), scales=None, tangent=tangent)
+    heldout.on_half(whole, take, np.array([0, 2]))
+    phi = trusting.holding().start(CAR, [0.06])
+    stiffness = [h.holding().prior(phi)[1] for h in (made[0], trusting)]
+    np.testing.assert_allclose(stiffness[0], 0.5 * stiffness[1])
+
+
 def test_rivals_of_what_is_left_do_not_hold_what_was_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     dropped = fit(100.0, "yaw_scrub", "motor_sag")
     left, twin = fit(98.0, "yaw_scrub"), fit(97.0, "quadratic_drag")

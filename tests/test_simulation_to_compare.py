@@ -12,6 +12,7 @@ import pytest
 from cars import CAR
 
 from bcid.diagnosis import saving
+from bcid.diagnosis.candidates import corrections
 from bcid.diagnosis.diagnose import Compared, diagnosed
 from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
 from bcid.effects.constants import Constants
@@ -202,4 +203,4 @@ def test_the_gain_of_raw_commands_is_told_once(assumed: tuple[str, ...]) -> None
     found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
     in_base = [row["symbol"] for row in saving._base(found) if row["symbol"] == "steering_scale.g"]
     assert in_base == ["steering_scale.g"] * len(assumed)
-    assert saving._corrections(held) == (() if assumed else ("steering_scale",))
+    assert corrections(fit) == (() if assumed else ("steering_scale",))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,6 +25,10 @@ from bcid.errors import GoalMissed, UsageError
 from bcid.pipeline.run import Pipeline
 from bcid.vehicle import read_vehicle
 
+if TYPE_CHECKING:
+    from bcid.proof.blind import Blind
+
+LONG = 100  # takes of a blind test, from which it is said that they take hours
 PUBLISHED = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
 
 
@@ -112,8 +115,12 @@ def plan(
 
 def prove(
     out: Annotated[Path, typer.Option("--out", help="The folder for results; a second run with the same goes on.")],
-    quick: Annotated[bool, typer.Option("--quick", help="Eighteen cases of ten tiers, and the baselines.")] = False,
-    seed: Annotated[int, typer.Option(help="Random seed of what is concealed, drivers and noise.")] = 1,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Eighteen cases of ten tiers, and the baselines: some eight minutes.")
+    ] = False,
+    seed: Annotated[
+        int | None, typer.Option(help="Random seed of what is concealed, drivers and noise; 1 unless given.")
+    ] = None,
     salt: Annotated[
         str, typer.Option(help="A secret text: a digest of it and all answers is printed before the run.")
     ] = "",
@@ -124,7 +131,9 @@ def prove(
     ] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
     every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
-    baselines: Annotated[bool, typer.Option("--baselines", help="Run other methods on the same takes.")] = False,
+    baselines: Annotated[
+        bool, typer.Option("--baselines", help="Run other methods on the same takes; diagnoses all of them again.")
+    ] = False,
     minutes: Annotated[
         float | None, typer.Option(min=0.0, help="Begin no further case after so many; a second run goes on.")
     ] = None,
@@ -133,63 +142,61 @@ def prove(
         Path | None,
         typer.Option(help="A TOML file of questions to real recordings (pipelines/dart/cases.toml), to ask instead."),
     ] = None,
-    recordings: Annotated[Path, typer.Option(help="Where these recordings are.")] = Path(),
+    recordings: Annotated[Path | None, typer.Option(help="Where these recordings are.")] = None,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Conceal effects in takes and count what the diagnosis makes of them; resumable."""
-    if quick and every != 1:
-        raise UsageError("--quick is a part of its own\n  next: leave out --every")
+    """Conceal effects in takes and count what the diagnosis makes of them; resumable, hours unless --quick."""
+    if real is None:
+        _go_together(quick, seed, salt, every, recordings)
+    from bcid.proof.blind import Blind, Sizes
+
+    sink, workers = Sink(format), workers or os.cpu_count() or 1
+    sizes = Sizes(repeats, nulls, imperfect_nulls, pairs, every)
     if real is not None:
-        concealed = {"quick": quick, "salt": salt, "baselines": baselines, "minutes": minutes is not None}
+        concealed = {
+            "quick": quick, "seed": seed is not None, "salt": salt, "baselines": baselines,
+            "minutes": minutes is not None, "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != Sizes(),
+        }  # fmt: skip
         given = [f"--{name}" for name, is_given in concealed.items() if is_given]
         if given:
             raise UsageError(f"{', '.join(given)}: of concealed cases\n  next: leave it out with --real")
-        _prove_real(real, recordings, out, workers or os.cpu_count() or 1, Sink(format))
-    else:
-        sizes = {"repeats": repeats, "nulls": nulls, "imperfect_nulls": imperfect_nulls, "pairs": pairs}
-        cases = _suite(seed, sizes, None if quick else every)
-        about = {"seed": seed, "salt": salt, "quick": quick, "sizes": {**sizes, "every": every}}
-        _prove(cases, out, about, quick or baselines, workers, minutes, Sink(format))
+        _prove_real(real, recordings or Path(), out, workers, sink)
+        return
+    _prove(Blind(1 if seed is None else seed, salt, quick, sizes, quick or baselines), out, workers, minutes, sink)
 
 
-def _suite(seed: int, sizes: dict[str, int], every: int | None) -> list[Any]:
-    from bcid.proof.cases import quick_suite, subset, suite
+def _go_together(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
+    """Raise `UsageError` where options of concealed cases do not go together."""
+    if recordings is not None:
+        raise UsageError("--recordings: of questions to real ones\n  next: name their file with --real")
+    if quick and every != 1:
+        raise UsageError("--quick is a part of its own\n  next: leave out --every")
+    if salt and seed is None:
+        told = "--salt: seals nothing, whoever knows the usual seed knows the answers"
+        raise UsageError(f"{told}\n  next: draw one and keep it to yourself until the run has ended, --seed N")
 
-    whole = list(suite(seed, sizes["repeats"], sizes["nulls"], sizes["imperfect_nulls"], sizes["pairs"]))
-    return quick_suite(whole, seed) if every is None else subset(whole, every)
 
-
-def _prove(
-    cases: list[Any], out: Path, about: dict[str, Any], baselines: bool, workers: int, minutes: float | None, sink: Sink
-) -> None:
-    """Answers are sealed, cases are run, as many as the `minutes` allow, their seals are opened, all is counted."""
+def _prove(test: Blind, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:
+    """The outcome of a blind test, as JSON and page."""
     from bcid.cli import show
-    from bcid.proof.baselines import summary
-    from bcid.proof.outcome import outcome
-    from bcid.proof.running import code_of_rows, known, run_all
-    from bcid.proof.seal import opened, seal_up
+    from bcid.proof.blind import blind_test
     from bcid.report.proof_page import write_proof_page
 
-    salt, seal, before = about["salt"], None, known(cases, out, baselines)
-    if salt:
-        seal = seal_up(cases, salt, out, before)
-        sink.told(f"seal of {len(cases)} answers: {seal}")
-    else:
-        sink.note(f"not sealed: whoever knows the seed ({about['seed']}) knows the answers; --salt seals them")
-    rows: list[dict[str, Any]] = []
+    def sealed(seal: str | None) -> None:
+        if seal:
+            sink.told(f"seal of {len(test.cases)} answers: {seal}")
+        else:
+            sink.note(
+                f"not sealed: whoever knows the seed ({test.seed}) knows the answers; --salt and a new --seed seal them"
+            )
+        if not test.quick and minutes is None and len(test.cases) > LONG:
+            sink.note(f"{len(test.cases)} takes are some hours' work; it goes on where it was left, --minutes ends it")
+
     with sink.stage("prove") as progress:
-        for row in run_all(cases, out, workers or os.cpu_count() or 1, baselines, minutes):
-            rows.append(row)
-            progress(len(rows) / len(cases), f"{len(rows)} of {len(cases)}")
-    ran = {row["case"] for row in rows}
-    about |= {
-        "of": len(cases),
-        "tiers_of": Counter(c.tier for c in cases),
-        "seal": seal,
-        "code": code_of_rows(baselines),
-    }
-    about |= opened([c for c in cases if c.name in ran], salt, out, len(ran) - before) if salt else {}
-    found = outcome(rows, about) | {"baselines": summary(rows)}
+        found = blind_test(
+            test, out, workers, minutes, sealed,
+            lambda done: progress(done / len(test.cases), f"{done} of {len(test.cases)}"),
+        )  # fmt: skip
     (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     write_proof_page(found, out / "prove.html")
     sink.result(found, lambda: show.proof(found))
@@ -202,7 +209,7 @@ def _prove(
 def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
     """Every question to real recordings, counted."""
     from bcid.cli import show
-    from bcid.proof.real import run_real
+    from bcid.proof.real import code_of_rows, run_real
     from bcid.proof.real_outcome import outcome
 
     rows: list[dict[str, Any]] = []
@@ -210,7 +217,7 @@ def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sin
         for row, share in run_real(file, recordings, out, workers):
             rows.append(row)
             progress(share, row["case"])
-    found = outcome(rows)
+    found = outcome(rows, code_of_rows())
     (out / "real.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     sink.result(found, lambda: show.real_proof(found))
     wrong = [f"{r['tier']} {r['case']}" for r in rows if not r["right"]]

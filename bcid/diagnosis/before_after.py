@@ -14,7 +14,7 @@ from bcid.diagnosis.simulated import seen_at, states
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import restarted
+from bcid.evaluation.closed_loop import Restarted, restarted
 from bcid.likelihood.recordings import constants_of
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Floats, Ints, Take
@@ -38,7 +38,9 @@ class Horizon:
     after_ci95: tuple[float, float]
     floor: float | None  # of the found car itself, simulated with its own noise and estimated like the recording
     ratio_ci95: tuple[float, float]  # of after over before
+    lost: float  # share of the time in which either left the finite numbers, which counts for neither
     given: float | None = None  # of the simulation as it was given, refitted to nothing
+    given_lost: float | None = None
 
 
 class Tracks(NamedTuple):
@@ -82,7 +84,7 @@ def compared(
     weights = scale(estimate.twist)
     block = ((estimate.time_s - recording.poses.time_s[0]) // block_s(take)).astype(int)
     side = block % 2
-    trained = [(on_half(before, take, half), on_half(after, take, half)) for half in halves(take)]
+    trained = [(_on_half(before, take, half), _on_half(after, take, half)) for half in halves(take)]
     T = float(take.length_s[0])
     models = [tuple(as_model(f, T, estimate.period_s) for f in pair) for pair in trained]
     again: Estimate | None = None
@@ -95,22 +97,44 @@ def compared(
         squares, places = [], []
         for which in (0, 1):
             predictions = [restarted(models[half][which], estimate, horizon) for half in (0, 1)]
-            twist = np.where((side == 1)[:, None], predictions[0].twist, predictions[1].twist)  # trained on the others
-            pose = np.where((side == 1)[:, None], predictions[0].pose, predictions[1].pose)
-            squares.append(((weights * (twist - estimate.twist)) ** 2).mean(axis=1))
-            places.append(pose[:, :2])
+            errors = [_squares(p, estimate, weights) for p in predictions]
+            squares.append(np.where(side == 1, *errors))  # trained on the others
+            places.append(np.where((side == 1)[:, None], *(p.pose[:, :2] for p in predictions)))
             starts = predictions[0].start
-        floor = None if again is None else _nmse(itself, again, horizon, weights)
+        floor = None if again is None else _mean(_squares(restarted(itself, again, horizon), again, weights))
         row = _judged(horizon, squares[0], squares[1], floor, block)
-        rows.append(row if given is None else replace(row, given=_nmse(given, estimate, horizon, weights)))
+        if given is not None:
+            off = _squares(restarted(given, estimate, horizon), estimate, weights)
+            row = replace(row, given=_mean(off), given_lost=float(np.isnan(off).mean()))
+        rows.append(row)
         if horizon == 2.0:
             tracks = Tracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts.astype(float))
     assert tracks is not None  # noqa: S101  # 2 s is one of the horizons
     return rows, tracks
 
 
-def _nmse(model: AugmentedNewtonEuler, estimate: Estimate, horizon: float, weights: Floats) -> float:
-    return float(np.nanmean((weights * (restarted(model, estimate, horizon).twist - estimate.twist)) ** 2))
+def _on_half(fit: Fit, take: Take, half: Ints) -> Fit:
+    """The fit refitted to half of the take; as it is, which flatters it, where that leaves the finite numbers."""
+    try:
+        return on_half(fit, take, half)
+    except FloatingPointError:
+        return fit
+
+
+def _squares(predicted: Restarted, estimate: Estimate, weights: Floats) -> Floats:
+    """Weighted squares of what predictions are off (K,); NaN all along a stretch that left the finite numbers.
+
+    The row that such a stretch starts with is the estimate's own, and no prediction.
+    """
+    off = ((weights * (predicted.twist - estimate.twist)) ** 2).mean(axis=1)
+    off[:-1][predicted.start[:-1] & np.isnan(off[1:])] = np.nan
+    return np.asarray(off)
+
+
+def _mean(squares: Floats) -> float | None:
+    """Of what there is, if anything is."""
+    there = squares[np.isfinite(squares)]
+    return float(there.mean()) if len(there) else None
 
 
 def _judged(horizon: float, before: Floats, after: Floats, floor: float | None, block: Ints) -> Horizon:
@@ -126,7 +150,8 @@ def _judged(horizon: float, before: Floats, after: Floats, floor: float | None, 
         low, high = np.quantile(values, [0.025, 0.975])
         return float(low), float(high)
 
-    return Horizon(horizon, whole[0], interval(b), whole[1], interval(a), floor, interval(a / np.maximum(b, 1e-30)))
+    ratio = interval(a / np.maximum(b, 1e-30))
+    return Horizon(horizon, whole[0], interval(b), whole[1], interval(a), floor, ratio, float((~finite).mean()))
 
 
 def replayed(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recording:

@@ -79,7 +79,7 @@ def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
     part, found, h = take.part(chosen), list[Fit](), fit.hypothesis
     nominal = h.start(h.nominal, list(h.values(fit.phi).values()))
     for name, share, near in itertools.product(SWALLOWED, FAR_SHARES, (fit.phi, nominal)):
-        if name in h.effects or name in left_out:
+        if name not in h.entries or name in h.effects or name in left_out:
             continue
         more, phi = h.with_effect(name, near, [share * p.size for p in h.entries[name].parameters])
         with suppress(FloatingPointError):

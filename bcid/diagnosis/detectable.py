@@ -67,7 +67,7 @@ def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
     if not symbols:
         return [{}]
     if "t_s" in symbols:
-        return [{"t_s": share * take.T} for share in (0.3, 0.5, 0.7)]
+        return [{"t_s": share * float(take.length_s.max())} for share in (0.3, 0.5, 0.7)]
     low, high = np.quantile(take.pose[:, :2], 0.02, axis=0), np.quantile(take.pose[:, :2], 0.98, axis=0)
     if "radius" in symbols:
         radius = next(p.size for p in effect.parameters if p.symbol == "radius")
@@ -75,7 +75,8 @@ def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
         axes = [np.linspace(a, b, n + 2)[1:-1] for a, b, n in zip(low, high, counts, strict=True)]
         return [{"x": float(x), "y": float(y), "radius": radius} for x, y in itertools.product(*axes)]
     sides = [(0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)]
-    return [dict(zip("xy", (low + (high - low) * side).tolist(), strict=True)) | {"r_0": 1.0} for side in sides]
+    slack = {p.symbol: p.size for p in effect.places if p.symbol == "r_0"}
+    return [dict(zip("xy", (low + (high - low) * side).tolist(), strict=True)) | slack for side in sides]
 
 
 def needed(effect: Effect, segments: int) -> float:

@@ -38,9 +38,9 @@ def halves(take: Take) -> list[Ints]:
 
 def on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
     """The fit refitted to some of the segments, from where it stands and along its own tangent."""
-    rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
+    rows, share = take.rows(chosen), fit.hypothesis.of_a_share(len(chosen) / take.segments)
     tangent = Tangent(np.ascontiguousarray(fit.tangent.A[rows]), np.ascontiguousarray(fit.tangent.J[rows]))
-    return refit(take.part(chosen), fit.hypothesis, fit.phi, fit.start[chosen], fit.scales, ITERATIONS, tangent)
+    return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, ITERATIONS, tangent)
 
 
 def scores(fit: Fit, take: Take) -> Floats:
@@ -63,8 +63,7 @@ def scores(fit: Fit, take: Take) -> Floats:
 def _on(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floats:
     """Log-likelihood of some of the segments at phi."""
     part = take.part(chosen)
-    rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
-    A = np.ascontiguousarray(fit.tangent.A[rows])
+    A = np.ascontiguousarray(fit.tangent.A[take.rows(chosen)])
     r = deviations(part, fit.hypothesis.setting(phi, part), fit.start[chosen], A)
     _, e = rescaled(moments(r, A, part.first), scales, 0)
     return log_likelihood(e)

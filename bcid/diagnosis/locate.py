@@ -38,7 +38,7 @@ class Location:
 
 def located(fit: Fit, take: Take, of: Disturbances, whole: Remainder) -> Location:
     """Where the disturbances `of` a fit stand out; `whole` is what of them is predictable."""
-    found, place_p = circles(of, 1)
+    found, place_p = circles(of, fit.hypothesis.units, 1)
     place = found[0] if place_p < SIGNIFICANT else None
     window, window_p = windows(of)
     i = CHANNELS.index(whole.channel)

@@ -130,13 +130,12 @@ def _chosen(
     """
     takes = [driven(drive, hypothesis, phi)[0] for drive in drives]
     whole = in_one(joined(takes))
-    counts = [take.segments - (k > 0) for k, take in enumerate(takes)]  # joined leaves out later ones' first segment
     options = options_of(effects, whole, hypothesis)
     fit = fit_at(hypothesis, phi, scales, whole)
     tried = changes_of(fit, whole, [(o.effect, [o.values]) for o in options]).columns
     columns = np.concatenate([fit.tangent.J, tried], axis=2)
     each = information(whole, hypothesis.setting(phi, whole), scales, columns)
-    tables = [part.sum(axis=0) for part in np.split(each, np.cumsum(counts)[:-1])]
+    tables = [part.sum(axis=0) for part in np.split(each, np.cumsum([take.segments for take in takes])[:-1])]
     n = hypothesis.base_size
     known = np.zeros_like(tables[0])
     known[:n, :n] = np.eye(n) / PRIOR_SD**2

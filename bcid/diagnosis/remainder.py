@@ -120,7 +120,7 @@ def _form(of: Disturbances, car: Car, channel: int, depends: list[str], reached:
     A posterior mean shows only a share of a push; divided by it, and weighted with it, the coefficients are right
     on the average.
     """
-    terms = _terms(of, depends)
+    terms = _terms(of, depends, "1" if car.sets_force > 0.0 else "m/s")
     share = of.share[:, channel]
     y = of.push[:, channel] * (car.m, car.m, car.I_z)[channel] / share
     y = np.clip(y, *np.quantile(y, [0.005, 0.995]))
@@ -145,21 +145,21 @@ def _form(of: Disturbances, car: Car, channel: int, depends: list[str], reached:
     return f"{_SUMS[channel]} += {' '.join(parts)}"
 
 
-def _terms(of: Disturbances, depends: list[str]) -> dict[str, tuple[Floats, str]]:
+def _terms(of: Disturbances, depends: list[str], of_the_throttle: str) -> dict[str, tuple[Floats, str]]:
     """Single variables, their odd powers and signs, and products with those that matter: values and unit."""
     columns = variables(of)
     basic = {n: columns[n][:, 0] for n in _TERMS}
-    terms: dict[str, tuple[Floats, str]] = {}
+    told, terms = _TERMS | {"throttle": ("u_m", of_the_throttle)}, dict[str, tuple[Floats, str]]()
     for name, value in basic.items():
-        symbol, unit = _TERMS[name]
+        symbol, unit = told[name]
         terms[symbol] = (value, unit)
-        terms[f"tanh({symbol}/0.05 {unit})"] = (np.tanh(value / 0.05), "1")
-        terms[f"{symbol}|{symbol}|"] = (value * np.abs(value), f"({unit})²")
-        terms[f"{symbol}³"] = (value**3, f"({unit})³")
+        terms[f"tanh({symbol}/0.05 {unit})".replace(" 1)", ")")] = (np.tanh(value / 0.05), "1")
+        terms[f"{symbol}|{symbol}|"] = (value * np.abs(value), f"({unit})²" if unit != "1" else "1")
+        terms[f"{symbol}³"] = (value**3, f"({unit})³" if unit != "1" else "1")
     for i, one in enumerate(basic):
         for other in list(basic)[i + 1 :]:
             if one in depends or other in depends:
-                (a, unit_a), (b, unit_b) = _TERMS[one], _TERMS[other]
+                (a, unit_a), (b, unit_b) = told[one], told[other]
                 terms[f"{a}·{b}"] = (basic[one] * basic[other], f"{unit_a}·{unit_b}")
                 terms[f"|{a}|·{b}"] = (np.abs(basic[one]) * basic[other], f"{unit_a}·{unit_b}")
     return terms

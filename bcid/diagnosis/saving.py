@@ -23,9 +23,10 @@ from bcid.models.augmented import FORCE_UNITS, UNITS
 SCHEMA = "bcid.diagnosis/1"
 PLACEBOS = 3
 HARDLY = 0.2  # relative standard error from which a base parameter is not quoted as known
+THROTTLE = "m/s; 1 where it sets a force"
 KNOT_UNITS = {
     "time_s": "s", "segment": "1", "x": "m", "y": "m", "heading": "rad", "v_x": "m/s", "v_y": "m/s",
-    "yaw_rate": "rad/s", "steering": "rad", "steering_rate": "rad/s", "throttle": "m/s", "alpha_f": "rad",
+    "yaw_rate": "rad/s", "steering": "rad", "steering_rate": "rad/s", "throttle": THROTTLE, "alpha_f": "rad",
     "alpha_r": "rad", "before_fx": "m/s^2", "before_fy": "m/s^2", "before_mz": "rad/s^2", "after_fx": "m/s^2",
     "after_fy": "m/s^2", "after_mz": "rad/s^2",
 }  # fmt: skip
@@ -83,7 +84,8 @@ def _where(found: Diagnosis) -> dict[str, Any]:
         channel = location.channel if effect.channel == "any" else effect.channel  # a change of mass acts on all
         values = [{s: v for s, (v, _) in f.values.items()} for f in findings]
         circles = [(v["x"], v["y"], v["radius"]) for v in values if "radius" in v]
-        times = [[v["t_s"], T] for v in values if "t_s" in v] or times
+        end = float(found.take.length_s.max())  # a time counts from where its recording begins
+        times = [[v["t_s"], end] for v in values if "t_s" in v] or times
         return _located(channel, depends, location.regime, times, circles[0] if circles else None)
     if location.window is not None and "time" in depends:
         times = [[location.window.begin_s, location.window.end_s]]
@@ -158,7 +160,7 @@ def _fit(horizons: Sequence[Horizon]) -> dict[str, Any] | None:
 
 def _horizon(h: Horizon) -> dict[str, Any]:
     return {
-        "horizon_s": h.horizon_s, "nmse_given": h.given,
+        "horizon_s": h.horizon_s, "lost": h.lost, "nmse_given": h.given, "given_lost": h.given_lost,
         "nmse_before": h.before, "before_ci95": list(h.before_ci95), "nmse_after": h.after,
         "after_ci95": list(h.after_ci95), "nmse_floor": h.floor, "ratio": h.after / h.before if h.before else None,
         "ratio_ci95": list(h.ratio_ci95),

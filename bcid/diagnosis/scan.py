@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.disturbance import Disturbances
+from bcid.effects.entry import Units
 from bcid.likelihood.take import KNOTS, Floats
 
-RADII_M = (0.5, 0.8, 1.2, 1.7)
+RADII_M = (0.5, 0.8, 1.2, 1.7)  # of the bumper car, as is
 SPACING = 0.5  # of the circles' centres, in radii
 CLIP = 30.0  # one knot cannot carry a place alone
 FEWEST = 6  # knots in a circle
@@ -69,11 +70,14 @@ def _global_p(inside: Floats, energies: Floats, observed: float) -> float:
     return (1 + int(np.sum(most >= observed))) / (1 + PERMUTATIONS)
 
 
-def circles(of: Disturbances, count: int = 6) -> tuple[list[Circle], float]:
-    """The circles that stand out most, APART_M from each other, best first; and the global p-value of the first."""
+def circles(of: Disturbances, units: Units, count: int = 6) -> tuple[list[Circle], float]:
+    """The circles that stand out most, APART_M from each other, best first; and the global p-value of the first.
+
+    As wide and as far apart as suits the vehicle in `units`.
+    """
     place = np.column_stack([of.mean["p_x"], of.mean["p_y"]])
     tried, rows = [], []
-    for radius in RADII_M:
+    for radius in np.multiply(RADII_M, units.reach).tolist():
         step = SPACING * radius
         centres = np.unique(np.round(place / step).astype(int), axis=0) * step
         for x, y in centres:
@@ -85,7 +89,7 @@ def circles(of: Disturbances, count: int = 6) -> tuple[list[Circle], float]:
     best: list[Circle] = []
     for i in np.argsort(-found):
         x, y, radius = tried[i]
-        if all((c.x - x) ** 2 + (c.y - y) ** 2 > APART_M**2 for c in best):
+        if all((c.x - x) ** 2 + (c.y - y) ** 2 > (APART_M * units.reach) ** 2 for c in best):
             best.append(Circle(x, y, radius, float(found[i])))
         if len(best) == count:
             break

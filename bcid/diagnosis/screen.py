@@ -67,7 +67,7 @@ class Nulls(NamedTuple):
 
 def changes(fit: Fit, take: Take) -> Changes:
     """The trials of all entries that `fit` does not hold: about 150 simulations of the take."""
-    odd = circles(disturbances(fit, take), ODD_PLACES)[0]
+    odd = circles(disturbances(fit, take), fit.hypothesis.units, ODD_PLACES)[0]
     rows = [
         (name, vectors)
         for name, effect in fit.hypothesis.entries.items()

@@ -25,7 +25,7 @@ from bcid.diagnosis.candidates import (
 from bcid.diagnosis.disturbance import disturbances
 from bcid.diagnosis.places import placed
 from bcid.diagnosis.remainder import Remainder, remainder
-from bcid.diagnosis.rivals import distinct, each_left_out, settled
+from bcid.diagnosis.rivals import Beside, distinct, each_left_out, settled
 from bcid.diagnosis.screen import Candidate, Changes, Nulls, changes, nulls, screen
 from bcid.diagnosis.sizes import from_their_sizes, without_place
 from bcid.effects.corrections import CORRECTIONS
@@ -112,12 +112,21 @@ def search(
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
     best = placed(_without_idlers(best, take, chance.gate), take)
-    if named(best) == named(before) and len(named(best)) < 2:  # what comes near has been refitted beside it
-        rest = distinct(best, accepted)
-        without = each_left_out(best, (corrected, base), take)
-    else:
-        best, without, rest = settled(best, take, trials, (corrected, base), promising)
+    near = accepted if best.hypothesis.effects == before.hypothesis.effects else []
+    best, without, rest = _beside(best, near, take, trials, (corrected, base), promising)
     return Search(base, corrected, best, without, rest, chance, p_value, trials, promising)
+
+
+def _beside(
+    best: Fit, tried: Sequence[Fit], take: Take, trials: Changes, known: tuple[Fit, Fit], promising: Sequence[str]
+) -> Beside:
+    """The best fit and its rivals: of a single name those that were `tried` with it, else they are looked for anew.
+
+    Fits that hold a correction which has been taken from the best since are no rivals of it.
+    """
+    if tried and len(named(best)) < 2:
+        return Beside(best, each_left_out(best, known, take), distinct(best, tried))
+    return settled(best, take, trials, known, promising)
 
 
 def _substantial(best: Fit, more: Fit, left: Remainder, least: float) -> bool:
@@ -169,9 +178,9 @@ def _further(
 
 
 def _one_latency(fit: Fit, take: Take) -> Fit:
-    """The fit with a late pose in place of equal delays of both commands, which are the same (specification)."""
+    """The fit with a late pose in place of delays of both commands, if that is likelier: equal ones are the same."""
     held = fit.hypothesis.effects
-    if not set(DELAYS) <= set(named(fit)):
+    if not set(DELAYS) <= set(named(fit)) or "pose_latency" in held:
         return fit
     tau = 0.5 * sum(fit.values()[f"{name}__tau"][0] for name in DELAYS)
     late = refit_with(fit, take, (*(n for n in held if n not in DELAYS), "pose_latency"), [tau])

@@ -116,7 +116,7 @@ def _front(
     F_l = p.front_share * (pull - rolling) - (F_d - rolling)
     alpha_s = slip_angle(v_fx, v_fy, corrections.slip_speed(p.v_0, e.slip_speed__d))
     alpha = lagged.alpha_f if e.tyre_relaxation__sigma > 0.0 else alpha_s
-    load = tyres.load_factor(F_l + F_lr, delta_w, p.m, e.load_transfer__k)
+    load = tyres.load_factor(F_l, delta_w, F_lr, p.m, e.load_transfer__k)
     F_max = tyres.friction_circle(p.F_f_max * grip * load, p.front_share * pull, e.friction_circle__kappa)
     shift = tyres.ply_steer(v_fx, e.front_ply_steer__f, c.v_c)
     F_max = corrections.grip_left(-p.C_f * load * alpha + shift, F_max, e.tyre_fall__f)
@@ -202,7 +202,7 @@ def wrench(b: Body, drive: Drive, lagged: Lagged, p: Car, e: Any, c: Constants) 
     F_fy = sin_d * front.F_l + cos_d * front.F_a
     F_y, M_z = F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
 
-    M_z += forces.drive_lateral_offset(front.F_l + F_lr, delta_w, e.drive_lateral_offset__a)
+    M_z += forces.drive_lateral_offset(front.F_l, delta_w, F_lr, e.drive_lateral_offset__a)
     F_x += forces.rear_rolling_coulomb(b.v_x, e.rear_rolling_coulomb__c, c.v_c)
     F_x += forces.rear_rolling_viscous(b.v_x, e.rear_rolling_viscous__b)
     air_x, air_y = forces.quadratic_drag(b.v_x, b.v_y, e.quadratic_drag__k)

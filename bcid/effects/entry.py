@@ -132,6 +132,11 @@ class Units(NamedTuple):
     s: float = 1.0
     rad: float = 1.0
 
+    @property
+    def reach(self) -> float:
+        """How much wider its circles on the floor are: by its size, or by how far it drives in a time."""
+        return max(self.m, self.m / self.s)
+
     def of(self, unit: str) -> float:
         """The factor of a product of powers such as "kg m s^-2"."""
         factor = 1.0
@@ -152,8 +157,11 @@ def resized(effect: Effect, units: Units) -> Effect:
         factor = units.of(p.unit)
         if p.unit == "s":
             return p
+        if p.symbol in ("radius", "r_0"):
+            high, size = p.high * max(1.0, units.reach), p.size * units.reach
+            return p._replace(low=p.low * factor, high=high, size=size, off=p.off * factor)
         if p.places:
-            return p._replace(low=p.low * factor, off=p.off * factor) if p.symbol == "radius" else p
+            return p
         return p.times(factor)
 
     return replace(effect, parameters=tuple(scaled(p) for p in effect.parameters))

@@ -87,14 +87,15 @@ def yaw_coulomb(omega: float, c: float, w_c: float) -> float:
 
 
 @njit
-def drive_lateral_offset(F_l: float, delta_w: float, a: float) -> float:
-    """M_z += a (F_m - F_d) cos(delta_w)."""
-    return a * F_l * sincos(delta_w)[1] if a != 0.0 else 0.0
+def drive_lateral_offset(F_l: float, delta_w: float, F_lr: float, a: float) -> float:
+    """M_z += a (F_m - F_d) cos(delta_w), of the front wheel; a driven rear one pulls along the body."""
+    return a * (F_l * sincos(delta_w)[1] + F_lr) if a != 0.0 else 0.0
 
 
-_PLACE = (
-    Parameter("x", "m", -50.0, 50.0, 0.0, "centre", places=True),
-    Parameter("y", "m", -50.0, 50.0, 0.0, "centre", places=True),
+FAR = 1e7  # m: a floor may lie anywhere in its frame, a map's as well
+PLACE = (
+    Parameter("x", "m", -FAR, FAR, 0.0, "centre", places=True),
+    Parameter("y", "m", -FAR, FAR, 0.0, "centre", places=True),
 )
 RADIUS = Parameter("radius", "m", 0.3, 5.0, 1.2, "radius of the circle", 1.0, places=True)
 
@@ -137,7 +138,7 @@ EFFECTS = (
     ),
     Effect(
         "rough_patch", "F_d += b·v_fx while the CoG is in the circle",
-        (Parameter("b", N_S_PER_M, 0.0, 1000.0, 28.0, "drag there"), *_PLACE, RADIUS),
+        (Parameter("b", N_S_PER_M, 0.0, 1000.0, 28.0, "drag there"), *PLACE, RADIUS),
         "fx", "environment", depends_on=("place",),
         source="viscous rolling resistance of another floor covering, within a circle",
     ),
@@ -154,7 +155,7 @@ EFFECTS = (
         "tether_pull", "pull k(r − r_0) toward (x, y) beyond r_0",
         (
             Parameter("k", N_S_PER_M.replace("s^-1", "s^-2"), 0.0, 500.0, 9.0, "stiffness of the cable"),
-            *_PLACE, Parameter("r_0", "m", 0.0, 20.0, 1.0, "slack", places=True),
+            *PLACE, Parameter("r_0", "m", 0.0, 20.0, 1.0, "slack", places=True),
         ),
         "fx", "environment", ("floor_slope",), ("place", "heading"),
         source="Hooke's law for a cable beyond its slack length",

@@ -21,12 +21,6 @@ def seen_pose(
 
 
 @njit
-def true_time(stamp: float, latency: float, drift: float) -> float:
-    """When a pose stamped `stamp` was true: stamps come `latency` late, on a clock that runs (1 + drift)."""
-    return stamp / (1.0 + drift) - latency
-
-
-@njit
 def heavier(t: float, d: float, t_s: float) -> float:
     """M and I_z times (1 + d) from t_s on."""
     return where(t >= t_s, 1.0 + d, 1.0) if d != 0.0 else 1.0

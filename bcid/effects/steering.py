@@ -9,15 +9,6 @@ from bcid.effects.entry import Effect, Parameter
 
 
 @njit
-def servo_rate(u_s: float, delta: float, T_s: float, d: float, band: float, skew: float) -> float:
-    """Delta' = sat((u_s - delta)/T_s) within [-d (1 - a), d (1 + a)]; the servo rests while |u_s - delta| < b."""
-    miss = u_s - delta
-    if abs(miss) < band:
-        return 0.0
-    return min(max(miss / T_s, -d * (1.0 - skew)), d * (1.0 + skew))
-
-
-@njit
 def play(behind: float, delta: float, b: float) -> float:
     """The angle that follows delta with play of +-b, last at `behind`."""
     return min(max(behind, delta - b), delta + b)

@@ -6,15 +6,9 @@ import math
 
 from bcid.compiled import njit
 from bcid.effects.entry import Effect, Parameter
-from bcid.effects.forces import RADIUS
+from bcid.effects.forces import PLACE, RADIUS
 from bcid.lanes import where
 from bcid.physics.elementary import sincos
-
-
-@njit
-def relaxed(alpha: float, alpha_s: float, v_fx: float, sigma: float, h: float) -> float:
-    """The slip angle after `h` seconds of alpha' = |v_fx| (alpha_s - alpha)/sigma, exactly."""
-    return alpha_s + (alpha - alpha_s) * math.exp(-abs(v_fx) * h / sigma)
 
 
 @njit
@@ -39,9 +33,9 @@ def side_force(alpha: float, C: float, F_max: float, shift: float, s: float) -> 
 
 
 @njit
-def load_factor(F_l: float, delta_w: float, m: float, k: float) -> float:
-    """1 - k a_x with a_x = (F_m - F_d) cos(delta_w)/m: the front axle unloads when the car speeds up."""
-    return 1.0 - k * F_l * sincos(delta_w)[1] / m if k != 0.0 else 1.0
+def load_factor(F_l: float, delta_w: float, F_lr: float, m: float, k: float) -> float:
+    """1 - k a_x with a_x = ((F_m - F_d) cos(delta_w) + F_lr)/m: the front axle unloads when the car speeds up."""
+    return 1.0 - k * (F_l * sincos(delta_w)[1] + F_lr) / m if k != 0.0 else 1.0
 
 
 @njit
@@ -97,8 +91,7 @@ EFFECTS = (
         "slippery_patch", "F̂_f, F̂_r × (1 − D) while the CoG is in the circle",
         (
             Parameter("D", "1", 0.0, 0.95, 0.3, "share of the grip that is missing"),
-            Parameter("x", "m", -50.0, 50.0, 0.0, "centre", places=True),
-            Parameter("y", "m", -50.0, 50.0, 0.0, "centre", places=True), RADIUS,
+            *PLACE, RADIUS,
         ),
         "fy", "environment", depends_on=("place", "alpha_f"),
         source="less friction of another floor covering, within a circle",

@@ -110,6 +110,8 @@ class Hypothesis:
             del known["motor_regeneration"]
         else:
             del known[FORCE_ONLY]
+        if self.nominal.front_share == 0.0:  # a front wheel that is not driven spends no grip on it
+            del known["friction_circle"]
         if not self.raw_commands:
             for name in RAW_COMMANDS:
                 del known[name]

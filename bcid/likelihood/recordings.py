@@ -37,9 +37,10 @@ FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale b
 
 
 def constants_of(vehicle: Vehicle) -> Constants:
-    """The effects' held constants."""
-    track = vehicle.body.rear_track_m
-    return Constants() if track is None else Constants(track=track)
+    """The effects' held constants; rear wheels as far apart as the bumper car's, for its wheelbase, where not given."""
+    body = vehicle.body
+    usual = Constants().track * (body.cog_to_front_m + body.cog_to_rear_m) / BUMPER_CAR.length_m
+    return Constants(track=usual if body.rear_track_m is None else body.rear_track_m)
 
 
 def units_at(car: Car, speed_mps: float) -> Units:

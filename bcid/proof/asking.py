@@ -6,12 +6,12 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from bcid.diagnosis.candidates import corrections
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.diagnosis.heldout import scores
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.likelihood.refit import refit
+from bcid.proof.said import said
 from bcid.simulation.drive import Drive
 from bcid.virtual_lab import TUNING, recorded, vehicle
 
@@ -32,35 +32,6 @@ def answered(
     found = diagnosed([recording], [estimate], of, left_out=left_out)
     seconds = time.perf_counter() - begin
     return {**said(found), "seconds": round(seconds, 2), **_oracle(truth, found)}, found
-
-
-def said(found: Diagnosis) -> dict[str, Any]:
-    """All of a diagnosis that is scored."""
-    judgement, location = found.judgement, found.location
-    left, place, window = judgement.left.remainder, location.place, location.window
-    return {
-        "verdict": judgement.verdict,
-        "findings": [
-            {
-                "effect": f.effect, "kind": EFFECTS[f.effect].kind, "twins": list(f.twins),
-                "probability": round(f.probability, 4), "gain": round(f.gain, 1), "heldout": round(f.heldout.nats, 1),
-                "values": {k: list(v) for k, v in f.values.items()},
-            }
-            for f in judgement.findings
-        ],
-        "dropped": list(judgement.dropped),
-        "corrections": list(corrections(judgement.fit)),
-        "remainder": {
-            "channel": judgement.left.channel, "entering": judgement.left.entering, "correlations": left.correlations,
-            "gain": round(left.gain, 1), "nats": round(judgement.nats_left, 1),
-            "lying": {way.channel: round(way.nats, 1) for way in judgement.left.lying},
-        },
-        "located": location.channel,
-        "place": [place.x, place.y, place.radius] if place else None,
-        "window": [window.begin_s, window.end_s] if window else None,
-        "p_value": found.p_value,
-        "not_excited": {u.effect: u.smallest for u in found.unexcited},
-    }  # fmt: skip
 
 
 def _oracle(truth: Mapping[str, Mapping[str, float]], found: Diagnosis) -> dict[str, Any]:

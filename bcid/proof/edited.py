@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -19,15 +18,13 @@ from bcid.estimate.types import Estimate
 from bcid.likelihood.refit import refit
 from bcid.physics.car import Car
 from bcid.proof.asked import Asked
-from bcid.proof.asking import said
 from bcid.proof.edits import EDITS
 from bcid.proof.real_cases import Edited
+from bcid.proof.said import said
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 AS_IT_WAS = 0.02  # relative trust in what a recording shows without the edit
-NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found,
-FARTHEST = 0.5  # of its size, however large they are
 
 
 class Before(NamedTuple):
@@ -44,11 +41,6 @@ class Before(NamedTuple):
     def from_row(cls, row: Mapping[str, Any]) -> Before:
         """As it was kept."""
         return cls(Compared(Car(**row["car"]), row["effects"], AS_IT_WAS), row["of"])
-
-
-def head(case: Edited) -> dict[str, Any]:
-    """Of its row."""
-    return {"tier": "edited", "recording": case.recording, "case": f"{case.effect} {case.value:g}"}
 
 
 def as_it_was(name: str, effects: Iterable[str], asked: Asked) -> Before:
@@ -77,32 +69,17 @@ def _trusted(found: Diagnosis) -> Compared:
 def answered(case: Edited, unedited: Before, asked: Asked) -> dict[str, Any]:
     """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
 
-    Its parameters have to be the edit's beyond what the drive showed of them `before`, and nothing else named: the
-    first is as large as the edit, a second one nothing.
+    And what of its parameters the drive showed `before`, with standard errors.
 
     Raises:
         FloatingPointError: where the drive, edited or not, cannot be followed.
     """
     if case.effect not in unedited.of:
         raise FloatingPointError(f"what the drive shows of {case.effect} before it is edited leaves the finite numbers")
-    known, before = unedited.known, unedited.of[case.effect]
+    known = unedited.known
     changed, estimate, vehicle = _changed(case, known, asked)
-    answer = said(diagnosed([changed], [estimate], vehicle, known.without(case.effect)))
-    told = next((f["values"] for f in answer["findings"] if f["effect"] == case.effect), None)
-    beside = [f["effect"] for f in answer["findings"] if f["effect"] != case.effect]
-    first, *others = before
-    made = {first: case.value, **dict.fromkeys(others, 0.0)}
-    right = told is not None and all(_near(told[s], before[s], made[s], abs(case.value)) for s in made)
-    return {
-        **head(case), "truth": case.value, "before": before[first][0], "value": told[first][0] if told else None,
-        "beside": beside, "right": right and not beside, **answer,
-    }  # fmt: skip
-
-
-def _near(value: tuple[float, float], before: tuple[float, float], made: float, size: float) -> bool:
-    """Whether a parameter is what was made of it beyond what it was before, for an edit of such a size."""
-    off, se = value[0] - before[0] - made, math.hypot(value[1], before[1])
-    return abs(off) < min(max(NEAR * size, SURE * se), FARTHEST * size)
+    found = diagnosed([changed], [estimate], vehicle, known.without(case.effect))
+    return {"truth": case.value, "before": unedited.of[case.effect], **said(found)}
 
 
 def _changed(case: Edited, known: Compared, asked: Asked) -> tuple[Recording, Estimate, Vehicle]:

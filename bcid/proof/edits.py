@@ -13,9 +13,10 @@ from bcid.recording.types import Recording, Stream
 Floats = npt.NDArray[np.float64]
 
 
-def _later(of: Recording, tau: float) -> Recording:
-    later = tuple(t + tau for t in of.breaks_s)
-    return replace(of, poses=Stream(of.poses.time_s + tau, of.poses.values), breaks_s=later)
+def _stamped(of: Recording, stamp: Callable[[Floats], Floats]) -> Recording:
+    """With poses stamped otherwise."""
+    breaks = tuple(stamp(np.array(of.breaks_s, dtype=float)).tolist())
+    return replace(of, poses=Stream(stamp(of.poses.time_s), of.poses.values), breaks_s=breaks)
 
 
 def _posed(of: Recording, factor: float = 1.0, turned: float = 0.0) -> Recording:
@@ -46,7 +47,8 @@ def _earlier(of: Recording, tau: float, which: int) -> Recording:
 
 
 EDITS: Mapping[str, Callable[[Recording, float], Recording]] = {
-    "pose_latency": _later,
+    "pose_latency": lambda of, tau: _stamped(of, lambda t: t + tau),
+    "clock_drift": lambda of, drift: _stamped(of, lambda t: t + drift * (t - of.poses.time_s[0])),
     "marker_offset": _shifted,
     "body_yaw_misalignment": lambda of, psi: _posed(of, turned=psi),
     "pose_scale": lambda of, kappa: _posed(of, factor=1.0 + kappa),

@@ -23,10 +23,14 @@ from bcid.proof import edited, withheld
 from bcid.proof.asked import Asked
 from bcid.proof.keeping import keep, kept
 from bcid.proof.real_cases import Cases, Edited, Withheld, read_cases
-from bcid.proof.running import pool_of
+from bcid.proof.real_scoring import judged
+from bcid.proof.workers import pool_of
 from bcid.recording.read import read_recording
 from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
+
+JUDGED = ("bcid.proof.withheld", "bcid.proof.edited")
+"""The modules whose code, with all that they import, makes a row what it is."""
 
 
 class _Job(NamedTuple):
@@ -34,14 +38,20 @@ class _Job(NamedTuple):
 
     answer: Callable[..., dict[str, Any]]
     key: str
-    head: dict[str, Any]  # of the row; nothing where it answers no question, but is what edits are held against
+    case: Withheld | Edited | None  # that the row answers; none of what edits are held against
     after: str = ""
+
+    def told(self, row: Mapping[str, Any]) -> dict[str, Any]:
+        """The row with what was asked, and whether it is right."""
+        assert self.case is not None  # noqa: S101  # nothing else is told
+        return judged(self.case, {**self.case.head, **row})
 
 
 def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> Iterator[tuple[dict[str, Any], float]]:
-    """A row for each case of the TOML `file`, kept in `folder`, each as it is done, and the share that is done.
+    """A row for each case of the TOML `file`, each as it is done, and the share that is done.
 
-    `recordings` is where the recordings are.
+    `recordings` is where the recordings are.  What was said is kept in `folder`, under what was asked and the digest
+    of the code that answers; whether it is right is judged anew each time.
 
     Raises:
         InputRefused: the file, or what it names.
@@ -54,33 +64,39 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
     there = {job.key: known[job.key] for job in jobs if job.key in known}
     todo = [job for job in jobs if job.key not in there]
     needed = {job.after for job in todo}
-    todo = [job for job in todo if job.head or job.key in needed]
-    rows = [there[job.key] for job in jobs if job.head and job.key in there]
+    todo = [job for job in todo if job.case or job.key in needed]
+    rows = [job.told(there[job.key]) for job in jobs if job.case and job.key in there]
     for done, row in enumerate(chain(rows, _answered(todo, there, asked, folder, workers)), 1):
         yield row, done / cases.size
 
 
+def code_of_rows() -> str:
+    """The digest of the code that makes a row, and of the libraries' versions."""
+    text = repr([(c.digest, sorted(c.packages.items())) for c in map(code_of, JUDGED)])
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
 def _jobs(cases: Cases, file: Path, asked: Asked) -> list[_Job]:
     """All that is asked, what edits are held against first: it takes longest."""
-    code, drives = code_of(__name__), dict[str, str]()
+    code, drives = code_of_rows(), dict[str, str]()
     given = [p.read_text(encoding="utf-8") for p in (cases.vehicle_file(file), asked.simulation) if p]
 
     def key_of(recording: str, what: Any) -> str:
         if recording not in drives:
             read = read_recording(asked.recordings / recording, asked.vehicle_of(recording))
             drives[recording] = read.sha256  # commands may lie beside
-        all_of_it = [what, cases.calibrated.get(recording), drives[recording], code.digest, code.packages, given]
+        all_of_it = [what, cases.calibrated.get(recording), drives[recording], code, given]
         return f"real.{hashlib.sha256(json.dumps(all_of_it, sort_keys=True).encode()).hexdigest()[:24]}"
 
-    def job(answer: Callable[..., dict[str, Any]], case: Withheld | Edited, head: dict[str, Any], after: str) -> _Job:
-        return _Job(partial(answer, case), key_of(case.recording, case.model_dump()), head, after)
+    def job(answer: Callable[..., dict[str, Any]], case: Withheld | Edited, after: str) -> _Job:
+        return _Job(partial(answer, case), key_of(case.recording, case.asks), case, after)
 
     edits = {name: cases.edits_of(name) for name in dict.fromkeys(edit.recording for edit in cases.edited)}
-    before = {name: _Job(partial(_before, name, es), key_of(name, [name, es]), {}) for name, es in edits.items()}
+    before = {name: _Job(partial(_before, name, es), key_of(name, [name, es]), None) for name, es in edits.items()}
     return [
         *before.values(),
-        *(job(withheld.answered, case, withheld.head(case), "") for case in cases.withheld),
-        *(job(_edited, case, edited.head(case), before[case.recording].key) for case in cases.edited),
+        *(job(withheld.answered, case, "") for case in cases.withheld),
+        *(job(_edited, case, before[case.recording].key) for case in cases.edited),
     ]
 
 
@@ -100,8 +116,8 @@ def _answered(
     if workers <= 1:
         for job in jobs:
             before[job.key] = _row(job, before, asked, folder)
-            if job.head:
-                yield before[job.key]
+            if job.case:
+                yield job.told(before[job.key])
         return
     with pool_of(workers) as pool:
 
@@ -114,8 +130,8 @@ def _answered(
                 job, row = running.pop(ended), ended.result()
                 before[job.key] = row
                 running |= submitted(other for other in jobs if other.after == job.key)
-                if job.head:
-                    yield row
+                if job.case:
+                    yield job.told(row)
 
 
 def _row(job: _Job, before: Mapping[str, dict[str, Any]], asked: Asked, folder: Path) -> dict[str, Any]:
@@ -133,4 +149,4 @@ def _row(job: _Job, before: Mapping[str, dict[str, Any]], asked: Asked, folder: 
         else:
             keep(row, job.key, folder)
             return row
-    return {**job.head, "right": False, "verdict": "error", "findings": [], "error": error}
+    return {"verdict": "error", "findings": [], "error": error}

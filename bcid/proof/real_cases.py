@@ -32,6 +32,17 @@ class Withheld(Settings):
     known: list[str] = Field(default_factory=list)  # of a control: what other drives of the car show as well
 
     @property
+    def head(self) -> dict[str, str]:
+        """Of its row."""
+        tier = "control" if self.control else "withheld"
+        return {"tier": tier, "recording": self.recording, "case": self.name}
+
+    @property
+    def asks(self) -> dict[str, Any]:
+        """What a diagnosis depends on: neither its name nor what will be accepted."""
+        return self.model_dump(exclude={"name", "accepted", "known"})
+
+    @property
     def withholds(self) -> bool:
         """Whether anything is withheld at all."""
         return bool(self.effect or self.parameters or self.vehicle)
@@ -43,6 +54,16 @@ class Edited(Settings):
     recording: str
     effect: str
     value: float
+
+    @property
+    def head(self) -> dict[str, str]:
+        """Of its row."""
+        return {"tier": "edited", "recording": self.recording, "case": f"{self.effect} {self.value:g}"}
+
+    @property
+    def asks(self) -> dict[str, Any]:
+        """What a diagnosis depends on."""
+        return self.model_dump()
 
 
 class Cases(Settings):

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bcid.proof.real_cases import NOT_ASKED
-from bcid.store.code import code_of
 
 SCHEMA = "bcid.prove-real/1"
 TIERS = ("withheld", "control", "edited")
 
 
-def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """All rows in order, and right answers of how many, tier by tier.
+def outcome(rows: Sequence[Mapping[str, Any]], code: str) -> dict[str, Any]:
+    """All rows in order, and right answers of how many, tier by tier; `code` is the digest of what made them.
 
     Of what was withheld also how many right names stand first, how many have no other beside them, and of all names how
     many are accepted.  What makes no difference to the error where it is withheld does not count.
@@ -32,4 +31,4 @@ def outcome(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "first": sum(r["first"] for r in right), "alone": sum(not r["beside"] for r in right),
             "names": names, "accepted": names - sum(len(r["beside"]) for r in asked),
         }  # fmt: skip
-    return {"schema": SCHEMA, "code": code_of("bcid.proof.real").digest, "tiers": tiers, "rows": rows}
+    return {"schema": SCHEMA, "code": code, "tiers": tiers, "rows": rows}

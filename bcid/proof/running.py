@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
-from multiprocessing import get_context, parent_process
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -18,6 +15,7 @@ import numpy as np
 from bcid.proof.asking import answered
 from bcid.proof.cases import Case
 from bcid.proof.keeping import keep, kept
+from bcid.proof.workers import pool_of
 from bcid.store.code import code_of
 
 JUDGED = ("bcid.simulation.drive", "bcid.proof.asking")
@@ -39,8 +37,8 @@ def run_all(
     """Every case's row: what is in `folder` is read, the others made and kept there, each as it is done.
 
     What a diagnosis said is kept under the digests of what was driven and of the simulation's and the diagnosis's
-    code; one that ended in an error is made again.  Cases are run in an order drawn by lot, so that a run which ends
-    after so many `minutes`, with what it has begun, has run a fair part of every tier.
+    code; one that ended in an error is made again, if there is time.  Cases are run in an order drawn by lot, so that a
+    run which ends after so many `minutes`, with what it has begun, has run a fair part of every tier.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows, code, todo = kept(folder), code_of_rows(others), list[Case]()
@@ -52,21 +50,37 @@ def run_all(
             yield {**truth_of(case), **row}
     todo.sort(key=lambda case: case.digest())
     end = np.inf if minutes is None else time.monotonic() + 60.0 * minutes
+    waiting = iter(todo)
+    for case, row in _made(waiting, code, folder, workers, others, end):
+        yield {**truth_of(case), **row}
+    for case in waiting:
+        if _key(case, code) in rows:  # an error that there was no time to ask again
+            yield {**truth_of(case), **rows[_key(case, code)]}
+
+
+def _made(
+    waiting: Iterator[Case], code: str, folder: Path, workers: int, others: bool, end: float
+) -> Iterator[tuple[Case, dict[str, Any]]]:
+    """The rows of the cases that are `waiting`, each as it is done, until it is `end` on the clock."""
     if workers <= 1:
-        for case in todo:
-            if time.monotonic() >= end:
-                return
-            yield {**truth_of(case), **_run(case, code, folder, others)}
+        while time.monotonic() < end and (case := next(waiting, None)) is not None:
+            yield case, _run(case, code, folder, others)
         return
     with pool_of(workers) as pool:
-        waiting, running = iter(todo), dict[Future[dict[str, Any]], Case]()
+        running = dict[Future[dict[str, Any]], Case]()
         while True:
             free = workers - len(running) if time.monotonic() < end else 0
             running |= {pool.submit(_run, case, code, folder, others): case for case in islice(waiting, free)}
             if not running:
                 return
             for done in wait(running, return_when=FIRST_COMPLETED).done:
-                yield {**truth_of(running.pop(done)), **done.result()}
+                yield running.pop(done), done.result()
+
+
+def asked_before(cases: Iterable[Case], folder: Path) -> int:
+    """How many of the cases have rows in `folder`, by whatever code: what was said of them was known before."""
+    there = {key.partition(".")[0] for key in kept(folder)}
+    return sum(case.digest() in there for case in cases)
 
 
 def known(cases: Iterable[Case], folder: Path, others: bool = False) -> int:
@@ -89,28 +103,6 @@ def _key(case: Case, code: str) -> str:
 def _known(rows: Mapping[str, dict[str, Any]], case: Case, code: str) -> dict[str, Any] | None:
     row = rows.get(_key(case, code))
     return None if row is None or "error" in row else row
-
-
-def pool_of(workers: int) -> ProcessPoolExecutor:
-    """Processes with one thread each: they share the cores.  Spawned, since a fork takes no OpenMP with it."""
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_alone)
-
-
-def _alone() -> None:
-    import numba
-    from threadpoolctl import threadpool_limits
-
-    Thread(target=_with_parent, daemon=True).start()
-    numba.set_num_threads(1)
-    threadpool_limits(1)
-
-
-def _with_parent() -> None:
-    """End this process as soon as its parent has ended, however: nobody would read what it makes."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def run_case(case: Case, others: bool = False) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,13 @@ import numpy.typing as npt
 from bcid.diagnosis.before_after import compared_model
 from bcid.diagnosis.diagnose import Compared, based, diagnosed
 from bcid.diagnosis.simulation import of_parameters
-from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
 from bcid.likelihood.recordings import suited
 from bcid.proof.asked import Asked
-from bcid.proof.asking import said
-from bcid.proof.real_cases import NOT_ASKED, VEHICLE, Withheld
+from bcid.proof.real_cases import NOT_ASKED, Withheld
+from bcid.proof.said import said
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -27,11 +25,6 @@ Floats = npt.NDArray[np.float64]
 HORIZON_S = 1.0
 MOVING = 0.3  # m/s: slower predictions are not compared
 MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
-
-
-def head(case: Withheld) -> dict[str, Any]:
-    """Of its row."""
-    return {"tier": "control" if case.control else "withheld", "recording": case.recording, "case": case.name}
 
 
 def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
@@ -45,43 +38,10 @@ def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
         published = {field: value for field, value in whole.effects.items() if field not in less.effects}
     if case.withholds:
         ratio = float((_errors(less, vehicle, recording, estimate) / _errors_of_the_whole(case, asked)).max())
-    wanted = not case.control and ratio > MATTERS
-    row = {
-        **head(case), "ratio": round(ratio, 3) if np.isfinite(ratio) else None, "wanted": wanted,
-        "published": published,
-    }  # fmt: skip
-    if not (wanted or case.control):
-        return {**row, "right": True, "verdict": NOT_ASKED, "findings": []}
-    answer = said(diagnosed([recording], [estimate], vehicle, less))
-    sets = [{f["effect"], *f["twins"]} for f in answer["findings"]]
-    met = [_accepted(names, case.accepted) for names in sets]
-    beside = [f["effect"] for f, is_met in zip(answer["findings"], met, strict=True) if not is_met]
-    if case.control:
-        told = _parts(set().union(*sets, _nameless(answer)))
-        right = not _with_kinds(told - set(case.known)) & set(case.accepted)
-    else:
-        right = any(met) or _accepted(_nameless(answer), case.accepted)
-    return {**row, "first": right and (not met or met[0]), "beside": beside, "right": right, **answer}
-
-
-def _accepted(names: Set[str], accepted: Sequence[str]) -> bool:
-    """Whether one of the names is accepted; several that are alike only together, if all of them are."""
-    return any(set(name.split("+")) <= set(accepted) for name in names)
-
-
-def _nameless(answer: Mapping[str, Any]) -> set[str]:
-    """What the answer says of what has no name."""
-    return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
-
-
-def _parts(names: Set[str]) -> set[str]:
-    """Every effect that the names may mean."""
-    return {part for name in names for part in name.split("+")}
-
-
-def _with_kinds(named: Set[str]) -> set[str]:
-    """The names, and VEHICLE where one of them is the vehicle's."""
-    return {*named, *(EFFECTS[e].kind for e in named if e in EFFECTS and EFFECTS[e].kind == VEHICLE)}
+    row = {"ratio": round(ratio, 3) if np.isfinite(ratio) else None, "published": published}
+    if not (case.control or ratio > MATTERS):
+        return {**row, "verdict": NOT_ASKED, "findings": []}
+    return {**row, **said(diagnosed([recording], [estimate], vehicle, less))}
 
 
 def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:

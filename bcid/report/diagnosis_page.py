@@ -46,7 +46,18 @@ _FINDING: dict[str, Any] = {
 _MANOEUVRE = {"name": "", "separates": (), "why": "", "file": None, "score": None}
 _UNKNOWN = {"channel": None, "depends_on": (), "form": None, "heldout_gain": None}
 _HORIZON = dict.fromkeys(
-    ("nmse_given", "nmse_before", "before_ci95", "nmse_after", "after_ci95", "nmse_floor", "ratio", "ratio_ci95")
+    (
+        "lost",
+        "nmse_given",
+        "given_lost",
+        "nmse_before",
+        "before_ci95",
+        "nmse_after",
+        "after_ci95",
+        "nmse_floor",
+        "ratio",
+        "ratio_ci95",
+    )
 )
 
 

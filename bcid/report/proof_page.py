@@ -207,7 +207,7 @@ def _answered(row: Mapping[str, Any]) -> str:
 def _of_a_method(method: Mapping[str, Any]) -> str:
     """What a method that may not name anything has to show."""
     told = [f"{title} {said_by(method, f)}" for title, f in SAID.items() if method[f]]
-    return "; ".join([*told, f"seconds {_number(method['seconds'], 'seconds')}"])
+    return "; ".join([*told, f"seconds {said_by(method, 'seconds')}"])
 
 
 def said_by(method: Mapping[str, Any], field: str) -> str:

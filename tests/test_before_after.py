@@ -1,0 +1,56 @@
+"""What predictions are off, and where there is none: a stretch that leaves the finite numbers is no good prediction."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bcid.diagnosis import before_after
+from bcid.diagnosis.before_after import _judged, _mean, _on_half, _squares
+from bcid.evaluation.closed_loop import Restarted
+
+ROWS, EACH = 60, 20
+MEASURED = np.tile([1.0, 0.0, 0.5], (ROWS, 1))
+ONES = np.ones(3)
+
+
+def predicted(lost: tuple[int, ...]) -> Restarted:
+    """Three stretches 0.1 off but for the row that they start with; `lost` are NaN after it."""
+    twist = MEASURED + 0.1
+    start = np.arange(ROWS) % EACH == 0
+    twist[start] = MEASURED[start]
+    for k in lost:
+        twist[k * EACH + 1 : (k + 1) * EACH] = np.nan
+    return Restarted(np.zeros((ROWS, 3)), twist, start)
+
+
+@pytest.mark.parametrize(("lost", "share"), [((), 0.0), ((1,), 1 / 3), ((0, 2), 2 / 3)])
+def test_a_stretch_that_is_lost_counts_for_nothing(lost: tuple[int, ...], share: float) -> None:
+    estimate: Any = SimpleNamespace(twist=MEASURED)
+    off, other = _squares(predicted(lost), estimate, ONES), _squares(predicted(()), estimate, ONES)
+    assert np.isnan(off).mean() == pytest.approx(share)
+    assert _mean(off) == pytest.approx(_mean(other))
+    row = _judged(2.0, other, off, None, np.arange(ROWS) // EACH)
+    assert row.lost == pytest.approx(share)
+    assert row.before == pytest.approx(row.after) == pytest.approx(0.01 * (EACH - 1) / EACH)
+
+
+def test_of_a_model_that_is_lost_everywhere_there_is_no_error() -> None:
+    """Not one of zero, which is what the rows that its predictions start with would make."""
+    off = _squares(predicted((0, 1, 2)), SimpleNamespace(twist=MEASURED), ONES)  # type: ignore[arg-type]
+    assert np.isnan(off).all()
+    assert _mean(off) is None
+
+
+def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def astray(*_: Any) -> Any:
+        raise FloatingPointError("a prediction left the finite numbers")
+
+    whole: Any = object()
+    half: Any = None
+    assert _on_half.__module__ == before_after.__name__
+    monkeypatch.setattr(before_after, "on_half", astray)
+    assert _on_half(whole, half, half) is whole
