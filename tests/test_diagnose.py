@@ -62,22 +62,26 @@ def verdict_on(
 def test_pushes_are_for_what_is_bent_beside_the_best(
     trusted: bool, bent: list[bool], fails: bool, passes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def of_take(of: Any, *_: Any) -> Any:
+    def of_take(of: Any, progress: Any, left_out: tuple[str, ...]) -> Any:
         done.append("under pushes" if of.take.pushed else "at rest")
+        out.append(left_out)
         if fails and not of.take.pushed:
             raise FloatingPointError
-        return SimpleNamespace(judgement=SimpleNamespace(fit=None), take=of.take)
+        search = SimpleNamespace(stand_ins=("pose_latency",))
+        return SimpleNamespace(judgement=SimpleNamespace(fit=None, search=search), take=of.take)
 
     fit = SimpleNamespace(hypothesis=SimpleNamespace(simulated=(1.0,) if trusted else None))
     under = SimpleNamespace(fit=fit, take=SimpleNamespace(pushed=True))
     based = SimpleNamespace(fit=fit, take=SimpleNamespace(pushed=False), under_pushes=lambda: under)
-    done, answers = list[str](), list(bent)
+    done, out, answers = list[str](), list[tuple[str, ...]](), list(bent)
     monkeypatch.setattr(diagnose, "based", lambda *_: based)
     monkeypatch.setattr(diagnose, "_of_take", of_take)
     monkeypatch.setattr(diagnose, "too_bent", lambda *_: answers.pop(0))
     nothing: Any = None
-    assert diagnosed([], [], nothing).take.pushed is (passes[-1] == "under pushes")
+    assert diagnosed([], [], nothing, left_out=("motor_lag",)).take.pushed is (passes[-1] == "under pushes")
     assert done == passes
+    dropped = ("pose_latency",) if len(passes) == 2 and not fails else ()  # pushes would hide that it stands in
+    assert out[-1] == ("motor_lag", *dropped)
     assert not answers
 
 

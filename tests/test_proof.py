@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
@@ -32,8 +33,10 @@ from bcid.proof.outcome import REFUTED, missed, outcome, wrong
 from bcid.proof.running import asked_before, known, run_all
 from bcid.proof.scoring import GOALS, pooled, right, tiers
 from bcid.proof.seal import opened, seal_of, seal_up, sealed
+from bcid.recording.read import read_recording
 from bcid.report.proof_page import evidence, write_proof_page
 from bcid.store.code import closure
+from bcid.vehicle import read_vehicle
 from bcid.virtual_lab import TUNING, recorded, vehicle
 
 
@@ -328,6 +331,28 @@ def test_answers_are_sealed_before_the_first_take_and_opened_after_the_last(
     told = json.loads((tmp_path / "prove.json").read_text(encoding="utf-8"))
     assert (told["opened"], told["known_before"], told["made_after_opening"]) == (len(seen), 0, 0)
     assert told["seal"] in capsys.readouterr().err
+
+
+def test_a_case_s_recording_is_written_for_whoever_wants_to_look_at_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is what was asked, but for the file's own rounding."""
+    case = next(c for c in suite(7, 3, 300, 100, 50) if c.tier == "two-minutes")
+    words = ["bcid", "prove", "--out", str(tmp_path), "--seed", "7", "--case"]
+    monkeypatch.setattr("sys.argv", [*words, "no-such-0001"])
+    with pytest.raises(SystemExit) as refused:
+        main()
+    assert refused.value.code == 2
+    assert "no such case" in capsys.readouterr().err
+    monkeypatch.setattr("sys.argv", [*words, case.name])
+    with suppress(SystemExit):
+        main()
+    path = tmp_path / f"{case.name}.mcap"
+    assert capsys.readouterr().out.strip() == str(path)
+    of = read_vehicle(tmp_path / "bumper_car.toml")
+    read, asked = read_recording(path, of), recorded(case.driven(), case.rate_hz, vehicle())
+    np.testing.assert_allclose(read.poses.values, asked.poses.values, atol=1e-6)
+    assert json.loads((tmp_path / f"{case.name}.answer.json").read_text())["effects"].keys() == set(case.answer)
 
 
 def test_what_older_code_said_was_known_before(tmp_path: Path) -> None:

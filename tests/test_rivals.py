@@ -238,6 +238,21 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
     assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
 
 
+@pytest.mark.parametrize(
+    ("left", "explained", "stands_in"), [(160.0, 600.0, True), (140.0, 600.0, False), (160.0, 300.0, False)]
+)
+def test_a_name_leaves_little_of_what_it_explains(
+    left: float, explained: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 1000 nats; or what is left in another channel was there without it as well."""
+    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 1000.0, "motor": explained})
+    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    fits: Any = SimpleNamespace(bic=1000.0), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
+    take: Any = SimpleNamespace(pushed=False)
+    seen = stand_ins._Seen(*fits, Left(NOTHING_LEFT, {"motor": left}, ()))
+    assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
+
+
 @pytest.mark.parametrize(("gain", "stands_in"), [(400.0, True), (440.0, False)])
 def test_half_as_much_may_be_left_beside_pushes_as_is_explained(
     gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch

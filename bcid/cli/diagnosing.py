@@ -131,6 +131,10 @@ def prove(
     ] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
     every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
+    case: Annotated[
+        str | None,
+        typer.Option(help="Only write this case's recording, vehicle file and answer; as the page names it."),
+    ] = None,
     baselines: Annotated[
         bool, typer.Option("--baselines", help="Run other methods on the same takes; diagnoses all of them again.")
     ] = False,
@@ -154,7 +158,7 @@ def prove(
     sizes = Sizes(repeats, nulls, imperfect_nulls, pairs, every)
     if real is not None:
         concealed = {
-            "quick": quick, "seed": seed is not None, "salt": salt, "baselines": baselines,
+            "quick": quick, "case": case is not None, "seed": seed is not None, "salt": salt, "baselines": baselines,
             "minutes": minutes is not None, "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != Sizes(),
         }  # fmt: skip
         given = [f"--{name}" for name, is_given in concealed.items() if is_given]
@@ -162,7 +166,11 @@ def prove(
             raise UsageError(f"{', '.join(given)}: of concealed cases\n  next: leave it out with --real")
         _prove_real(real, recordings or Path(), out, workers, sink)
         return
-    _prove(Blind(1 if seed is None else seed, salt, quick, sizes, quick or baselines), out, workers, minutes, sink)
+    test = Blind(1 if seed is None else seed, salt, quick, sizes, quick or baselines)
+    if case is None:
+        _prove(test, out, workers, minutes, sink)
+    else:
+        _write_case(test, case, out, sink)
 
 
 def _go_together(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
@@ -174,6 +182,20 @@ def _go_together(quick: bool, seed: int | None, salt: str, every: int, recording
     if salt and seed is None:
         told = "--salt: seals nothing, whoever knows the usual seed knows the answers"
         raise UsageError(f"{told}\n  next: draw one and keep it to yourself until the run has ended, --seed N")
+
+
+def _write_case(test: Blind, name: str, out: Path, sink: Sink) -> None:
+    """One case's recording."""
+    from bcid.proof.blind import written
+
+    chosen = next((c for c in test.cases if c.name == name), None)
+    if chosen is None:
+        some = f"such as {test.cases[0].name}"
+        raise UsageError(f"--case {name}: seed {test.seed} has no such case\n  next: name one that it has, {some}")
+    path = written(chosen, out)
+    data = {"recording": str(path), "vehicle": str(out / "bumper_car.toml"), "left_out": list(chosen.left_out)}
+    sink.result(data, lambda: str(path))
+    sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}; the answer lies beside it")
 
 
 def _prove(test: Blind, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:

@@ -148,7 +148,7 @@ def proof(found: dict[str, Any]) -> Group:
     tables = [table(f"{found['cases']} of {found['of']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
     if found["wrong"]:
         wrong = [[w["case"], w["there"], w["said"]] for w in found["wrong"]]
-        again = f"--seed {found['seed']} makes them again"
+        again = f"--seed {found['seed']} makes them again, --case NAME writes one's recording"
         tables.append(table("not as it should be", ["case", "there", "said"], wrong, again, ["there", "said"]))
     if found["baselines"]:
         others = [

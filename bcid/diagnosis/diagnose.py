@@ -130,14 +130,16 @@ def diagnosed(
         InputRefused: when too little of the recordings can be used.
     """
     of = based(recordings, estimates, vehicle, simulation, progress)
+    out = tuple(left_out)
     with _followed(recordings):
         if of.fit.hypothesis.simulated is None or not too_bent(of.fit, of.take):
             with suppress(FloatingPointError, np.linalg.LinAlgError):  # what no tangent follows pushes may
-                found = _of_take(of, progress, left_out)
+                found = _of_take(of, progress, out)
                 if not too_bent(found.judgement.fit, of.take):
                     return found
+                out = (*out, *found.judgement.search.stand_ins)  # pushes do the rest of their work, and hide it
         progress(0.05, "the base model, under pushes")
-        return _of_take(of.under_pushes(), progress, left_out)
+        return _of_take(of.under_pushes(), progress, out)
 
 
 def based(

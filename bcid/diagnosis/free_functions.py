@@ -73,7 +73,7 @@ def over_the_floor(q: State) -> tuple[float, ...]:
 
 
 @njit_inline
-def of_the_motor(q: State, c: Constants) -> tuple[float, ...]:
+def of_the_motor(q: State) -> tuple[float, ...]:
     """Of the force along driven wheels."""
     pulling = 1.0 if q.u_m > 0.0 else 0.0
     return (
@@ -105,7 +105,7 @@ def about_the_yaw_axis(q: State, c: Constants) -> tuple[float, ...]:
 
 
 @njit_inline
-def of_the_steering(q: State, c: Constants) -> tuple[float, ...]:
+def of_the_steering(q: State) -> tuple[float, ...]:
     """Of the wheel's angle, as far as it depends on how the car moves."""
     return math.hypot(q.b.v_x, q.b.v_y) * q.delta, q.F_af
 
@@ -127,10 +127,10 @@ def _size(function: Any, *more: Any) -> int:
 _C = Constants()
 SIZES = {
     "fx": _size(along_the_body, _C) + _size(along_the_wheel, _C) + 2 * _size(over_the_floor),
-    "motor": _size(of_the_motor, _C),
+    "motor": _size(of_the_motor),
     "fy": _size(of_the_front_tyre, _C) + _size(of_the_rear_tyres, _C),
     "mz": _size(about_the_yaw_axis, _C),
-    "steering": _size(of_the_steering, _C),
+    "steering": _size(of_the_steering),
 }
 """Columns of each channel that pushes the body, in the order of `_spread`."""
 
@@ -148,7 +148,7 @@ def _spread(out: Floats, q: State, turning: tuple[float, float, float], p: Car, 
         j = _add(out, j, phi, cos_t, -sin_t, 0.0)
     for phi in over_the_floor(q):
         j = _add(out, j, phi, sin_t, cos_t, 0.0)
-    for phi in of_the_motor(q, c):
+    for phi in of_the_motor(q):
         j = _add(out, j, phi, p.front_share * cos_d + rear, p.front_share * sin_d, p.front_share * p.l_f * sin_d)
     for phi in of_the_front_tyre(q, c):
         j = _add(out, j, phi, -sin_d, cos_d, p.l_f * cos_d)
@@ -156,7 +156,7 @@ def _spread(out: Floats, q: State, turning: tuple[float, float, float], p: Car, 
         j = _add(out, j, phi, 0.0, 1.0, -p.l_r)
     for phi in about_the_yaw_axis(q, c):
         j = _add(out, j, phi, 0.0, 0.0, 1.0)
-    for phi in of_the_steering(q, c):
+    for phi in of_the_steering(q):
         j = _add(out, j, phi, turning[0], turning[1], turning[2])
 
 

@@ -19,7 +19,7 @@ from bcid.likelihood.take import Take
 
 WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
 ENOUGH = 0.1  # share of what is explained that may be left predictable, where effects are named
-LEFT_OVER = 0.4  # of what an effect's own channel would explain without it, which may be left in another,
+LEFT_OVER = 0.15  # of what an effect's own channel would explain without it, which may be left in another,
 OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
 BEYOND = 3.0  # times what free functions promise, which an effect gains where they are no measure of it
 FAR_OFF = 0.5  # the same two shares, of a car that is pushed: more is missing than has a name

@@ -181,7 +181,7 @@ def log_likelihood(e: Eliminated) -> Floats:
     return np.asarray(constant - 0.5 * e.log_det - half * np.log1p(e.chi2 / NU))
 
 
-def updated(scales: Scales, e: Eliminated, rows: Ints) -> Scales:
+def updated(e: Eliminated, rows: Ints) -> Scales:
     """One step of EM for the noise and the pushes; `rows` (S,) per segment.
 
     Each segment's squares count with its weight, the posterior's spread without: were it weighted as well,
@@ -218,7 +218,7 @@ def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminate
         raise FloatingPointError("a prediction left the finite numbers")
     e = eliminated(of, scales)
     for _ in range(steps):
-        before, scales = scales, updated(scales, e, of.rows)
+        before, scales = scales, updated(e, of.rows)
         if not np.isfinite([*scales.r, *scales.q]).all():
             raise FloatingPointError("the noise left the finite numbers")
         e = eliminated(of, scales)

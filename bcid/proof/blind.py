@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -13,7 +14,9 @@ from bcid.proof.cases import Case, quick_suite, subset, suite
 from bcid.proof.methods import summary
 from bcid.proof.outcome import outcome
 from bcid.proof.running import asked_before, code_of_rows, known, run_all
-from bcid.proof.seal import opened, seal_up
+from bcid.proof.seal import answer_of, opened, seal_up
+from bcid.simulation.samples import VEHICLE
+from bcid.simulation.writing import write_mcap
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,16 @@ class Blind:
         of = self.sizes
         whole = list(suite(self.seed, of.repeats, of.nulls, of.imperfect_nulls, of.pairs))
         return quick_suite(whole, self.seed) if self.quick else subset(whole, of.every)
+
+
+def written(case: Case, folder: Path) -> Path:
+    """A case's recording in `folder`, beside the vehicle file and its answer, for whoever wants to look at it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{case.name}.mcap"
+    write_mcap(path, case.driven(), case.rate_hz, case.seed)
+    (folder / "bumper_car.toml").write_text(VEHICLE, encoding="utf-8")
+    (folder / f"{case.name}.answer.json").write_text(json.dumps(answer_of(case), indent=1), encoding="utf-8")
+    return path
 
 
 def blind_test(

@@ -162,13 +162,25 @@ def answers(outcomes: Sequence[Mapping[str, Any]]) -> str:
         ["tier", "recording", "what", "error", "answered", "right"],
         [
             [
-                row["tier"], _shortened(Path(row["recording"]).stem), row["case"],
+                row["tier"], _shortened(Path(row["recording"]).stem), asked(row),
                 raised(row, "× {:.2f}"), _answered(row),
                 "–" if row["verdict"] == NOT_ASKED else "yes" if row["right"] else "**no**",
             ]
             for row in rows
         ],
     )  # fmt: skip
+
+
+def asked(row: Mapping[str, Any]) -> str:
+    """What was asked; of an edit also what the drive showed of it before.
+
+    >>> asked({"case": "motor lag"}), asked({"case": "pose_latency 0.05", "before": {"tau": [-0.0102, 0.001]}})
+    ('motor lag', 'pose_latency 0.05, before: -0.0102')
+    """
+    if row.get("before") is None:
+        return str(row["case"])
+    before = row["before"] if isinstance(row["before"], float) else next(iter(row["before"].values()))[0]
+    return f"{row['case']}, before: {before:.3g}"
 
 
 def raised(row: Mapping[str, Any], form: str) -> str:
