@@ -44,7 +44,7 @@ def calibration_picture(calibration: Mapping[str, Any]) -> str:
     figure, ax = plt.subplots(figsize=(4.5, 4.0), layout="constrained")
     ax.plot([0, 1], [0, 1], color="#999999", lw=1)
     bins = calibration["bins"]
-    ax.plot([b["stated"] for b in bins], [b["there"] for b in bins], "o-", color="#0072b2")
+    ax.plot([b["stated"] for b in bins], [b["there"] for b in bins], "o", color="#0072b2")
     for b in bins:
         if "there_ci95" in b:
             ax.plot([b["stated"]] * 2, b["there_ci95"], color="#0072b2", lw=1)
