@@ -4,7 +4,7 @@ The only place that knows both the simulation and the diagnosis; the diagnosis i
 vehicle file, never a case.
 
 Concealed takes: `blind` (the whole of it), `cases`, `concealed` (what and how large), `running`, `asking` (one take),
-`seal`; `scoring`, `localisation`, `calibration`, `outcome` (figures); `baselines`, `methods` (others on the same takes).
+`seal`; `scoring`, `localisation`, `calibration`, `outcome` (figures); `baselines`, `methods` (others on these takes).
 Real drives: `real` (the whole of it), `real_cases` (questions), `asked` (files), `withheld`, `edits`, `edited`
 (answers); `real_scoring`, `real_outcome` (figures).  Both: `said` (what is kept of a diagnosis), `keeping`, `workers`.
 """
