@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.diagnosis import before_after
+from bcid.diagnosis import before_after, saving
 from bcid.diagnosis.before_after import _judged, _mean, _on_half, _squares
 from bcid.evaluation.closed_loop import Restarted
 
@@ -43,6 +43,18 @@ def test_of_a_model_that_is_lost_everywhere_there_is_no_error() -> None:
     off = _squares(predicted((0, 1, 2)), SimpleNamespace(twist=MEASURED), ONES)  # type: ignore[arg-type]
     assert np.isnan(off).all()
     assert _mean(off) is None
+    row = _judged(2.0, off, off, None, np.arange(ROWS) // EACH)
+    assert (row.before, row.after, row.before_ci95, row.ratio_ci95, row.lost) == (None, None, None, None, 1.0)
+    shown = saving._horizon(row)
+    assert (shown["nmse_before"], shown["ratio"], shown["ratio_ci95"]) == (None, None, None)
+
+
+def test_blocks_that_are_lost_pull_no_interval_to_nothing() -> None:
+    """Each of those that are left is as far off."""
+    estimate: Any = SimpleNamespace(twist=MEASURED)
+    row = _judged(2.0, *[_squares(predicted((0, 1)), estimate, ONES)] * 2, None, np.arange(ROWS) // EACH)
+    assert row.before_ci95 == pytest.approx((row.before, row.before))
+    assert row.ratio_ci95 == pytest.approx((1.0, 1.0))
 
 
 def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,6 +63,5 @@ def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pyte
 
     whole: Any = object()
     half: Any = None
-    assert _on_half.__module__ == before_after.__name__
     monkeypatch.setattr(before_after, "on_half", astray)
     assert _on_half(whole, half, half) is whole

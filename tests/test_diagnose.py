@@ -62,12 +62,12 @@ def verdict_on(
 def test_pushes_are_for_what_is_bent_beside_the_best(
     trusted: bool, bent: list[bool], fails: bool, passes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def of_take(of: Any, progress: Any, left_out: tuple[str, ...]) -> Any:
+    def of_take(of: Any, progress: Any, left_out: tuple[str, ...], dropped: tuple[str, ...] = ()) -> Any:
         done.append("under pushes" if of.take.pushed else "at rest")
-        out.append(left_out)
+        out.append((*left_out, *dropped))
         if fails and not of.take.pushed:
             raise FloatingPointError
-        search = SimpleNamespace(stand_ins=("pose_latency",))
+        search = SimpleNamespace(stand_ins=("pose_latency",), at_ends=("mass_change",))
         return SimpleNamespace(judgement=SimpleNamespace(fit=None, search=search), take=of.take)
 
     fit = SimpleNamespace(hypothesis=SimpleNamespace(simulated=(1.0,) if trusted else None))

@@ -367,6 +367,18 @@ def test_a_plan_names_the_impossible() -> None:
     assert nowhere.minutes == 0.0
 
 
+@pytest.mark.parametrize(("name", "never"), [("force", {"friction_circle", "motor_regeneration"}), ("fast", set())])
+def test_what_a_vehicle_cannot_have_is_told_and_not_planned_for(name: str, never: set[str]) -> None:
+    """The first is driven at its rear wheels, by a throttle that sets a force."""
+    car = nominal_car(VEHICLES[name])
+    asked = ["friction_circle", "motor_regeneration", "yaw_scrub"]
+    made = plan(car, Constants(), 0.4, NOMINAL, asked, Arena(8.0, 8.0, 0.5), largest_throttle(VEHICLES[name]))
+    told = {e for e, why in made.missing.items() if why == "this vehicle cannot have it"}
+    assert told == never
+    assert set(made.smallest) == set(asked)
+    assert all(made.smallest[e] is None for e in never)
+
+
 def test_drift_takes_longer_than_drag() -> None:
     drag, drift = (plan(CAR, Constants(), LIMIT, NOMINAL, [n], top=TOP) for n in ("yaw_scrub", "clock_drift"))
     assert drag.missing == drift.missing == {}

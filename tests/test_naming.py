@@ -396,7 +396,8 @@ def test_a_place_is_as_wide_as_suits_the_vehicle() -> None:
     found, p = circles(wide, Units(1.0, 1.0, 0.1))
     assert p < 0.01
     assert np.hypot(found[0].x - 40.0, found[0].y - 25.0) < 5.0
-    assert circles(wide, BUMPER_CAR)[0][0].radius <= 1.7  # the bumper car's are too narrow there
+    narrow = circles(wide, BUMPER_CAR)  # the bumper car's circles hardly ever hold two knots there
+    assert narrow[1] > 0.05
 
 
 @pytest.mark.parametrize("segments", [20, 25, 40, 41, 120])

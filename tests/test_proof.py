@@ -23,6 +23,7 @@ from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.proof import asking, real, running
 from bcid.proof.baselines import METHODS, NAMING, compared
+from bcid.proof.blind import Blind, Sizes, blind_test
 from bcid.proof.calibration import calibration, of_nothing
 from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
 from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
@@ -353,6 +354,35 @@ def test_a_case_s_recording_is_written_for_whoever_wants_to_look_at_it(
     read, asked = read_recording(path, of), recorded(case.driven(), case.rate_hz, vehicle())
     np.testing.assert_allclose(read.poses.values, asked.poses.values, atol=1e-6)
     assert json.loads((tmp_path / f"{case.name}.answer.json").read_text())["effects"].keys() == set(case.answer)
+
+
+@pytest.mark.parametrize("more", [["--salt", "s"], ["--minutes", "1"], ["--baselines"]])
+def test_a_case_is_only_written(
+    more: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["bcid", "prove", "--out", str(tmp_path), "--seed", "7", "--case", "null-0001"]
+    monkeypatch.setattr("sys.argv", [*words, *more])
+    with pytest.raises(SystemExit) as refused:
+        main()
+    assert refused.value.code == 2
+    assert "only writes" in capsys.readouterr().err
+
+
+def test_what_was_not_made_after_an_opening_does_not_count_as_such(tmp_path: Path, made: list[str]) -> None:
+    """An error that there is no time to ask again is told once more, and not made."""
+    test = Blind(seed=1, salt="pepper", sizes=Sizes(1, 2, 0, 0, 60))
+    told = [blind_test(test, tmp_path, minutes=minutes) for minutes in (None, 0.0, None, None)]
+    assert [t["made_after_opening"] for t in told] == [0, 0, 1, 1]
+    assert [sum(tier["errors"] for tier in t["tiers"]) for t in told] == [1, 1, 0, 0]
+    assert {t["cases"] for t in told} == {len(test.cases)}
+
+
+def test_a_page_is_written_of_nothing_but_errors(tmp_path: Path) -> None:
+    """When it is wanted most."""
+    broken = [{"case": "null-1", "tier": "null", "answer": [], "channel": "", "error": "ValueError()"}]
+    found = outcome(broken, {"seed": 1, "salt": "", "seal": None, "quick": True, "code": "c0de"})
+    write_proof_page(found | {"baselines": summary(broken)}, tmp_path / "p.html")
+    assert "ValueError" in (tmp_path / "p.html").read_text(encoding="utf-8")
 
 
 def test_what_older_code_said_was_known_before(tmp_path: Path) -> None:

@@ -65,8 +65,8 @@ def test_a_single_name_keeps_its_rivals_when_a_correction_goes(monkeypatch: pyte
     monkeypatch.setattr(search, "each_left_out", lambda f, known, take: {})
     monkeypatch.setattr(search, "settled", lambda best, *_: rivals.Beside(best, {}, ("looked for",)))  # type: ignore[arg-type]
     known: Any = (None, None)
-    assert search._beside(before, tried, TAKE, TAKE, known, ()).others == tuple(tried)
-    assert search._beside(after, [], TAKE, TAKE, known, ()).others == ("looked for",)
+    assert search._beside(before, (before, tried), TAKE, TAKE, known, ()).others == tuple(tried)
+    assert search._beside(after, (before, tried), TAKE, TAKE, known, ()).others == ("looked for",)
     assert distinct(after, tried) == ()
     monkeypatch.setattr(search, "refit_with", lambda f, take, effects: fit(9.0, *effects))
     monkeypatch.setattr(search, "_sure", lambda f, name: name != "tyre_fall")

@@ -74,11 +74,13 @@ def test_what_is_told_in_the_end_is_where_no_range_ends(monkeypatch: pytest.Monk
     ends = {("mass_change", "marker_offset", "yaw_scrub"): ("mass_change", "marker_offset")}
     ends[("mass_change", "yaw_scrub")] = ("mass_change",)
 
+    gone = list[tuple[tuple[str, ...], tuple[str, ...]]]()
+
     def found(best: Any) -> Any:
         seen = search(best, {n: fit(best.bic - sizes[n]) for n in best.hypothesis.effects})
         seen.base = fit(0.0)
         seen.corrected = seen.base
-        seen.reduced = lambda rest, take, out: found(rest)
+        seen.reduced = lambda rest, take, standing_in, at_ends: gone.append((standing_in, at_ends)) or found(rest)
         return seen
 
     def seen(found: Any, take: Any) -> list[Finding]:
@@ -92,6 +94,7 @@ def test_what_is_told_in_the_end_is_where_no_range_ends(monkeypatch: pytest.Monk
     monkeypatch.setattr(verdict, "Left", SimpleNamespace(of=lambda *_: None))
     told = verdict.judged(found(fit(160.0, *sizes)), TAKE)
     assert told.dropped == ("marker_offset", "mass_change")
+    assert gone == [((), ("marker_offset",)), ((), ("mass_change",))]  # which tells nothing of what stands in
     assert [f.effect for f in told.findings] == ["yaw_scrub"]
 
 

@@ -28,6 +28,7 @@ from bcid.vehicle import read_vehicle
 if TYPE_CHECKING:
     from bcid.proof.blind import Blind
 
+USUAL_SEED = 1
 LONG = 100  # takes of a blind test, from which it is said that they take hours
 PUBLISHED = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
 
@@ -152,6 +153,8 @@ def prove(
     """Conceal effects in takes and count what the diagnosis makes of them; resumable, hours unless --quick."""
     if real is None:
         _go_together(quick, seed, salt, every, recordings)
+        if case is not None and (salt or baselines or minutes is not None):
+            raise UsageError("--case: only writes a recording\n  next: leave out --salt, --baselines and --minutes")
     from bcid.proof.blind import Blind, Sizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
@@ -166,7 +169,7 @@ def prove(
             raise UsageError(f"{', '.join(given)}: of concealed cases\n  next: leave it out with --real")
         _prove_real(real, recordings or Path(), out, workers, sink)
         return
-    test = Blind(1 if seed is None else seed, salt, quick, sizes, quick or baselines)
+    test = Blind(USUAL_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
     if case is None:
         _prove(test, out, workers, minutes, sink)
     else:
@@ -179,23 +182,25 @@ def _go_together(quick: bool, seed: int | None, salt: str, every: int, recording
         raise UsageError("--recordings: of questions to real ones\n  next: name their file with --real")
     if quick and every != 1:
         raise UsageError("--quick is a part of its own\n  next: leave out --every")
-    if salt and seed is None:
+    if salt and seed in (None, USUAL_SEED):
         told = "--salt: seals nothing, whoever knows the usual seed knows the answers"
         raise UsageError(f"{told}\n  next: draw one and keep it to yourself until the run has ended, --seed N")
 
 
 def _write_case(test: Blind, name: str, out: Path, sink: Sink) -> None:
     """One case's recording."""
-    from bcid.proof.blind import written
+    from bcid.proof.blind import laid_out
 
     chosen = next((c for c in test.cases if c.name == name), None)
     if chosen is None:
         some = f"such as {test.cases[0].name}"
         raise UsageError(f"--case {name}: seed {test.seed} has no such case\n  next: name one that it has, {some}")
-    path = written(chosen, out)
+    path = laid_out(chosen, out)
     data = {"recording": str(path), "vehicle": str(out / "bumper_car.toml"), "left_out": list(chosen.left_out)}
     sink.result(data, lambda: str(path))
     sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}; the answer lies beside it")
+    if chosen.left_out:
+        sink.note(f"the blind test left out {', '.join(chosen.left_out)}; that command does not, and may name them")
 
 
 def _prove(test: Blind, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:

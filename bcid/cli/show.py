@@ -62,12 +62,14 @@ def diagnosis(found: Mapping[str, Any]) -> Group:
         [
             f"{h['horizon_s']:g} s",
             *(thousandths(h[k]) for k in ("nmse_before", "nmse_after", "nmse_floor")),
-            " – ".join(f"{v:.3g}" for v in h["ratio_ci95"]),
+            " – ".join(f"{v:.3g}" for v in h["ratio_ci95"] or ()),
         ]
         for h in found["horizons"]
     ]
     title = "closed loop on held-out blocks, NMSE × 10³"
-    parts.append(table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged))
+    lost = ", ".join(f"{100.0 * h['lost']:.2g} % at {h['horizon_s']:g} s" for h in found["horizons"] if h["lost"])
+    note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
+    parts.append(table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
     if found["not_excited"]:
         unseen = ", ".join(
             f"{u['effect']} at any size"
@@ -137,7 +139,7 @@ def _far(estimate: Mapping[str, Any]) -> bool:
 
 def proof(found: dict[str, Any]) -> Group:
     """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
-    from bcid.report.proof_page import SAID, figures, not_run, said_by, shown, takes
+    from bcid.report.proof_page import SAID, again, figures, not_run, said_by, shown, takes
 
     def plain(text: str) -> str:
         return text.replace("\N{NO-BREAK SPACE}", " ")
@@ -148,8 +150,8 @@ def proof(found: dict[str, Any]) -> Group:
     tables = [table(f"{found['cases']} of {found['of']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
     if found["wrong"]:
         wrong = [[w["case"], w["there"], w["said"]] for w in found["wrong"]]
-        again = f"--seed {found['seed']} makes them again, --case NAME writes one's recording"
-        tables.append(table("not as it should be", ["case", "there", "said"], wrong, again, ["there", "said"]))
+        how = f"{again(found)} --case NAME writes one's recording"
+        tables.append(table("not as it should be", ["case", "there", "said"], wrong, how, ["there", "said"]))
     if found["baselines"]:
         others = [
             [b["method"], str(b["n"]), *(plain(said_by(b, f)) for f in SAID.values())] for b in found["baselines"]

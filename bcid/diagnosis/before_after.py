@@ -23,6 +23,8 @@ from bcid.models.samples import scale
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
+Interval = tuple[float, float]
+
 HORIZONS_S = (0.5, 2.0, 10.0)
 RESAMPLES = 999
 
@@ -32,12 +34,12 @@ class Horizon:
     """NMSE of predictions started anew every `horizon_s`, with 95 % intervals over blocks."""
 
     horizon_s: float
-    before: float
-    before_ci95: tuple[float, float]
-    after: float
-    after_ci95: tuple[float, float]
+    before: float | None  # None, as all of them, where no prediction stays within the finite numbers
+    before_ci95: Interval | None
+    after: float | None
+    after_ci95: Interval | None
     floor: float | None  # of the found car itself, simulated with its own noise and estimated like the recording
-    ratio_ci95: tuple[float, float]  # of after over before
+    ratio_ci95: Interval | None  # of after over before
     lost: float  # share of the time in which either left the finite numbers, which counts for neither
     given: float | None = None  # of the simulation as it was given, refitted to nothing
     given_lost: float | None = None
@@ -138,20 +140,24 @@ def _mean(squares: Floats) -> float | None:
 
 
 def _judged(horizon: float, before: Floats, after: Floats, floor: float | None, block: Ints) -> Horizon:
-    """Means and their intervals, by resampling blocks."""
+    """Means and their intervals, by resampling those blocks in which there is anything of both."""
     finite = np.isfinite(before) & np.isfinite(after)
-    count = np.maximum(np.bincount(block, finite), 1e-9)
-    sums = [np.bincount(block, np.where(finite, s, 0.0)) for s in (before, after)]
+    lost = float((~finite).mean())
+    if lost == 1.0:
+        return Horizon(horizon, None, None, None, None, floor, None, lost)
+    known = np.bincount(block, finite) > 0.0
+    count = np.bincount(block, finite)[known]
+    sums = [np.bincount(block, np.where(finite, s, 0.0))[known] for s in (before, after)]
     draws = np.random.default_rng(0).integers(0, len(count), (RESAMPLES, len(count)))
     b, a = (s[draws].sum(axis=1) / count[draws].sum(axis=1) for s in sums)
     whole = [float(s.sum() / count.sum()) for s in sums]
 
-    def interval(values: Floats) -> tuple[float, float]:
+    def interval(values: Floats) -> Interval:
         low, high = np.quantile(values, [0.025, 0.975])
         return float(low), float(high)
 
     ratio = interval(a / np.maximum(b, 1e-30))
-    return Horizon(horizon, whole[0], interval(b), whole[1], interval(a), floor, ratio, float((~finite).mean()))
+    return Horizon(horizon, whole[0], interval(b), whole[1], interval(a), floor, ratio, lost)
 
 
 def replayed(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recording:

@@ -123,23 +123,24 @@ def diagnosed(
     The base model is refitted, from the simulation's car where one is given.  Effects in `left_out` are not
     considered.  Where predictions still miss their tangent beside the best that explains them, all is done again
     under the likeliest pushes, at several times the work: what is missing had bent it, and as a rule it is found
-    without.  Beside a simulation that is to be trusted, all of which is hardly ever one effect from right, nothing is
-    looked for but under pushes where it misses.
+    without.  What only stood in for it does not come back then: pushes do the rest of its work, and hide that.
+    Beside a simulation that is to be trusted, all of which is hardly ever one effect from right, nothing is looked for
+    but under pushes where it misses.
 
     Raises:
         InputRefused: when too little of the recordings can be used.
     """
     of = based(recordings, estimates, vehicle, simulation, progress)
-    out = tuple(left_out)
+    dropped: tuple[str, ...] = ()
     with _followed(recordings):
         if of.fit.hypothesis.simulated is None or not too_bent(of.fit, of.take):
             with suppress(FloatingPointError, np.linalg.LinAlgError):  # what no tangent follows pushes may
-                found = _of_take(of, progress, out)
+                found = _of_take(of, progress, left_out)
                 if not too_bent(found.judgement.fit, of.take):
                     return found
-                out = (*out, *found.judgement.search.stand_ins)  # pushes do the rest of their work, and hide it
+                dropped = found.judgement.search.stand_ins
         progress(0.05, "the base model, under pushes")
-        return _of_take(of.under_pushes(), progress, out)
+        return _of_take(of.under_pushes(), progress, left_out, dropped)
 
 
 def based(
@@ -183,15 +184,16 @@ def _followed(recordings: Sequence[Recording]) -> Iterator[None]:
             ) from error
 
 
-def _of_take(of: Based, progress: Progress, left_out: Sequence[str]) -> Diagnosis:
+def _of_take(of: Based, progress: Progress, left_out: Sequence[str], dropped: tuple[str, ...] = ()) -> Diagnosis:
+    """What a take shows, `dropped` left out as well, and told as such."""
     take, base = of.take, of.fit
     progress(0.15, "where the mismatch is")
     before = disturbances(base, take)
     whole = remainder(before, base.car())
     location = located(base, take, before, whole)
-    found = search(base, take, whole, lambda text: progress(0.3, text), left_out, of.given())
+    found = search(base, take, whole, lambda text: progress(0.3, text), (*left_out, *dropped), of.given())
     progress(0.8, "what is left")
-    judgement = judged(found, take, location.place, location.left if found.best is base else None)
+    judgement = judged(found, take, location.place, location.left if found.best is base else None, dropped)
     after = disturbances(judgement.fit, take)
     not_seen = unexcited(judgement.fit, take, of.usual, found.nulls.gate)
     return Diagnosis(take, of.contacts, found, judgement, location, before, after, not_seen)

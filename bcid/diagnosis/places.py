@@ -52,7 +52,9 @@ def _widths(fit: Fit, take: Take, name: str) -> Floats:
         if p.places and field.startswith(f"{name}__"):
             reach = [v for f, (v, _) in values.items() if f in (f"{name}__radius", f"{name}__r_0")]
             widths[i] = (
-                0.1 * float(take.length_s.max()) if p.symbol == "t_s" else max(*reach, LEAST * fit.hypothesis.units.m)
+                0.1 * float(take.length_s.max())
+                if p.symbol == "t_s"
+                else max(*reach, LEAST * fit.hypothesis.units.reach)
             )
     return widths
 

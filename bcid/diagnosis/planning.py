@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,10 +69,12 @@ def plan(
     top = usual_throttle(car) if top is None else top
     hypothesis = Hypothesis((), car, angle_limit, constants, unknown_steering, units_at(car, top_speed(car, top)))
     phi = hypothesis.start(car)
-    drives = catalogue(car, angle_limit, top, arena)
-    if not drives:
-        return Plan((), np.empty(0), np.empty((0, 2)), dict.fromkeys(effects),
-                    dict.fromkeys(effects, "no manoeuvre fits the arena"))  # fmt: skip
+    drives, strange = catalogue(car, angle_limit, top, arena), [e for e in effects if e not in hypothesis.entries]
+    effects = [e for e in effects if e in hypothesis.entries]
+    never = dict.fromkeys(strange, "this vehicle cannot have it")
+    if not (drives and effects):
+        missing = never | dict.fromkeys(effects, "no manoeuvre fits the arena")
+        return Plan((), np.empty(0), np.empty((0, 2)), dict.fromkeys(missing), missing)
     chosen = _chosen(drives, hypothesis, phi, scales, effects)
     best: Plan | None = None
     for times in TIMES:
@@ -84,7 +86,7 @@ def plan(
         if not any(_promising(now.smallest[n], hypothesis.entries[n]) for n in now.missing):
             break
     assert best is not None  # noqa: S101  # TIMES begins with 1
-    return best
+    return replace(best, smallest=best.smallest | dict.fromkeys(strange), missing=best.missing | never)
 
 
 def _excess(sizes: Sizes | None, effect: Effect) -> float:

@@ -154,17 +154,21 @@ def _fit(horizons: Sequence[Horizon]) -> dict[str, Any] | None:
     two = next((h for h in horizons if h.horizon_s == 2.0), None)
     return None if two is None else {
         "horizon_s": 2.0, "nmse_before": two.before, "nmse_after": two.after, "nmse_floor": two.floor,
-        "ratio_ci95": list(two.ratio_ci95),
+        "ratio_ci95": _ends(two.ratio_ci95),
     }  # fmt: skip
 
 
 def _horizon(h: Horizon) -> dict[str, Any]:
+    ratio = h.after / h.before if h.before and h.after is not None else None
     return {
         "horizon_s": h.horizon_s, "lost": h.lost, "nmse_given": h.given, "given_lost": h.given_lost,
-        "nmse_before": h.before, "before_ci95": list(h.before_ci95), "nmse_after": h.after,
-        "after_ci95": list(h.after_ci95), "nmse_floor": h.floor, "ratio": h.after / h.before if h.before else None,
-        "ratio_ci95": list(h.ratio_ci95),
+        "nmse_before": h.before, "before_ci95": _ends(h.before_ci95), "nmse_after": h.after,
+        "after_ci95": _ends(h.after_ci95), "nmse_floor": h.floor, "ratio": ratio, "ratio_ci95": _ends(h.ratio_ci95),
     }  # fmt: skip
+
+
+def _ends(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
 
 
 def _base(found: Diagnosis) -> list[dict[str, Any]]:

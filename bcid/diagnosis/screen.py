@@ -115,7 +115,7 @@ def _moved(
     fit: Fit, take: Take, candidate: Candidate, moves: Sequence[tuple[tuple[int, float], ...]], share: float
 ) -> Candidate:
     """The most promising of the candidate's neighbours in its places."""
-    metre = fit.hypothesis.units.m
+    metre = fit.hypothesis.units.reach
     moment = float(take.length_s.max()) / MOMENTS
     widths = {"t_s": moment, "x": 0.6 * metre, "y": 0.6 * metre, "radius": 0.4 * metre, "r_0": 0.6 * metre}
     parameters = fit.hypothesis.entries[candidate.effect].parameters

@@ -59,14 +59,19 @@ class Search:
     p_value: float  # that all which stands out beside the corrected base model is chance
     trials: Changes  # of the whole vocabulary beside the corrected base model
     promising: tuple[str, ...]  # effects that were so at their sizes, where a score test does not tell
-    stand_ins: tuple[str, ...] = ()  # dropped for something that has no name, and no rivals of what is left
+    stand_ins: tuple[str, ...] = ()  # dropped for something that has no name,
+    at_ends: tuple[str, ...] = ()  # or since no car is so: neither are rivals of what is left
 
-    def reduced(self, best: Fit, take: Take, stand_ins: Sequence[str]) -> Search:
-        """The same search with fewer effects in its best fit, `stand_ins` were dropped; the rivals are others now."""
-        out = (*self.stand_ins, *stand_ins)
+    def reduced(self, best: Fit, take: Take, stand_ins: Sequence[str] = (), at_ends: Sequence[str] = ()) -> Search:
+        """The same search with fewer effects in its best fit; the rivals are others now."""
+        for_what_is_left, no_car = (*self.stand_ins, *stand_ins), (*self.at_ends, *at_ends)
+        out = (*for_what_is_left, *no_car)
         names = tuple(n for n in self.promising if n not in out)
         found = settled(best, take, self.trials.without(out), (self.corrected, self.base), names)
-        return replace(self, best=found.best, without=found.without, others=found.others, stand_ins=out)
+        return replace(
+            self, best=found.best, without=found.without, others=found.others, stand_ins=for_what_is_left,
+            at_ends=no_car,
+        )  # fmt: skip
 
 
 def search(
@@ -112,19 +117,20 @@ def search(
     if "pose_latency" not in left_out:
         best = _one_latency(best, take)
     best = placed(_without_idlers(best, take, chance.gate), take)
-    near = accepted if best.hypothesis.effects == before.hypothesis.effects else []
-    best, without, rest = _beside(best, near, take, trials, (corrected, base), promising)
+    best, without, rest = _beside(best, (before, accepted), take, trials, (corrected, base), promising)
     return Search(base, corrected, best, without, rest, chance, p_value, trials, promising)
 
 
 def _beside(
-    best: Fit, tried: Sequence[Fit], take: Take, trials: Changes, known: tuple[Fit, Fit], promising: Sequence[str]
-) -> Beside:
-    """The best fit and its rivals: of a single name those that were `tried` with it, else they are looked for anew.
+    best: Fit, accepted: tuple[Fit, Sequence[Fit]], take: Take, trials: Changes, known: tuple[Fit, Fit],
+    promising: Sequence[str],
+) -> Beside:  # fmt: skip
+    """The best fit and its rivals: of a single name those that were tried when it was `accepted`, else others.
 
     Fits that hold a correction which has been taken from the best since are no rivals of it.
     """
-    if tried and len(named(best)) < 2:
+    before, tried = accepted
+    if best.hypothesis.effects == before.hypothesis.effects and len(named(best)) < 2:
         return Beside(best, each_left_out(best, known, take), distinct(best, tried))
     return settled(best, take, trials, known, promising)
 

@@ -80,14 +80,13 @@ def judged(
     left = left or Left.of(best, take, place)
     findings = _findings(found, take)
     weakest = _weakest(f for f in findings if not _passes(f, found))
-    standing_in: tuple[str, ...] = ()
-    if not weakest:  # a refit with less may have led another to where no car is
-        at_ends = incredible(best, take)
-        standing_in = _weakest(f for f in findings if f.effect in at_ends) or stand_ins(found, take, place, left)
-    failed = (*weakest, *standing_in)
+    no_car = () if weakest else incredible(best, take)  # a refit with less may have led another there
+    at_ends = _weakest(f for f in findings if f.effect in no_car)
+    standing_in = () if weakest or at_ends else stand_ins(found, take, place, left)
+    failed = (*weakest, *at_ends, *standing_in)
     if failed:
         rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
-        return judged(found.reduced(rest, take, standing_in), take, place, None, (*dropped, *failed))
+        return judged(found.reduced(rest, take, standing_in, at_ends), take, place, None, (*dropped, *failed))
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"

@@ -150,7 +150,8 @@ class Units(NamedTuple):
 def resized(effect: Effect, units: Units) -> Effect:
     """The effect with sizes and bounds as they suit another vehicle.
 
-    Where and when stay free, and so do delays and lags: electronics and servos are no faster in a small car.
+    Where and when stay free, how far around is wider for what is larger or faster; delays and lags stay: electronics
+    and servos are no faster in a small car.
     """
 
     def scaled(p: Parameter) -> Parameter:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from bcid.proof.cases import Case, quick_suite, subset, suite
+from bcid.proof.keeping import written
 from bcid.proof.methods import summary
 from bcid.proof.outcome import outcome
-from bcid.proof.running import asked_before, code_of_rows, known, run_all
+from bcid.proof.running import asked_before, code_of_rows, run_all
 from bcid.proof.seal import answer_of, opened, seal_up
 from bcid.simulation.samples import VEHICLE
 from bcid.simulation.writing import write_mcap
@@ -48,7 +49,7 @@ class Blind:
         return quick_suite(whole, self.seed) if self.quick else subset(whole, of.every)
 
 
-def written(case: Case, folder: Path) -> Path:
+def laid_out(case: Case, folder: Path) -> Path:
     """A case's recording in `folder`, beside the vehicle file and its answer, for whoever wants to look at it."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{case.name}.mcap"
@@ -71,7 +72,7 @@ def blind_test(
         UsageError: the folder holds the seals of other answers.
         InputRefused: a seal that does not fit.
     """
-    cases, seal, before = test.cases, None, known(test.cases, folder, test.others)
+    cases, seal, before = test.cases, None, written(folder)
     if test.salt:
         seal = seal_up(cases, test.salt, folder, asked_before(cases, folder))
     sealed(seal)
@@ -84,5 +85,7 @@ def blind_test(
         "seed": test.seed, "salt": test.salt, "quick": test.quick, "sizes": asdict(test.sizes), "of": len(cases),
         "tiers_of": dict(Counter(c.tier for c in cases)), "seal": seal, "code": code_of_rows(test.others),
     }  # fmt: skip
-    unsealed = opened([c for c in cases if c.name in ran], test.salt, folder, len(ran) - before) if test.salt else {}
+    unsealed = (
+        opened([c for c in cases if c.name in ran], test.salt, folder, written(folder) - before) if test.salt else {}
+    )
     return outcome(rows, {**about, **unsealed}) | {"baselines": summary(rows)}

@@ -24,6 +24,12 @@ def keep(row: dict[str, Any], key: str, folder: Path) -> None:
             line = line[file.write(line) :]
 
 
+def written(folder: Path) -> int:
+    """How many rows have been written into `folder`, each time that one was."""
+    path = folder / ROWS
+    return path.read_bytes().count(b"\n") if path.is_file() else 0
+
+
 def kept(folder: Path) -> dict[str, dict[str, Any]]:
     """All rows in `folder` by their keys; unfinished lines hold none, and what ended in an error replaces nothing."""
     rows = dict[str, dict[str, Any]]()

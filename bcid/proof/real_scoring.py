@@ -27,9 +27,10 @@ def judged(case: Withheld | Edited, row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _withheld(case: Withheld, row: Mapping[str, Any]) -> dict[str, Any]:
-    """An accepted name, in a set that is not too long; of a control, none of them."""
+    """An accepted name, of no more names for one effect than tell something; of a control, none of them."""
     sets = [{f["effect"], *f["twins"]} for f in row["findings"]]
-    met = [len(names) <= LARGEST_SET and _accepted(names, case.accepted) for names in sets]
+    few = len(set().union(*sets)) < LARGEST_SET + max(len(sets), 1)
+    met = [few and _accepted(names, case.accepted) for names in sets]
     beside = [f["effect"] for f, is_met in zip(row["findings"], met, strict=True) if not is_met]
     if case.control:
         told = _parts(set().union(*sets, _nameless(row)))

@@ -91,6 +91,16 @@ def figures(tier: Mapping[str, Any], columns: Mapping[str, str], marked: str) ->
     return "; ".join(f"{title} {text}" for title, text in told.items() if text != "–")
 
 
+def again(outcome: Mapping[str, Any]) -> str:
+    """The options that make the same cases.
+
+    >>> again({"seed": 7, "sizes": {"repeats": 3, "nulls": 20, "every": 2}}), again({"seed": 1})
+    ('--seed 7 --repeats 3 --nulls 20', '--seed 1')
+    """
+    sizes = {name.replace("_", "-"): n for name, n in outcome.get("sizes", {}).items() if name != "every"}
+    return " ".join([f"--seed {outcome['seed']}", *(f"--{name} {n}" for name, n in sizes.items())])
+
+
 def takes(outcome: Mapping[str, Any], tier: str) -> str:
     """How many takes of a tier were run, of how many if not all.
 
@@ -249,7 +259,7 @@ def write_proof_page(outcome: Mapping[str, Any], path: Path) -> None:
         for t in outcome["tiers"]
     ]
     text = template("proof.html.j2").render(
-        o=outcome, columns=list(columns), rows=rows, not_run=list(map(_title, not_run(outcome))),
+        o=outcome, again=again(outcome), columns=list(columns), rows=rows, not_run=list(map(_title, not_run(outcome))),
         whole=outcome.get("of", outcome["cases"]), known_before=outcome.get("known_before", 0),
         made_after_opening=outcome.get("made_after_opening", 0), missed=outcome["missed"],
         said=SAID, said_by=said_by, baselines=outcome.get("baselines") or [],
