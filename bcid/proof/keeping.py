@@ -1,13 +1,26 @@
-"""Rows of a blind test on disk, all in one file that can be committed: each whole, or not there."""
+"""Rows of a blind test on disk, all in one file that can be committed: each whole, or not there.
+
+A row is kept under what was asked and the digest of the code that made it.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from bcid.store.code import code_of
+
 ROWS = "rows.jsonl"
+
+
+def digest_of(modules: Iterable[str]) -> str:
+    """Of the code of some modules, with all that they import, and of the libraries' versions."""
+    text = repr([(c.digest, sorted(c.packages.items())) for c in map(code_of, modules)])
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def keep(row: dict[str, Any], key: str, folder: Path) -> None:

@@ -21,12 +21,11 @@ import numpy as np
 from bcid.errors import BcidError
 from bcid.proof import edited, withheld
 from bcid.proof.asked import Asked
-from bcid.proof.keeping import keep, kept
+from bcid.proof.keeping import digest_of, keep, kept
 from bcid.proof.real_cases import Cases, Edited, Withheld, read_cases
 from bcid.proof.real_scoring import judged
 from bcid.proof.workers import pool_of
 from bcid.recording.read import read_recording
-from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
 
 JUDGED = ("bcid.proof.withheld", "bcid.proof.edited")
@@ -72,8 +71,7 @@ def run_real(file: Path, recordings: Path, folder: Path, workers: int = 1) -> It
 
 def code_of_rows() -> str:
     """The digest of the code that makes a row, and of the libraries' versions."""
-    text = repr([(c.digest, sorted(c.packages.items())) for c in map(code_of, JUDGED)])
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    return digest_of(JUDGED)
 
 
 def _jobs(cases: Cases, file: Path, asked: Asked) -> list[_Job]:

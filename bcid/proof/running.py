@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -14,9 +13,8 @@ import numpy as np
 
 from bcid.proof.asking import answered
 from bcid.proof.cases import Case
-from bcid.proof.keeping import keep, kept
+from bcid.proof.keeping import digest_of, keep, kept
 from bcid.proof.workers import pool_of
-from bcid.store.code import code_of
 
 JUDGED = ("bcid.simulation.drive", "bcid.proof.asking")
 """The modules whose code, with all that they import, makes a row what it is."""
@@ -83,17 +81,9 @@ def asked_before(cases: Iterable[Case], folder: Path) -> int:
     return sum(case.digest() in there for case in cases)
 
 
-def known(cases: Iterable[Case], folder: Path, others: bool = False) -> int:
-    """How many cases' rows lie in `folder` already."""
-    rows, code = kept(folder), code_of_rows(others)
-    return sum(_known(rows, case, code) is not None for case in cases)
-
-
 def code_of_rows(others: bool) -> str:
     """The digest of the code that makes a row, of `others` methods as well, and of the libraries' versions."""
-    code = [code_of(m) for m in ((*JUDGED, "bcid.proof.baselines") if others else JUDGED)]
-    text = repr([(c.digest, sorted(c.packages.items())) for c in code])
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
+    return digest_of((*JUDGED, "bcid.proof.baselines") if others else JUDGED)
 
 
 def _key(case: Case, code: str) -> str:
