@@ -32,18 +32,22 @@ class Found(NamedTuple):
 
     phi: np.ndarray
     scales: str
+    astray: bool = False
 
     @property
     def bic(self) -> float:
-        return -BASE.car(self.phi).F_f_max
+        return -BASE.car(self.phi).F_f_max - (1e6 if self.astray else 0.0)
 
 
 class Refits:
-    """Refits that end in the finite numbers but where `lost` says otherwise of (segments, grip, scales)."""
+    """Refits that end well but where `lost` says, of (segments, grip, scales), that they leave the finite numbers.
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any) -> None:
+    Or `astray`, that they end at a fit which is far worse than what they began with.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any, astray: Any = lambda *_: False) -> None:
         self.whole: list[tuple[float, str]] = []  # grip and scales that refits of the whole take began with
-        self._lost = lost
+        self._lost, self._astray = lost, astray
         monkeypatch.setattr(base_fit, "refit", self)
 
     def __call__(self, take: Take, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any) -> Found:
@@ -52,11 +56,11 @@ class Refits:
             self.whole.append((grip, scales))
         if self._lost(take.segments, grip, scales):
             raise FloatingPointError(f"lost at {grip}")
-        return Found(phi, OF_A_PART)
+        return Found(phi, OF_A_PART, self._astray(take.segments, grip, scales))
 
 
-def fitted() -> Any:
-    return base_fit.base_fit(Take(SEGMENTS), BASE, USUAL)  # type: ignore[arg-type]
+def fitted(segments: int = SEGMENTS) -> Any:
+    return base_fit.base_fit(Take(segments), BASE, USUAL)  # type: ignore[arg-type]
 
 
 def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -96,3 +100,30 @@ def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPat
     Refits(monkeypatch, lambda n, grip, scales: n >= least)
     with pytest.raises(FloatingPointError, match="lost at"):
         fitted()
+
+
+def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But one from other scales, or from the next best start, or the best of them where all do."""
+    best, second, _ = grips(monkeypatch)
+    refits = Refits(monkeypatch, lambda *_: False, lambda n, grip, scales: n == SEGMENTS and scales == OF_A_PART)
+    assert not fitted().astray
+    assert refits.whole == [(best, OF_A_PART), (best, USUAL)]
+    refits = Refits(monkeypatch, lambda *_: False, lambda n, grip, scales: n == SEGMENTS and grip == best)
+    assert not fitted().astray
+    assert refits.whole[-1] == (second, OF_A_PART)
+    Refits(monkeypatch, lambda *_: False, lambda n, grip, scales: n == SEGMENTS)
+    assert BASE.car(fitted().phi).F_f_max == pytest.approx(best, abs=1.0)
+
+
+def test_of_a_short_take_the_fit_of_all_of_it_stands_where_another_goes_astray(monkeypatch: pytest.MonkeyPatch) -> None:
+    best, *_ = grips(monkeypatch)
+    begun = list[str]()
+
+    def astray(n: int, grip: float, scales: str) -> bool:
+        begun.append(scales)
+        return len(begun) > 1 + len(base_fit.GRIPS)  # all that come after the starts
+
+    Refits(monkeypatch, lambda *_: False, astray)
+    found = fitted(base_fit.ENOUGH)
+    assert not found.astray
+    assert BASE.car(found.phi).F_f_max == pytest.approx(best, abs=1.0)
