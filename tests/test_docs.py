@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
 
 from bcid.bench.accuracy import SEEDS_CHANGE
@@ -132,11 +133,14 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
     assert evidence(whole) in readme
     assert methods(quick) in readme
     assert f"seed {quick['seed']}, code {quick['code']}" in readme
+    stated = whole["calibration"]["bins"][-1]
+    assert f"of {stated['n']} names with that much {round(stated['n'] * stated['there'])} were there" in readme
     right, wanted = quick["pooled"]["right"], quick["pooled"]["expected"]
     assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
 
 
-def test_the_blind_test_s_figures_follow_from_its_rows() -> None:
+@pytest.mark.parametrize("name", ["prove.json", "prove_part.json"])
+def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     """And its seals hold the answers of its seed."""
     from bcid.proof.cases import suite
     from bcid.proof.keeping import kept
@@ -145,19 +149,18 @@ def test_the_blind_test_s_figures_follow_from_its_rows() -> None:
     from bcid.proof.seal import SEALS, seal_of, sealed
 
     results = ROOT / "docs" / "results"
-    told = json.loads((results / "prove.json").read_text(encoding="utf-8"))
-    seals = json.loads((results / "proof" / SEALS).read_text(encoding="utf-8"))
+    folder = results / name.removesuffix(".json").replace("prove", "proof")
+    told = json.loads((results / name).read_text(encoding="utf-8"))
+    seals = json.loads((folder / SEALS).read_text(encoding="utf-8"))
     of = {key: told["sizes"][key] for key in ("repeats", "nulls", "imperfect_nulls", "pairs")}
     cases = [case for case in suite(told["seed"], **of) if case.name in seals["cases"]]
     assert {case.name: sealed(case, told["salt"]) for case in cases} == seals["cases"]
     assert seal_of(cases, told["salt"]) == seals["seal"] == told["seal"]
-    rows = {key.partition(".")[0]: row for key, row in kept(results / "proof").items()}
-    assert {key.partition(".")[2] for key in kept(results / "proof")} == {told["code"]}
+    rows = {key.partition(".")[0]: row for key, row in kept(folder).items()}
+    assert {key.partition(".")[2] for key in kept(folder)} == {told["code"]}
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"seed {told['seed']}, code {told['code']}" in text
     assert f"{told['pooled']['right']} of {told['cases']} takes were answered right" in text
-    stated = told["calibration"]["bins"][-1]
-    assert f"of {stated['n']} names with that much {round(stated['n'] * stated['there'])} were there" in text
     ran = [truth_of(case) | rows[case.digest()] for case in cases if case.digest() in rows]
     about = {key: told[key] for key in ("seed", "salt", "quick", "sizes", "of", "tiers_of", "seal", "code")}
     again = json.loads(json.dumps(outcome(ran, about)))
