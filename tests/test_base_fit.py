@@ -32,20 +32,21 @@ class Found(NamedTuple):
 
     phi: np.ndarray
     scales: str
-    astray: bool = False
+    segments: int = 1
+    astray: float = 0.0  # nats per segment that it is worth less than what it began with
 
     @property
     def bic(self) -> float:
-        return -BASE.car(self.phi).F_f_max - (1e6 if self.astray else 0.0)
+        return -self.segments * (1e-3 * BASE.car(self.phi).F_f_max + self.astray)
 
 
 class Refits:
     """Refits that end well but where `lost` says, of (segments, grip, scales), that they leave the finite numbers.
 
-    Or `astray`, that they end at a fit which is far worse than what they began with.
+    Or `astray`, by how many nats per segment they end worse than they began.
     """
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any, astray: Any = lambda *_: False) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any, astray: Any = lambda *_: 0.0) -> None:
         self.whole: list[tuple[float, str]] = []  # grip and scales that refits of the whole take began with
         self._lost, self._astray = lost, astray
         monkeypatch.setattr(base_fit, "refit", self)
@@ -56,7 +57,11 @@ class Refits:
             self.whole.append((grip, scales))
         if self._lost(take.segments, grip, scales):
             raise FloatingPointError(f"lost at {grip}")
-        return Found(phi, OF_A_PART, self._astray(take.segments, grip, scales))
+        return Found(phi, OF_A_PART, take.segments, self._astray(take.segments, grip, scales))
+
+
+def never(*_: object) -> bool:
+    return False
 
 
 def fitted(segments: int = SEGMENTS) -> Any:
@@ -103,27 +108,39 @@ def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """But one from other scales, or from the next best start, or the best of them where all do."""
+    """But one from other scales, or from the next best start."""
     best, second, _ = grips(monkeypatch)
-    refits = Refits(monkeypatch, lambda *_: False, lambda n, grip, scales: n == SEGMENTS and scales == OF_A_PART)
-    assert not fitted().astray
-    assert refits.whole == [(best, OF_A_PART), (best, USUAL)]
-    refits = Refits(monkeypatch, lambda *_: False, lambda n, grip, scales: n == SEGMENTS and grip == best)
+    far, near = 1.1 * base_fit.LOST, 0.9 * base_fit.LOST
+    for by, whole in (far, [(best, OF_A_PART), (best, USUAL)]), (near, [(best, OF_A_PART)]):
+        refits = Refits(monkeypatch, never, lambda n, grip, scales, by=by: by * (n == SEGMENTS and scales == OF_A_PART))
+        fitted()
+        assert refits.whole == whole
+    refits = Refits(monkeypatch, never, lambda n, grip, scales: far * (n == SEGMENTS and grip == best))
     assert not fitted().astray
     assert refits.whole[-1] == (second, OF_A_PART)
-    Refits(monkeypatch, lambda *_: False, lambda n, grip, scales: n == SEGMENTS)
-    assert BASE.car(fitted().phi).F_f_max == pytest.approx(best, abs=1.0)
 
 
-def test_of_a_short_take_the_fit_of_all_of_it_stands_where_another_goes_astray(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_every_refit_to_the_whole_goes_astray_the_best_of_them_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, second, _ = grips(monkeypatch)
+    far = 2.0 * base_fit.LOST
+    Refits(monkeypatch, never, lambda n, grip, scales: (far if grip == second else 2.0 * far) * (n == SEGMENTS))
+    assert BASE.car(fitted().phi).F_f_max == pytest.approx(second, abs=1.0)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_of_a_short_take_the_fit_of_all_of_it_stands_where_others_fail(
+    monkeypatch: pytest.MonkeyPatch, lost: bool
+) -> None:
+    """By going astray, or by leaving the finite numbers."""
     best, *_ = grips(monkeypatch)
-    begun = list[str]()
+    asked = list[int]()
 
-    def astray(n: int, grip: float, scales: str) -> bool:
-        begun.append(scales)
-        return len(begun) > 1 + len(base_fit.GRIPS)  # all that come after the starts
+    def later(n: int, *_: object) -> bool:
+        asked.append(n)
+        return len(asked) > 1 + len(base_fit.GRIPS)  # all that come after the starts
 
-    Refits(monkeypatch, lambda *_: False, astray)
+    Refits(monkeypatch, later if lost else never, never if lost else lambda *of: 1e6 * later(*of))
     found = fitted(base_fit.ENOUGH)
+    assert len(asked) == 1 + len(base_fit.GRIPS) + 2
     assert not found.astray
     assert BASE.car(found.phi).F_f_max == pytest.approx(best, abs=1.0)

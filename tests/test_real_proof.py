@@ -135,13 +135,14 @@ def test_what_makes_no_difference_does_not_count() -> None:
          "findings": [{}] * names}
         for tier, right, said, first, more, names in (
             ("withheld", True, "named", True, ["rear_toe"], 2), ("withheld", True, "named", False, [], 1),
+            ("withheld", True, "unknown", True, [], 0),
             ("withheld", False, "unknown", False, [], 0), ("withheld", True, NOT_ASKED, False, [], 0),
             ("control", True, "complete", True, [], 0), ("edited", False, "named", False, [], 1),
         )
     ]  # fmt: skip
     told = outcome(rows, "c0de")["tiers"]
     assert told == {
-        "withheld": {"right": 2, "n": 3, "first": 1, "alone": 1, "names": 3, "accepted": 2},
+        "withheld": {"right": 3, "n": 4, "named": 2, "first": 1, "alone": 1, "names": 3, "accepted": 2},
         "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
     }  # fmt: skip
 
@@ -530,7 +531,7 @@ accepted = ["steering_lag"]
     assert row["ratio"] == pytest.approx(1.0, abs=0.05)
     assert row["verdict"].startswith("not asked")
     assert outcome([row], "c0de")["tiers"] == {
-        "withheld": {"right": 0, "n": 0, "first": 0, "alone": 0, "names": 0, "accepted": 0}
+        "withheld": {"right": 0, "n": 0, "named": 0, "first": 0, "alone": 0, "names": 0, "accepted": 0}
     }
 
 
@@ -630,7 +631,7 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     for workers in (1, 3):
         rows = [row for row, _ in run_real(asked / "cases.toml", asked, tmp_path, workers)]
         assert outcome(rows, "c0de")["tiers"] == {
-            "withheld": {"right": 0, "n": 1, "first": 0, "alone": 0, "names": 0, "accepted": 0},
+            "withheld": {"right": 0, "n": 1, "named": 0, "first": 0, "alone": 0, "names": 0, "accepted": 0},
             "control": {"right": 1, "n": 1}, "edited": {"right": 0, "n": 1},
         }  # fmt: skip
         told = {row["tier"]: row.get("error", "") for row in rows}
@@ -654,8 +655,9 @@ def test_prove_counts_real_recordings_and_ends_with_5_where_one_is_wrong(
         main()
     told = capsys.readouterr()
     assert ended.value.code == 5
-    assert "withheld: 0 of 1, 0 first, 0 alone, 0 of 0 names accepted; control: 1 of 1; edited: 1 of 1" in " ".join(
-        told.out.split()
+    assert (
+        "withheld: 0 of 1 (0 by name, 0 first, 0 alone), 0 of 0 names accepted; control: 1 of 1; edited: 1 of 1"
+        in " ".join(told.out.split())
     )
     assert "drag of the steered wheel" in told.err
     assert json.loads((tmp_path / "real.json").read_text())["tiers"]["edited"] == {"right": 1, "n": 1}

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import dart_balance
 import numpy as np
 import pytest
 
@@ -119,13 +117,3 @@ def test_a_log_without_commands_is_refused(recordings_folder: Path, vehicle: Veh
         read_recording(
             recordings_folder / "mcap" / "third_party" / "evo_nav2_turtlebot.mcap", Vehicle.model_validate(data)
         )
-
-
-def test_the_published_drag_is_a_small_part_of_what_one_days_balance_of_forces_needs(recordings_folder: Path) -> None:
-    found, told = dart_balance.balance(recordings_folder), json.loads(dart_balance.RESULT.read_text(encoding="utf-8"))
-    assert [row["drive"] for row in found] == [row["drive"] for row in told]
-    for now, then in zip(found, told, strict=True):
-        assert {**now, "drive": ""} == pytest.approx({**then, "drive": ""}, abs=0.002)
-    one, other = ([row for row in told if row["drive"] == drive] for drive in dart_balance.DRIVES)
-    assert max(row["drag_N"] for row in other) > 5.0 * max(row["published_N"] for row in other)
-    assert max(row["drag_N"] for row in one) < 2.0 * max(row["published_N"] for row in one)

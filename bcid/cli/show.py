@@ -174,8 +174,9 @@ def real_proof(found: dict[str, Any]) -> Group:
     told = "; ".join(
         f"{tier}: {t['right']} of {t['n']}"
         + (
-            f", {t['first']} first, {t['alone']} alone, {t['accepted']} of {t['names']} names accepted"
-            if "first" in t
+            f" ({t['named']} by name, {t['first']} first, {t['alone']} alone), "
+            f"{t['accepted']} of {t['names']} names accepted"
+            if "named" in t
             else ""
         )
         for tier, t in found["tiers"].items()
