@@ -13,7 +13,6 @@ from bcid.diagnosis.simulation import of_parameters
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted
-from bcid.likelihood.recordings import suited
 from bcid.proof.asked import Asked
 from bcid.proof.real_cases import NOT_ASKED, Withheld
 from bcid.proof.said import said
@@ -61,11 +60,8 @@ def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
 
 
 def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
-    """`errors` of the simulation; without one, of the base model refitted."""
-    if simulation is None:
-        of = based([recording], [estimate], vehicle)
-        simulation = Compared.of(suited(of.take, of.fit)[1])
-    return errors(simulation, vehicle, estimate)
+    """`errors` of the simulation; without one, of the base model refitted, without pushes: it is to predict alone."""
+    return errors(simulation or Compared.of(based([recording], [estimate], vehicle).fit), vehicle, estimate)
 
 
 def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
