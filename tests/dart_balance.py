@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.diagnosis.simulation import Parameters, read_parameters
+from bcid.effects.constants import Constants
 from bcid.proof.asked import Asked
 from bcid.proof.real_cases import read_cases
 from bcid.vehicle import Body, read_vehicle
@@ -24,7 +25,6 @@ RESULT = ROOT / "docs" / "results" / "dart_balance.json"
 DRIVES = ("09_25_2024_09_50_18", "09_25_2024_09_57_26")
 WINDOW_S = 6.0
 STARTED_S = 10.0  # after the first command; as much before the last
-V_C = 0.05  # m/s, speed over which Coulomb friction builds up
 
 
 def drags(
@@ -48,7 +48,7 @@ def drags(
             p.parameters["R_1"] * v + p.parameters["R_2"] * v**2
         )
 
-    F_lr = (1.0 - s) * pulling(v_x) - p.effects["rear_rolling_coulomb"]["c"] * np.tanh(v_x / V_C)
+    F_lr = (1.0 - s) * pulling(v_x) - p.effects["rear_rolling_coulomb"]["c"] * np.tanh(v_x / Constants().v_c)
     F_side = m * omega * v_x * l_r / (l_f + l_r)
     F_lf = np.cos(delta) * (m * (gain_mps2 - omega * v_y) - F_lr + F_side * np.tan(delta))
     return delta, s * pulling(v_fx) - F_lf, p.effects["steering_drag"]["k"] * abs(delta) * v_fx
@@ -67,12 +67,12 @@ def _of_drive(drive: str, asked: Asked) -> list[dict[str, float | str]]:
     recording, estimate, _ = asked.moved(name, vehicle)
     t, of, driven = estimate.time_s, recording.commands.time_s, recording.commands.values[:, 1]
     on = of[driven > 0.0][[0, -1]] + [STARTED_S, -STARTED_S]
-    rows: list[dict[str, float | str]] = []
+    p, rows = read_parameters(PUBLISHED), list[dict[str, float | str]]()
     for begin in np.arange(on[0], on[1] - WINDOW_S, WINDOW_S):
         here = (t >= begin) & (t < begin + WINDOW_S) & np.isfinite(estimate.twist).all(axis=1)
         twist, throttle = estimate.twist[here].mean(axis=0), float(np.interp(t[here], of, driven).mean())
         gain = float(np.polyfit(t[here], estimate.twist[here, 0], 1)[0])
-        delta, needed, published = drags(twist, gain, throttle, vehicle.body, read_parameters(PUBLISHED))
+        delta, needed, published = drags(twist, gain, throttle, vehicle.body, p)
         told = {
             "begin_s": begin, "angle_rad": delta, "throttle": throttle - offset, "v_x_mps": twist[0],
             "drag_N": needed, "published_N": published,
