@@ -16,7 +16,7 @@ from bcid.likelihood.abreast import layout
 from bcid.likelihood.hypothesis import Setting
 from bcid.likelihood.marginal import NU, Scales, moments, rescaled
 from bcid.likelihood.segments import free_sensitivities, predict, wrapped
-from bcid.likelihood.take import N_START, Floats, Ints, Take
+from bcid.likelihood.take import N_START, Bools, Floats, Ints, Take
 
 DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
 ROUNDING = 1e-12  # of the same, without which a matrix may be singular
@@ -25,6 +25,7 @@ SETTLED = 0.03  # nats that a segment still gains by a step
 SPUN = 10.0  # nats by which a tangent misses a segment, beyond which it does not matter by how many
 LOST = 20.0  # badness for each number measured (about 1 is expected) from which a segment has missed its mode
 HOPELESS = 0.5  # share of the segments beyond which being lost is the parameters' fault, not theirs
+ALMOST_ALL = 0.9  # beyond which the few others do not say what usually pushes
 
 
 class Settled(NamedTuple):
@@ -74,7 +75,9 @@ def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Sett
     """The likeliest free parts from `start` on, each segment for itself; as they are where predictions have no pushes.
 
     Segments that are lost, in a lesser mode or beyond the finite numbers, settle anew from their rough beginnings
-    without pushes, which other parameters may have called for, then from half the pushes.
+    without pushes, which other parameters may have called for; then from half the pushes; then from their beginnings
+    under what pushes the others: a car that lacks a brake spins without, and each segment that stays lost costs
+    hundreds of nats.
 
     Raises:
         FloatingPointError: where predictions leave the finite numbers all the same.
@@ -83,16 +86,33 @@ def settled(take: Take, setting: Setting, start: Floats, scales: Scales) -> Sett
     if not take.pushed:  # one tangent does
         return at
     _settle(take, setting, at, np.flatnonzero(np.isfinite(badness(take, start, at.r, scales))), scales)
-    half = at.start.copy()
-    half[:, N_START:] *= 0.5
-    for begin, most in ((take.start, 1.0), (half, HOPELESS)):
-        lost = np.flatnonzero(~(badness(take, at.start, at.r, scales) < LOST * 3.0 * np.diff(take.first)))
-        lost = lost[(begin[lost] != start[lost]).any(axis=1)]
+    for begins, most in ((_unpushed, 1.0), (_half_pushed, HOPELESS), (_usually_pushed, ALMOST_ALL)):
+        are_lost = ~(badness(take, at.start, at.r, scales) < LOST * 3.0 * np.diff(take.first))
+        begin = begins(take, at.start, are_lost)
+        lost = np.flatnonzero(are_lost & (begin != start).any(axis=1))
         if 0 < len(lost) <= most * take.segments:
             _settle_anew(take, setting, at, lost, begin, scales)
     if not np.isfinite(at.r).all():
         raise FloatingPointError("a prediction left the finite numbers")
     return at
+
+
+def _unpushed(take: Take, start: Floats, lost: Bools) -> Floats:
+    """As the recording has them, without pushes."""
+    return take.start
+
+
+def _half_pushed(take: Take, start: Floats, lost: Bools) -> Floats:
+    """Where they are, under half their pushes."""
+    return np.hstack([start[:, :N_START], 0.5 * start[:, N_START:]])
+
+
+def _usually_pushed(take: Take, start: Floats, lost: Bools) -> Floats:
+    """As the recording has them, under the median pushes of the segments that are not lost."""
+    if lost.all():
+        return take.start
+    usual = np.median(start[~lost, N_START:], axis=0)
+    return np.hstack([take.start[:, :N_START], np.broadcast_to(usual, (len(start), len(usual)))])
 
 
 def _settle(take: Take, setting: Setting, at: Settled, waiting: Ints, scales: Scales) -> None:
