@@ -654,6 +654,38 @@ def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Tak
     np.testing.assert_allclose(found.r, residuals(take, setting, found.start), atol=1e-12)
 
 
+@pytest.mark.parametrize("common", [(-3.0, 0.0, 0.0), (-3.0, 2.0, 6.0)])
+def test_segments_that_are_lost_settle_under_what_pushes_the_others(
+    common: tuple[float, float, float], part: Take, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where a brake is missing: from rest some are lost, in a spin, and the others say what they lack."""
+    setting, true = BASE.setting(BASE.start(CAR), part), shoved(part)
+    true[:, N_START:] += np.tile(common, KNOTS)
+    pose = np.asarray(predict(layout(part), true, *setting.acting))
+    take = part._replace(pose=pose, pushed=True)
+
+    def lost() -> int:
+        start, r, _ = settled(take, setting, take.start, LOUD)
+        return int((free_part.badness(take, start, r, LOUD) > free_part.LOST * 3.0 * np.diff(take.first)).sum())
+
+    assert lost() == 0
+    np.testing.assert_allclose(
+        settled(take, setting, take.start, LOUD).start[:, N_START:], true[:, N_START:], atol=0.05
+    )
+    monkeypatch.setattr(free_part, "ALMOST_ALL", 0.0)
+    assert lost() > 0
+
+
+def test_where_all_segments_are_lost_nothing_says_what_usually_pushes(part: Take) -> None:
+    lost = np.ones(part.segments, dtype=bool)
+    np.testing.assert_array_equal(free_part._usually_pushed(part, shoved(part), lost), part.start)
+    lost[0] = False
+    np.testing.assert_array_equal(
+        free_part._usually_pushed(part, shoved(part), lost)[1:, N_START:],
+        shoved(part)[[0] * (part.segments - 1), N_START:],
+    )
+
+
 def test_a_lost_segment_stays_as_it_is_where_settling_anew_ends_nowhere(part: Take) -> None:
     take, _ = pushed_take(part)
     setting, spun = BASE.setting(BASE.start(CAR), take), take.start.copy()
