@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from bcid.toml_file import Settings, read_toml
+from bcid.files.toml import Settings, read_toml
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -7,7 +7,7 @@ import tomllib
 from bcid.estimate.noise import Noise
 from bcid.estimate.tuning import Tuning
 from bcid.recording.assemble import assemble
-from bcid.recording.raw import RawTake
+from bcid.recording.formats.raw import RawTake
 from bcid.recording.types import Recording, Source
 from bcid.simulation.drive import Drive
 from bcid.simulation.samples import VEHICLE

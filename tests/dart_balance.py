@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bcid.diagnosis.simulation import Parameters, read_parameters
+from bcid.diagnosis.reference import Parameters, read_parameters
 from bcid.effects.constants import Constants
-from bcid.proof.asked import Asked
-from bcid.proof.real_cases import read_cases
+from bcid.proof.real.question_files import Asked
+from bcid.proof.real.questions import read_cases
 from bcid.vehicle import Body, read_vehicle
 
 ROOT = Path(__file__).parents[1]

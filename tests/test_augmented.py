@@ -22,10 +22,10 @@ from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate, whole_take
 from bcid.models import published
-from bcid.models.augmented import AugmentedNewtonEuler, advance, seen_twist, unpacked, unseen
+from bcid.models.fitting.windows import scale
 from bcid.models.interface import FitTask, History, Model, at_rest, history_at, rollout
-from bcid.models.newton_euler import NewtonEuler
-from bcid.models.samples import scale
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler, advance, seen_twist, unpacked, unseen
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import load_model, save_model
 from bcid.pipeline.plan import read_plan
 from bcid.pipeline.run import Pipeline

@@ -9,12 +9,12 @@ import pytest
 from cars import CAR
 
 from bcid.effects.constants import Constants
-from bcid.likelihood import base_fit
+from bcid.likelihood import prepare
 from bcid.likelihood.hypothesis import Hypothesis
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 USUAL, OF_A_PART = "usual", "of a part"  # scales
-SEGMENTS = 4 * base_fit.ENOUGH
+SEGMENTS = 4 * prepare.ENOUGH
 
 
 class Take(NamedTuple):
@@ -53,7 +53,7 @@ class Refits:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any, astray: Any = lambda *_: 0.0) -> None:
         self.whole: list[tuple[float, str]] = []  # grip and scales that refits of the whole take began with
         self._lost, self._astray = lost, astray
-        monkeypatch.setattr(base_fit, "refit", self)
+        monkeypatch.setattr(prepare, "refit", self)
 
     def __call__(self, take: Take, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any) -> Found:
         grip = round(hypothesis.car(phi).F_f_max)
@@ -69,7 +69,7 @@ def never(*_: object) -> bool:
 
 
 def fitted(segments: int = SEGMENTS) -> Any:
-    return base_fit.base_fit(Take(segments), BASE, USUAL)  # type: ignore[arg-type]
+    return prepare.base_fit(Take(segments), BASE, USUAL)  # type: ignore[arg-type]
 
 
 def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -82,7 +82,7 @@ def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def test_the_best_start_on_a_part_is_refitted_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     best, *others = grips(monkeypatch)
-    assert len(others) == len(base_fit.GRIPS)
+    assert len(others) == len(prepare.GRIPS)
     refits = Refits(monkeypatch, lambda n, grip, scales: n < SEGMENTS and grip == best)
     fitted()
     assert refits.whole == [(others[0], OF_A_PART)]
@@ -114,7 +114,7 @@ def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPat
 def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """But one from other scales, or from the next best start."""
     best, second, _ = grips(monkeypatch)
-    far, near = 1.1 * base_fit.LOST, 0.9 * base_fit.LOST
+    far, near = 1.1 * prepare.LOST, 0.9 * prepare.LOST
     for by, whole in (far, [(best, OF_A_PART), (best, USUAL)]), (near, [(best, OF_A_PART)]):
         refits = Refits(monkeypatch, never, lambda n, grip, scales, by=by: by * (n == SEGMENTS and scales == OF_A_PART))
         fitted()
@@ -126,7 +126,7 @@ def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.
 
 def test_where_every_refit_to_the_whole_goes_astray_the_best_of_them_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     _, second, _ = grips(monkeypatch)
-    far = 2.0 * base_fit.LOST
+    far = 2.0 * prepare.LOST
     Refits(monkeypatch, never, lambda n, grip, scales: (far if grip == second else 2.0 * far) * (n == SEGMENTS))
     assert BASE.car(fitted().phi).F_f_max == pytest.approx(second, abs=1.0)
 
@@ -141,10 +141,10 @@ def test_of_a_short_take_the_better_fit_of_all_of_it_stands(
 
     def again(n: int, *_: object) -> bool:
         asked.append(n)
-        return len(asked) > 1 + len(base_fit.GRIPS)  # all that come after the starts
+        return len(asked) > 1 + len(prepare.GRIPS)  # all that come after the starts
 
     Refits(monkeypatch, again if lost else never, never if lost else lambda *of: by * again(*of))
-    found = fitted(base_fit.ENOUGH)
-    assert len(asked) == 1 + len(base_fit.GRIPS) + (2 if lost else 1)
+    found = fitted(prepare.ENOUGH)
+    assert len(asked) == 1 + len(prepare.GRIPS) + (2 if lost else 1)
     assert found.astray == min(by, 0.0)
     assert BASE.car(found.phi).F_f_max == pytest.approx(best, abs=1.0)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.diagnosis import before_after, saving
-from bcid.diagnosis.before_after import _judged, _mean, _on_half, _squares
+from bcid.diagnosis import document
+from bcid.diagnosis.judge import prediction_error
+from bcid.diagnosis.judge.prediction_error import _judged, _mean, _on_half, _squares
 from bcid.evaluation.closed_loop import Restarted
 
 ROWS, EACH = 60, 20
@@ -45,7 +46,7 @@ def test_of_a_model_that_is_lost_everywhere_there_is_no_error() -> None:
     assert _mean(off) is None
     row = _judged(2.0, off, off, None, np.arange(ROWS) // EACH)
     assert (row.before, row.after, row.before_ci95, row.ratio_ci95, row.lost) == (None, None, None, None, 1.0)
-    shown = saving._horizon(row)
+    shown = document._horizon(row)
     assert (shown["nmse_before"], shown["ratio"], shown["ratio_ci95"]) == (None, None, None)
 
 
@@ -63,5 +64,5 @@ def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pyte
 
     whole: Any = object()
     half: Any = None
-    monkeypatch.setattr(before_after, "on_half", astray)
+    monkeypatch.setattr(prediction_error, "on_half", astray)
     assert _on_half(whole, half, half) is whole

@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.channels import NOWHERE, changes_by, explained_by
-from bcid.diagnosis.directions import lying
-from bcid.diagnosis.disturbance import disturbances
-from bcid.diagnosis.free_functions import SIZES
-from bcid.diagnosis.left import TELLING, Left
-from bcid.diagnosis.remainder import Remainder, remainder
-from bcid.diagnosis.search import search
-from bcid.diagnosis.verdict import Judgement, judged
+from bcid.diagnosis.judge.verdict import Judgement, judged
+from bcid.diagnosis.locate.basis_functions import SIZES
+from bcid.diagnosis.locate.channel_gains import NOWHERE, changes_by, explained_by
+from bcid.diagnosis.locate.push_directions import lying
+from bcid.diagnosis.locate.pushes import disturbances
+from bcid.diagnosis.locate.regression import Remainder, remainder
+from bcid.diagnosis.locate.unexplained import TELLING, Left
+from bcid.diagnosis.search.forward_backward import search
 from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
-from bcid.likelihood.base_fit import base_fit
-from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
+from bcid.likelihood.nuisance import residuals
+from bcid.likelihood.predict import wrapped
+from bcid.likelihood.prepare import base_fit
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.segments import wrapped
 from bcid.likelihood.take import Take, take_of
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor

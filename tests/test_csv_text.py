@@ -13,9 +13,9 @@ import pytest
 from pydantic import ValidationError
 
 from bcid.errors import InputRefused
-from bcid.recording.mapping import mapped
+from bcid.recording.formats.csv_text import read_text
+from bcid.recording.formats.mapping import mapped
 from bcid.recording.read import read_raw
-from bcid.recording.text import read_text
 from bcid.vehicle import Mapped, Vehicle, read_vehicle
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from dart_balance import PUBLISHED, RESULT, balance, drags
 
-from bcid.diagnosis.simulation import read_parameters
+from bcid.diagnosis.reference import read_parameters
 from bcid.effects.constants import Constants
 from bcid.models import published
-from bcid.models.augmented import AugmentedNewtonEuler
 from bcid.models.interface import at_rest, rollout
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.vehicle import Body
 
 BODY = Body(mass_kg=1.58, cog_to_front_m=0.0805, cog_to_rear_m=0.093, drive="all", front_drive_share=0.5)

@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.diagnosis import diagnose
 from bcid.diagnosis.diagnose import Diagnosis, diagnosed
-from bcid.diagnosis.remainder import Remainder
+from bcid.diagnosis.locate.regression import Remainder
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.likelihood.take import take_of, without_contacts
 from bcid.models.saving import load_model
-from bcid.recording.contacts import contacts
+from bcid.recording.checks.contacts import contacts
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.simulation.car import Plant, Sensor

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.directions import Lying, _Seen, lying, ways
-from bcid.diagnosis.disturbance import STATES, Disturbances
-from bcid.diagnosis.left import TELLING, Left
-from bcid.diagnosis.remainder import Remainder
+from bcid.diagnosis.locate.push_directions import Lying, _Seen, lying, ways
+from bcid.diagnosis.locate.pushes import STATES, Disturbances
+from bcid.diagnosis.locate.regression import Remainder
+from bcid.diagnosis.locate.unexplained import TELLING, Left
 from bcid.likelihood.take import KNOTS
 from bcid.physics.car import wrench
 from bcid.physics.kinematics import wheel_velocity

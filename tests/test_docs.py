@@ -142,11 +142,11 @@ def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
 @pytest.mark.parametrize("name", ["prove.json", "prove_part.json"])
 def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     """And its seals hold the answers of its seed."""
-    from bcid.proof.cases import suite
-    from bcid.proof.keeping import kept
-    from bcid.proof.outcome import outcome
-    from bcid.proof.running import truth_of
-    from bcid.proof.seal import SEALS, seal_of, sealed
+    from bcid.proof.blind.cases import suite
+    from bcid.proof.blind.run_cases import truth_of
+    from bcid.proof.blind.seal import SEALS, seal_of, sealed
+    from bcid.proof.rows import kept
+    from bcid.proof.scores.outcome import outcome
 
     results = ROOT / "docs" / "results"
     folder = results / name.removesuffix(".json").replace("prove", "proof")
@@ -170,8 +170,8 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
 
 
 def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
-    from bcid.proof.real_cases import NOT_ASKED
-    from bcid.proof.real_outcome import TIERS
+    from bcid.proof.real.questions import NOT_ASKED
+    from bcid.proof.real.scoring import TIERS
     from bcid.report import proof_page
 
     assert proof_page.NOT_ASKED == NOT_ASKED

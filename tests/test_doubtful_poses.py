@@ -10,9 +10,8 @@ import pytest
 
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble
-from bcid.recording.height import check_up_axis, off_the_floor
-from bcid.recording.quaternions import judged_yaw
-from bcid.recording.raw import RawTake
+from bcid.recording.checks.attitude import check_up_axis, judged_yaw, off_the_floor
+from bcid.recording.formats.raw import RawTake
 from bcid.recording.read import read_raw
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle

@@ -14,8 +14,8 @@ import pytest
 
 from bcid.models import published
 from bcid.models.interface import at_rest, rollout
-from bcid.models.k_sindy import KSindy
-from bcid.models.newton_euler import NewtonEuler
+from bcid.models.kinematic.k_sindy import KSindy
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics import car as equations
 from bcid.physics.car import Car
 
@@ -148,7 +148,7 @@ def test_a_misprint_put_back_fails_the_cross_check(
 
 def test_row_1_put_back_fails_the_cross_check() -> None:
     """The kinematic output map alone: the K-SINDy state is the same, its v_y is not."""
-    from bcid.models.kinematic import SLIP_LIMIT
+    from bcid.models.kinematic.frame import SLIP_LIMIT
 
     sindy = published.k_sindy()
     scores = []

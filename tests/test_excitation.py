@@ -9,7 +9,7 @@ import pytest
 
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.models.excitation import check_excited
+from bcid.models.fitting.windows import check_excited
 
 
 def test_usual_takes_are_not_refused(estimates: list[Estimate]) -> None:

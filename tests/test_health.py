@@ -17,8 +17,8 @@ from bcid.errors import BcidError, PartLost
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.recording.assemble import assemble
-from bcid.recording.health import health
-from bcid.recording.raw import RawTake
+from bcid.recording.checks.health import health
+from bcid.recording.formats.raw import RawTake
 from bcid.recording.read import read_raw, read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle, read_vehicle

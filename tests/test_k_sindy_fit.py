@@ -10,12 +10,12 @@ import pytest
 
 from bcid.estimate.types import Estimate
 from bcid.models import published
+from bcid.models.fitting.windows import scale
 from bcid.models.interface import FitTask, history_at, rollout
-from bcid.models.k_sindy import KSindy
-from bcid.models.k_sindy_fit import Products, stlsq
-from bcid.models.kinematic import twist_of
-from bcid.models.library import name_of
-from bcid.models.samples import scale
+from bcid.models.kinematic.frame import twist_of
+from bcid.models.kinematic.k_sindy import KSindy
+from bcid.models.kinematic.k_sindy_fit import Products, stlsq
+from bcid.models.kinematic.library import name_of
 from bcid.models.table import row_of
 from bcid.vehicle import Vehicle
 

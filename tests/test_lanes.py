@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from bcid.lanes import LANES, floor, gather, lane, load, some, store, where
+from bcid.compiled.lanes import LANES, floor, gather, lane, load, some, store, where
 from bcid.physics.elementary import arctan, clip, sincos
 
 X, Y = np.array([1.5, -2.0, 0.0, 1e3]), np.array([-0.5, -2.0, 3.0, 0.25])

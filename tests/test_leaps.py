@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.likelihood import leaps
-from bcid.likelihood.leaps import PATIENCE, SLACK, leapt
+from bcid.likelihood import refit_with_pushes
 from bcid.likelihood.newton import State, within
+from bcid.likelihood.refit_with_pushes import PATIENCE, SLACK, leapt
 
 FAR = 40.0
 STEP = 0.5  # that Newton's method dares, whatever lies ahead
@@ -25,9 +25,9 @@ class Valley:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
         self.calls, self._objective = 0, objective
         self.asked: list[float] = []  # where it was asked how predictions answer
-        monkeypatch.setattr(leaps, "_standing", self._standing)
-        monkeypatch.setattr(leaps, "tangent_at", lambda of, A, now: self.asked.append(float(now.phi[0])))
-        monkeypatch.setattr(leaps, "slope_and_curvature", self._slope)
+        monkeypatch.setattr(refit_with_pushes, "_standing", self._standing)
+        monkeypatch.setattr(refit_with_pushes, "tangent_at", lambda of, A, now: self.asked.append(float(now.phi[0])))
+        monkeypatch.setattr(refit_with_pushes, "slope_and_curvature", self._slope)
 
     hypothesis = property(lambda self: self)
 
@@ -89,7 +89,7 @@ def test_where_predictions_have_no_slope_no_refit_ends(monkeypatch: pytest.Monke
             raise FloatingPointError
         return slope(of, tangent, now)
 
-    monkeypatch.setattr(leaps, "slope_and_curvature", edge)
+    monkeypatch.setattr(refit_with_pushes, "slope_and_curvature", edge)
     assert 3.0 < leap(valley) <= 5.0
 
 
@@ -160,9 +160,9 @@ def test_free_parts_settle_anew_for_the_scales_found_with_them_where_that_gains(
         nothing: Any = None
         return n, State(phi, n, n, nothing, nothing, objective)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(leaps, "standing_at", standing_at)
+    monkeypatch.setattr(refit_with_pushes, "standing_at", standing_at)
     anything: Any = None
-    A, now = leaps._standing(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
+    A, now = refit_with_pushes._standing(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
     assert now.objective == settled
     assert now.start == A  # the tangent belongs to it
     assert given == [(0, 0), (1, 1)]  # from what was found first

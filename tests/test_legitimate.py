@@ -11,8 +11,8 @@ from making import circling_take
 
 from bcid.errors import InputRefused
 from bcid.recording.assemble import assemble
-from bcid.recording.height import check_up_axis, off_the_floor
-from bcid.recording.raw import RawTake
+from bcid.recording.checks.attitude import check_up_axis, off_the_floor
+from bcid.recording.formats.raw import RawTake
 from bcid.recording.read import read_raw
 from bcid.recording.types import Recording, Source
 from bcid.vehicle import Vehicle

@@ -12,8 +12,7 @@ from cars import CAR
 from scipy.linalg import null_space
 from scipy.stats import multivariate_t
 
-from bcid.diagnosis.simulated import seen_at
-from bcid.diagnosis.trials import concerned
+from bcid.compiled.lanes import LANES
 from bcid.effects.car import Body
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import FORCE_ONLY
@@ -23,21 +22,10 @@ from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.lanes import LANES
-from bcid.likelihood import free_part
-from bcid.likelihood.abreast import layout
-from bcid.likelihood.free_part import (
-    Settled,
-    _settle_anew,
-    _stepped,
-    bent,
-    residuals,
-    sensitivities,
-    settled,
-    without_pushes,
-)
+from bcid.experiment.simulate import seen_at
+from bcid.likelihood import nuisance
 from bcid.likelihood.hypothesis import MEASURED, Hypothesis, Setting
-from bcid.likelihood.leaps import SLACK
+from bcid.likelihood.lane_rollout import layout
 from bcid.likelihood.marginal import (
     NU,
     Eliminated,
@@ -52,9 +40,21 @@ from bcid.likelihood.marginal import (
 )
 from bcid.likelihood.newton import THROWN, Prior, jacobian, moved_unless_thrown, standing_at
 from bcid.likelihood.newton import Problem as Fitted
-from bcid.likelihood.recordings import constants_of
+from bcid.likelihood.nuisance import (
+    Settled,
+    _settle_anew,
+    _stepped,
+    bent,
+    residuals,
+    sensitivities,
+    settled,
+    without_pushes,
+)
+from bcid.likelihood.predict import free_sensitivities, predict
+from bcid.likelihood.prepare import constants_of
 from bcid.likelihood.refit import refit, standing
-from bcid.likelihood.segments import free_sensitivities, predict
+from bcid.likelihood.refit_with_pushes import SLACK
+from bcid.likelihood.score_test import concerned
 from bcid.likelihood.take import (
     FORGOTTEN,
     GROUP_S,
@@ -631,15 +631,15 @@ def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> N
 
 @pytest.mark.parametrize("badness", [1e9, np.inf, np.nan])
 def test_a_segment_that_spins_bends_no_take(badness: float, part: Take, monkeypatch: pytest.MonkeyPatch) -> None:
-    setting, kept = BASE.setting(BASE.start(CAR), part), free_part.badness
+    setting, kept = BASE.setting(BASE.start(CAR), part), nuisance.badness
 
     def spun(take: Take, *given: np.ndarray) -> np.ndarray:
         return np.r_[badness, kept(take, *given)[1:]]
 
     still = bent(part, setting, part.start, LOUD, sensitivities(part, setting, part.start))
-    monkeypatch.setattr(free_part, "badness", spun)
+    monkeypatch.setattr(nuisance, "badness", spun)
     one = bent(part, setting, part.start, LOUD, sensitivities(part, setting, part.start))
-    assert one - still == pytest.approx(free_part.SPUN / part.segments, rel=0.1)
+    assert one - still == pytest.approx(nuisance.SPUN / part.segments, rel=0.1)
 
 
 @pytest.mark.parametrize(("push", "each"), [(40.0, 3), (np.nan, 3), (40.0, 1)])
@@ -665,12 +665,12 @@ def test_segments_that_are_lost_settle_under_what_pushes_the_others(
     take = part._replace(pose=pose, pushed=True)
 
     def lost(start: np.ndarray, r: np.ndarray) -> int:
-        return int((~(free_part.badness(take, start, r, LOUD) < free_part.LOST * 3.0 * np.diff(take.first))).sum())
+        return int((~(nuisance.badness(take, start, r, LOUD) < nuisance.LOST * 3.0 * np.diff(take.first))).sum())
 
     found = settled(take, setting, take.start, LOUD)
     assert lost(found.start, found.r) == 0
     np.testing.assert_allclose(found.start[:, N_START:], true[:, N_START:], atol=0.05)
-    monkeypatch.setattr(free_part, "ALMOST_ALL", 0.0)
+    monkeypatch.setattr(nuisance, "ALMOST_ALL", 0.0)
     without = settled(take, setting, take.start, LOUD)
     assert lost(without.start, without.r) > 0
 
@@ -679,9 +679,9 @@ def test_the_segments_that_are_not_lost_say_what_usually_pushes(part: Take) -> N
     """Their median, on beginnings as the recording has them; nothing, where all are lost."""
     start, lost = shoved(part) + 0.5, np.ones(part.segments, dtype=bool)
     start[0, N_START:] = 100.0  # of three, no matter how far off
-    np.testing.assert_array_equal(free_part._usually_pushed(part, start, lost), part.start)
+    np.testing.assert_array_equal(nuisance._usually_pushed(part, start, lost), part.start)
     lost[:3] = False
-    begin = free_part._usually_pushed(part, start, lost)
+    begin = nuisance._usually_pushed(part, start, lost)
     np.testing.assert_array_equal(begin[:, :N_START], part.start[:, :N_START])
     np.testing.assert_array_equal(begin[:, N_START:], [np.maximum(*start[1:3, N_START:])] * part.segments)
 

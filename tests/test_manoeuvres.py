@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import separation as separation_module
-from bcid.diagnosis.candidates import refit_with
-from bcid.diagnosis.detectable import detectable
-from bcid.diagnosis.manoeuvres import (
+from bcid.diagnosis.search.refits import refit_with
+from bcid.effects.constants import Constants
+from bcid.effects.table import EFFECTS
+from bcid.experiment import discrimination as separation_module
+from bcid.experiment.detectability import detectable
+from bcid.experiment.discrimination import best_manoeuvre, driven, information, separation
+from bcid.experiment.manoeuvres import (
     ARENA,
     FASTEST,
     LEAST_S,
@@ -24,28 +27,18 @@ from bcid.diagnosis.manoeuvres import (
     usual_throttle,
     write_commands,
 )
-from bcid.diagnosis.patterns import COMMAND_HZ, LONGEST_S, PATTERNS
-from bcid.diagnosis.planning import (
-    NOMINAL,
-    REST_S,
-    largest_throttle,
-    nominal_car,
-    plan,
-)
-from bcid.diagnosis.search import GATE
-from bcid.diagnosis.separation import best_manoeuvre, driven, information, separation
-from bcid.diagnosis.simulated import STILL, simulated_take, states, undriven
-from bcid.effects.constants import Constants
-from bcid.effects.table import EFFECTS
-from bcid.likelihood.base_fit import base_fit
-from bcid.likelihood.free_part import residuals, sensitivities
+from bcid.experiment.patterns import COMMAND_HZ, LONGEST_S, PATTERNS
+from bcid.experiment.plan import NOMINAL, REST_S, largest_throttle, nominal_car, plan
+from bcid.experiment.simulate import STILL, simulated_take, states, undriven
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import jacobian
-from bcid.likelihood.recordings import units_at
+from bcid.likelihood.nuisance import residuals, sensitivities
+from bcid.likelihood.prepare import base_fit, units_at
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.score_test import GATE
 from bcid.likelihood.take import N_FREE, SEGMENT_S, Take, joined
-from bcid.recording.commands import read_commands
+from bcid.recording.formats.commands_file import read_commands
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
 LIMIT, TOP = 2.012, 2.033

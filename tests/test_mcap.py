@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.errors import InputRefused, PartLost
-from bcid.recording.formats import MCAP_MAGIC
-from bcid.recording.mcap_contents import contents
-from bcid.recording.mcap_records import Broken, records
+from bcid.recording.formats.detect import MCAP_MAGIC
+from bcid.recording.formats.mcap_contents import contents
+from bcid.recording.formats.mcap_records import Broken, records
 from bcid.recording.read import read_raw
 from bcid.vehicle import Vehicle
 

@@ -11,10 +11,10 @@ from mcap.writer import Writer
 from test_readers import json_mcap
 
 from bcid.errors import InputRefused
-from bcid.recording.mcap_contents import contents
-from bcid.recording.mcap_times import Track, common_times
+from bcid.recording.formats.mcap_contents import contents
+from bcid.recording.formats.mcap_times import Track, common_times
+from bcid.recording.formats.ros_transforms import Moves, chain, put_together, read_tree, strangers
 from bcid.recording.read import read_recording
-from bcid.recording.tf_tree import Moves, chain, put_together, read_tree, strangers
 from bcid.recording.types import Recording
 from bcid.vehicle import Topics, Vehicle
 

@@ -13,12 +13,14 @@ import pytest
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import whole_take
-from bcid.models import library, newton_euler_linear, published
-from bcid.models.genetic import minimise
+from bcid.models import published
+from bcid.models.fitting.genetic import minimise
+from bcid.models.fitting.windows import scale, transitions
 from bcid.models.interface import Diverged, FitTask, History, Model, at_rest, history_at, no_progress, rollout
-from bcid.models.kinematic import Frame
-from bcid.models.newton_euler import NewtonEuler
-from bcid.models.samples import scale, transitions
+from bcid.models.kinematic import library
+from bcid.models.kinematic.frame import Frame
+from bcid.models.newton_euler import linear
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import load_model, save_model
 from bcid.models.table import FITTED, MODELS, row_of, row_to_fit
 from bcid.physics import car as equations
@@ -272,7 +274,7 @@ def test_newton_euler_is_mirror_symmetric(models: dict[str, Any]) -> None:
 def test_the_linear_model_is_the_jacobian(v: float) -> None:
     """About straight driving in balance, below and above v_0; the drag enters by its secant."""
     car = car_of(F_m_max=1e9)
-    lin = newton_euler_linear.linearise(car, v)
+    lin = linear.linearise(car, v)
     u_m = v + (30.0 * v + 5.0 * v * v) / car.K_t  # the motor balances the drag
 
     def rate(x: np.ndarray, delta: float) -> np.ndarray:
@@ -289,7 +291,7 @@ def test_the_linear_model_is_the_jacobian(v: float) -> None:
 
 
 def test_the_linear_model_brakes_to_rest_and_stays() -> None:
-    model = newton_euler_linear.NewtonEulerLinear(car_of(), 0.4, 0.1)
+    model = linear.NewtonEulerLinear(car_of(), 0.4, 0.1)
     start = replace(at_rest(0), twist=np.array([[1.5, 0.0, 0.0]]))
     v_x = rollout(model, start, np.tile([0.0, -0.5], (200, 1)))[:, 0]
     assert (np.diff(v_x) <= 0.0).all()

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.candidates import named, refit_with
-from bcid.diagnosis.disturbance import STATES, Disturbances, disturbances
-from bcid.diagnosis.remainder import remainder
-from bcid.diagnosis.scan import circles, energy, windows
-from bcid.diagnosis.score import projected
-from bcid.diagnosis.screen import changes, screen
-from bcid.diagnosis.search import Search, search
+from bcid.diagnosis.locate.pushes import STATES, Disturbances, disturbances
+from bcid.diagnosis.locate.regression import remainder
+from bcid.diagnosis.locate.scan_statistic import circles, energy, windows
+from bcid.diagnosis.search.forward_backward import Search, search
+from bcid.diagnosis.search.refits import named, refit_with
+from bcid.diagnosis.search.screen import changes, screen
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS, FORCE_ONLY, RAW_COMMANDS
 from bcid.effects.entry import Units
@@ -24,17 +23,17 @@ from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.likelihood import newton
-from bcid.likelihood.base_fit import base_fit
-from bcid.likelihood.free_part import residuals
 from bcid.likelihood.hypothesis import Hypothesis, Setting
 from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
 from bcid.likelihood.newton import within
-from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes
+from bcid.likelihood.nuisance import residuals
+from bcid.likelihood.prepare import base_fit, base_from, base_of, too_bent, under_pushes
 from bcid.likelihood.refit import Fit, held, refit
+from bcid.likelihood.score_test import projected
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
 from bcid.physics.car import Car
-from bcid.proof.cases import Case
-from bcid.proof.running import run_case
+from bcid.proof.blind.cases import Case
+from bcid.proof.blind.run_cases import run_case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import ROUGHNESS_TIME_S

@@ -10,14 +10,13 @@ import pytest
 from cars import CAR
 
 from bcid.estimate.types import Estimate
-from bcid.models import levenberg_marquardt
-from bcid.models.levenberg_marquardt import Normal
-from bcid.models.newton_euler import NewtonEuler
-from bcid.models.newton_euler_fit import Objective
-from bcid.models.newton_euler_objective import Stretches, costs, predictions
-from bcid.models.newton_euler_parameters import Box
-from bcid.models.samples import scale
-from bcid.models.windows import Windows, steps_of, windows
+from bcid.models.fitting import levenberg_marquardt
+from bcid.models.fitting.levenberg_marquardt import Normal
+from bcid.models.fitting.windows import Windows, scale, steps_of, windows
+from bcid.models.newton_euler.fit_to_twists import Objective
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.objective import Stretches, costs, predictions
+from bcid.models.newton_euler.parameters import Box
 from bcid.physics.car import Car, advance
 from bcid.vehicle import Vehicle
 
@@ -50,7 +49,7 @@ def test_the_objective_is_the_plain_model(steps: int, estimates: list[Estimate])
 
 
 def test_one_step_stretches_are_the_transitions(estimates: list[Estimate]) -> None:
-    from bcid.models.samples import transitions
+    from bcid.models.fitting.windows import transitions
 
     taken, one = windows(estimates, 1, 1), transitions(estimates)
     np.testing.assert_array_equal(taken.twist[:, 0], one.twist[:, 0])

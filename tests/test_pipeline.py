@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from faults.counting import flips
 
+from bcid.aliases import Progress
 from bcid.errors import InputRefused
+from bcid.files import source_code as code_module
 from bcid.pipeline.plan import read_plan
 from bcid.pipeline.run import Pipeline
-from bcid.pipeline.watching import Progress
-from bcid.store import code as code_module
 
 PLAN = """
 vehicle = "{vehicle}"

@@ -21,22 +21,22 @@ from bcid.diagnosis.diagnose import Diagnosis, diagnosed
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
-from bcid.proof import asking, real, running
-from bcid.proof.baselines import METHODS, NAMING, compared
-from bcid.proof.blind import Blind, Sizes, blind_test
-from bcid.proof.calibration import calibration, of_nothing
-from bcid.proof.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
-from bcid.proof.concealed import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
-from bcid.proof.keeping import keep, kept
-from bcid.proof.localisation import channel_right, overlap, place_overlap, time_overlap
-from bcid.proof.methods import summary
-from bcid.proof.outcome import REFUTED, missed, outcome, wrong
-from bcid.proof.running import asked_before, run_all
-from bcid.proof.scoring import GOALS, pooled, right, tiers
-from bcid.proof.seal import opened, seal_of, seal_up, sealed
+from bcid.files.source_code import closure
+from bcid.proof.baselines import METHODS, NAMING, compared, summary
+from bcid.proof.blind import ask, run_cases
+from bcid.proof.blind.blind_test import Blind, Sizes, blind_test
+from bcid.proof.blind.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
+from bcid.proof.blind.concealed_effects import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
+from bcid.proof.blind.run_cases import asked_before, run_all
+from bcid.proof.blind.seal import opened, seal_of, seal_up, sealed
+from bcid.proof.real import run_questions
+from bcid.proof.rows import keep, kept
+from bcid.proof.scores.calibration import calibration, of_nothing
+from bcid.proof.scores.localisation import channel_right, overlap, place_overlap, time_overlap
+from bcid.proof.scores.outcome import REFUTED, missed, outcome, wrong
+from bcid.proof.scores.tiers import GOALS, pooled, right, tiers
 from bcid.recording.read import read_recording
 from bcid.report.proof_page import evidence, write_proof_page
-from bcid.store.code import closure
 from bcid.vehicle import read_vehicle
 from bcid.virtual_lab import TUNING, recorded, vehicle
 
@@ -68,10 +68,10 @@ def test_the_answer_changes_nothing_that_the_diagnosis_is_handed(monkeypatch: py
         handed.append((given, more))
         raise ArithmeticError("asked")
 
-    monkeypatch.setattr(asking, "diagnosed", diagnosed)
+    monkeypatch.setattr(ask, "diagnosed", diagnosed)
     for truth in (case.nameable, {"rear_toe": {"epsilon": 0.3}}):
         with pytest.raises(ArithmeticError, match="asked"):
-            asking.answered(replace(case, duration_s=20.0).driven(), case.rate_hz, ("motor_lag",), truth)
+            ask.answered(replace(case, duration_s=20.0).driven(), case.rate_hz, ("motor_lag",), truth)
     one, _ = handed
     assert [type(v).__name__ for v in one[0]] == ["list", "list", "Vehicle"]
     assert [[type(v).__name__ for v in of] for of in one[0][:2]] == [["Recording"], ["Estimate"]]
@@ -103,8 +103,8 @@ def _leaves(tree: Any) -> list[Any]:
 
 def known(cases: list[Case], folder: Path) -> int:
     """How many cases' rows lie in `folder`, by today's code."""
-    rows, code = kept(folder), running.code_of_rows(False)
-    return sum(running._known(rows, case, code) is not None for case in cases)
+    rows, code = kept(folder), run_cases.code_of_rows(False)
+    return sum(run_cases._known(rows, case, code) is not None for case in cases)
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             raise ValueError("no such luck")
         return row(case.name, [], [])
 
-    monkeypatch.setattr(running, "run_case", fake)
+    monkeypatch.setattr(run_cases, "run_case", fake)
     return names
 
 
@@ -153,7 +153,7 @@ def test_a_run_ends_in_time_and_goes_on(tmp_path: Path, made: list[str]) -> None
 def test_several_at_a_time_end_in_time_and_go_on(
     tmp_path: Path, made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(running, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
+    monkeypatch.setattr(run_cases, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
     cases = list(suite(2, 1, 4, 0, 0, more=False))[-20:]
     assert list(run_all(cases, tmp_path, 3, minutes=0.0)) == []
     first = [r["case"] for r in islice(run_all(cases, tmp_path, 3), 5)]
@@ -184,15 +184,17 @@ def test_a_tier_that_has_ended_is_judged_by_its_goals_though_others_have_not() -
 
 def test_rows_outlive_what_is_concealed_and_how_it_is_scored() -> None:
     """What makes a row is the code of simulation and diagnosis: neither suites, nor scores, nor other methods."""
-    inside = {name for name in closure(running.JUDGED) if name.startswith("bcid.proof.")}
-    assert inside == {"bcid.proof.asking", "bcid.proof.said"}
-    assert {"bcid.simulation.dynamics", "bcid.diagnosis.search", "bcid.effects.car"} <= closure(running.JUDGED)
-    assert "bcid.proof.scoring" not in closure(("bcid.proof.baselines",))
+    inside = {name for name in closure(run_cases.JUDGED) if name.startswith("bcid.proof.")}
+    assert inside == {"bcid.proof.blind.ask", "bcid.proof.rows"}
+    assert {"bcid.simulation.dynamics", "bcid.diagnosis.search.forward_backward", "bcid.effects.car"} <= closure(
+        run_cases.JUDGED
+    )
+    assert "bcid.proof.scores.tiers" not in closure(("bcid.proof.baselines",))
     of_real_drives = {
-        name.removeprefix("bcid.proof.") for name in closure(real.JUDGED) if name.startswith("bcid.proof.")
+        name.removeprefix("bcid.proof.") for name in closure(run_questions.JUDGED) if name.startswith("bcid.proof.")
     }
     assert of_real_drives == {"withheld", "edited", "edits", "asked", "said", "real_cases"}
-    assert not [name for name in closure(real.JUDGED) if name.startswith("bcid.simulation")]
+    assert not [name for name in closure(run_questions.JUDGED) if name.startswith("bcid.simulation")]
 
 
 THIS_AND_THAT = ("yaw_scrub", "rear_toe")
@@ -298,7 +300,7 @@ def test_the_command_ends_as_its_goals_are_met(
             made["truth"] = {e: dict.fromkeys(values, 1.5) for e, values in made["truth"].items()}
         return made
 
-    monkeypatch.setattr(running, "run_case", fake)
+    monkeypatch.setattr(run_cases, "run_case", fake)
     words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1", "--nulls", "2", "--imperfect-nulls", "2",
              "--pairs", "2", "--repeats", "1", "--format", "json"]  # fmt: skip
     monkeypatch.setattr("sys.argv", words)
@@ -321,7 +323,7 @@ def test_answers_are_sealed_before_the_first_take_and_opened_after_the_last(
         seen.append(((tmp_path / "seals.json").is_file(), (tmp_path / "answers.json").is_file()))
         return row(case.name, list(case.answer), [], tier=case.tier, channel=case.channel)
 
-    monkeypatch.setattr(running, "run_case", fake)
+    monkeypatch.setattr(run_cases, "run_case", fake)
     words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1", "--every", "40", "--format", "quiet",
              "--salt", "pepper"]  # fmt: skip
     monkeypatch.setattr("sys.argv", words)
@@ -446,7 +448,7 @@ THE_SIMULATION = ("bcid.simulation.drive", "bcid.simulation.dynamics", "bcid.sim
 @pytest.mark.parametrize(
     ("roots", "among", "never"),
     [
-        (EXPLAINING, "bcid.diagnosis.search", ("bcid.proof", "bcid.simulation")),
+        (EXPLAINING, "bcid.diagnosis.search.forward_backward", ("bcid.proof", "bcid.simulation")),
         (THE_SIMULATION, "bcid.simulation.car", ("bcid.proof", "bcid.diagnosis", "bcid.likelihood", "bcid.effects",
                                                  "bcid.models", "bcid.physics", "bcid.estimate")),
     ],
@@ -501,7 +503,7 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 def test_workers_end_with_who_started_them() -> None:
     """A run that is killed leaves none behind that would keep the cores busy for what nobody reads."""
-    begin = "import os, time; from bcid.proof.workers import pool_of; pool = pool_of(1); "
+    begin = "import os, time; from bcid.proof.blind.run_cases import pool_of; pool = pool_of(1); "
     work = "print(pool.submit(os.getpid).result(), flush=True); pool.submit(time.sleep, 600); time.sleep(600)"
     with subprocess.Popen(
         [sys.executable, "-c", begin + work], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True

@@ -14,9 +14,9 @@ import pytest
 from cars import CAR
 
 from bcid.cli.app import main
-from bcid.diagnosis.diagnose import Compared
-from bcid.diagnosis.heldout import LONGEST_BLOCK_S, block_s
-from bcid.diagnosis.simulation import of_parameters
+from bcid.diagnosis.compared import Compared
+from bcid.diagnosis.judge.held_out import LONGEST_BLOCK_S, block_s
+from bcid.diagnosis.reference import of_parameters
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.measurement import seen_pose
@@ -24,15 +24,14 @@ from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
-from bcid.proof import edited, real, real_scoring, withheld
-from bcid.proof.asked import Asked
-from bcid.proof.edits import EDITS
-from bcid.proof.keeping import kept
-from bcid.proof.real import run_real
-from bcid.proof.real_cases import NOT_ASKED, Edited, Withheld, read_cases
-from bcid.proof.real_cases import VEHICLE as VEHICLE_PHYSICS
-from bcid.proof.real_outcome import outcome
-from bcid.proof.real_scoring import judged
+from bcid.proof.real import edited, run_questions, scoring, withheld
+from bcid.proof.real.edits import EDITS
+from bcid.proof.real.question_files import Asked
+from bcid.proof.real.questions import NOT_ASKED, Edited, Withheld, read_cases
+from bcid.proof.real.questions import VEHICLE as VEHICLE_PHYSICS
+from bcid.proof.real.run_questions import run_real
+from bcid.proof.real.scoring import judged, outcome
+from bcid.proof.rows import kept
 from bcid.recording.types import Recording, Source, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import VEHICLE, write_take
@@ -106,14 +105,14 @@ def test_a_delayed_command_acts_as_much_later_and_the_other_does_not(effect: str
 def test_two_delays_that_cannot_be_told_from_a_late_pose_are_accepted_together() -> None:
     """And either of them alone is the vehicle's, where nothing of it may be named."""
     named = {"pose_latency", "steering_delay+motor_delay"}
-    assert real_scoring._accepted(named, ["pose_latency"])
-    assert real_scoring._accepted(named, ["motor_delay", "steering_delay"])
-    assert not real_scoring._accepted(named, ["steering_delay"])
+    assert scoring._accepted(named, ["pose_latency"])
+    assert scoring._accepted(named, ["motor_delay", "steering_delay"])
+    assert not scoring._accepted(named, ["steering_delay"])
     parts = {"pose_latency", "steering_delay", "motor_delay"}
-    assert real_scoring._parts(named) == parts
-    assert real_scoring._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
-    assert real_scoring._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
-    assert real_scoring._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
+    assert scoring._parts(named) == parts
+    assert scoring._with_kinds(parts) == {*parts, VEHICLE_PHYSICS}
+    assert scoring._with_kinds({"pose_latency", "unknown in fy"}) == {"pose_latency", "unknown in fy"}
+    assert scoring._nameless({"verdict": "unknown", "remainder": {"channel": "fy"}}) == {"unknown in fy"}
 
 
 @pytest.mark.parametrize(("spun", "error"), [(0, 0.5), (3, np.inf)])
@@ -490,7 +489,7 @@ def test_other_commands_are_another_question(asked: Path, tmp_path: Path, monkey
     for file in (f for f in asked.iterdir() if f.is_file()):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     done = list[str]()
-    monkeypatch.setattr(real, "_row", lambda job, *_: done.append(job.key) or {"error": "none is wanted"})
+    monkeypatch.setattr(run_questions, "_row", lambda job, *_: done.append(job.key) or {"error": "none is wanted"})
     commands = tmp_path / "take.commands.csv"
     for times, text in ((4, commands.read_text()), (8, commands.read_text().replace("0.1", "0.2"))):
         commands.write_text(text)
@@ -594,7 +593,7 @@ def test_edits_of_a_drive_are_held_against_what_it_showed_once(
             raise FloatingPointError("left the numbers")
         return {**said_of([]), "before": known.of["steering_offset"]}
 
-    monkeypatch.setattr(real, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
+    monkeypatch.setattr(run_questions, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
     monkeypatch.setattr(edited, "as_it_was", as_it_was)
     monkeypatch.setattr(edited, "answered", answered)
     edits = "".join(
@@ -625,7 +624,7 @@ def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     def shown(*_: Any) -> None:
         raise InputRefused("take.csv", "poses", "cannot be followed", "look at it")
 
-    monkeypatch.setattr(real, "pool_of", ThreadPoolExecutor)
+    monkeypatch.setattr(run_questions, "pool_of", ThreadPoolExecutor)
     monkeypatch.setattr(withheld, "answered", answered)
     monkeypatch.setattr(edited, "as_it_was", shown)
     for workers in (1, 3):

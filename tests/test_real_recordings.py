@@ -10,10 +10,10 @@ import pytest
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import tune
-from bcid.recording.motive import read_poses
-from bcid.recording.motive_header import read_header
+from bcid.recording.formats.csv_text import read_text
+from bcid.recording.formats.motive import read_poses
+from bcid.recording.formats.motive_header import read_header
 from bcid.recording.read import read_recording
-from bcid.recording.text import read_text
 from bcid.vehicle import Vehicle, read_vehicle
 
 VEHICLES = {

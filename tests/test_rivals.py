@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import heldout, rivals, search, stand_ins
-from bcid.diagnosis.candidates import incredible
-from bcid.diagnosis.disturbance import STATES, Disturbances, relieved
-from bcid.diagnosis.left import Left
-from bcid.diagnosis.remainder import Remainder
-from bcid.diagnosis.rivals import distinct, settled
-from bcid.diagnosis.screen import Candidate, Changes
-from bcid.diagnosis.trials import Trial
+from bcid.diagnosis.judge import held_out, proxies
+from bcid.diagnosis.locate.pushes import STATES, Disturbances, relieved
+from bcid.diagnosis.locate.regression import Remainder
+from bcid.diagnosis.locate.unexplained import Left
+from bcid.diagnosis.search import forward_backward, rivals
+from bcid.diagnosis.search.refits import incredible
+from bcid.diagnosis.search.rivals import distinct, settled
+from bcid.diagnosis.search.screen import Candidate
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.score_test import Changes, Trial
 
 TAKE: Any = None
 NOTHING_LEFT = Remainder("fx", 0.0, {}, (), 0.0, None)
@@ -62,25 +63,25 @@ def test_a_single_name_keeps_its_rivals_when_a_correction_goes(monkeypatch: pyte
     fall = ("tyre_fall", "yaw_scrub")
     before, after = fit(10.0, *fall), fit(9.0, "yaw_scrub")
     tried = [fit(9.5, "tyre_fall", "yaw_coulomb")]
-    monkeypatch.setattr(search, "each_left_out", lambda f, known, take: {})
-    monkeypatch.setattr(search, "settled", lambda best, *_: rivals.Beside(best, {}, ("looked for",)))  # type: ignore[arg-type]
+    monkeypatch.setattr(forward_backward, "each_left_out", lambda f, known, take: {})
+    monkeypatch.setattr(forward_backward, "settled", lambda best, *_: rivals.Beside(best, {}, ("looked for",)))  # type: ignore[arg-type]
     known: Any = (None, None)
-    assert search._beside(before, (before, tried), TAKE, TAKE, known, ()).others == tuple(tried)
-    assert search._beside(after, (before, tried), TAKE, TAKE, known, ()).others == ("looked for",)
+    assert forward_backward._beside(before, (before, tried), TAKE, TAKE, known, ()).others == tuple(tried)
+    assert forward_backward._beside(after, (before, tried), TAKE, TAKE, known, ()).others == ("looked for",)
     assert distinct(after, tried) == ()
-    monkeypatch.setattr(search, "refit_with", lambda f, take, effects: fit(9.0, *effects))
-    monkeypatch.setattr(search, "_sure", lambda f, name: name != "tyre_fall")
-    assert search._without_idlers(before, TAKE, 7.0).hypothesis.effects == ("yaw_scrub",)
+    monkeypatch.setattr(forward_backward, "refit_with", lambda f, take, effects: fit(9.0, *effects))
+    monkeypatch.setattr(forward_backward, "_sure", lambda f, name: name != "tyre_fall")
+    assert forward_backward._without_idlers(before, TAKE, 7.0).hypothesis.effects == ("yaw_scrub",)
 
 
 def test_half_a_take_bends_a_trusted_simulation_as_far_as_the_whole_does(monkeypatch: pytest.MonkeyPatch) -> None:
     trusting = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag",)).trusting([0.06], 0.02)
     take: Any = SimpleNamespace(segments=4, rows=lambda chosen: chosen, part=lambda chosen: None)
     made = list[Any]()
-    monkeypatch.setattr(heldout, "refit", lambda part, hypothesis, *_: made.append(hypothesis))
+    monkeypatch.setattr(held_out, "refit", lambda part, hypothesis, *_: made.append(hypothesis))
     tangent = SimpleNamespace(A=np.zeros((4, 1)), J=np.zeros((4, 1)))
     whole: Any = SimpleNamespace(hypothesis=trusting, phi=None, start=np.zeros((4, 1)), scales=None, tangent=tangent)
-    heldout.on_half(whole, take, np.array([0, 2]))
+    held_out.on_half(whole, take, np.array([0, 2]))
     phi = trusting.holding().start(CAR, [0.06])
     stiffness = [h.holding().prior(phi)[1] for h in (made[0], trusting)]
     np.testing.assert_allclose(stiffness[0], 0.5 * stiffness[1])
@@ -92,7 +93,9 @@ def test_rivals_of_what_is_left_do_not_hold_what_was_dropped(monkeypatch: pytest
     beside(monkeypatch, {("yaw_scrub",): [twin]})
     old = (fit(96.0, "quadratic_drag", "motor_sag"),)
     none = fit(0.0)
-    found = search.Search(none, none, dropped, {}, old, TAKE, 0.0, Changes(TAKE, []), ("motor_sag", "rear_toe"))
+    found = forward_backward.Search(
+        none, none, dropped, {}, old, TAKE, 0.0, Changes(TAKE, []), ("motor_sag", "rear_toe")
+    )
     assert found.reduced(left, TAKE, ("motor_sag",)).others == (twin,)
 
 
@@ -104,10 +107,10 @@ def test_a_stand_in_comes_back_as_no_rival(monkeypatch: pytest.MonkeyPatch) -> N
         given.update(tried={t.effect for t in trials.trials}, promising=promising)
         return rivals.Beside(fit, {}, ())
 
-    monkeypatch.setattr(search, "settled", rest)
+    monkeypatch.setattr(forward_backward, "settled", rest)
     trials = Changes(TAKE, [Trial(name, [], slice(0)) for name in ("motor_sag", "rear_toe", "yaw_coulomb")])
     none = fit(0.0)
-    found = search.Search(none, none, none, {}, (), TAKE, 0.0, trials, ("motor_sag", "rear_toe"))
+    found = forward_backward.Search(none, none, none, {}, (), TAKE, 0.0, trials, ("motor_sag", "rear_toe"))
     found.reduced(none, TAKE, ("motor_sag",))
     assert given == {"tried": {"rear_toe", "yaw_coulomb"}, "promising": ("rear_toe",)}
 
@@ -139,8 +142,8 @@ def test_under_pushes_an_effect_is_exchanged_for_others_at_their_sizes(monkeypat
 def test_a_further_effect_explains_a_fair_share_of_what_is_left(gained: float, enough: bool) -> None:
     """A quarter of what trees predict; where they predict nothing, a gain beyond chance is enough."""
     left = Remainder("fy", 0.9, {}, (), 100.0, None)
-    assert search._substantial(fit(0.0), fit(gained), left, 14.0) is enough
-    assert search._substantial(fit(0.0), fit(gained), NOTHING_LEFT, 14.0) is (gained > 14.0)
+    assert forward_backward._substantial(fit(0.0), fit(gained), left, 14.0) is enough
+    assert forward_backward._substantial(fit(0.0), fit(gained), NOTHING_LEFT, 14.0) is (gained > 14.0)
 
 
 @pytest.mark.parametrize(
@@ -154,12 +157,12 @@ def test_beside_what_was_found_all_others_are_tried_where_much_is_left(
     held: tuple[str, ...], pushed: bool, gains: float, from_sizes: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     best, first, found = fit(0.0, *held), fit(gains, *held, "motor_lag"), fit(80.0, *held, "rear_drag_asymmetry")
-    monkeypatch.setattr(search, "best_first", lambda fits, take: sorted(fits, key=lambda f: -f.bic))
-    monkeypatch.setattr(search, "from_afar", lambda *_: [])
-    monkeypatch.setattr(search, "without_place", lambda fit, others: ("rear_drag_asymmetry",))
-    monkeypatch.setattr(search, "from_their_sizes", lambda fit, take, names, least: ([found], names))
+    monkeypatch.setattr(forward_backward, "best_first", lambda fits, take: sorted(fits, key=lambda f: -f.bic))
+    monkeypatch.setattr(forward_backward, "from_afar", lambda *_: [])
+    monkeypatch.setattr(forward_backward, "without_place", lambda fit, others: ("rear_drag_asymmetry",))
+    monkeypatch.setattr(forward_backward, "from_their_sizes", lambda fit, take, names, least: ([found], names))
     left, take = Remainder("fx", 0.9, {}, (), 100.0, None), SimpleNamespace(pushed=pushed)
-    fits, names = search._further(best, take, [first], left, (14.0, 14.0), ("motor_lag",))  # type: ignore[arg-type]
+    fits, names = forward_backward._further(best, take, [first], left, (14.0, 14.0), ("motor_lag",))  # type: ignore[arg-type]
     assert fits == ([found, first] if from_sizes else [first])
     assert names == (("rear_drag_asymmetry",) if from_sizes else ())
 
@@ -174,9 +177,9 @@ def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytes
             raise FloatingPointError("a prediction left the finite numbers")
         return np.full(len(chosen), -1.0 if scales == "of half" else -2.0)
 
-    monkeypatch.setattr(heldout, "on_half", lambda *_: SimpleNamespace(phi=np.ones(1), scales="of half"))
-    monkeypatch.setattr(heldout, "_on", on)
-    found = heldout.scores(stays, take)  # type: ignore[arg-type]
+    monkeypatch.setattr(held_out, "on_half", lambda *_: SimpleNamespace(phi=np.ones(1), scales="of half"))
+    monkeypatch.setattr(held_out, "_on", on)
+    found = held_out.scores(stays, take)  # type: ignore[arg-type]
     assert sorted(found) == [-2.0, -2.0, -1.0, -1.0]
     assert found[0] == -2.0
 
@@ -184,7 +187,7 @@ def test_half_a_take_that_leads_astray_is_judged_by_the_whole(monkeypatch: pytes
 def test_a_trusted_simulation_s_figures_speak_on_every_block() -> None:
     take: Any = SimpleNamespace(begin_s=np.arange(0.0, 240.0, 1.5), T=240.0)
     scatter = np.random.default_rng(3).standard_normal(160)
-    plain, bent = (heldout.gain(scatter, np.zeros(160), take, unbent) for unbent in (0.0, 50.0))
+    plain, bent = (held_out.gain(scatter, np.zeros(160), take, unbent) for unbent in (0.0, 50.0))
     assert bent.nats == pytest.approx(plain.nats + 50.0)
     assert np.subtract(bent.ci95, plain.ci95) == pytest.approx([50.0, 50.0])
 
@@ -216,10 +219,10 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
     standing: dict[str, float], mixed: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = {"best": shoved(1.0, 1.0, 1.0), "no lag": shoved(3.0, 1.0, 1.0), "no scrub": shoved(1.0, 1.1, 3.0)}
-    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: seen[fit])
+    monkeypatch.setattr(proxies, "disturbances", lambda fit, take: seen[fit])
     left = Remainder("fy", max(standing.values()), standing, (), 50.0, None)
-    shown: Any = stand_ins._Seen("best", {"motor_lag": "no lag", "yaw_scrub": "no scrub"}, Left(left, {}, ()))  # type: ignore[arg-type,dict-item]
-    assert stand_ins._mixed(shown, TAKE) == mixed
+    shown: Any = proxies._Seen("best", {"motor_lag": "no lag", "yaw_scrub": "no scrub"}, Left(left, {}, ()))  # type: ignore[arg-type,dict-item]
+    assert proxies._mixed(shown, TAKE) == mixed
 
 
 @pytest.mark.parametrize(
@@ -230,12 +233,12 @@ def test_beside_pushes_an_effect_counts_as_what_it_gains(
     pushed: bool, gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Free functions promise 200 nats of it to first order; of 280 in another channel 210 are left beside it."""
-    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
-    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    monkeypatch.setattr(proxies, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
+    monkeypatch.setattr(proxies, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
     fits: Any = SimpleNamespace(bic=gain), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
     take: Any = SimpleNamespace(pushed=pushed)
-    seen = stand_ins._Seen(*fits, Left(NOTHING_LEFT, {"motor": 210.0}, ()))
-    assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
+    seen = proxies._Seen(*fits, Left(NOTHING_LEFT, {"motor": 210.0}, ()))
+    assert proxies._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
 
 
 @pytest.mark.parametrize(
@@ -245,12 +248,12 @@ def test_a_name_leaves_little_of_what_it_explains(
     left: float, explained: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of 1000 nats; or what is left in another channel was there without it as well."""
-    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 1000.0, "motor": explained})
-    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    monkeypatch.setattr(proxies, "explained_by", lambda fit, take, place: {"fx": 1000.0, "motor": explained})
+    monkeypatch.setattr(proxies, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
     fits: Any = SimpleNamespace(bic=1000.0), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
     take: Any = SimpleNamespace(pushed=False)
-    seen = stand_ins._Seen(*fits, Left(NOTHING_LEFT, {"motor": left}, ()))
-    assert stand_ins._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
+    seen = proxies._Seen(*fits, Left(NOTHING_LEFT, {"motor": left}, ()))
+    assert proxies._stands_in("front_coulomb_friction", seen, take, None, seen.over(100.0)) is stands_in
 
 
 @pytest.mark.parametrize(("gain", "stands_in"), [(400.0, True), (440.0, False)])
@@ -258,13 +261,13 @@ def test_half_as_much_may_be_left_beside_pushes_as_is_explained(
     gain: float, stands_in: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of 500 nats in the other channel 210 are left, or as many that trees predict."""
-    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 500.0})
-    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    monkeypatch.setattr(proxies, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 500.0})
+    monkeypatch.setattr(proxies, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
     fits: Any = SimpleNamespace(bic=gain), {"front_coulomb_friction": SimpleNamespace(bic=0.0)}
     pushed: Any = SimpleNamespace(pushed=True)
     predicted = Remainder("fx", 0.9, {"fx": 0.9}, (), 210.0, None)
     for left, entering in ((NOTHING_LEFT, {"motor": 210.0}), (predicted, {})):
-        found = stand_ins._doing_duty(stand_ins._Seen(*fits, Left(left, entering, ())), pushed, None, 100.0)
+        found = proxies._doing_duty(proxies._Seen(*fits, Left(left, entering, ())), pushed, None, 100.0)
         assert found == (("front_coulomb_friction",) if stands_in else ())
 
 
@@ -286,10 +289,10 @@ def test_beside_a_simulation_only_its_own_parameters_go_back(monkeypatch: pytest
             raise FloatingPointError
         return SimpleNamespace(bic=0.0 if "motor_lag" in of.effects else -5000.0, car=lambda: CAR)
 
-    monkeypatch.setattr(stand_ins, "held", held)
-    monkeypatch.setattr(stand_ins.Left, "of", lambda *_: None)
+    monkeypatch.setattr(proxies, "held", held)
+    monkeypatch.setattr(proxies.Left, "of", lambda *_: None)
     found: Any = SimpleNamespace(best=best, without={"motor_lag": no_lag, "yaw_scrub": no_scrub})
-    assert stand_ins._beside_simulation(found, TAKE, None).gains == {"motor_lag": 5000.0}
+    assert proxies._beside_simulation(found, TAKE, None).gains == {"motor_lag": 5000.0}
     for fit in (best, no_lag, no_scrub):
         K_t, values = asked[fit.hypothesis.effects]
         assert pytest.approx(CAR.K_t) == K_t
@@ -316,12 +319,12 @@ def test_beside_a_trusted_simulation_an_effect_has_to_stand_in_twice(
     found: Any = SimpleNamespace(
         best=best, without={"front_coulomb_friction": fitted(known, CAR.K_t)}, nulls=SimpleNamespace(gate=10.0)
     )
-    held = stand_ins._Seen(found.best, found.without, Left(NOTHING_LEFT, {"motor": beside}, ()))
-    monkeypatch.setattr(stand_ins, "_beside_simulation", lambda *_: held)
-    monkeypatch.setattr(stand_ins, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
-    monkeypatch.setattr(stand_ins, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
+    held = proxies._Seen(found.best, found.without, Left(NOTHING_LEFT, {"motor": beside}, ()))
+    monkeypatch.setattr(proxies, "_beside_simulation", lambda *_: held)
+    monkeypatch.setattr(proxies, "explained_by", lambda fit, take, place: {"fx": 200.0, "motor": 280.0})
+    monkeypatch.setattr(proxies, "disturbances", lambda fit, take: shoved(1.0 if fit.bic else 3.0, 1.0, 1.0))
     take: Any = SimpleNamespace(pushed=True)
-    assert stand_ins.stand_ins(found, take, None, Left(NOTHING_LEFT, {"motor": refitted}, ())) == standing_in
+    assert proxies.stand_ins(found, take, None, Left(NOTHING_LEFT, {"motor": refitted}, ())) == standing_in
 
 
 @pytest.mark.parametrize(("field", "share", "there"), [("d_y", 1.0, False), ("d_y", 0.9, True), ("d_x", -1.0, False)])

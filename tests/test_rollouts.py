@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from bcid.estimate.types import Estimate
 from bcid.models import published
 from bcid.models.interface import Diverged, Model, at_rest, history_at, rollout, rollouts
-from bcid.models.k_mlp import KMlp
-from bcid.models.k_sindy_mlp import KSindyMlp
-from bcid.models.kinematic import doubled_energy
-from bcid.models.mlp import Weights
-from bcid.models.narx_mlp import NarxMlp
-from bcid.models.newton_euler_linear import NewtonEulerLinear
-from bcid.models.rows import add_product
+from bcid.models.kinematic.frame import doubled_energy
+from bcid.models.kinematic.k_mlp import KMlp
+from bcid.models.kinematic.k_sindy_mlp import KSindyMlp
+from bcid.models.network.mlp import Weights
+from bcid.models.network.narx_mlp import NarxMlp
+from bcid.models.network.sparse_product import add_product
+from bcid.models.newton_euler.linear import NewtonEulerLinear
 
 RNG = np.random.default_rng(0)
 

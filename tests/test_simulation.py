@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bcid.files.parquet import read_columns
 from bcid.models import published
-from bcid.parquet import read_columns
 from bcid.physics import car as equations
-from bcid.recording.motive import read_poses
+from bcid.recording.formats.motive import read_poses
 from bcid.recording.read import read_raw
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.drive import COMMAND_HZ, Drive, drive

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import saving
-from bcid.diagnosis.candidates import corrections
-from bcid.diagnosis.diagnose import Compared, diagnosed
-from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
+from bcid.diagnosis import document
+from bcid.diagnosis.compared import Compared
+from bcid.diagnosis.diagnose import diagnosed
+from bcid.diagnosis.reference import driven_by, of_model, of_parameters, of_recordings, user_model
+from bcid.diagnosis.search.refits import corrections
 from bcid.effects.constants import Constants
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
@@ -23,11 +24,11 @@ from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import DRAG, PRIOR_SD, SPEED_LAW, TYRES, Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import Tangent
-from bcid.likelihood.recordings import base_of
+from bcid.likelihood.prepare import base_of
 from bcid.likelihood.refit import Fit
 from bcid.models import published
 from bcid.models.saving import save_model
-from bcid.proof.concealed import outside
+from bcid.proof.blind.concealed_effects import outside
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
@@ -186,7 +187,7 @@ def test_what_has_gone_as_far_as_it_is_trusted_is_told() -> None:
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
     found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
-    rows = {row["symbol"]: row for row in saving._base(found)}
+    rows = {row["symbol"]: row for row in document._base(found)}
     assert [s for s, row in rows.items() if row["at_bound"]] == ["K_t", "yaw_scrub.c"]
     assert list(rows)[-2:] == ["motor_lag.tau", "yaw_scrub.c"]
     assert rows["motor_lag.tau"]["value"] == pytest.approx(0.06)
@@ -201,6 +202,6 @@ def test_the_gain_of_raw_commands_is_told_once(assumed: tuple[str, ...]) -> None
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
     found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
-    in_base = [row["symbol"] for row in saving._base(found) if row["symbol"] == "steering_scale.g"]
+    in_base = [row["symbol"] for row in document._base(found) if row["symbol"] == "steering_scale.g"]
     assert in_base == ["steering_scale.g"] * len(assumed)
     assert corrections(fit) == (() if assumed else ("steering_scale",))

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis import candidates, sizes
-from bcid.diagnosis.candidates import FINALISTS
-from bcid.diagnosis.sizes import (
+from bcid.diagnosis.search import line_search, refits
+from bcid.diagnosis.search.line_search import (
     COARSELY,
     ENOUGH,
     FEW,
@@ -26,6 +25,7 @@ from bcid.diagnosis.sizes import (
     on_the_whole,
     without_place,
 )
+from bcid.diagnosis.search.refits import FINALISTS
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.likelihood.hypothesis import Hypothesis
@@ -74,8 +74,8 @@ class Refits:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, score: Any, nothing: float = 0.0) -> None:
         self.made: list[tuple[Found, int, int]] = []  # those that hold an effect
         self._score, self._nothing = score, nothing
-        monkeypatch.setattr(sizes, "refit", self)
-        monkeypatch.setattr(sizes, "standing", lambda *given: self(*given, tangents=0).per_segment)
+        monkeypatch.setattr(line_search, "refit", self)
+        monkeypatch.setattr(line_search, "standing", lambda *given: self(*given, tangents=0).per_segment)
 
     def __call__(
         self, take: Any, hypothesis: Hypothesis, phi: Any, start: Any, scales: Any, tangents: int = 99
@@ -163,7 +163,7 @@ def test_where_the_best_size_cannot_be_refitted_the_next_one_is(monkeypatch: pyt
             raise FloatingPointError
         return refits(*given, tangents=tangents)
 
-    monkeypatch.setattr(sizes, "refit", without_slope)
+    monkeypatch.setattr(line_search, "refit", without_slope)
     (found,) = at_their_sizes(fit, Segments(90), fit.phi, ["rear_rolling_coulomb"])  # type: ignore[arg-type]
     assert found.fit.hypothesis.values(found.fit.phi)["rear_rolling_coulomb__c"] != pytest.approx(9.0 * own.size)
 
@@ -213,7 +213,7 @@ def test_what_suits_its_segments_only_along_further_tangents_is_promising(monkey
         early = tangents < 3 and found.hypothesis.effects == (names[-1],)
         return replace(found, per_segment=found.per_segment - 11.0) if early else found
 
-    monkeypatch.setattr(sizes, "refit", unsettled)
+    monkeypatch.setattr(line_search, "refit", unsettled)
     assert at_their_sizes(fit, Segments(30), fit.phi, names)[0].effect == names[-1]  # type: ignore[arg-type]
 
 
@@ -249,7 +249,7 @@ def test_a_lost_segment_does_not_outweigh_all_the_others(monkeypatch: pytest.Mon
 
 def test_gains_are_those_of_the_segments_that_were_chosen_and_never_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = base_fit()
-    chosen = sizes._evenly(Segments(90), ENOUGH)  # type: ignore[arg-type]
+    chosen = line_search._evenly(Segments(90), ENOUGH)  # type: ignore[arg-type]
     fit.per_segment[chosen] = 1000.0  # all others have none
     nats = {"yaw_scrub": 1100.0, "quadratic_drag": 1120.0, "motor_sag": 1000.0}
     Refits(monkeypatch, lambda name, values, start: np.full(30, nats[name]))
@@ -275,12 +275,14 @@ def promises_without_a_refit(monkeypatch: pytest.MonkeyPatch) -> Any:
     def astray(*given: Any, **named: Any) -> Any:
         raise FloatingPointError
 
-    monkeypatch.setattr(sizes, "refit", astray)
+    monkeypatch.setattr(line_search, "refit", astray)
     some = np.arange(30)
 
     def promise(fit: Any, beside: Any) -> float:
         part: Any = Segments(30)
-        return sizes._sized(fit, sizes._nothing_more(beside, part, some, beside.hypothesis, beside.phi), 90).promise
+        return line_search._sized(
+            fit, line_search._nothing_more(beside, part, some, beside.hypothesis, beside.phi), 90
+        ).promise
 
     return promise
 
@@ -291,8 +293,8 @@ def test_a_further_effect_is_charged_as_on_the_whole_and_for_suiting_the_chosen_
     plain, promise = base_fit(), promises_without_a_refit(monkeypatch)
     more = replace(base_fit(BASE.holding("yaw_scrub"), (5.0,)), per_segment=np.zeros(30))
     assert promise(more, plain) == pytest.approx(-0.5 * np.log(90.0) / 3.0 - 0.5 * (1.0 - 1.0 / 3.0))
-    nothing = sizes._Nothing(np.zeros(30), 0.0)
-    assert sizes._sized(more, nothing, 30).promise == pytest.approx(-0.5 * np.log(30.0))  # there are no others
+    nothing = line_search._Nothing(np.zeros(30), 0.0)
+    assert line_search._sized(more, nothing, 30).promise == pytest.approx(-0.5 * np.log(30.0))  # there are no others
 
 
 def test_what_has_a_place_is_found_by_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -386,6 +388,6 @@ def test_what_a_base_model_assumes_may_end_where_it_will() -> None:
     low = BASE.entries["steering_offset"].parameters[0].low
     held: Any = base_fit(BASE.holding("steering_offset", "yaw_scrub"), (low, 5.0))
     take: Any = Segments(90)
-    assert candidates.incredible(held, take) == ("steering_offset",)
+    assert refits.incredible(held, take) == ("steering_offset",)
     assumed = replace(BASE, assumed=("steering_offset",)).holding("yaw_scrub")
-    assert not candidates.incredible(base_fit(assumed, (low, 5.0)), take)
+    assert not refits.incredible(base_fit(assumed, (low, 5.0)), take)

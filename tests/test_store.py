@@ -14,9 +14,9 @@ from threading import Event
 import pytest
 
 from bcid.errors import DiskFull
-from bcid.store import code as code_module
+from bcid.files import source_code as code_module
+from bcid.files.source_code import Code, closure, code_of
 from bcid.store.artifact import Recipe, Store, is_whole
-from bcid.store.code import Code, closure, code_of
 
 CODE = Code("c0de", {"numpy": "2"})
 
@@ -96,9 +96,14 @@ def test_damage_is_noticed_and_made_good(damage: str, tmp_path: Path) -> None:
 
 def test_the_closure_reaches_what_is_called_from_afar() -> None:
     """The fit of a kinematic model runs the steering law, which it imports only through others."""
-    modules = closure(["bcid.models.k_mlp"])
-    assert {"bcid.physics.steering", "bcid.physics.kinematics", "bcid.models.mlp", "bcid.compiled"} <= modules
-    assert "bcid.models.narx_mlp" not in modules
+    modules = closure(["bcid.models.kinematic.k_mlp"])
+    assert {
+        "bcid.physics.steering",
+        "bcid.physics.kinematics",
+        "bcid.models.network.mlp",
+        "bcid.compiled.njit",
+    } <= modules
+    assert "bcid.models.network.narx_mlp" not in modules
     assert not any(m.startswith(("bcid.cli", "bcid.report", "bcid.simulation")) for m in modules)
 
 

@@ -12,17 +12,16 @@ import torch
 
 from bcid.estimate.types import Estimate
 from bcid.models import published
+from bcid.models.fitting.windows import Windows, scale, windows
 from bcid.models.interface import FitTask, history_at, rollout
-from bcid.models.k_mlp import KMlp
-from bcid.models.k_sindy_mlp import KSindyMlp
-from bcid.models.kinematic_rollout import sparse_sums, unrolled, with_servo
-from bcid.models.library import SLIP, theta_table
-from bcid.models.mlp import Weights, from_arrays
-from bcid.models.narx_mlp import LAGS, NarxMlp, _unrolled
-from bcid.models.samples import scale
+from bcid.models.kinematic.k_mlp import KMlp
+from bcid.models.kinematic.k_sindy_mlp import KSindyMlp
+from bcid.models.kinematic.library import SLIP, theta_table
+from bcid.models.kinematic.torch_rollout import sparse_sums, unrolled, with_servo
+from bcid.models.network.mlp import Weights, from_arrays
+from bcid.models.network.narx_mlp import LAGS, NarxMlp, _unrolled
+from bcid.models.network.training import Network
 from bcid.models.table import row_of
-from bcid.models.training import Network
-from bcid.models.windows import Windows, windows
 from bcid.vehicle import Vehicle
 
 FRAME = published.k_sindy().frame

@@ -17,10 +17,10 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.data_range import DataRange
 from bcid.evaluation.limits import FILE, Limits, load_limits
 from bcid.evaluation.uncertainty import ProcessNoise, _pushes, calibrated, coverage, predicted, pushed
+from bcid.files.parquet import read_columns
 from bcid.models import published
 from bcid.models.interface import at_rest
 from bcid.models.saving import save_model
-from bcid.parquet import read_columns
 
 MODEL = published.newton_euler()
 H = MODEL.period_s

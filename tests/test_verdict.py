@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.diagnosis import verdict
-from bcid.diagnosis.heldout import Gain
-from bcid.diagnosis.score import level
-from bcid.diagnosis.screen import Candidate, Nulls
-from bcid.diagnosis.verdict import Finding, _passes, _probability, _twins
+from bcid.diagnosis.judge import verdict
+from bcid.diagnosis.judge.held_out import Gain
+from bcid.diagnosis.judge.verdict import Finding, _passes, _probability, _twins
+from bcid.diagnosis.search.screen import Candidate, Nulls
 from bcid.effects.table import EFFECTS, ENTRIES
+from bcid.likelihood.score_test import level
 
 SEGMENTS = 80
 TAKE: Any = SimpleNamespace(T=120.0)

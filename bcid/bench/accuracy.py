@@ -18,15 +18,15 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import restarted, whole_take
 from bcid.evaluation.nmse import nmse
 from bcid.evaluation.uncertainty import HORIZONS_S
+from bcid.files.source_code import code_of
+from bcid.files.toml import Settings, read_toml
+from bcid.models.fitting.windows import scale
 from bcid.models.interface import Scans
-from bcid.models.samples import scale
 from bcid.models.saving import load_model
 from bcid.pipeline.plan import LoosePath, Plan, read_plan
 from bcid.pipeline.run import Pipeline
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.samples import VEHICLE, Take, write_take
-from bcid.store.code import code_of
-from bcid.toml_file import Settings, read_toml
 
 HORIZONS = (*(f"{h:g} s" for h in HORIZONS_S), "end")
 SEEDS_CHANGE = 0.1

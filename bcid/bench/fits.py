@@ -13,9 +13,9 @@ from bcid.estimate.events import timeline
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.models.interface import FitTask
-from bcid.models.newton_euler import NewtonEuler
+from bcid.models.network.training import epoch, network, optimiser
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.settings import NewtonEulerSettings, TrainingSettings
-from bcid.models.training import epoch, network, optimiser
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
 from bcid.simulation.drive import drive
 from bcid.virtual_lab import TUNING, recorded, vehicle

@@ -12,10 +12,10 @@ import numpy as np
 
 from bcid.bench.run import SCHEMA
 from bcid.estimate.run import estimate_motion
+from bcid.models.fitting.block_covariance import TWO_SIDED
 from bcid.models.interface import FitTask
-from bcid.models.newton_euler import NewtonEuler
-from bcid.models.newton_euler_parameters import identified
-from bcid.models.sandwich import TWO_SIDED
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.parameters import identified
 from bcid.models.settings import LOSSES, NewtonEulerSettings
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import drive

@@ -14,12 +14,10 @@ from typing import Any, Protocol, Self
 from unittest.mock import patch
 
 import numpy as np
-import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.types import Estimate
 from bcid.models.interface import History, Scans
-
-Floats = npt.NDArray[np.float64]
 
 EPOCHS, BATCH, HIDDEN, RATE = 100, 256, (128, 64), 1e-3
 DEGREE, THRESHOLD = 2, 1e-3

@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.bench.equations import Functions, advance
 from bcid.bench.timing import Row, compared
 from bcid.models import published
-from bcid.models.k_mlp import KMlp
-from bcid.models.kinematic import Frame
-from bcid.models.mlp import Weights
-from bcid.models.newton_euler import NewtonEuler
+from bcid.models.kinematic.frame import Frame
+from bcid.models.kinematic.k_mlp import KMlp
+from bcid.models.network.mlp import Weights
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
-
-Floats = npt.NDArray[np.float64]
 
 STEPS, PERIOD_S = 1100, 0.1
 VEHICLES, AHEAD = 1000, 50

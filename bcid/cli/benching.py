@@ -12,12 +12,12 @@ from typing import Annotated, Any
 import typer
 from rich.console import RenderableType
 
+from bcid.aliases import Progress
 from bcid.cli.options import FormatOption
 from bcid.cli.sink import Format, Sink
 from bcid.errors import GoalMissed, UsageError
 
 ACCURACY = Path("pipelines/accuracy.toml")
-Told = Callable[[float, str], None]
 
 
 class What(StrEnum):
@@ -73,7 +73,7 @@ def bench(
         )
 
 
-def _speed(only: list[str], repeats: int, progress: Told) -> dict[str, Any]:
+def _speed(only: list[str], repeats: int, progress: Progress) -> dict[str, Any]:
     from bcid.bench.run import PATHS, outcome, run
     from bcid.report.content import machine
 
@@ -88,7 +88,7 @@ def _speed(only: list[str], repeats: int, progress: Told) -> dict[str, Any]:
 
 
 def _accuracy(
-    data: Path, recordings: Path | None, workspace: Path | None, seeds: int, progress: Told
+    data: Path, recordings: Path | None, workspace: Path | None, seeds: int, progress: Progress
 ) -> dict[str, Any]:
     from bcid.bench.accuracy import compared, outcome, plans
     from bcid.bench.run import versions
@@ -106,7 +106,7 @@ def _accuracy(
     return outcome(rows, {"machine": machine(), "versions": versions()})
 
 
-def _parameters(fits: int, seconds: float, progress: Told) -> dict[str, Any]:
+def _parameters(fits: int, seconds: float, progress: Progress) -> dict[str, Any]:
     from bcid.bench.parameters import outcome, recovery
     from bcid.report.content import machine
 

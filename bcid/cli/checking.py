@@ -22,8 +22,8 @@ def checked(
     allow_partial: bool,
 ) -> list[dict[str, Any]]:
     """Of each recording its health, or why it is refused."""
-    from bcid.recording.formats import commands_of
-    from bcid.recording.health import health
+    from bcid.recording.checks.health import health
+    from bcid.recording.formats.detect import commands_of
 
     if commands is not None and len(recordings or []) != 1:
         raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")

@@ -26,7 +26,7 @@ from bcid.pipeline.run import Pipeline
 from bcid.vehicle import read_vehicle
 
 if TYPE_CHECKING:
-    from bcid.proof.blind import Blind
+    from bcid.proof.blind.blind_test import Blind
 
 USUAL_SEED = 1
 LONG = 100  # takes of a blind test, from which it is said that they take hours
@@ -71,11 +71,11 @@ def plan(
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Say what to drive so that the asked effects become detectable in this arena, and write its commands."""
-    from bcid.diagnosis.manoeuvres import Arena, write_commands
-    from bcid.diagnosis.planning import NOMINAL, largest_throttle, nominal_car
-    from bcid.diagnosis.planning import plan as planned
     from bcid.effects.table import EFFECTS, effect_of
-    from bcid.likelihood.recordings import constants_of
+    from bcid.experiment.manoeuvres import Arena, write_commands
+    from bcid.experiment.plan import NOMINAL, largest_throttle, nominal_car
+    from bcid.experiment.plan import plan as planned
+    from bcid.likelihood.prepare import constants_of
 
     asked = [effect_of(name).id for name in effects or EFFECTS]
     of, sink = read_vehicle(vehicle), Sink(format)
@@ -155,7 +155,7 @@ def prove(
         _go_together(quick, seed, salt, every, recordings)
         if case is not None and (salt or baselines or minutes is not None):
             raise UsageError("--case: only writes a recording\n  next: leave out --salt, --baselines and --minutes")
-    from bcid.proof.blind import Blind, Sizes
+    from bcid.proof.blind.blind_test import Blind, Sizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
     sizes = Sizes(repeats, nulls, imperfect_nulls, pairs, every)
@@ -189,7 +189,7 @@ def _go_together(quick: bool, seed: int | None, salt: str, every: int, recording
 
 def _write_case(test: Blind, name: str, out: Path, sink: Sink) -> None:
     """One case's recording."""
-    from bcid.proof.blind import laid_out
+    from bcid.proof.blind.blind_test import laid_out
 
     chosen = next((c for c in test.cases if c.name == name), None)
     if chosen is None:
@@ -206,7 +206,7 @@ def _write_case(test: Blind, name: str, out: Path, sink: Sink) -> None:
 def _prove(test: Blind, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:
     """The outcome of a blind test, as JSON and page."""
     from bcid.cli import show
-    from bcid.proof.blind import blind_test
+    from bcid.proof.blind.blind_test import blind_test
     from bcid.report.proof_page import write_proof_page
 
     def sealed(seal: str | None) -> None:
@@ -236,8 +236,8 @@ def _prove(test: Blind, out: Path, workers: int, minutes: float | None, sink: Si
 def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
     """Every question to real recordings, counted."""
     from bcid.cli import show
-    from bcid.proof.real import code_of_rows, run_real
-    from bcid.proof.real_outcome import outcome
+    from bcid.proof.real.run_questions import code_of_rows, run_real
+    from bcid.proof.real.scoring import outcome
 
     rows: list[dict[str, Any]] = []
     with sink.stage("prove on real recordings") as progress:

@@ -8,23 +8,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.cli.options import LONGEST_S
 from bcid.errors import InputRefused, UsageError
 from bcid.evaluation.closed_loop import integrate
 from bcid.evaluation.limits import load_limits
 from bcid.evaluation.uncertainty import predicted
+from bcid.files.parquet import write_columns
 from bcid.models.interface import Continuous, Diverged, Model, at_rest, rollout
 from bcid.models.saving import load_model
-from bcid.parquet import write_columns
-from bcid.recording.commands import read_commands
+from bcid.recording.formats.commands_file import read_commands
 from bcid.simulation.car import Sensor
 from bcid.simulation.drive import COMMAND_HZ, Drive
 from bcid.simulation.samples import Take
 from bcid.simulation.writing import write_mcap, write_motive
-
-Floats = npt.NDArray[np.float64]
 
 STEP_S = 0.005  # of a model that may take any, and of the poses between a model's own steps
 PREDICTION = {

@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bcid.diagnosis.disturbance import Disturbances, disturbances
-from bcid.diagnosis.excitation import Unexcited, unexcited
-from bcid.diagnosis.locate import Location, located
-from bcid.diagnosis.remainder import remainder
-from bcid.diagnosis.search import Search, search
-from bcid.diagnosis.verdict import Judgement, judged
+from bcid.aliases import Progress
+from bcid.diagnosis.compared import Compared
+from bcid.diagnosis.judge.not_excited import Unexcited, unexcited
+from bcid.diagnosis.judge.verdict import Judgement, judged
+from bcid.diagnosis.locate.location import Location, located
+from bcid.diagnosis.locate.pushes import Disturbances, disturbances
+from bcid.diagnosis.locate.regression import remainder
+from bcid.diagnosis.search.forward_backward import Search, search
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Units
 from bcid.effects.table import ENTRIES, effects_of
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.likelihood.recordings import base_from, base_of, too_bent, under_pushes, units_of
+from bcid.likelihood.prepare import base_from, base_of, too_bent, under_pushes, units_of
 from bcid.likelihood.refit import Fit, held
 from bcid.likelihood.take import Take
-from bcid.models.newton_euler_start import started_car
-from bcid.physics.car import Car
-from bcid.recording.contacts import Contact
+from bcid.models.newton_euler.initial_guess import started_car
+from bcid.recording.checks.contacts import Contact
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 SMALLEST_P = 1e-3  # that is claimed: the null takes drawn are about a thousand
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -60,28 +58,6 @@ class Diagnosis:
         simplified = float(chi2.sf(2.0 * gained, free)) if free else 1.0
         smallest = min(found.p_value, location.place_p, location.window_p, simplified)
         return min(1.0, 4.0 * max(smallest, SMALLEST_P))
-
-
-class Compared(NamedTuple):
-    """The simulation that a recording is compared with, as a car and the effects that it has."""
-
-    car: Car
-    effects: dict[str, float]  # by field of the switches
-    trust: float | None = None  # relative standard deviation of all that; None to refit it freely
-    trust_of: Mapping[str, float] = MappingProxyType({})  # the same of a parameter or effect that is known otherwise
-
-    @classmethod
-    def of(cls, fit: Fit) -> Compared:
-        """What was fitted, as a simulation."""
-        return cls(fit.car(), fit.hypothesis.values(fit.phi))
-
-    def assumed(self) -> tuple[str, ...]:
-        """The effects' ids."""
-        return effects_of(self.effects)
-
-    def without(self, effect: str) -> Compared:
-        """The same simulation, less that effect if it has it."""
-        return self._replace(effects={f: v for f, v in self.effects.items() if effects_of([f]) != (effect,)})
 
 
 class Based(NamedTuple):

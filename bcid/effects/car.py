@@ -10,20 +10,15 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from bcid.compiled import njit, njit_inline
+from bcid.compiled.lanes import some, where
+from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
-from bcid.lanes import some, where
 from bcid.physics.car import Car, motor_force
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import drag
 from bcid.physics.tyres import slip_angle
-
-Floats = npt.NDArray[np.float64]
 
 COMPLIANCE_STEPS = 40
 COMPLIANCE_MISS = 1e-12  # rad

@@ -6,9 +6,9 @@ an effect that is there, and take up what would otherwise be mistaken for one.
 
 from __future__ import annotations
 
-from bcid.compiled import njit
+from bcid.compiled.lanes import where
+from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
-from bcid.lanes import where
 
 
 @njit

@@ -9,19 +9,16 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.compiled import njit, njit_inline
+from bcid.aliases import Floats
+from bcid.compiled.lanes import where
+from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import steering
 from bcid.effects.car import Body, Drive, Lagged, Wrench, lag_after, wrench
 from bcid.effects.constants import Constants
-from bcid.lanes import where
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 from bcid.physics.steering import steering_step
-
-Floats = npt.NDArray[np.float64]
-
 
 SAME_TIME_S = 1e-9
 
@@ -230,7 +227,7 @@ def given_in(k: int, chain: Chain, T: float, push: Floats) -> Given:
 
 @njit_inline
 def stepped(b: Body, lagged: Lagged, given: Given, h: float, p: Car, e: Any, c: Constants) -> tuple[Body, Lagged]:
-    """Pose, twist and lags after a step of `h` seconds in which so much is `given`, of one car or of `bcid.lanes`."""
+    """Pose, twist and lags after a step of `h` seconds with what acts on it `given`, of one car or of lanes."""
     t, T, u_m, u_next, s = given.t, given.T, given.u_m, given.u_next, given.late
     # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
     at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bcid.compiled import njit
+from bcid.compiled.lanes import where
+from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
-from bcid.lanes import where
 
 
 @njit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bcid.compiled import njit
+from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
 
 

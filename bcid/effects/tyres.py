@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from bcid.compiled import njit
+from bcid.compiled.lanes import where
+from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
 from bcid.effects.forces import PLACE, RADIUS
-from bcid.lanes import where
 from bcid.physics.elementary import sincos
 
 

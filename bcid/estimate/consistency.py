@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.estimate.types import Floats
+from bcid.aliases import Floats
 
 SINGULAR_MPS = 0.1  # alpha_r is masked below this |v_x| (errata 15)
 

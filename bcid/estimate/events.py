@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.kernel import Events
-from bcid.estimate.process import BETAF, DELTA, MEASURED, N_MEASURED, N_STATE, THETA, VF, Floats
+from bcid.estimate.process import BETAF, DELTA, MEASURED, N_MEASURED, N_STATE, THETA, VF
 from bcid.physics.steering import steering_step
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle

@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.compiled import njit, njit_inline
-from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, Floats, flow, seen
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit, njit_inline
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, flow, seen
 from bcid.physics.kinematics import wrap
 from bcid.physics.steering import steering_step
 

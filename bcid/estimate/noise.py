@@ -10,8 +10,9 @@ from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.estimate.kernel import Events, run_filter
-from bcid.estimate.process import BETAF, BETAR, DELTA, N_STATE, VF, Chassis, Floats
+from bcid.estimate.process import BETAF, BETAR, DELTA, N_STATE, VF, Chassis
 
 EXCERPT_S = 40.0
 MAX_EXCERPTS = 2

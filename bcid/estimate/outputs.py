@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from bcid.compiled import njit
-from bcid.estimate.process import BETAF, BETAR, DELTA, VF, Chassis, Floats, twist_jacobian
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit
+from bcid.estimate.process import BETAF, BETAR, DELTA, VF, Chassis, twist_jacobian
 from bcid.physics.kinematics import body_twist, wrap
 
 STANDSTILL_MPS = 0.05

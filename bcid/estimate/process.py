@@ -10,14 +10,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.compiled import njit, njit_inline
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import body_twist, pose_rate
 from bcid.physics.steering import steering_rate
-
-Floats = npt.NDArray[np.float64]
 
 PX, PY, THETA, VF, BETAF, BETAR, DELTA = range(7)
 N_STATE = 7

@@ -11,8 +11,9 @@ import math
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
+from bcid.aliases import Floats
 from bcid.estimate.kernel import MAX_STEP_S, Events, Filtered
-from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, Floats, H, f, h
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, H, f, h
 from bcid.physics.steering import steering_step
 
 

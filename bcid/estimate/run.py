@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.errors import InputRefused
 from bcid.estimate import kernel
 from bcid.estimate.consistency import Truth, nees_facts, nis_facts, rmse_facts
@@ -16,7 +17,7 @@ from bcid.estimate.noise import as_facts
 from bcid.estimate.outputs import kinematic_sd, kinematic_states, twist_covariances, twists
 from bcid.estimate.process import Chassis
 from bcid.estimate.tuning import Tuning
-from bcid.estimate.types import Estimate, Floats
+from bcid.estimate.types import Estimate
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bcid.estimate.consistency import Truth
 from bcid.estimate.types import Estimate
-from bcid.parquet import read_columns, write_columns
+from bcid.files.parquet import read_columns, write_columns
 from bcid.physics.kinematics import kinematic_state
 from bcid.vehicle import Vehicle
 

@@ -10,10 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from bcid.estimate.types import Floats
-from bcid.recording.course import DEFAULT_RATE_RADPS, DEFAULT_TIME_CONSTANT_S, Course, commanded_angle, course
+from bcid.aliases import Floats
+from bcid.recording.checks.clock import WINDOW_S, held_throttle, unexplained, usable_rows, yaw_acceleration
+from bcid.recording.checks.raw_motion import (
+    DEFAULT_RATE_RADPS,
+    DEFAULT_TIME_CONSTANT_S,
+    Course,
+    commanded_angle,
+    course,
+)
 from bcid.recording.types import Recording
-from bcid.recording.yaw_response import WINDOW_S, held_throttle, unexplained, usable_rows, yaw_acceleration
 from bcid.vehicle import Vehicle
 
 T_S_RANGE = (0.02, 1.5)

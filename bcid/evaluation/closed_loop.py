@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.types import Estimate
 from bcid.models.interface import Diverged, Model, Scans, history_at, rollout
-
-Floats = npt.NDArray[np.float64]
 
 
 class Restarted(NamedTuple):

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.types import Estimate
-
-Floats = npt.NDArray[np.float64]
 
 QUANTITIES = {
     "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "v_x yaw_rate": "m/s²", "u_s": "rad", "u_m": ""

@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import misses, restarted, whole_take
 from bcid.evaluation.limits import Limits
 from bcid.evaluation.nmse import nmse
 from bcid.evaluation.uncertainty import coverage, half_widths
+from bcid.files.parquet import write_columns
+from bcid.models.fitting.windows import scale
 from bcid.models.interface import Model
-from bcid.models.samples import scale
-from bcid.parquet import write_columns
-
-Floats = npt.NDArray[np.float64]
 
 ROWS = {
     "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s",

@@ -11,7 +11,7 @@ from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.data_range import QUANTITIES, DataRange
 from bcid.evaluation.uncertainty import ProcessNoise, calibrated
-from bcid.json_file import read_json, write_json
+from bcid.files.json import read_json, write_json
 from bcid.models.interface import Model
 
 FILE = "limits.json"

@@ -18,11 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.types import Estimate
+from bcid.models.fitting.windows import divided
 from bcid.models.interface import History, Model, history_at
-from bcid.models.windows import divided
-
-Floats = npt.NDArray[np.float64]
 
 HORIZONS_S = (0.5, 2.0, 10.0)  # at which intervals are checked
 CALIBRATED_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # after a start, the misses that noise is found from

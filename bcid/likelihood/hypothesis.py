@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import FORCE_ONLY, RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, Units, resized
 from bcid.effects.motion import Chain, steering_chain
 from bcid.effects.table import ENTRIES, switches
-from bcid.likelihood.segments import half_steps
-from bcid.likelihood.take import Floats, Take
+from bcid.likelihood.predict import half_steps
+from bcid.likelihood.take import Take
 from bcid.physics.car import Car, integration_step
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")

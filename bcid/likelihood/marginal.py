@@ -26,8 +26,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from bcid.compiled import njit, njit_parallel
-from bcid.likelihood.take import KNOTS, N_FREE, N_START, Floats, Ints
+from bcid.aliases import Floats, Ints
+from bcid.compiled.njit import njit, njit_parallel
+from bcid.likelihood.take import KNOTS, N_FREE, N_START
 
 NU = 8.0
 SMALLEST = 1e-10  # of a variance: what is left of the difference of large numbers may be less than nothing

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.likelihood.free_part import badness, moved, residuals, sensitivities, settled, without_pushes
+from bcid.aliases import Bools, Floats
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import (
     Eliminated,
@@ -18,8 +18,9 @@ from bcid.likelihood.marginal import (
     rescaled,
     weights,
 )
-from bcid.likelihood.segments import wrapped
-from bcid.likelihood.take import Bools, Floats, Take
+from bcid.likelihood.nuisance import badness, moved, residuals, sensitivities, settled, without_pushes
+from bcid.likelihood.predict import wrapped
+from bcid.likelihood.take import Take
 
 STEP_PHI = 1e-3  # of base parameters, for differences
 STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bcid.likelihood.free_part import moved, settled
+from bcid.aliases import Floats
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.leaps import leapt
 from bcid.likelihood.marginal import Scales, log_likelihood
 from bcid.likelihood.newton import (
     CONVERGED,
@@ -26,7 +25,9 @@ from bcid.likelihood.newton import (
     standing_at,
     within,
 )
-from bcid.likelihood.take import Floats, Take
+from bcid.likelihood.nuisance import moved, settled
+from bcid.likelihood.refit_with_pushes import leapt
+from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
 MAX_ITERATIONS = 12  # along one tangent

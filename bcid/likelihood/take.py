@@ -6,17 +6,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from bcid.aliases import Floats, Ints
 from bcid.estimate.types import Estimate
 from bcid.physics.car import LONGEST_STEP_S
 from bcid.physics.steering import steering_step
-from bcid.recording.contacts import Contact
+from bcid.recording.checks.contacts import Contact
 from bcid.recording.types import Recording
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Bools = npt.NDArray[np.bool_]
 
 SEGMENT_S = 1.5
 KNOTS = 3  # of a segment, in each of which a push is constant
@@ -54,7 +50,7 @@ class Take(NamedTuple):
     zero_s: Floats  # (S,) when each segment's recording began
     length_s: Floats  # (S,) and how long it is
     command_zero_s: Floats  # (M,) when each command's recording began
-    pushed: bool = False  # whether predictions are made under the likeliest pushes (`bcid.likelihood.free_part`)
+    pushed: bool = False  # whether predictions are made under the likeliest pushes (`bcid.likelihood.nuisance`)
 
     @property
     def segments(self) -> int:

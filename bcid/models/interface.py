@@ -12,13 +12,12 @@ from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats, Progress
 from bcid.estimate.types import Estimate
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-Floats = npt.NDArray[np.float64]
 Arrays = dict[str, npt.NDArray[Any]]
-Progress = Callable[[float, str], None]  # share done in [0, 1], a short text
 
 
 def no_progress(share: float, text: str) -> None:
@@ -191,3 +190,37 @@ def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:
     for b in np.flatnonzero(at >= 0):
         twist[b, at[b] :] = twist[b, at[b] - 1] if at[b] > 0 else 0.0
     return Rollouts(twist, at)
+
+
+class Kernels(NamedTuple):
+    """Both take carries on in place, to behind the last command, and return the twists after each."""
+
+    scan: Callable[..., Floats]  # (carry (n,), commands (N, 2), *arguments) -> (N, 3)
+    scan_many: Callable[..., Floats]  # (carries (B, n), commands (B, N, 2), *arguments) -> (B, N, 3), on all cores
+
+
+class Scanned:
+    """`step`, `scan` and `scan_many` of a model that has `kernels` and the `arguments` they take."""
+
+    kernels: ClassVar[Kernels]
+    motion: ClassVar[slice] = slice(0, 3)
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """What the kernels take beside carries and commands."""
+        raise NotImplementedError
+
+    def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
+        """See `Model.step`."""
+        after, twists = self.scan(carry, np.asarray(command, dtype=np.float64)[None])
+        return after, twists[0]
+
+    def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """See `Model.scan`."""
+        after = np.array(carry, dtype=np.float64)
+        return after, self.kernels.scan(after, np.ascontiguousarray(commands, dtype=np.float64), *self.arguments)
+
+    def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """See `Model.scan_many`."""
+        after = np.array(carries, dtype=np.float64, order="C")
+        return after, self.kernels.scan_many(after, np.ascontiguousarray(commands, dtype=np.float64), *self.arguments)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bcid.models.k_sindy import KSindy, Sparse
-from bcid.models.kinematic import Frame
-from bcid.models.library import SLIP, SPEED_PUBLISHED
-from bcid.models.newton_euler import NewtonEuler
+from bcid.models.kinematic.frame import Frame
+from bcid.models.kinematic.k_sindy import KSindy
+from bcid.models.kinematic.library import SLIP, SPEED_PUBLISHED
+from bcid.models.kinematic.sparse_sum import Sparse
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics.car import Car
 
 REFERENCE_SPEED_MPS = 2.033  # c

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bcid.errors import InputRefused
-from bcid.json_file import read_json, write_json
+from bcid.files.json import read_json, write_json
 from bcid.models.interface import Model
 from bcid.models.table import MODELS
 from bcid.store.artifact import sha256_of

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, get_args
 
 from bcid.errors import UsageError
+from bcid.files.toml import Settings
 from bcid.models.interface import Model
 from bcid.models.settings import (
     NewtonEulerSettings,
@@ -16,7 +17,6 @@ from bcid.models.settings import (
     SparseSettings,
     TrainingSettings,
 )
-from bcid.toml_file import Settings
 
 
 @dataclass(frozen=True)
@@ -50,29 +50,30 @@ class TableRow:
 
 MODELS: dict[str, TableRow] = {
     "newton-euler": TableRow(
-        "bcid.models.newton_euler", "NewtonEuler", NewtonEulerSettings,
+        "bcid.models.newton_euler.model", "NewtonEuler", NewtonEulerSettings,
         "rigid body, motor, drag and saturating tyres",
     ),
     "newton-euler-linear": TableRow(
-        "bcid.models.newton_euler_linear", "NewtonEulerLinear", NoSettings,
+        "bcid.models.newton_euler.linear", "NewtonEulerLinear", NoSettings,
         "its linearisation about straight driving", base="newton-euler",
     ),
     "narx-mlp": TableRow(
-        "bcid.models.narx_mlp", "NarxMlp", TrainingSettings, "the next twist from the last three twists and commands"
+        "bcid.models.network.narx_mlp", "NarxMlp", TrainingSettings,
+        "the next twist from the last three twists and commands"
     ),
     "k-mlp": TableRow(
-        "bcid.models.k_mlp", "KMlp", TrainingSettings, "the kinematic state's evolution as a perceptron"
+        "bcid.models.kinematic.k_mlp", "KMlp", TrainingSettings, "the kinematic state's evolution as a perceptron"
     ),
     "k-sindy": TableRow(
-        "bcid.models.k_sindy", "KSindy", SparseSettings, "the kinematic state's evolution as a sparse sum"
+        "bcid.models.kinematic.k_sindy", "KSindy", SparseSettings, "the kinematic state's evolution as a sparse sum"
     ),
     "k-sindy-mlp": TableRow(
-        "bcid.models.k_sindy_mlp", "KSindyMlp", ResidualTrainingSettings,
+        "bcid.models.kinematic.k_sindy_mlp", "KSindyMlp", ResidualTrainingSettings,
         "the sparse sum and a smaller perceptron on its residual", base="k-sindy",
         base_settings={"loss": "one-step"},  # its rollouts alone leave a residual that is harder to learn
     ),
     "newton-euler-augmented": TableRow(
-        "bcid.models.augmented", "AugmentedNewtonEuler", NoSettings,
+        "bcid.models.newton_euler.augmented", "AugmentedNewtonEuler", NoSettings,
         "the Newton-Euler car with effects of the vocabulary", made_by="bcid diagnose",
     ),
 }  # fmt: skip

@@ -10,17 +10,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from bcid.compiled import njit, njit_inline
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
 from bcid.physics.steering import steering_rate
 from bcid.physics.tyres import lateral_force, slip_angle
-
-Floats = npt.NDArray[np.float64]
 
 
 class Car(NamedTuple):

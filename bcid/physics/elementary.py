@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from bcid.compiled import njit_inline
-from bcid.lanes import floor, where
+from bcid.compiled.lanes import floor, where
+from bcid.compiled.njit import njit_inline
 
 _TWO_OVER_PI = 2.0 / math.pi
 # pi/2 in three parts; the first two are short enough that a whole number below 2^20 times them is exact

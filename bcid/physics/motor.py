@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bcid.compiled import njit_inline
-from bcid.lanes import where
+from bcid.compiled.lanes import where
+from bcid.compiled.njit import njit_inline
 from bcid.physics.elementary import clip
 
 

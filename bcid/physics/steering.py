@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from bcid.compiled import njit, njit_inline
+from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import clip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcid.compiled import njit_inline
+from bcid.compiled.njit import njit_inline
 from bcid.physics.elementary import arctan, clip
 
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, create_model
 
 from bcid.errors import InputRefused
+from bcid.files.toml import Settings, read_toml
 from bcid.models.settings import CarLoss
 from bcid.models.table import FITTED
-from bcid.toml_file import Settings, read_toml
 
 DEFAULT = Path("pipelines/bumper_car.toml")
 

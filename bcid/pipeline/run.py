@@ -6,14 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from bcid.aliases import Progress
 from bcid.errors import InputRefused, UsageError
+from bcid.files.source_code import code_of
 from bcid.models.table import row_of, row_to_fit
 from bcid.pipeline.plan import Plan
 from bcid.pipeline.publishing import publish_copies
-from bcid.pipeline.watching import Progress, Silent, Watcher
-from bcid.recording.formats import commands_of, format_of, parts_of
+from bcid.pipeline.watching import Silent, Watcher
+from bcid.recording.formats.detect import commands_of, format_of, parts_of
 from bcid.store.artifact import Artifact, Recipe, Store, sha256_of
-from bcid.store.code import code_of
 from bcid.vehicle import read_vehicle
 
 _STAGES = "bcid.pipeline.stages"

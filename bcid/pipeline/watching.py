@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
-Progress = Callable[[float, str], None]
+from bcid.aliases import Progress
 
 
 class Watcher(Protocol):

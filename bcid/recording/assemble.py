@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.errors import InputRefused, Problems
-from bcid.recording.cleaning import Samples, cleaned, where
-from bcid.recording.clock import estimate_clock
-from bcid.recording.contacts import contacts
-from bcid.recording.mounting import LARGE_YAW, yaw_offset
-from bcid.recording.orientation import rotated
-from bcid.recording.plausibility import check_commands, check_plausible
-from bcid.recording.raw import RawTake
-from bcid.recording.tracking import commands_in_turn, split_at_jumps, unfrozen, unheld, without_flips
-from bcid.recording.types import Floats, Irregularity, Recording, Stream, log_of
+from bcid.recording.checks.attitude import rotated
+from bcid.recording.checks.clock import estimate_clock
+from bcid.recording.checks.contacts import contacts
+from bcid.recording.checks.mounting import LARGE_YAW, yaw_offset
+from bcid.recording.checks.plausibility import check_commands, check_plausible
+from bcid.recording.checks.samples import Samples, cleaned, where
+from bcid.recording.checks.tracking import commands_in_turn, split_at_jumps, unfrozen, unheld, without_flips
+from bcid.recording.formats.raw import RawTake
+from bcid.recording.types import Irregularity, Recording, Stream, log_of
 from bcid.vehicle import Vehicle
 
 MIN_RATE_HZ, MAX_RATE_HZ = 2.0, 2000.0

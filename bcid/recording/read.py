@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from bcid.recording.assemble import assemble
-from bcid.recording.formats import commands_of, format_of
-from bcid.recording.raw import RawTake
+from bcid.recording.formats.detect import commands_of, format_of
+from bcid.recording.formats.raw import RawTake
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -19,15 +19,15 @@ def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_p
     """
     kind = format_of(path)
     if kind == "mcap":
-        from bcid.recording.mcap_file import read_mcap
+        from bcid.recording.formats.mcap import read_mcap
 
         return read_mcap(path, vehicle, allow_partial)
     beside = commands_of(path, commands)
     if beside is not None:
-        from bcid.recording.motive import read_motive
+        from bcid.recording.formats.motive import read_motive
 
         return read_motive(path, vehicle, beside)
-    from bcid.recording.tables import read_table
+    from bcid.recording.formats.tables import read_table
 
     return read_table(path, vehicle)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bcid.parquet import read_columns, write_columns
+from bcid.files.parquet import read_columns, write_columns
 from bcid.recording.types import Irregularity, Recording, Source, Stream
 
 POSE = {"time": "s", "x": "m", "y": "m", "yaw": "rad"}

@@ -9,19 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from bcid.report.canvas import (
-    AFTER,
-    BEFORE,
-    MINUS,
-    UNCHANGED,
-    WIDTH,
-    Columns,
-    Floats,
-    Picture,
-    data_uri,
-    floor_panels,
-    png,
-)
+from bcid.aliases import Floats
+from bcid.report.canvas import AFTER, BEFORE, MINUS, UNCHANGED, WIDTH, Columns, Picture, data_uri, floor_panels, png
 from bcid.report.knots import FEWEST, Residual, finite, located, residual_of, rms
 
 HIDDEN = "_hidden"  # a label that no legend shows

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
-Floats = npt.NDArray[np.float64]
+from bcid.aliases import Floats
+
 Columns = Mapping[str, Floats]
 
 BEFORE, AFTER, DOTS, NEVER = "#d55e00", "#0072b2", "#808080", "#e3e3e3"

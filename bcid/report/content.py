@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bcid.aliases import Floats
 from bcid.estimate.types import Estimate
 from bcid.evaluation.judge import ROWS
-from bcid.parquet import read_columns
-
-Floats = npt.NDArray[np.float64]
+from bcid.files.parquet import read_columns
 
 PAPER_TABLE = (
     ("newton-euler", 5.973, 303.7),

@@ -10,18 +10,14 @@ from math import floor, log10
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from bcid import __version__
+from bcid.aliases import Floats
 from bcid.effects.entry import unit_in_words
 from bcid.effects.table import ENTRIES
 from bcid.report.before_after_figures import proof_pictures
 from bcid.report.knots import VARIABLES, where_of, windows_of
 from bcid.report.templates import template
 from bcid.report.where_figures import where_pictures
-
-Floats = npt.NDArray[np.float64]
 
 CHANNELS = {
     "fx": "forward force (fx)", "fy": "side force (fy)", "mz": "yaw moment (mz)", "steering": "steering",

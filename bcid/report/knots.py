@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.report.canvas import AFTER, BEFORE, MINUS, UNCHANGED, Columns, Floats
+from bcid.aliases import Floats
+from bcid.report.canvas import AFTER, BEFORE, MINUS, UNCHANGED, Columns
 
 PUSHES = {
     "fx": ("forward acceleration", "m/s²"),

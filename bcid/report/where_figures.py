@@ -12,7 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter
 
-from bcid.report.canvas import DOTS, NEVER, WIDTH, Columns, Floats, Picture, data_uri, floor_panels, png
+from bcid.aliases import Floats
+from bcid.report.canvas import DOTS, NEVER, WIDTH, Columns, Picture, data_uri, floor_panels, png
 from bcid.report.knots import (
     FEWEST,
     PER_CELL,

@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.driver import DRAWS, Arena, decide, pursue
 from bcid.simulation.dynamics import STEPS_PER_S, Inputs, N, advanced
-
-Floats = npt.NDArray[np.float64]
 
 COMMAND_HZ = 20
 TRUTH_HZ = 10

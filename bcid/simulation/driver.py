@@ -9,13 +9,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from bcid.compiled import njit
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
-
-Floats = npt.NDArray[np.float64]
 
 LOOK_S = 2.4
 LOOK_STEP_S = 0.1

@@ -10,12 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.compiled import njit
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
-
-Floats = npt.NDArray[np.float64]
 
 STEPS_PER_S = 480
 MAX_STEPS = 400

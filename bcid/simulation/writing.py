@@ -7,12 +7,10 @@ import json
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.parquet import write_columns
+from bcid.aliases import Floats
+from bcid.files.parquet import write_columns
 from bcid.simulation.drive import Drive
-
-Floats = npt.NDArray[np.float64]
 
 POSE_TOPIC = "/mocap/bumper_car/pose"
 COMMAND_TOPIC = "/bumper_car/command"

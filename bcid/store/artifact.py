@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bcid.errors import DiskFull, InputRefused, is_disk_full
-from bcid.store.code import Code
+from bcid.files.source_code import Code
 
 MANIFEST = "manifest.json"
 _WORK = ".unfinished"

@@ -15,10 +15,10 @@ import numpy as np
 import zstandard
 from mcap.records import MessageIndex
 
-from bcid.recording.formats import MCAP_MAGIC
-from bcid.recording.mcap_records import Broken, records
+from bcid.files.source_code import Code
+from bcid.recording.formats.detect import MCAP_MAGIC
+from bcid.recording.formats.mcap_records import Broken, records
 from bcid.store.artifact import Recipe, is_whole
-from bcid.store.code import Code
 from faults.killing import prepared, start
 
 GIB = 1 << 30

@@ -17,12 +17,12 @@ from mcap.writer import CompressionType, Writer
 from test_readers import as_ros2, topical
 
 from bcid.errors import InputRefused
+from bcid.files.source_code import Code
 from bcid.recording.read import read_recording
 from bcid.recording.saving import load_recording, save_recording
 from bcid.recording.types import Recording
 from bcid.simulation.samples import VEHICLE
 from bcid.store.artifact import Recipe, Store
-from bcid.store.code import Code
 from bcid.vehicle import Vehicle, read_vehicle
 from faults.mutants import BYTES, TEXT, Mutator
 
@@ -140,8 +140,8 @@ def _pose(t: float, pose: np.ndarray) -> dict[str, Any]:
 def _own(folder: Path) -> list[Specimen]:
     """What bcid itself writes, and the TOML files that it reads."""
     from bcid.models import published
-    from bcid.models.k_mlp import KMlp
-    from bcid.models.mlp import Weights
+    from bcid.models.kinematic.k_mlp import KMlp
+    from bcid.models.network.mlp import Weights
     from bcid.models.saving import load_model, save_model
     from bcid.pipeline.plan import read_plan
 

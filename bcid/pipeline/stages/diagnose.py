@@ -10,19 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from bcid.diagnosis.before_after import as_model, compared
-from bcid.diagnosis.diagnose import Compared, Diagnosis, diagnosed
-from bcid.diagnosis.saving import KNOT_UNITS, TRACK_UNITS, as_json, knot_columns, track_columns
-from bcid.diagnosis.simulation import driven_by, of_model, of_parameters, of_recordings, user_model
+from bcid.aliases import Progress
+from bcid.diagnosis.compared import Compared
+from bcid.diagnosis.diagnose import Diagnosis, diagnosed
+from bcid.diagnosis.document import KNOT_UNITS, TRACK_UNITS, as_json, knot_columns, track_columns
+from bcid.diagnosis.judge.prediction_error import as_model, compared
+from bcid.diagnosis.reference import driven_by, of_model, of_parameters, of_recordings, user_model
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.evaluation.data_range import DataRange
 from bcid.evaluation.limits import Limits
-from bcid.models.interface import Progress
+from bcid.files.parquet import write_columns
 from bcid.models.saving import save_model
-from bcid.parquet import write_columns
 from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
 from bcid.report.diagnosis_page import write_diagnosis_page
@@ -95,8 +96,8 @@ def _words(simulation: str | None, simulated: Sequence[tuple[Path, Path]]) -> st
 
 def _manoeuvre(folder: Path, found: Diagnosis, content: dict[str, Any]) -> None:
     """The manoeuvre that separates what was found from its nearest rival, on the floor that was driven."""
-    from bcid.diagnosis.manoeuvres import Arena, write_commands
-    from bcid.diagnosis.separation import best_manoeuvre
+    from bcid.experiment.discrimination import best_manoeuvre
+    from bcid.experiment.manoeuvres import Arena, write_commands
 
     best, others = found.judgement.fit, found.judgement.search.others
     if not others or not found.judgement.findings:

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from bcid.aliases import Progress
 from bcid.estimate.saving import load_estimate
 from bcid.evaluation.limits import Limits
-from bcid.models.excitation import check_excited
-from bcid.models.interface import FitTask, Progress
+from bcid.models.fitting.windows import check_excited
+from bcid.models.interface import FitTask
 from bcid.models.saving import load_model, save_model
 from bcid.models.table import row_of
 from bcid.recording.saving import load_recording

@@ -1,0 +1,1 @@
+"""Perceptrons: how they are trained (torch) and run (compiled), and the autoregressive NARX-MLP."""

@@ -1,0 +1,132 @@
+"""y += x W by rows of W, with the sums in vector registers.
+
+A compiled loop over the columns of W reads and writes y once per row; here so many columns at a time stay in
+registers while the rows of what is not zero go by, found from a mask of x.  The vectors are LLVM's own, of whatever
+width the machine has: numba has no word for them, hence the intermediate code written out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.errors import TypingError
+from numba.extending import intrinsic
+
+from bcid.aliases import Singles
+from bcid.compiled.njit import njit_inline
+
+LANES = 16  # of a vector
+MASKED = 64  # elements of x that are looked at together
+_SINGLE, _INT, _BIT, _INDEX = ir.FloatType(), ir.IntType(64), ir.IntType(1), ir.IntType(32)
+_VECTOR, _WIDE = ir.VectorType(_SINGLE, LANES), ir.VectorType(_SINGLE, MASKED)
+
+
+def _rows(vectors: int) -> Any:
+    """The addition of rows for `vectors` times LANES columns, y[first:] += x W[:, first:]."""
+
+    @intrinsic
+    def add(typing: Any, x: Any, W: Any, y: Any, first: Any) -> Any:
+        if not all(isinstance(a, types.Array) and (a.dtype, a.layout) == (types.float32, "C") for a in (x, W, y)):
+            raise TypingError("rows are added of contiguous arrays of single precision only")
+
+        def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            (px, (n,)), (pW, (_, m)), (py, _) = (
+                _parts(context, builder, kind, array) for kind, array in zip(signature.args[:3], given[:3], strict=True)
+            )
+            columns = [builder.add(given[3], _INT(LANES * k)) for k in range(vectors)]
+            sums = [cgutils.alloca_once_value(builder, _load(builder, py, at)) for at in columns]
+
+            def add_row(i: Any) -> None:
+                all_x = _spread(builder, builder.load(builder.gep(px, [i])))
+                for total, at in zip(sums, columns, strict=True):
+                    w = _load(builder, pW, builder.add(builder.mul(i, m), at))
+                    product = builder.fmul(all_x, w, flags=["contract"])
+                    builder.store(builder.fadd(builder.load(total), product, flags=["contract"]), total)
+
+            masked = builder.mul(builder.udiv(n, _INT(MASKED)), _INT(MASKED))
+            with cgutils.for_range_slice(builder, _INT(0), masked, _INT(MASKED), _INT) as (base, _):
+                mask = builder.fcmp_unordered("!=", _load(builder, px, base, _WIDE), _WIDE(None))
+                with _bits(builder, builder.bitcast(mask, _INT)) as bit:
+                    add_row(builder.add(base, bit))
+            with cgutils.for_range_slice(builder, masked, n, _INT(1), _INT) as (i, _):
+                add_row(i)
+            for total, at in zip(sums, columns, strict=True):
+                _store(builder, builder.load(total), py, at)
+            return context.get_dummy_value()
+
+        return types.void(x, W, y, first), code
+
+    return add
+
+
+def _parts(context: Any, builder: Any, kind: Any, array: Any) -> tuple[Any, Any]:
+    """Data and shape of an array."""
+    of = context.make_array(kind)(context, builder, array)
+    return of.data, cgutils.unpack_tuple(builder, of.shape, kind.ndim)
+
+
+def _load(builder: Any, data: Any, at: Any, kind: Any = _VECTOR) -> Any:
+    loaded = builder.load(builder.bitcast(builder.gep(data, [at]), kind.as_pointer()))
+    loaded.align = 4
+    return loaded
+
+
+def _store(builder: Any, value: Any, data: Any, at: Any) -> None:
+    builder.store(value, builder.bitcast(builder.gep(data, [at]), _VECTOR.as_pointer())).align = 4
+
+
+def _spread(builder: Any, x: Any) -> Any:
+    """A vector of x alone."""
+    one = builder.insert_element(_VECTOR(ir.Undefined), x, _INDEX(0))
+    return builder.shuffle_vector(one, _VECTOR(ir.Undefined), ir.VectorType(_INDEX, LANES)([0] * LANES))
+
+
+@contextmanager
+def _bits(builder: Any, mask: Any) -> Iterator[Any]:
+    """A loop over the places of the mask's ones, lowest first."""
+    left = cgutils.alloca_once_value(builder, mask)
+    kind = ir.FunctionType(_INT, [_INT, _BIT])
+    trailing_zeros = cgutils.get_or_insert_function(builder.module, kind, "llvm.cttz.i64")
+    more, body, end = (builder.append_basic_block(name) for name in ("more", "body", "end"))
+    builder.branch(more)
+    builder.position_at_end(more)
+    now = builder.load(left)
+    builder.cbranch(builder.icmp_unsigned("!=", now, _INT(0)), body, end)
+    builder.position_at_end(body)
+    builder.store(builder.and_(now, builder.sub(now, _INT(1))), left)
+    yield builder.call(trailing_zeros, [now, _BIT(1)])
+    builder.branch(more)
+    builder.position_at_end(end)
+
+
+_WIDTHS = (8 * LANES, 4 * LANES)
+_add_widest, _add_wide = (_rows(width // LANES) for width in _WIDTHS)
+
+
+@njit_inline
+def add_product(x: Singles, W: Singles, y: Singles) -> None:
+    """Y += x W, of contiguous arrays (n,), (n, m) and (m,); rows that meet zeros of x are skipped, but for the last.
+
+    Raises:
+        ValueError: shapes that do not fit.
+    """
+    widest, wide = _WIDTHS
+    m, first = len(y), 0
+    if W.shape[0] != len(x) or W.shape[1] != m:
+        raise ValueError("x W is of other shapes")
+    for _ in range(m // widest):
+        _add_widest(x, W, y, first)
+        first += widest
+    for _ in range((m - first) // wide):
+        _add_wide(x, W, y, first)
+        first += wide
+    if first < m:
+        for i in range(len(x)):
+            if x[i] != 0.0:
+                for j in range(first, m):
+                    y[j] += x[i] * W[i, j]

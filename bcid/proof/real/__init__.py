@@ -1,0 +1,1 @@
+"""Questions to real recordings: a published model less one effect, controls, and edits with exact truth."""

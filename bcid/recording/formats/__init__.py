@@ -1,0 +1,1 @@
+"""What stands in a file, format by format, handed on unjudged as a `RawTake`."""
