@@ -1,7 +1,5 @@
 """Types that every part of the package uses; what an array holds, in which shape and unit, stands with each name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

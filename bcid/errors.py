@@ -1,6 +1,4 @@
-"""The errors a user may meet, each with what to do next, and the exit code that goes with it."""
-
-from __future__ import annotations
+"""The errors that a user may meet, each with what to do next and an exit code, and the one that searches catch."""
 
 import errno
 import os
@@ -20,25 +18,25 @@ class Problem(NamedTuple):
 
 
 class BcidError(Exception):
-    """Base of all errors that are told in one message, without a traceback."""
+    """Base of all errors that the command line reports in one message, without a traceback."""
 
     exit_code = 1
 
 
 class UsageError(BcidError):
-    """The command's words do not fit together."""
+    """The options and arguments of a command do not fit together."""
 
     exit_code = 2
 
 
 class GoalMissed(BcidError):
-    """Done, but a stated goal was missed."""
+    """The work is done, but a stated goal was missed."""
 
     exit_code = 5
 
 
 class PartLost(BcidError):
-    """Done, but a part of the input could not be read and was left out, as was allowed."""
+    """The work is done, but a part of the input could not be read and was left out, as was allowed."""
 
     exit_code = 3
 
@@ -56,12 +54,12 @@ class InputRefused(BcidError):
         super().__init__("\n".join(f"{p.source}: {p.place}: {p.cause}\n  next: {p.next_step}" for p in self.problems))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """From one process to another with all that it tells."""
+        """How the error is pickled, so that it reaches another process with all its problems."""
         return type(self), (self.source, self.place, self.cause, self.next_step, self.problems)
 
 
 class DiskFull(BcidError):
-    """A file could not be written whole; what was finished before stands."""
+    """A file could not be written whole because the disk is full; what was finished before stands."""
 
     exit_code = 4
 
@@ -72,37 +70,45 @@ class DiskFull(BcidError):
         )
 
 
+class PredictionDiverged(ArithmeticError):
+    """A prediction, or a likelihood computed from one, left the finite numbers.
+
+    No `BcidError`: a search goes on without such parameters, and only where none are left is the recording refused.
+    """
+
+
 def is_disk_full(error: BaseException) -> bool:
-    """Whether an error, or what it came of, says that no more can be written; libraries tell it in words only."""
-    told = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-    words = any(os.strerror(code) in str(error) for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+    """Whether `error`, or what caused it, says that the disk is full; libraries say so in words only."""
+    codes = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    by_code = isinstance(error, OSError) and error.errno in codes
+    by_words = any(os.strerror(code) in str(error) for code in codes)
     cause = error.__cause__ or error.__context__
-    return told or words or (cause is not None and is_disk_full(cause))
+    return by_code or by_words or (cause is not None and is_disk_full(cause))
 
 
 class Problems(list[Problem]):
-    """What is wrong with a recording, gathered so that all of it is told at once."""
+    """What is wrong with a recording, collected so that all of it is reported at once."""
 
     @contextmanager
-    def gathered(self) -> Iterator[None]:
-        """A check whose refusal waits for the others."""
+    def gather_refusals(self) -> Iterator[None]:
+        """Context in which an `InputRefused` is added to the problems instead of raised."""
         try:
             yield
         except InputRefused as error:
             self.extend(error.problems)
 
-    def refuse(self, source: str | Path) -> None:
-        """Raise one `InputRefused` that tells all of them; nothing where there are none.
+    def raise_if_any(self, source: str | Path) -> None:
+        """Raise one `InputRefused` with all problems; do nothing where there are none.
 
-        What names no file is wrong with `source`; what ails several places in the same way is told once.
+        A problem without a file is one of `source`; one that several places share is reported once.
         """
         if not self:
             return
-        alike = dict[Problem, list[str]]()
+        places_of = dict[Problem, list[str]]()
         for p in self:
-            alike.setdefault(p._replace(place="", source=p.source or str(source)), []).append(p.place)
-        told = [p._replace(place=", ".join(dict.fromkeys(places))) for p, places in alike.items()]
-        causes = [p.cause if len(told) == 1 else f"{p.place}: {p.cause}" for p in told]
-        steps = dict.fromkeys(p.next_step for p in told)
-        places = ", ".join(p.place for p in told)
-        raise InputRefused(told[0].source, places, "; ".join(causes), "; ".join(steps), told)
+            places_of.setdefault(p._replace(place="", source=p.source or str(source)), []).append(p.place)
+        merged = [p._replace(place=", ".join(dict.fromkeys(places))) for p, places in places_of.items()]
+        causes = [p.cause if len(merged) == 1 else f"{p.place}: {p.cause}" for p in merged]
+        steps = dict.fromkeys(p.next_step for p in merged)
+        places = ", ".join(p.place for p in merged)
+        raise InputRefused(merged[0].source, places, "; ".join(causes), "; ".join(steps), merged)

@@ -14,7 +14,7 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class Body(Settings):
-    """Rigid body and drive."""
+    """The table [body]: rigid body and drive."""
 
     cog_to_front_m: Positive
     cog_to_rear_m: Positive
@@ -23,9 +23,14 @@ class Body(Settings):
     front_drive_share: Annotated[float, Field(ge=0, le=1)] | None = None
     rear_track_m: Positive | None = None
 
+    @property
+    def wheelbase_m(self) -> float:
+        """Distance (m) between the front and the rear axle."""
+        return self.cog_to_front_m + self.cog_to_rear_m
+
 
 class Steering(Settings):
-    """The steering actuator; time constant and rate are identified where absent."""
+    """The table [steering]: the servo; time constant and rate are identified where absent."""
 
     max_angle_rad: Positive
     max_rate_radps: Positive | None = None
@@ -33,14 +38,14 @@ class Steering(Settings):
 
 
 class Motor(Settings):
-    """The motor controller (errata 13); law "force" is F_m = K (u - u_0) - K_v v_w."""
+    """The table [motor]: the motor controller (errata 13); law "force" is F_m = K (u - u_0) - K_v v_w."""
 
     law: Literal["speed", "force"] = "speed"
     reference_speed_mps: Positive | None = None
 
 
 class Mocap(Settings):
-    """How the tracked body sits on the car and how the export names it."""
+    """The table [mocap]: how the tracked body sits on the car and how the export names it."""
 
     rigid_body: str | None = None
     up_axis: Literal["Y", "Z"] = "Y"
@@ -51,17 +56,17 @@ class Mocap(Settings):
 
 
 class Condition(Settings):
-    """Rows in which a field equals a value."""
+    """Selects rows in which a logged field equals a value."""
 
     field: str
     equals: float
 
 
-Point = Annotated[tuple[float, float], Field(strict=False)]
+CalibrationPoint = Annotated[tuple[float, float], Field(strict=False)]
 
 
-class Mapped(Settings):
-    """A logged field turned into SI: gain * dead_zone(raw) + offset, within [low, high].
+class FieldMapping(Settings):
+    """How a logged field is turned into SI: gain * dead_zone(raw) + offset, within [low, high].
 
     `gain_negative` is the gain for raw values below the dead zone where it differs.  A calibrated servo has `points`
     instead, of raw value and angle: straight lines between them, the ends beyond.
@@ -75,10 +80,11 @@ class Mapped(Settings):
     low: float | None = None
     high: float | None = None
     zero_where: Condition | None = None
-    points: Annotated[tuple[Point, ...], Field(min_length=2, strict=False)] | None = None
+    points: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2, strict=False)] | None = None
 
     @model_validator(mode="after")
-    def _one_law(self) -> Mapped:
+    def _check_points(self) -> FieldMapping:
+        """Refuse calibration points that do not rise, or that stand beside a gain or a dead zone."""
         if self.points is None:
             return self
         raw = [a for a, _ in self.points]
@@ -89,39 +95,35 @@ class Mapped(Settings):
         return self
 
 
-def _bare(value: object) -> object:
-    """A bare name is a mapping of gain 1."""
-    return {"from": value} if isinstance(value, str) else value
+# a bare field name stands for the mapping of gain 1
+LoggedField = Annotated[FieldMapping, BeforeValidator(lambda raw: {"from": raw} if isinstance(raw, str) else raw)]
 
-
-Logged = Annotated[Mapped, BeforeValidator(_bare)]
-
-CHANNELS = ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
-"""Optional quantities that may be logged beside pose and command."""
+OPTIONAL_CHANNELS = ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
+"""Quantities that may be logged beside pose and command."""
 
 
 class PoseFields(Settings):
-    """Where a pose is found in a table's row or a message."""
+    """Where a pose is in a table's row or a message."""
 
-    x_m: Logged
-    y_m: Logged
-    yaw_rad: Logged
+    x_m: LoggedField
+    y_m: LoggedField
+    yaw_rad: LoggedField
     time_s: str | None = None
 
 
 class CommandFields(Settings):
-    """Where a command is found in a table's row or a message."""
+    """Where a command is in a table's row or a message."""
 
-    steering_rad: Logged
-    throttle_mps: Logged
+    steering_rad: LoggedField
+    throttle_mps: LoggedField
     time_s: str | None = None
-    measured_steering_rad: Logged | None = None
-    wheel_speed_mps: Logged | None = None
-    yaw_rate_radps: Logged | None = None
+    measured_steering_rad: LoggedField | None = None
+    wheel_speed_mps: LoggedField | None = None
+    yaw_rate_radps: LoggedField | None = None
 
 
 class Topics(Settings):
-    """MCAP topics; fields only for messages of no known type."""
+    """The table [topics] of MCAP topics; fields are given only for messages of no known type."""
 
     pose: str
     command: str
@@ -133,26 +135,26 @@ class Topics(Settings):
 
 
 class Columns(PoseFields, CommandFields):
-    """A table's columns; the command columns are those of the same rows."""
+    """The table [columns] of a CSV or Parquet log, whose commands stand in the same rows as its poses."""
 
     time_s: str
     comment: Annotated[str, Field(min_length=1, max_length=1)] | None = None
 
 
 class Command(Settings):
-    """How long a command value holds when no new row comes."""
+    """The table [command]: how long a command value holds when no new row comes."""
 
     max_hold_s: Positive = 0.5
 
 
 class Clock(Settings):
-    """The correction of the command clock against the pose clock; none unless stated."""
+    """The table [clock]: the correction of the command clock against the pose clock; none unless stated."""
 
     offset_s: float = 0.0
 
 
 class Vehicle(Settings):
-    """One vehicle file."""
+    """All of a vehicle file."""
 
     name: str
     body: Body
@@ -166,14 +168,14 @@ class Vehicle(Settings):
 
     @property
     def front_share(self) -> float:
-        """Share of motor force and drag at the front axle."""
+        """Share of motor force and drag at the front axle, in [0, 1]."""
         if self.body.front_drive_share is not None and self.body.drive == "all":
             return self.body.front_drive_share
         return 1.0 if self.body.drive == "front" else 0.0
 
     @property
-    def raw_steering(self) -> bool:
-        """Whether steering commands come in units of their own, which this file turns into rad."""
+    def has_raw_steering(self) -> bool:
+        """Whether steering commands come in raw units, which a gain or calibration points turn into rad."""
         mapped = (self.columns, self.topics.command_fields if self.topics else None)
         angles = [m.steering_rad for m in mapped if m]
         gains = {abs(g) for a in angles for g in (a.gain, a.gain_negative) if g is not None}
@@ -181,10 +183,10 @@ class Vehicle(Settings):
 
     @property
     def mass_kg(self) -> float:
-        """The mass; 1 kg where it is not given, so that forces read as accelerations."""
+        """The vehicle's mass; 1 kg where the file has none, so that forces read as accelerations."""
         return self.body.mass_kg or 1.0
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """The vehicle file at `path`; raises `InputRefused` with every problem in it."""
+    """The checked settings in the vehicle file at `path`; raises `InputRefused` with every problem in it."""
     return read_toml(path, Vehicle, "vehicle file")

@@ -1,32 +1,28 @@
 """The simulated car as a lab would see it: its vehicle file, and its drives as recordings."""
 
-from __future__ import annotations
-
 import tomllib
 
-from bcid.estimate.noise import Noise
-from bcid.estimate.tuning import Tuning
-from bcid.recording.assemble import assemble
+from bcid.estimate.tuning import Noise, Tuning
+from bcid.recording.assemble import assemble_recording
 from bcid.recording.formats.raw import RawTake
-from bcid.recording.types import Recording, Source
+from bcid.recording.types import Recording, SourceFile
 from bcid.simulation.drive import Drive
 from bcid.simulation.samples import VEHICLE
 from bcid.vehicle import Vehicle
 
-TUNING = Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
-"""The estimator's constants for the simulated sensor, as `bcid.estimate.tuning` finds them there."""
+TUNING = Tuning(
+    noise=Noise(q_v_f=0.15, q_beta_f=0.2, q_beta_r=0.025, q_delta=0.01, r_position=5e-4, r_yaw=1e-3), T_s=0.155, d=1.418
+)
+"""The estimator's constants for the simulated sensor, as `bcid.estimate.tune` identifies them there."""
 
 
-def vehicle() -> Vehicle:
-    """The simulated car's vehicle file, read."""
+def simulated_vehicle() -> Vehicle:
+    """The vehicle file of the simulated bumper car as checked settings."""
     return Vehicle.model_validate(tomllib.loads(VEHICLE))
 
 
-def recorded(run: Drive, rate_hz: float, of: Vehicle, name: str = "simulated") -> Recording:
-    """The drive's recording as a reader would hand it on."""
-    return assemble(
-        RawTake(
-            name, (Source(name, "", "mcap"),), run.frame / rate_hz, run.pose, run.command_time, run.command, rate_hz
-        ),
-        of,
-    )
+def record_drive(drive: Drive, rate_hz: float, vehicle: Vehicle, name: str = "simulated") -> Recording:
+    """The recording that a lab's log of a simulated drive gives, with poses at `rate_hz` (Hz)."""
+    source, stamps = SourceFile(name, "", "mcap"), drive.frame / rate_hz
+    raw = RawTake(name, (source,), stamps, drive.pose, drive.command_time, drive.command, rate_hz)
+    return assemble_recording(raw, vehicle)

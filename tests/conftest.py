@@ -9,15 +9,14 @@ import pytest
 from hypothesis import settings
 
 from bcid.estimate.consistency import Truth
-from bcid.estimate.noise import Noise
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import read_truth
-from bcid.estimate.tuning import Tuning
+from bcid.estimate.tuning import Noise, Tuning
 from bcid.estimate.types import Estimate
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
-from bcid.simulation.samples import VEHICLE, Take, write_take
+from bcid.simulation.samples import VEHICLE, SampleTake, write_sample_take
 from bcid.vehicle import Vehicle, read_vehicle
 
 settings.register_profile("kernels", deadline=None)  # the first call compiles
@@ -54,9 +53,9 @@ def takes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("takes")
     plant, sensor = Plant(**REAL_EXTRAS), Sensor()
     return {
-        "motive": write_take(folder, Take("drive", "motive", 60.0), plant, sensor, 11),
-        "mcap": write_take(folder, Take("drive_m", "mcap", 60.0), plant, sensor, 11),
-        "other": write_take(folder, Take("other", "motive", 60.0), plant, sensor, 12),
+        "motive": write_sample_take(folder, SampleTake("drive", "motive", 60.0), plant, sensor, 11),
+        "mcap": write_sample_take(folder, SampleTake("drive_m", "mcap", 60.0), plant, sensor, 11),
+        "other": write_sample_take(folder, SampleTake("other", "motive", 60.0), plant, sensor, 12),
     }
 
 
@@ -68,7 +67,11 @@ def recording(takes: dict[str, Path], vehicle: Vehicle) -> Recording:
 @pytest.fixture(scope="session")
 def tuning() -> Tuning:
     """Noise that suits the simulated takes, as `tune` finds it there."""
-    return Tuning(Noise(0.15, 0.2, 0.025, 0.01, 5e-4, 1e-3), 0.155, 1.418)
+    return Tuning(
+        noise=Noise(q_v_f=0.15, q_beta_f=0.2, q_beta_r=0.025, q_delta=0.01, r_position=5e-4, r_yaw=1e-3),
+        T_s=0.155,
+        d=1.418,
+    )
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bcid.diagnosis.reference import Parameters, read_parameters
+from bcid.diagnosis.reference import ParameterFile, read_parameter_file
 from bcid.effects.constants import Constants
-from bcid.proof.real.question_files import Asked
-from bcid.proof.real.questions import read_cases
+from bcid.proof.real.question_files import QuestionInputs
+from bcid.proof.real.questions import read_questions
 from bcid.vehicle import Body, read_vehicle
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +28,7 @@ STARTED_S = 10.0  # after the first command; as much before the last
 
 
 def drags(
-    twist: npt.NDArray[np.float64], gain_mps2: float, throttle: float, body: Body, p: Parameters
+    twist: npt.NDArray[np.float64], gain_mps2: float, throttle: float, body: Body, p: ParameterFile
 ) -> tuple[float, float, float]:
     """The wheel's angle (rad), the drag (N) along it that the balance of forces needs there, and the published one.
 
@@ -56,18 +56,18 @@ def drags(
 
 def balance(folder: Path) -> list[dict[str, float | str]]:
     """Of each window of the two drives the means of what was driven, with `drags`."""
-    cases = read_cases(DART / "cases.toml")
-    asked = Asked(read_vehicle(DART / "vehicle.toml"), cases.calibrated, None, folder)
+    cases = read_questions(DART / "cases.toml")
+    asked = QuestionInputs(read_vehicle(DART / "vehicle.toml"), cases.calibrated, None, folder)
     return [row for drive in DRIVES for row in _of_drive(drive, asked)]
 
 
-def _of_drive(drive: str, asked: Asked) -> list[dict[str, float | str]]:
+def _of_drive(drive: str, asked: QuestionInputs) -> list[dict[str, float | str]]:
     name = next(n for n in asked.calibrated if drive in n)
-    vehicle, offset = asked.vehicle_of(name), asked.calibrated[name]["columns"]["throttle_mps"]["offset"]
-    recording, estimate, _ = asked.moved(name, vehicle)
+    vehicle, offset = asked.vehicle_for(name), asked.calibrated[name]["columns"]["throttle_mps"]["offset"]
+    recording, estimate, _ = asked.estimate_recording(name, vehicle)
     t, of, driven = estimate.time_s, recording.commands.time_s, recording.commands.values[:, 1]
     on = of[driven > 0.0][[0, -1]] + [STARTED_S, -STARTED_S]
-    p, rows = read_parameters(PUBLISHED), list[dict[str, float | str]]()
+    p, rows = read_parameter_file(PUBLISHED), list[dict[str, float | str]]()
     for begin in np.arange(on[0], on[1] - WINDOW_S, WINDOW_S):
         here = (t >= begin) & (t < begin + WINDOW_S) & np.isfinite(estimate.twist).all(axis=1)
         twist, throttle = estimate.twist[here].mean(axis=0), float(np.interp(t[here], of, driven).mean())

@@ -1,4 +1,4 @@
-"""Recordings made for single tests."""
+"""Recordings made for single tests, and what several tests do."""
 
 from __future__ import annotations
 
@@ -6,8 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from bcid.files import source_code
 from bcid.simulation.drive import Drive
-from bcid.simulation.writing import write_motive
+from bcid.simulation.writing import write_motive_take
+
+
+def clear_source_caches() -> None:
+    """Forget digests and imports of the package, so that edited sources are read anew."""
+    for cached in (source_code._read_module, source_code.digest_with_imports, source_code.stage_code):
+        cached.cache_clear()
 
 
 def circling_take(folder: Path, name: str = "circle", seconds: float = 20.0, rate_hz: float = 60.0) -> Path:
@@ -18,5 +25,5 @@ def circling_take(folder: Path, name: str = "circle", seconds: float = 20.0, rat
     command_time = np.arange(int(seconds * 20)) / 20.0
     command = np.tile([0.5, 1.2], (len(command_time), 1))
     path = folder / f"{name}.csv"
-    write_motive(path, Drive(command_time, command, frame, pose, np.zeros((1, 8))), rate_hz, 0)
+    write_motive_take(path, Drive(command_time, command, frame, pose, np.zeros((1, 8))), rate_hz, 0)
     return path

@@ -11,9 +11,10 @@ import pytest
 from scipy.stats import binom, chi2
 
 from bcid.bench import peers
-from bcid.bench.accuracy import compared, outcome, plans
-from bcid.bench.parameters import GOAL, fitted
-from bcid.bench.parameters import outcome as recovered
+from bcid.bench.accuracy import compare_models, read_accuracy_file, summarise_accuracy
+from bcid.bench.limits import RECOVERY
+from bcid.bench.parameters import fit_simulated_take
+from bcid.bench.parameters import summarise_recovery as recovered
 from bcid.errors import InputRefused
 
 pytestmark = [  # deepSI leaves its files open
@@ -45,9 +46,9 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(peers, "EPOCHS", 15)
         patch.setattr(peers, "ITERATIONS", 20)
-        patch.setattr(peers, "VALIDATED", 10)
-        ((name, plan),) = plans(folder / "data.toml", None, folder)
-        return list(compared(name, plan, [1, 2]))
+        patch.setattr(peers, "VALIDATION_INTERVAL", 10)
+        ((name, plan),) = read_accuracy_file(folder / "data.toml", None, folder)
+        return list(compare_models(name, plan, [1, 2]))
 
 
 def test_ours_and_peers_are_judged_on_the_same_take(rows: list[dict[str, Any]]) -> None:
@@ -71,7 +72,7 @@ def test_the_outcome_takes_medians_and_says_what_is_missed() -> None:
         value = None if end is None else {"nmse": end, "ci95": [0.5 * end, 2.0 * end]}
         return {"data": data, "model": model, "ours": ours, "seed": seed, "horizons": {"2 s": value, "end": value}}
 
-    found = outcome(
+    found = summarise_accuracy(
         [
             row("newton-euler", True, 1, 3e-3), row("k-mlp", True, 1, 2e-3), row("k-mlp", True, 2, 2.4e-3),
             row("k-mlp", True, 3, 2.2e-3),
@@ -102,13 +103,13 @@ def test_what_diverges_is_missed() -> None:
         {"data": "DART", "model": "k-mlp", "ours": True, "seed": seed, "horizons": {"end": end}}
         for seed, end in ((1, fine), (2, lost))
     ]
-    assert outcome(rows, {})["missed"] == ["DART, k-mlp: diverges (end)"]
+    assert summarise_accuracy(rows, {})["missed"] == ["DART, k-mlp: diverges (end)"]
 
 
 def test_a_file_of_data_with_problems_is_refused(tmp_path: Path) -> None:
     (tmp_path / "data.toml").write_text('pipelin = "x"\n')
     with pytest.raises(InputRefused, match="did you mean pipeline"):
-        list(plans(tmp_path / "data.toml", None, tmp_path))
+        list(read_accuracy_file(tmp_path / "data.toml", None, tmp_path))
 
 
 TAKES = 16
@@ -120,17 +121,19 @@ def test_fits_to_poses_state_intervals_that_hold_and_one_step_fits_do_not() -> N
 
     Of half as many takes it hung on the machine which constants a one-step fit tells, and so how far off they are.
     """
-    rows = [row for seed in range(300, 300 + TAKES) for row in fitted(seed, 50.0, ["one-step", "poses"])]
+    rows = [row for seed in range(300, 300 + TAKES) for row in fit_simulated_take(seed, 50.0, ["one-step", "poses"])]
     table = {(r["loss"], r["symbol"]): r for r in recovered(rows, {})["rows"]}
     poses, one_step = table["poses", "all"], table["one-step", "all"]
     n = poses["n"]
     assert n >= TAKES * 7
-    low, high = binom.ppf([0.005, 0.995], n, GOAL) / n  # the goal's ends, as so many intervals can tell them
+    low, high = (
+        binom.ppf([0.005, 0.995], n, RECOVERY.coverage) / n
+    )  # the goal's ends, as so many intervals can tell them
     assert low <= poses["covered"] <= high
     squares = chi2.ppf([1e-4, 1.0 - 1e-4], n) / n  # of errors in standard errors: twice too wide would be a quarter
     assert squares[0] < poses["rms_in_errors"] ** 2 < 1.3 * squares[1]  # constants of one fit go together a little
     assert abs(poses["bias_in_errors"]) < 0.5
-    assert one_step["covered"] < GOAL[0]
+    assert one_step["covered"] < RECOVERY.coverage[0]
     assert one_step["rms_in_errors"] ** 2 > chi2.ppf(1.0 - 1e-4, one_step["n"]) / one_step["n"]  # larger than stated
     assert one_step["median_error"] > 5.0 * poses["median_error"]
     biased = table["one-step", "R_1"]
@@ -140,7 +143,7 @@ def test_fits_to_poses_state_intervals_that_hold_and_one_step_fits_do_not() -> N
 
 def test_a_constant_that_a_take_does_not_show_is_not_told() -> None:
     """The rear tyre never slides in half a minute of town driving: its grip is not quoted."""
-    rows = fitted(7, 45.0, ["poses"])
+    rows = fit_simulated_take(7, 45.0, ["poses"])
     assert {"K_t", "C_f", "C_r", "I_z", "F_f_max"} <= {r["symbol"] for r in rows}
     assert "F_r_max" not in {r["symbol"] for r in rows}
     assert all(np.isfinite(r["relative_se"]) for r in rows)
@@ -148,8 +151,8 @@ def test_a_constant_that_a_take_does_not_show_is_not_told() -> None:
 
 def test_a_limit_that_a_few_samples_touch_is_not_told() -> None:
     """Fits leave the rear grip where the largest forces are: it has a slope there, and could as well be endless."""
-    told = [r["symbol"] for r in fitted(28, 60.0, ["poses"])]
-    told += [r["symbol"] for seed in range(1, 7) for r in fitted(seed, 60.0, ["one-step", "rollout"])]
+    told = [r["symbol"] for r in fit_simulated_take(28, 60.0, ["poses"])]
+    told += [r["symbol"] for seed in range(1, 7) for r in fit_simulated_take(seed, 60.0, ["one-step", "rollout"])]
     assert "F_r_max" not in told
     assert told.count("F_f_max") >= 5  # which is reached
 
@@ -162,8 +165,8 @@ def test_what_a_peer_cannot_fit_is_told_and_the_others_go_on(tmp_path: Path, mon
     (tmp_path / "data.toml").write_text(DATA)
     monkeypatch.setattr(peers.TorchMlp, "fit", unable)
     monkeypatch.setattr("bcid.bench.accuracy.PEERS", {"torch": peers.TorchMlp, "pysindy": peers.PySindy})
-    ((name, plan),) = plans(tmp_path / "data.toml", None, tmp_path)
-    first, second = compared(name, plan, [1])
+    ((name, plan),) = read_accuracy_file(tmp_path / "data.toml", None, tmp_path)
+    first, second = compare_models(name, plan, [1])
     assert first["error"] == "AssertionError: too few"
     assert set(first["horizons"].values()) == {None}
     assert second["horizons"]["0.5 s"]["nmse"] > 0.0

@@ -13,21 +13,23 @@ import pytest
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
-from bcid.effects.car import Body
+from bcid.effects.actuators import SteeringState, actuation_at, actuator_chain, continue_actuator_chain
+from bcid.effects.car import BodyState
 from bcid.effects.constants import Constants
-from bcid.effects.measurement import seen_pose
-from bcid.effects.motion import Servo, chain_on, drive_on, steering_chain
+from bcid.effects.measurement import tracked_pose
+from bcid.effects.motion import integrate_body, steady_lags
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import integrate, whole_take
+from bcid.evaluation.closed_loop import integrate_poses, predict_whole_take
 from bcid.models import published
-from bcid.models.fitting.windows import scale
-from bcid.models.interface import FitTask, History, Model, at_rest, history_at, rollout
-from bcid.models.newton_euler.augmented import AugmentedNewtonEuler, advance, seen_twist, unpacked, unseen
+from bcid.models.fitting.windows import inverse_spread
+from bcid.models.interface import FitTask, History, Model, history_at, history_at_rest, rollout
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.augmented_step import advance_augmented, body_from_tracked, tracked_twist, unpack_carry
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import load_model, save_model
-from bcid.pipeline.plan import read_plan
+from bcid.pipeline.config import read_pipeline_file
 from bcid.pipeline.run import Pipeline
 from bcid.recording.read import read_recording
 from bcid.vehicle import Vehicle
@@ -59,7 +61,7 @@ def commands(rows: int = 400, seed: int = 0) -> np.ndarray:
 
 
 def standing(pose: tuple[float, float, float], time_s: float = 0.0) -> History:
-    rest = at_rest(10)
+    rest = history_at_rest(10)
     return replace(rest, pose=np.tile(pose, (11, 1)), time_s=np.full(11, time_s))
 
 
@@ -101,21 +103,21 @@ def test_saving_and_loading_gives_the_identical_model(effects: dict[str, float],
     assert again == model
     assert again.describe() == model.describe()
     assert again.parameter_count == 2 + len(effects)
-    one, other = (rollout(m, at_rest(10), commands(100)) for m in (model, again))
+    one, other = (rollout(m, history_at_rest(10), commands(100)) for m in (model, again))
     np.testing.assert_array_equal(one, other)
 
 
 def test_it_follows_a_take_closed_loop(estimates: list[Estimate]) -> None:
     """The published constants are those of the simulated car, which has some extras."""
     take = estimates[0]
-    error = (((whole_take(augmented(), take) - take.twist) * scale(take.twist)) ** 2).mean()
+    error = (((predict_whole_take(augmented(), take) - take.twist) * inverse_spread(take.twist)) ** 2).mean()
     assert error < 0.05
 
 
 def test_compiled_steps_are_the_plain_ones(estimates: list[Estimate]) -> None:
     model = augmented(**CHAIN, **MEASURED)
-    now = unpacked(model.init(history_at(estimates[0], 40, 10)))
-    plain, compiled = (f(now, 0.4, 1.5, model.setup) for f in (advance.py_func, advance))  # type: ignore[attr-defined]
+    now = unpack_carry(model.init(history_at(estimates[0], 40, 10)))
+    plain, compiled = (f(now, 0.4, 1.5, model.setup) for f in (advance_augmented.py_func, advance_augmented))  # type: ignore[attr-defined]
     np.testing.assert_allclose(np.array(plain.body), np.array(compiled.body), atol=1e-12)
 
 
@@ -145,8 +147,8 @@ def test_with_no_effect_it_is_newton_euler_up_to_the_integration_step() -> None:
     def apart(h: float) -> float:
         per = round(0.1 / h)
         u = np.repeat(commands(), per, axis=0)
-        with_none, base = augmented().in_steps_of(h), NewtonEuler(CAR, h, {})
-        return float(np.abs(rollout(with_none, at_rest(10), u) - rollout(base, at_rest(0), u)).max())
+        with_none, base = augmented().with_period(h), NewtonEuler(CAR, h, {})
+        return float(np.abs(rollout(with_none, history_at_rest(10), u) - rollout(base, history_at_rest(0), u)).max())
 
     assert apart(0.1) < 2e-3
     assert apart(0.05) < 5e-4
@@ -160,22 +162,24 @@ def test_delays_are_exact(more: dict[str, float]) -> None:
     e, n = model.setup.switches, 4 * len(u)
     times = (0.1 * np.arange(-1, len(u)) + CHAIN["pose_latency__tau"]) * (1.0 + CHAIN["clock_drift__rho"])
     given = np.vstack([[0.0, 0.0], u])
-    chain = steering_chain(times, given, 0.0, n, 0.025, CAR, LIMIT, e)
-    whole = drive_on(Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0, n, chain, T, CAR, e, Constants())[::4, 3:]
-    np.testing.assert_allclose(rollout(model, at_rest(10), u), whole, rtol=0.0, atol=1e-10)
+    chain = actuator_chain(times, given, 0.0, n, 0.025, CAR, LIMIT, e)
+    rest = BodyState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    lags, c = steady_lags(rest, actuation_at(0, chain, T), CAR, e, Constants()), Constants()
+    whole = integrate_body(rest, lags, 0, n, chain, T, np.zeros((1, 3)), n, CAR, e, c)[::4, 3:6]
+    np.testing.assert_allclose(rollout(model, history_at_rest(10), u), whole, rtol=0.0, atol=1e-10)
 
 
 def test_the_chain_goes_on_where_it_stopped() -> None:
     e, u = augmented(**CHAIN).setup.switches, commands(80)
     times = 0.1 * np.arange(80)
     first = min(max(u[0, 0], -LIMIT), LIMIT)
-    whole, end = chain_on(Servo(first, first, first), times, u, 0.0, 320, 0.025, CAR, LIMIT, e)
-    alone = steering_chain(times, u, 0.0, 320, 0.025, CAR, LIMIT, e)
+    whole, end = continue_actuator_chain(SteeringState(first, first, first), times, u, 0.0, 320, 0.025, CAR, LIMIT, e)
+    alone = actuator_chain(times, u, 0.0, 320, 0.025, CAR, LIMIT, e)
     np.testing.assert_array_equal(whole.delta, alone.delta)
     np.testing.assert_array_equal(whole.u_m, alone.u_m)
-    servo, angles = Servo(first, first, first), []
+    servo, angles = SteeringState(first, first, first), []
     for k in range(0, 320, 20):
-        part, servo = chain_on(servo, times, u, 0.025 * k, 20, 0.025, CAR, LIMIT, e)
+        part, servo = continue_actuator_chain(servo, times, u, 0.025 * k, 20, 0.025, CAR, LIMIT, e)
         angles.append(part.delta[:-1])
     np.testing.assert_allclose(np.concatenate(angles), whole.delta[:-1], rtol=0.0, atol=1e-12)
     assert servo == pytest.approx(end, abs=1e-12)
@@ -186,25 +190,24 @@ def test_poses_that_come_early_undo_delays_and_no_more() -> None:
     u = commands(200)
     early = augmented(pose_latency__tau=-0.02, steering_delay__tau=0.05, motor_delay__tau=0.05)
     late = augmented(steering_delay__tau=0.03, motor_delay__tau=0.03)
-    np.testing.assert_allclose(rollout(early, at_rest(10), u), rollout(late, at_rest(10), u), atol=1e-9)
-    impossible = rollout(augmented(pose_latency__tau=-0.02), at_rest(10), u)
-    np.testing.assert_allclose(impossible, rollout(augmented(), at_rest(10), u), atol=1e-12)
+    np.testing.assert_allclose(rollout(early, history_at_rest(10), u), rollout(late, history_at_rest(10), u), atol=1e-9)
+    impossible = rollout(augmented(pose_latency__tau=-0.02), history_at_rest(10), u)
+    np.testing.assert_allclose(impossible, rollout(augmented(), history_at_rest(10), u), atol=1e-12)
 
 
 @pytest.mark.parametrize("names", [[n] for n in MEASURED] + [list(MEASURED)], ids="-".join)
 def test_what_the_motion_capture_does_is_undone(names: list[str]) -> None:
     e = augmented(**{n: MEASURED[n] for n in names}).setup.switches
-    lever = (e.marker_offset__d_x, e.marker_offset__d_y, e.body_yaw_misalignment__psi, e.pose_scale__kappa)
     rng = np.random.default_rng(3)
     for _ in range(20):
-        b = Body(*rng.normal(0.0, 2.0, 6).tolist())
-        pose, twist = np.array(seen_pose(b.p_x, b.p_y, b.theta, *lever)), np.array(seen_twist(b, e))
-        assert np.array(unseen(pose, twist, e)) == pytest.approx(np.array(b), abs=1e-12)
+        b = BodyState(*rng.normal(0.0, 2.0, 6).tolist())
+        pose, twist = np.array(tracked_pose(b.p_x, b.p_y, b.theta, e)), np.array(tracked_twist(b, e))
+        assert np.array(body_from_tracked(pose, twist, e)) == pytest.approx(np.array(b), abs=1e-12)
         moved = []
         for dt in (-1e-5, 1e-5):
             x = b.p_x + dt * (math.cos(b.theta) * b.v_x - math.sin(b.theta) * b.v_y)
             y = b.p_y + dt * (math.sin(b.theta) * b.v_x + math.cos(b.theta) * b.v_y)
-            moved.append(seen_pose(x, y, b.theta + dt * b.omega, *lever))
+            moved.append(tracked_pose(x, y, b.theta + dt * b.omega, e))
         rate = np.diff(moved, axis=0)[0] / 2e-5
         cos_s, sin_s = math.cos(pose[2]), math.sin(pose[2])
         seen = [cos_s * rate[0] + sin_s * rate[1], cos_s * rate[1] - sin_s * rate[0], rate[2]]
@@ -215,18 +218,18 @@ def test_a_start_on_the_way_goes_on_as_the_whole_drive() -> None:
     """The steering, the held commands, the CoG behind the tracked body and the clock are found from the history."""
     model = augmented(**MEASURED, steering_delay__tau=0.13, motor_delay__tau=0.27, floor_slope__g_x=0.3)
     u, k = commands(), 143  # commands change at rows 120 and 135: what lies before row 133 is what it holds
-    carry, rows = model.init(at_rest(10)), []
-    lever = [MEASURED[n] for n in MEASURED]
+    carry, rows = model.init(history_at_rest(10)), []
+    e = model.setup.switches
     for command in [*u[:k], None]:
-        now = unpacked(carry)
+        now = unpack_carry(carry)
         b = now.body
-        rows.append([*seen_pose(b.p_x, b.p_y, b.theta, *lever), *seen_twist(b, model.setup.switches), now.servo.angle])
+        rows.append([*tracked_pose(b.p_x, b.p_y, b.theta, e), *tracked_twist(b, e), now.servo.angle])
         if command is not None:
             carry, _ = model.step(carry, command)
     seen = np.array(rows)[-11:]
     kinematic = np.column_stack([np.zeros((11, 3)), seen[:, 6]])
     history = History(seen[:, 3:6], kinematic, u[k - 10 : k], seen[:, :3], 0.1 * np.arange(k - 10, k + 1))
-    whole = rollout(model, at_rest(10), u)
+    whole = rollout(model, history_at_rest(10), u)
     np.testing.assert_allclose(rollout(model, history, u[k:]), whole[k:], rtol=0.0, atol=1e-9)
 
 
@@ -235,8 +238,8 @@ def test_at_a_segment_s_start_the_steering_stands_where_it_is(estimates: list[Es
     model, take = augmented(), estimates[0]
     turning = int(np.argmax(np.abs(take.kinematic[:, 3])))
     cut = replace(take, segment=np.r_[np.zeros(turning, int), np.ones(len(take) - turning, int)])
-    assert unpacked(model.init(history_at(cut, turning, 10))).servo.angle == take.kinematic[turning, 3]
-    after = unpacked(model.init(history_at(cut, turning + 3, 10)))
+    assert unpack_carry(model.init(history_at(cut, turning, 10))).servo.angle == take.kinematic[turning, 3]
+    after = unpack_carry(model.init(history_at(cut, turning + 3, 10)))
     assert after.servo.angle == pytest.approx(take.kinematic[turning + 3, 3], abs=0.1)
     assert after.t == pytest.approx(take.time_s[turning + 3] - take.time_s[0])
 
@@ -246,7 +249,7 @@ def test_a_place_acts_where_it_is() -> None:
     far, through, beside = (
         rollout(model, standing(p), u)[:, 0] for p in ((0.0, -5.0, 0.0), (0.0, 1.0, 0.0), (4.0, -8.0, math.pi / 2))
     )
-    np.testing.assert_array_equal(far, rollout(augmented(), at_rest(10), u)[:, 0])
+    np.testing.assert_array_equal(far, rollout(augmented(), history_at_rest(10), u)[:, 0])
     slow = np.flatnonzero(through < far - 0.05)
     x = np.r_[0.0, np.cumsum(0.1 * through)]
     assert 3.0 < x[slow[0]] < 3.6
@@ -261,7 +264,7 @@ def test_a_slope_knows_the_heading_and_a_change_of_mass_the_time() -> None:
     assert down > level + 0.2 > up + 0.4
     heavier = augmented(mass_change__d=0.5, mass_change__t_s=20.0)
     before, after = (rollout(heavier, standing((0.0, 0.0, 0.0), t), u)[5, 0] for t in (10.0, 30.0))
-    assert before == rollout(augmented(), at_rest(10), u)[5, 0]
+    assert before == rollout(augmented(), history_at_rest(10), u)[5, 0]
     assert after < 0.8 * before
 
 
@@ -335,7 +338,7 @@ def test_a_saved_model_joins_the_report(tmp_path: Path, takes: dict[str, Path], 
         save_model(model, folder)
 
     def compared(*extra: Path) -> tuple[bool, dict[str, Any]]:
-        artifact = Pipeline(read_plan(plan)).report(extra)
+        artifact = Pipeline(read_pipeline_file(plan)).report(extra)
         return artifact.reused, {m["model"]: m for m in artifact.json("report.json")["models"]}
 
     _, alone = compared()
@@ -354,7 +357,7 @@ def test_a_saved_model_joins_the_report(tmp_path: Path, takes: dict[str, Path], 
     assert compared(*folders)[0]
     save_model(augmented(rear_rolling_viscous__b=9.0), folders[0])
     assert not compared(*folders)[0]
-    save_model(augmented().in_steps_of(0.05), folders[0])
+    save_model(augmented().with_period(0.05), folders[0])
     with pytest.raises(InputRefused, match="period_s"):
         compared(folders[0])
     with pytest.raises(InputRefused, match="no fitted model"):
@@ -391,8 +394,8 @@ def test_a_saved_model_is_driven_and_recorded(tmp_path: Path, vehicle: Vehicle, 
     np.testing.assert_allclose(recording.commands.time_s, time_s, atol=1e-6)
     np.testing.assert_allclose(recording.commands.values, u, atol=1e-6)
     fine = 0.005 * np.arange(len(u) * 10 + 1)
-    twist = rollout(model.in_steps_of(0.005), at_rest(10), np.repeat(u, 10, axis=0))
-    pose = integrate(np.zeros(3), twist, 0.005)
+    twist = rollout(model.with_period(0.005), history_at_rest(10), np.repeat(u, 10, axis=0))
+    pose = integrate_poses(np.zeros(3), twist, 0.005)
     assert recording.duration_s == pytest.approx(len(u) * 0.05, abs=0.02)
     for c, off in enumerate((1e-4, 1e-4, 4e-3)):  # the chassis tilts a little, which turns the heading
         at = np.interp(recording.poses.time_s, fine, pose[:, c])
@@ -411,7 +414,7 @@ def test_a_discrete_model_is_driven_in_its_own_steps(tmp_path: Path, vehicle: Ve
     assert (given.values[:6] == 0.0).all()
     assert given.values[6] == pytest.approx(u[1], abs=1e-6)
     assert given.values[-1] == pytest.approx(u[-1], abs=1e-6)
-    moved = integrate(np.zeros(3), rollout(published.k_sindy(), at_rest(0), given.values), 0.1)
+    moved = integrate_poses(np.zeros(3), rollout(published.k_sindy(), history_at_rest(0), given.values), 0.1)
     assert recording.poses.values[-1, :2] == pytest.approx(moved[-1, :2], abs=0.01)
 
 

@@ -9,12 +9,14 @@ import pytest
 from cars import CAR
 
 from bcid.effects.constants import Constants
+from bcid.errors import PredictionDiverged
 from bcid.likelihood import prepare
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 USUAL, OF_A_PART = "usual", "of a part"  # scales
-SEGMENTS = 4 * prepare.ENOUGH
+SEGMENTS = 4 * prepare.PART_SEGMENTS
 
 
 class Take(NamedTuple):
@@ -40,7 +42,7 @@ class Found(NamedTuple):
         return np.full(self.segments, -1e-3 * BASE.car(self.phi).F_f_max - self.astray)
 
     @property
-    def bic(self) -> float:
+    def penalised_log_likelihood(self) -> float:
         return float(self.per_segment.sum())
 
 
@@ -60,7 +62,7 @@ class Refits:
         if take.segments == SEGMENTS:
             self.whole.append((grip, scales))
         if self._lost(take.segments, grip, scales):
-            raise FloatingPointError(f"lost at {grip}")
+            raise PredictionDiverged(f"lost at {grip}")
         return Found(phi, OF_A_PART, take.segments, self._astray(take.segments, grip, scales))
 
 
@@ -69,7 +71,7 @@ def never(*_: object) -> bool:
 
 
 def fitted(segments: int = SEGMENTS) -> Any:
-    return prepare.base_fit(Take(segments), BASE, USUAL)  # type: ignore[arg-type]
+    return prepare.fit_base(Take(segments), BASE, USUAL)  # type: ignore[arg-type]
 
 
 def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
@@ -82,7 +84,7 @@ def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def test_the_best_start_on_a_part_is_refitted_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     best, *others = grips(monkeypatch)
-    assert len(others) == len(prepare.GRIPS)
+    assert len(others) == len(prepare.FIRST_GRIPS)
     refits = Refits(monkeypatch, lambda n, grip, scales: n < SEGMENTS and grip == best)
     fitted()
     assert refits.whole == [(others[0], OF_A_PART)]
@@ -107,14 +109,14 @@ def test_where_the_best_start_is_lost_on_the_whole_the_next_one_is_taken(monkeyp
 def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPatch, least: int) -> None:
     """On the part already, or on the whole."""
     Refits(monkeypatch, lambda n, grip, scales: n >= least)
-    with pytest.raises(FloatingPointError, match="lost at"):
+    with pytest.raises(PredictionDiverged, match="lost at"):
         fitted()
 
 
 def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """But one from other scales, or from the next best start."""
     best, second, _ = grips(monkeypatch)
-    far, near = 1.1 * prepare.LOST, 0.9 * prepare.LOST
+    far, near = 1.1 * LIKELIHOOD_LIMITS.max_whole_take_loss_nats, 0.9 * LIKELIHOOD_LIMITS.max_whole_take_loss_nats
     for by, whole in (far, [(best, OF_A_PART), (best, USUAL)]), (near, [(best, OF_A_PART)]):
         refits = Refits(monkeypatch, never, lambda n, grip, scales, by=by: by * (n == SEGMENTS and scales == OF_A_PART))
         fitted()
@@ -126,7 +128,7 @@ def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.
 
 def test_where_every_refit_to_the_whole_goes_astray_the_best_of_them_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     _, second, _ = grips(monkeypatch)
-    far = 2.0 * prepare.LOST
+    far = 2.0 * LIKELIHOOD_LIMITS.max_whole_take_loss_nats
     Refits(monkeypatch, never, lambda n, grip, scales: (far if grip == second else 2.0 * far) * (n == SEGMENTS))
     assert BASE.car(fitted().phi).F_f_max == pytest.approx(second, abs=1.0)
 
@@ -141,10 +143,10 @@ def test_of_a_short_take_the_better_fit_of_all_of_it_stands(
 
     def again(n: int, *_: object) -> bool:
         asked.append(n)
-        return len(asked) > 1 + len(prepare.GRIPS)  # all that come after the starts
+        return len(asked) > 1 + len(prepare.FIRST_GRIPS)  # all that come after the starts
 
     Refits(monkeypatch, again if lost else never, never if lost else lambda *of: by * again(*of))
-    found = fitted(prepare.ENOUGH)
-    assert len(asked) == 1 + len(prepare.GRIPS) + (2 if lost else 1)
+    found = fitted(prepare.PART_SEGMENTS)
+    assert len(asked) == 1 + len(prepare.FIRST_GRIPS) + (2 if lost else 1)
     assert found.astray == min(by, 0.0)
     assert BASE.car(found.phi).F_f_max == pytest.approx(best, abs=1.0)

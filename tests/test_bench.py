@@ -10,12 +10,12 @@ import pytest
 from cars import CAR
 
 from bcid.bench import timing
-from bcid.bench.equations import advance
-from bcid.bench.rollouts import NUMPY, commands
-from bcid.bench.run import PATHS, outcome
-from bcid.bench.timing import Row, compared
+from bcid.bench.equations import advance_period
+from bcid.bench.rollouts import NUMPY, draw_commands
+from bcid.bench.run import HOT_PATHS, summarise_timings
+from bcid.bench.timing import Timing, time_against_peers
 from bcid.cli.app import main
-from bcid.physics.car import advance as ours
+from bcid.physics.car import advance_period as ours
 
 
 def test_ratios_are_those_of_the_times(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,7 +31,7 @@ def test_ratios_are_those_of_the_times(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(timing.time, "perf_counter", lambda: now[0])
     peers = {"slow": (lasting(0.008), 1.2, None), "same": (lasting(0.004), 10.0, 0.0)}
-    slow, same = compared("a path", lasting(0.004), peers, 5)
+    slow, same = time_against_peers("a path", lasting(0.004), peers, 5)
     assert (slow.peer, same.peer) == ("slow", "same")
     assert (slow.ours_ms, slow.peer_ms, slow.ratio) == pytest.approx((4.0, 8.0, 2.0))
     assert same.ratio == pytest.approx(1.0)
@@ -41,15 +41,15 @@ def test_ratios_are_those_of_the_times(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_peers_car_is_ours() -> None:
     """Written twice, the equations agree to the last digits."""
     state = mine = (1.0, 0.1, 0.2, 0.3)
-    for u_s, u_m in commands(400, 3):
-        state = advance(state, u_s, u_m, CAR, 0.1, NUMPY)
+    for u_s, u_m in draw_commands(400, 3):
+        state = advance_period(state, u_s, u_m, CAR, 0.1, NUMPY)
         mine = ours(mine, u_s, u_m, CAR, 0.1)
         np.testing.assert_allclose(state, mine, rtol=0.0, atol=1e-11)
 
 
 def test_what_is_missed_is_told_and_peers_that_are_absent_too() -> None:
-    rows = [Row("a path", "numpy", 2.0, 100.0, 40.0, 1e-15), Row("a path", "other", 2.0, 100.0, 60.0, None)]
-    found = outcome(rows, 5, {"cores": 2})
+    rows = [Timing("a path", "numpy", 2.0, 100.0, 40.0, 1e-15), Timing("a path", "other", 2.0, 100.0, 60.0, None)]
+    found = summarise_timings(rows, 5, {"cores": 2})
     assert [r["missed"] for r in found["rows"]] == [False, True]
     assert found["rows"][0]["ratio"] == 50.0
     assert found["schema"] == "bcid.bench/1"
@@ -58,7 +58,7 @@ def test_what_is_missed_is_told_and_peers_that_are_absent_too() -> None:
 
 @pytest.mark.parametrize("name", ["newton-euler", "k-sindy"])
 def test_a_path_can_be_timed(name: str) -> None:
-    rows = list(PATHS[name](1))
+    rows = list(HOT_PATHS[name](1))
     assert rows
     assert all(r.ours_ms > 0.0 and r.peer_ms > 0.0 for r in rows)
     assert all(r.difference is None or r.difference < 1e-9 for r in rows)
@@ -79,7 +79,9 @@ def test_goals_missed_end_with_5_only_where_they_are_checked(
 ) -> None:
     from bcid.bench import run
 
-    monkeypatch.setitem(run.PATHS, "newton-euler", lambda repeats: iter([Row("a path", "peer", 2.0, 3.0, 60.0, None)]))
+    monkeypatch.setitem(
+        run.HOT_PATHS, "newton-euler", lambda repeats: iter([Timing("a path", "peer", 2.0, 3.0, 60.0, None)])
+    )
     for more, code in ([], 0), (["--check"], 5):
         monkeypatch.setattr(
             "sys.argv", ["bcid", "bench", "--only", "newton-euler", "--out", str(tmp_path / "b.json"), *more]

@@ -9,28 +9,29 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.judge.verdict import Judgement, judged
-from bcid.diagnosis.locate.basis_functions import SIZES
-from bcid.diagnosis.locate.channel_gains import NOWHERE, changes_by, explained_by
-from bcid.diagnosis.locate.push_directions import lying
-from bcid.diagnosis.locate.pushes import disturbances
-from bcid.diagnosis.locate.regression import Remainder, remainder
-from bcid.diagnosis.locate.unexplained import TELLING, Left
-from bcid.diagnosis.search.forward_backward import search
+from bcid.diagnosis.judge.verdict import Judgement, judge_search
+from bcid.diagnosis.limits import LOCATE_LIMITS
+from bcid.diagnosis.locate.basis_functions import BASIS_SIZES
+from bcid.diagnosis.locate.channel_gains import NO_CIRCLE, channel_gains, pose_changes_by_channel
+from bcid.diagnosis.locate.mismatch import RemainingMismatch
+from bcid.diagnosis.locate.push_directions import direction_gains
+from bcid.diagnosis.locate.pushes import estimate_disturbances
+from bcid.diagnosis.locate.regression import DisturbanceRegression, regress_disturbances
+from bcid.diagnosis.search.forward_backward import search_effects
 from bcid.effects.constants import Constants
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.nuisance import residuals
-from bcid.likelihood.predict import wrapped
-from bcid.likelihood.prepare import base_fit
+from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.predict import wrap_yaw
+from bcid.likelihood.prepare import fit_base
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take, take_of
+from bcid.likelihood.take import Take, cut_segments
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.samples import Take as Order
-from bcid.simulation.samples import write_take
+from bcid.simulation.samples import SampleTake as Order
+from bcid.simulation.samples import write_sample_take
 from bcid.vehicle import Vehicle
 
 SCALES = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.02, 0.02, 0.02]))
@@ -46,10 +47,10 @@ class Maker:
     tuning: Tuning
 
     def fitted(self, plant: Plant, sensor: Sensor, seed: int = 3) -> tuple[Fit, Take]:
-        path = write_take(self.folder, Order(f"take{seed}", "motive", SECONDS), plant, sensor, seed)
+        path = write_sample_take(self.folder, Order(f"take{seed}", "motive", SECONDS), plant, sensor, seed)
         recording = read_recording(path, self.vehicle)
-        take = take_of(recording, estimate_motion(recording, self.vehicle, self.tuning))
-        return base_fit(take, Hypothesis((), CAR, 2.012, Constants()), SCALES), take
+        take = cut_segments(recording, estimate_motion(recording, self.vehicle, self.tuning))
+        return fit_base(take, Hypothesis((), CAR, 2.012, Constants()), SCALES), take
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def null(maker: Maker) -> tuple[Fit, Take]:
 
 @pytest.fixture(scope="module")
 def changes(null: tuple[Fit, Take]) -> tuple[np.ndarray, dict[str, slice]]:
-    return changes_by(*null, NOWHERE)
+    return pose_changes_by_channel(*null, NO_CIRCLE)
 
 
 ALIKE = [
@@ -87,13 +88,13 @@ def test_a_function_changes_what_its_effect_changes(
     fit, take = null
     columns, of = changes
     column = columns[:, :, of[channel].start + number]
-    more = fit.hypothesis.holding(effect)
+    more = fit.hypothesis.with_effects(effect)
     parameter = more.entries[effect].parameters[0]
     step = size or 0.02 * parameter.size
     values = [abs(step) if p is parameter else p.off for p in more.entries[effect].parameters]
-    r = residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
-    phi = more.start(fit.car(), values)
-    there = wrapped(r - residuals(take, more.setting(phi, take), fit.start)) / step
+    r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
+    phi = more.phi_of(fit.car(), values)
+    there = wrap_yaw(r - pose_residuals(take, more.prediction_inputs(phi, take), fit.start)) / step
     usual = np.abs(there - np.median(there)).max(axis=1) < np.quantile(np.abs(there), 0.999)  # no kink was met
     alike = np.corrcoef(column[usual].ravel(), there[usual].ravel())[0, 1]
     assert abs(alike) > 0.99
@@ -106,19 +107,19 @@ def test_columns_belong_to_one_channel_each(changes: tuple[np.ndarray, dict[str,
     assert set(of) == {"fx", "fy", "mz", "steering", "motor", "pose", "time"}
     owners = np.concatenate([np.arange(s.start, s.stop) for s in of.values()])
     assert sorted(owners.tolist()) == list(range(columns.shape[2]))
-    assert of["steering"].stop - of["steering"].start == SIZES["steering"] + 7
+    assert of["steering"].stop - of["steering"].start == BASIS_SIZES["steering"] + 7
     assert np.isfinite(columns).all()
 
 
 def test_nothing_enters_where_nothing_is_missing(null: tuple[Fit, Take]) -> None:
-    gains = explained_by(*null, None)
-    assert max(gains.values()) < TELLING
+    gains = channel_gains(*null, None)
+    assert max(gains.values()) < LOCATE_LIMITS.min_gain_nats
     assert list(gains.values()) == sorted(gains.values(), reverse=True)
     fit, take = null
-    ways = lying(disturbances(fit, take), fit.car())
-    assert ways[0].nats < TELLING
-    none = Remainder("fy", 0.1, {"fy": 0.1}, (), 0.0, None)
-    assert Left(none, gains, ways).channel == "fy"  # where most would be predictable
+    ways = direction_gains(estimate_disturbances(fit, take), fit.car())
+    assert ways[0].gain_nats < LOCATE_LIMITS.min_gain_nats
+    none = DisturbanceRegression("fy", 0.1, {"fy": 0.1}, (), 0.0, None)
+    assert RemainingMismatch(none, gains, ways).channel == "fy"  # where most would be predictable
 
 
 @pytest.mark.parametrize(
@@ -132,9 +133,9 @@ def test_what_no_function_describes_pushes_in_its_channel_s_directions(
     plant: dict[str, float], channel: str, maker: Maker
 ) -> None:
     fit, take = maker.fitted(Plant()._replace(**plant), Sensor())
-    way = lying(disturbances(fit, take), fit.car())[0]
+    way = direction_gains(estimate_disturbances(fit, take), fit.car())[0]
     assert way.channel == channel
-    assert way.nats > 20.0
+    assert way.gain_nats > 20.0
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,7 @@ def test_what_no_function_describes_pushes_in_its_channel_s_directions(
 def test_a_concealed_effect_enters_in_its_channel(
     plant: dict[str, float], sensor: dict[str, float], channel: str, maker: Maker
 ) -> None:
-    gains = explained_by(*maker.fitted(Plant()._replace(**plant), Sensor(**sensor)), None)
+    gains = channel_gains(*maker.fitted(Plant()._replace(**plant), Sensor(**sensor)), None)
     assert next(iter(gains)) == channel
     assert gains[channel] > 20.0
 
@@ -161,12 +162,12 @@ def test_a_concealed_effect_enters_in_its_channel(
 def test_what_stands_in_for_something_else_is_dropped(maker: Maker) -> None:
     """A late pose in place of a late servo leaves the motor too late."""
     fit, take = maker.fitted(Plant(steering_delay=0.015), Sensor())
-    whole = remainder(disturbances(fit, take), fit.car())
+    whole = regress_disturbances(estimate_disturbances(fit, take), fit.car())
     left_out = ("steering_delay", "steering_lag", "tyre_relaxation", "steering_backlash", "steering_dead_band")
-    found = search(fit, take, whole, left_out=left_out)
-    verdict: Judgement = judged(found, take)
+    found = search_effects(fit, take, whole, excluded=left_out)
+    verdict: Judgement = judge_search(found, take)
     assert found.best.hypothesis.effects == ("pose_latency",)
     assert verdict.dropped == ("pose_latency",)
     assert verdict.verdict == "unknown"
-    assert verdict.left.channel == "steering"
-    assert verdict.nats_left > 100.0
+    assert verdict.unexplained.channel == "steering"
+    assert verdict.unexplained_nats > 100.0

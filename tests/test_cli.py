@@ -92,13 +92,13 @@ def test_errors_have_a_place_a_cause_and_a_next_step(tmp_path: Path, vehicle_fil
 
 
 def test_init_writes_files_that_can_be_read(tmp_path: Path) -> None:
-    from bcid.pipeline.plan import read_plan
+    from bcid.pipeline.config import read_pipeline_file
     from bcid.vehicle import read_vehicle
 
     made = bcid("init", tmp_path / "new")
     assert made.returncode == 0
     assert read_vehicle(tmp_path / "new" / "vehicle.toml").name == "my-car"
-    assert len(read_plan(tmp_path / "new" / "pipeline.toml").models) == 6
+    assert len(read_pipeline_file(tmp_path / "new" / "pipeline.toml").models) == 6
     refused(bcid("init", tmp_path / "new"), 2, "exists already", "next: ")
 
 

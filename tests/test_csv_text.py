@@ -13,10 +13,10 @@ import pytest
 from pydantic import ValidationError
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.csv_text import read_text
-from bcid.recording.formats.mapping import mapped
-from bcid.recording.read import read_raw
-from bcid.vehicle import Mapped, Vehicle, read_vehicle
+from bcid.recording.formats.csv_text import read_csv_text
+from bcid.recording.formats.raw import map_field
+from bcid.recording.read import read_raw_take
+from bcid.vehicle import FieldMapping, Vehicle, read_vehicle
 
 
 def changed(take: Path, folder: Path, change: Callable[[bytes], bytes]) -> Path:
@@ -28,7 +28,7 @@ def changed(take: Path, folder: Path, change: Callable[[bytes], bytes]) -> Path:
 
 
 def kinds(path: Path, vehicle: Vehicle) -> dict[str, int]:
-    return {i.kind: i.count for i in read_raw(path, vehicle).irregularities}
+    return {i.kind: i.count for i in read_raw_take(path, vehicle).irregularities}
 
 
 def semicolons(data: bytes) -> bytes:
@@ -58,8 +58,8 @@ def test_other_bytes_of_the_same_table_are_the_same_take(
     name: str, takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
 ) -> None:
     change, kind = SAME[name]
-    clean, path = read_raw(takes["motive"], vehicle), changed(takes["motive"], tmp_path, change)
-    np.testing.assert_array_equal(read_raw(path, vehicle).pose, clean.pose)
+    clean, path = read_raw_take(takes["motive"], vehicle), changed(takes["motive"], tmp_path, change)
+    np.testing.assert_array_equal(read_raw_take(path, vehicle).pose, clean.pose)
     assert set(kinds(path, vehicle)) - set(kinds(takes["motive"], vehicle)) == ({kind} if kind else set())
 
 
@@ -77,14 +77,14 @@ def test_what_cannot_be_told_is_refused_with_its_place(
 ) -> None:
     change, says = REFUSED[name]
     with pytest.raises(InputRefused, match=says):
-        read_raw(changed(takes["motive"], tmp_path, change), vehicle)
+        read_raw_take(changed(takes["motive"], tmp_path, change), vehicle)
 
 
 def test_the_second_header_is_found_at_its_line(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     lines = takes["motive"].read_bytes().count(b"\n")
     path = changed(takes["motive"], tmp_path, lambda d: d + d)
     with pytest.raises(InputRefused) as error:
-        read_raw(path, vehicle)
+        read_raw_take(path, vehicle)
     assert error.value.place == f"line {lines + 1}"
 
 
@@ -93,7 +93,7 @@ def test_a_row_that_the_end_of_the_file_cuts_is_left_out_and_told(
     cut: int, takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
 ) -> None:
     path = changed(takes["motive"], tmp_path, lambda d: d.rstrip()[:-cut])
-    found, clean = read_raw(path, vehicle), read_raw(takes["motive"], vehicle)
+    found, clean = read_raw_take(path, vehicle), read_raw_take(takes["motive"], vehicle)
     np.testing.assert_array_equal(found.pose, clean.pose[:-1])
     assert kinds(path, vehicle)["cut file"] == 1
 
@@ -106,15 +106,15 @@ def test_a_last_line_without_an_end_is_kept_where_nothing_says_that_it_is_cut(
     commands = path.with_suffix(".commands.csv")
     rows = [line.split(",") for line in commands.read_text().splitlines()]
     commands.write_text("\n".join([",".join(rows[0]), *(",".join(f"{float(c):g}" for c in row) for row in rows[1:])]))
-    assert len(read_raw(path, vehicle).command) == len(rows) - 1
+    assert len(read_raw_take(path, vehicle).command) == len(rows) - 1
     assert kinds(path, vehicle)["cut file"] == 1
 
 
 @pytest.mark.parametrize("text", [b"nan", b"NaN", b"-nan(ind)", b"1.#INF", b"-1.#IND", b"1.#QNAN", b"inf", b"1e400"])
 def test_no_number_is_told_from_a_blank(text: bytes, takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
-    found = read_raw(changed(takes["motive"], tmp_path, lambda d: cell(d, 50, 6, text)), vehicle)
+    found = read_raw_take(changed(takes["motive"], tmp_path, lambda d: cell(d, 50, 6, text)), vehicle)
     assert np.isinf(found.pose[43, 0])
-    blank = read_raw(changed(takes["motive"], tmp_path, lambda d: cell(d, 50, 6, b"")), vehicle)
+    blank = read_raw_take(changed(takes["motive"], tmp_path, lambda d: cell(d, 50, 6, b"")), vehicle)
     assert np.isnan(blank.pose[43, 0])
 
 
@@ -126,7 +126,7 @@ def test_all_that_is_wrong_with_a_header_is_told_at_once(
         return re.sub(rb"Coordinate Space,\w+", b"Coordinate Space,Local", data)
 
     with pytest.raises(InputRefused) as error:
-        read_raw(changed(takes["motive"], tmp_path, change), vehicle)
+        read_raw_take(changed(takes["motive"], tmp_path, change), vehicle)
     for word in ("Furlongs", "bumper_cat", "Global"):
         assert word in error.value.cause
     assert error.value.next_step.count(";") >= 2
@@ -139,7 +139,7 @@ def test_what_is_wrong_with_an_export_and_with_its_commands_is_told_at_once(
     beside = path.with_suffix(".commands.csv")
     beside.write_bytes(beside.read_bytes().replace(b"throttle_mps", b"gas"))
     with pytest.raises(InputRefused) as error:
-        read_raw(path, vehicle)
+        read_raw_take(path, vehicle)
     assert error.value.source == str(path)
     assert "Furlongs" in error.value.cause
     assert f"\n{beside}: column 'throttle_mps': is not in the file" in str(error.value)
@@ -154,7 +154,7 @@ def test_all_columns_that_hold_text_are_told_at_once(takes: dict[str, Path], veh
     lines[3] = lines[3].split(",")[0] + ",left,fast"
     commands.write_text("\n".join(lines) + "\n")
     with pytest.raises(InputRefused) as error:
-        read_raw(path, vehicle)
+        read_raw_take(path, vehicle)
     assert "'left'" in error.value.cause
     assert "'fast'" in error.value.cause
     assert error.value.place.count("data row 3") == 2
@@ -165,7 +165,7 @@ def test_a_decimal_comma_between_commas_is_refused(takes: dict[str, Path], vehic
     commands = path.with_suffix(".commands.csv")
     commands.write_text(commands.read_text().replace(".", ","))
     with pytest.raises(InputRefused, match="decimal comma"):
-        read_raw(path, vehicle)
+        read_raw_take(path, vehicle)
 
 
 def test_separators_are_told_by_the_first_lines(tmp_path: Path) -> None:
@@ -173,14 +173,14 @@ def test_separators_are_told_by_the_first_lines(tmp_path: Path) -> None:
         rows = [["t", "a", "b"], *([str(k), f"{k}{decimal}5", f"-{k}{decimal}25"] for k in range(5))]
         path = tmp_path / "t.csv"
         path.write_text("".join(separator.join(row) + "\n" for row in rows))
-        found = read_text(path)
+        found = read_csv_text(path)
         assert (found.separator, found.decimal) == (separator, decimal)
 
 
 def test_what_is_no_number_stays_none_through_a_mapping_with_bounds() -> None:
-    field = Mapped.model_validate({"from": "u", "gain": 2.0, "low": -1.0, "high": 1.0, "dead_zone": 0.1})
+    field = FieldMapping.model_validate({"from": "u", "gain": 2.0, "low": -1.0, "high": 1.0, "dead_zone": 0.1})
     raw = np.array([np.inf, -np.inf, np.nan, 0.05, 0.3, 9.0, -9.0])
-    found = mapped(field, lambda name: raw)
+    found = map_field(field, lambda name: raw)
     assert np.isinf(found[:2]).all()
     assert np.isnan(found[2])
     np.testing.assert_allclose(found[3:], [0.0, 0.4, 1.0, -1.0])
@@ -189,7 +189,7 @@ def test_what_is_no_number_stays_none_through_a_mapping_with_bounds() -> None:
 def test_a_calibrated_servo_is_read_off_between_its_points() -> None:
     given = {"from": "u", "points": [[-1.0, -0.4], [0.0, 0.0], [0.5, 0.25], [1.0, 0.3]], "offset": 0.01}
     raw = np.array([-2.0, -0.5, 0.25, 0.75, 3.0, np.nan])
-    found = mapped(Mapped.model_validate(given), lambda name: raw)
+    found = map_field(FieldMapping.model_validate(given), lambda name: raw)
     np.testing.assert_allclose(found, np.array([-0.4, -0.2, 0.125, 0.275, 0.3, np.nan]) + 0.01)
 
 
@@ -198,8 +198,8 @@ def test_commands_of_a_calibrated_servo_are_raw_ones() -> None:
     car = {"name": "car", "body": {"cog_to_front_m": 0.1, "cog_to_rear_m": 0.1}, "steering": {"max_angle_rad": 0.4}}
     columns = {"time_s": "t", "x_m": "x", "y_m": "y", "yaw_rad": "yaw", "throttle_mps": "u"}
     points = {"from": "servo", "points": [[-1.0, -0.4], [1.0, 0.3]]}
-    assert Vehicle.model_validate(car | {"columns": columns | {"steering_rad": points}}).raw_steering
-    assert not Vehicle.model_validate(car | {"columns": columns | {"steering_rad": "servo"}}).raw_steering
+    assert Vehicle.model_validate(car | {"columns": columns | {"steering_rad": points}}).has_raw_steering
+    assert not Vehicle.model_validate(car | {"columns": columns | {"steering_rad": "servo"}}).has_raw_steering
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,7 @@ def test_commands_of_a_calibrated_servo_are_raw_ones() -> None:
 )
 def test_points_that_say_nothing_or_two_things_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError, match="points"):
-        Mapped.model_validate({"from": "u", **wrong})
+        FieldMapping.model_validate({"from": "u", **wrong})
 
 
 def test_a_pipe_in_place_of_a_vehicle_file_is_refused(tmp_path: Path) -> None:

@@ -11,19 +11,30 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.table import EFFECTS
-from bcid.report import before_after_figures, where_figures
-from bcid.report.before_after_figures import proof_pictures
-from bcid.report.diagnosis_page import number, verdict_sentence, with_error, write_diagnosis_page
-from bcid.report.knots import residual_of, two_variables, variable
-from bcid.report.where_figures import dependence_picture, place_picture, where_pictures
+from bcid.report import before_after_figures, diagnosis_page, disturbance, verdict_words, where_figures
+from bcid.report.disturbance import knot_variable
+from bcid.report.formats import format_number, format_with_error
 
 Floats = npt.NDArray[np.float64]
 Made = tuple[dict[str, Any], dict[str, Floats], dict[str, Floats]]
 
+
+def reading(function: Any) -> Any:
+    """The function of a document, handed what JSON holds."""
+    return lambda d, *rest: function(DiagnosisDocument.model_validate(d), *rest)
+
+
+verdict_sentence = reading(verdict_words.verdict_sentence)
+write_diagnosis_page = reading(diagnosis_page.write_diagnosis_page)
+proof_pictures = reading(before_after_figures.draw_before_after_pictures)
+where_pictures = reading(where_figures.draw_where_pictures)
+residual_of, two_variables = reading(disturbance.choose_residual), reading(disturbance.choose_variables)
+
 HOSTILE = '"><script>alert(1)</script><img src=x onerror="alert(2)">$\\frac{${{ 7 * 7 }}'
 DURATION_S = 300.0
-PNG = b"\x89PNG"
+PNG = "data:image/png;base64,iVBORw0K"
 
 
 def knots_of(lacking: dict[str, Floats] | None = None, vanishes: bool = True, seed: int = 0) -> dict[str, Floats]:
@@ -174,7 +185,7 @@ def nothing() -> Made:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are composed but not rendered, which takes most of the time."""
     for module in (before_after_figures, where_figures):
-        monkeypatch.setattr(module, "png", lambda figure: PNG)
+        monkeypatch.setattr(module, "render_data_uri", lambda figure: PNG)
 
 
 VERDICTS = {"named": named, "ambiguous": ambiguous, "unknown": unknown, "nothing-found": nothing}
@@ -279,7 +290,7 @@ def test_unknown_says_channel_dependence_and_form() -> None:
 
 def test_unknown_says_where_pushes_lie() -> None:
     d = unknown()[0]
-    d["unknown"] |= {"channel": "fx", "depends_on": [], "form": None, "lies": "along the front wheel"}
+    d["unknown"] |= {"channel": "fx", "depends_on": [], "form": None, "direction": "along the front wheel"}
     said = verdict_sentence(d)
     assert "it acts on the forward force (fx); the pushes lie along the front wheel" in said, said
 
@@ -316,7 +327,7 @@ def test_empty_lists_and_nulls_do_not_break_it(verdict: str, tmp_path: Path) -> 
 def test_null_figures_are_dashes(tmp_path: Path) -> None:
     d, knots, tracks = named()
     d["horizons"] = [dict.fromkeys(h) | {"horizon_s": h["horizon_s"]} for h in d["horizons"]]
-    d["fit"] = dict.fromkeys(d["fit"])
+    d["fit"] = dict.fromkeys(d["fit"]) | {"horizon_s": 2.0}
     d["findings"][0]["parameters"] = {"b": {"value": None, "se": None, "unit": "kg s^-1"}}
     d["base"]["parameters"][0] |= {"value": None, "se": None}
     knots["after_fx"][5] = np.nan
@@ -344,7 +355,7 @@ def test_hostile_names_are_inert(tmp_path: Path) -> None:
 
     for verdict, made in VERDICTS.items():
         d, knots, tracks = made()
-        d = poisoned(d) | {"verdict": verdict}
+        d = poisoned(d) | {"schema": d["schema"], "verdict": verdict}
         text, tags = page((d, knots, tracks), tmp_path)
         inert(tags)
         assert "&lt;script&gt;" in text
@@ -387,23 +398,23 @@ def test_paths_are_those_of_the_worst_stretch() -> None:
 
 def test_pictures_can_stand_alone() -> None:
     d, knots, _ = named()
-    for picture in (place_picture(d, knots), dependence_picture(d, knots)):
-        assert picture.startswith(PNG)
-        assert len(picture) > 5_000
+    for picture in where_pictures(d, knots):
+        assert picture.image.startswith(PNG)
+        assert len(picture.image) > 7_000
 
 
 def test_a_sparse_drive_over_a_wide_floor_can_be_drawn() -> None:
     d, knots, _ = nothing()
     sparse = {n: v[::20] for n, v in knots.items()}
     sparse |= {"x": 40.0 * sparse["x"], "y": 40.0 * sparse["y"]}
-    assert place_picture(d, sparse).startswith(PNG)
-    assert place_picture(d, knots | {"x": 0.0 * knots["x"], "y": 0.0 * knots["y"]}).startswith(PNG)
+    for columns in (sparse, knots | {"x": 0.0 * knots["x"], "y": 0.0 * knots["y"]}):
+        assert all(picture.image.startswith(PNG) for picture in where_pictures(d, columns))
 
 
 def test_throttle_and_brake_are_told_apart() -> None:
     knots = {"throttle": np.array([-0.5, 1.0])}
-    np.testing.assert_array_equal(variable("throttle", knots), [0.0, 1.0])
-    np.testing.assert_array_equal(variable("braking", knots), [0.5, 0.0])
+    np.testing.assert_array_equal(knot_variable("throttle", knots), [0.0, 1.0])
+    np.testing.assert_array_equal(knot_variable("braking", knots), [0.5, 0.0])
 
 
 @pytest.mark.parametrize(
@@ -420,11 +431,11 @@ def test_throttle_and_brake_are_told_apart() -> None:
     ],
 )
 def test_values_are_rounded_by_their_error(value: float, se: float | None, shown: str) -> None:
-    assert with_error(value, se) == shown
+    assert format_with_error(value, se) == shown
 
 
 def test_numbers_keep_their_digits() -> None:
-    assert [number(v) for v in (0.0, 9.996, 0.5, 123456.0)] == ["0.00", "10.0", "0.500", "1.23 × 10⁵"]
+    assert [format_number(v) for v in (0.0, 9.996, 0.5, 123456.0)] == ["0.00", "10.0", "0.500", "1.23 × 10⁵"]
 
 
 def test_a_quantity_that_never_changes_is_not_drawn() -> None:

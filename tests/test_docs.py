@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
+from docs_tables import answers_table, evidence_table, methods_table
 
-from bcid.bench.accuracy import SEEDS_CHANGE
-from bcid.cli.sink import thousandths
+from bcid.bench.limits import ACCURACY
+from bcid.documents.prove import ProveDocument
+from bcid.report.formats import format_thousandths
 
 ROOT = Path(__file__).parent.parent
 
@@ -56,10 +58,10 @@ def accuracy_table(found: dict[str, object]) -> str:
     lines = found["table"]
     order = list(dict.fromkeys(t["data"] for t in lines))  # type: ignore[attr-defined]
     for line in sorted(lines, key=lambda t: (order.index(t["data"]), t["end"]["nmse"] or float("inf"))):  # type: ignore[call-overload]
-        shown = [thousandths(line[h]["nmse"]) for h in ("0.5 s", "2 s", "10 s", "end")]
-        interval = " – ".join(thousandths(v) for v in line["end"]["ci95"]) if line["end"]["ci95"] else "–"
+        shown = [format_thousandths(line[h]["nmse"]) for h in ("0.5 s", "2 s", "10 s", "end")]
+        interval = " – ".join(format_thousandths(v) for v in line["end"]["ci95"]) if line["end"]["ci95"] else "–"
         change = "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"
-        change += " **missed**" if line["ours"] and (line["end"]["spread"] or 0.0) > SEEDS_CHANGE else ""
+        change += " **missed**" if line["ours"] and (line["end"]["spread"] or 0.0) > ACCURACY.max_seed_change else ""
         name = line["model"] if line["ours"] else f"*{line['model']}*"
         rows.append(f"| {' | '.join([line['data'], name, *shown, interval, change])} |")
     return "\n".join(rows)
@@ -116,74 +118,67 @@ def test_the_readme_s_table_is_the_committed_report() -> None:
 
 
 def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
-    from bcid.report.diagnosis_page import verdict_sentence
+    from bcid.documents.diagnosis import DiagnosisDocument
+    from bcid.report.verdict_words import verdict_sentence
 
-    diagnosis = json.loads((ROOT / "docs" / "results" / "diagnosis.json").read_text(encoding="utf-8"))
+    diagnosis = DiagnosisDocument.read(ROOT / "docs" / "results" / "diagnosis.json")
     assert f"> {verdict_sentence(diagnosis)}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
-    from bcid.report.proof_page import evidence, methods
-
-    whole, quick = (
-        json.loads((ROOT / "docs" / "results" / name).read_text(encoding="utf-8"))
-        for name in ("prove.json", "prove_quick.json")
-    )
+    whole, quick = (ProveDocument.read(ROOT / "docs" / "results" / f"{name}.json") for name in ("prove", "prove_quick"))
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert evidence(whole) in readme
-    assert methods(quick) in readme
-    assert f"seed {quick['seed']}, code {quick['code']}" in readme
-    stated = whole["calibration"]["bins"][-1]
-    assert f"of {stated['n']} names with that much {round(stated['n'] * stated['there'])} were there" in readme
-    right, wanted = quick["pooled"]["right"], quick["pooled"]["expected"]
-    assert f"{right} of {quick['pooled']['n']} right where {wanted:.1f} are wanted" in readme
+    assert evidence_table(whole) in readme
+    assert methods_table(quick) in readme
+    assert f"seed {quick.seed}, code {quick.code}" in readme
+    stated = whole.calibration.bins[-1]
+    assert f"of {stated.n} names with that much {round(stated.n * stated.there)} were there" in readme
+    right, wanted = quick.pooled.right, quick.pooled.expected
+    assert f"{right} of {quick.pooled.n} right where {wanted:.1f} are wanted" in readme
 
 
 @pytest.mark.parametrize("name", ["prove.json", "prove_part.json"])
 def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     """And its seals hold the answers of its seed."""
-    from bcid.proof.blind.cases import suite
-    from bcid.proof.blind.run_cases import truth_of
-    from bcid.proof.blind.seal import SEALS, seal_of, sealed
-    from bcid.proof.rows import kept
-    from bcid.proof.scores.outcome import outcome
+    from bcid.proof.blind.cases import draw_suite
+    from bcid.proof.blind.run_cases import case_truth
+    from bcid.proof.blind.seal import SEALS_FILE, answer_seal, suite_seal
+    from bcid.proof.rows import read_rows
+    from bcid.proof.scores.outcome import blind_outcome
 
     results = ROOT / "docs" / "results"
     folder = results / name.removesuffix(".json").replace("prove", "proof")
     told = json.loads((results / name).read_text(encoding="utf-8"))
-    seals = json.loads((folder / SEALS).read_text(encoding="utf-8"))
+    seals = json.loads((folder / SEALS_FILE).read_text(encoding="utf-8"))
     of = {key: told["sizes"][key] for key in ("repeats", "nulls", "imperfect_nulls", "pairs")}
-    cases = [case for case in suite(told["seed"], **of) if case.name in seals["cases"]]
-    assert {case.name: sealed(case, told["salt"]) for case in cases} == seals["cases"]
-    assert seal_of(cases, told["salt"]) == seals["seal"] == told["seal"]
-    rows = {key.partition(".")[0]: row for key, row in kept(folder).items()}
-    assert {key.partition(".")[2] for key in kept(folder)} == {told["code"]}
+    cases = [case for case in draw_suite(told["seed"], **of) if case.name in seals["cases"]]
+    assert {case.name: answer_seal(case, told["salt"]) for case in cases} == seals["cases"]
+    assert suite_seal(cases, told["salt"]) == seals["seal"] == told["seal"]
+    rows = {key.partition(".")[0]: row for key, row in read_rows(folder).items()}
+    assert {key.partition(".")[2] for key in read_rows(folder)} == {told["code"]}
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"seed {told['seed']}, code {told['code']}" in text
     assert f"{told['pooled']['right']} of {told['cases']} takes were answered right" in text
-    ran = [truth_of(case) | rows[case.digest()] for case in cases if case.digest() in rows]
+    ran = [case_truth(case) | rows[case.digest()] for case in cases if case.digest() in rows]
     about = {key: told[key] for key in ("seed", "salt", "quick", "sizes", "of", "tiers_of", "seal", "code")}
-    again = json.loads(json.dumps(outcome(ran, about)))
+    again = json.loads(json.dumps(blind_outcome(ran, about).as_json()))
     figures = ("cases", "tiers", "pooled", "pooled_by_tier", "calibration", "p_values", "confusion", "wrong", "missed")
     for key in figures:
         assert again[key] == told[key], key
 
 
 def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
-    from bcid.proof.real.questions import NOT_ASKED
-    from bcid.proof.real.scoring import TIERS
-    from bcid.report import proof_page
+    from bcid.proof.real.scoring import REAL_TIERS
 
-    assert proof_page.NOT_ASKED == NOT_ASKED
     files = sorted((ROOT / "docs" / "results").glob("real_*.json"))
     found = [json.loads(file.read_text(encoding="utf-8")) for file in files]
     assert found
     page, readme = ((ROOT / name).read_text(encoding="utf-8") for name in ("docs/real_recordings.md", "README.md"))
-    assert proof_page.answers(found) in page
+    assert answers_table(found) in page
     assert all(outcome["code"][:12] in page for outcome in found)  # whose answers they are
-    counts = [[sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in TIERS]
+    counts = [[sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in REAL_TIERS]
     told = [f"{right} of {n}" for right, n in counts]
-    assert "; ".join(f"{tier}: {count}" for tier, count in zip(TIERS, told, strict=True)) in page
+    assert "; ".join(f"{tier}: {count}" for tier, count in zip(REAL_TIERS, told, strict=True)) in page
     readme = " ".join(readme.split())
     assert f"rightly were {told[0]} questions" in readme
     assert "controls passed {}, edits were found in {}".format(*told[1:]) in readme
@@ -198,10 +193,10 @@ def test_the_docs_are_text_without_control_characters() -> None:
 
 
 def test_the_page_of_effects_is_what_the_command_makes() -> None:
-    from bcid.effects.listing import as_markdown
+    from bcid.effects.listing import effects_page
     from bcid.effects.table import EFFECTS
 
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert page == as_markdown(list(EFFECTS.values())) + "\n"
+    assert page == effects_page(list(EFFECTS.values())) + "\n"
     for effect in EFFECTS.values():
         assert f"`{effect.id}`" in page

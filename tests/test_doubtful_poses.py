@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from bcid.errors import InputRefused
-from bcid.recording.assemble import assemble
-from bcid.recording.checks.attitude import check_up_axis, judged_yaw, off_the_floor
+from bcid.recording.assemble import assemble_recording
+from bcid.recording.checks.attitude import check_up_axis, checked_yaw, find_lifted_samples
 from bcid.recording.formats.raw import RawTake
-from bcid.recording.read import read_raw
+from bcid.recording.read import read_raw_take
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 
 @pytest.fixture(scope="module")
 def raw(takes: dict[str, Path], vehicle: Vehicle) -> RawTake:
-    return read_raw(takes["mcap"], vehicle)
+    return read_raw_take(takes["mcap"], vehicle)
 
 
 def told(recording: Recording, kind: str) -> int:
@@ -33,10 +33,10 @@ def test_a_pose_that_the_tracking_holds_is_left_out(raw: RawTake, vehicle: Vehic
     first = next(k for k in range(1000, len(on)) if on[k : k + 60].all())
     pose = raw.pose.copy()
     pose[first : first + 60] = pose[first]
-    found = assemble(replace(raw, pose=pose), vehicle)
+    found = assemble_recording(replace(raw, pose=pose), vehicle)
     assert told(found, "frozen pose") == 59
     assert not np.isin(raw.pose_time_s[first + 1 : first + 60], found.poses.time_s).any()
-    assert told(assemble(raw, vehicle), "frozen pose") == 0
+    assert told(assemble_recording(raw, vehicle), "frozen pose") == 0
 
 
 def test_a_pose_that_is_held_to_the_end_is_left_out(raw: RawTake, vehicle: Vehicle) -> None:
@@ -45,7 +45,7 @@ def test_a_pose_that_is_held_to_the_end_is_left_out(raw: RawTake, vehicle: Vehic
     last = next(k for k in range(len(on) - 1, 0, -1) if on[k - 60 : k].all())
     cut = replace(raw, pose=raw.pose[:last].copy(), pose_time_s=raw.pose_time_s[:last])
     cut.pose[last - 60 :] = cut.pose[last - 60]
-    assert told(assemble(cut, vehicle), "frozen pose") == 59
+    assert told(assemble_recording(cut, vehicle), "frozen pose") == 59
 
 
 def test_a_car_that_stands_is_not_frozen(raw: RawTake, vehicle: Vehicle) -> None:
@@ -54,7 +54,7 @@ def test_a_car_that_stands_is_not_frozen(raw: RawTake, vehicle: Vehicle) -> None
     pose[120:, :2] += pose[0, :2] - pose[120, :2]  # no jump at the end of it
     pose[:120] = pose[0]
     command[raw.command_time_s < raw.pose_time_s[125]] = 0.0
-    found = assemble(replace(raw, pose=pose, command=command), vehicle)
+    found = assemble_recording(replace(raw, pose=pose, command=command), vehicle)
     assert told(found, "frozen pose") == 0
     assert len(found.poses) == len(raw.pose)
 
@@ -63,20 +63,20 @@ def test_a_clock_that_is_set_back_is_refused_and_late_samples_are_not(raw: RawTa
     back = raw.pose_time_s.copy()
     back[1500:] -= 0.4
     with pytest.raises(InputRefused, match=r"steps back by 0\.3\d+ s .* times twice"):
-        assemble(replace(raw, pose_time_s=back), vehicle)
+        assemble_recording(replace(raw, pose_time_s=back), vehicle)
     order = np.arange(len(raw.pose))
     order[[700, 703]] = order[[703, 700]]
-    mixed = assemble(replace(raw, pose_time_s=raw.pose_time_s[order], pose=raw.pose[order]), vehicle)
+    mixed = assemble_recording(replace(raw, pose_time_s=raw.pose_time_s[order], pose=raw.pose[order]), vehicle)
     assert told(mixed, "pose order") > 0
-    np.testing.assert_array_equal(mixed.poses.time_s, assemble(raw, vehicle).poses.time_s)
+    np.testing.assert_array_equal(mixed.poses.time_s, assemble_recording(raw, vehicle).poses.time_s)
 
 
 def test_a_yaw_turned_round_for_a_while_is_left_out(raw: RawTake, vehicle: Vehicle) -> None:
     pose = raw.pose.copy()
     pose[800:900, 2] += np.pi
-    found = assemble(replace(raw, pose=pose), vehicle)
+    found = assemble_recording(replace(raw, pose=pose), vehicle)
     assert told(found, "yaw flip") == 100
-    good = assemble(raw, vehicle).poses
+    good = assemble_recording(raw, vehicle).poses
     kept = np.isin(good.time_s, found.poses.time_s)
     np.testing.assert_allclose(found.poses.values, good.values[kept], atol=1e-9)
 
@@ -97,7 +97,7 @@ def channels(raw: RawTake, vehicle: Vehicle, **made: tuple[str, float]) -> RawTa
 def test_channels_that_follow_the_motion_are_kept(raw: RawTake, vehicle: Vehicle) -> None:
     take = channels(raw, vehicle, yaw_rate_radps=("yaw_rate", 1.02), wheel_speed_mps=("speed", 1.0),
                     measured_steering_rad=("angle", 0.95))  # fmt: skip
-    found = assemble(take, vehicle)
+    found = assemble_recording(take, vehicle)
     assert set(found.channels) == {"yaw_rate_radps", "wheel_speed_mps", "measured_steering_rad"}
     assert told(found, "channel") == 0
 
@@ -114,13 +114,13 @@ def test_a_channel_in_other_units_is_refused(
     name: str, made: tuple[str, float], says: str, raw: RawTake, vehicle: Vehicle
 ) -> None:
     with pytest.raises(InputRefused, match=says) as error:
-        assemble(channels(raw, vehicle, **{name: made}), vehicle)
+        assemble_recording(channels(raw, vehicle, **{name: made}), vehicle)
     assert error.value.place == name
 
 
 def test_a_channel_of_something_else_is_told(raw: RawTake, vehicle: Vehicle) -> None:
     noise = np.random.default_rng(1).standard_normal(len(raw.pose_time_s))
-    found = assemble(replace(raw, channels={"yaw_rate_radps": (raw.pose_time_s, noise)}), vehicle)
+    found = assemble_recording(replace(raw, channels={"yaw_rate_radps": (raw.pose_time_s, noise)}), vehicle)
     assert told(found, "channel") == 1
 
 
@@ -131,9 +131,9 @@ def test_an_export_that_lacks_frames_is_told(takes: dict[str, Path], vehicle: Ve
         whole[0] = whole[0].rstrip() + f",Total Exported Frames,{len(whole) - 7}\n"
     (tmp_path / "cut.csv").write_text("".join(whole[:-300]))
     commands = takes["motive"].with_suffix(".commands.csv")
-    kinds = {i.kind: i.count for i in read_raw(tmp_path / "cut.csv", vehicle, commands).irregularities}
+    kinds = {i.kind: i.count for i in read_raw_take(tmp_path / "cut.csv", vehicle, commands).irregularities}
     assert kinds["frames missing"] >= 300
-    assert "frames missing" not in {i.kind for i in read_raw(takes["motive"], vehicle, commands).irregularities}
+    assert "frames missing" not in {i.kind for i in read_raw_take(takes["motive"], vehicle, commands).irregularities}
 
 
 TIME = np.arange(2000) / 100.0
@@ -142,7 +142,7 @@ XYZW = np.column_stack([np.zeros((2000, 2)), np.sin(0.5 * YAW), np.cos(0.5 * YAW
 
 
 def judged(xyzw: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
-    yaw, odd = judged_yaw(xyzw, "Z", TIME, Path("t.mcap"))
+    yaw, odd = checked_yaw(xyzw, "Z", TIME, Path("t.mcap"))
     return yaw, {i.kind: i.count for i in odd}
 
 
@@ -214,7 +214,7 @@ def test_a_ghost_that_stands_while_the_car_is_driven_is_left_out(jump_in: bool, 
     pose = raw.pose.copy()
     still = np.array([3.0, -2.0, 0.3]) if jump_in else pose[k]
     pose[k : k + 240] = still + 2e-4 * np.random.default_rng(1).standard_normal((240, 3))
-    found = assemble(replace(raw, pose=pose), vehicle)
+    found = assemble_recording(replace(raw, pose=pose), vehicle)
     times = raw.pose_time_s[k + 10 : k + 240]
     assert not np.isin(times, found.poses.time_s).any()
     assert 230 <= told(found, "tracking") <= 270  # held, it also stands for a while before
@@ -225,7 +225,7 @@ def test_a_ghost_that_stands_while_the_car_is_driven_is_left_out(jump_in: bool, 
 def test_single_outliers_are_left_out_and_the_rest_kept(raw: RawTake, vehicle: Vehicle) -> None:
     pose = raw.pose.copy()
     pose[[300, 900, 901]] += [0.4, 0.2, 0.0]
-    found, clean = assemble(replace(raw, pose=pose), vehicle), assemble(raw, vehicle)
+    found, clean = assemble_recording(replace(raw, pose=pose), vehicle), assemble_recording(raw, vehicle)
     assert told(found, "tracking") == 3
     kept = np.isin(clean.poses.time_s, found.poses.time_s)
     assert (~kept).sum() == 3
@@ -239,8 +239,8 @@ def test_two_bodies_in_turn_are_refused(raw: RawTake, vehicle: Vehicle) -> None:
     both[1::2, 0] += 0.1
     times = np.repeat(raw.pose_time_s, 2)
     times[1::2] += 0.008
-    with pytest.raises(InputRefused, match="come in turn"):
-        assemble(replace(raw, pose=both, pose_time_s=times), vehicle)
+    with pytest.raises(InputRefused, match="alternate"):
+        assemble_recording(replace(raw, pose=both, pose_time_s=times), vehicle)
 
 
 def test_two_sources_of_commands_in_turn_are_refused(raw: RawTake, vehicle: Vehicle) -> None:
@@ -248,14 +248,14 @@ def test_two_sources_of_commands_in_turn_are_refused(raw: RawTake, vehicle: Vehi
     both[1::2] = 0.0
     times = np.repeat(raw.command_time_s, 2)
     times[1::2] += 0.02
-    with pytest.raises(InputRefused, match="come in turn"):
-        assemble(replace(raw, command=both, command_time_s=times), vehicle)
+    with pytest.raises(InputRefused, match="alternate"):
+        assemble_recording(replace(raw, command=both, command_time_s=times), vehicle)
 
 
 def test_a_block_of_rows_that_comes_twice_is_read_once(raw: RawTake, vehicle: Vehicle) -> None:
     order = np.r_[: len(raw.pose), 400:460]
-    found = assemble(replace(raw, pose=raw.pose[order], pose_time_s=raw.pose_time_s[order]), vehicle)
-    clean = assemble(raw, vehicle)
+    found = assemble_recording(replace(raw, pose=raw.pose[order], pose_time_s=raw.pose_time_s[order]), vehicle)
+    clean = assemble_recording(raw, vehicle)
     np.testing.assert_array_equal(found.poses.values, clean.poses.values)
     assert told(found, "pose duplicate") == told(clean, "pose duplicate") + 60
 
@@ -271,11 +271,11 @@ def floor(tilt: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("tilt", [0.0, 0.02, 0.2])
 def test_what_leaves_the_floor_is_seen_on_any_floor(tilt: float) -> None:
     t, xy, height = floor(tilt)
-    up, odd = off_the_floor(xy, height, t)
+    up, odd = find_lifted_samples(xy, height, t)
     assert not up.any()
     assert odd == []
     height[1000:1500] += np.concatenate([np.linspace(0, 0.9, 100), np.full(300, 0.9), np.linspace(0.9, 0, 100)])
-    up, odd = off_the_floor(xy, height, t)
+    up, odd = find_lifted_samples(xy, height, t)
     assert up[1010:1490].all()
     assert up.sum() < 500
     assert odd[0].count == up.sum()
@@ -292,12 +292,12 @@ def test_an_axis_that_is_not_up_is_refused() -> None:
 
 
 def test_clocks_that_are_surely_apart_are_told(takes: dict[str, Path], vehicle: Vehicle) -> None:
-    raw = read_raw(takes["motive"], vehicle)
+    raw = read_raw_take(takes["motive"], vehicle)
     for late in (0.0, 0.08):
-        found = assemble(replace(raw, command_time_s=raw.command_time_s - late), vehicle)
+        found = assemble_recording(replace(raw, command_time_s=raw.command_time_s - late), vehicle)
         assert told(found, "clock offset") == (1 if late else 0)
 
 
 def test_a_car_that_is_faster_than_its_motor_is_told(raw: RawTake, vehicle: Vehicle) -> None:
-    assert told(assemble(raw, vehicle), "scale") == 0
-    assert told(assemble(replace(raw, pose=raw.pose * [2.0, 2.0, 1.0]), vehicle), "scale") == 1
+    assert told(assemble_recording(raw, vehicle), "scale") == 0
+    assert told(assemble_recording(replace(raw, pose=raw.pose * [2.0, 2.0, 1.0]), vehicle), "scale") == 1

@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 
 from bcid.models import published
-from bcid.models.interface import at_rest, rollout
+from bcid.models.interface import history_at_rest, rollout
 from bcid.models.kinematic.k_sindy import KSindy
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics import car as equations
 from bcid.physics.car import Car
 
 STEPS, SEEDS = 3000, range(5)
-REST = at_rest(0)
+REFERENCE_SPEED_MPS = 2.033  # the paper's c
+REST = history_at_rest(0)
 
 
 def random_commands(seed: int) -> np.ndarray:
@@ -30,7 +31,7 @@ def random_commands(seed: int) -> np.ndarray:
     while len(rows) < STEPS:
         u_s = float(np.clip(rng.normal(0.0, 0.8), -2.0, 2.0))
         kind = rng.random()
-        u_m = published.REFERENCE_SPEED_MPS
+        u_m = REFERENCE_SPEED_MPS
         if kind > 0.7:
             u_m = rng.uniform(0.5, u_m) if kind < 0.97 else -rng.uniform(0.1, 0.4)
         rows += [(u_s, u_m)] * round(rng.uniform(0.8, 3.5) * 10)
@@ -59,7 +60,7 @@ def test_published_models_agree() -> None:
     ],
 )
 def test_steady_circles(delta: float, ne: tuple[float, ...], sindy: tuple[float, ...]) -> None:
-    commands = np.tile([delta, published.REFERENCE_SPEED_MPS], (600, 1))
+    commands = np.tile([delta, REFERENCE_SPEED_MPS], (600, 1))
     assert rollout(published.newton_euler(), REST, commands)[-1] == pytest.approx(ne, abs=6e-4)
     assert rollout(published.k_sindy(), REST, commands)[-1] == pytest.approx(sindy, abs=6e-4)
 
@@ -79,7 +80,7 @@ def plain_rollout(commands: np.ndarray) -> np.ndarray:
     car = published.newton_euler().car
     state, out = (0.0, 0.0, 0.0, 0.0), [(0.0, 0.0, 0.0)]
     for u_s, u_m in commands.tolist():
-        state = equations.advance(state, u_s, u_m, car, 0.1)
+        state = equations.advance_period(state, u_s, u_m, car, 0.1)
         out.append(state[:3])
     return np.array(out)
 
@@ -96,7 +97,7 @@ def row_2_undone(v_x: float, v_y: float, w: float, delta: float, u_m: float, p: 
     v_rx, v_ry = equations.wheel_velocity(v_x, v_y, w, -p.l_r, 0.0)
     F_af = equations.lateral_force(equations.slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
     F_ar = equations.lateral_force(equations.slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
-    F = equations.motor_force(u_m, v_fx, p) - equations.drag(v_fx, p.R_1, p.R_2)
+    F = equations.motor_force(u_m, v_fx, p) - equations.drag_force(v_fx, p.R_1, p.R_2)
     s, c = math.sin(delta), math.cos(delta)
     return s * F_af + c * F, s * F + c * F_af + F_ar, p.l_f * (s * F + c * F_af) - p.l_r * F_ar
 
@@ -148,7 +149,7 @@ def test_a_misprint_put_back_fails_the_cross_check(
 
 def test_row_1_put_back_fails_the_cross_check() -> None:
     """The kinematic output map alone: the K-SINDy state is the same, its v_y is not."""
-    from bcid.models.kinematic.frame import SLIP_LIMIT
+    from bcid.models.kinematic.state import SLIP_LIMIT
 
     sindy = published.k_sindy()
     scores = []

@@ -12,15 +12,14 @@ import pytest
 from bcid.errors import InputRefused
 from bcid.estimate import kernel, reference
 from bcid.estimate.consistency import Truth
-from bcid.estimate.events import held, timeline
-from bcid.estimate.noise import Noise, identify
+from bcid.estimate.events import build_chassis, build_timeline, hold_commands
 from bcid.estimate.process import DELTA, N_STATE, THETA, Chassis, F, H, f, h
 from bcid.estimate.run import check_against_truth, estimate_motion
 from bcid.estimate.saving import load_estimate, save_estimate
-from bcid.estimate.steering import identify as identify_steering
-from bcid.estimate.tuning import Tuning, tune
+from bcid.estimate.steering import identify_steering
+from bcid.estimate.tune import identify_noise, tune_estimator
+from bcid.estimate.tuning import Noise, Tuning
 from bcid.recording.types import Recording, Stream
-from bcid.report.estimate_words import lost_car
 from bcid.vehicle import Vehicle
 from bcid.virtual_lab import TUNING
 
@@ -53,7 +52,7 @@ def test_jacobians_agree_with_differences(driven: bool) -> None:
 def test_both_engines_agree(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
     """Compiled kernel and filterpy, filter and smoother, through gaps and a restart."""
     broken = replace(recording, breaks_s=(float(recording.poses.time_s[500]),))
-    events = timeline(broken, vehicle, 0.1, 0.3, 0.155, 1.418).events
+    events = build_timeline(broken, vehicle, 0.1, 0.3, 0.155, 1.418).events
     cut = kernel.Events(*(a[:1200] for a in events[:5]), events.P_0)
     Q, R = tuning.noise.Q(), tuning.noise.R()
     compiled, plain = kernel.run_filter(cut, CHASSIS, Q, R), reference.run_filter(cut, CHASSIS, Q, R)
@@ -75,7 +74,7 @@ def test_engines_agree_with_further_channels(recording: Recording, vehicle: Vehi
         "yaw_rate_radps": Stream(t, 0.3 * rng.standard_normal((len(t), 1))),
         "wheel_speed_mps": Stream(t, np.abs(rng.standard_normal((len(t), 1)))),
     }
-    events = timeline(replace(recording, channels=channels), vehicle, 0.1, 0.3, 0.155, 1.418).events
+    events = build_timeline(replace(recording, channels=channels), vehicle, 0.1, 0.3, 0.155, 1.418).events
     cut = kernel.Events(*(a[:500] for a in events[:5]), events.P_0)
     assert (np.isfinite(cut.z).sum(axis=0) > 50).all()
     Q, R = tuning.noise.Q(), tuning.noise.R()
@@ -87,36 +86,40 @@ def test_engines_agree_with_further_channels(recording: Recording, vehicle: Vehi
 def test_a_measured_steering_angle_is_used(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> None:
     t = np.arange(0.0, 59.0, 0.05)
     lying = replace(recording, channels={"measured_steering_rad": Stream(t, np.full((len(t), 1), 0.7))})
-    precise = replace(tuning, noise=replace(tuning.noise, r_steering=1e-4))
+    precise = tuning.model_copy(update={"noise": tuning.noise.model_copy(update={"r_steering": 1e-4})})
     delta = estimate_motion(lying, vehicle, precise).kinematic[50:500, 3]
     assert np.median(np.abs(delta - 0.7)) < 0.05
 
 
 def test_velocities_match_the_truth(recording: Recording, vehicle: Vehicle, tuning: Tuning, truth: Truth) -> None:
     """RMSE far below the motion's own size, NIS near its band, NEES of the filter about what its covariance says."""
-    facts = check_against_truth(recording, vehicle, tuning, 0.1, 0.3, truth)
-    rmse = facts["rmse"]
+    check = check_against_truth(recording, vehicle, tuning, 0.1, 0.3, truth)
+    rmse = check.rmse.model_dump()
     assert max(rmse[n] for n in ("v_x", "v_y", "v_f")) < 0.015
     assert rmse["yaw_rate"] < 0.02
     assert max(rmse[n] for n in ("alpha_f", "alpha_r")) < 0.015
-    assert 0.9 < estimate_motion(recording, vehicle, tuning).facts["nis"]["mean_per_dof"] < 1.1
+    estimate = estimate_motion(recording, vehicle, tuning)
+    assert estimate.filter is not None
+    assert 0.9 < estimate.filter.nis.mean_per_dof < 1.1
     # 3 when honest; white noise that has to cover transients is cautious between them
-    assert 1.0 < facts["nees_filter"]["mean"] < 3.5
-    assert 0.5 < facts["nees_smoother"]["mean"] < 3.0
-    overconfident = replace(tuning, noise=replace(tuning.noise, q_v_f=0.02, q_beta_f=0.02))
-    assert check_against_truth(recording, vehicle, overconfident, 0.1, 0.3, truth)["nees_filter"]["mean"] > 10.0
+    assert 1.0 < check.nees_filter.mean < 3.5
+    assert 0.5 < check.nees_smoother.mean < 3.0
+    overconfident = tuning.model_copy(
+        update={"noise": tuning.noise.model_copy(update={"q_v_f": 0.02, "q_beta_f": 0.02})}
+    )
+    assert check_against_truth(recording, vehicle, overconfident, 0.1, 0.3, truth).nees_filter.mean > 10.0
 
 
 def test_truth_is_joined_by_time(recording: Recording, vehicle: Vehicle, tuning: Tuning, truth: Truth) -> None:
     at_10_hz, at_20_hz = (check_against_truth(recording, vehicle, tuning, p, 0.3, truth) for p in (0.1, 0.05))
-    assert at_20_hz["rmse"]["v_x"] == pytest.approx(at_10_hz["rmse"]["v_x"], rel=1e-3)
+    assert at_20_hz.rmse.v_x == pytest.approx(at_10_hz.rmse.v_x, rel=1e-3)
     with pytest.raises(InputRefused, match="grid time"):
         check_against_truth(recording, vehicle, tuning, 0.1, 0.3, truth._replace(time_s=truth.time_s + 0.03))
 
 
 def test_the_smoother_beats_the_filter(recording: Recording, vehicle: Vehicle, tuning: Tuning, truth: Truth) -> None:
-    line = timeline(recording, vehicle, 0.1, 0.3, 0.155, 1.418)
-    chassis = tuning.chassis(vehicle)
+    line = build_timeline(recording, vehicle, 0.1, 0.3, 0.155, 1.418)
+    chassis = build_chassis(vehicle, tuning.T_s, tuning.d)
     filtered = kernel.run_filter(line.events, chassis, tuning.noise.Q(), tuning.noise.R())
     smoothed, _ = kernel.run_smoother(filtered, line.events.restart)
     rows = np.rint(line.events.time_s[line.grid] / 0.1).astype(int)
@@ -170,26 +173,26 @@ def test_yaw_may_wind_up(recording: Recording, vehicle: Vehicle, tuning: Tuning)
 
 def test_a_command_is_held_and_grows_old() -> None:
     commands = Stream(np.array([0.0, 1.0]), np.array([[0.1, 1.0], [0.2, 2.0]]))
-    values, age = held(commands, np.array([-0.5, 0.0, 0.99, 1.0, 3.0]))
+    values, age = hold_commands(commands, np.array([-0.5, 0.0, 0.99, 1.0, 3.0]))
     np.testing.assert_array_equal(values[:, 0], [0.1, 0.1, 0.1, 0.2, 0.2])
     np.testing.assert_allclose(age, [np.inf, 0.0, 0.99, 0.0, 2.0])
 
 
 def test_noise_is_found_by_likelihood(recording: Recording, vehicle: Vehicle) -> None:
     """The simulated motion capture has 0.5 mm and 1 mrad."""
-    events = timeline(recording, vehicle, 0.1, 0.3, 0.155, 1.418).events
-    noise, edge = identify([events], CHASSIS, Noise(), [])
+    events = build_timeline(recording, vehicle, 0.1, 0.3, 0.155, 1.418).events
+    noise, edge = identify_noise([events], CHASSIS, Noise(), [])
     assert edge == []
     assert noise.r_position == pytest.approx(5e-4, rel=0.1)
     assert noise.r_yaw == pytest.approx(1e-3, rel=0.1)
-    assert identify([events], CHASSIS, Noise(), list(Noise.__dataclass_fields__)) == (Noise(), [])
+    assert identify_noise([events], CHASSIS, Noise(), list(Noise.model_fields)) == (Noise(), [])
 
 
 def test_steering_constants_are_identified_where_absent(recording: Recording, vehicle: Vehicle) -> None:
     steering = vehicle.steering.model_copy(update={"time_constant_s": None, "max_rate_radps": None})
-    tuning = tune([recording], vehicle.model_copy(update={"steering": steering}), 0.1, 0.3, {})
-    assert tuning.facts["identified"] == ["time_constant_s", "max_rate_radps"]
-    assert tuning.facts["rate_reached"]
+    tuning = tune_estimator([recording], vehicle.model_copy(update={"steering": steering}), 0.1, 0.3, {})
+    assert tuning.steering.T_s == tuning.steering.d == "identified"
+    assert tuning.steering.rate_reached
     assert tuning.d == pytest.approx(1.418, rel=0.1)
     assert tuning.T_s == pytest.approx(0.155, abs=0.05)
 
@@ -204,7 +207,8 @@ def test_an_estimate_survives_the_disk(recording: Recording, vehicle: Vehicle, t
     again = load_estimate(tmp_path)
     for name in ("time_s", "segment", "pose", "twist", "kinematic", "command", "twist_sd", "kinematic_sd"):
         np.testing.assert_array_equal(getattr(e, name), getattr(again, name))
-    assert again.facts == e.facts
+    assert again.filter == e.filter
+    assert again.tuning == e.tuning == tuning
 
 
 def test_the_heading_of_a_long_gap_stays_finite(vehicle: Vehicle, tuning: Tuning, recording: Recording) -> None:
@@ -231,8 +235,8 @@ def test_noise_is_found_where_the_car_moves(recording: Recording, vehicle: Vehic
             np.vstack([np.zeros((len(still[::3]), 2)), recording.commands.values]),
         ),
     )
-    events = [timeline(r, vehicle, 0.1, 0.3, 0.155, 1.418).events for r in (recording, waited)]
-    alone, after = (identify([e], CHASSIS, Noise(), [])[0] for e in events)
+    events = [build_timeline(r, vehicle, 0.1, 0.3, 0.155, 1.418).events for r in (recording, waited)]
+    alone, after = (identify_noise([e], CHASSIS, Noise(), [])[0] for e in events)
     assert after.q_v_f == pytest.approx(alone.q_v_f, rel=0.3)
     assert after.q_beta_f == pytest.approx(alone.q_beta_f, rel=0.3)
 
@@ -262,7 +266,7 @@ def test_a_filter_that_has_lost_the_car_begins_anew(
     """Its covariance may cease to be one where the front wheel spins; the smoother would carry NaN to the start."""
     whole, run_filter, calls = estimate_motion(recording, vehicle, TUNING), kernel.run_filter, list[Any]()
 
-    def loses_it(events: kernel.Events, *rest: Any) -> kernel.Filtered:
+    def loses_it(events: kernel.Events, *rest: Any) -> kernel.FilterPass:
         found = run_filter(events, *rest)
         calls.append(events)
         middle = len(found.nis) // 2
@@ -276,13 +280,13 @@ def test_a_filter_that_has_lost_the_car_begins_anew(
     estimate = estimate_motion(recording, vehicle, TUNING)
     half = len(calls[0].time_s) // 2
     lost_s = [float(calls[0].time_s[half]), float(calls[1].time_s[half + 100])]
-    assert estimate.facts["restarts_s"] == lost_s
+    assert list(estimate.filter.restarts_s) == lost_s
     assert calls[2].restart.sum() == calls[0].restart.sum() + 2
     assert len(estimate.segments()) == len(whole.segments()) + 2
     assert np.isfinite(estimate.twist).all()
-    assert whole.facts["restarts_s"] == []
-    assert lost_car(whole.facts) == ""
-    assert lost_car(estimate.facts).endswith(f"anew at {lost_s[0]:.1f} s, {lost_s[1]:.1f} s")
+    assert whole.filter.restarts_s == ()
+    assert whole.filter.describe_restarts() == ""
+    assert estimate.filter.describe_restarts().endswith(f"restarted at {lost_s[0]:.1f} s, {lost_s[1]:.1f} s")
 
 
 def test_what_the_filter_cannot_follow_is_refused(
@@ -290,7 +294,7 @@ def test_what_the_filter_cannot_follow_is_refused(
 ) -> None:
     run_filter = kernel.run_filter
 
-    def always(events: kernel.Events, *rest: Any) -> kernel.Filtered:
+    def always(events: kernel.Events, *rest: Any) -> kernel.FilterPass:
         found = run_filter(events, *rest)
         return found._replace(nis=np.where(np.arange(len(found.nis)) == 50 + events.restart.sum(), np.nan, found.nis))
 
@@ -301,8 +305,8 @@ def test_what_the_filter_cannot_follow_is_refused(
 
 def test_what_is_no_covariance_carries_nothing_back(recording: Recording, vehicle: Vehicle) -> None:
     """Two takes of the blind test had a NaN in every row before one such event."""
-    line = timeline(recording, vehicle, 0.1, 0.3, TUNING.T_s, TUNING.d)
-    chassis = TUNING.chassis(vehicle)
+    line = build_timeline(recording, vehicle, 0.1, 0.3, TUNING.T_s, TUNING.d)
+    chassis = build_chassis(vehicle, TUNING.T_s, TUNING.d)
     filtered = kernel.run_filter(line.events, chassis, TUNING.noise.Q(), TUNING.noise.R())
     k = len(filtered.nis) // 2
     whole = kernel.run_smoother(filtered, line.events.restart)[0]

@@ -10,16 +10,16 @@ import pytest
 
 from bcid.estimate.types import Estimate
 from bcid.models import published
-from bcid.models.fitting.windows import scale
+from bcid.models.fitting.windows import inverse_spread
 from bcid.models.interface import FitTask, history_at, rollout
-from bcid.models.kinematic.frame import twist_of
 from bcid.models.kinematic.k_sindy import KSindy
-from bcid.models.kinematic.k_sindy_fit import Products, stlsq
-from bcid.models.kinematic.library import name_of
-from bcid.models.table import row_of
+from bcid.models.kinematic.k_sindy_fit import BlockProducts, stlsq
+from bcid.models.kinematic.library import term_name
+from bcid.models.kinematic.state import kinematic_twist
+from bcid.models.table import model_row
 from bcid.vehicle import Vehicle
 
-DEFAULTS = row_of("k-sindy").defaults
+DEFAULTS = model_row("k-sindy").defaults
 
 
 def sums(seed: int, n: int = 400) -> tuple[np.ndarray, np.ndarray]:
@@ -45,16 +45,20 @@ def test_thresholding_is_pysindy_s(seed: int, threshold: float) -> None:
 def test_units_do_not_matter() -> None:
     X, y = sums(1)
     units = np.array([1e3, 1.0, 1e-4, 7.0, 1.0, 2.0, 0.1, 50.0])
-    plain, scaled = Products.of(X, y, 20), Products.of(X * units, 30.0 * y, 20)
-    np.testing.assert_allclose(scaled.coefficients(0.1, 1e-9) * units / 30.0, plain.coefficients(0.1, 1e-9), rtol=1e-6)
+    plain, scaled = BlockProducts.from_samples(X, y, 20), BlockProducts.from_samples(X * units, 30.0 * y, 20)
+    np.testing.assert_allclose(
+        scaled.sparse_coefficients(0.1, 1e-9) * units / 30.0, plain.sparse_coefficients(0.1, 1e-9), rtol=1e-6
+    )
 
 
 def test_a_resample_is_the_fit_of_its_rows() -> None:
     X, y = sums(2)
     times = np.array([2.0, 0.0, 1.0, *[1.0] * 17])
     rows = np.r_[0:20, 0:20, 40:400]
-    found = Products.of(X, y, 20).coefficients(0.05, 1e-9, times)
-    np.testing.assert_allclose(found, Products.of(X[rows], y[rows], 20).coefficients(0.05, 1e-9), rtol=1e-9)
+    found = BlockProducts.from_samples(X, y, 20).sparse_coefficients(0.05, 1e-9, times)
+    np.testing.assert_allclose(
+        found, BlockProducts.from_samples(X[rows], y[rows], 20).sparse_coefficients(0.05, 1e-9), rtol=1e-9
+    )
 
 
 def made_by(model: KSindy, take: Estimate) -> Estimate:
@@ -63,7 +67,7 @@ def made_by(model: KSindy, take: Estimate) -> Estimate:
     for command in take.command[:-1]:
         states.append(model.step(states[-1], command)[0])
     kinematic = np.array(states)
-    return replace(take, kinematic=kinematic, twist=np.array([twist_of(*s, model.frame) for s in kinematic]))
+    return replace(take, kinematic=kinematic, twist=np.array([kinematic_twist(tuple(s), model.car) for s in kinematic]))
 
 
 def fitted(estimates: list[Estimate], vehicle: Vehicle, **settings: Any) -> KSindy:
@@ -81,7 +85,7 @@ def test_equations_are_found_again_and_told_as_sure(estimates: list[Estimate], v
     chosen = fitted(takes, vehicle)
     assert chosen.facts["threshold"] == float(chosen.facts["threshold"])
     assert chosen.facts["thresholds"][f"{chosen.facts['threshold']:g}"] < 1e-3
-    sure = chosen.facts["sure"]["α_f"]
+    sure = chosen.facts["term_confidence"]["α_f"]
     assert sure["α_f"][0] == 1.0
     assert sure["α_f"][1] <= 0.777 + 2e-3
     assert any(line.split()[:3] == ["α_f", "α_f", "100"] for line in chosen.describe().splitlines())
@@ -95,7 +99,8 @@ def test_intervals_are_those_of_the_coefficients_that_rollouts_gave(
     takes = []
     for take in (made_by(truth, e) for e in estimates):
         seen = take.kinematic + rng.standard_normal(take.kinematic.shape) * [2e-3, 1e-3, 1e-3, 0.0]
-        takes.append(replace(take, kinematic=seen, twist=np.array([twist_of(*s, truth.frame) for s in seen])))
+        twist = np.array([kinematic_twist(tuple(s), truth.car) for s in seen])
+        takes.append(replace(take, kinematic=seen, twist=twist))
     model = fitted(takes, vehicle, loss="rollout", threshold=0.01)
     inside, held = [], []
     for i, (name, terms) in enumerate(
@@ -103,7 +108,7 @@ def test_intervals_are_those_of_the_coefficients_that_rollouts_gave(
     ):
         for e, value, true in zip(terms, model.sparse[i], truth.sparse[i], strict=True):
             if value != 0.0:
-                _, low, high = model.facts["sure"][name][name_of(e)]
+                _, low, high = model.facts["term_confidence"][name][term_name(e)]
                 inside.append(low < value < high)
                 held.append(low < true < high)
     assert all(inside)
@@ -111,7 +116,7 @@ def test_intervals_are_those_of_the_coefficients_that_rollouts_gave(
 
 
 def test_rollouts_lower_what_is_reported(estimates: list[Estimate], vehicle: Vehicle) -> None:
-    weight, errors = scale(np.concatenate([e.twist for e in estimates])), []
+    weight, errors = inverse_spread(np.concatenate([e.twist for e in estimates])), []
     for loss in ("one-step", "rollout"):
         model = fitted(estimates, vehicle, loss=loss, library="vanishing", threshold=0.02)
         off = [

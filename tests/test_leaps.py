@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bcid.likelihood import refit_with_pushes
-from bcid.likelihood.newton import State, within
-from bcid.likelihood.refit_with_pushes import PATIENCE, SLACK, leapt
+from bcid.errors import PredictionDiverged
+from bcid.likelihood import newton, refit_with_pushes
+from bcid.likelihood.newton import RefitState, bounded_newton_step
+from bcid.likelihood.refit_with_pushes import PATIENCE, SLACK, refit_by_leaps
 
 FAR = 40.0
 STEP = 0.5  # that Newton's method dares, whatever lies ahead
@@ -20,35 +21,35 @@ class Valley:
     """A hypothesis of one parameter whose objective is known everywhere, and seen to a step ahead only."""
 
     size, bound = 1, np.inf
-    placed = np.array([False])
+    is_place = np.array([False])
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, objective: Callable[[float, int], float]) -> None:
         self.calls, self._objective = 0, objective
         self.asked: list[float] = []  # where it was asked how predictions answer
-        monkeypatch.setattr(refit_with_pushes, "_standing", self._standing)
-        monkeypatch.setattr(refit_with_pushes, "tangent_at", lambda of, A, now: self.asked.append(float(now.phi[0])))
-        monkeypatch.setattr(refit_with_pushes, "slope_and_curvature", self._slope)
+        monkeypatch.setattr(refit_with_pushes, "_evaluate_twice", self._standing)
+        monkeypatch.setattr(newton, "tangent_at", lambda of, now: self.asked.append(float(now.phi[0])))
+        monkeypatch.setattr(newton, "slope_and_curvature", self._slope)
 
     hypothesis = property(lambda self: self)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.bound])
 
-    def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
+    def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> RefitState:
         self.calls += 1
         found = self._objective(float(phi[0]), self.calls)
         if np.isnan(found):
-            raise FloatingPointError
+            raise PredictionDiverged
         nothing: Any = None
-        return nothing, State(phi, start, scales, nothing, nothing, found)
+        return RefitState(phi, start, scales, nothing, nothing, nothing, found)
 
-    def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
+    def _slope(self, of: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
         return np.clip([FAR - now.phi[0]], -STEP, STEP), np.eye(1)
 
 
 def leap(valley: Valley) -> float:
     of: Any = valley
-    return float(leapt(of, np.zeros(1), *(None, None), 24)[1].phi[0])  # type: ignore[arg-type]
+    return float(refit_by_leaps(of, np.zeros(1), *(None, None), 24)[1].phi[0])  # type: ignore[arg-type]
 
 
 def test_a_straight_valley_is_crossed_in_ever_longer_leaps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,12 +85,12 @@ def test_where_predictions_have_no_slope_no_refit_ends(monkeypatch: pytest.Monke
     valley = Valley(monkeypatch, lambda phi, n: phi)
     slope = valley._slope
 
-    def edge(of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
+    def edge(of: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
         if now.phi[0] > 5.0:
-            raise FloatingPointError
+            raise PredictionDiverged
         return slope(of, tangent, now)
 
-    monkeypatch.setattr(refit_with_pushes, "slope_and_curvature", edge)
+    monkeypatch.setattr(newton, "slope_and_curvature", edge)
     assert 3.0 < leap(valley) <= 5.0
 
 
@@ -116,25 +117,25 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
 
     class Floor(Valley):
         edge = 1e-9
-        size, placed = 2, np.array([False, True])
+        size, is_place = 2, np.array([False, True])
 
         def bounds(self) -> tuple[np.ndarray, np.ndarray]:
             return np.array([-np.inf, -10.0]), np.array([np.inf, 10.0])
 
-        def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> tuple[Any, State]:
-            tangent, state = super()._standing(of, phi, start, scales)
-            return tangent, state._replace(objective=state.objective - (100.0 if phi[1] > self.edge else -phi[1]))
+        def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> RefitState:
+            state = super()._standing(of, phi, start, scales)
+            return state._replace(objective=state.objective - (100.0 if phi[1] > self.edge else -phi[1]))
 
-        def _slope(self, of: Any, tangent: Any, now: State) -> tuple[np.ndarray, np.ndarray]:
+        def _slope(self, of: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
             slope, _ = super()._slope(of, tangent, now)
             return np.array([slope[0], 0.1]), np.eye(2)
 
     of: Any = Floor(monkeypatch, lambda phi, n: -abs(phi - FAR))
-    end = leapt(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
+    end = refit_by_leaps(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
     assert end[0] == pytest.approx(FAR, abs=STEP)
     assert end[1] == 0.0
     monkeypatch.setattr(Floor, "edge", 1.0)  # before which the place gains by moving too
-    end = leapt(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
+    end = refit_by_leaps(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
     assert end[0] == pytest.approx(FAR, abs=STEP)
     assert 0.0 < end[1] <= 1.0
 
@@ -143,7 +144,7 @@ def test_what_has_no_room_bends_no_other_step() -> None:
     """Two components that pull on each other: the one that is held takes no part, not even for a moment."""
     slope, curvature = np.array([0.2, 2.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
     low, high = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
-    np.testing.assert_allclose(within(np.zeros(2), slope, curvature, (low, high)), [0.2, 0.0])
+    np.testing.assert_allclose(bounded_newton_step(np.zeros(2), slope, curvature, (low, high)), [0.2, 0.0])
 
 
 @pytest.mark.parametrize(("then", "settled"), [(5.0, 5.0), (0.1, 0.0), (-1.0, 0.0), (np.nan, 0.0)])
@@ -152,17 +153,17 @@ def test_free_parts_settle_anew_for_the_scales_found_with_them_where_that_gains(
 ) -> None:
     given: list[Any] = []
 
-    def standing_at(of: Any, phi: Any, start: Any, scales: Any, em: int) -> tuple[Any, State]:
+    def standing_at(of: Any, phi: Any, start: Any, scales: Any, em: int) -> RefitState:
         given.append((start, scales))
         n, objective = len(given), (0.0, then)[len(given) - 1]
         if np.isnan(objective):
-            raise FloatingPointError
+            raise PredictionDiverged
         nothing: Any = None
-        return n, State(phi, n, n, nothing, nothing, objective)  # type: ignore[arg-type]
+        return RefitState(phi, n, n, nothing, n, nothing, objective)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(refit_with_pushes, "standing_at", standing_at)
+    monkeypatch.setattr(newton, "evaluate_at", standing_at)
     anything: Any = None
-    A, now = refit_with_pushes._standing(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
+    now = refit_with_pushes._evaluate_twice(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
     assert now.objective == settled
-    assert now.start == A  # the tangent belongs to it
+    assert now.start == now.A  # the tangent belongs to it
     assert given == [(0, 0), (1, 1)]  # from what was found first

@@ -10,11 +10,11 @@ import pytest
 from making import circling_take
 
 from bcid.errors import InputRefused
-from bcid.recording.assemble import assemble
-from bcid.recording.checks.attitude import check_up_axis, off_the_floor
+from bcid.recording.assemble import assemble_recording
+from bcid.recording.checks.attitude import check_up_axis, find_lifted_samples
 from bcid.recording.formats.raw import RawTake
-from bcid.recording.read import read_raw
-from bcid.recording.types import Recording, Source
+from bcid.recording.read import read_raw_take
+from bcid.recording.types import Recording, SourceFile
 from bcid.vehicle import Vehicle
 
 
@@ -29,7 +29,7 @@ def driven(v: np.ndarray, yaw_rate: np.ndarray, rate_hz: float, command_s: np.nd
     xy = np.cumsum(np.column_stack([v * np.cos(yaw), v * np.sin(yaw)]), axis=0) / rate_hz
     noise = 2e-4 * np.random.default_rng(1).standard_normal((len(t), 3))
     return RawTake(
-        "drive", (Source("drive.csv", "", "table-csv"),), t, np.column_stack([xy, yaw]) + noise, command_s, command
+        "drive", (SourceFile("drive.csv", "", "table-csv"),), t, np.column_stack([xy, yaw]) + noise, command_s, command
     )
 
 
@@ -48,14 +48,14 @@ def slalom(levels: float) -> RawTake:
 @pytest.mark.parametrize("levels", [0.0, 0.5])
 def test_a_slalom_logged_on_change_is_one_driver(levels: float, vehicle: Vehicle) -> None:
     patient = vehicle.model_copy(update={"command": vehicle.command.model_copy(update={"max_hold_s": 5.0})})
-    assert not {"tracking", "pose jump"} & told(assemble(slalom(levels), patient))
+    assert not {"tracking", "pose jump"} & told(assemble_recording(slalom(levels), patient))
 
 
 @pytest.mark.parametrize("every", [3, 6, 12])
 def test_poses_that_a_table_holds_are_read_once(every: int, takes: dict[str, Path], vehicle: Vehicle) -> None:
-    raw = read_raw(takes["mcap"], vehicle)
+    raw = read_raw_take(takes["mcap"], vehicle)
     first = np.arange(len(raw.pose)) // every * every
-    found = assemble(replace(raw, pose=raw.pose[first]), vehicle)
+    found = assemble_recording(replace(raw, pose=raw.pose[first]), vehicle)
     assert "pose held" in told(found)
     assert len(found.poses) == pytest.approx(len(raw.pose) / every, rel=0.02)
     assert not {"tracking", "pose jump", "frozen pose"} & told(found)
@@ -69,7 +69,7 @@ def test_hard_starts_at_low_rates_are_no_jumps(rate_hz: float, vehicle: Vehicle)
     command_s = np.arange(0.0, 60.0, 0.1)
     command = np.column_stack([0.0 * command_s, np.where((command_s % 6.0 > 1.0) & (command_s % 6.0 < 3.0), 2.0, 0.0)])
     raw = driven(v, 0.0 * v, rate_hz, command_s, command)
-    assert "pose jump" not in told(assemble(raw, vehicle))
+    assert "pose jump" not in told(assemble_recording(raw, vehicle))
 
 
 def test_a_car_that_pushes_against_a_wall_is_not_held_by_the_tracking(vehicle: Vehicle) -> None:
@@ -80,7 +80,7 @@ def test_a_car_that_pushes_against_a_wall_is_not_held_by_the_tracking(vehicle: V
     raw = driven(v, 0.2 * v, 60.0, command_s, np.column_stack([0.2 + 0 * command_s, 1.2 + 0 * command_s]))
     rounded = replace(raw, pose=np.round(raw.pose, 3))
     rounded.pose[(t > 15.0) & (t < 21.0)] = rounded.pose[np.argmax(t > 15.0)]
-    kinds = told(assemble(rounded, vehicle))
+    kinds = told(assemble_recording(rounded, vehicle))
     assert not {"frozen pose", "tracking"} & kinds
     assert "pose stands" in kinds
 
@@ -91,7 +91,7 @@ def test_a_hill_and_a_ramp_are_driven_over() -> None:
     hill = 2.0 * np.exp(-((xy - [20.0, 10.0]) ** 2).sum(axis=1) / 100.0)
     ramp = 0.06 * np.clip((xy[:, 0] + 20.0) / 0.5, 0.0, 1.0) * (xy[:, 0] < -10.0)
     for height in (hill, ramp):
-        assert not off_the_floor(xy, height, t)[0].any()
+        assert not find_lifted_samples(xy, height, t)[0].any()
 
 
 def test_a_car_carried_for_a_while_leaves_the_up_axis_alone() -> None:
@@ -109,24 +109,24 @@ def test_a_circle_hides_no_sign_and_no_unit(
     factor: tuple[float, float, float], says: str, vehicle: Vehicle, tmp_path: Path
 ) -> None:
     path = circling_take(tmp_path, seconds=40.0)
-    raw = read_raw(path, vehicle)
-    assemble(raw, vehicle)
+    raw = read_raw_take(path, vehicle)
+    assemble_recording(raw, vehicle)
     with pytest.raises(InputRefused, match=says):
-        assemble(replace(raw, pose=raw.pose * factor), vehicle)
+        assemble_recording(replace(raw, pose=raw.pose * factor), vehicle)
 
 
 def test_a_circle_with_inverted_steering_is_refused(vehicle: Vehicle, tmp_path: Path) -> None:
-    raw = read_raw(circling_take(tmp_path, seconds=40.0), vehicle)
+    raw = read_raw_take(circling_take(tmp_path, seconds=40.0), vehicle)
     with pytest.raises(InputRefused, match="turns right"):
-        assemble(replace(raw, command=raw.command * [-1.0, 1.0]), vehicle)
+        assemble_recording(replace(raw, command=raw.command * [-1.0, 1.0]), vehicle)
 
 
 def test_a_flip_that_stays_leaves_the_side_that_drives_forward(takes: dict[str, Path], vehicle: Vehicle) -> None:
-    raw = read_raw(takes["mcap"], vehicle)
+    raw = read_raw_take(takes["mcap"], vehicle)
     late = len(raw.pose) * 2 // 5
     pose = raw.pose.copy()
     pose[late:, 2] += np.pi
-    found, clean = assemble(replace(raw, pose=pose), vehicle), assemble(raw, vehicle)
+    found, clean = assemble_recording(replace(raw, pose=pose), vehicle), assemble_recording(raw, vehicle)
     kept = np.isin(clean.poses.time_s, found.poses.time_s)
     np.testing.assert_allclose(found.poses.values, clean.poses.values[kept], atol=1e-9)
     assert len(found.poses) < 0.45 * len(clean.poses)
@@ -134,7 +134,7 @@ def test_a_flip_that_stays_leaves_the_side_that_drives_forward(takes: dict[str, 
 
 @pytest.mark.parametrize("digits", [2, 1])
 def test_rounded_stamps_are_told_as_such(digits: int, takes: dict[str, Path], vehicle: Vehicle) -> None:
-    raw = read_raw(takes["mcap"], vehicle)
+    raw = read_raw_take(takes["mcap"], vehicle)
     twice = replace(raw, pose_time_s=np.round(raw.pose_time_s * (0.5 if digits == 2 else 1.0), digits))
     with pytest.raises(InputRefused, match="stamps rounded"):
-        assemble(twice, vehicle)
+        assemble_recording(twice, vehicle)

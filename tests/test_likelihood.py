@@ -13,60 +13,61 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_t
 
 from bcid.compiled.lanes import LANES
-from bcid.effects.car import Body
+from bcid.effects.actuators import actuation_at
+from bcid.effects.car import BodyState
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import FORCE_ONLY
-from bcid.effects.motion import body_step
-from bcid.effects.motion import settled as lags_at_rest
+from bcid.effects.motion import integrate_body, steady_lags
 from bcid.effects.table import EFFECTS, ENTRIES
+from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.experiment.simulate import seen_at
+from bcid.experiment.simulate import observe_states
 from bcid.likelihood import nuisance
-from bcid.likelihood.hypothesis import MEASURED, Hypothesis, Setting
-from bcid.likelihood.lane_rollout import layout
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.lane_rollout import segment_layout
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import (
     NU,
-    Eliminated,
+    MarginalTerms,
     Scales,
-    eliminate,
-    inverted,
-    log_likelihood,
-    moments,
-    products,
-    rescaled,
-    weights,
+    eliminate_nuisance,
+    estimate_scales,
+    inverse_and_log_det,
+    robust_weights,
+    score_and_information,
+    segment_moments,
+    student_log_densities,
 )
-from bcid.likelihood.newton import THROWN, Prior, jacobian, moved_unless_thrown, standing_at
-from bcid.likelihood.newton import Problem as Fitted
+from bcid.likelihood.newton import MAX_SEGMENT_LOSS, evaluate_at, move_initial_states, parameter_jacobian
+from bcid.likelihood.newton import RefitProblem as Fitted
 from bcid.likelihood.nuisance import (
-    Settled,
-    _settle_anew,
-    _stepped,
-    bent,
-    residuals,
-    sensitivities,
-    settled,
-    without_pushes,
+    NuisanceSolution,
+    _damped_step,
+    _retry_segments,
+    nonlinearity,
+    nuisance_sensitivities,
+    pose_residuals,
+    remove_pushes,
+    solve_nuisance,
 )
-from bcid.likelihood.predict import free_sensitivities, predict
-from bcid.likelihood.prepare import constants_of
-from bcid.likelihood.refit import refit, standing
+from bcid.likelihood.predict import pose_sensitivities, predict_poses
+from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.prepare import effect_constants
+from bcid.likelihood.refit import refit, segment_log_likelihoods
 from bcid.likelihood.refit_with_pushes import SLACK
-from bcid.likelihood.score_test import concerned
+from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.take import (
-    FORGOTTEN,
     GROUP_S,
     KNOTS,
-    N_FREE,
+    N_NUISANCE,
     N_START,
     SEGMENT_S,
     Take,
-    joined,
-    moving,
-    take_of,
-    without_beginning,
+    concatenate_takes,
+    cut_segments,
+    drop_standing,
+    drop_unknown_beginning,
 )
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
@@ -75,7 +76,7 @@ from bcid.vehicle import Vehicle
 LIMIT = 2.012
 N_POSE_AND_FORWARD = 3  # where v_x stands among free parts
 BASE = Hypothesis((), CAR, LIMIT, Constants())
-RICH = BASE.holding("steering_lag", "steering_delay", "rough_patch")
+RICH = BASE.with_effects("steering_lag", "steering_delay", "rough_patch")
 RICH_VALUES = (0.02, 0.009, 60.0, 1.0, 0.5, 1.5)
 both_hypotheses = pytest.mark.parametrize(("hypothesis", "values"), [(BASE, ()), (RICH, RICH_VALUES)])
 
@@ -87,13 +88,15 @@ class Problem(NamedTuple):
     """Residuals that follow the model, and columns of no meaning."""
 
     residual: np.ndarray  # (N, 3)
-    A: np.ndarray  # (N, 3, N_FREE)
+    A: np.ndarray  # (N, 3, N_NUISANCE)
     J: np.ndarray  # (N, 3, n)
     first: np.ndarray  # (S + 1,)
     scales: Scales
 
-    def eliminated(self) -> Eliminated:
-        return eliminate(moments(self.residual, self.A, self.first), self.scales.r, self.scales.precisions())
+    def eliminated(self) -> MarginalTerms:
+        return eliminate_nuisance(
+            segment_moments(self.residual, self.A, self.first), self.scales.r, self.scales.nuisance_precisions()
+        )
 
 
 def random_problem(segments: int = 4, n: int = 5) -> Problem:
@@ -103,8 +106,8 @@ def random_problem(segments: int = 4, n: int = 5) -> Problem:
     first = np.r_[0, np.cumsum(counts)].astype(np.int64)
     N = int(first[-1])
     scales = Scales(np.array([0.01, 0.02, 0.03]), np.array([0.02, 0.05, 0.01]))
-    A, J = rng.standard_normal((N, 3, N_FREE)), rng.standard_normal((N, 3, n))
-    free = np.tile(scales.q, KNOTS) * rng.standard_normal((segments, N_FREE - N_START))
+    A, J = rng.standard_normal((N, 3, N_NUISANCE)), rng.standard_normal((N, 3, n))
+    free = np.tile(scales.q, KNOTS) * rng.standard_normal((segments, N_NUISANCE - N_START))
     z = np.column_stack([rng.standard_normal((segments, N_START)), free])
     noise = scales.r * rng.standard_normal((N, 3))
     larger = np.sqrt(NU / rng.chisquare(NU, segments)).repeat(counts)
@@ -128,7 +131,7 @@ class Dense(NamedTuple):
 
 def dense(problem: Problem, s: int) -> Dense:
     rows = slice(problem.first[s], problem.first[s + 1])
-    r, A = problem.residual[rows].ravel(), problem.A[rows].reshape(-1, N_FREE)
+    r, A = problem.residual[rows].ravel(), problem.A[rows].reshape(-1, N_NUISANCE)
     X, pushes = A[:, :N_START], A[:, N_START:]
     Q = np.diag(np.tile(problem.scales.q**2, KNOTS))
     S = np.diag(np.tile(problem.scales.r**2, len(r) // 3)) + pushes @ Q @ pushes.T
@@ -159,8 +162,8 @@ def test_how_far_a_model_lets_an_initial_state_go_does_not_make_it_likelier() ->
     for change in (turned, np.diag([1.0, 1.0, 1.0, 1.0, 0.01, 0.01])):
         A = problem.A.copy()
         A[:, :, :N_START] = A[:, :, :N_START] @ change
-        likelihood = log_likelihood(problem._replace(A=A).eliminated())
-        np.testing.assert_allclose(likelihood, log_likelihood(problem.eliminated()), rtol=1e-6)
+        likelihood = student_log_densities(problem._replace(A=A).eliminated())
+        np.testing.assert_allclose(likelihood, student_log_densities(problem.eliminated()), rtol=1e-6)
 
 
 def test_which_motions_a_start_explains_makes_no_model_likelier() -> None:
@@ -181,7 +184,7 @@ def test_the_posterior_is_generalised_least_squares() -> None:
         start = d.of_start @ d.X.T @ inverse @ d.r
         pushes = d.Q @ d.pushes.T @ inverse @ (d.r - d.X @ start)
         np.testing.assert_allclose(e.z[s], np.r_[start, pushes], rtol=1e-7, atol=1e-12)
-        V = np.empty((N_FREE, N_FREE))
+        V = np.empty((N_NUISANCE, N_NUISANCE))
         V[:N_START, :N_START] = d.of_start
         V[N_START:, N_START:] = d.Q - d.Q @ d.pushes.T @ d.P @ d.pushes @ d.Q
         V[:N_START, N_START:] = -d.of_start @ d.X.T @ inverse @ d.pushes @ d.Q
@@ -196,7 +199,7 @@ def test_the_posterior_is_generalised_least_squares() -> None:
 def test_slopes_and_information_are_the_dense_algebra() -> None:
     problem = random_problem()
     V = problem.eliminated().V
-    g, G = products(problem.residual, problem.A, problem.J, problem.first, problem.scales.r, V)
+    g, G = score_and_information(problem.residual, problem.A, problem.J, problem.first, problem.scales.r, V)
     for s in range(len(problem.first) - 1):
         d = dense(problem, s)
         np.testing.assert_allclose(g[s], d.J.T @ d.P @ d.r, rtol=1e-6, atol=1e-6)
@@ -213,7 +216,7 @@ def test_what_a_start_explains_counts_for_nothing() -> None:
     np.testing.assert_allclose(moved.chi2, e.chi2, rtol=1e-6)
     np.testing.assert_allclose(moved.z[:, :N_START] - e.z[:, :N_START], start, rtol=1e-6)
     starts = problem.A[:, :, :N_START]
-    g, G = products(problem.residual, problem.A, starts, problem.first, problem.scales.r, e.V)
+    g, G = score_and_information(problem.residual, problem.A, starts, problem.first, problem.scales.r, e.V)
     assert np.abs(g).max() < 1e-6
     assert np.abs(G).max() < 1e-6
 
@@ -221,7 +224,7 @@ def test_what_a_start_explains_counts_for_nothing() -> None:
 def test_the_density_is_student_s_t() -> None:
     """Of the error contrasts: numbers that no initial state changes."""
     problem = random_problem()
-    for s, log_density in enumerate(log_likelihood(problem.eliminated())):
+    for s, log_density in enumerate(student_log_densities(problem.eliminated())):
         d = dense(problem, s)
         contrasts = d.alike[:, None] * null_space((d.alike[:, None] * d.X).T)
         law = multivariate_t(shape=contrasts.T @ d.S @ contrasts, df=NU)
@@ -233,7 +236,7 @@ def test_a_bad_segment_weighs_little() -> None:
     problem = random_problem()
     bad = slice(problem.first[1], problem.first[2])
     problem.residual[bad] += np.random.default_rng(1).standard_normal(problem.residual[bad].shape)
-    w = weights(problem.eliminated())
+    w = robust_weights(problem.eliminated())
     assert w[1] < 0.01 * np.delete(w, 1).min()
 
 
@@ -243,7 +246,7 @@ def test_em_ends_where_the_likelihood_is_stationary() -> None:
     The scales that it finds are the problem's.
     """
     problem = random_problem(segments=60)
-    of = moments(problem.residual, problem.A, problem.first)
+    of = segment_moments(problem.residual, problem.A, problem.first)
 
     def of_start(r: np.ndarray) -> np.ndarray:
         alike = np.exp(2.0 * np.log(r).mean()) / r**2
@@ -251,16 +254,18 @@ def test_em_ends_where_the_likelihood_is_stationary() -> None:
 
     def total(log_scales: np.ndarray) -> float:
         tried = Scales(np.exp(log_scales[:3]), np.exp(log_scales[3:]))
-        e = eliminate(of, tried.r, tried.precisions())
-        return float(log_likelihood(e._replace(log_det=e.log_det + of_start(tried.r) - of_start(scales.r))).sum())
+        e = eliminate_nuisance(of, tried.r, tried.nuisance_precisions())
+        return float(
+            student_log_densities(e._replace(log_det=e.log_det + of_start(tried.r) - of_start(scales.r))).sum()
+        )
 
     scales, path = Scales(3.0 * problem.scales.r, 0.2 * problem.scales.q), []
     for _ in range(60):
-        scales, e = rescaled(of, scales, 1)
-        path.append(float(log_likelihood(e).sum()))
+        scales, e = estimate_scales(of, scales, 1)
+        path.append(float(student_log_densities(e).sum()))
     assert (np.diff(path) > -1e-6).all()
     for _ in range(500):  # beyond where many steps at once would call it settled
-        scales, _ = rescaled(of, scales, 1)
+        scales, _ = estimate_scales(of, scales, 1)
     end, h = np.log(np.r_[scales.r, scales.q]), 1e-3
     there = total(end)
     for j, truth in enumerate(np.log(np.r_[problem.scales.r, problem.scales.q])):
@@ -281,7 +286,7 @@ def estimate(recording: Recording, vehicle: Vehicle, tuning: Tuning) -> Estimate
 
 @pytest.fixture(scope="module")
 def take(recording: Recording, estimate: Estimate) -> Take:
-    return take_of(recording, estimate)
+    return cut_segments(recording, estimate)
 
 
 @pytest.fixture(scope="module")
@@ -323,18 +328,18 @@ def _means(of: Take, values: np.ndarray) -> np.ndarray:
 def test_the_prediction_of_a_mean_is_the_mean_of_predictions(
     take: Take, hypothesis: Hypothesis, values: tuple[float, ...]
 ) -> None:
-    each = layout(take)._replace(
+    each = segment_layout(take)._replace(
         row=np.arange(len(take.stamp_s)), share=np.ones(len(take.stamp_s)), first=take.first_stamp
     )
-    setting = hypothesis.setting(hypothesis.start(CAR, values), take)
-    one_by_one = predict(each, take.start, *setting.acting)
-    together = predict(layout(take), take.start, *setting.acting)
+    setting = hypothesis.prediction_inputs(hypothesis.phi_of(CAR, values), take)
+    one_by_one = predict_poses(each, take.start, *setting.kernel_arguments)
+    together = predict_poses(segment_layout(take), take.start, *setting.kernel_arguments)
     np.testing.assert_allclose(together, _means(take, one_by_one), rtol=0, atol=1e-12)
 
 
 def test_slow_poses_are_one_to_a_row(recording: Recording, estimate: Estimate) -> None:
     poses = recording.poses
-    slow = take_of(replace(recording, poses=Stream(poses.time_s[::6], poses.values[::6]), rate_hz=10.0), estimate)
+    slow = cut_segments(replace(recording, poses=Stream(poses.time_s[::6], poses.values[::6]), rate_hz=10.0), estimate)
     assert slow.segments == pytest.approx(60.0 / SEGMENT_S, abs=2)
     np.testing.assert_array_equal(slow.row, np.arange(len(slow.stamp_s)))
     np.testing.assert_array_equal(slow.share, 1.0)
@@ -346,8 +351,8 @@ def test_slow_poses_are_one_to_a_row(recording: Recording, estimate: Estimate) -
 def test_a_part_is_its_segments(take: Take) -> None:
     chosen = np.array([3, 7])
     part = take.part(chosen)
-    setting = BASE.setting(BASE.start(CAR), take)
-    r, whole = residuals(part, setting, part.start), residuals(take, setting, take.start)
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    r, whole = pose_residuals(part, setting, part.start), pose_residuals(take, setting, take.start)
     rows = np.concatenate([np.arange(take.first[s], take.first[s + 1]) for s in chosen])
     np.testing.assert_array_equal(r, whole[rows])
 
@@ -369,11 +374,11 @@ def test_what_stands_still_is_left_out(take: Take) -> None:
     turning = slice(take.first[11], take.first[12])
     pose[turning] = pose[take.first[11]]
     pose[turning, 2] += np.linspace(0.0, 0.1, turning.stop - turning.start)
-    kept = moving(take._replace(pose=pose), 0.87)
+    kept = drop_standing(take._replace(pose=pose), 0.87)
     still = set(np.round(take.begin_s, 6)) - set(np.round(kept.begin_s, 6))
     assert {round(take.begin_s[s], 6) for s in (2, 5)} <= still
     assert not {round(take.begin_s[s], 6) for s in (8, 11)} & still
-    assert moving(take._replace(pose=np.zeros_like(pose)), 0.87).segments == 0
+    assert drop_standing(take._replace(pose=np.zeros_like(pose)), 0.87).segments == 0
 
 
 @pytest.mark.parametrize(
@@ -381,12 +386,12 @@ def test_what_stands_still_is_left_out(take: Take) -> None:
     [("rough_patch", [60.0, 1.0, 0.5, 0.9]), ("slippery_patch", [0.6, 1.0, 0.5, 1.2]), ("mass_change", [0.2, 30.0])],
 )
 def test_what_an_effect_cannot_change_need_not_be_predicted(take: Take, name: str, values: list[float]) -> None:
-    more = BASE.holding(name)
-    setting = BASE.setting(BASE.start(CAR), take)
-    r = residuals(take, setting, take.start)
-    change = r - residuals(take, more.setting(more.start(CAR, values), take), take.start)
+    more = BASE.with_effects(name)
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    r = pose_residuals(take, setting, take.start)
+    change = r - pose_residuals(take, more.prediction_inputs(more.phi_of(CAR, values), take), take.start)
     at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
-    chosen = concerned(take, take.pose - r, at)
+    chosen = affected_segments(take, take.pose - r, at)
     others = np.setdiff1d(np.arange(take.segments), chosen)
     assert 0 < len(chosen) < take.segments
     assert np.abs(change[take.rows(chosen)]).max() > 1e-3
@@ -396,9 +401,9 @@ def test_what_an_effect_cannot_change_need_not_be_predicted(take: Take, name: st
 def joined_and_apart(take: Take, path: Path, vehicle: Vehicle, tuning: Tuning) -> tuple[Take, Take]:
     """`take` joined with the one at `path`, and the latter's segments that are kept."""
     recording = read_recording(path, vehicle)
-    other = take_of(recording, estimate_motion(recording, vehicle, tuning))
-    later = without_beginning(other, CAR.T_s, CAR.d, LIMIT)
-    return joined([take, later]), later
+    other = cut_segments(recording, estimate_motion(recording, vehicle, tuning))
+    later = drop_unknown_beginning(other, CAR.T_s, CAR.d, LIMIT)
+    return concatenate_takes([take, later]), later
 
 
 def test_joined_takes_hold_both(take: Take, takes: dict[str, Path], vehicle: Vehicle, tuning: Tuning) -> None:
@@ -423,58 +428,58 @@ def test_joined_takes_are_predicted_as_each_alone(
 ) -> None:  # fmt: skip
     """What acts over time counts from each recording's own beginning."""
     whole, later = joined_and_apart(take, takes["other"], vehicle, tuning)
-    hypothesis = BASE.holding(*effects)
-    phi = hypothesis.start(CAR, values)
-    r = [residuals(t, hypothesis.setting(phi, t), t.start) for t in (take, later, whole)]
+    hypothesis = BASE.with_effects(*effects)
+    phi = hypothesis.phi_of(CAR, values)
+    r = [pose_residuals(t, hypothesis.prediction_inputs(phi, t), t.start) for t in (take, later, whole)]
     np.testing.assert_allclose(r[2], np.concatenate(r[:2]), rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("stood", [-1.5, 0.4])
 def test_where_the_wheel_stood_before_the_first_command_does_not_matter(take: Take, stood: float) -> None:
     """Predicted as if a command before all others had steered it there, or as if the first one always had held."""
-    known = without_beginning(take, CAR.T_s, CAR.d, LIMIT)
+    known = drop_unknown_beginning(take, CAR.T_s, CAR.d, LIMIT)
     assert 0 < take.segments - known.segments <= 4
     before = np.r_[take.command_s[0] - 1e-3, take.command_s]
     steered = {"command_s": before, "command": np.vstack([[stood, 0.0], take.command]), "command_zero_s": 0.0 * before}
-    setting = BASE.setting(BASE.start(CAR), take)
-    other = BASE.setting(BASE.start(CAR), take._replace(**steered))
-    angles = [s.acting[0].delta for s in (setting, other)]
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    other = BASE.prediction_inputs(BASE.phi_of(CAR), take._replace(**steered))
+    angles = [s.kernel_arguments[0].delta for s in (setting, other)]
     begin = round(known.begin_s[0] / (0.5 * take.h))
-    assert np.abs(angles[0] - angles[1])[:begin].max() > 100 * FORGOTTEN
-    assert np.abs(angles[0] - angles[1])[begin:].max() <= FORGOTTEN
+    assert np.abs(angles[0] - angles[1])[:begin].max() > 100 * LIKELIHOOD_LIMITS.unknown_wheel_angle_rad
+    assert np.abs(angles[0] - angles[1])[begin:].max() <= LIKELIHOOD_LIMITS.unknown_wheel_angle_rad
 
 
 def test_commands_before_the_first_pose_forget_nothing(take: Take) -> None:
     """The chain begins with the poses."""
     early = np.r_[take.command_s[0] - 60.0, take.command_s]
     longer = take._replace(command_s=early, command=np.vstack([take.command[:1], take.command]))
-    known = without_beginning(longer, CAR.T_s, CAR.d, LIMIT)
-    np.testing.assert_array_equal(known.step, without_beginning(take, CAR.T_s, CAR.d, LIMIT).step)
+    known = drop_unknown_beginning(longer, CAR.T_s, CAR.d, LIMIT)
+    np.testing.assert_array_equal(known.step, drop_unknown_beginning(take, CAR.T_s, CAR.d, LIMIT).step)
 
 
 def test_predictions_join_the_estimate(take: Take) -> None:
     """With nearly the true constants the poses of a segment are predicted to centimetres from the estimated start."""
-    r = residuals(take, BASE.setting(BASE.start(CAR), take), take.start)
+    r = pose_residuals(take, BASE.prediction_inputs(BASE.phi_of(CAR), take), take.start)
     assert np.sqrt((r[:, :2] ** 2).mean()) < 0.03
     assert np.sqrt((r[:, 2] ** 2).mean()) < 0.03
 
 
 @pytest.mark.parametrize("condition", [1.0, 1e6, 1e12])
 def test_forms_are_inverted(condition: float) -> None:
-    """The logarithm to N_FREE roundings, of as many pivots: how a machine's BLAS orders its sums is its own."""
+    """The logarithm to N_NUISANCE roundings, of as many pivots: how a machine's BLAS orders its sums is its own."""
     rng = np.random.default_rng(1)
-    turned = np.linalg.qr(rng.standard_normal((N_FREE, N_FREE)))[0]
-    sizes = np.geomspace(1.0, condition, N_FREE)
-    V, log_det = inverted((turned * sizes) @ turned.T)
+    turned = np.linalg.qr(rng.standard_normal((N_NUISANCE, N_NUISANCE)))[0]
+    sizes = np.geomspace(1.0, condition, N_NUISANCE)
+    V, log_det = inverse_and_log_det((turned * sizes) @ turned.T)
     np.testing.assert_allclose(V, (turned / sizes) @ turned.T, atol=1e-15 * condition)
-    assert log_det == pytest.approx(np.log(sizes).sum(), abs=N_FREE * np.finfo(float).eps * condition)
+    assert log_det == pytest.approx(np.log(sizes).sum(), abs=N_NUISANCE * np.finfo(float).eps * condition)
 
 
 @pytest.mark.parametrize("no_form", [-1.0, 0.0, np.inf, np.nan])
 def test_what_is_no_form_has_no_value(no_form: float) -> None:
-    M = np.eye(N_FREE)
+    M = np.eye(N_NUISANCE)
     M[4, 4] = no_form
-    V, log_det = inverted(M)
+    V, log_det = inverse_and_log_det(M)
     assert np.isnan(V).all()
     assert np.isnan(log_det)
 
@@ -482,20 +487,17 @@ def test_what_is_no_form_has_no_value(no_form: float) -> None:
 # --- sensitivities -----------------------------------------------------------------------------------------------
 
 
-def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: Setting) -> np.ndarray:
+def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: PredictionInputs) -> np.ndarray:
     """Mean poses (N, 3) of all rows, every segment under its `pushes` (S, KNOTS, 3): one car after the other."""
     out, chain = np.zeros((take.first[-1], 3)), setting.chain
     for s in range(take.segments):
         own = chain._replace(t_0=chain.t_0 - take.zero_s[s])
-        b, each = Body(*start[s, :N_START]), take.steps // KNOTS
-        driving = (own, take.length_s[s])
-        acting = (setting.car, setting.switches, setting.constants)
-        lagged, true = lags_at_rest(b, take.step[s], *driving, *acting), [b]
-        for i in range(take.steps):
-            b, lagged = body_step(b, lagged, take.step[s] + i, *driving, pushes[s, i // each], *acting)
-            true.append(b)
+        b, each = BodyState(*start[s, :N_START]), take.steps // KNOTS
+        driving, acting = (own, take.length_s[s]), (setting.car, setting.switches, setting.constants)
+        lags = steady_lags(b, actuation_at(take.step[s], *driving), *acting)
+        true = integrate_body(b, lags, take.step[s], take.steps, *driving, pushes[s], each, *acting)[:, :6].copy()
         mine = slice(take.first_stamp[s], take.first_stamp[s + 1])
-        seen = seen_at(take.stamp_s[mine] - take.begin_s[s], np.array(true), setting)
+        seen = observe_states(take.stamp_s[mine] - take.begin_s[s], true, setting)
         np.add.at(out, take.row[mine], take.share[mine, None] * seen)
     return out
 
@@ -503,21 +505,21 @@ def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: Setting) 
 @pytest.mark.parametrize("name", sorted(ENTRIES))
 def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> None:
     """Whatever the effect, at rest and under pushes; the number of segments fills no whole number of vectors."""
-    car = CAR._replace(sets_force=1.0, K_v=20.0) if name == FORCE_ONLY else CAR
+    car = CAR._replace(sets_force=1.0, K_v=20.0) if name == "motor_fade" else CAR
     base = replace(BASE, raw_commands=True, nominal=car)
     own, few = base.entries[name].parameters, part.part(np.arange(0, part.segments, 2))
-    values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.places else 3.0 * p.size for p in own])
-    hypothesis = base.holding(name)
-    setting = hypothesis.setting(hypothesis.start(base.nominal, values), few)
+    values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.is_place else 3.0 * p.size for p in own])
+    hypothesis = base.with_effects(name)
+    setting = hypothesis.prediction_inputs(hypothesis.phi_of(base.nominal, values), few)
     assert few.segments > LANES
     assert few.segments % LANES
     for start in (few.start, shoved(few)):
         push = start[:, N_START:].reshape(-1, KNOTS, 3) * [CAR.m, CAR.m, CAR.I_z]
         each = pushed(few, start, push, setting)
-        abreast = predict(layout(few), start, *setting.acting)
+        abreast = predict_poses(segment_layout(few), start, *setting.kernel_arguments)
         np.testing.assert_allclose(abreast, each, rtol=0.0, atol=1e-8)
         some = np.array([1, few.segments - 1])  # whoever drives beside it, to the last bit
-        beside = predict(layout(few.part(some)), start[some], *setting.acting)
+        beside = predict_poses(segment_layout(few.part(some)), start[some], *setting.kernel_arguments)
         np.testing.assert_array_equal(beside, abreast[few.rows(some)])
 
 
@@ -534,7 +536,7 @@ def agree(columns: np.ndarray, expected: np.ndarray) -> bool:
 
 
 def shoved(take: Take, q: tuple[float, float, float] = (0.3, 0.3, 1.0)) -> np.ndarray:
-    """The take's free parts (S, N_FREE) with pushes of the sizes `q` in every knot."""
+    """The take's nuisance parameters (S, N_NUISANCE) with pushes of the sizes `q` in every knot."""
     start = take.start.copy()
     start[:, N_START:] = np.random.default_rng(4).standard_normal((take.segments, 3 * KNOTS)) * np.tile(q, KNOTS)
     return start
@@ -545,12 +547,12 @@ def test_free_sensitivities_are_central_differences(
     part: Take, hypothesis: Hypothesis, values: tuple[float, ...]
 ) -> None:
     """At rest, and under pushes."""
-    setting, of, h = hypothesis.setting(hypothesis.start(CAR, values), part), layout(part), 1e-4
+    setting, of, h = hypothesis.prediction_inputs(hypothesis.phi_of(CAR, values), part), segment_layout(part), 1e-4
     for start in (part.start, shoved(part)):
-        A = free_sensitivities(of, start, *setting.acting)
+        A = pose_sensitivities(of, start, *setting.kernel_arguments)
         columns = []
-        for step in np.eye(N_FREE):
-            up, down = (predict(of, start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
+        for step in np.eye(N_NUISANCE):
+            up, down = (predict_poses(of, start + sign * h * step, *setting.kernel_arguments) for sign in (1.0, -1.0))
             columns.append((up - down) / (2.0 * h))
         assert agree(A, np.stack(columns, axis=2))
 
@@ -562,31 +564,33 @@ AT_PLACES = {"slippery_patch": (0.4, 1.0, 0.5, 1.5), "tether_pull": (20.0, 0.0, 
 def test_initial_poses_move_as_the_car_would_drive_there(part: Take, name: str) -> None:
     """Under whatever effect: its trajectory as one, unless places or headings differ."""
     own = BASE.entries[name].parameters
-    values = AT_PLACES.get(name, [2.0 if p.places else 5.0 * p.size for p in own])
-    hypothesis, few = BASE.holding(name), part.part(np.arange(0, part.segments, 8))
-    setting, of, h = hypothesis.setting(hypothesis.start(CAR, values), few), layout(few), 1e-4
-    A = free_sensitivities(of, few.start, *setting.acting)[:, :, :3]
+    values = AT_PLACES.get(name, [2.0 if p.is_place else 5.0 * p.size for p in own])
+    hypothesis, few = BASE.with_effects(name), part.part(np.arange(0, part.segments, 8))
+    setting, of, h = hypothesis.prediction_inputs(hypothesis.phi_of(CAR, values), few), segment_layout(few), 1e-4
+    A = pose_sensitivities(of, few.start, *setting.kernel_arguments)[:, :, :3]
     columns = []
-    for step in np.eye(N_FREE)[:3]:
-        up, down = (predict(of, few.start + sign * h * step, *setting.acting) for sign in (1.0, -1.0))
+    for step in np.eye(N_NUISANCE)[:3]:
+        up, down = (predict_poses(of, few.start + sign * h * step, *setting.kernel_arguments) for sign in (1.0, -1.0))
         columns.append((up - down) / (2.0 * h))
     assert agree(A, np.stack(columns, axis=2))
 
 
 def test_pushes_are_wrenches_by_mass_and_inertia(part: Take) -> None:
-    setting, of = BASE.setting(BASE.start(CAR), part), layout(part)
+    setting, of = BASE.prediction_inputs(BASE.phi_of(CAR), part), segment_layout(part)
     push = np.array([[0.1, -0.2, 0.3], [0.0, 0.1, -0.5], [0.2, 0.0, 0.1]])
     start = part.start.copy()
     start[:, N_START:] = push.ravel()
     all_alike = np.broadcast_to(push * [CAR.m, CAR.m, CAR.I_z], (part.segments, KNOTS, 3))
     there = pushed(part, part.start, all_alike, setting)
-    np.testing.assert_allclose(predict(of, start, *setting.acting), there, rtol=0.0, atol=1e-12)
-    assert np.abs(there - predict(of, part.start, *setting.acting)).max() > 0.01
+    np.testing.assert_allclose(predict_poses(of, start, *setting.kernel_arguments), there, rtol=0.0, atol=1e-12)
+    assert np.abs(there - predict_poses(of, part.start, *setting.kernel_arguments)).max() > 0.01
 
 
 def test_a_push_acts_in_its_own_time(part: Take) -> None:
     """Not before it begins; and a push of 1 m/s^2 for half a second moves the car by some h^2/2 = 0.125 m."""
-    A = free_sensitivities(layout(part), part.start, *BASE.setting(BASE.start(CAR), part).acting)
+    A = pose_sensitivities(
+        segment_layout(part), part.start, *BASE.prediction_inputs(BASE.phi_of(CAR), part).kernel_arguments
+    )
     begin = part.begin_s.repeat(np.diff(part.first_stamp))
     last = np.bincount(part.row, part.stamp_s - begin) / np.bincount(part.row)
     for knot in range(KNOTS):
@@ -601,18 +605,20 @@ LOUD = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.3, 0.3, 1.0]))
 
 def pushed_take(part: Take) -> tuple[Take, np.ndarray]:
     """A noiseless take made with pushes far from nothing, and the free parts it was made from."""
-    setting, true = BASE.setting(BASE.start(CAR), part), shoved(part)
-    pose = np.asarray(predict(layout(part), true, *setting.acting))
+    setting, true = BASE.prediction_inputs(BASE.phi_of(CAR), part), shoved(part)
+    pose = np.asarray(predict_poses(segment_layout(part), true, *setting.kernel_arguments))
     return part._replace(pose=pose, pushed=True), true
 
 
 def test_free_parts_settle_where_pushes_far_from_nothing_put_them(part: Take) -> None:
     """From rest to the pushes that a noiseless take was made with, whatever a tangent at rest says of them."""
     take, true = pushed_take(part)
-    setting = BASE.setting(BASE.start(CAR), take)
-    off = np.abs(settled(take, setting, take.start, LOUD)[0] - true)[:, N_START:]
-    A = sensitivities(take, setting, take.start)
-    z = eliminate(moments(residuals(take, setting, take.start), A, take.first), LOUD.r, LOUD.precisions()).z
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    off = np.abs(solve_nuisance(take, setting, take.start, LOUD)[0] - true)[:, N_START:]
+    A = nuisance_sensitivities(take, setting, take.start)
+    z = eliminate_nuisance(
+        segment_moments(pose_residuals(take, setting, take.start), A, take.first), LOUD.r, LOUD.nuisance_precisions()
+    ).z
     assert np.median(off) < 0.02
     assert np.median(np.abs(z - true)[:, N_START:]) > 2.0 * np.median(off)
 
@@ -620,38 +626,38 @@ def test_free_parts_settle_where_pushes_far_from_nothing_put_them(part: Take) ->
 def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> None:
     """The mode of the posterior is where the linear algebra puts it; and a tangent at rest would have been far off."""
     take, _ = pushed_take(part)
-    setting = BASE.setting(BASE.start(CAR), take)
-    start, _, A = settled(take, setting, take.start, LOUD)
-    r = without_pushes(residuals(take, setting, start), A, start, take.first)
-    e = eliminate(moments(r, A, take.first), LOUD.r, LOUD.precisions())
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    start, _, A = solve_nuisance(take, setting, take.start, LOUD)
+    r = remove_pushes(pose_residuals(take, setting, start), A, start, take.first)
+    e = eliminate_nuisance(segment_moments(r, A, take.first), LOUD.r, LOUD.nuisance_precisions())
     np.testing.assert_allclose(e.z[:, N_START:], start[:, N_START:], atol=0.02)
-    assert bent(take, setting, start, LOUD, A) == pytest.approx(0.0, abs=0.05)
-    assert bent(take, setting, take.start, LOUD, sensitivities(take, setting, take.start)) > 1.0
+    assert nonlinearity(take, setting, start, LOUD, A) == pytest.approx(0.0, abs=0.05)
+    assert nonlinearity(take, setting, take.start, LOUD, nuisance_sensitivities(take, setting, take.start)) > 1.0
 
 
 @pytest.mark.parametrize("badness", [1e9, np.inf, np.nan])
 def test_a_segment_that_spins_bends_no_take(badness: float, part: Take, monkeypatch: pytest.MonkeyPatch) -> None:
-    setting, kept = BASE.setting(BASE.start(CAR), part), nuisance.badness
+    setting, kept = BASE.prediction_inputs(BASE.phi_of(CAR), part), nuisance.segment_misfit
 
     def spun(take: Take, *given: np.ndarray) -> np.ndarray:
         return np.r_[badness, kept(take, *given)[1:]]
 
-    still = bent(part, setting, part.start, LOUD, sensitivities(part, setting, part.start))
-    monkeypatch.setattr(nuisance, "badness", spun)
-    one = bent(part, setting, part.start, LOUD, sensitivities(part, setting, part.start))
-    assert one - still == pytest.approx(nuisance.SPUN / part.segments, rel=0.1)
+    still = nonlinearity(part, setting, part.start, LOUD, nuisance_sensitivities(part, setting, part.start))
+    monkeypatch.setattr(nuisance, "segment_misfit", spun)
+    one = nonlinearity(part, setting, part.start, LOUD, nuisance_sensitivities(part, setting, part.start))
+    assert one - still == pytest.approx(LIKELIHOOD_LIMITS.max_segment_nonlinearity_nats / part.segments, rel=0.1)
 
 
 @pytest.mark.parametrize(("push", "each"), [(40.0, 3), (np.nan, 3), (40.0, 1)])
 def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Take, push: float, each: int) -> None:
     """Pushed into a spin, or out of the finite numbers; all of them too, by pushes that other parameters called for."""
     take, _ = pushed_take(part)
-    setting = BASE.setting(BASE.start(CAR), take)
-    right, spun = settled(take, setting, take.start, LOUD), take.start.copy()
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    right, spun = solve_nuisance(take, setting, take.start, LOUD), take.start.copy()
     spun[::each, N_START:] = push
-    found = settled(take, setting, spun, LOUD)
+    found = solve_nuisance(take, setting, spun, LOUD)
     np.testing.assert_allclose(found.start, right.start, atol=0.02)
-    np.testing.assert_allclose(found.r, residuals(take, setting, found.start), atol=1e-12)
+    np.testing.assert_allclose(found.r, pose_residuals(take, setting, found.start), atol=1e-12)
 
 
 @pytest.mark.parametrize("common", [(-3.0, 0.0, 0.0), (-3.0, 2.0, 6.0)])
@@ -659,19 +665,21 @@ def test_segments_that_are_lost_settle_under_what_pushes_the_others(
     common: tuple[float, float, float], part: Take, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where a brake is missing: from rest some are lost, in a spin, and the others say what they lack."""
-    setting, true = BASE.setting(BASE.start(CAR), part), shoved(part)
+    setting, true = BASE.prediction_inputs(BASE.phi_of(CAR), part), shoved(part)
     true[:, N_START:] += np.tile(common, KNOTS)
-    pose = np.asarray(predict(layout(part), true, *setting.acting))
+    pose = np.asarray(predict_poses(segment_layout(part), true, *setting.kernel_arguments))
     take = part._replace(pose=pose, pushed=True)
 
     def lost(start: np.ndarray, r: np.ndarray) -> int:
-        return int((~(nuisance.badness(take, start, r, LOUD) < nuisance.LOST * 3.0 * np.diff(take.first))).sum())
+        return int(
+            (~(nuisance.segment_misfit(take, start, r, LOUD) < nuisance.LOST_MISFIT * 3.0 * np.diff(take.first))).sum()
+        )
 
-    found = settled(take, setting, take.start, LOUD)
+    found = solve_nuisance(take, setting, take.start, LOUD)
     assert lost(found.start, found.r) == 0
     np.testing.assert_allclose(found.start[:, N_START:], true[:, N_START:], atol=0.05)
-    monkeypatch.setattr(nuisance, "ALMOST_ALL", 0.0)
-    without = settled(take, setting, take.start, LOUD)
+    monkeypatch.setattr(nuisance, "MAX_MEDIAN_SHARE", 0.0)
+    without = solve_nuisance(take, setting, take.start, LOUD)
     assert lost(without.start, without.r) > 0
 
 
@@ -679,57 +687,62 @@ def test_the_segments_that_are_not_lost_say_what_usually_pushes(part: Take) -> N
     """Their median, on beginnings as the recording has them; nothing, where all are lost."""
     start, lost = shoved(part) + 0.5, np.ones(part.segments, dtype=bool)
     start[0, N_START:] = 100.0  # of three, no matter how far off
-    np.testing.assert_array_equal(nuisance._usually_pushed(part, start, lost), part.start)
+    np.testing.assert_array_equal(nuisance._retry_starts(part, start, lost)[2], part.start)
     lost[:3] = False
-    begin = nuisance._usually_pushed(part, start, lost)
+    begin = nuisance._retry_starts(part, start, lost)[2]
     np.testing.assert_array_equal(begin[:, :N_START], part.start[:, :N_START])
     np.testing.assert_array_equal(begin[:, N_START:], [np.maximum(*start[1:3, N_START:])] * part.segments)
 
 
 def test_a_lost_segment_stays_as_it_is_where_settling_anew_ends_nowhere(part: Take) -> None:
     take, _ = pushed_take(part)
-    setting, spun = BASE.setting(BASE.start(CAR), take), take.start.copy()
+    setting, spun = BASE.prediction_inputs(BASE.phi_of(CAR), take), take.start.copy()
     spun[::3, N_START:] = 40.0
-    at = Settled(spun.copy(), residuals(take, setting, spun), sensitivities(take, setting, spun))
+    at = NuisanceSolution(spun.copy(), pose_residuals(take, setting, spun), nuisance_sensitivities(take, setting, spun))
     lost = np.arange(0, take.segments, 3)
     nowhere = np.full_like(spun, np.nan)
-    _settle_anew(take, setting, at, lost, nowhere, LOUD)
+    _retry_segments(take, setting, at, lost, nowhere, LOUD)
     np.testing.assert_array_equal(at.start, spun)
-    np.testing.assert_array_equal(at.r, residuals(take, setting, spun))
-    _settle_anew(take, setting, at, lost, take.start, LOUD)
+    np.testing.assert_array_equal(at.r, pose_residuals(take, setting, spun))
+    _retry_segments(take, setting, at, lost, take.start, LOUD)
     assert not np.isclose(at.start[lost, N_START:], 40.0).any()
-    np.testing.assert_array_equal(at.r, residuals(take, setting, at.start))
+    np.testing.assert_array_equal(at.r, pose_residuals(take, setting, at.start))
     rows = take.rows(lost)  # of the step before the last one, which hardly moved
-    np.testing.assert_allclose(at.A[rows], sensitivities(take, setting, at.start)[rows], atol=1e-3)
+    np.testing.assert_allclose(at.A[rows], nuisance_sensitivities(take, setting, at.start)[rows], atol=1e-3)
 
 
 def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:
-    setting = BASE.setting(BASE.start(CAR), part)
-    start, _, A = settled(part, setting, part.start, LOUD)
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), part)
+    start, _, A = solve_nuisance(part, setting, part.start, LOUD)
     np.testing.assert_array_equal(start, part.start)
-    np.testing.assert_array_equal(A, sensitivities(part, setting, part.start))
+    np.testing.assert_array_equal(A, nuisance_sensitivities(part, setting, part.start))
 
 
 def quietly(take: Take) -> tuple[Take, Fitted, np.ndarray]:
     """The base model's own poses with a little noise, the problem at its parameters, and these."""
-    phi = BASE.start(CAR)
+    phi = BASE.phi_of(CAR)
     noise = np.random.default_rng(5).standard_normal(take.pose.shape) * LOUD.r
-    made = take._replace(pose=np.asarray(predict(layout(take), take.start, *BASE.setting(phi, take).acting)) + noise)
-    return made, Fitted(made, BASE, Prior(*BASE.prior(phi))), phi
+    made = take._replace(
+        pose=np.asarray(
+            predict_poses(segment_layout(take), take.start, *BASE.prediction_inputs(phi, take).kernel_arguments)
+        )
+        + noise
+    )
+    return made, Fitted(made, BASE, BASE.prior(phi)), phi
 
 
 def test_a_segment_that_is_thrown_off_holds_no_other_where_it_is(part: Take) -> None:
     """All begin 5 cm/s off, and what is left of one asks for a car at 60 m/s."""
     take, of, phi = quietly(part)
-    start = take.start + 0.05 * (np.arange(N_FREE) == N_POSE_AND_FORWARD)
-    A, now = standing_at(of, phi, start, LOUD, 0)
-    z = now.e.z.copy()
+    start = take.start + 0.05 * (np.arange(N_NUISANCE) == N_POSE_AND_FORWARD)
+    now = evaluate_at(of, phi, start, LOUD, 0)
+    z = now.terms.z.copy()
     z[3, N_POSE_AND_FORWARD] += 60.0
-    there = moved_unless_thrown(of, A, now._replace(e=now.e._replace(z=z)))
+    there = move_initial_states(of, now._replace(terms=now.terms._replace(z=z)))
     others = np.arange(take.segments) != 3
     np.testing.assert_array_equal(there.start[3], start[3])
-    np.testing.assert_allclose(there.start[others, :N_START], (start + now.e.z)[others, :N_START])
-    assert (log_likelihood(there.e) > log_likelihood(now.e) - THROWN).all()
+    np.testing.assert_allclose(there.start[others, :N_START], (start + now.terms.z)[others, :N_START])
+    assert (student_log_densities(there.terms) > student_log_densities(now.terms) - MAX_SEGMENT_LOSS).all()
     np.testing.assert_allclose(there.r, of.residuals(phi, there.start), atol=1e-12)
 
 
@@ -737,23 +750,23 @@ def test_a_segment_that_has_strayed_begins_anew_alone(part: Take) -> None:
     take, of, phi = quietly(part)
     start = take.start.copy()
     start[3, :N_START] += [3.0, -2.0, 1.5, 4.0, -4.0, 3.0]
-    near, strayed = standing_at(of, phi, take.start, LOUD, 0), standing_at(of, phi, start, LOUD, 0)
-    each = [log_likelihood(state.e) for _, state in (near, strayed)]
+    near, strayed = evaluate_at(of, phi, take.start, LOUD, 0), evaluate_at(of, phi, start, LOUD, 0)
+    each = [student_log_densities(state.terms) for state in (near, strayed)]
     assert each[1][3] == pytest.approx(each[0][3], abs=1.0)
     others = np.arange(take.segments) != 3
-    np.testing.assert_array_equal(strayed[1].start[others], start[others])
+    np.testing.assert_array_equal(strayed.start[others], start[others])
     rows = np.repeat(others, np.diff(take.first))
-    np.testing.assert_array_equal(strayed[0][rows], near[0][rows])
-    setting = BASE.setting(phi, take)
-    np.testing.assert_allclose(strayed[1].r, residuals(take, setting, strayed[1].start), atol=1e-12)
-    np.testing.assert_allclose(strayed[0], sensitivities(take, setting, strayed[1].start), rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(strayed.A[rows], near.A[rows])
+    setting = BASE.prediction_inputs(phi, take)
+    np.testing.assert_allclose(strayed.r, pose_residuals(take, setting, strayed.start), atol=1e-12)
+    np.testing.assert_allclose(strayed.A, nuisance_sensitivities(take, setting, strayed.start), rtol=1e-9, atol=1e-12)
 
 
 def test_a_residual_without_pushes_is_that_at_rest(part: Take) -> None:
     """About whatever pushes the prediction was made with, where these are small."""
-    setting, small = BASE.setting(BASE.start(CAR), part), shoved(part, (0.003, 0.003, 0.003))
-    at_rest, under = residuals(part, setting, part.start), residuals(part, setting, small)
-    again = without_pushes(under, sensitivities(part, setting, small), small, part.first)
+    setting, small = BASE.prediction_inputs(BASE.phi_of(CAR), part), shoved(part, (0.003, 0.003, 0.003))
+    at_rest, under = pose_residuals(part, setting, part.start), pose_residuals(part, setting, small)
+    again = remove_pushes(under, nuisance_sensitivities(part, setting, small), small, part.first)
     assert np.abs(again - at_rest).max() < 0.1 * np.abs(under - at_rest).max()
 
 
@@ -761,20 +774,20 @@ def test_a_prediction_out_of_the_numbers_does_not_settle(part: Take) -> None:
     """Where its segment's rough beginning does not lead back either."""
     take = part._replace(pushed=True, start=part.start.copy())
     take.start[0, 3] = np.nan
-    with pytest.raises(FloatingPointError, match="finite"):
-        settled(take, BASE.setting(BASE.start(CAR), part), take.start, LOUD)
+    with pytest.raises(PredictionDiverged, match="finite"):
+        solve_nuisance(take, BASE.prediction_inputs(BASE.phi_of(CAR), part), take.start, LOUD)
 
 
 @pytest.mark.parametrize("answer", [np.inf, 1e200, np.nan, 0.0])
 def test_where_predictions_have_no_tangent_the_other_segments_step(part: Take, answer: float) -> None:
     """Beyond the finite numbers, or no answer at all to one of the free parts: no matrix that LAPACK could solve."""
     take, _ = pushed_take(part)
-    setting = BASE.setting(BASE.start(CAR), take)
-    r, A = residuals(take, setting, take.start), sensitivities(take, setting, take.start)
-    start, _ = _stepped(take, setting, Settled(take.start, r, A), LOUD)
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
+    r, A = pose_residuals(take, setting, take.start), nuisance_sensitivities(take, setting, take.start)
+    start, _ = _damped_step(take, setting, NuisanceSolution(take.start, r, A), LOUD)
     rows = slice(take.first[0], take.first[1])
     A[rows, :, 2] = answer
-    there, off = _stepped(take, setting, Settled(take.start, r, A), LOUD)
+    there, off = _damped_step(take, setting, NuisanceSolution(take.start, r, A), LOUD)
     np.testing.assert_array_equal(there[0], take.start[0])
     np.testing.assert_array_equal(off[rows], r[rows])
     np.testing.assert_array_equal(there[1:], start[1:])
@@ -782,29 +795,31 @@ def test_where_predictions_have_no_tangent_the_other_segments_step(part: Take, a
 
 
 def test_a_segment_that_does_not_tell_its_initial_state_is_out_of_the_numbers(part: Take) -> None:
-    r, A = np.zeros((len(part.pose), 3)), np.ones((len(part.pose), 3, N_FREE))
-    with pytest.raises(FloatingPointError, match="rounding"):
-        rescaled(moments(r, A, part.first), Scales(np.ones(3), np.full(3, np.inf)), 0)
+    r, A = np.zeros((len(part.pose), 3)), np.ones((len(part.pose), 3, N_NUISANCE))
+    with pytest.raises(PredictionDiverged, match="rounding"):
+        estimate_scales(segment_moments(r, A, part.first), Scales(np.ones(3), np.full(3, np.inf)), 0)
 
 
 def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
     """A car pushed by a third of a g's tenth is found within its errors; a tangent at rest would be far off."""
     true = shoved(take, (0.3, 0.3, 0.6))
-    setting = BASE.setting(BASE.start(CAR), take)
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
     noise = np.random.default_rng(5).standard_normal(take.pose.shape) * LOUD.r
-    pose = np.asarray(predict(layout(take), true, *setting.acting)) + noise
-    found = refit(take._replace(pose=pose, pushed=True), BASE, BASE.start(CAR), take.start, LOUD)
-    apart = [np.log(getattr(found.car(), s) / getattr(CAR, s)) for s in BASE.logs]
-    se = np.sqrt(np.diag(found.covariance))[: len(BASE.logs)]
-    assert (np.abs(np.array(apart) / se) < 4.0).all(), dict(zip(BASE.logs, zip(apart, se, strict=True), strict=True))
+    pose = np.asarray(predict_poses(segment_layout(take), true, *setting.kernel_arguments)) + noise
+    found = refit(take._replace(pose=pose, pushed=True), BASE, BASE.phi_of(CAR), take.start, LOUD)
+    apart = [np.log(getattr(found.car(), s) / getattr(CAR, s)) for s in BASE.log_parameters]
+    se = np.sqrt(np.diag(found.covariance))[: len(BASE.log_parameters)]
+    assert (np.abs(np.array(apart) / se) < 4.0).all(), dict(
+        zip(BASE.log_parameters, zip(apart, se, strict=True), strict=True)
+    )
     np.testing.assert_allclose(found.scales.q, [0.3, 0.3, 0.6], rtol=0.3)
 
 
 @pytest.mark.parametrize("pushed", [False, True])
 def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: Take, pushed: bool) -> None:
     take = pushed_take(part)[0]._replace(pushed=pushed)
-    phi = BASE.start(CAR._replace(C_f=1.1 * CAR.C_f))
-    each = standing(take, BASE, phi, take.start, LOUD)
+    phi = BASE.phi_of(CAR._replace(C_f=1.1 * CAR.C_f))
+    each = segment_log_likelihoods(take, BASE, phi, take.start, LOUD)
     refitted = refit(take, BASE, phi, take.start, LOUD, tangents=0).per_segment
     np.testing.assert_allclose(each, refitted, atol=5.0 if pushed else 0.1)  # which settles for its scales in turn
     assert each.sum() < refitted.sum() + 0.1
@@ -812,33 +827,37 @@ def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: 
 
 def test_what_pushes_had_taken_over_goes_back_to_the_effect_that_it_is(part: Take) -> None:
     """From a fifteenth of its size, beside pushes that did its work, as from its own."""
-    true = BASE.holding("front_coulomb_friction")
-    phi = true.start(CAR, [300.0])
+    true = BASE.with_effects("front_coulomb_friction")
+    phi = true.phi_of(CAR, [300.0])
     noise = np.random.default_rng(5).standard_normal(part.pose.shape) * LOUD.r
-    acting = true.setting(phi, part).acting
-    pose = np.asarray(predict(layout(part), shoved(part, (0.1, 0.1, 0.2)), *acting)) + noise
+    acting = true.prediction_inputs(phi, part).kernel_arguments
+    pose = np.asarray(predict_poses(segment_layout(part), shoved(part, (0.1, 0.1, 0.2)), *acting)) + noise
     take = part._replace(pose=pose, pushed=True)
-    without = refit(take, BASE, BASE.start(CAR), take.start, LOUD)
+    without = refit(take, BASE, BASE.phi_of(CAR), take.start, LOUD)
     near = refit(take, true, phi, take.start, LOUD)
-    far = refit(take, true, true.start(without.car(), [20.0]), without.start, without.scales)
+    far = refit(take, true, true.phi_of(without.car(), [20.0]), without.start, without.scales)
     assert far.log_likelihood > without.log_likelihood + 50.0
     assert far.log_likelihood == pytest.approx(near.log_likelihood, abs=2.0 * SLACK)
-    c, se = far.values()["front_coulomb_friction__c"]
-    assert abs(c - near.values()["front_coulomb_friction__c"][0]) < 2.0 * se
+    c, se = far.effect_estimates()["front_coulomb_friction__c"]
+    assert abs(c - near.effect_estimates()["front_coulomb_friction__c"][0]) < 2.0 * se
 
 
 @both_hypotheses
 def test_the_jacobian_is_central_differences(part: Take, hypothesis: Hypothesis, values: tuple[float, ...]) -> None:
     """But for a patch's place: where its edge is crossed between two steps cannot be seen."""
-    phi = hypothesis.start(CAR, values)
-    r = residuals(part, hypothesis.setting(phi, part), part.start)
+    phi = hypothesis.phi_of(CAR, values)
+    r = pose_residuals(part, hypothesis.prediction_inputs(phi, part), part.start)
     smooth = range(hypothesis.base_size + min(len(values), 3))
-    J = jacobian(part, hypothesis, phi, part.start, r, smooth)
+    J = parameter_jacobian(part, hypothesis, phi, part.start, r, smooth)
     columns = []
     for j in smooth:
         step = np.eye(len(phi))[j] * (1e-4 if j < hypothesis.base_size else 0.01)
         up, down = (
-            predict(layout(part), part.start, *hypothesis.setting(phi + sign * step, part).acting)
+            predict_poses(
+                segment_layout(part),
+                part.start,
+                *hypothesis.prediction_inputs(phi + sign * step, part).kernel_arguments,
+            )
             for sign in (1.0, -1.0)
         )
         columns.append((up - down) / (2.0 * np.abs(step).max()))
@@ -847,38 +866,38 @@ def test_the_jacobian_is_central_differences(part: Take, hypothesis: Hypothesis,
 
 def test_a_place_has_a_slope(part: Take) -> None:
     """Towards the patch that is there a part of the way explains a part of the misfit."""
-    phi = RICH.start(CAR, RICH_VALUES)
-    setting = RICH.setting(phi, part)
-    r = residuals(part, setting, part.start)
-    J = jacobian(part, RICH, phi, part.start, r, range(RICH.size - 3, RICH.size))
+    phi = RICH.phi_of(CAR, RICH_VALUES)
+    setting = RICH.prediction_inputs(phi, part)
+    r = pose_residuals(part, setting, part.start)
+    J = parameter_jacobian(part, RICH, phi, part.start, r, range(RICH.size - 3, RICH.size))
     for column, move in zip(np.moveaxis(J, 2, 0), 0.15 * np.eye(3), strict=True):
-        there = RICH.setting(phi + np.r_[np.zeros(RICH.size - 3), move], part)
-        change = r - residuals(part, there, part.start)
+        there = RICH.prediction_inputs(phi + np.r_[np.zeros(RICH.size - 3), move], part)
+        change = r - pose_residuals(part, there, part.start)
         assert np.corrcoef(change.ravel(), column.ravel())[0, 1] > 0.7
 
 
 def test_a_difference_stays_within_the_bounds(part: Take) -> None:
-    hypothesis = BASE.holding("tyre_soft_saturation", "steering_lag")
+    hypothesis = BASE.with_effects("tyre_soft_saturation", "steering_lag")
     for share in (1.0, 0.999):
-        phi = hypothesis.start(CAR, [share, 0.014])
-        r = residuals(part, hypothesis.setting(phi, part), part.start)
-        J = jacobian(part, hypothesis, phi, part.start, r)
-        less = hypothesis.setting(hypothesis.start(CAR, [share - 0.04, 0.014]), part)
-        expected = (residuals(part, less, part.start) - r) / (0.04 / 0.8)
+        phi = hypothesis.phi_of(CAR, [share, 0.014])
+        r = pose_residuals(part, hypothesis.prediction_inputs(phi, part), part.start)
+        J = parameter_jacobian(part, hypothesis, phi, part.start, r, range(hypothesis.size))
+        less = hypothesis.prediction_inputs(hypothesis.phi_of(CAR, [share - 0.04, 0.014]), part)
+        expected = (pose_residuals(part, less, part.start) - r) / (0.04 / 0.8)
         assert misses(J[:, :, -2:-1], expected[:, :, None]).max() < 1e-9
         last = range(hypothesis.size - 1, hypothesis.size)
-        np.testing.assert_array_equal(jacobian(part, hypothesis, phi, part.start, r, last), J[:, :, -1:])
+        np.testing.assert_array_equal(parameter_jacobian(part, hypothesis, phi, part.start, r, last), J[:, :, -1:])
 
 
 # --- hypotheses --------------------------------------------------------------------------------------------------
 
 
 def test_one_effect_more_has_the_sizes_it_is_given_and_all_else_stays() -> None:
-    lag = BASE.holding("motor_lag")
-    phi = lag.start(CAR, [0.2])
-    more, longer = lag.with_effect("floor_slope", phi, [0.01, -0.02])
+    lag = BASE.with_effects("motor_lag")
+    phi = lag.phi_of(CAR, [0.2])
+    more, longer = lag.add_effect("floor_slope", phi, [0.01, -0.02])
     assert more.effects == ("motor_lag", "floor_slope")
-    np.testing.assert_array_equal(longer, more.start(CAR, [0.2, 0.01, -0.02]))
+    np.testing.assert_array_equal(longer, more.phi_of(CAR, [0.2, 0.01, -0.02]))
     np.testing.assert_array_equal(longer[: len(phi)], phi)
 
 
@@ -887,18 +906,18 @@ def test_one_effect_more_has_the_sizes_it_is_given_and_all_else_stays() -> None:
 def test_phi_and_the_car_are_one(unknown: tuple[str, ...], sets_force: float) -> None:
     car = CAR._replace(sets_force=sets_force, u_0=0.1, K_v=30.0)
     hypothesis = Hypothesis(("motor_lag", "floor_slope"), car, LIMIT, Constants(), unknown)
-    other = car._replace(**{n: 1.3 * getattr(car, n) for n in (*hypothesis.logs, "R_1", "R_2")})
-    phi = hypothesis.start(other, [0.06, 0.03, -0.02])
+    other = car._replace(**{n: 1.3 * getattr(car, n) for n in (*hypothesis.log_parameters, "R_1", "R_2")})
+    phi = hypothesis.phi_of(other, [0.06, 0.03, -0.02])
     assert len(phi) == hypothesis.size == hypothesis.base_size + 3
     assert hypothesis.car(phi) == pytest.approx(other)
-    assert list(hypothesis.values(phi).values()) == pytest.approx([0.06, 0.03, -0.02])
+    assert list(hypothesis.effect_values(phi).values()) == pytest.approx([0.06, 0.03, -0.02])
     low, high = hypothesis.bounds()
     assert ((low <= phi) & (phi <= high)).all()
 
 
 def test_a_throttle_that_sets_a_force_has_a_dead_zone_and_no_reference() -> None:
     force = Hypothesis((), CAR._replace(sets_force=1.0), LIMIT, Constants())
-    assert "u_0" not in force.logs  # what it lacks is the effect's
+    assert "u_0" not in force.log_parameters  # what it lacks is the effect's
     assert "motor_regeneration" in BASE.entries
     assert "motor_regeneration" not in force.entries
     width = force.entries["motor_dead_zone"].parameters[0]
@@ -916,7 +935,7 @@ def test_rear_wheels_are_as_far_apart_as_a_car_s_wheelbase_lets_expect(vehicle: 
     bumper = own.model_copy(update={"cog_to_front_m": 0.4, "cog_to_rear_m": 0.47, "rear_track_m": None})
     small = bumper.model_copy(update={"cog_to_front_m": 0.0805, "cog_to_rear_m": 0.093})
     given = small.model_copy(update={"rear_track_m": 0.16})
-    tracks = [constants_of(vehicle.model_copy(update={"body": b})).track for b in (bumper, small, given)]
+    tracks = [effect_constants(vehicle.model_copy(update={"body": b})).track for b in (bumper, small, given)]
     assert tracks == pytest.approx([0.6, 0.6 * 0.1735 / 0.87, 0.16])
 
 
@@ -936,14 +955,18 @@ def test_a_tracked_point_that_was_measured_is_not_far_from_there() -> None:
         for h in (BASE, replace(BASE, measured_point=True))
     ]
     for symbol, (low, high, size) in own[0].items():
-        assert own[1][symbol] == (MEASURED * low, MEASURED * high, size)
+        assert own[1][symbol] == (
+            LIKELIHOOD_LIMITS.measured_marker_share * low,
+            LIKELIHOOD_LIMITS.measured_marker_share * high,
+            size,
+        )
 
 
 def test_late_poses_are_late_commands(take: Take) -> None:
     """pose_latency is exactly equal motor and steering delays (specification)."""
-    one, two = BASE.holding("pose_latency"), BASE.holding("motor_delay", "steering_delay")
+    one, two = BASE.with_effects("pose_latency"), BASE.with_effects("motor_delay", "steering_delay")
     r = [
-        residuals(take, h.setting(h.start(CAR, values), take), take.start)
+        pose_residuals(take, h.prediction_inputs(h.phi_of(CAR, values), take), take.start)
         for h, values in ((one, [0.012]), (two, [0.012, 0.012]))
     ]
     np.testing.assert_allclose(r[0], r[1], atol=1e-9)
@@ -951,6 +974,9 @@ def test_late_poses_are_late_commands(take: Take) -> None:
 
 def test_a_chain_is_that_of_its_own_commands(take: Take) -> None:
     """Also of a take that shares its commands, but not when they came, with one seen before."""
-    phi = BASE.start(CAR)
-    here, late = BASE.setting(phi, take), BASE.setting(phi, take._replace(command_s=take.command_s + 0.1))
+    phi = BASE.phi_of(CAR)
+    here, late = (
+        BASE.prediction_inputs(phi, take),
+        BASE.prediction_inputs(phi, take._replace(command_s=take.command_s + 0.1)),
+    )
     np.testing.assert_allclose(late.chain.delta[8:], here.chain.delta[:-8], rtol=0, atol=1e-9)

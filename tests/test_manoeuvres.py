@@ -3,42 +3,48 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.search.refits import refit_with
+from bcid.diagnosis.search.refits import refit_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.table import EFFECTS
+from bcid.errors import PredictionDiverged
 from bcid.experiment import discrimination as separation_module
-from bcid.experiment.detectability import detectable
-from bcid.experiment.discrimination import best_manoeuvre, driven, information, separation
+from bcid.experiment.detectability import detectable_sizes
+from bcid.experiment.discrimination import (
+    find_discriminating_drive,
+    measure_separation,
+    segment_information,
+    simulate_planned_drive,
+)
+from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.experiment.manoeuvres import (
     ARENA,
-    FASTEST,
-    LEAST_S,
+    MAX_SPEED_MPS,
     STOP_S,
     Arena,
-    Drive,
-    catalogue,
+    PlannedDrive,
+    feasible_drives,
     top_speed,
-    usual_throttle,
     write_commands,
 )
-from bcid.experiment.patterns import COMMAND_HZ, LONGEST_S, PATTERNS
-from bcid.experiment.plan import NOMINAL, REST_S, largest_throttle, nominal_car, plan
-from bcid.experiment.simulate import STILL, simulated_take, states, undriven
+from bcid.experiment.patterns import COMMAND_HZ, PATTERNS
+from bcid.experiment.plan import NOMINAL_SCALES, REST_S, largest_throttle, nominal_car, plan_drives
+from bcid.experiment.simulate import NO_NOISE, commands_only_take, simulate_states, simulate_take
 from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import jacobian
-from bcid.likelihood.nuisance import residuals, sensitivities
-from bcid.likelihood.prepare import base_fit, units_at
+from bcid.likelihood.newton import parameter_jacobian
+from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
+from bcid.likelihood.prepare import fit_base, scale_at_speed
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import GATE
-from bcid.likelihood.take import N_FREE, SEGMENT_S, Take, joined
-from bcid.recording.formats.commands_file import read_commands
+from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
+from bcid.recording.formats.tables import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
 LIMIT, TOP = 2.012, 2.033
@@ -88,30 +94,36 @@ COMMANDS = random_commands(120.0)
 def taken(
     hypothesis: Hypothesis, phi: np.ndarray, scales: Scales, rate_hz: float = 30.0, seed: int = 1, seconds: float = 90.0
 ) -> Take:
-    setting = hypothesis.setting(phi, undriven(*COMMANDS, seconds))
-    return simulated_take(setting, *COMMANDS, seconds, scales, rate_hz, seed, np.zeros(6))
+    setting = hypothesis.prediction_inputs(phi, commands_only_take(*COMMANDS, seconds))
+    return simulate_take(setting, *COMMANDS, seconds, scales, rate_hz, seed, np.zeros(6))
 
 
 def holding(name: str, *values: float) -> tuple[Hypothesis, np.ndarray]:
-    hypothesis = BASE.holding(name)
-    return hypothesis, hypothesis.start(CAR, values)
+    hypothesis = BASE.with_effects(name)
+    return hypothesis, hypothesis.phi_of(CAR, values)
+
+
+def unfitted(hypothesis: Hypothesis, phi: np.ndarray) -> Any:
+    """An explanation of which nothing but the base parameters is refitted, and they are known by their prior alone."""
+    known = PRIOR_SD**2 * np.eye(hypothesis.base_size)
+    return SimpleNamespace(hypothesis=hypothesis, phi=phi, scales=SCALES, covariance=known)
 
 
 @pytest.mark.parametrize("rate_hz", [120.0, 30.0, 10.0])
 def test_a_still_take_is_the_prediction(rate_hz: float) -> None:
     hypothesis, phi = holding("steering_backlash", 0.02)
-    take = taken(hypothesis, phi, STILL, rate_hz)
+    take = taken(hypothesis, phi, NO_NOISE, rate_hz)
     assert take.segments == 60
     assert (np.diff(take.first_stamp) == round(SEGMENT_S * rate_hz)).all()
     assert (np.diff(take.first) == round(SEGMENT_S * min(rate_hz, 20.0))).all()
     np.testing.assert_allclose(np.bincount(take.row, take.share), 1.0)
-    assert np.abs(residuals(take, hypothesis.setting(phi, take), take.start)).max() < 1e-9
+    assert np.abs(pose_residuals(take, hypothesis.prediction_inputs(phi, take), take.start)).max() < 1e-9
 
 
 def test_the_measurement_is_in_the_take() -> None:
     """A tracked point ahead of the CoG is seen there."""
     hypothesis, phi = holding("marker_offset", 0.1, 0.0)
-    off, on = taken(BASE, BASE.start(CAR), STILL), taken(hypothesis, phi, STILL)
+    off, on = taken(BASE, BASE.phi_of(CAR), NO_NOISE), taken(hypothesis, phi, NO_NOISE)
     yaw = off.pose[:, 2]
     np.testing.assert_allclose(
         on.pose[:, :2] - off.pose[:, :2], 0.1 * np.column_stack([np.cos(yaw), np.sin(yaw)]), atol=1e-3
@@ -119,18 +131,18 @@ def test_the_measurement_is_in_the_take() -> None:
 
 
 def test_the_noise_is_as_large_as_it_says() -> None:
-    phi = BASE.start(CAR)
+    phi = BASE.phi_of(CAR)
     still, noisy = (taken(BASE, phi, Scales(r, np.zeros(3)), 120.0, seconds=120.0) for r in (np.zeros(3), SCALES.r))
     np.testing.assert_allclose((noisy.pose - still.pose).std(axis=0), SCALES.r, rtol=0.07)  # 5 sd of 2400 rows
-    setting = BASE.setting(phi, still)
+    setting = BASE.prediction_inputs(phi, still)
     # over one knot from rest a push is v = a t: the velocity after the first knot has sd q times half a second
-    first = [states(setting, 0.5, SCALES, seed, np.zeros(6))[20, 3:] for seed in range(200)]
-    at_rest = states(setting, 0.5, STILL, 0, np.zeros(6))[20, 3:]
+    first = [simulate_states(setting, 0.5, SCALES, seed, np.zeros(6))[20, 3:] for seed in range(200)]
+    at_rest = simulate_states(setting, 0.5, NO_NOISE, 0, np.zeros(6))[20, 3:]
     assert np.std(np.array(first) - at_rest, axis=0)[0] == pytest.approx(0.5 * SCALES.q[0], rel=0.25)
 
 
 def test_a_seed_is_a_take() -> None:
-    phi = BASE.start(CAR)
+    phi = BASE.phi_of(CAR)
     one, same, other = (taken(BASE, phi, SCALES, seed=s, seconds=15.0) for s in (1, 1, 2))
     np.testing.assert_array_equal(one.pose, same.pose)
     assert not np.allclose(one.pose, other.pose)
@@ -138,8 +150,8 @@ def test_a_seed_is_a_take() -> None:
 
 @pytest.mark.parametrize("rate_hz", [30.0, 10.0])
 def test_the_base_refit_recovers_scales_and_car(rate_hz: float) -> None:
-    take = taken(BASE, BASE.start(CAR), SCALES, rate_hz, seconds=120.0)
-    fit = base_fit(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05)))
+    take = taken(BASE, BASE.phi_of(CAR), SCALES, rate_hz, seconds=120.0)
+    fit = fit_base(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05)))
     np.testing.assert_allclose(fit.scales.r, SCALES.r, rtol=0.1)
     np.testing.assert_allclose(fit.scales.q, SCALES.q, rtol=0.25)
     for symbol in ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max"):
@@ -149,57 +161,57 @@ def test_the_base_refit_recovers_scales_and_car(rate_hz: float) -> None:
 @every_vehicle
 def test_every_manoeuvre_fits_the_arena(vehicle: Vehicle) -> None:
     car, limit, top = nominal_car(vehicle), vehicle.steering.max_angle_rad, largest_throttle(vehicle)
-    drives = catalogue(car, limit, top)
+    drives = feasible_drives(car, limit, top)
     assert {d.name for d in drives} == {p.__name__.replace("_", "-") for p in PATTERNS}
     hypothesis = Hypothesis((), car, limit, Constants())
     for drive in drives:
-        assert LEAST_S + STOP_S <= drive.seconds <= LONGEST_S + STOP_S
+        assert EXPERIMENT_LIMITS.min_drive_s <= drive.seconds - STOP_S <= EXPERIMENT_LIMITS.max_drive_s
         assert (np.abs(drive.command[:, 0]) <= limit).all(), drive.name
         assert ((drive.command[:, 1] >= -1.0) & (drive.command[:, 1] <= top)).all(), drive.name
-        take, setting = driven(drive, hypothesis, hypothesis.start(car))
+        take, setting = simulate_planned_drive(drive, hypothesis, hypothesis.phi_of(car))
         assert (np.abs(take.pose[:, :2]) <= ARENA.reach + 1e-6).all(), drive.name
-        path = states(setting, drive.seconds, STILL, 0, np.r_[drive.start, 0.0, 0.0, 0.0])
+        path = simulate_states(setting, drive.seconds, NO_NOISE, 0, np.r_[drive.start, 0.0, 0.0, 0.0])
         assert np.hypot(path[-1, 3], path[-1, 4]) < 0.1, drive.name  # it stands at the end
         assert np.hypot(path[:, 3], path[:, 4]).max() > 0.25 * min(top_speed(car, top), 2.5), drive.name
 
 
 def test_what_does_not_fit_is_left_out() -> None:
-    small, wide = (catalogue(CAR, LIMIT, TOP, Arena(side, side, 0.5)) for side in (3.4, 8.0))
+    small, wide = (feasible_drives(CAR, LIMIT, TOP, Arena(side, side, 0.5)) for side in (3.4, 8.0))
     assert 0 < len(small) < len(wide)
-    assert catalogue(CAR, LIMIT, TOP, Arena(1.0, 1.0, 0.5)) == []
-    hypothesis, phi = holding("yaw_scrub", 13.0)
-    assert best_manoeuvre((hypothesis, phi), (BASE, BASE.start(CAR)), SCALES, Arena(1.0, 1.0, 0.5), TOP) is None
+    assert feasible_drives(CAR, LIMIT, TOP, Arena(1.0, 1.0, 0.5)) == []
+    truth, rival = unfitted(*holding("yaw_scrub", 13.0)), unfitted(BASE, BASE.phi_of(CAR))
+    assert find_discriminating_drive(truth, rival, TOP, Arena(1.0, 1.0, 0.5)) is None
 
 
 def test_information_is_the_dense_algebra() -> None:
     """Against R + A Q A^T written out, the initial states with a prior too wide to matter."""
-    phi = BASE.start(CAR)
-    take, setting = driven(catalogue(CAR, LIMIT, TOP)[0], BASE, phi)
+    phi = BASE.phi_of(CAR)
+    take, setting = simulate_planned_drive(feasible_drives(CAR, LIMIT, TOP)[0], BASE, phi)
     take = take.part(np.array([4, 9]))
-    r = residuals(take, setting, take.start)
-    J = jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
-    A = sensitivities(take, setting, take.start)
-    found = information(take, setting, SCALES, J)
+    r = pose_residuals(take, setting, take.start)
+    J = parameter_jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
+    A = nuisance_sensitivities(take, setting, take.start)
+    found = segment_information(take, setting, SCALES, J)
     prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, 3)]
-    assert len(prior) == N_FREE
+    assert len(prior) == N_NUISANCE
     for s in range(2):
         rows = slice(take.first[s], take.first[s + 1])
-        As, Js = A[rows].reshape(-1, N_FREE), J[rows].reshape(-1, J.shape[2])
+        As, Js = A[rows].reshape(-1, N_NUISANCE), J[rows].reshape(-1, J.shape[2])
         S = np.diag(np.tile(SCALES.r**2, len(As) // 3)) + As @ np.diag(prior) @ As.T
         expected = Js.T @ np.linalg.solve(S, Js)
         np.testing.assert_allclose(found[s], expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
 def test_coasting_and_turning_tell_rolling_from_air_drag_and_a_steady_circle_does_not() -> None:
-    drives = {d.name: d for d in catalogue(CAR, LIMIT, TOP)}
-    rolling, air = holding("rear_rolling_viscous", 17.0), holding("quadratic_drag", 11.0)
+    drives = {d.name: d for d in feasible_drives(CAR, LIMIT, TOP)}
+    rolling, air = unfitted(*holding("rear_rolling_viscous", 17.0)), unfitted(*holding("quadratic_drag", 11.0))
     score = {
-        name: separation(drives[name], rolling, air, SCALES).score()
+        name: measure_separation(drives[name], rolling, air).score()
         for name in ("coast-down", "steady-circles-fast", "full-lock")
     }
     assert score["coast-down"] > 3.0 * score["steady-circles-fast"]
     assert score["full-lock"] > score["steady-circles-fast"]
-    best = best_manoeuvre(rolling, air, SCALES, top=TOP)
+    best = find_discriminating_drive(rolling, air, TOP)
     assert best is not None
     assert best.score >= max(score.values()) - 1e-9
     assert best.repeats >= 1
@@ -209,42 +221,44 @@ def test_coasting_and_turning_tell_rolling_from_air_drag_and_a_steady_circle_doe
 
 def test_a_score_is_what_base_parameters_leave() -> None:
     """None for the same explanation or a shifted base; more drives show more; a wide prior is no prior."""
-    drive = next(d for d in catalogue(CAR, LIMIT, TOP) if d.name == "throttle-steps")
-    one = holding("yaw_scrub", 13.0)
-    assert separation(drive, one, one, SCALES).score() == pytest.approx(0.0, abs=1e-9)
-    shifted = one[0].start(CAR._replace(C_f=CAR.C_f * 1.01), [13.0])
-    moved = separation(drive, one, (one[0], shifted), SCALES)
+    drive = next(d for d in feasible_drives(CAR, LIMIT, TOP) if d.name == "throttle-steps")
+    one = unfitted(*holding("yaw_scrub", 13.0))
+    assert measure_separation(drive, one, one).score() == pytest.approx(0.0, abs=1e-9)
+    shifted = one.hypothesis.phi_of(CAR._replace(C_f=CAR.C_f * 1.01), [13.0])
+    moved = measure_separation(drive, one, unfitted(one.hypothesis, shifted))
     assert 0.0 <= moved.score() < 0.05 * 0.5 * moved.square
-    apart = separation(drive, one, (BASE, BASE.start(CAR)), SCALES)
+    apart = measure_separation(drive, one, unfitted(BASE, BASE.phi_of(CAR)))
     assert 0.0 < apart.score(1) < apart.score(2) < 2.5 * apart.score(1)
     np.testing.assert_allclose(apart.known, np.eye(BASE.base_size) / PRIOR_SD**2)
-    assert best_manoeuvre(one, one, SCALES, top=TOP) is None
+    assert find_discriminating_drive(one, one, TOP) is None
 
 
 @pytest.fixture(scope="module")
 def rivals() -> tuple[Fit, Fit]:
     """Two explanations fitted to one take."""
     hypothesis, phi = holding("rear_rolling_viscous", 17.0)
-    take = taken(hypothesis, phi, NOMINAL, seed=3)
-    base = base_fit(take, BASE, NOMINAL)
-    return refit_with(base, take, ("rear_rolling_viscous",), [10.0]), refit_with(base, take, ("yaw_scrub",), [10.0])
+    take = taken(hypothesis, phi, NOMINAL_SCALES, seed=3)
+    base = fit_base(take, BASE, NOMINAL_SCALES)
+    return refit_with_effects(base, take, ("rear_rolling_viscous",), [10.0]), refit_with_effects(
+        base, take, ("yaw_scrub",), [10.0]
+    )
 
 
 def test_a_drive_that_a_car_does_not_last_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a take of seconds allows may leave the numbers on a drive of a minute."""
-    rolling, air = holding("rear_rolling_viscous", 17.0), holding("quadratic_drag", 11.0)
-    best = best_manoeuvre(rolling, air, SCALES, top=TOP)
+    rolling, air = unfitted(*holding("rear_rolling_viscous", 17.0)), unfitted(*holding("quadratic_drag", 11.0))
+    best = find_discriminating_drive(rolling, air, TOP)
     assert best is not None
-    usual, tried = separation_module.separation, list[str]()
+    usual, tried = separation_module.measure_separation, list[str]()
 
-    def unstable(drive: Drive, *explanations: Any) -> Any:
+    def unstable(drive: PlannedDrive, *explanations: Any) -> Any:
         tried.append(drive.name)
         if drive.name == best.name:
-            raise FloatingPointError
+            raise PredictionDiverged
         return usual(drive, *explanations)
 
-    monkeypatch.setattr(separation_module, "separation", unstable)
-    second = best_manoeuvre(rolling, air, SCALES, top=TOP)
+    monkeypatch.setattr(separation_module, "measure_separation", unstable)
+    second = find_discriminating_drive(rolling, air, TOP)
     assert best.name in tried
     assert second is not None
     assert second.name != best.name
@@ -252,91 +266,99 @@ def test_a_drive_that_a_car_does_not_last_is_passed_over(monkeypatch: pytest.Mon
 
 
 def test_rival_fits_count_what_their_take_knows(rivals: tuple[Fit, Fit]) -> None:
-    best = best_manoeuvre(*rivals, rivals[0].scales, top=TOP)
+    best = find_discriminating_drive(*rivals, TOP)
     assert best is not None
-    drive = next(d for d in catalogue(rivals[0].car(), LIMIT, TOP) if d.name == best.name)
+    drive = next(d for d in feasible_drives(rivals[0].car(), LIMIT, TOP) if d.name == best.name)
     one, other = rivals
-    alone = separation(drive, (one.hypothesis, one.phi), (other.hypothesis, other.phi), one.scales)
-    together = separation(drive, one, other, one.scales)
-    assert together.square == pytest.approx(alone.square)
+    alone = unfitted(one.hypothesis, one.phi)
+    alone.scales = one.scales
+    together = measure_separation(drive, one, other)
+    assert together.square == pytest.approx(measure_separation(drive, alone, other).square)
     assert together.score() == pytest.approx(best.score)
     assert together.known.shape == (rivals[0].hypothesis.size,) * 2
-    assert together.score(best.repeats) >= GATE
+    assert together.score(best.repeats) >= LIKELIHOOD_LIMITS.usual_gate_nats
 
 
 def test_commands_survive_their_file(tmp_path: Path) -> None:
-    best = best_manoeuvre(holding("yaw_scrub", 13.0), (BASE, BASE.start(CAR)), SCALES, top=TOP)
+    best = find_discriminating_drive(unfitted(*holding("yaw_scrub", 13.0)), unfitted(BASE, BASE.phi_of(CAR)), TOP)
     assert best is not None
     path = tmp_path / "next.commands.csv"
-    write_commands(path, best)
-    _, time_s, command, channels, odd = read_commands(path)
-    np.testing.assert_allclose(time_s, best.command_s, atol=1e-9)
-    np.testing.assert_allclose(command, best.command, atol=1e-5)
-    assert (channels, odd) == ({}, ())
-    assert np.diff(time_s).max() <= 0.5
+    write_commands(path, best.command_s, best.command)
+    read = read_commands_file(path)
+    np.testing.assert_allclose(read.command_time_s, best.command_s, atol=1e-9)
+    np.testing.assert_allclose(read.command, best.command, atol=1e-5)
+    assert (read.channels, read.irregularities) == ({}, ())
+    assert np.diff(read.command_time_s).max() <= 0.5
 
 
 @pytest.mark.parametrize("name", ["rear_rolling_viscous", "steering_delay"])
 def test_the_smallest_detectable_size_is_that(name: str) -> None:
     """Twice the size is found by a refit, a fifth is not; in 90 s of driving."""
-    take = taken(BASE, BASE.start(CAR), NOMINAL, seed=5)
-    sizes = detectable(BASE, BASE.start(CAR), NOMINAL, take, [name])[name]
+    take = taken(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, seed=5)
+    sizes = detectable_sizes(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, take, [name])[name]
     assert sizes is not None
     ((size, unit),) = sizes.values()
     assert unit == EFFECTS[name].parameters[0].unit
     for share, seen in ((2.0, True), (0.2, False)):
         hypothesis, phi = holding(name, share * size)
-        there = taken(hypothesis, phi, NOMINAL, seed=7)
-        base = base_fit(there, BASE, NOMINAL)
-        fit = refit_with(base, there, (name,), [0.5 * size])
-        assert (fit.bic - base.bic > GATE) is seen, (share, fit.bic - base.bic)
+        there = taken(hypothesis, phi, NOMINAL_SCALES, seed=7)
+        base = fit_base(there, BASE, NOMINAL_SCALES)
+        fit = refit_with_effects(base, there, (name,), [0.5 * size])
+        assert (
+            fit.penalised_log_likelihood - base.penalised_log_likelihood > LIKELIHOOD_LIMITS.usual_gate_nats
+        ) is seen, (
+            share,
+            fit.penalised_log_likelihood - base.penalised_log_likelihood,
+        )
 
 
 def test_detectable_speaks_of_each_amplitude_and_of_what_is_not_excited() -> None:
     standing = (COMMANDS[0], np.zeros_like(COMMANDS[1]))
-    setting = BASE.setting(BASE.start(CAR), undriven(*standing, 30.0))
-    rest = simulated_take(setting, *standing, 30.0, NOMINAL, 30.0, 0, np.zeros(6))
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), commands_only_take(*standing, 30.0))
+    rest = simulate_take(setting, *standing, 30.0, NOMINAL_SCALES, 30.0, 0, np.zeros(6))
     names = ["rear_rolling_viscous", "rough_patch", "motor_power_limit", "steering_side_gain"]
-    assert detectable(BASE, BASE.start(CAR), NOMINAL, rest, names) == dict.fromkeys(names)
-    moving = taken(BASE, BASE.start(CAR), NOMINAL, seconds=45.0)
-    found = detectable(BASE, BASE.start(CAR), NOMINAL, moving, ["floor_slope", "mass_change"])
+    assert detectable_sizes(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, rest, names) == dict.fromkeys(names)
+    moving = taken(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, seconds=45.0)
+    found = detectable_sizes(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, moving, ["floor_slope", "mass_change"])
     assert sorted(found["floor_slope"] or {}) == ["g_x", "g_y"]
     assert list(found["mass_change"] or {}) == ["d"]
-    held = BASE.holding("floor_slope")
-    assert detectable(held, held.start(CAR), NOMINAL, moving, ["floor_slope"]) == {}
+    held = BASE.with_effects("floor_slope")
+    assert detectable_sizes(held, held.phi_of(CAR), NOMINAL_SCALES, moving, ["floor_slope"]) == {}
 
 
 def test_a_change_on_the_way_shows_in_several_recordings_as_in_one() -> None:
     """A time counts from where its own recording begins."""
     early = COMMANDS[0] < 45.0  # or they would run into the next drive
     given = COMMANDS[0][early], COMMANDS[1][early]
-    setting = BASE.setting(BASE.start(CAR), undriven(*given, 45.0))
-    drives = [simulated_take(setting, *given, 45.0, NOMINAL, 30.0, seed, np.zeros(6)) for seed in (1, 2, 3, 4)]
-    found = detectable(BASE, BASE.start(CAR), NOMINAL, joined(drives), ["mass_change"])["mass_change"]
-    alone = detectable(BASE, BASE.start(CAR), NOMINAL, drives[0], ["mass_change"])["mass_change"]
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), commands_only_take(*given, 45.0))
+    drives = [simulate_take(setting, *given, 45.0, NOMINAL_SCALES, 30.0, seed, np.zeros(6)) for seed in (1, 2, 3, 4)]
+    found = detectable_sizes(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, concatenate_takes(drives), ["mass_change"])[
+        "mass_change"
+    ]
+    alone = detectable_sizes(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, drives[0], ["mass_change"])["mass_change"]
     assert found is not None
     assert alone is not None
     assert found["d"][0] == pytest.approx(0.5 * alone["d"][0], rel=0.2)  # four times as much is known
 
 
 def test_more_noise_hides_more() -> None:
-    take = taken(BASE, BASE.start(CAR), NOMINAL, seconds=45.0)
-    loud = Scales(3.0 * NOMINAL.r, 3.0 * NOMINAL.q)
-    noisy = taken(BASE, BASE.start(CAR), loud, seconds=45.0)
+    take = taken(BASE, BASE.phi_of(CAR), NOMINAL_SCALES, seconds=45.0)
+    loud = Scales(3.0 * NOMINAL_SCALES.r, 3.0 * NOMINAL_SCALES.q)
+    noisy = taken(BASE, BASE.phi_of(CAR), loud, seconds=45.0)
     quiet_size, loud_size = (
-        (detectable(BASE, BASE.start(CAR), s, t, ["yaw_scrub"])["yaw_scrub"] or {})["c"][0]
-        for s, t in ((NOMINAL, take), (loud, noisy))
+        (detectable_sizes(BASE, BASE.phi_of(CAR), s, t, ["yaw_scrub"])["yaw_scrub"] or {})["c"][0]
+        for s, t in ((NOMINAL_SCALES, take), (loud, noisy))
     )
     assert loud_size == pytest.approx(3.0 * quiet_size, rel=0.25)
 
 
 def test_a_plan_shows_what_is_asked(tmp_path: Path) -> None:
     asked = ["rear_rolling_viscous", "steering_delay", "floor_slope", "motor_sag"]
-    made = plan(CAR, Constants(), LIMIT, NOMINAL, asked, top=TOP)
+    made = plan_drives(CAR, Constants(), LIMIT, asked, max_throttle=TOP)
     assert made.missing == {}
     for name in asked:
         for p in EFFECTS[name].parameters:
-            assert (made.smallest[name] or {})[p.symbol][0] <= p.size
+            assert (made.detectable_sizes[name] or {})[p.symbol][0] <= p.size
     end = 0.0
     for part in made.parts:
         assert part.begin_s == pytest.approx(end + (REST_S if end else 0.0))
@@ -346,16 +368,16 @@ def test_a_plan_shows_what_is_asked(tmp_path: Path) -> None:
         end = part.begin_s + part.drive.seconds
     assert made.minutes == pytest.approx(end / 60.0)
     path = tmp_path / "plan.csv"
-    write_commands(path, made)
-    np.testing.assert_allclose(read_commands(path)[2], made.command, atol=1e-5)
+    write_commands(path, made.command_s, made.command)
+    np.testing.assert_allclose(read_commands_file(path).command, made.command, atol=1e-5)
 
 
 def test_a_plan_names_the_impossible() -> None:
     """A slow car never comes near its front wheel's grip; a narrow floor takes no manoeuvre."""
-    made = plan(CAR, Constants(), LIMIT, NOMINAL, ["friction_circle", "yaw_scrub"], top=0.6)
+    made = plan_drives(CAR, Constants(), LIMIT, ["friction_circle", "yaw_scrub"], max_throttle=0.6)
     assert made.missing == {"friction_circle": "no manoeuvre that fits excites it"}
-    assert made.smallest["friction_circle"] is None
-    nowhere = plan(CAR, Constants(), LIMIT, NOMINAL, ["yaw_scrub"], Arena(1.0, 1.0, 0.5), TOP)
+    assert made.detectable_sizes["friction_circle"] is None
+    nowhere = plan_drives(CAR, Constants(), LIMIT, ["yaw_scrub"], TOP, Arena(1.0, 1.0, 0.5))
     assert nowhere.missing == {"yaw_scrub": "no manoeuvre fits the arena"}
     assert nowhere.minutes == 0.0
 
@@ -365,15 +387,15 @@ def test_what_a_vehicle_cannot_have_is_told_and_not_planned_for(name: str, never
     """The first is driven at its rear wheels, by a throttle that sets a force."""
     car = nominal_car(VEHICLES[name])
     asked = ["friction_circle", "motor_regeneration", "yaw_scrub"]
-    made = plan(car, Constants(), 0.4, NOMINAL, asked, Arena(8.0, 8.0, 0.5), largest_throttle(VEHICLES[name]))
+    made = plan_drives(car, Constants(), 0.4, asked, largest_throttle(VEHICLES[name]), Arena(8.0, 8.0, 0.5))
     told = {e for e, why in made.missing.items() if why == "this vehicle cannot have it"}
     assert told == never
-    assert set(made.smallest) == set(asked)
-    assert all(made.smallest[e] is None for e in never)
+    assert set(made.detectable_sizes) == set(asked)
+    assert all(made.detectable_sizes[e] is None for e in never)
 
 
 def test_drift_takes_longer_than_drag() -> None:
-    drag, drift = (plan(CAR, Constants(), LIMIT, NOMINAL, [n], top=TOP) for n in ("yaw_scrub", "clock_drift"))
+    drag, drift = (plan_drives(CAR, Constants(), LIMIT, [n], max_throttle=TOP) for n in ("yaw_scrub", "clock_drift"))
     assert drag.missing == drift.missing == {}
     assert drift.minutes > 2.0 * drag.minutes
 
@@ -386,15 +408,14 @@ def test_the_nominal_car_is_the_vehicle_file_s() -> None:
     assert (fast.m, fast.front_share, fast.l_f) == (3.5, 0.4, 0.16)
     assert (force.m, force.front_share, force.T_s, force.sets_force) == (1.0, 0.0, 0.1, 1.0)
     assert top_speed(force, largest_throttle(VEHICLES["force"])) > 1.0
-    assert top_speed(force._replace(K_t=30.0, K_v=1e-3, R_1=0.0, R_2=0.0), 1.0) == FASTEST  # nothing holds it back
-    assert nominal_car(VEHICLES["fast"], T_s=0.2, d=3.0).T_s == 0.2
+    assert (
+        top_speed(force._replace(K_t=30.0, K_v=1e-3, R_1=0.0, R_2=0.0), 1.0) == MAX_SPEED_MPS
+    )  # nothing holds it back
 
 
 def test_sizes_are_asked_for_as_they_suit_the_vehicle() -> None:
-    assert units_at(CAR, top_speed(CAR, 2.3)) == pytest.approx((1.0, 1.0, 1.0, 1.0), rel=0.03)
+    assert scale_at_speed(CAR, top_speed(CAR, 2.3)) == pytest.approx((1.0, 1.0, 1.0, 1.0), rel=0.03)
     fast = nominal_car(VEHICLES["fast"])
-    units = units_at(fast, top_speed(fast, 7.0))
+    units = scale_at_speed(fast, top_speed(fast, 7.0))
     assert units.kg == pytest.approx(3.5 / 319.6)
     assert units.m / units.s == pytest.approx(top_speed(fast, 7.0) / 1.9)
-    assert usual_throttle(CAR) == pytest.approx(2.0)
-    assert usual_throttle(fast, units) == pytest.approx(7.0, rel=0.2)

@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 from bcid.cli.app import app
 from bcid.errors import InputRefused, PartLost
 from bcid.recording.formats.detect import MCAP_MAGIC
-from bcid.recording.formats.mcap_contents import contents
-from bcid.recording.formats.mcap_records import Broken, records
-from bcid.recording.read import read_raw
+from bcid.recording.formats.mcap_contents import read_contents
+from bcid.recording.formats.mcap_records import DamagedRecord, iterate_records
+from bcid.recording.read import read_raw_take
 from bcid.vehicle import Vehicle
 
 WAYS: dict[str, dict[str, Any]] = {
@@ -57,8 +57,8 @@ def rewritten(source: Path, path: Path, seconds: float = 600.0, **ways: Any) -> 
 def test_every_way_of_writing_reads_the_same(
     way: str, takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path
 ) -> None:
-    whole = read_raw(takes["mcap"], vehicle)
-    again = read_raw(rewritten(takes["mcap"], tmp_path / "t.mcap", **WAYS[way]), vehicle)
+    whole = read_raw_take(takes["mcap"], vehicle)
+    again = read_raw_take(rewritten(takes["mcap"], tmp_path / "t.mcap", **WAYS[way]), vehicle)
     np.testing.assert_array_equal(again.pose, whole.pose)
     np.testing.assert_array_equal(again.command, whole.command)
     assert again.irregularities == ()
@@ -66,7 +66,7 @@ def test_every_way_of_writing_reads_the_same(
 
 def test_a_file_without_checksums_is_read_and_told(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     path = rewritten(takes["mcap"], tmp_path / "t.mcap", enable_crcs=False)
-    (odd,) = read_raw(path, vehicle).irregularities
+    (odd,) = read_raw_take(path, vehicle).irregularities
     assert (odd.kind, odd.action) == ("integrity", "warning")
     assert "not verifiable" in odd.detail
 
@@ -76,7 +76,9 @@ def test_no_flipped_bit_and_no_cut_is_silent(way: str, takes: dict[str, Path], t
     """Refused, told as a broken chunk, or the same messages; an index is not followed and may say what it likes."""
 
     def used() -> list[Any]:
-        return [r.record for r in records(path) if isinstance(r.record, Schema | Channel | Message | Broken)]
+        return [
+            r.record for r in iterate_records(path) if isinstance(r.record, Schema | Channel | Message | DamagedRecord)
+        ]
 
     path = rewritten(takes["mcap"], tmp_path / "t.mcap", seconds=3.0, **WAYS[way])
     whole, good = path.read_bytes(), used()
@@ -87,13 +89,13 @@ def test_no_flipped_bit_and_no_cut_is_silent(way: str, takes: dict[str, Path], t
         path.write_bytes(flipped)
         try:
             found = used()
-        except Broken:
+        except DamagedRecord:
             continue
-        assert found == good or any(isinstance(r, Broken) for r in found), at
+        assert found == good or any(isinstance(r, DamagedRecord) for r in found), at
     for end in rng.integers(0, len(whole), 60):
         path.write_bytes(whole[:end])
-        with pytest.raises(Broken):
-            list(records(path))
+        with pytest.raises(DamagedRecord):
+            list(iterate_records(path))
 
 
 def broken_at(share: float, source: Path, path: Path, **ways: Any) -> Path:
@@ -113,9 +115,9 @@ def test_a_broken_chunk_is_refused_or_left_out_as_told(
     """Also the first one, where the channels are declared: the summary repeats them."""
     path = broken_at(share, takes["mcap"], tmp_path / "t.mcap")
     with pytest.raises(InputRefused, match=r"byte \d+: a chunk's checksum does not match") as told:
-        read_raw(path, vehicle)
+        read_raw_take(path, vehicle)
     assert "--allow-partial" in str(told.value)
-    part, whole = read_raw(path, vehicle, allow_partial=True), read_raw(takes["mcap"], vehicle)
+    part, whole = read_raw_take(path, vehicle, allow_partial=True), read_raw_take(takes["mcap"], vehicle)
     (odd,) = part.irregularities
     assert (odd.kind, odd.action) == ("lost", "excluded")
     assert "checksum" in odd.detail
@@ -126,10 +128,10 @@ def test_a_broken_chunk_is_refused_or_left_out_as_told(
 def test_messages_whose_channels_are_lost_are_told(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     path = broken_at(0.0, takes["mcap"], tmp_path / "t.mcap", repeat_channels=False)
     with pytest.raises(InputRefused, match="which has no channels"):
-        read_raw(path, vehicle, allow_partial=True)
-    found = contents(path, ("/mocap/bumper_car/pose",), allow_partial=True)
+        read_raw_take(path, vehicle, allow_partial=True)
+    found = read_contents(path, ("/mocap/bumper_car/pose",), allow_partial=True)
     assert len(found.lost) == 2
-    assert "messages are of channels that are declared nowhere" in found.lost[1].cause
+    assert "messages are of channels that are declared nowhere" in found.lost[1].detail
     assert found.messages == []
 
 
@@ -143,21 +145,21 @@ def test_channels_that_are_declared_twice_and_not_alike_are_refused(
     path.write_bytes(data[:at] + b"/bumper_car/commanD" + data[at + 19 :])
     for partial in (False, True):
         with pytest.raises(InputRefused, match=r"channel \d+: is declared twice, not alike"):
-            read_raw(path, vehicle, partial)
+            read_raw_take(path, vehicle, partial)
 
 
 def test_a_cut_file_is_refused_or_read_to_the_cut(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     path = rewritten(takes["mcap"], tmp_path / "t.mcap")
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(InputRefused, match="is cut"):
-        read_raw(path, vehicle)
-    part, whole = read_raw(path, vehicle, allow_partial=True), read_raw(takes["mcap"], vehicle)
+        read_raw_take(path, vehicle)
+    part, whole = read_raw_take(path, vehicle, allow_partial=True), read_raw_take(takes["mcap"], vehicle)
     assert [i.kind for i in part.irregularities] == ["lost"]
     assert 0.2 * len(whole.pose) < len(part.pose) < 0.8 * len(whole.pose)
     np.testing.assert_array_equal(part.pose, whole.pose[: len(part.pose)])
     path.write_bytes(MCAP_MAGIC)
     with pytest.raises(InputRefused):
-        read_raw(path, vehicle, allow_partial=True)
+        read_raw_take(path, vehicle, allow_partial=True)
 
 
 def test_what_is_lost_ends_with_exit_code_3(takes: dict[str, Path], vehicle_file: Path, tmp_path: Path) -> None:
@@ -178,7 +180,7 @@ def test_a_bomb_is_refused_before_it_goes_off(kind: str, vehicle: Vehicle, tmp_p
     path = tmp_path / "bomb.mcap"
     small_bombs(path) if kind == "small ones" else bomb(path, 3 << 30 if kind == "says so" else 1000)
     with pytest.raises(InputRefused, match="declare"):
-        read_raw(path, vehicle, allow_partial=kind == "small ones")
+        read_raw_take(path, vehicle, allow_partial=kind == "small ones")
     found = costs(path)
     assert found["bytes"] < 200_000
     assert found["refused"]
@@ -188,19 +190,19 @@ def test_a_bomb_is_refused_before_it_goes_off(kind: str, vehicle: Vehicle, tmp_p
 
 def test_what_no_one_can_decompress_is_named(vehicle: Vehicle, tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match="compression 'brotli' is not known"):
-        read_raw(with_chunk(tmp_path / "t.mcap", b"x", 1, "brotli"), vehicle)
+        read_raw_take(with_chunk(tmp_path / "t.mcap", b"x", 1, "brotli"), vehicle)
 
 
 def test_counts_that_do_not_add_up_are_told(takes: dict[str, Path], vehicle: Vehicle, tmp_path: Path) -> None:
     path = rewritten(takes["mcap"], tmp_path / "t.mcap", enable_crcs=False)
     data = bytearray(path.read_bytes())
-    counted = sum(1 for r in records(path) if type(r.record).__name__ == "Message")
+    counted = sum(1 for r in iterate_records(path) if type(r.record).__name__ == "Message")
     at = data.rindex(struct.pack("<Q", counted))
     data[at : at + 8] = struct.pack("<Q", counted + 5)
-    single = data.rindex(struct.pack("<Q", len(read_raw(takes["mcap"], vehicle).pose)))
+    single = data.rindex(struct.pack("<Q", len(read_raw_take(takes["mcap"], vehicle).pose)))
     data[single : single + 8] = struct.pack("<Q", 99_999)
     path.write_bytes(data)
-    told = {i.kind: i.detail for i in read_raw(path, vehicle).irregularities}
+    told = {i.kind: i.detail for i in read_raw_take(path, vehicle).irregularities}
     assert "message counts" in told
 
 

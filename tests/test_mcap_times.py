@@ -11,9 +11,15 @@ from mcap.writer import Writer
 from test_readers import json_mcap
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.mcap_contents import contents
-from bcid.recording.formats.mcap_times import Track, common_times
-from bcid.recording.formats.ros_transforms import Moves, chain, put_together, read_tree, strangers
+from bcid.recording.formats.mcap_contents import read_contents
+from bcid.recording.formats.mcap_times import MessageTrack, common_times
+from bcid.recording.formats.ros_messages import (
+    FrameTransforms,
+    compose_transforms,
+    edges_to_world,
+    find_rare_frames,
+    read_transform_tree,
+)
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Topics, Vehicle
@@ -24,10 +30,10 @@ START = 1_700_000_000 * NS
 PATH = Path("take.mcap")
 
 
-def track(stamps: np.ndarray | None, logged: np.ndarray) -> Track:
+def track(stamps: np.ndarray | None, logged: np.ndarray) -> MessageTrack:
     values = np.zeros((len(logged), 2))
     ns = [START + round(t * NS) for t in logged]
-    return Track(ns, [None] * len(ns) if stamps is None else [START + round(t * NS) for t in stamps], values)
+    return MessageTrack(ns, [None] * len(ns) if stamps is None else [START + round(t * NS) for t in stamps], values)
 
 
 def test_a_stamp_clock_that_steps_is_split_there_and_a_late_message_is_not() -> None:
@@ -39,7 +45,7 @@ def test_a_stamp_clock_that_steps_is_split_there_and_a_late_message_is_not() -> 
     assert common_times(track(t, late), command, TOPICS, PATH).splits_s == ()
     found = common_times(track(stepped, t), command, TOPICS, PATH)
     assert found.splits_s == (pytest.approx(t[300] + 3.0),)
-    assert found.odd[0].kind == "clock jump"
+    assert found.irregularities[0].kind == "clock jump"
 
 
 def test_a_gap_in_the_recording_is_no_clock_jump() -> None:
@@ -65,9 +71,9 @@ def test_bursts_are_put_on_an_even_grid() -> None:
     found = common_times(track(None, arrives), track(None, t), TOPICS, PATH)
     steps = np.diff(found.pose_s)
     np.testing.assert_allclose(steps, 1.0 / 60.0, rtol=1e-2)
-    assert [i.kind for i in found.odd] == ["time base", "bursts"]
+    assert [i.kind for i in found.irregularities] == ["time base", "bursts"]
     even = common_times(track(None, t), track(None, t), TOPICS, PATH)
-    assert [i.kind for i in even.odd] == ["time base"]
+    assert [i.kind for i in even.irregularities] == ["time base"]
 
 
 @pytest.mark.parametrize("stamp", [0, -1, 1 << 63])
@@ -81,29 +87,32 @@ def test_stamps_that_are_none_are_refused(stamp: int) -> None:
             common_times(bad, good, TOPICS, PATH)
 
 
-def transforms(*edges: tuple[str, str]) -> dict[str, dict[str, Moves]]:
+def transforms(*edges: tuple[str, str]) -> dict[str, dict[str, FrameTransforms]]:
     row = {"translation": {"x": 1.0, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
     items = [{"header": {"frame_id": p}, "child_frame_id": c, "transform": row} for p, c in edges]
-    return read_tree([(0, {"transforms": items})])
+    return read_transform_tree([(0, {"transforms": items})])
 
 
 def test_a_body_is_where_all_its_frames_put_it() -> None:
     turn = np.pi / 2
-    tree: dict[str, dict[str, Moves]] = {
-        "odom": {"map": Moves([0], [None], [[1.0, 2.0, 0.0, 0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)]])},
-        "car": {"odom": Moves([5, 6], [None, None], [[3.0, *[0.0] * 5, 1.0], [4.0, *[0.0] * 5, 1.0]])},
+    tree: dict[str, dict[str, FrameTransforms]] = {
+        "odom": {"map": FrameTransforms([0], [None], [[1.0, 2.0, 0.0, 0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)]])},
+        "car": {"odom": FrameTransforms([5, 6], [None, None], [[3.0, *[0.0] * 5, 1.0], [4.0, *[0.0] * 5, 1.0]])},
     }  # fmt: skip
-    rows = put_together(chain(tree, "car", None, PATH))
+    rows = compose_transforms(edges_to_world(tree, "car", None, PATH))
     np.testing.assert_allclose(rows[:, :2], [[1.0, 5.0], [1.0, 6.0]], atol=1e-12)
     np.testing.assert_allclose(rows[:, 5:], [[np.sin(turn / 2), np.cos(turn / 2)]] * 2, atol=1e-12)
-    only = put_together(chain(tree, "car", "odom", PATH))
+    only = compose_transforms(edges_to_world(tree, "car", "odom", PATH))
     np.testing.assert_allclose(only[:, 0], [3.0, 4.0])
 
 
 def test_where_a_frame_is_not_yet_known_there_is_no_pose() -> None:
     row = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-    tree = {"odom": {"map": Moves([6], [None], [row])}, "car": {"odom": Moves([5, 7], [None, None], [row, row])}}
-    rows = put_together(chain(tree, "car", None, PATH))
+    tree = {
+        "odom": {"map": FrameTransforms([6], [None], [row])},
+        "car": {"odom": FrameTransforms([5, 7], [None, None], [row, row])},
+    }
+    rows = compose_transforms(edges_to_world(tree, "car", None, PATH))
     assert np.isnan(rows[0]).all()
     assert np.isfinite(rows[1]).all()
 
@@ -117,23 +126,23 @@ def test_where_a_frame_is_not_yet_known_there_is_no_pose() -> None:
 )  # fmt: skip
 def test_a_broken_tree_is_refused_by_its_edge(edges: list[tuple[str, str]], world: str | None, says: str) -> None:
     with pytest.raises(InputRefused, match=says):
-        chain(transforms(*edges), "car", world, PATH)
+        edges_to_world(transforms(*edges), "car", world, PATH)
 
 
 def test_a_frame_that_hardly_ever_comes_is_told() -> None:
     """The last transform's child may be the body, misspelt: without a checksum nothing else says so."""
     row = [0.0] * 6 + [1.0]
-    own = Moves(list(range(1, 201)), [None] * 200, [row] * 200)
+    own = FrameTransforms(list(range(1, 201)), [None] * 200, [row] * 200)
     tree = {
         "car": {"map": own},
-        "cat": {"map": Moves([201], [None], [row])},
-        "lamp": {"map": Moves([0], [None], [row])},
+        "cat": {"map": FrameTransforms([201], [None], [row])},
+        "lamp": {"map": FrameTransforms([0], [None], [row])},
     }
-    (told,) = strangers(tree, own)
+    (told,) = find_rare_frames(tree, own)
     assert (told.kind, told.count) == ("rare frames", 1)
     assert "'cat'" in told.detail
     assert "lamp" not in told.detail  # it stands still, and is said once
-    assert strangers({"car": {"map": own}, "other": {"map": own}}, own) == []
+    assert find_rare_frames({"car": {"map": own}, "other": {"map": own}}, own) == []
 
 
 def test_a_drive_behind_two_frames_is_the_same_drive(recording: Recording, vehicle: Vehicle, tmp_path: Path) -> None:
@@ -199,8 +208,8 @@ class Logged(NamedTuple):
 
 
 def drive_messages(path: Path) -> list[Logged]:
-    found = contents(path, tuple(SCHEMAS), False)
-    rows = [Logged(found.channels[m.channel].topic, m.log_ns, m.data) for m in found.messages]
+    found = read_contents(path, tuple(SCHEMAS), False)
+    rows = [Logged(found.channels[channel].topic, log_ns, data) for channel, log_ns, data in found.messages]
     return sorted(rows, key=lambda row: row.log_ns)
 
 

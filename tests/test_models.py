@@ -11,18 +11,27 @@ import numpy as np
 import pytest
 
 from bcid.errors import InputRefused, UsageError
+from bcid.estimate.tuning import Noise, Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import whole_take
+from bcid.evaluation.closed_loop import predict_whole_take
 from bcid.models import published
-from bcid.models.fitting.genetic import minimise
-from bcid.models.fitting.windows import scale, transitions
-from bcid.models.interface import Diverged, FitTask, History, Model, at_rest, history_at, no_progress, rollout
+from bcid.models.fitting.genetic import minimise_genetically
+from bcid.models.fitting.windows import inverse_spread, single_steps
+from bcid.models.interface import (
+    FitTask,
+    History,
+    Model,
+    RolloutDiverged,
+    history_at,
+    history_at_rest,
+    rollout,
+)
 from bcid.models.kinematic import library
-from bcid.models.kinematic.frame import Frame
+from bcid.models.kinematic.state import KinematicCar
 from bcid.models.newton_euler import linear
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import load_model, save_model
-from bcid.models.table import FITTED, MODELS, row_of, row_to_fit
+from bcid.models.table import FITTABLE, MODELS, fittable_row, model_row
 from bcid.physics import car as equations
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
@@ -37,30 +46,30 @@ QUICK: dict[str, dict[str, Any]] = {
 
 
 def fitted(name: str, estimates: list[Estimate], vehicle: Vehicle, seed: int = 1, **more: Any) -> Model:
-    row = row_of(name)
+    row = model_row(name)
     base = fitted(row.base, estimates, vehicle, seed) if row.base else None
     settings = {**row.defaults, **QUICK.get(name, {}), **more}
-    return row.load().fit(FitTask(estimates, vehicle, settings, seed, base))
+    return row.load_class().fit(FitTask(estimates, vehicle, settings, seed, base))
 
 
 @pytest.fixture(scope="session")
 def models(estimates: list[Estimate], vehicle: Vehicle) -> dict[str, Model]:
-    return {name: fitted(name, estimates, vehicle) for name in FITTED}
+    return {name: fitted(name, estimates, vehicle) for name in FITTABLE}
 
 
-def theta(x: np.ndarray, terms: np.ndarray, frame: Frame) -> np.ndarray:
-    return np.asarray(library.theta_table(x[None], terms, frame)[0])
+def theta(x: np.ndarray, terms: np.ndarray, frame: KinematicCar) -> np.ndarray:
+    return np.asarray(library.theta_matrix(x[None], terms, frame)[0])
 
 
-every_model = pytest.mark.parametrize("name", list(FITTED))
+every_model = pytest.mark.parametrize("name", list(FITTABLE))
 
 
 @every_model
 def test_closed_loop_follows_the_take(name: str, models: dict[str, Model], estimates: list[Estimate]) -> None:
     """Even small fits follow the motion far better than its mean does (NMSE 1); the linear one need not."""
     take = estimates[0]
-    weights = scale(take.twist)
-    error = (((whole_take(models[name], take) - take.twist) * weights) ** 2).mean()
+    weights = inverse_spread(take.twist)
+    error = (((predict_whole_take(models[name], take) - take.twist) * weights) ** 2).mean()
     assert np.isfinite(error)
     assert error < (20.0 if name == "newton-euler-linear" else 0.15)
 
@@ -119,8 +128,8 @@ def test_the_same_seed_gives_the_same_model(
     name: str, models: dict[str, Model], estimates: list[Estimate], vehicle: Vehicle
 ) -> None:
     again = fitted(name, estimates, vehicle)
-    data, arrays = models[name].state()
-    data_again, arrays_again = again.state()
+    data, arrays = models[name].to_saved()
+    data_again, arrays_again = again.to_saved()
     assert json.dumps(data) == json.dumps(data_again)
     for key, values in arrays.items():
         np.testing.assert_array_equal(values, arrays_again[key])
@@ -161,10 +170,10 @@ def test_compiled_steps_are_the_plain_ones(models: dict[str, Any], estimates: li
     for row in (40, 200, 333):
         state, command = take.kinematic[row], take.command[row]
         x = np.concatenate([state, command])
-        after = plain_sum(sindy.sparse, x, sindy.frame)
+        after = plain_sum(sindy.sparse, x, sindy.car)
         np.testing.assert_allclose(sindy.step(state, command)[0][:3], [max(after[0], 0.0), *after[1:]], atol=1e-9)
         np.testing.assert_allclose(k.step(state, command)[0][:3], plain_network(k.weights, x), atol=1e-5)
-        both = plain_sum(res.sindy.sparse, x, res.sindy.frame) + plain_network(res.weights, x)
+        both = plain_sum(res.sindy.sparse, x, res.sindy.car) + plain_network(res.weights, x)
         np.testing.assert_allclose(res.step(state, command)[0][:3], both, atol=1e-5)
         rows = [row, row - 1, row - 2]
         past = np.concatenate([take.twist[rows].ravel(), take.command[rows].ravel()])
@@ -200,7 +209,7 @@ def clean_estimates(model: Model, count: int = 2, rows: int = 1200) -> list[Esti
         out.append(
             Estimate(
                 f"made {seed}", 0.1, 0.1 * np.arange(rows), np.ones(rows, dtype=np.int64), zero, twists, kinematic,
-                command, zero, np.zeros((rows, 4)), {"T_s": 0.155, "d": 1.418},
+                command, zero, np.zeros((rows, 4)), Tuning(noise=Noise(), T_s=0.155, d=1.418),
             )
         )  # fmt: skip
     return out
@@ -265,8 +274,8 @@ def test_force_law_uses_its_dead_zone() -> None:
 
 def test_newton_euler_is_mirror_symmetric(models: dict[str, Any]) -> None:
     car = models["newton-euler"].car
-    left = equations.advance((1.0, 0.2, 0.5, 0.4), 0.8, 1.5, car, 0.1)
-    right = equations.advance((1.0, -0.2, -0.5, -0.4), -0.8, 1.5, car, 0.1)
+    left = equations.advance_period((1.0, 0.2, 0.5, 0.4), 0.8, 1.5, car, 0.1)
+    right = equations.advance_period((1.0, -0.2, -0.5, -0.4), -0.8, 1.5, car, 0.1)
     assert left == pytest.approx((right[0], -right[1], -right[2], -right[3]), abs=1e-14)
 
 
@@ -278,7 +287,7 @@ def test_the_linear_model_is_the_jacobian(v: float) -> None:
     u_m = v + (30.0 * v + 5.0 * v * v) / car.K_t  # the motor balances the drag
 
     def rate(x: np.ndarray, delta: float) -> np.ndarray:
-        return np.array(equations.rate(x[0], x[1], x[2], delta, delta, u_m, car)[:3])
+        return np.array(equations.state_rate(x[0], x[1], x[2], delta, delta, u_m, car)[:3])
 
     x, step = np.array([v, 0.0, 0.0]), 1e-6
     np.testing.assert_allclose(rate(x, 0.0), 0.0, atol=1e-12)
@@ -292,7 +301,7 @@ def test_the_linear_model_is_the_jacobian(v: float) -> None:
 
 def test_the_linear_model_brakes_to_rest_and_stays() -> None:
     model = linear.NewtonEulerLinear(car_of(), 0.4, 0.1)
-    start = replace(at_rest(0), twist=np.array([[1.5, 0.0, 0.0]]))
+    start = replace(history_at_rest(0), twist=np.array([[1.5, 0.0, 0.0]]))
     v_x = rollout(model, start, np.tile([0.0, -0.5], (200, 1)))[:, 0]
     assert (np.diff(v_x) <= 0.0).all()
     assert 0.0 <= v_x[-1] < 1e-3
@@ -307,7 +316,7 @@ def test_the_genetic_algorithm_leaves_the_global_random_state_alone() -> None:
 
     random.seed(5)
     before = random.getstate()
-    best = minimise(lambda x: ((x - 0.3) ** 2).sum(axis=1), 4, 40, 60, 1, no_progress)
+    best = minimise_genetically(lambda x: ((x - 0.3) ** 2).sum(axis=1), 4, 40, 60, 1, lambda share, text: None)
     assert random.getstate() == before
     assert best.x == pytest.approx(np.full(4, 0.3), abs=0.02)
     assert best.history == sorted(best.history, reverse=True)
@@ -315,26 +324,30 @@ def test_the_genetic_algorithm_leaves_the_global_random_state_alone() -> None:
 
 def test_every_speed_term_but_the_throttle_vanishes_with_the_speed() -> None:
     """Errata 9: with v_f = 0 only q_v,1 may be left; the published library keeps alpha_f^2 as well."""
-    frame = published.k_sindy().frame
+    frame = published.k_sindy().car
     x = np.array([0.0, 0.3, 0.1, 0.7, -0.4, 1.5])
-    names = [library.name_of(e) for e, q in zip(library.SPEED, theta(x, library.SPEED, frame), strict=True) if q]
+    names = [
+        library.term_name(e)
+        for e, q in zip(library.SPEED_TERMS, theta(x, library.SPEED_TERMS, frame), strict=True)
+        if q
+    ]
     assert names == ["max(0,u_m−v)"]
-    kept = theta(x, library.SPEED_PUBLISHED, frame)
-    names = [library.name_of(e) for e, q in zip(library.SPEED_PUBLISHED, kept, strict=True) if q]
+    kept = theta(x, library.SPEED_TERMS_PUBLISHED, frame)
+    names = [library.term_name(e) for e, q in zip(library.SPEED_TERMS_PUBLISHED, kept, strict=True) if q]
     assert names == ["max(0,u_m−v)", "α_f²"]
 
 
 def test_slip_terms_are_odd_and_speed_terms_even() -> None:
     """Left and right are alike: mirrored, the slip terms change sign and the speed terms do not."""
-    frame = published.k_sindy().frame
+    frame = published.k_sindy().car
     x, mirrored = np.array([0.8, 0.3, 0.1, 0.7, -0.4, 1.5]), np.array([0.8, -0.3, -0.1, -0.7, 0.4, 1.5])
     np.testing.assert_allclose(
-        theta(x, library.SLIP, frame),
-        -theta(mirrored, library.SLIP, frame),
+        theta(x, library.SLIP_TERMS, frame),
+        -theta(mirrored, library.SLIP_TERMS, frame),
     )
     np.testing.assert_allclose(
-        theta(x, library.SPEED, frame),
-        theta(mirrored, library.SPEED, frame),
+        theta(x, library.SPEED_TERMS, frame),
+        theta(mirrored, library.SPEED_TERMS, frame),
     )
 
 
@@ -350,7 +363,7 @@ def test_no_sample_straddles_segments_or_recordings(estimates: list[Estimate]) -
     cut = np.ones(len(one), dtype=np.int64)
     cut[300:] = 2
     for lags in (0, 2):
-        parts = transitions([replace(one, segment=cut), other], lags)
+        parts = single_steps([replace(one, segment=cut), other], lags)
         assert len(parts.twist) == len(one) + len(other) - 3 * (lags + 1)
         np.testing.assert_array_equal(parts.next_twist[298 - lags], one.twist[299])
         np.testing.assert_array_equal(parts.twist[299 - lags, -1], one.twist[300])
@@ -360,7 +373,7 @@ def test_no_sample_straddles_segments_or_recordings(estimates: list[Estimate]) -
 def test_too_short_a_take_is_refused(estimates: list[Estimate]) -> None:
     tiny = replace(estimates[0], segment=np.arange(len(estimates[0])))
     with pytest.raises(InputRefused, match="uninterrupted"):
-        transitions([tiny])
+        single_steps([tiny])
 
 
 def test_history_before_a_segment_is_its_first_row(estimates: list[Estimate]) -> None:
@@ -373,10 +386,10 @@ def test_history_before_a_segment_is_its_first_row(estimates: list[Estimate]) ->
 
 def test_a_divergence_is_reported_with_its_step() -> None:
     car = car_of(C_f=1e7, C_r=1e7, F_f_max=1e12, F_r_max=1e12)
-    with pytest.raises(Diverged) as caught:
+    with pytest.raises(RolloutDiverged) as caught:
         rollout(
             NewtonEuler(car, 0.1, {}),
-            replace(at_rest(0), twist=np.ones((1, 3))),
+            replace(history_at_rest(0), twist=np.ones((1, 3))),
             np.tile([0.5, 2.0], (2000, 1)),
         )
     assert caught.value.step > 0
@@ -384,13 +397,13 @@ def test_a_divergence_is_reported_with_its_step() -> None:
 
 def test_an_unknown_model_is_a_usage_error() -> None:
     with pytest.raises(UsageError, match="k-sindy-mlp"):
-        row_of("pacejka")
+        model_row("pacejka")
 
 
 def test_a_model_made_otherwise_is_not_fitted() -> None:
-    assert set(MODELS) - set(FITTED) == {"newton-euler-augmented"}
+    assert set(MODELS) - set(FITTABLE) == {"newton-euler-augmented"}
     with pytest.raises(UsageError, match="bcid diagnose"):
-        row_to_fit("newton-euler-augmented")
+        fittable_row("newton-euler-augmented")
 
 
 def test_a_folder_without_a_model_is_refused(tmp_path: Path) -> None:

@@ -10,47 +10,61 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.diagnosis.locate.pushes import STATES, Disturbances, disturbances
-from bcid.diagnosis.locate.regression import remainder
-from bcid.diagnosis.locate.scan_statistic import circles, energy, windows
-from bcid.diagnosis.search.forward_backward import Search, search
-from bcid.diagnosis.search.refits import named, refit_with
-from bcid.diagnosis.search.screen import changes, screen
+from bcid.diagnosis.locate.pushes import STATE_NAMES, Disturbances, estimate_disturbances
+from bcid.diagnosis.locate.regression import regress_disturbances
+from bcid.diagnosis.locate.scan_statistic import knot_energies, scan_circles, scan_windows
+from bcid.diagnosis.search.forward_backward import SearchResult, search_effects
+from bcid.diagnosis.search.refits import named_effects, refit_with_effects
+from bcid.diagnosis.search.screen import screen_effects, simulate_trials
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import CORRECTIONS, FORCE_ONLY, RAW_COMMANDS
-from bcid.effects.entry import Units
+from bcid.effects.corrections import CORRECTIONS, RAW_COMMANDS
+from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.likelihood import newton
-from bcid.likelihood.hypothesis import Hypothesis, Setting
-from bcid.likelihood.marginal import Scales, log_likelihood, moments, products, rescaled, weights
-from bcid.likelihood.newton import within
-from bcid.likelihood.nuisance import residuals
-from bcid.likelihood.prepare import base_fit, base_from, base_of, too_bent, under_pushes
-from bcid.likelihood.refit import Fit, held, refit
-from bcid.likelihood.score_test import projected
-from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, take_of
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import (
+    Scales,
+    estimate_scales,
+    robust_weights,
+    score_and_information,
+    segment_moments,
+    student_log_densities,
+)
+from bcid.likelihood.newton import bounded_newton_step
+from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.prepare import (
+    base_hypothesis,
+    fit_base,
+    needs_pushes,
+    prepare_and_fit_base,
+    refit_base_with_pushes,
+)
+from bcid.likelihood.refit import Fit, evaluate_fixed, refit
+from bcid.likelihood.score_test import project_out_fit
+from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, cut_segments
 from bcid.physics.car import Car
-from bcid.proof.blind.cases import Case
-from bcid.proof.blind.run_cases import run_case
+from bcid.proof.blind.cases import BlindCase
+from bcid.proof.blind.run_cases import run_blind_case
 from bcid.recording.read import read_recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import ROUGHNESS_TIME_S
-from bcid.simulation.samples import Take as Order
-from bcid.simulation.samples import write_take
+from bcid.simulation.samples import SampleTake as Order
+from bcid.simulation.samples import write_sample_take
 from bcid.vehicle import Vehicle
-from bcid.virtual_lab import TUNING, recorded
+from bcid.virtual_lab import TUNING, record_drive
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SCALES = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.02, 0.02, 0.02]))
-BUMPER_CAR = Units()
+BUMPER_CAR = VehicleScale()
 ROUGH = Plant(rough_force=3.0, rough_moment=1.5)
 SECONDS = 120.0
 
 
-def searched(base: Fit, take: Take) -> Search:
-    return search(base, take, remainder(disturbances(base, take), base.car()))
+def searched(base: Fit, take: Take) -> SearchResult:
+    return search_effects(base, take, regress_disturbances(estimate_disturbances(base, take), base.car()))
 
 
 class Maker:
@@ -60,13 +74,13 @@ class Maker:
         self.folder, self.vehicle, self.tuning = folder, vehicle, tuning
 
     def take(self, plant: Plant, seed: int, sensor: Sensor | None = None) -> Take:
-        path = write_take(self.folder, Order(f"take{seed}", "motive", SECONDS), plant, sensor or Sensor(), seed)
+        path = write_sample_take(self.folder, Order(f"take{seed}", "motive", SECONDS), plant, sensor or Sensor(), seed)
         recording = read_recording(path, self.vehicle)
-        return take_of(recording, estimate_motion(recording, self.vehicle, self.tuning))
+        return cut_segments(recording, estimate_motion(recording, self.vehicle, self.tuning))
 
-    def found(self, plant: Plant, seed: int, sensor: Sensor | None = None) -> tuple[Take, Search]:
+    def found(self, plant: Plant, seed: int, sensor: Sensor | None = None) -> tuple[Take, SearchResult]:
         take = self.take(plant, seed, sensor)
-        return take, searched(base_fit(take, BASE, SCALES), take)
+        return take, searched(fit_base(take, BASE, SCALES), take)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +95,7 @@ def null_take(maker: Maker) -> Take:
 
 @pytest.fixture(scope="module")
 def null_fit(null_take: Take) -> Fit:
-    return base_fit(null_take, BASE, SCALES)
+    return fit_base(null_take, BASE, SCALES)
 
 
 # --- refits ------------------------------------------------------------------------------------------------------
@@ -89,11 +103,11 @@ def null_fit(null_take: Take) -> Fit:
 
 def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     """In slow circles motor and drag share a valley: their ratio is plain, their size shown by small accelerations."""
-    circles = Case("circles", 0, (), driver="circles", duration_s=240.0, seed=4)
-    recording = recorded(circles.driven(), circles.rate_hz, vehicle)
-    take = take_of(recording, estimate_motion(recording, vehicle, TUNING))
-    near = refit(take, BASE, BASE.start(CAR), take.start, SCALES)
-    far = refit(take, BASE, BASE.start(CAR._replace(K_t=500.0, R_1=80.0)), take.start, SCALES)
+    circles = BlindCase("circles", 0, (), driver="circles", duration_s=240.0, seed=4)
+    recording = record_drive(circles.simulate(), circles.rate_hz, vehicle)
+    take = cut_segments(recording, estimate_motion(recording, vehicle, TUNING))
+    near = refit(take, BASE, BASE.phi_of(CAR), take.start, SCALES)
+    far = refit(take, BASE, BASE.phi_of(CAR._replace(K_t=500.0, R_1=80.0)), take.start, SCALES)
     for found, there in zip((far.car().K_t, far.car().R_1), (near.car().K_t, near.car().R_1), strict=True):
         assert found == pytest.approx(there, rel=0.05)
     assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.05)
@@ -102,27 +116,27 @@ def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
 @pytest.mark.slow
 def test_slow_circles_of_a_car_that_lacks_nothing_show_nothing() -> None:
     """Initial states are soon forgotten there: a model is no better for forgetting them sooner (a nat a segment)."""
-    answer = run_case(Case("circles", 7, (), driver="circles", seed=9))
+    answer = run_blind_case(BlindCase("circles", 7, (), driver="circles", seed=9))
     assert answer["verdict"] == "nothing-found", (answer["findings"], answer["remainder"])
 
 
 @pytest.mark.slow
 def test_slow_circles_name_nothing_for_what_initial_states_explain() -> None:
     """Where yaw is noisier than places are, tyres had lagged, for 166 nats; what is left is near the gate."""
-    answer = run_case(Case("circles", 917, (), driver="circles", seed=1795562593))
+    answer = run_blind_case(BlindCase("circles", 917, (), driver="circles", seed=1795562593))
     assert answer["findings"] == []
     assert answer["remainder"]["nats"] < 20.0
 
 
 def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle) -> None:
     """Predictions are made under pushes where these are far from nothing; elsewhere it makes no difference."""
-    null = Case("null", 0, (), duration_s=120.0, seed=4)
-    recording = recorded(null.driven(), null.rate_hz, vehicle)
+    null = BlindCase("null", 0, (), duration_s=120.0, seed=4)
+    recording = record_drive(null.simulate(), null.rate_hz, vehicle)
     estimates = [estimate_motion(recording, vehicle, TUNING)]
-    hypothesis = base_of(vehicle, CAR, estimates)
-    plain, _, at_rest = base_from([recording], estimates, hypothesis, [])
-    assert not too_bent(at_rest, plain)
-    under, pushed = under_pushes(plain, at_rest)
+    hypothesis = base_hypothesis(vehicle, CAR, estimates)
+    plain, _, at_rest = prepare_and_fit_base([recording], estimates, hypothesis, [])
+    assert not needs_pushes(at_rest, plain)
+    under, pushed = refit_base_with_pushes(plain, at_rest)
     assert (plain.pushed, under.pushed) == (False, True)
     assert not at_rest.start[:, N_START:].any()
     assert np.abs(pushed.start[:, N_START:]).max() > 1e-3
@@ -133,7 +147,7 @@ def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle) -> None:
 
 def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:
     car, se = null_fit.car(), np.sqrt(np.diag(null_fit.covariance))
-    for j, symbol in enumerate(BASE.logs):
+    for j, symbol in enumerate(BASE.log_parameters):
         apart = np.log(getattr(car, symbol) / getattr(CAR, symbol))
         assert abs(apart) < 5.0 * se[j], symbol
         assert se[j] < 0.05 or symbol == "F_r_max"  # the rear tyres never slide
@@ -142,28 +156,28 @@ def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:
 def test_a_first_car_far_off_is_no_hindrance(null_fit: Fit, null_take: Take) -> None:
     """Inertia, stiffness and grip as one-step predictions on noisy twists may give them."""
     wrong = CAR._replace(I_z=400.0, C_f=12000.0, C_r=2000.0, F_f_max=150.0, F_r_max=300.0)
-    again = base_fit(null_take, replace(BASE, nominal=wrong), SCALES)
+    again = fit_base(null_take, replace(BASE, nominal=wrong), SCALES)
     assert again.log_likelihood == pytest.approx(null_fit.log_likelihood, abs=3.0)
 
 
 def test_parameters_that_are_held_are_no_better_than_fitted_ones(null_fit: Fit, null_take: Take) -> None:
     """They stay, what they start from is found; at the fitted ones it comes to the same."""
-    phi = BASE.start(CAR._replace(C_f=1.2 * CAR.C_f))
-    off = held(null_take, BASE, phi, SCALES)
+    phi = BASE.phi_of(CAR._replace(C_f=1.2 * CAR.C_f))
+    off = evaluate_fixed(null_take, BASE, phi, SCALES)
     np.testing.assert_array_equal(off.phi, phi)
     assert off.log_likelihood < null_fit.log_likelihood - 100.0
-    same = held(null_take, null_fit.hypothesis, null_fit.phi, SCALES)
+    same = evaluate_fixed(null_take, null_fit.hypothesis, null_fit.phi, SCALES)
     assert same.log_likelihood == pytest.approx(null_fit.log_likelihood, abs=5.0)
 
 
 def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
     """A refit goes on with shorter ones, or stays where it is."""
 
-    def spun(take: Take, setting: Setting, start: np.ndarray) -> np.ndarray:
-        r = residuals(take, setting, start)
+    def spun(take: Take, setting: PredictionInputs, start: np.ndarray) -> np.ndarray:
+        r = pose_residuals(take, setting, start)
         return r * np.inf if setting.car.C_f > 1.01 * null_fit.car().C_f else r
 
-    monkeypatch.setattr(newton, "residuals", spun)
+    monkeypatch.setattr(newton, "pose_residuals", spun)
     fit = refit(null_take, null_fit.hypothesis, null_fit.phi - 0.005, null_fit.start, null_fit.scales)
     assert np.isfinite(fit.log_likelihood)
     assert fit.car().C_f <= 1.01 * null_fit.car().C_f
@@ -171,12 +185,12 @@ def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, mo
 
 def test_no_tyre_is_beyond_any_tyre() -> None:
     low, high = BASE.bounds()
-    phi = BASE.start(CAR)
+    phi = BASE.phi_of(CAR)
     assert ((low < phi) & (phi < high)).all()
-    stiffest = BASE.car(np.minimum(BASE.start(CAR._replace(C_f=1e9, C_r=1e9, I_z=1e-9)), high))
+    stiffest = BASE.car(np.minimum(BASE.phi_of(CAR._replace(C_f=1e9, C_r=1e9, I_z=1e-9)), high))
     assert stiffest.C_f == pytest.approx(100.0 * CAR.m)
     odd = replace(BASE, nominal=CAR._replace(C_r=200.0 * CAR.m))  # a first car beyond stays within its own bounds
-    assert (odd.start(odd.nominal) <= odd.bounds()[1] + 1e-12).all()
+    assert (odd.phi_of(odd.nominal) <= odd.bounds()[1] + 1e-12).all()
 
 
 @pytest.mark.parametrize("raw", [True, False])
@@ -184,10 +198,10 @@ def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
     """Three per cent too much in every command: of a raw one it is the gain, and nothing is missing."""
     scaled = null_take._replace(command=null_take.command * [1.0 / 1.03, 1.0])
     hypothesis = replace(BASE, raw_commands=raw)
-    found = searched(base_fit(scaled, hypothesis, SCALES), scaled)
+    found = searched(fit_base(scaled, hypothesis, SCALES), scaled)
     if raw:
         assert found.best.hypothesis.effects == ("steering_scale",)
-        assert found.best.values()["steering_scale__g"][0] == pytest.approx(0.03, abs=0.003)
+        assert found.best.effect_estimates()["steering_scale__g"][0] == pytest.approx(0.03, abs=0.003)
     else:
         assert "steering_scale" not in found.best.hypothesis.entries
         assert found.best.hypothesis.effects
@@ -208,8 +222,10 @@ def test_the_scales_are_those_of_the_take(null_fit: Fit, null_take: Take) -> Non
 
 
 def log_likelihood_at(fit: Fit, take: Take, phi: np.ndarray) -> float:
-    r = residuals(take, fit.hypothesis.setting(phi, take), fit.start)
-    return float(log_likelihood(rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]).sum())
+    r = pose_residuals(take, fit.hypothesis.prediction_inputs(phi, take), fit.start)
+    return float(
+        student_log_densities(estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]).sum()
+    )
 
 
 def test_a_refit_ends_at_a_maximum_as_curved_as_it_says(null_fit: Fit, null_take: Take) -> None:
@@ -234,9 +250,11 @@ def test_a_refit_ends_there_from_elsewhere(null_fit: Fit, null_take: Take) -> No
 
 def test_steering_that_is_not_known_is_found(null_take: Take) -> None:
     wrong = CAR._replace(T_s=0.18, d=1.3)
-    fit = base_fit(null_take, replace(BASE, nominal=wrong, unknown_steering=("T_s", "d")), SCALES)
+    fit = fit_base(null_take, replace(BASE, nominal=wrong, unknown_steering=("T_s", "d")), SCALES)
     for symbol in ("T_s", "d"):
-        se = np.sqrt(fit.covariance[fit.hypothesis.logs.index(symbol), fit.hypothesis.logs.index(symbol)])
+        se = np.sqrt(
+            fit.covariance[fit.hypothesis.log_parameters.index(symbol), fit.hypothesis.log_parameters.index(symbol)]
+        )
         assert abs(np.log(getattr(fit.car(), symbol) / getattr(CAR, symbol))) < 5.0 * se
         assert se < 0.01
 
@@ -244,9 +262,9 @@ def test_steering_that_is_not_known_is_found(null_take: Take) -> None:
 @pytest.mark.parametrize("name", ["yaw_scrub", "rear_rolling_viscous", "steering_offset", "motor_sag"])
 def test_what_is_not_there_gains_nothing(name: str, null_fit: Fit, null_take: Take) -> None:
     """An effect that is off earns about half a nat, its estimate covers zero, and the fit is none the worse."""
-    fit = refit_with(null_fit, null_take, (name,), [0.5 * EFFECTS[name].parameters[0].size])
+    fit = refit_with_effects(null_fit, null_take, (name,), [0.5 * EFFECTS[name].parameters[0].size])
     assert -1.0 < fit.log_likelihood - null_fit.log_likelihood < 8.0
-    ((value, se),) = fit.values().values()
+    ((value, se),) = fit.effect_estimates().values()
     assert abs(value) < 4.0 * se
 
 
@@ -262,17 +280,17 @@ def test_more_effects_explain_no_less(
     names: tuple[str, ...], start: tuple[float, ...], null_fit: Fit, null_take: Take
 ) -> None:
     """With every effect off a larger hypothesis is the base model, so its refit ends no lower."""
-    fit = refit_with(null_fit, null_take, names, start)
+    fit = refit_with_effects(null_fit, null_take, names, start)
     assert fit.log_likelihood > null_fit.log_likelihood - 1.0
 
 
 def test_a_delay_costs_no_likelihood(maker: Maker) -> None:
     """The same drive with the same noise, its poses on time and 10 ms late."""
     prompt, late = (maker.take(ROUGH, 6, Sensor(pose_latency=tau)) for tau in (0.0, 0.01))
-    base = base_fit(late, BASE, SCALES)
-    fit = refit_with(base, late, ("pose_latency",), [0.01])
-    assert fit.log_likelihood == pytest.approx(base_fit(prompt, BASE, SCALES).log_likelihood, abs=20.0)
-    ((value, se),) = fit.values().values()
+    base = fit_base(late, BASE, SCALES)
+    fit = refit_with_effects(base, late, ("pose_latency",), [0.01])
+    assert fit.log_likelihood == pytest.approx(fit_base(prompt, BASE, SCALES).log_likelihood, abs=20.0)
+    ((value, se),) = fit.effect_estimates().values()
     assert abs(value - 0.01) < 4.0 * se
 
 
@@ -284,7 +302,7 @@ def test_a_fit_is_immutable(null_fit: Fit) -> None:
 
 def with_more_drag(times: float) -> Car:
     """The car with R_1 so many of the standard deviations too high by which a simulation is trusted to 2 %."""
-    simulated, k = BASE.trusting([], 0.02).simulated, len(BASE.logs)
+    simulated, k = BASE.trust_simulation([], 0.02).trusted_simulation, len(BASE.log_parameters)
     assert simulated is not None
     return CAR._replace(R_1=CAR.R_1 + times * simulated.sd[k] * float(BASE.drag_units[0]))
 
@@ -296,14 +314,18 @@ def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: 
     """
     stiff = CAR._replace(C_f=1.05 * CAR.C_f, R_1=with_more_drag(2.0).R_1)
     fit = refit(
-        null_take, replace(BASE, nominal=stiff).trusting([], 0.02), null_fit.phi, null_fit.start, null_fit.scales
+        null_take,
+        replace(BASE, nominal=stiff).trust_simulation([], 0.02),
+        null_fit.phi,
+        null_fit.start,
+        null_fit.scales,
     )
-    columns = fit.tangent.J[:, :, [len(BASE.logs)]]  # another drag, beside R_1, which is bent
-    found = projected(fit, null_take, columns)
-    r = residuals(null_take, fit.hypothesis.setting(fit.phi, null_take), fit.start)
-    _, e = rescaled(moments(r, fit.tangent.A, null_take.first), fit.scales, 0)
-    g, _ = products(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.V)
-    likelihood = float((weights(e) @ g)[0])
+    columns = fit.tangent.J[:, :, [len(BASE.log_parameters)]]  # another drag, beside R_1, which is bent
+    found = project_out_fit(fit, null_take, columns)
+    r = pose_residuals(null_take, fit.hypothesis.prediction_inputs(fit.phi, null_take), fit.start)
+    _, e = estimate_scales(segment_moments(r, fit.tangent.A, null_take.first), fit.scales, 0)
+    g, _ = score_and_information(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.V)
+    likelihood = float((robust_weights(e) @ g)[0])
     information = np.sqrt(found.G[0, 0])
     assert abs(found.tension @ found.pulls[:, 0]) / information > 1.0  # the pull is no small matter here
     assert found.slope(slice(0, 1))[0] / information == pytest.approx(likelihood / information, abs=0.3)
@@ -313,7 +335,7 @@ def test_what_meets_a_bound_stays_there_and_the_rest_goes_on() -> None:
     """The step within bounds is where the quadratic is least on the bound, not the free step cut off."""
     curvature, slope = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([1.0, -1.0])
     bounds = np.array([-0.5, -0.1]), np.array([0.5, 0.1])
-    after = within(np.zeros(2), slope, curvature, bounds)
+    after = bounded_newton_step(np.zeros(2), slope, curvature, bounds)
     tried = np.linspace(-0.5, 0.5, 2001)
     values = [slope @ [a, -0.1] - 0.5 * np.array([a, -0.1]) @ curvature @ [a, -0.1] for a in tried]
     assert after[1] == -0.1
@@ -324,11 +346,11 @@ def test_what_meets_a_bound_stays_there_and_the_rest_goes_on() -> None:
 
 
 def test_disturbances_of_a_null_are_as_large_as_expected(null_fit: Fit, null_take: Take) -> None:
-    found = disturbances(null_fit, null_take)
+    found = estimate_disturbances(null_fit, null_take)
     K = KNOTS * null_take.segments
     assert found.push.shape == found.strength.shape == (K, 3)
     np.testing.assert_allclose((found.strength**2).mean(axis=0), 1.0, atol=4.0 * np.sqrt(2.0 / K))
-    assert set(found.mean) == set(STATES)
+    assert set(found.states) == set(STATE_NAMES)
     assert (np.diff(found.time_s) > 0.0).all()
     np.testing.assert_array_equal(found.segment, np.arange(K) // KNOTS)
     np.testing.assert_allclose(found.time_s % SEGMENT_S, np.tile([0.25, 0.75, 1.25], K // KNOTS), atol=1e-6)
@@ -336,11 +358,13 @@ def test_disturbances_of_a_null_are_as_large_as_expected(null_fit: Fit, null_tak
 
 def test_a_missing_slope_is_a_push_down_it(null_fit: Fit, null_take: Take) -> None:
     """With a slope the other way in the model, the pushes are the true one, in metres per second squared."""
-    tilted = BASE.holding("floor_slope")
+    tilted = BASE.with_effects("floor_slope")
     wide = replace(null_fit, scales=Scales(null_fit.scales.r, np.full(3, 0.2)))
-    before = disturbances(wide, null_take)
-    after = disturbances(replace(wide, hypothesis=tilted, phi=tilted.start(null_fit.car(), [-0.05, 0.02])), null_take)
-    change, heading = after.push - before.push, before.mean["theta"]
+    before = estimate_disturbances(wide, null_take)
+    after = estimate_disturbances(
+        replace(wide, hypothesis=tilted, phi=tilted.phi_of(null_fit.car(), [-0.05, 0.02])), null_take
+    )
+    change, heading = after.push - before.push, before.states["theta"]
     cos, sin = np.cos(heading), np.sin(heading)
     world = np.column_stack([cos * change[:, 0] - sin * change[:, 1], sin * change[:, 0] + cos * change[:, 1]])
     np.testing.assert_allclose(np.median(world, axis=0), [0.05, -0.02], atol=0.003)
@@ -355,7 +379,7 @@ def driven(seed: int, segments: int = 80) -> Disturbances:
     K = KNOTS * segments
     steps = np.cumsum(rng.normal(0.0, 0.5, (K, 2)), axis=0)
     place = np.abs((steps + 50.0) % [16.0, 10.0] - [8.0, 5.0])
-    still = dict.fromkeys(STATES, np.zeros(K)) | {"p_x": place[:, 0], "p_y": place[:, 1]}
+    still = dict.fromkeys(STATE_NAMES, np.zeros(K)) | {"p_x": place[:, 0], "p_y": place[:, 1]}
     strength = rng.standard_normal((K, 3))
     return Disturbances(
         0.25 + 0.5 * np.arange(K),
@@ -371,15 +395,15 @@ def driven(seed: int, segments: int = 80) -> Disturbances:
 
 def test_energy_is_one_where_nothing_is() -> None:
     of = driven(0)
-    assert energy(of).mean() == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / (3 * len(of.time_s))))
-    assert energy(of._replace(strength=1e3 * of.strength)).max() < 100.0
+    assert knot_energies(of).mean() == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / (3 * len(of.time_s))))
+    assert knot_energies(of._replace(strength=1e3 * of.strength)).max() < 100.0
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_planted_place_is_located(seed: int) -> None:
     of, centre, radius = driven(seed), np.array([4.0, 2.5]), 1.0
-    inside = np.hypot(of.mean["p_x"] - centre[0], of.mean["p_y"] - centre[1]) < radius
-    found, p = circles(of._replace(strength=np.where(inside[:, None], 3.0, 1.0) * of.strength), BUMPER_CAR)
+    inside = np.hypot(of.states["p_x"] - centre[0], of.states["p_y"] - centre[1]) < radius
+    found, p = scan_circles(of._replace(strength=np.where(inside[:, None], 3.0, 1.0) * of.strength), BUMPER_CAR)
     assert p < 0.01
     assert np.hypot(found[0].x - centre[0], found[0].y - centre[1]) < 0.5 * radius
     assert 0.5 * radius <= found[0].radius <= 1.7 * radius
@@ -389,13 +413,13 @@ def test_a_planted_place_is_located(seed: int) -> None:
 def test_a_place_is_as_wide_as_suits_the_vehicle() -> None:
     """Ten times as fast, a car drives ten times as far between two knots."""
     of = driven(0)
-    wide = of._replace(mean=of.mean | {s: 10.0 * of.mean[s] for s in ("p_x", "p_y")})
-    inside = np.hypot(wide.mean["p_x"] - 40.0, wide.mean["p_y"] - 25.0) < 10.0
+    wide = of._replace(states=of.states | {s: 10.0 * of.states[s] for s in ("p_x", "p_y")})
+    inside = np.hypot(wide.states["p_x"] - 40.0, wide.states["p_y"] - 25.0) < 10.0
     wide = wide._replace(strength=np.where(inside[:, None], 3.0, 1.0) * of.strength)
-    found, p = circles(wide, Units(1.0, 1.0, 0.1))
+    found, p = scan_circles(wide, VehicleScale(1.0, 1.0, 0.1))
     assert p < 0.01
     assert np.hypot(found[0].x - 40.0, found[0].y - 25.0) < 5.0
-    narrow = circles(wide, BUMPER_CAR)  # the bumper car's circles hardly ever hold two knots there
+    narrow = scan_circles(wide, BUMPER_CAR)  # the bumper car's circles hardly ever hold two knots there
     assert narrow[1] > 0.05
 
 
@@ -404,11 +428,11 @@ def test_a_remainder_is_looked_for_in_short_takes_too(segments: int) -> None:
     """Nothing is predictable in noise, and a push that follows the yaw rate is, with its coefficient."""
     of = driven(1, segments)
     omega = np.random.default_rng(5).normal(0.0, 0.8, len(of.time_s))
-    of = of._replace(mean=of.mean | {"omega": omega})
-    assert remainder(of, CAR).correlation < 0.45 * (20.0 / segments) ** 0.5 + 0.1
+    of = of._replace(states=of.states | {"omega": omega})
+    assert regress_disturbances(of, CAR).correlation < 0.45 * (20.0 / segments) ** 0.5 + 0.1
     push = of.push.copy()
     push[:, 2] -= 0.05 * omega
-    found = remainder(of._replace(push=push, strength=100.0 * push), CAR)
+    found = regress_disturbances(of._replace(push=push, strength=100.0 * push), CAR)
     assert found.channel == "mz"
     assert found.depends_on[0] == "yaw_rate"
     assert found.predictable
@@ -417,13 +441,13 @@ def test_a_remainder_is_looked_for_in_short_takes_too(segments: int) -> None:
 def test_a_planted_time_is_located() -> None:
     of = driven(3)
     late = (of.time_s > 70.0) & (of.time_s < 90.0)
-    window, p = windows(of._replace(strength=np.where(late[:, None], 2.0, 1.0) * of.strength))
+    window, p = scan_windows(of._replace(strength=np.where(late[:, None], 2.0, 1.0) * of.strength))
     assert p < 0.01
     assert window.begin_s == pytest.approx(70.0, abs=6.0)
     assert window.end_s == pytest.approx(90.0, abs=6.0)
 
 
-@pytest.mark.parametrize("look", [partial(circles, units=BUMPER_CAR), windows])
+@pytest.mark.parametrize("look", [partial(scan_circles, units=BUMPER_CAR), scan_windows])
 def test_p_values_of_nothing_are_uniform(look: object) -> None:
     from scipy.stats import kstest
 
@@ -435,8 +459,8 @@ def test_p_values_of_nothing_are_uniform(look: object) -> None:
 
 
 def test_the_screen_covers_the_vocabulary_and_nothing_stands_out_of_a_null(null_fit: Fit, null_take: Take) -> None:
-    trials = changes(null_fit, null_take)
-    found = screen(null_fit, null_take, trials)
+    trials = simulate_trials(null_fit, null_take)
+    found = screen_effects(null_fit, null_take, trials)
     names = [c.effect for c in found]
     assert len(names) == len(set(names))
     assert set(EFFECTS) <= set(names) <= set(EFFECTS) | set(CORRECTIONS)
@@ -446,13 +470,13 @@ def test_the_screen_covers_the_vocabulary_and_nothing_stands_out_of_a_null(null_
     scores = [c.score for c in found]
     assert scores == sorted(scores, reverse=True)
     assert min(scores) >= 0.0
-    fewer = screen(null_fit, null_take, trials.without(("yaw_scrub", "clock_drift")))
+    fewer = screen_effects(null_fit, null_take, trials.without(("yaw_scrub", "clock_drift")))
     assert set(names) - {c.effect for c in fewer} == {"yaw_scrub", "clock_drift"}
 
 
 def test_a_null_take_names_nothing(null_fit: Fit, null_take: Take) -> None:
     found = searched(null_fit, null_take)
-    assert named(found.best) == ()
+    assert named_effects(found.best) == ()
     assert found.p_value > 0.01
 
 
@@ -470,13 +494,13 @@ def test_a_concealed_effect_is_named_alone(
     name: str, size: float, look_alike: str, plant: dict[str, float], sensor: dict[str, float], maker: Maker
 ) -> None:
     take, found = maker.found(ROUGH._replace(**plant), 3, Sensor(**sensor))
-    assert named(found.best) == (name,)
-    value, se = found.best.values()[EFFECTS[name].fields[0]]
+    assert named_effects(found.best) == (name,)
+    value, se = found.best.effect_estimates()[EFFECTS[name].fields[0]]
     assert abs(value - size) < 4.0 * se
     assert se < 0.05 * size
     assert found.p_value == pytest.approx(1e-3)  # none of 999 takes of nothing promises as much
-    other = refit_with(found.base, take, (look_alike,), [EFFECTS[look_alike].parameters[0].size])
-    assert found.best.bic > other.bic + 20.0
+    other = refit_with_effects(found.base, take, (look_alike,), [EFFECTS[look_alike].parameters[0].size])
+    assert found.best.penalised_log_likelihood > other.penalised_log_likelihood + 20.0
 
 
 @pytest.mark.parametrize(
@@ -493,22 +517,22 @@ def test_a_slippery_patch_is_found_with_its_place(x: float, y: float, seed: int,
         zip(("slippery_patch", *(f"slippery_patch_{n}" for n in ("x", "y", "radius"))), (0.4, x, y, 1.0), strict=True)
     )
     take, found = maker.found(ROUGH._replace(**patch), seed)
-    assert named(found.best) == ("slippery_patch",)
-    at = {f.partition("__")[2]: v for f, (v, _) in found.best.values().items() if f.startswith("slippery")}
+    assert named_effects(found.best) == ("slippery_patch",)
+    at = {f.partition("__")[2]: v for f, (v, _) in found.best.effect_estimates().items() if f.startswith("slippery")}
     assert at["D"] == pytest.approx(0.4, abs=0.05)
     assert np.hypot(at["x"] - x, at["y"] - y) < 0.33
     assert at["radius"] == pytest.approx(1.0, abs=0.33)
-    truth = refit_with(found.base, take, ("slippery_patch",), list(patch.values()))
-    assert truth.bic < found.best.bic + 20.0
+    truth = refit_with_effects(found.base, take, ("slippery_patch",), list(patch.values()))
+    assert truth.penalised_log_likelihood < found.best.penalised_log_likelihood + 20.0
 
 
 def test_a_base_model_s_own_flaws_are_no_effects(maker: Maker) -> None:
     """Two rear wheels, falling grip and another slip speed are taken up by the corrections, and nothing is named."""
     _, found = maker.found(ROUGH._replace(rear_track=0.6, tyre_fall=0.3, slip_speed=0.85), 7)
-    assert named(found.best) == ()
-    assert set(found.best.hypothesis.effects) == set(CORRECTIONS) - {*RAW_COMMANDS, FORCE_ONLY}
-    assert found.best.bic > found.base.bic + 100.0
-    values = found.best.values()
+    assert named_effects(found.best) == ()
+    assert set(found.best.hypothesis.effects) == set(CORRECTIONS) - {*RAW_COMMANDS, "motor_fade"}
+    assert found.best.penalised_log_likelihood > found.base.penalised_log_likelihood + 100.0
+    values = found.best.effect_estimates()
     for field, truth in (("two_rear_wheels__t", 0.6), ("slip_speed__d", -0.15)):
         value, se = values[field]
         assert abs(value - truth) < 4.0 * se, field
@@ -520,9 +544,9 @@ def test_a_trusted_parameter_at_its_end_makes_no_room(null_take: Take, null_fit:
 
     The column is what R_1 does itself, of a car whose drag the simulation has a great deal too high.
     """
-    high, own = replace(BASE, nominal=with_more_drag(10.0)).trusting([], 0.02), len(BASE.logs)
+    high, own = replace(BASE, nominal=with_more_drag(10.0)).trust_simulation([], 0.02), len(BASE.log_parameters)
     fits = [refit(null_take, of, null_fit.phi, null_fit.start, null_fit.scales) for of in (BASE, high)]
-    found = [projected(fit, null_take, fit.tangent.J[:, :, [own]]) for fit in fits]
+    found = [project_out_fit(fit, null_take, fit.tangent.J[:, :, [own]]) for fit in fits]
     assert fits[1].phi[own] == pytest.approx(high.bounds()[0][own])
     assert found[0].G[0, 0] < 1e-3 * found[1].G[0, 0]
     assert np.all(found[1].pulls[own] == 0.0)
@@ -530,9 +554,10 @@ def test_a_trusted_parameter_at_its_end_makes_no_room(null_take: Take, null_fit:
 
 def test_a_lag_that_a_simulation_knows_to_be_none_is_felt(null_take: Take, null_fit: Fit) -> None:
     """It is trusted by less than the width of a difference, and below it no effect is: nothing would change there."""
-    known = replace(BASE, assumed=("motor_lag",)).trusting([0.0], 0.01).holding()
-    phi = known.start(null_fit.car(), [0.0])
+    known = replace(BASE, assumed=("motor_lag",)).trust_simulation([0.0], 0.01).with_effects()
+    phi = known.phi_of(null_fit.car(), [0.0])
     low, high = known.bounds()
     assert (low[-1], high[-1]) == pytest.approx((0.0, 0.03))
-    r = residuals(null_take, known.setting(phi, null_take), null_fit.start)
-    assert np.abs(newton.jacobian(null_take, known, phi, null_fit.start, r)[:, :, -1]).max() > 0.0
+    r = pose_residuals(null_take, known.prediction_inputs(phi, null_take), null_fit.start)
+    last = newton.parameter_jacobian(null_take, known, phi, null_fit.start, r, range(known.size - 1, known.size))
+    assert np.abs(last).max() > 0.0

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcid.physics.car import LONGEST_STEP_S, Car, integration_step, wrench
-from bcid.physics.kinematics import body_twist, kinematic_state, pose_rate, wheel_velocity, wrap
-from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
+from bcid.physics.kinematics import body_twist, kinematic_state, pose_rate, wheel_velocity, wrap_angle
+from bcid.physics.motor import drag_force, force_controlled_force, speed_controlled_force
 from bcid.physics.steering import steering_rate, steering_step
 from bcid.physics.tyres import lateral_force, slip_angle
 
@@ -35,7 +35,7 @@ def test_rigid_body_holds_at_both_axles(v_f: float, beta_f: float, beta_r: float
 def test_kinematic_state_inverts_body_twist(v_f: float, beta_f: float, beta_r: float, delta: float) -> None:
     v, alpha_f, alpha_r = kinematic_state(*body_twist(v_f, beta_f, beta_r, L_F, L_R), delta, L_F, L_R)
     assert v == pytest.approx(v_f, rel=1e-9)
-    assert wrap(alpha_f + delta - beta_f) == pytest.approx(0.0, abs=1e-9)
+    assert wrap_angle(alpha_f + delta - beta_f) == pytest.approx(0.0, abs=1e-9)
     assert alpha_r == pytest.approx(beta_r, abs=1e-8)
 
 
@@ -67,7 +67,7 @@ def test_pose_rate_is_the_derivative_of_a_circle() -> None:
 
 @given(st.floats(-50.0, 50.0))
 def test_wrap_keeps_the_angle(angle: float) -> None:
-    wrapped = wrap(angle)
+    wrapped = wrap_angle(angle)
     assert -math.pi < wrapped <= math.pi + 1e-12
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
@@ -110,8 +110,8 @@ def test_force_law_has_a_dead_zone() -> None:
 @given(speeds)
 def test_drag_is_odd_and_dissipates(v: float) -> None:
     """Errata 6: with R_1 v + R_2 v^2 a car rolling backwards would be driven."""
-    assert drag(-v, 40.0, 5.0) == -drag(v, 40.0, 5.0)
-    assert drag(v, 40.0, 5.0) * v >= 0.0
+    assert drag_force(-v, 40.0, 5.0) == -drag_force(v, 40.0, 5.0)
+    assert drag_force(v, 40.0, 5.0) * v >= 0.0
 
 
 @given(small, st.floats(1.0, 1e4), st.floats(1.0, 1e4))

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 from faults.counting import flips
+from making import clear_source_caches
 
 from bcid.aliases import Progress
 from bcid.errors import InputRefused
 from bcid.files import source_code as code_module
-from bcid.pipeline.plan import read_plan
+from bcid.pipeline.config import read_pipeline_file
 from bcid.pipeline.run import Pipeline
+from bcid.pipeline.watching import Watcher
 
 PLAN = """
 vehicle = "{vehicle}"
@@ -41,7 +43,7 @@ timing_repeats = 2
 """
 
 
-class Record:
+class Record(Watcher):
     """A watcher that remembers what was made and what was reused."""
 
     def __init__(self) -> None:
@@ -53,7 +55,7 @@ class Record:
         self.made.append(title)
         yield lambda share, text: None
 
-    def reused(self, title: str) -> None:
+    def report_reused(self, title: str) -> None:
         self.known.append(title)
 
     def note(self, text: str) -> None:
@@ -79,7 +81,7 @@ def write(path: Path, takes: dict[str, Path], vehicle_file: Path, narx_epochs: i
 
 def run(plan_file: Path) -> tuple[Record, Path]:
     record = Record()
-    work = Pipeline(read_plan(plan_file), record)
+    work = Pipeline(read_pipeline_file(plan_file), record)
     return record, work.publish(work.report(), "index.html", "report.json", to="report")
 
 
@@ -138,10 +140,10 @@ def test_editing_the_tyre_refits_what_runs_it(
     tyres = copy / "bcid" / "physics" / "tyres.py"
     tyres.write_text(tyres.read_text().replace("-C * alpha", "-1.01 * C * alpha"))
     monkeypatch.setattr(code_module, "_ROOT", copy)
-    code_module.forget()
-    work = Pipeline(read_plan(plan_file), Record())
-    stale = [work.plan.workspace / "fit" / _key(work, model) for model in ("newton-euler", "k-mlp")]
-    code_module.forget()
+    clear_source_caches()
+    work = Pipeline(read_pipeline_file(plan_file), Record())
+    stale = [work.config.workspace / "fit" / _key(work, model) for model in ("newton-euler", "k-mlp")]
+    clear_source_caches()
     assert [folder.exists() for folder in stale] == [False, True]
 
 
@@ -151,17 +153,17 @@ def _key(work: Pipeline, model: str) -> str:
 
     def note(recipe, make):  # type: ignore[no-untyped-def]
         keys.append(recipe.key)
-        folder = work.plan.workspace / recipe.stage / recipe.key
+        folder = work.config.workspace / recipe.stage / recipe.key
         from bcid.store.artifact import Artifact
 
         return Artifact(folder, recipe.key, reused=True)
 
-    real = work.store.get
+    real = work.store.get_or_make
 
     def upstream_is_real(recipe, make):  # type: ignore[no-untyped-def]
         return note(recipe, make) if recipe.stage == "fit" else real(recipe, make)
 
-    work.store.get = upstream_is_real  # type: ignore[method-assign]
+    work.store.get_or_make = upstream_is_real  # type: ignore[method-assign]
     work._known.clear()
     return work.fit(model).key
 
@@ -169,23 +171,23 @@ def _key(work: Pipeline, model: str) -> str:
 def test_a_plan_with_problems_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
     with pytest.raises(InputRefused, match="bcid init"):
-        read_plan(path)
+        read_pipeline_file(path)
     path.write_text('vehicle = "v.toml"\ntraining = []\ntrainings = ["x"]\n[estimate]\nperiod = 0.1\n')
     with pytest.raises(InputRefused, match=r"did you mean training") as caught:
-        read_plan(path)
+        read_pipeline_file(path)
     assert "period_s" in str(caught.value)
     path.write_text('vehicle = "v.toml"\ntraining = ["a"]\n[fit.k-mlp]\nepoch = 3\n')
     with pytest.raises(InputRefused, match="did you mean epochs"):
-        read_plan(path)
+        read_pipeline_file(path)
     path.write_text('vehicle = "v.toml"\ntraining = ["a"]\nmodels = ["k-nn"]\n')
     with pytest.raises(InputRefused, match="k-nn"):
-        read_plan(path)
+        read_pipeline_file(path)
     path.write_text('vehicle = "v.toml"\ntraining = ["a"]\nseed = true\n[fit.newton-euler]\npopulation = "many"\n')
     with pytest.raises(InputRefused, match=r"seed.*fit\.newton-euler\.population"):
-        read_plan(path)
+        read_pipeline_file(path)
     path.write_text("vehicle = ")
     with pytest.raises(InputRefused, match="not valid TOML"):
-        read_plan(path)
+        read_pipeline_file(path)
 
 
 def test_what_a_stage_does_not_look_at_does_not_invalidate_it(
@@ -216,7 +218,7 @@ def test_three_hundred_flipped_bits_in_every_kind_of_artifact_are_noticed(
 def test_a_model_folder_that_a_kill_left_half_published_is_published_anew(
     first: tuple[Record, Path], plan_file: Path
 ) -> None:
-    work = Pipeline(read_plan(plan_file), Record())
+    work = Pipeline(read_pipeline_file(plan_file), Record())
     artifact = work.fit("k-sindy")
     home = plan_file.parent / "workspace" / "there"
     target = work.publish(artifact, "model.json", to="there")

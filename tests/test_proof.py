@@ -9,48 +9,58 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, replace
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from docs_tables import evidence_table
 
 from bcid.cli.app import main
-from bcid.diagnosis.diagnose import Diagnosis, diagnosed
+from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
+from bcid.documents.prove import RightAnswers
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
-from bcid.files.source_code import closure
-from bcid.proof.baselines import METHODS, NAMING, compared, summary
-from bcid.proof.blind import ask, run_cases
-from bcid.proof.blind.blind_test import Blind, Sizes, blind_test
-from bcid.proof.blind.cases import EQUALS, QUICK_EVERY, Case, quick_suite, suite
-from bcid.proof.blind.concealed_effects import MEASUREMENT, OUTSIDE, SIZES, Concealed, outside
-from bcid.proof.blind.run_cases import asked_before, run_all
-from bcid.proof.blind.seal import opened, seal_of, seal_up, sealed
+from bcid.files.source_code import import_closure
+from bcid.proof.blind import diagnose_case, run_cases
+from bcid.proof.blind.baselines import METHODS, run_baselines
+from bcid.proof.blind.blind_test import BlindTest, SuiteSizes, run_blind_test
+from bcid.proof.blind.cases import EXACT_EQUIVALENTS, QUICK_STRIDES, BlindCase, draw_quick_suite, draw_suite
+from bcid.proof.blind.concealed_effects import (
+    MEASUREMENT_EFFECTS,
+    OUTSIDE_EFFECTS,
+    SIZE_RANGES,
+    ConcealedEffect,
+    draw_outside_effect,
+)
+from bcid.proof.blind.run_cases import count_cases_with_rows, run_all_cases
+from bcid.proof.blind.seal import answer_seal, open_seals, suite_seal, write_seals
+from bcid.proof.limits import GOALS, LIMITS
 from bcid.proof.real import run_questions
-from bcid.proof.rows import keep, kept
-from bcid.proof.scores.calibration import calibration, of_nothing
-from bcid.proof.scores.localisation import channel_right, overlap, place_overlap, time_overlap
-from bcid.proof.scores.outcome import REFUTED, missed, outcome, wrong
-from bcid.proof.scores.tiers import GOALS, pooled, right, tiers
+from bcid.proof.rows import append_row, read_rows
+from bcid.proof.scores.calibration import calibration, null_p_values
+from bcid.proof.scores.compare_methods import NAMING_METHODS, compare_methods
+from bcid.proof.scores.localisation import circle_overlap, is_channel_right, place_overlap, time_overlap
+from bcid.proof.scores.outcome import blind_outcome, describe_wrong_answer, missed_goals
+from bcid.proof.scores.tiers import is_right, pool_right_answers, score_tiers
 from bcid.recording.read import read_recording
-from bcid.report.proof_page import evidence, write_proof_page
+from bcid.report.proof_page import write_proof_page
 from bcid.vehicle import read_vehicle
-from bcid.virtual_lab import TUNING, recorded, vehicle
+from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
 
 def test_every_effect_of_the_vocabulary_can_be_concealed() -> None:
-    assert set(SIZES) == set(EFFECTS)
-    assert set(MEASUREMENT) == {n for n, e in EFFECTS.items() if e.kind == "measurement"}
+    assert set(SIZE_RANGES) == set(EFFECTS)
+    assert set(MEASUREMENT_EFFECTS) == {n for n, e in EFFECTS.items() if e.kind == "measurement"}
     for name, effect in EFFECTS.items():
         main = effect.parameters[0]
-        assert SIZES[name].low <= main.size <= SIZES[name].high, name
+        assert SIZE_RANGES[name].low <= main.size <= SIZE_RANGES[name].high, name
 
 
 def test_a_suite_is_the_same_for_the_same_seed_and_another_for_another() -> None:
-    one, same, other = (list(suite(seed, 1, 2, 2, 2)) for seed in (1, 1, 2))
+    one, same, other = (list(draw_suite(seed, 1, 2, 2, 2)) for seed in (1, 1, 2))
     assert one == same
     assert one != other
     assert len({c.name for c in one}) == len(one)
@@ -61,21 +71,23 @@ def test_a_suite_is_the_same_for_the_same_seed_and_another_for_another() -> None
 
 def test_the_answer_changes_nothing_that_the_diagnosis_is_handed(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is held beside what was said afterwards."""
-    case = next(c for c in suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
+    case = next(c for c in draw_suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
     handed = list[Any]()
 
     def diagnosed(*given: Any, **more: Any) -> None:
         handed.append((given, more))
         raise ArithmeticError("asked")
 
-    monkeypatch.setattr(ask, "diagnosed", diagnosed)
-    for truth in (case.nameable, {"rear_toe": {"epsilon": 0.3}}):
+    monkeypatch.setattr(diagnose_case, "diagnose_recordings", diagnosed)
+    for truth in (case.nameable_effects, {"rear_toe": {"epsilon": 0.3}}):
         with pytest.raises(ArithmeticError, match="asked"):
-            ask.answered(replace(case, duration_s=20.0).driven(), case.rate_hz, ("motor_lag",), truth)
+            diagnose_case.diagnose_concealed_drive(
+                replace(case, duration_s=20.0).simulate(), case.rate_hz, ("motor_lag",), truth
+            )
     one, _ = handed
     assert [type(v).__name__ for v in one[0]] == ["list", "list", "Vehicle"]
     assert [[type(v).__name__ for v in of] for of in one[0][:2]] == [["Recording"], ["Estimate"]]
-    assert one[1] == {"left_out": ("motor_lag",)}
+    assert one[1] == {"excluded": ("motor_lag",)}
     leaves = [_leaves([asdict(of[0][0][0]), asdict(of[0][1][0]), of[0][2].model_dump(), of[1]]) for of in handed]
     assert len(leaves[0]) == len(leaves[1]) > 10
     for a, b in zip(*leaves, strict=True):
@@ -83,8 +95,8 @@ def test_the_answer_changes_nothing_that_the_diagnosis_is_handed(monkeypatch: py
 
 
 def test_the_diagnosis_is_handed_no_answer() -> None:
-    case = next(c for c in suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
-    recording = recorded(case.driven(), case.rate_hz, vehicle(), "concealed")
+    case = next(c for c in draw_suite(1, 1, 0, 0, 0) if c.answer == ("yaw_scrub",))
+    recording = record_drive(case.simulate(), case.rate_hz, simulated_vehicle(), "concealed")
     words = [v for v in _leaves(asdict(recording)) if isinstance(v, str)]
     assert "concealed" in words
     assert not [w for w in words if "yaw" in w or "scrub" in w or "single" in w]
@@ -101,10 +113,11 @@ def _leaves(tree: Any) -> list[Any]:
     return [tree]
 
 
-def known(cases: list[Case], folder: Path) -> int:
+def known(cases: list[BlindCase], folder: Path) -> int:
     """How many cases' rows lie in `folder`, by today's code."""
-    rows, code = kept(folder), run_cases.code_of_rows(False)
-    return sum(run_cases._known(rows, case, code) is not None for case in cases)
+    rows, code = read_rows(folder), run_cases.case_code_digest(False)
+    found = [rows.get(run_cases._row_key(case, code), {"error": "none"}) for case in cases]
+    return sum("error" not in row for row in found)
 
 
 @pytest.fixture
@@ -112,89 +125,91 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of cases as they are run, the first of seed 1 in vain."""
     names: list[str] = []
 
-    def fake(case: Case, others: bool = False) -> dict[str, Any]:
+    def fake(case: BlindCase, others: bool = False) -> dict[str, Any]:
         names.append(case.name)
         if case.seed == 1 and len(names) == 1:
             raise ValueError("no such luck")
         return row(case.name, [], [])
 
-    monkeypatch.setattr(run_cases, "run_case", fake)
+    monkeypatch.setattr(run_cases, "run_blind_case", fake)
     return names
 
 
 def test_rows_are_kept_by_case_and_made_again_after_an_error(tmp_path: Path, made: list[str]) -> None:
-    cases = list(suite(1, 1, 2, 0, 0))[:3]
-    assert sum("error" in r for r in run_all(cases, tmp_path, 1)) == 1
-    assert not any("error" in r for r in run_all(cases, tmp_path, 1))
+    cases = list(draw_suite(1, 1, 2, 0, 0))[:3]
+    assert sum("error" in r for r in run_all_cases(cases, tmp_path, 1)) == 1
+    assert not any("error" in r for r in run_all_cases(cases, tmp_path, 1))
     assert len(made) == 4
-    others = list(suite(2, 1, 2, 0, 0))[:3]
-    list(run_all(others, tmp_path, 1))
+    others = list(draw_suite(2, 1, 2, 0, 0))[:3]
+    list(run_all_cases(others, tmp_path, 1))
     assert len(made) == 7  # another seed's cases of the same names are others
     assert known(cases + others, tmp_path) == 6
     file = tmp_path / "rows.jsonl"
     file.write_bytes(file.read_bytes()[:-20])  # a run was cut off as it wrote
-    more = list(suite(3, 1, 2, 0, 0))[:1]
-    assert {r["case"] for r in run_all(cases + others + more, tmp_path, 1)} == {c.name for c in cases}
+    more = list(draw_suite(3, 1, 2, 0, 0))[:1]
+    assert {r["case"] for r in run_all_cases(cases + others + more, tmp_path, 1)} == {c.name for c in cases}
     assert len(made) == 9  # the row that was not whole, and the new one
     assert known(cases + others + more, tmp_path) == 7
 
 
 def test_a_run_ends_in_time_and_goes_on(tmp_path: Path, made: list[str]) -> None:
     """By lot: the part that was run first is of no tier more than of another."""
-    cases = list(suite(2, 1, 40, 0, 0, more=False))  # some 200
-    assert list(run_all(cases, tmp_path, 1, minutes=0.0)) == []
-    first = [r["case"] for r in islice(run_all(cases, tmp_path, 1), 60)]
+    cases = list(takewhile(lambda case: case.tier != "half-size", draw_suite(2, 1, 40, 0, 0)))  # some 200
+    assert list(run_all_cases(cases, tmp_path, 1, minutes=0.0)) == []
+    first = [r["case"] for r in islice(run_all_cases(cases, tmp_path, 1), 60)]
     assert 4 < sum(name.startswith("null") for name in first) < 24
-    assert len(list(run_all(cases, tmp_path, 1, minutes=0.0))) == len(made) == 60
-    assert {r["case"] for r in run_all(cases, tmp_path, 1)} == {c.name for c in cases}
+    assert len(list(run_all_cases(cases, tmp_path, 1, minutes=0.0))) == len(made) == 60
+    assert {r["case"] for r in run_all_cases(cases, tmp_path, 1)} == {c.name for c in cases}
     assert len(made) == len(cases)
 
 
 def test_several_at_a_time_end_in_time_and_go_on(
     tmp_path: Path, made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_cases, "pool_of", ThreadPoolExecutor)  # which shares what stands in for a diagnosis
-    cases = list(suite(2, 1, 4, 0, 0, more=False))[-20:]
-    assert list(run_all(cases, tmp_path, 3, minutes=0.0)) == []
-    first = [r["case"] for r in islice(run_all(cases, tmp_path, 3), 5)]
+    monkeypatch.setattr(
+        "bcid.proof.workers.process_pool", ThreadPoolExecutor
+    )  # which shares what stands in for a diagnosis
+    cases = list(takewhile(lambda case: case.tier != "half-size", draw_suite(2, 1, 4, 0, 0)))[-20:]
+    assert list(run_all_cases(cases, tmp_path, 3, minutes=0.0)) == []
+    first = [r["case"] for r in islice(run_all_cases(cases, tmp_path, 3), 5)]
     assert 5 <= len(made) <= 8  # what has begun is ended
-    assert {r["case"] for r in run_all(cases, tmp_path, 3)} == {c.name for c in cases} > set(first)
+    assert {r["case"] for r in run_all_cases(cases, tmp_path, 3)} == {c.name for c in cases} > set(first)
     assert sorted(made) == sorted(c.name for c in cases)
 
 
 def test_a_part_of_a_run_is_told_as_one() -> None:
     about = {"seed": 1, "quick": False, "of": 9, "tiers_of": {"null": 5, "pair": 4}}
-    part = outcome([row(f"null-{i}", [], ["yaw_scrub"] * i, tier="null") for i in range(2)], about)
-    assert "| nothing | 2 of 5 |" in evidence(part)
-    assert "| two effects | 0 of 4 | not run |" in evidence(part)
-    assert part["missed"] == missed(part) == []  # one of two may be chance
-    assert missed(part | {"of": 2, "tiers_of": {"null": 2}}) == ["null: false"]
+    part = blind_outcome([row(f"null-{i}", [], ["yaw_scrub"] * i, tier="null") for i in range(2)], about)
+    assert "| nothing | 2 of 5 |" in evidence_table(part)
+    assert "| two effects | 0 of 4 | not run |" in evidence_table(part)
+    assert list(part.missed) == missed_goals(part) == []  # one of two may be chance
+    assert missed_goals(part.model_copy(update={"of": 2, "tiers_of": {"null": 2}})) == ["null: false"]
 
 
 def test_a_tier_that_has_ended_is_judged_by_its_goals_though_others_have_not() -> None:
     rows = [row(f"null-{i}", [], ["yaw_scrub"] * (i == 0), tier="null") for i in range(20)]
     rows += [row(f"triple-{20 + i}", ["yaw_scrub"], [said], tier="triple") for i, said in enumerate(THIS_AND_THAT)]
     about = {"seed": 1, "quick": False, "of": 30, "tiers_of": {"null": 20, "triple": 10}}
-    assert outcome(rows, about)["missed"] == ["null: false"]  # one in twenty, where one in a hundred is wanted
+    assert blind_outcome(rows, about).missed == ("null: false",)  # one in twenty, where one in a hundred is wanted
     wrong = [row(f"triple-{30 + i}", ["yaw_scrub"], ["rear_toe"], tier="triple") for i in range(4)]
-    assert outcome([*rows, *wrong], about)["missed"] == [
+    assert blind_outcome([*rows, *wrong], about).missed == (
         "null: false", "all: 20 of 26 right where 25.2 are wanted", "triple: 1 of 6 right where 5.4 are wanted",
-    ]  # fmt: skip
+    )  # fmt: skip
 
 
 def test_rows_outlive_what_is_concealed_and_how_it_is_scored() -> None:
     """What makes a row is the code of simulation and diagnosis: neither suites, nor scores, nor other methods."""
-    inside = {name for name in closure(run_cases.JUDGED) if name.startswith("bcid.proof.")}
-    assert inside == {"bcid.proof.blind.ask", "bcid.proof.rows"}
-    assert {"bcid.simulation.dynamics", "bcid.diagnosis.search.forward_backward", "bcid.effects.car"} <= closure(
-        run_cases.JUDGED
-    )
-    assert "bcid.proof.scores.tiers" not in closure(("bcid.proof.baselines",))
-    of_real_drives = {
-        name.removeprefix("bcid.proof.") for name in closure(run_questions.JUDGED) if name.startswith("bcid.proof.")
-    }
-    assert of_real_drives == {"withheld", "edited", "edits", "asked", "said", "real_cases"}
-    assert not [name for name in closure(run_questions.JUDGED) if name.startswith("bcid.simulation")]
+    reached = import_closure(run_cases.ROW_MODULES)
+    own = {name for name in reached if name.startswith("bcid.proof.")}
+    assert own == {"bcid.proof.blind", "bcid.proof.blind.diagnose_case", "bcid.proof.rows"}
+    assert {"bcid.simulation.dynamics", "bcid.diagnosis.search.forward_backward", "bcid.effects.car"} <= reached
+    others = import_closure(("bcid.proof.blind.baselines",))
+    assert not others & {"bcid.proof.limits", "bcid.proof.scores.tiers"}
+    reached = import_closure(run_questions.ROW_MODULES)
+    own = {name.removeprefix("bcid.proof.") for name in reached if name.startswith("bcid.proof.")}
+    modules = ("withheld", "edited", "edits", "question_files", "questions", "limits")
+    assert own == {"rows", "real", *(f"real.{name}" for name in modules)}
+    assert not [name for name in reached if name.startswith("bcid.simulation")]
 
 
 THIS_AND_THAT = ("yaw_scrub", "rear_toe")
@@ -223,7 +238,7 @@ def test_counting() -> None:
         row("left-out-0006", ["yaw_scrub"], [], tier="left-out", channel="mz", verdict="unknown",
             remainder={"channel": "mz"}),
     ]  # fmt: skip
-    single, null, hidden = tiers(rows)
+    single, null, hidden = score_tiers(rows)
     assert {"right", "top1", "set", "kind"} <= set(single.missed)
     assert single.right == pytest.approx(1 / 3)
     assert "parameter_error" not in single.missed
@@ -251,15 +266,19 @@ def test_what_a_recording_does_not_show_is_not_to_be_named() -> None:
         row(f"closed-loop-{i}", patch, found, tier="closed-loop", shown=False, not_excited=unseen)
         for i, found, unseen in ((1, [], {"slippery_patch": 0.9}), (2, [], {}), (3, patch, {"slippery_patch": 0.9}))
     )
-    assert [right(r) for r in (told, untold, named)] == [True, False, False]
+    assert [is_right(r) for r in (told, untold, named)] == [True, False, False]
     there = row("closed-loop-4", patch, patch, tier="closed-loop", shown=True)
-    (tier,) = tiers([told, untold, named, there])
+    (tier,) = score_tiers([told, untold, named, there])
     assert (tier.top1, tier.not_seen, tier.unshown) == (1.0, pytest.approx(1 / 3), 0.75)
     singles = [row(f"single-{i}", patch, [], shown=False) for i in range(20)]  # an effect that nothing could name
-    assert "unshown" in tiers(singles)[0].missed
-    assert right(there)
-    assert wrong(untold) == {"case": "closed-loop-2", "there": "slippery_patch", "said": "nothing-found"}
-    assert wrong({**untold, "error": "ValueError()"})["said"] == "ValueError()"
+    assert "unshown" in score_tiers(singles)[0].missed
+    assert is_right(there)
+    assert describe_wrong_answer(untold).as_json() == {
+        "case": "closed-loop-2",
+        "there": "slippery_patch",
+        "said": "nothing-found",
+    }
+    assert describe_wrong_answer({**untold, "error": "ValueError()"}).said == "ValueError()"
 
 
 def twenty(tier: str, named: list[str], **more: Any) -> list[dict[str, Any]]:
@@ -274,13 +293,15 @@ def twenty(tier: str, named: list[str], **more: Any) -> list[dict[str, Any]]:
 def test_no_tier_s_goals_are_met_by_saying_nothing_or_too_much(tier: str, named: list[str]) -> None:
     silent, hidden = tier in ("null", "null-imperfect"), tier in ("left-out", "outside", "unexcited")
     right = not hidden and named == ([] if silent else ["yaw_scrub"])
-    missed = set(tiers(twenty(tier, named))[0].missed) - {"coverage"}  # all intervals hold here, which is too good
+    missed = set(score_tiers(twenty(tier, named))[0].missed) - {
+        "coverage"
+    }  # all intervals hold here, which is too good
     assert (missed == set()) is right
 
 
 @pytest.mark.parametrize("tier", ["single", "single-imperfect"])
 def test_what_a_drive_shows_may_not_be_told_as_not_excited(tier: str) -> None:
-    (told,) = tiers(twenty(tier, ["yaw_scrub"], not_excited=dict.fromkeys(EFFECTS)))
+    (told,) = score_tiers(twenty(tier, ["yaw_scrub"], not_excited=dict.fromkeys(EFFECTS)))
     assert (told.right, told.denied) == (1.0, 1.0)
     assert "denied" in told.missed
 
@@ -289,7 +310,7 @@ def test_what_a_drive_shows_may_not_be_told_as_not_excited(tier: str) -> None:
 def test_the_command_ends_as_its_goals_are_met(
     named: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fake(case: Case, others: bool = False) -> dict[str, Any]:
+    def fake(case: BlindCase, others: bool = False) -> dict[str, Any]:
         found = list(case.answer) if named else []
         unseen = case.answer if named and case.tier == "unexcited" else ()
         hidden = {"verdict": "unknown", "remainder": {"channel": case.channel}} if case.channel else {}
@@ -300,7 +321,7 @@ def test_the_command_ends_as_its_goals_are_met(
             made["truth"] = {e: dict.fromkeys(values, 1.5) for e, values in made["truth"].items()}
         return made
 
-    monkeypatch.setattr(run_cases, "run_case", fake)
+    monkeypatch.setattr(run_cases, "run_blind_case", fake)
     words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1", "--nulls", "2", "--imperfect-nulls", "2",
              "--pairs", "2", "--repeats", "1", "--format", "json"]  # fmt: skip
     monkeypatch.setattr("sys.argv", words)
@@ -319,18 +340,18 @@ def test_answers_are_sealed_before_the_first_take_and_opened_after_the_last(
 ) -> None:
     seen = list[tuple[bool, bool]]()
 
-    def fake(case: Case, others: bool = False) -> dict[str, Any]:
+    def fake(case: BlindCase, others: bool = False) -> dict[str, Any]:
         seen.append(((tmp_path / "seals.json").is_file(), (tmp_path / "answers.json").is_file()))
         return row(case.name, list(case.answer), [], tier=case.tier, channel=case.channel)
 
-    monkeypatch.setattr(run_cases, "run_case", fake)
+    monkeypatch.setattr(run_cases, "run_blind_case", fake)
     words = ["bcid", "prove", "--out", str(tmp_path), "--workers", "1", "--every", "40", "--format", "quiet",
              "--salt", "pepper"]  # fmt: skip
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as refused:
         main()
     assert refused.value.code == 2
-    assert "usual seed" in capsys.readouterr().err
+    assert "default seed" in capsys.readouterr().err
     assert not (tmp_path / "seals.json").exists()
     monkeypatch.setattr("sys.argv", [*words, "--seed", "7"])
     with pytest.raises(SystemExit):
@@ -346,7 +367,7 @@ def test_a_case_s_recording_is_written_for_whoever_wants_to_look_at_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is what was asked, but for the file's own rounding."""
-    case = next(c for c in suite(7, 3, 300, 100, 50) if c.tier == "two-minutes")
+    case = next(c for c in draw_suite(7, 3, 300, 100, 50) if c.tier == "two-minutes")
     words = ["bcid", "prove", "--out", str(tmp_path), "--seed", "7", "--case"]
     monkeypatch.setattr("sys.argv", [*words, "no-such-0001"])
     with pytest.raises(SystemExit) as refused:
@@ -359,7 +380,7 @@ def test_a_case_s_recording_is_written_for_whoever_wants_to_look_at_it(
     path = tmp_path / f"{case.name}.mcap"
     assert capsys.readouterr().out.strip() == str(path)
     of = read_vehicle(tmp_path / "bumper_car.toml")
-    read, asked = read_recording(path, of), recorded(case.driven(), case.rate_hz, vehicle())
+    read, asked = read_recording(path, of), record_drive(case.simulate(), case.rate_hz, simulated_vehicle())
     np.testing.assert_allclose(read.poses.values, asked.poses.values, atol=1e-6)
     assert json.loads((tmp_path / f"{case.name}.answer.json").read_text())["effects"].keys() == set(case.answer)
 
@@ -378,67 +399,67 @@ def test_a_case_is_only_written(
 
 def test_what_was_not_made_after_an_opening_does_not_count_as_such(tmp_path: Path, made: list[str]) -> None:
     """An error that there is no time to ask again is told once more, and not made."""
-    test = Blind(seed=1, salt="pepper", sizes=Sizes(1, 2, 0, 0, 60))
-    told = [blind_test(test, tmp_path, minutes=minutes) for minutes in (None, 0.0, None, None)]
-    assert [t["made_after_opening"] for t in told] == [0, 0, 1, 1]
-    assert [sum(tier["errors"] for tier in t["tiers"]) for t in told] == [1, 1, 0, 0]
-    assert {t["cases"] for t in told} == {len(test.cases)}
+    test = BlindTest(seed=1, salt="pepper", sizes=SuiteSizes(1, 2, 0, 0, 60))
+    told = [run_blind_test(test, tmp_path, minutes=minutes) for minutes in (None, 0.0, None, None)]
+    assert [t.made_after_opening for t in told] == [0, 0, 1, 1]
+    assert [sum(tier.errors for tier in t.tiers) for t in told] == [1, 1, 0, 0]
+    assert {t.cases for t in told} == {len(test.cases)}
 
 
 def test_a_page_is_written_of_nothing_but_errors(tmp_path: Path) -> None:
     """When it is wanted most."""
     broken = [{"case": "null-1", "tier": "null", "answer": [], "channel": "", "error": "ValueError()"}]
-    found = outcome(broken, {"seed": 1, "salt": "", "seal": None, "quick": True, "code": "c0de"})
-    write_proof_page(found | {"baselines": summary(broken)}, tmp_path / "p.html")
+    found = blind_outcome(broken, {"seed": 1, "salt": "", "seal": None, "quick": True, "code": "c0de"})
+    write_proof_page(found, tmp_path / "p.html")
     assert "ValueError" in (tmp_path / "p.html").read_text(encoding="utf-8")
 
 
 def test_what_older_code_said_was_known_before(tmp_path: Path) -> None:
-    cases = list(suite(7, 1, 2, 0, 0))[:3]
-    keep(row(cases[1].name, [], []), f"{cases[1].digest()}.of_older_code", tmp_path)
-    assert (known(cases, tmp_path), asked_before(cases, tmp_path)) == (0, 1)
+    cases = list(draw_suite(7, 1, 2, 0, 0))[:3]
+    append_row(row(cases[1].name, [], []), f"{cases[1].digest()}.of_older_code", tmp_path)
+    assert (known(cases, tmp_path), count_cases_with_rows(cases, tmp_path)) == (0, 1)
 
 
 def test_an_error_that_there_is_no_time_to_ask_again_counts(tmp_path: Path, made: list[str]) -> None:
-    cases = list(suite(1, 1, 2, 0, 0))[:3]
-    first = list(run_all(cases, tmp_path, 1))
-    again = list(run_all(cases, tmp_path, 1, minutes=0.0))
+    cases = list(draw_suite(1, 1, 2, 0, 0))[:3]
+    first = list(run_all_cases(cases, tmp_path, 1))
+    again = list(run_all_cases(cases, tmp_path, 1, minutes=0.0))
     assert sorted(r["case"] for r in again) == sorted(r["case"] for r in first)
     assert sum("error" in r for r in again) == 1
     assert len(made) == 3
 
 
 def test_a_seal_fits_its_answer_and_salt_alone() -> None:
-    one, other = list(suite(1, 1, 1, 0, 0))[:2]
-    assert sealed(one, "salt") == sealed(one, "salt")
-    assert len({sealed(one, "salt"), sealed(one, "pepper"), sealed(other, "salt")}) == 3
+    one, other = list(draw_suite(1, 1, 1, 0, 0))[:2]
+    assert answer_seal(one, "salt") == answer_seal(one, "salt")
+    assert len({answer_seal(one, "salt"), answer_seal(one, "pepper"), answer_seal(other, "salt")}) == 3
     told = one.concealed[0]
     key = next(iter(told.parameters))
     turned = replace(told, parameters={**told.parameters, key: told.parameters[key] * (1.0 + 1e-12)})
     for changed in (replace(one, concealed=(turned,)), replace(one, channel="fx"), replace(one, tier="null")):
-        assert sealed(changed, "salt") != sealed(one, "salt")
-    assert seal_of([one, other], "salt") != seal_of([other, one], "salt")
+        assert answer_seal(changed, "salt") != answer_seal(one, "salt")
+    assert suite_seal([one, other], "salt") != suite_seal([other, one], "salt")
 
 
 def test_seals_lie_there_before_and_are_opened_after(tmp_path: Path) -> None:
-    cases = list(suite(1, 1, 1, 0, 0))[:3]
-    seal = seal_up(cases, "salt", tmp_path, 1)
+    cases = list(draw_suite(1, 1, 1, 0, 0))[:3]
+    seal = write_seals(cases, "salt", tmp_path, 1)
     kept = json.loads((tmp_path / "seals.json").read_text(encoding="utf-8"))
-    assert kept["cases"] == {c.name: sealed(c, "salt") for c in cases}
+    assert kept["cases"] == {c.name: answer_seal(c, "salt") for c in cases}
     assert not any(c.answer[0] in (tmp_path / "seals.json").read_text(encoding="utf-8") for c in cases)
-    assert seal_up(cases, "salt", tmp_path, 3) == seal  # a run that goes on
+    assert write_seals(cases, "salt", tmp_path, 3) == seal  # a run that goes on
     with pytest.raises(UsageError, match="seals of other answers"):
-        seal_up(cases, "pepper", tmp_path, 0)
-    assert opened(cases[:2], "salt", tmp_path, 2) == {"opened": 2, "known_before": 1, "made_after_opening": 0}
+        write_seals(cases, "pepper", tmp_path, 0)
+    assert open_seals(cases[:2], "salt", tmp_path, 2) == {"opened": 2, "known_before": 1, "made_after_opening": 0}
     assert cases[2].answer[0] not in (tmp_path / "answers.json").read_text(encoding="utf-8")
-    assert opened(cases, "salt", tmp_path, 1) == {"opened": 3, "known_before": 1, "made_after_opening": 1}
+    assert open_seals(cases, "salt", tmp_path, 1) == {"opened": 3, "known_before": 1, "made_after_opening": 1}
     kept = json.loads((tmp_path / "seals.json").read_text(encoding="utf-8"))
     told = json.loads((tmp_path / "answers.json").read_text(encoding="utf-8"))
     assert [list(a["effects"]) for a in told["answers"]] == [list(c.answer) for c in cases]
     kept["cases"][cases[1].name] = "0" * 64
     (tmp_path / "seals.json").write_text(json.dumps(kept), encoding="utf-8")
     with pytest.raises(InputRefused, match="does not fit the answer"):
-        opened(cases, "salt", tmp_path)
+        open_seals(cases, "salt", tmp_path)
 
 
 EXPLAINING = ("bcid.diagnosis.diagnose", "bcid.estimate.run", "bcid.recording.assemble")
@@ -455,29 +476,29 @@ THE_SIMULATION = ("bcid.simulation.drive", "bcid.simulation.dynamics", "bcid.sim
 )  # fmt: skip
 def test_truth_and_judge_are_apart(roots: tuple[str, ...], among: str, never: tuple[str, ...]) -> None:
     """Nothing that a diagnosis runs imports the blind test or the simulation, nor does that import what explains it."""
-    reached = closure(roots)
+    reached = import_closure(roots)
     assert among in reached
     assert not [name for name in reached if name.startswith(never)]
 
 
-@pytest.mark.parametrize("name", list(OUTSIDE))
+@pytest.mark.parametrize("name", list(OUTSIDE_EFFECTS))
 def test_what_has_no_name_lives_in_the_simulation_alone(name: str) -> None:
     """It changes the drive at its size, and nothing at zero; no entry of the vocabulary knows it."""
     assert name not in EFFECTS
-    _, size = OUTSIDE[name]
-    given = Case("usual", 0, (), duration_s=20.0)
-    hidden = outside(name, np.random.default_rng(1))
+    _, size = OUTSIDE_EFFECTS[name]
+    given = BlindCase("usual", 0, (), duration_s=20.0)
+    hidden = draw_outside_effect(name, np.random.default_rng(1))
     assert all(size.low <= abs(v) <= size.high for v in {**hidden.plant, **hidden.sensor}.values())
     still = replace(
-        given, concealed=(Concealed(name, dict.fromkeys(hidden.plant, 0.0), dict.fromkeys(hidden.sensor, 0.0)),)
+        given, concealed=(ConcealedEffect(name, dict.fromkeys(hidden.plant, 0.0), dict.fromkeys(hidden.sensor, 0.0)),)
     )
-    np.testing.assert_array_equal(still.driven().pose, given.driven().pose)
-    moved = replace(given, concealed=(hidden,)).driven().pose - given.driven().pose
+    np.testing.assert_array_equal(still.simulate().pose, given.simulate().pose)
+    moved = replace(given, concealed=(hidden,)).simulate().pose - given.simulate().pose
     assert np.nanmax(np.abs(moved)) > 2e-3
 
 
 def test_all_that_is_asked_for_is_in_the_suite() -> None:
-    whole = list(suite(1, 1, 2, 2, 5))
+    whole = list(draw_suite(1, 1, 2, 2, 5))
     tiers_there = {c.tier for c in whole}
     assert {
         "null", "null-imperfect", "single", "half-size", "double-size", "pair", "triple", "measurement-and-vehicle",
@@ -486,13 +507,15 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
     assert {c.answer[0] for c in whole if c.tier == "single"} == set(EFFECTS)
     assert len({c.answer[0] for c in whole if c.tier == "outside"}) >= 6
     assert all(
-        set(EQUALS["pose_latency"]) <= set(c.left_out) for c in whole if "pose_latency" in c.answer and c.left_out
+        set(EXACT_EQUIVALENTS["pose_latency"]) <= set(c.left_out)
+        for c in whole
+        if "pose_latency" in c.answer and c.left_out
     )
-    drawn = [quick_suite(list(suite(seed, 3, 300, 100, 50)), seed) for seed in (1, 1, 2, 3)]
+    drawn = [draw_quick_suite(list(draw_suite(seed, 3, 300, 100, 50)), seed) for seed in (1, 1, 2, 3)]
     assert drawn[0] == drawn[1]
     for few in drawn:
         assert 15 <= len(few) <= 25
-        assert {c.tier for c in few} == set(QUICK_EVERY) <= set(GOALS)
+        assert {c.tier for c in few} == set(QUICK_STRIDES) <= set(GOALS)
         for tier in ("single", "single-imperfect", "left-out"):
             answers = [c.answer for c in few if c.tier == tier]
             assert len(set(answers)) == len(answers)
@@ -503,7 +526,7 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 def test_workers_end_with_who_started_them() -> None:
     """A run that is killed leaves none behind that would keep the cores busy for what nobody reads."""
-    begin = "import os, time; from bcid.proof.blind.run_cases import pool_of; pool = pool_of(1); "
+    begin = "import os, time; from bcid.proof.workers import process_pool; pool = process_pool(1); "
     work = "print(pool.submit(os.getpid).result(), flush=True); pool.submit(time.sleep, 600); time.sleep(600)"
     with subprocess.Popen(
         [sys.executable, "-c", begin + work], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -527,13 +550,13 @@ def _lives(process: int) -> bool:
 
 
 def test_circles_overlap() -> None:
-    assert overlap((0, 0, 1), (0, 0, 1)) == pytest.approx(1.0)
-    assert overlap((0, 0, 1), (3, 0, 1)) == 0.0
-    assert overlap((0, 0, 1), (0.2, 0, 0.5)) == pytest.approx(0.25)
+    assert circle_overlap((0, 0, 1), (0, 0, 1)) == pytest.approx(1.0)
+    assert circle_overlap((0, 0, 1), (3, 0, 1)) == 0.0
+    assert circle_overlap((0, 0, 1), (0.2, 0, 0.5)) == pytest.approx(0.25)
     # by counting points
     points = np.random.default_rng(0).uniform(-2.0, 2.0, (200_000, 2))
     a, b = np.hypot(*points.T) < 1.0, np.hypot(*(points - [0.7, 0.3]).T) < 0.8
-    assert overlap((0, 0, 1), (0.7, 0.3, 0.8)) == pytest.approx((a & b).sum() / (a | b).sum(), abs=0.01)
+    assert circle_overlap((0, 0, 1), (0.7, 0.3, 0.8)) == pytest.approx((a & b).sum() / (a | b).sum(), abs=0.01)
 
 
 def test_where_is_scored() -> None:
@@ -543,17 +566,17 @@ def test_where_is_scored() -> None:
     }
     hit["findings"][0]["values"] = {k: [v, 0.0] for k, v in patch.items()}
     assert place_overlap(hit) == pytest.approx(1.0)
-    assert channel_right(hit) is True
+    assert is_channel_right(hit) is True
     missed = hit | {"findings": [], "place": None, "located": "fy"}
     assert place_overlap(missed) == 0.0
-    assert channel_right(missed) is False
+    assert is_channel_right(missed) is False
     heavier = row("a-2", ["mass_change"], [], window=[400.0, 600.0], duration_s=600.0, located="fx") | {
         "truth": {"mass_change": {"d": 0.1, "t_s": 300.0}}
     }
     assert time_overlap(heavier) == pytest.approx(200.0 / 300.0)
-    assert channel_right(heavier) is None  # it acts on all
+    assert is_channel_right(heavier) is None  # it acts on all
     beside = hit["remainder"] | {"nats": 12.0}
-    (tier,) = tiers([hit, missed, row("a-3", ["yaw_scrub"], ["yaw_scrub"], located="mz", remainder=beside)])
+    (tier,) = score_tiers([hit, missed, row("a-3", ["yaw_scrub"], ["yaw_scrub"], located="mz", remainder=beside)])
     assert tier.place_overlap == 0.5
     assert tier.more == 0.5  # of two right names
     assert tier.located == pytest.approx(2 / 3)
@@ -567,61 +590,60 @@ def test_stated_probabilities_are_counted() -> None:
     assert found.n == 10
     assert found.brier == pytest.approx(0.09 * 0.1 + 0.9 * 0.01 + 0.072, abs=0.01)
     (only,) = found.bins
-    assert (only["stated"], only["there"]) == (pytest.approx(0.9), pytest.approx(0.9))
-    assert only["there_ci95"] == pytest.approx((0.555, 0.9975), abs=1e-3)  # Clopper and Pearson's table
+    assert (only.stated, only.there) == (pytest.approx(0.9), pytest.approx(0.9))
+    assert only.there_ci95 == pytest.approx((0.555, 0.9975), abs=1e-3)  # Clopper and Pearson's table
     nothing = [row(f"null-{i}", [], [], tier="null", p_value=p) for i, p in enumerate((0.01, 0.2, 0.5, 1.0))]
-    told = of_nothing([*rows, *nothing])
+    told = null_p_values([*rows, *nothing])
     assert told is not None
-    assert (told["n"], told["share"]) == (4, 0.25)
-    assert of_nothing(rows) is None
+    assert (told.n, told.share) == (4, 0.25)
+    assert null_p_values(rows) is None
 
 
 def test_few_cases_of_many_tiers_are_judged_together() -> None:
-    def found(wrong: int) -> dict[str, float]:
+    def found(wrong: int) -> RightAnswers:
         rows = [row(f"single-{i}", ["yaw_scrub"], ["rear_toe" if i < wrong else "yaw_scrub"]) for i in range(12)]
         rows += [row(f"null-{i}", [], [], tier="null") for i in range(4)]
-        return pooled(rows)
+        return pool_right_answers(rows)
 
     # a tier that is broken altogether hides among the others, and is missed all the same
     blind = [row(f"single-{i}", ["yaw_scrub"], ["yaw_scrub"]) for i in range(18)]
     blind += [row(f"null-{i}", [], ["rear_toe"], tier="null") for i in range(2)]
-    said = outcome(blind, {"quick": True})
-    assert said["pooled"]["p"] > REFUTED
-    assert missed(said) == ["null: 0 of 2 right where 2.0 are wanted"]
-    assert found(0)["right"] == found(0)["n"] == 16
-    assert found(1)["p"] > REFUTED  # one of sixteen: chance
-    assert found(5)["p"] < REFUTED
+    said = blind_outcome(blind, {"quick": True})
+    assert said.pooled.p > LIMITS.refuting_p
+    assert missed_goals(said) == ["null: 0 of 2 right where 2.0 are wanted"]
+    assert found(0).right == found(0).n == 16
+    assert found(1).p > LIMITS.refuting_p  # one of sixteen: chance
+    assert found(5).p < LIMITS.refuting_p
     # by drawing: twelve at 0.95 and four at 0.99
     draws = np.random.default_rng(0).random((200_000, 16)) < np.r_[np.full(12, 0.95), np.full(4, 0.99)]
-    assert found(2)["p"] == pytest.approx((draws.sum(axis=1) <= 14).mean(), abs=0.005)
+    assert found(2).p == pytest.approx((draws.sum(axis=1) <= 14).mean(), abs=0.005)
 
 
 def test_what_is_right() -> None:
-    assert right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]))
-    assert not right(row("a-1", ["yaw_scrub"], ["yaw_scrub", "rear_toe"]))
+    assert is_right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]))
+    assert not is_right(row("a-1", ["yaw_scrub"], ["yaw_scrub", "rear_toe"]))
     for twins, told in (["rear_toe", "yaw_coulomb", "motor_sag"], True), (["a", "b", "c", "d"], False):
         ambiguous = row("a-1", ["yaw_scrub"], ["yaw_scrub"])
         ambiguous["findings"][0]["twins"] = twins
-        assert right(ambiguous) is told  # a set that is too long tells nothing, here as in its tier's figures
-        assert tiers([ambiguous])[0].set == float(told)
-    assert not right(row("a-1", ["yaw_scrub"], []))
-    assert right(row("a-1", [], [], tier="null"))
-    assert not right(row("a-1", [], [], tier="null", verdict="unknown"))  # something missing where nothing is
-    assert right(row("a-1", [], [], tier="null-imperfect", verdict="unknown"))
+        assert is_right(ambiguous) is told  # a set that is too long tells nothing, here as in its tier's figures
+        assert score_tiers([ambiguous])[0].set == float(told)
+    assert not is_right(row("a-1", ["yaw_scrub"], []))
+    assert is_right(row("a-1", [], [], tier="null"))
+    assert not is_right(row("a-1", [], [], tier="null", verdict="unknown"))  # something missing where nothing is
+    assert is_right(row("a-1", [], [], tier="null-imperfect", verdict="unknown"))
     hidden = row(
         "a-1", ["yaw_scrub"], [], tier="left-out", channel="mz", verdict="unknown", remainder={"channel": "mz"}
     )
-    assert right(hidden)
-    assert not right(hidden | {"remainder": {"channel": "fx"}})
-    assert not right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]) | {"error": "ValueError()"})
+    assert is_right(hidden)
+    assert not is_right(hidden | {"remainder": {"channel": "fx"}})
+    assert not is_right(row("a-1", ["yaw_scrub"], ["yaw_scrub"]) | {"error": "ValueError()"})
 
 
 def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
     rows = [row("single-1", ["yaw_scrub"], ["rear_toe"]), row("null-2", [], [], tier="null")]
-    found = outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False, "code": "c0de"})
-    found |= {"baselines": summary(rows)}
-    assert found["confusion"] == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
-    text = evidence(found)
+    found = blind_outcome(rows, {"seed": 1, "salt": "<s>", "seal": "abc", "quick": False, "code": "c0de"})
+    assert found.confusion == {"yaw_scrub": {"rear_toe": 1}, "nothing": {"nothing": 1}}
+    text = evidence_table(found)
     assert "| one effect | 1 | **0\N{NO-BREAK SPACE}%** missed (≥\N{NO-BREAK SPACE}95\N{NO-BREAK SPACE}%) |" in text
     assert "| nothing | 1 | 100\N{NO-BREAK SPACE}% | – |" in text
     write_proof_page(found, tmp_path / "p.html")
@@ -635,15 +657,19 @@ def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("o", [0.012, -0.012])
 def test_other_methods_say_what_they_can(o: float) -> None:
     """A steering offset of either sign is named by the stepwise method; what fits only, names nothing."""
-    found = _diagnosis(Case("single", 5, (Concealed("steering_offset", {"steering_offset": o}),), duration_s=120.0))
-    said = compared(found)
+    found = _diagnosis(
+        BlindCase("single", 5, (ConcealedEffect("steering_offset", {"steering_offset": o}),), duration_s=120.0)
+    )
+    said = run_baselines(found)
     assert set(said) == set(METHODS)
     assert said["stepwise BIC, base not refitted"]["effect"] in ("steering_offset", "body_yaw_misalignment")
-    assert [m for m in METHODS if said[m]["effect"]] == [m for m in METHODS if m in NAMING and said[m]["effect"]]
+    assert [m for m in METHODS if said[m]["effect"]] == [
+        m for m in METHODS if m in NAMING_METHODS and said[m]["effect"]
+    ]
     assert json.loads(json.dumps(said)) == said
-    counted = {m["method"]: m for m in summary([{**row("s-1", ["steering_offset"], []), "others": said}])}
-    assert counted["bcid diagnose"]["top1"] == [0, 1]
-    assert counted["residual MLP"]["top1"] is None
+    counted = {m.method: m for m in compare_methods([{**row("s-1", ["steering_offset"], []), "others": said}])}
+    assert counted["bcid diagnose"].top1 == (0, 1)
+    assert counted["residual MLP"].top1 is None
 
 
 def test_a_take_on_which_the_diagnosis_ends_in_an_error_counts_against_it() -> None:
@@ -651,12 +677,14 @@ def test_a_take_on_which_the_diagnosis_ends_in_an_error_counts_against_it() -> N
     there, nothing = row("s-1", ["yaw_scrub"], ["yaw_scrub"]), row("n-2", [], [], tier="null")
     broken = {"case": "s-3", "tier": "single", "answer": ["yaw_scrub"], "channel": "", "error": "ValueError()"}
     net = {"effect": None, "detected": True, "explained": 0.7, "failed": "", "seconds": 1.0}
-    ours, other = summary([*({**r, "others": {"residual MLP": net}} for r in (there, nothing)), broken])
-    assert (ours["method"], ours["n"], ours["failed"], ours["seconds"]) == ("bcid diagnose", 3, 1, 1.0)
-    assert (ours["top1"], ours["detected"], ours["false"]) == ([1, 2], [1, 2], [0, 1])
-    assert (other["n"], other["top1"], other["detected"], other["false"]) == (2, None, [1, 1], [1, 1])
+    ours, other = compare_methods([*({**r, "others": {"residual MLP": net}} for r in (there, nothing)), broken])
+    assert (ours.method, ours.n, ours.failed, ours.seconds) == ("bcid diagnose", 3, 1, 1.0)
+    assert (ours.top1, ours.detected, ours.false) == ((1, 2), (1, 2), (0, 1))
+    assert (other.n, other.top1, other.detected, other.false) == (2, None, (1, 1), (1, 1))
 
 
-def _diagnosis(case: Case) -> Diagnosis:
-    recording = recorded(case.driven(), case.rate_hz, vehicle())
-    return diagnosed([recording], [estimate_motion(recording, vehicle(), TUNING)], vehicle())
+def _diagnosis(case: BlindCase) -> Diagnosis:
+    recording = record_drive(case.simulate(), case.rate_hz, simulated_vehicle())
+    return diagnose_recordings(
+        [recording], [estimate_motion(recording, simulated_vehicle(), TUNING)], simulated_vehicle()
+    )

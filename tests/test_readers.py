@@ -507,8 +507,11 @@ def test_a_clock_offset_is_found_and_not_applied(
     commands = pd.read_csv(takes["motive"].with_suffix(".commands.csv"))
     commands.assign(time_s=commands.time_s - shift_s).to_csv(shifted.with_suffix(".commands.csv"), index=False)
     again = read_recording(shifted, vehicle)
-    assert again.clock["offset_s"] - recording.clock["offset_s"] == pytest.approx(shift_s, abs=0.008)
-    low, high = again.clock["offset_ci95"]
+    assert again.clock.offset_s is not None
+    assert recording.clock.offset_s is not None
+    assert again.clock.offset_ci95 is not None
+    assert again.clock.offset_s - recording.clock.offset_s == pytest.approx(shift_s, abs=0.008)
+    low, high = again.clock.offset_ci95
     assert low < shift_s < high + 0.005
     assert again.commands.time_s[0] == pytest.approx(-shift_s)
     applied = read_recording(shifted, vehicle.model_copy(update={"clock": _clock(shift_s)}))
@@ -523,8 +526,8 @@ def _clock(offset_s: float) -> Any:
 
 def test_a_short_take_has_no_clock_estimate_and_says_why(vehicle: Vehicle, tmp_path: Path) -> None:
     clock = read_recording(circling_take(tmp_path, seconds=3.0), vehicle).clock
-    assert clock["offset_s"] is None
-    assert clock["reason"]
+    assert clock.offset_s is None
+    assert clock.reason
 
 
 # --- refusals ----------------------------------------------------------------------------------------------------

@@ -9,10 +9,10 @@ import pytest
 
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
-from bcid.estimate.tuning import tune
-from bcid.recording.formats.csv_text import read_text
-from bcid.recording.formats.motive import read_poses
-from bcid.recording.formats.motive_header import read_header
+from bcid.estimate.tune import tune_estimator
+from bcid.recording.formats.csv_text import read_csv_text
+from bcid.recording.formats.motive import read_motive_poses
+from bcid.recording.formats.motive_header import read_motive_header
 from bcid.recording.read import read_recording
 from bcid.vehicle import Vehicle, read_vehicle
 
@@ -39,10 +39,10 @@ def test_a_real_drive_is_ingested_and_estimated(name: str, recordings_folder: Pa
     vehicle = read_vehicle(VEHICLES[vehicle_name])
     recording = read_recording(recordings_folder / path, vehicle)
     assert recording.duration_s == pytest.approx(seconds, rel=0.1)
-    tuning = tune([recording], vehicle, 0.1, 0.3, {})
+    tuning = tune_estimator([recording], vehicle, 0.1, 0.3, {})
     estimate = estimate_motion(recording, vehicle, tuning)
     assert np.isfinite(estimate.twist).all()
-    assert 0.5 < estimate.facts["nis"]["mean_per_dof"] < 2.0
+    assert 0.5 < estimate.filter.nis.mean_per_dof < 2.0
     # the twist, turned into the world, is what the poses do: measured by the poses' own differences
     yaw, twist = estimate.pose[:, 2], estimate.twist
     speed = np.hypot(twist[:, 0], twist[:, 1])
@@ -84,7 +84,7 @@ def test_real_motive_exports_parse(name: str, recordings_folder: Path, vehicle: 
     body, unit, frames, rate = MOTIVE[name]
     mocap = vehicle.mocap.model_copy(update={"rigid_body": body, "length_unit": unit})
     path = recordings_folder / "motive_csv" / name
-    raw = read_poses(path, vehicle.model_copy(update={"mocap": mocap}))
+    raw = read_motive_poses(path, vehicle.model_copy(update={"mocap": mocap}))
     assert len(raw.pose) == frames
     assert raw.rate_hz == rate
     blank = ~np.isfinite(raw.pose).all(axis=1)
@@ -101,14 +101,14 @@ def test_real_motive_exports_parse(name: str, recordings_folder: Path, vehicle: 
 
 def test_an_export_without_assets_is_refused(recordings_folder: Path, vehicle: Vehicle) -> None:
     with pytest.raises(InputRefused, match="no rigid body"):
-        read_poses(recordings_folder / "motive_csv" / "v1.23_no_assets__ha5dzs.csv", vehicle)
+        read_motive_poses(recordings_folder / "motive_csv" / "v1.23_no_assets__ha5dzs.csv", vehicle)
 
 
 def test_the_bodies_of_an_export_are_listed(recordings_folder: Path, vehicle: Vehicle) -> None:
     path = recordings_folder / "motive_csv" / "v1.24_quat_2bodies_markers_240Hz__kronium.csv"
-    assert read_header(read_text(path)).bodies() == ["shimonsWall", "wall_2"]
+    assert read_motive_header(read_csv_text(path)).rigid_body_names() == ["shimonsWall", "wall_2"]
     with pytest.raises(InputRefused, match="shimonsWall, wall_2"):
-        read_poses(path, vehicle)
+        read_motive_poses(path, vehicle)
 
 
 def test_a_log_without_commands_is_refused(recordings_folder: Path, vehicle: Vehicle) -> None:

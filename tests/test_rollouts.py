@@ -10,23 +10,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcid.effects.constants import Constants
 from bcid.estimate.types import Estimate
 from bcid.models import published
-from bcid.models.interface import Diverged, Model, at_rest, history_at, rollout, rollouts
-from bcid.models.kinematic.frame import doubled_energy
+from bcid.models.interface import Model, RolloutDiverged, history_at, history_at_rest, rollout, rollout_batch
 from bcid.models.kinematic.k_mlp import KMlp
 from bcid.models.kinematic.k_sindy_mlp import KSindyMlp
-from bcid.models.network.mlp import Weights
+from bcid.models.kinematic.state import doubled_energy
+from bcid.models.network.mlp import MlpWeights
 from bcid.models.network.narx_mlp import NarxMlp
 from bcid.models.network.sparse_product import add_product
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.linear import NewtonEulerLinear
 
 RNG = np.random.default_rng(0)
 
 
-def weights(inputs: int) -> Weights:
+def weights(inputs: int) -> MlpWeights:
     W1, W2, W3 = (RNG.normal(0.0, n**-0.5, (n, m)).astype(np.float32) for n, m in ((inputs, 12), (12, 8), (8, 3)))
-    return Weights(np.zeros(inputs), np.ones(inputs), W1, np.zeros(12, np.float32), W2, np.zeros(8, np.float32),
+    return MlpWeights(np.zeros(inputs), np.ones(inputs), W1, np.zeros(12, np.float32), W2, np.zeros(8, np.float32),
                    W3, np.zeros(3, np.float32),
                    np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))  # fmt: skip
 
@@ -36,8 +38,11 @@ MODELS: dict[str, Model] = {
     "newton-euler": published.newton_euler(),
     "newton-euler-linear": NewtonEulerLinear(published.newton_euler().car, 1.2, 0.1),
     "narx-mlp": NarxMlp(weights(15), 0.1, {}),
-    "k-mlp": KMlp(weights(6), SINDY.frame, {}),
+    "k-mlp": KMlp(weights(6), SINDY.car, {}),
     "k-sindy": SINDY,
+    "newton-euler-augmented": AugmentedNewtonEuler(
+        published.newton_euler().car, {"motor_delay__tau": 0.17}, Constants(), 2.012, 60.0, 0.1, {}
+    ),
     "k-sindy-mlp": KSindyMlp(SINDY, weights(6)._replace(y_mean=np.zeros(3), y_sd=np.full(3, 0.02)), {}),
 }
 every_model = pytest.mark.parametrize("name", list(MODELS))
@@ -51,10 +56,10 @@ def test_a_batch_is_each_vehicle_alone(name: str, count: int, estimates: list[Es
     starts = np.random.default_rng(1).integers(5, len(take) - 60, count)
     carries = np.stack([model.init(history_at(take, int(k), model.lags)) for k in starts])
     commands = np.stack([take.command[k : k + 50] for k in starts])
-    found = rollouts(model, carries, commands)
-    assert (found.diverged_at == -1).all()
+    twists, diverged_at = rollout_batch(model, carries, commands)
+    assert (diverged_at == -1).all()
     for b in {0, count // 2, count - 1, min(count - 1, 256)}:
-        np.testing.assert_allclose(found.twist[b], model.scan(carries[b], commands[b])[1], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(twists[b], model.scan(carries[b], commands[b])[1], rtol=0.0, atol=1e-9)
 
 
 @every_model
@@ -71,12 +76,12 @@ def test_a_rollout_goes_on_where_it_was_left(name: str, estimates: list[Estimate
 @every_model
 def test_a_vehicle_that_diverges_is_told_and_harms_no_other(name: str) -> None:
     model = MODELS[name]
-    carries = np.stack([model.init(at_rest(model.lags))] * 5)
+    carries = np.stack([model.init(history_at_rest(model.lags))] * 5)
     commands = np.tile([0.3, 1.5], (5, 30, 1))
-    alone = rollouts(model, carries, commands).twist
+    alone = rollout_batch(model, carries, commands).twist
     carries[3] = np.nan
     commands[1, 12, 0] = np.nan
-    found = rollouts(model, carries, commands)
+    found = rollout_batch(model, carries, commands)
     assert np.isfinite(found.twist).all()
     assert found.diverged_at[3] == 0
     assert (found.twist[3] == 0.0).all()
@@ -107,10 +112,10 @@ class RunsAway:
 
 def test_a_speed_that_no_vehicle_has_is_divergence() -> None:
     model: Any = RunsAway()
-    with pytest.raises(Diverged) as caught:
-        rollout(model, at_rest(0), np.zeros((6, 2)))
+    with pytest.raises(RolloutDiverged) as caught:
+        rollout(model, history_at_rest(0), np.zeros((6, 2)))
     assert caught.value.step == 3  # 500 m/s
-    found = rollouts(model, np.array([[0.5], [1e-6]]), np.zeros((2, 6, 2)))
+    found = rollout_batch(model, np.array([[0.5], [1e-6]]), np.zeros((2, 6, 2)))
     assert found.diverged_at.tolist() == [2, -1]
     assert found.twist[0, :, 0].tolist() == [5.0, 50.0, 50.0, 50.0, 50.0, 50.0]
 
@@ -129,10 +134,10 @@ def test_a_dissipative_model_gains_no_energy_without_throttle(
     wild = weights(6)._replace(W1=W1, W2=W2, W3=W3, y_mean=np.array([0.3, 0.0, 0.0]), y_sd=np.full(3, 0.5))
     tame, plain = (KSindyMlp(SINDY, wild, {}, dissipative) for dissipative in (True, False))
     state = np.array([v_f, *alpha, delta])
-    energies = [doubled_energy(tuple(state), SINDY.frame)]
+    energies = [doubled_energy(tuple(state), SINDY.car)]
     for _ in range(5):
         state, _ = tame.step(state, np.array([u_s, u_m]))
-        energies.append(doubled_energy(tuple(state), SINDY.frame))
+        energies.append(doubled_energy(tuple(state), SINDY.car))
     assert (np.diff(energies) <= np.finfo(float).tiny).all()  # below it, numbers have no digits left
     driven = np.array([u_s, 1.5])
     np.testing.assert_array_equal(tame.step(state, driven)[0], plain.step(state, driven)[0])

@@ -10,13 +10,12 @@ import pytest
 from bcid.files.parquet import read_columns
 from bcid.models import published
 from bcid.physics import car as equations
-from bcid.recording.formats.motive import read_poses
-from bcid.recording.read import read_raw
+from bcid.recording.formats.motive import read_motive_poses
+from bcid.recording.read import read_raw_take
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
-from bcid.simulation.drive import COMMAND_HZ, Drive, drive
-from bcid.simulation.driver import Arena
-from bcid.simulation.samples import TAKES, write_samples
-from bcid.simulation.writing import TRUTH_UNITS
+from bcid.simulation.drive import COMMAND_HZ, Drive, simulate_drive
+from bcid.simulation.driver import SimulatedArena
+from bcid.simulation.samples import TAKES, TRUTH_UNITS, write_sample_logs
 from bcid.vehicle import Vehicle
 
 SAMPLES = Path(__file__).parent.parent / "sample_logs"
@@ -25,7 +24,7 @@ QUIET = Sensor(position_noise=0.0, yaw_noise=0.0, dropouts_per_minute=0.0)
 
 def test_with_every_extra_at_zero_it_is_the_newton_euler_car() -> None:
     """Against the models' own equations at a fine step: another implementation, the same motion."""
-    run = drive(Plant(), QUIET, 60.0, 3)
+    run = simulate_drive(Plant(), QUIET, 60.0, 3)
     car = published.newton_euler().car._replace(R_2=4.0)
     per_command, h = 96, 1.0 / (COMMAND_HZ * 96)
     state, twists = (0.0, 0.0, 0.0, 0.0), [(0.0, 0.0, 0.0)]
@@ -38,9 +37,9 @@ def test_with_every_extra_at_zero_it_is_the_newton_euler_car() -> None:
 
 
 def test_the_driver_keeps_the_car_inside_and_uses_the_whole_steering() -> None:
-    arena = Arena()
+    arena = SimulatedArena()
     for seed in range(4):
-        run = drive(Plant(**REAL_EXTRAS), Sensor(), 300.0, seed)
+        run = simulate_drive(Plant(**REAL_EXTRAS), Sensor(), 300.0, seed)
         assert np.abs(run.truth[:, 1]).max() < 0.5 * arena.length
         assert np.abs(run.truth[:, 2]).max() < 0.5 * arena.width
         assert run.truth[:, 7].max() > 1.9
@@ -49,7 +48,7 @@ def test_the_driver_keeps_the_car_inside_and_uses_the_whole_steering() -> None:
 
 
 def test_a_drive_is_its_seed() -> None:
-    one, same, other = (drive(Plant(), Sensor(), 20.0, s) for s in (5, 5, 6))
+    one, same, other = (simulate_drive(Plant(), Sensor(), 20.0, s) for s in (5, 5, 6))
     np.testing.assert_array_equal(one.pose, same.pose)
     assert not np.allclose(one.command[: len(other.command)], other.command)
 
@@ -59,7 +58,7 @@ def test_a_car_without_throttle_only_loses_energy() -> None:
     start = np.tile([0.4, 2.0], (COMMAND_HZ * 4, 1))
     coast = np.tile([0.9, 0.0], (COMMAND_HZ * 10, 1))
     extras = {k: v for k, v in REAL_EXTRAS.items() if not k.startswith("rough")}
-    run = drive(Plant(**extras), QUIET, 14.0, 1, given=np.vstack([start, coast]))
+    run = simulate_drive(Plant(**extras), QUIET, 14.0, 1, given_commands=np.vstack([start, coast]))
     p = Plant()
     energy = 0.5 * p.mass * (run.truth[:, 4] ** 2 + run.truth[:, 5] ** 2) + 0.5 * p.inertia * run.truth[:, 6] ** 2
     rolling = energy[42:]
@@ -68,7 +67,7 @@ def test_a_car_without_throttle_only_loses_energy() -> None:
 
 
 def circle(plant: Plant, sensor: Sensor = QUIET, steer: float = 0.6) -> Drive:
-    return drive(plant, sensor, 20.0, 1, given=np.tile([steer, 2.0], (COMMAND_HZ * 20, 1)))
+    return simulate_drive(plant, sensor, 20.0, 1, given_commands=np.tile([steer, 2.0], (COMMAND_HZ * 20, 1)))
 
 
 BASE = Plant()
@@ -107,7 +106,7 @@ def test_every_switch_acts(name: str) -> None:
     commands[220:260] = [0.2, 0.3]  # a reference far below the speed
     commands[260:300] = [1.0, -0.4]
     one, other = (
-        drive(Plant(**change, slippery_patch_radius=50.0), QUIET, 20.0, 1, given=commands)
+        simulate_drive(Plant(**change, slippery_patch_radius=50.0), QUIET, 20.0, 1, given_commands=commands)
         for change in ({}, {name: ACTING[name]})
     )
     assert np.abs(one.truth[:, 1:7] - other.truth[:, 1:7]).max() > 1e-4
@@ -148,8 +147,8 @@ def test_a_latency_is_equal_delays_of_both_commands(tau: float) -> None:
     commands = np.tile([0.6, 2.0], (COMMAND_HZ * 20, 1))
     commands[:10] = 0.0
     commands[100:140] = [-1.5, 0.8]
-    late = drive(BASE, QUIET._replace(pose_latency=tau), 20.0, 1, given=commands)
-    slow = drive(Plant(steering_delay=tau, motor_delay=tau), QUIET, 20.0, 1, given=commands)
+    late = simulate_drive(BASE, QUIET._replace(pose_latency=tau), 20.0, 1, given_commands=commands)
+    slow = simulate_drive(Plant(steering_delay=tau, motor_delay=tau), QUIET, 20.0, 1, given_commands=commands)
     np.testing.assert_allclose(late.pose, slow.pose, atol=5e-6)
 
 
@@ -160,7 +159,8 @@ def test_a_steering_delay_is_that_long_at_the_rate_limit_too(tau: float) -> None
     for k, angle in enumerate([2.0, -2.0, 1.5, -1.0, 2.0, -2.0, 0.5, 1.9]):
         commands[10 + 45 * k : 55 + 45 * k, 0] = angle
     prompt, late = (
-        drive(Plant(steering_delay=delay), QUIET, 20.0, 1, given=commands).truth[:, 7] for delay in (0.0, tau)
+        simulate_drive(Plant(steering_delay=delay), QUIET, 20.0, 1, given_commands=commands).truth[:, 7]
+        for delay in (0.0, tau)
     )
     step = BASE.servo_rate * 0.1
     moves = np.diff(np.column_stack([prompt, late]), axis=0)
@@ -171,12 +171,12 @@ def test_a_steering_delay_is_that_long_at_the_rate_limit_too(tau: float) -> None
 
 
 def test_the_committed_logs_are_what_the_command_makes(tmp_path: Path, vehicle: Vehicle) -> None:
-    write_samples(tmp_path, 1)
+    write_sample_logs(tmp_path, 1)
     assert {p.name for p in tmp_path.iterdir()} == {p.name for p in SAMPLES.iterdir()}
     assert sum(p.stat().st_size for p in SAMPLES.rglob("*") if p.is_file()) < 12e6
     for take in TAKES:
         name = f"{take.name}.{'mcap' if take.format == 'mcap' else 'csv'}"
-        made, committed = (read_raw(folder / name, vehicle) for folder in (tmp_path, SAMPLES))
+        made, committed = (read_raw_take(folder / name, vehicle) for folder in (tmp_path, SAMPLES))
         for attribute in ("pose_time_s", "pose", "command_time_s", "command"):
             np.testing.assert_allclose(getattr(made, attribute), getattr(committed, attribute), atol=2e-6, rtol=0)
         truth = [read_columns(folder / "truth" / f"{take.name}.parquet", TRUTH_UNITS) for folder in (tmp_path, SAMPLES)]
@@ -192,4 +192,4 @@ def test_training_is_long_enough() -> None:
 
 
 def test_motive_export_names_its_format(vehicle: Vehicle) -> None:
-    assert read_poses(SAMPLES / "validation.csv", vehicle).rate_hz == 60.0
+    assert read_motive_poses(SAMPLES / "validation.csv", vehicle).rate_hz == 60.0

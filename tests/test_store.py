@@ -12,13 +12,14 @@ from pathlib import Path
 from threading import Event
 
 import pytest
+from making import clear_source_caches
 
 from bcid.errors import DiskFull
 from bcid.files import source_code as code_module
-from bcid.files.source_code import Code, closure, code_of
+from bcid.files.source_code import StageCode, import_closure, stage_code
 from bcid.store.artifact import Recipe, Store, is_whole
 
-CODE = Code("c0de", {"numpy": "2"})
+CODE = StageCode("c0de", {"numpy": "2"})
 
 
 def recipe(**changes: object) -> Recipe:
@@ -42,7 +43,7 @@ def never(folder: Path) -> None:
     "changes",
     [
         {"stage": "tune"}, {"inputs": {"a": "2"}}, {"settings": {"epochs": 4}}, {"seed": 2},
-        {"code": Code("other", {"numpy": "2"})}, {"code": Code("c0de", {"numpy": "3"})},
+        {"code": StageCode("other", {"numpy": "2"})}, {"code": StageCode("c0de", {"numpy": "3"})},
     ],
 )  # fmt: skip
 def test_every_part_of_a_recipe_is_in_its_key(changes: dict[str, object]) -> None:
@@ -52,9 +53,9 @@ def test_every_part_of_a_recipe_is_in_its_key(changes: dict[str, object]) -> Non
 
 def test_an_artifact_is_made_once(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    first = store.get(recipe(), maker())
+    first = store.get_or_make(recipe(), maker())
     assert not first.reused
-    again = store.get(recipe(), never)
+    again = store.get_or_make(recipe(), never)
     assert again.reused
     assert (again.folder / "sub" / "data.txt").read_text() == "x"
     manifest = json.loads((again.folder / "manifest.json").read_text())
@@ -69,15 +70,15 @@ def test_a_stage_that_fails_leaves_nothing(tmp_path: Path) -> None:
 
     store = Store(tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        store.get(recipe(), fails)
+        store.get_or_make(recipe(), fails)
     assert [p for p in tmp_path.rglob("*") if p.is_file() and p.suffix != ".lock"] == []
-    assert not store.get(recipe(), maker()).reused
+    assert not store.get_or_make(recipe(), maker()).reused
 
 
 @pytest.mark.parametrize("damage", ["flip", "remove", "manifest", "add key"])
 def test_damage_is_noticed_and_made_good(damage: str, tmp_path: Path) -> None:
     store = Store(tmp_path)
-    folder = store.get(recipe(), maker()).folder
+    folder = store.get_or_make(recipe(), maker()).folder
     target = folder / "sub" / "data.txt"
     if damage == "flip":
         target.write_bytes(bytes([target.read_bytes()[0] ^ 1]))
@@ -88,15 +89,15 @@ def test_damage_is_noticed_and_made_good(damage: str, tmp_path: Path) -> None:
     else:
         manifest = json.loads((folder / "manifest.json").read_text())
         (folder / "manifest.json").write_text(json.dumps({**manifest, "seed": 7}))
-    again = store.get(recipe(), maker())
+    again = store.get_or_make(recipe(), maker())
     assert not again.reused
     assert target.read_text() == "x"
-    assert store.get(recipe(), never).reused
+    assert store.get_or_make(recipe(), never).reused
 
 
 def test_the_closure_reaches_what_is_called_from_afar() -> None:
     """The fit of a kinematic model runs the steering law, which it imports only through others."""
-    modules = closure(["bcid.models.kinematic.k_mlp"])
+    modules = import_closure(["bcid.models.kinematic.k_mlp"])
     assert {
         "bcid.physics.steering",
         "bcid.physics.kinematics",
@@ -117,27 +118,27 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (root / "bcid" / "far.py").write_text("from bcid import law\nimport numpy\n\ndef f():\n    return law.g()\n")
     (root / "bcid" / "law.py").write_text("def g():\n    return 1  # one\n")
     monkeypatch.setattr(code_module, "_ROOT", root)
-    code_module.forget()
+    clear_source_caches()
     yield root / "bcid"
-    code_module.forget()
+    clear_source_caches()
 
 
 def test_editing_a_callee_changes_the_code_and_a_comment_does_not(package: Path) -> None:
-    before = code_of("bcid.stage")
+    before = stage_code("bcid.stage")
     assert "numpy" in before.packages
-    code_module.forget()
+    clear_source_caches()
     (package / "law.py").write_text("def g():\n    return 1  # still one\n")
-    assert code_of("bcid.stage") == before
-    code_module.forget()
+    assert stage_code("bcid.stage") == before
+    clear_source_caches()
     (package / "law.py").write_text("def g():\n    return 2\n")
-    assert code_of("bcid.stage").digest != before.digest
+    assert stage_code("bcid.stage").digest != before.digest
 
 
 def test_a_template_beside_a_package_is_part_of_its_code(package: Path) -> None:
-    before = code_of("bcid.stage")
-    code_module.forget()
+    before = stage_code("bcid.stage")
+    clear_source_caches()
     (package / "page.html.j2").write_text("<p>")
-    assert code_of("bcid.stage").digest != before.digest
+    assert stage_code("bcid.stage").digest != before.digest
 
 
 def test_the_second_of_two_runs_waits_and_uses_what_the_first_made(tmp_path: Path) -> None:
@@ -150,9 +151,9 @@ def test_the_second_of_two_runs_waits_and_uses_what_the_first_made(tmp_path: Pat
         maker("first")(folder)
 
     with ThreadPoolExecutor(2) as pool:
-        first = pool.submit(Store(tmp_path).get, recipe(), slowly)
+        first = pool.submit(Store(tmp_path).get_or_make, recipe(), slowly)
         assert begun.wait(20.0)
-        second = pool.submit(Store(tmp_path, told.set).get, recipe(), never)
+        second = pool.submit(Store(tmp_path, told.set).get_or_make, recipe(), never)
         assert told.wait(20.0)
         may_end.set()
         assert not first.result(20.0).reused
@@ -162,21 +163,21 @@ def test_the_second_of_two_runs_waits_and_uses_what_the_first_made(tmp_path: Pat
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "x"), RuntimeError(f"I/O error: {os.strerror(errno.EFBIG)}")])
 def test_a_full_disk_is_told_as_such_and_costs_nothing_that_is_finished(error: Exception, tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.get(recipe(), maker())
+    store.get_or_make(recipe(), maker())
 
     def fails(folder: Path) -> None:
         (folder / "half.txt").write_text("half")
         raise error
 
     with pytest.raises(DiskFull, match="run again"):
-        store.get(recipe(stage="tune"), fails)
-    assert store.get(recipe(), never).reused
-    assert not store.get(recipe(stage="tune"), maker()).reused
+        store.get_or_make(recipe(stage="tune"), fails)
+    assert store.get_or_make(recipe(), never).reused
+    assert not store.get_or_make(recipe(stage="tune"), maker()).reused
 
 
 def test_every_flipped_bit_of_an_artifact_is_noticed(tmp_path: Path) -> None:
     """Each bit of a small artifact's files, its manifest's among them."""
-    folder = Store(tmp_path).get(recipe(), maker("abc")).folder
+    folder = Store(tmp_path).get_or_make(recipe(), maker("abc")).folder
     for path in (folder / "sub" / "data.txt", folder / "manifest.json"):
         whole = path.read_bytes()
         for bit in range(8 * len(whole)):
@@ -192,5 +193,5 @@ def test_what_killed_runs_left_is_swept(tmp_path: Path) -> None:
     left = tmp_path / ".unfinished" / "fit-old"
     left.mkdir(parents=True)
     os.utime(left, (time.time() - 1e6, time.time() - 1e6))
-    Store(tmp_path).get(recipe(), maker())
+    Store(tmp_path).get_or_make(recipe(), maker())
     assert not left.exists()

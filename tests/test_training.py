@@ -12,32 +12,32 @@ import torch
 
 from bcid.estimate.types import Estimate
 from bcid.models import published
-from bcid.models.fitting.windows import Windows, scale, windows
+from bcid.models.fitting.windows import Windows, cut_windows, inverse_spread
 from bcid.models.interface import FitTask, history_at, rollout
 from bcid.models.kinematic.k_mlp import KMlp
 from bcid.models.kinematic.k_sindy_mlp import KSindyMlp
-from bcid.models.kinematic.library import SLIP, theta_table
-from bcid.models.kinematic.torch_rollout import sparse_sums, unrolled, with_servo
-from bcid.models.network.mlp import Weights, from_arrays
-from bcid.models.network.narx_mlp import LAGS, NarxMlp, _unrolled
+from bcid.models.kinematic.library import SLIP_TERMS, theta_matrix
+from bcid.models.kinematic.torch_rollout import build_f_sindy, build_kinematic_rollout, simulate_steering
+from bcid.models.network.mlp import MlpWeights, weights_from_arrays
+from bcid.models.network.narx_mlp import LAGS, NarxMlp, _rollout_in_torch
 from bcid.models.network.training import Network
-from bcid.models.table import row_of
+from bcid.models.table import model_row
 from bcid.vehicle import Vehicle
 
-FRAME = published.k_sindy().frame
+FRAME = published.k_sindy().car
 SETTINGS: dict[str, Any] = {"epochs": 8, "learning_rate": 2e-3, "decay_epochs": 4, "hidden": [32, 16],
                             "rollout_epochs": 12, "rollout_learning_rate": 2e-3, "rollout_batch": 8}  # fmt: skip
 
 
-def weights(inputs: int, seed: int, y_mean: np.ndarray, y_sd: np.ndarray) -> Weights:
+def weights(inputs: int, seed: int, y_mean: np.ndarray, y_sd: np.ndarray) -> MlpWeights:
     rng = np.random.default_rng(seed)
     sizes = [inputs, 12, 8, 3]
     W1, W2, W3 = (rng.normal(0.0, n**-0.5, (n, m)).astype(np.float32) for n, m in itertools.pairwise(sizes))
     b1, b2, b3 = (rng.normal(0.0, 0.1, m).astype(np.float32) for m in sizes[1:])
-    return Weights(np.zeros(inputs), np.ones(inputs), W1, b1, W2, b2, W3, b3, y_mean, y_sd)
+    return MlpWeights(np.zeros(inputs), np.ones(inputs), W1, b1, W2, b2, W3, b3, y_mean, y_sd)
 
 
-def network(w: Weights) -> Network:
+def network(w: MlpWeights) -> Network:
     arrays = {name: torch.tensor(value, dtype=torch.float64) for name, value in w._asdict().items()}
 
     def of(x: torch.Tensor) -> torch.Tensor:
@@ -55,8 +55,8 @@ def tensors(taken: Windows) -> list[torch.Tensor]:
 def test_a_kinematic_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
     w = weights(6, 1, np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))
     model, take = KMlp(w, FRAME, {}), estimates[0]
-    taken = with_servo(windows([take], 20, 40), FRAME)
-    found = unrolled(FRAME, lambda net, x: net(x))(network(w), *tensors(taken)).numpy()
+    taken = simulate_steering(cut_windows([take], 20, 40), FRAME)
+    found = build_kinematic_rollout(FRAME, lambda net, x: net(x))(network(w), *tensors(taken)).numpy()
     for b, start in enumerate(range(0, len(take) - 20, 40)):
         driven = rollout(model, history_at(take, start, 0), take.command[start : start + 20])
         np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
@@ -67,9 +67,9 @@ def test_a_dissipative_rollout_is_the_compiled_one(estimates: list[Estimate]) ->
     w = weights(6, 3, np.array([0.2, 0.0, 0.0]), np.array([0.05, 0.02, 0.02]))
     sindy, take = published.k_sindy(), estimates[0]
     coasting = replace(take, command=take.command * [1.0, 0.0])
-    model, sums = KSindyMlp(sindy, w, {}, True), sparse_sums(sindy.sparse, FRAME)
-    taken = with_servo(windows([coasting], 20, 40), FRAME)
-    run = unrolled(FRAME, lambda net, x: sums(x.float()).double() + net(x), dissipative=True)
+    model, sums = KSindyMlp(sindy, w, {}, True), build_f_sindy(sindy.sparse, FRAME)
+    taken = simulate_steering(cut_windows([coasting], 20, 40), FRAME)
+    run = build_kinematic_rollout(FRAME, lambda net, x: sums(x.float()).double() + net(x), dissipative=True)
     found = run(network(w), *tensors(taken)).numpy()
     for b, start in enumerate(range(0, len(take) - 20, 40)):
         driven = rollout(model, history_at(coasting, start, 0), coasting.command[start : start + 20])
@@ -79,7 +79,7 @@ def test_a_dissipative_rollout_is_the_compiled_one(estimates: list[Estimate]) ->
 def test_an_autoregressive_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
     w = weights(15, 2, np.array([1.0, 0.0, 0.05]), np.array([0.3, 0.2, 0.1]))
     model, take = NarxMlp(w, 0.1, {}), estimates[0]
-    found = _unrolled(network(w), *tensors(windows([take], 20, 40, LAGS))).numpy()
+    found = _rollout_in_torch(network(w), *tensors(cut_windows([take], 20, 40, LAGS))).numpy()
     for b, start in enumerate(range(LAGS, len(take) - 20, 40)):
         driven = rollout(model, history_at(take, start, LAGS), take.command[start : start + 20])
         np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
@@ -89,23 +89,23 @@ def test_sparse_sums_in_torch_are_the_compiled_ones() -> None:
     rng = np.random.default_rng(0)
     x = rng.uniform([0.0, -1.0, -0.5, -1.9, -1.9, -1.0], [2.0, 1.0, 0.5, 1.9, 1.9, 2.0], (50, 6))
     sparse = published.k_sindy().sparse
-    found = sparse_sums(sparse, FRAME)(torch.tensor(x, dtype=torch.float32)).numpy()
-    columns = ((sparse.xi_v, sparse.speed), (sparse.xi_f, SLIP), (sparse.xi_r, SLIP))
+    found = build_f_sindy(sparse, FRAME)(torch.tensor(x, dtype=torch.float32)).numpy()
+    columns = ((sparse.xi_v, sparse.speed), (sparse.xi_f, SLIP_TERMS), (sparse.xi_r, SLIP_TERMS))
     for column, (xi, terms) in zip(found.T, columns, strict=True):
-        np.testing.assert_allclose(column, theta_table(x, terms, FRAME) @ xi, atol=1e-5)
+        np.testing.assert_allclose(column, theta_matrix(x, terms, FRAME) @ xi, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["k-mlp", "narx-mlp", "k-sindy-mlp"])
 def test_rollouts_lower_what_is_reported(name: str, estimates: list[Estimate], vehicle: Vehicle) -> None:
     """The multi-step error of the training takes, from the same seed."""
-    row, errors = row_of(name), []
+    row, errors = model_row(name), []
     base = None
     if row.base:
-        base = row_of(row.base).load().fit(FitTask(estimates, vehicle, row_of(row.base).defaults, 1))
-    weight = scale(np.concatenate([e.twist for e in estimates]))
+        base = model_row(row.base).load_class().fit(FitTask(estimates, vehicle, model_row(row.base).defaults, 1))
+    weight = inverse_spread(np.concatenate([e.twist for e in estimates]))
     for loss in ("one-step", "rollout"):
         task = FitTask(estimates, vehicle, {**row.defaults, **SETTINGS, "loss": loss}, 1, base)
-        model = row.load().fit(task)
+        model = row.load_class().fit(task)
         off = [
             rollout(model, history_at(e, k, model.lags), e.command[k : k + 20]) - e.twist[k : k + 21]
             for e in estimates
@@ -121,8 +121,8 @@ def test_layers_that_make_no_network_are_refused(name: str, other: tuple[int, ..
     sizes = {"x_mean": (6,), "x_sd": (6,), "W1": (6, 128), "b1": (128,), "W2": (128, 64), "b2": (64,), "W3": (64, 3),
              "b3": (3,), "y_mean": (3,), "y_sd": (3,)}  # fmt: skip
     arrays = {key: np.ones(shape, np.float32) for key, shape in sizes.items()}
-    assert from_arrays(arrays, 6).W2.shape == (128, 64)
+    assert weights_from_arrays(arrays, 6).W2.shape == (128, 64)
     with pytest.raises(ValueError, match="do not make a network of 6 inputs"):
-        from_arrays(arrays | {name: np.ones(other, np.float32)}, 6)
+        weights_from_arrays(arrays | {name: np.ones(other, np.float32)}, 6)
     with pytest.raises(ValueError, match="15 inputs"):
-        from_arrays(arrays, 15)
+        weights_from_arrays(arrays, 15)

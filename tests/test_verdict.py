@@ -9,41 +9,45 @@ import numpy as np
 import pytest
 
 from bcid.diagnosis.judge import verdict
-from bcid.diagnosis.judge.held_out import Gain
-from bcid.diagnosis.judge.verdict import Finding, _passes, _probability, _twins
-from bcid.diagnosis.search.screen import Candidate, Nulls
+from bcid.diagnosis.judge.held_out import HeldOutGain
+from bcid.diagnosis.judge.verdict import Finding, _finding_probability, _indistinguishable_effects, _passes_gates
+from bcid.diagnosis.search.screen import CandidateEffect, NullGains
 from bcid.effects.table import EFFECTS, ENTRIES
-from bcid.likelihood.score_test import level
+from bcid.likelihood.score_test import null_quantile
 
 SEGMENTS = 80
 TAKE: Any = SimpleNamespace(T=120.0)
 
 
-def fit(bic: float, *effects: str, per_segment: float = 0.0) -> Any:
+def fit(penalised_log_likelihood: float, *effects: str, per_segment: float = 0.0) -> Any:
     hypothesis = SimpleNamespace(effects=effects, entries=ENTRIES, assumed=())
-    return SimpleNamespace(hypothesis=hypothesis, bic=bic, per_segment=np.full(SEGMENTS, per_segment))
+    return SimpleNamespace(
+        hypothesis=hypothesis,
+        penalised_log_likelihood=penalised_log_likelihood,
+        per_segment=np.full(SEGMENTS, per_segment),
+    )
 
 
 def search(best: Any, without: dict[str, Any], *others: Any, placebo: float = 2.0) -> Any:
-    chance = Nulls(0.001, 14.0, 12.0, [Candidate("rear_toe", [0.01], placebo)])
-    return SimpleNamespace(best=best, without=without, others=others, nulls=chance, corrected=fit(0.0))
+    chance = NullGains(0.001, 14.0, 12.0, [CandidateEffect("rear_toe", [0.01], placebo)])
+    return SimpleNamespace(best=best, leave_one_out=without, rivals=others, nulls=chance, corrected=fit(0.0))
 
 
 def test_a_second_effect_is_as_probable_as_its_own_gain_makes_it() -> None:
     """A strong first effect lends nothing to a weak second one."""
     best = fit(1000.0, "yaw_scrub", "rear_toe")
     found = search(best, {"yaw_scrub": fit(20.0, "rear_toe"), "rear_toe": fit(999.0, "yaw_scrub")})
-    assert _probability(found, "yaw_scrub") > 0.99
-    assert _probability(found, "rear_toe") < 0.63
+    assert _finding_probability(found, "yaw_scrub") > 0.99
+    assert _finding_probability(found, "rear_toe") < 0.63
 
 
 def test_a_rival_that_explains_as_much_halves_the_probability_and_is_a_twin() -> None:
     best, other = fit(1000.0, "yaw_scrub"), fit(999.9, "quadratic_drag")
     found = search(best, {"yaw_scrub": fit(0.0)}, other)
-    assert _twins(best, found, TAKE, "yaw_scrub") == ("quadratic_drag",)
-    assert _probability(found, "yaw_scrub") == pytest.approx(0.5, abs=0.03)
+    assert _indistinguishable_effects(best, found, TAKE, "yaw_scrub") == ("quadratic_drag",)
+    assert _finding_probability(found, "yaw_scrub") == pytest.approx(0.5, abs=0.03)
     behind = fit(900.0, "quadratic_drag", per_segment=-100.0 / SEGMENTS)
-    assert _twins(best, search(best, {}, behind), TAKE, "yaw_scrub") == ()
+    assert _indistinguishable_effects(best, search(best, {}, behind), TAKE, "yaw_scrub") == ()
 
 
 @pytest.mark.parametrize(
@@ -62,10 +66,10 @@ def test_gates(
 ) -> None:
     parameters = EFFECTS[effect].parameters
     values = {p.symbol: (value if i == 0 else 1.0, 0.1) for i, p in enumerate(parameters)}
-    finding = Finding(effect, (), 0.9, values, gain, Gain(*heldout))
-    assert _passes(finding, search(fit(1000.0, effect), {})) is passes
+    finding = Finding(effect, (), 0.9, values, gain, HeldOutGain(*heldout))
+    assert _passes_gates(finding, search(fit(1000.0, effect), {})) is passes
     above_all = search(fit(1000.0, effect), {}, placebo=150.0)
-    assert not _passes(finding, above_all)
+    assert not _passes_gates(finding, above_all)
 
 
 def test_what_is_told_in_the_end_is_where_no_range_ends(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,22 +81,24 @@ def test_what_is_told_in_the_end_is_where_no_range_ends(monkeypatch: pytest.Monk
     gone = list[tuple[tuple[str, ...], tuple[str, ...]]]()
 
     def found(best: Any) -> Any:
-        seen = search(best, {n: fit(best.bic - sizes[n]) for n in best.hypothesis.effects})
+        seen = search(best, {n: fit(best.penalised_log_likelihood - sizes[n]) for n in best.hypothesis.effects})
         seen.base = fit(0.0)
         seen.corrected = seen.base
-        seen.reduced = lambda rest, take, standing_in, at_ends: gone.append((standing_in, at_ends)) or found(rest)
+        seen.reduce_to = lambda rest, take, standing_in, at_ends: gone.append((standing_in, at_ends)) or found(rest)
         return seen
 
     def seen(found: Any, take: Any) -> list[Finding]:
-        return [Finding(n, (), 0.9, {}, sizes[n], Gain(9.0, (1.0, 9.0))) for n in found.best.hypothesis.effects]
+        return [Finding(n, (), 0.9, {}, sizes[n], HeldOutGain(9.0, (1.0, 9.0))) for n in found.best.hypothesis.effects]
 
-    monkeypatch.setattr(verdict, "_findings", seen)
-    monkeypatch.setattr(verdict, "_passes", lambda *_: True)
-    monkeypatch.setattr(verdict, "stand_ins", lambda *_: ())
-    monkeypatch.setattr(verdict, "refit_with", lambda best, take, effects: fit(sum(map(sizes.get, effects)), *effects))
-    monkeypatch.setattr(verdict, "incredible", lambda fit, take: ends.get(fit.hypothesis.effects, ()))
-    monkeypatch.setattr(verdict, "Left", SimpleNamespace(of=lambda *_: None))
-    told = verdict.judged(found(fit(160.0, *sizes)), TAKE)
+    monkeypatch.setattr(verdict, "_collect_findings", seen)
+    monkeypatch.setattr(verdict, "_passes_gates", lambda *_: True)
+    monkeypatch.setattr(verdict, "find_proxies", lambda *_: ())
+    monkeypatch.setattr(
+        verdict.refits, "refit_with_effects", lambda best, take, effects: fit(sum(map(sizes.get, effects)), *effects)
+    )
+    monkeypatch.setattr(verdict.refits, "effects_at_bounds", lambda fit, take: ends.get(fit.hypothesis.effects, ()))
+    monkeypatch.setattr(verdict, "RemainingMismatch", SimpleNamespace(beside=lambda *_: None))
+    told = verdict.judge_search(found(fit(160.0, *sizes)), TAKE)
     assert told.dropped == ("marker_offset", "mass_change")
     assert gone == [((), ("marker_offset",)), ((), ("mass_change",))]  # which tells nothing of what stands in
     assert [f.effect for f in told.findings] == ["yaw_scrub"]
@@ -103,7 +109,7 @@ def test_a_level_is_met_as_rarely_as_it_says() -> None:
     rng = np.random.default_rng(0)
     known = 0.5 * (rng.standard_normal((999, 60)) ** 2).max(axis=1)
     many = 0.5 * (rng.standard_normal((200_000, 60)) ** 2).max(axis=1)
-    rate = float(np.mean(many > level(known, 1e-3)))
+    rate = float(np.mean(many > null_quantile(known, 1e-3)))
     assert 2e-4 < rate < 2e-3
 
 
@@ -114,12 +120,12 @@ def test_units_are_told_as_the_specification_has_them() -> None:
         "friction_circle": "–", "load_transfer": "s²/m", "steering_speed_gain": "s/m", "motor_dead_zone": "m/s",
     }  # fmt: skip
     for name, unit in told.items():
-        assert EFFECTS[name].parameters[0].quoted(1.0, 0.1).unit == unit
+        assert EFFECTS[name].parameters[0].quote(1.0, 0.1).unit == unit
 
 
 def test_a_power_limit_is_told_as_a_power() -> None:
     """1/P = 0.005 +- 0.0005 is P = 200 +- 20 W."""
-    quoted = EFFECTS["motor_power_limit"].parameters[0].quoted(0.005, 0.0005)
+    quoted = EFFECTS["motor_power_limit"].parameters[0].quote(0.005, 0.0005)
     assert (quoted.symbol, quoted.unit) == ("P", "W")
     assert quoted.value == pytest.approx(200.0)
     assert quoted.se == pytest.approx(20.0)

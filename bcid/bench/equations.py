@@ -1,9 +1,7 @@
-"""The Newton-Euler car written once more for the peers: for numpy, torch and casadi alike.
+"""The Newton-Euler car written once more for the peers: one text for numpy, torch and casadi.
 
 No code is shared with `bcid.physics`: that the peers agree with it is a check of both.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -11,33 +9,36 @@ from typing import Any, NamedTuple
 from bcid.physics.car import Car
 
 
-class Functions(NamedTuple):
-    """What a library calls its elementary functions."""
+class ElementaryFunctions(NamedTuple):
+    """The elementary functions of one library."""
 
     sin: Callable[[Any], Any]
     cos: Callable[[Any], Any]
     arctan: Callable[[Any], Any]
-    least: Callable[[Any, Any], Any]
-    greatest: Callable[[Any, Any], Any]
-    size: Callable[[Any], Any]
+    minimum: Callable[[Any, Any], Any]
+    maximum: Callable[[Any, Any], Any]
+    absolute: Callable[[Any], Any]
     where: Callable[[Any, Any, Any], Any]
 
 
-def rate(state: Any, u_s: Any, u_m: Any, p: Car, f: Functions) -> tuple[Any, Any, Any, Any]:
-    """[v_x, v_y, w, delta]' of a car whose throttle sets a speed."""
+def state_rate(state: Any, u_s: Any, u_m: Any, p: Car, f: ElementaryFunctions) -> tuple[Any, Any, Any, Any]:
+    """Time derivative of [v_x, v_y, omega, delta] of the Newton-Euler car `p` under u_s (rad) and u_m (m/s).
+
+    The state may be numbers, arrays or symbols of any library whose elementary functions are given as `f`.
+    """
     v_x, v_y, omega, delta = state
     s, c = f.sin(delta), f.cos(delta)
     across = v_y + p.l_f * omega
     v_fx, v_fy = c * v_x + s * across, c * across - s * v_x
 
     def within(x: Any, low: Any, high: Any) -> Any:
-        return f.least(f.greatest(x, low), high)
+        return f.minimum(f.maximum(x, low), high)
 
     def side(along: Any, v: Any, stiffness: float, most: float) -> Any:
-        return within(-stiffness * f.arctan(v / f.greatest(f.size(along), p.v_0)), -most, most)
+        return within(-stiffness * f.arctan(v / f.maximum(f.absolute(along), p.v_0)), -most, most)
 
     pulls, brakes = within(p.K_t * (u_m - v_fx), 0.0, p.F_m_max), within(u_m * p.K_b * v_fx, -p.F_m_max, p.F_m_max)
-    along = f.where(u_m >= 0.0, pulls, brakes) - p.R_1 * v_fx - p.R_2 * v_fx * f.size(v_fx)
+    along = f.where(u_m >= 0.0, pulls, brakes) - p.R_1 * v_fx - p.R_2 * v_fx * f.absolute(v_fx)
     front, rear = side(v_fx, v_fy, p.C_f, p.F_f_max), side(v_x, v_y - p.l_r * omega, p.C_r, p.F_r_max)
     at_front = s * along + c * front
     return (
@@ -46,14 +47,16 @@ def rate(state: Any, u_s: Any, u_m: Any, p: Car, f: Functions) -> tuple[Any, Any
     )  # fmt: skip
 
 
-def advance(state: tuple[Any, ...], u_s: Any, u_m: Any, p: Car, period: float, f: Functions) -> tuple[Any, ...]:
-    """One period in two RK4 substeps."""
+def advance_period(
+    state: tuple[Any, ...], u_s: Any, u_m: Any, p: Car, period: float, f: ElementaryFunctions
+) -> tuple[Any, ...]:
+    """The state [v_x, v_y, omega, delta] of the car `p` after `period` (s), by two RK4 steps of `state_rate`."""
     h = 0.5 * period
     for _ in range(2):
-        k1 = rate(state, u_s, u_m, p, f)
-        k2 = rate([x + 0.5 * h * k for x, k in zip(state, k1, strict=True)], u_s, u_m, p, f)
-        k3 = rate([x + 0.5 * h * k for x, k in zip(state, k2, strict=True)], u_s, u_m, p, f)
-        k4 = rate([x + h * k for x, k in zip(state, k3, strict=True)], u_s, u_m, p, f)
+        k1 = state_rate(state, u_s, u_m, p, f)
+        k2 = state_rate([x + 0.5 * h * k for x, k in zip(state, k1, strict=True)], u_s, u_m, p, f)
+        k3 = state_rate([x + 0.5 * h * k for x, k in zip(state, k2, strict=True)], u_s, u_m, p, f)
+        k4 = state_rate([x + h * k for x, k in zip(state, k3, strict=True)], u_s, u_m, p, f)
         state = tuple(
             x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d) for x, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
         )

@@ -1,76 +1,81 @@
-"""Fits, filters and training against deap, filterpy and torch's DataLoader."""
-
-from __future__ import annotations
+"""Times of fits, filters and training beside those of deap, filterpy and torch's DataLoader."""
 
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
-from bcid.bench.timing import Row, compared
-from bcid.estimate import kernel, reference
-from bcid.estimate.events import timeline
+from bcid.bench.limits import SPEED
+from bcid.bench.timing import Timing, time_against_peers
+from bcid.estimate import kernel
+from bcid.estimate.events import build_chassis, build_timeline
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.models.interface import FitTask
-from bcid.models.network.training import epoch, network, optimiser
+from bcid.models.network.training import build_adam, build_perceptron, train_epoch
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.settings import NewtonEulerSettings, TrainingSettings
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
-from bcid.simulation.drive import drive
-from bcid.virtual_lab import TUNING, recorded, vehicle
+from bcid.simulation.drive import simulate_drive
+from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
 HOUR_S = 3600.0
-FILTERED_S = 20.0  # of poses that both filters go through
-SAMPLES = 36_000
+FILTERED_S = 20.0  # s of poses that both filters work on
+SAMPLES = 36_000  # of an hour at 10 Hz
 
 
-def hour(seed: int = 1, seconds: float = HOUR_S) -> Estimate:
-    """A simulated hour at 10 Hz as the smoother gives it."""
-    of = vehicle()
-    return estimate_motion(recorded(drive(Plant(**REAL_EXTRAS), Sensor(), seconds, seed), 60.0, of), of, TUNING)
+def simulate_motion(seed: int = 1, seconds: float = HOUR_S) -> Estimate:
+    """The smoothed motion of a simulated drive of `seconds`, estimated at 10 Hz."""
+    vehicle, drive = simulated_vehicle(), simulate_drive(Plant(**REAL_EXTRAS), Sensor(), seconds, seed)
+    return estimate_motion(record_drive(drive, 60.0, vehicle), vehicle, TUNING)
 
 
-def white_box(repeats: int) -> Iterator[Row]:
-    """Least squares from several starts against a hundred generations on the same objective, once each.
+def time_white_box_fit(repeats: int) -> Iterator[Timing]:
+    """Time a Newton-Euler fit by least squares against one by deap's genetic algorithm, once each whatever `repeats`.
 
-    `difference` is by how much the least squares' NMSE is above the genetic algorithm's: not at all where negative.
+    The timing's `difference` is NMSE of least squares / NMSE of the genetic algorithm - 1.
     """
-    take, of = hour(), vehicle()
+    take, vehicle = simulate_motion(), simulated_vehicle()
     settings = NewtonEulerSettings().model_dump()
     small = settings | {"generations": 1, "starts": 1, "population": 10}
-    found: dict[str, tuple[float, float]] = {}
-    for way in ("levenberg-marquardt", "genetic"):
-        NewtonEuler.fit(FitTask([hour(2, 60.0)], of, small | {"optimiser": way}, 1))  # compiles and imports
+    results: dict[str, tuple[float, float]] = {}
+    for optimiser in ("levenberg-marquardt", "genetic"):
+        # a small fit compiles and imports first
+        NewtonEuler.fit(FitTask([simulate_motion(2, 60.0)], vehicle, small | {"optimiser": optimiser}, 1))
         begin = time.perf_counter()
-        model = NewtonEuler.fit(FitTask([take], of, settings | {"optimiser": way}, 1))
-        found[way] = 1e3 * (time.perf_counter() - begin), model.facts["nmse"]
-    (ours, mine), (peer, theirs) = found["levenberg-marquardt"], found["genetic"]
-    yield Row("fit newton-euler, an hour", "deap, 100 generations", ours, peer, 30.0, mine / theirs - 1.0, 0.0)
+        model = NewtonEuler.fit(FitTask([take], vehicle, settings | {"optimiser": optimiser}, 1))
+        results[optimiser] = 1e3 * (time.perf_counter() - begin), model.facts["nmse"]
+    (ours, our_nmse), (peer, peer_nmse) = results["levenberg-marquardt"], results["genetic"]
+    yield Timing(
+        "fit newton-euler, an hour", "deap, 100 generations", ours, peer, SPEED.deap_fit, our_nmse / peer_nmse - 1.0,
+        SPEED.max_nmse_excess,
+    )  # fmt: skip
 
 
-def filters(repeats: int) -> Iterator[Row]:
-    """The extended Kalman filter and its smoother."""
-    of = vehicle()
-    recording = recorded(drive(Plant(**REAL_EXTRAS), Sensor(dropouts_per_minute=0.0), FILTERED_S, 1), 60.0, of)
-    events = timeline(recording, of, 0.1, 0.3, TUNING.T_s, TUNING.d).events
-    chassis, Q, R = TUNING.chassis(of), TUNING.noise.Q(), TUNING.noise.R()
-    ours, theirs = (engine.run_filter(events, chassis, Q, R) for engine in (kernel, reference))
+def time_filters(repeats: int) -> Iterator[Timing]:
+    """Time the compiled extended Kalman filter and its smoother against filterpy's on the same poses."""
+    from bcid.estimate import reference
+
+    vehicle = simulated_vehicle()
+    drive = simulate_drive(Plant(**REAL_EXTRAS), Sensor(dropouts_per_minute=0.0), FILTERED_S, 1)
+    T_s, d, noise = TUNING.T_s, TUNING.d, TUNING.noise
+    events = build_timeline(record_drive(drive, 60.0, vehicle), vehicle, 0.1, 0.3, T_s, d).events
+    task = events, build_chassis(vehicle, T_s, d), noise.Q(), noise.R()
+    ours, theirs = kernel.run_filter(*task), reference.run_filter(*task)
     off = float(np.abs(ours.x - theirs.x).max())
-    yield from compared(
-        "EKF", lambda: kernel.run_filter(events, chassis, Q, R),
-        {"filterpy": (lambda: reference.run_filter(events, chassis, Q, R), 50.0, off)}, repeats,
-    )  # fmt: skip
-    smooth = [engine.run_smoother(ours, events.restart)[0] for engine in (kernel, reference)]
-    apart = float(np.abs(smooth[0] - smooth[1]).max())
-    yield from compared(
-        "RTS smoother", lambda: kernel.run_smoother(ours, events.restart),
-        {"filterpy": (lambda: reference.run_smoother(ours, events.restart), 20.0, apart)}, repeats,
-    )  # fmt: skip
+    peer = partial(reference.run_filter, *task), SPEED.filterpy_filter, off
+    yield from time_against_peers("EKF", partial(kernel.run_filter, *task), {"filterpy": peer}, repeats)
+    smooth = ours, events.restart
+    off = float(np.abs(kernel.run_smoother(*smooth)[0] - reference.run_smoother(*smooth)[0]).max())
+    smoother_peer = partial(reference.run_smoother, *smooth), SPEED.filterpy_smoother, off
+    yield from time_against_peers(
+        "RTS smoother", partial(kernel.run_smoother, *smooth), {"filterpy": smoother_peer}, repeats
+    )
 
 
-def training(repeats: int) -> Iterator[Row]:
-    """An epoch of a perceptron over an hour's samples."""
+def time_training_epoch(repeats: int) -> Iterator[Timing]:
+    """Time an epoch of training a perceptron on an hour's samples at 10 Hz against a loop over torch's DataLoader."""
     import torch
     from torch.utils.data import DataLoader, TensorDataset
 
@@ -78,8 +83,8 @@ def training(repeats: int) -> Iterator[Row]:
     settings = TrainingSettings()
     rng = np.random.default_rng(0)
     x, y = (torch.tensor(rng.standard_normal((SAMPLES, n)), dtype=torch.float32) for n in (6, 3))
-    ours, theirs = (network(6, settings, 3) for _ in range(2))
-    fused = optimiser(ours, settings)
+    ours, theirs = (build_perceptron(6, settings, 3) for _ in range(2))
+    fused = build_adam(ours, settings)
     batches = DataLoader(TensorDataset(x, y), batch_size=settings.batch_size, shuffle=True)
     plain = torch.optim.Adam(theirs.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
 
@@ -90,10 +95,6 @@ def training(repeats: int) -> Iterator[Row]:
             loss.backward()  # type: ignore[no-untyped-call]
             plain.step()
 
-    generator = torch.Generator().manual_seed(0)
-    peers = {"DataLoader loop": (loader_epoch, 1.5, None)}
-
-    def our_epoch() -> None:
-        epoch(ours, fused, x, y, settings.batch_size, generator)
-
-    yield from compared("training epoch 256-128", our_epoch, peers, max(3, repeats // 3))
+    peers = {"DataLoader loop": (loader_epoch, SPEED.data_loader_epoch, None)}
+    our_epoch = partial(train_epoch, ours, fused, x, y, settings.batch_size, torch.Generator().manual_seed(0))
+    yield from time_against_peers("training epoch 256-128", our_epoch, peers, max(3, repeats // 3))

@@ -1,6 +1,4 @@
-"""How often the constants of a simulated car lie in the intervals that a fit states of them."""
-
-from __future__ import annotations
+"""How often the constants of a simulated car lie in the intervals that a fit states for them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -10,66 +8,69 @@ from typing import Any
 import numba
 import numpy as np
 
+from bcid.bench.limits import RECOVERY
 from bcid.bench.run import SCHEMA
 from bcid.estimate.run import estimate_motion
-from bcid.models.fitting.block_covariance import TWO_SIDED
+from bcid.models.fitting.block_covariance import Z_95
 from bcid.models.interface import FitTask
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import identified
+from bcid.models.newton_euler.parameters import is_identified
 from bcid.models.settings import LOSSES, NewtonEulerSettings
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.drive import drive
-from bcid.virtual_lab import TUNING, recorded, vehicle
+from bcid.simulation.drive import simulate_drive
+from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
-TRUE = {
+PLANT_FIELDS = {
     "F_m_max": "motor_limit", "K_t": "motor_gain", "K_b": "brake_gain", "I_z": "inertia", "C_f": "front_stiffness",
     "C_r": "rear_stiffness", "F_f_max": "front_grip", "F_r_max": "rear_grip", "R_1": "rolling_drag",
 }  # fmt: skip
-"""The constants of the simulated car, by the symbols of the fitted one."""
-
-GOAL = (0.90, 0.98)  # of the 95 % intervals of the fit to poses
+"""Fields of the simulated car's plant, by the symbols of the fitted car."""
 
 
-def fitted(seed: int, seconds: float, losses: Sequence[str] = LOSSES) -> list[dict[str, Any]]:
-    """One take of the paper's car, all of which the model has, fitted by each loss: the errors of its constants."""
-    plant, of = Plant(), vehicle()
-    recording = recorded(drive(plant, Sensor(), seconds, seed), 60.0, of)
-    estimate, found = estimate_motion(recording, of, TUNING), []
+def fit_simulated_take(seed: int, seconds: float, losses: Sequence[str] = LOSSES) -> list[dict[str, Any]]:
+    """Fit a Newton-Euler car by each loss to one simulated take of the paper's car, whose constants are known.
+
+    Returns a row for each loss and constant, with its relative error `off` and the relative standard error stated.
+    """
+    plant, vehicle = Plant(), simulated_vehicle()
+    recording = record_drive(simulate_drive(plant, Sensor(), seconds, seed), 60.0, vehicle)
+    estimate, rows = estimate_motion(recording, vehicle, TUNING), []
     for loss in losses:
         settings = NewtonEulerSettings(loss=loss).model_dump()  # type: ignore[arg-type]
-        model = NewtonEuler.fit(FitTask([estimate], of, settings, seed, recordings=[recording]))
-        for symbol, name in TRUE.items():
-            if not identified(symbol, model.facts):
+        model = NewtonEuler.fit(FitTask([estimate], vehicle, settings, seed, recordings=[recording]))
+        for symbol, name in PLANT_FIELDS.items():
+            if not is_identified(symbol, model.facts):
                 continue
             off = getattr(model.car, symbol) / getattr(plant, name) - 1.0
             se = model.facts["fitted"][symbol]["relative_se"]
-            found.append({"loss": loss, "seed": seed, "symbol": symbol, "off": off, "relative_se": se})
-    return found
+            rows.append({"loss": loss, "seed": seed, "symbol": symbol, "off": off, "relative_se": se})
+    return rows
 
 
-def recovery(fits: int, seconds: float, seed: int, cores: int) -> Iterator[list[dict[str, Any]]]:
-    """`fitted` of so many takes, one after the other."""
+def fit_simulated_takes(fits: int, seconds: float, seed: int, cores: int) -> Iterator[list[dict[str, Any]]]:
+    """Yield the rows of `fit_simulated_take` for `fits` takes with consecutive seeds, computed by `cores` processes."""
     with ProcessPoolExecutor(cores, get_context("spawn"), numba.set_num_threads, (1,)) as pool:
-        yield from pool.map(fitted, range(seed, seed + fits), [seconds] * fits)
+        yield from pool.map(fit_simulated_take, range(seed, seed + fits), [seconds] * fits)
 
 
-def outcome(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> dict[str, Any]:
-    """The JSON: of each loss, how often the truth lies in the 95 % interval, the bias and the error, by constant."""
+def summarise_recovery(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> dict[str, Any]:
+    """The benchmark's JSON: for each loss and constant the coverage of its 95 % intervals, its bias and its error."""
     table = []
     for loss in dict.fromkeys(r["loss"] for r in rows):
         mine = [r for r in rows if r["loss"] == loss]
-        for symbol in ("all", *TRUE):
-            some = [r for r in mine if symbol in ("all", r["symbol"])]
-            off, se = np.array([r["off"] for r in some]), np.array([r["relative_se"] for r in some])
-            told = {"loss": loss, "symbol": symbol, "n": len(some)}
-            if some:
-                told |= {
-                    "covered": float((np.abs(off) <= TWO_SIDED * se).mean()),
+        for symbol in ("all", *PLANT_FIELDS):
+            chosen = [r for r in mine if symbol in ("all", r["symbol"])]
+            off, se = np.array([r["off"] for r in chosen]), np.array([r["relative_se"] for r in chosen])
+            row = {"loss": loss, "symbol": symbol, "n": len(chosen)}
+            if chosen:
+                row |= {
+                    "covered": float((np.abs(off) <= Z_95 * se).mean()),
                     "median_error": float(np.median(np.abs(off))),
                     "bias_in_errors": float(np.median(off / se)),
                     "rms_in_errors": float(np.sqrt(np.mean((off / se) ** 2))),
                 }
-            table.append(told)
-    held = next(r for r in table if (r["loss"], r["symbol"]) == ("poses", "all"))["covered"]
-    missed = [] if GOAL[0] <= held <= GOAL[1] else [f"95 % intervals hold {100 * held:.0f} %"]
+            table.append(row)
+    covered = next(r for r in table if (r["loss"], r["symbol"]) == ("poses", "all"))["covered"]
+    low, high = RECOVERY.coverage
+    missed = [] if low <= covered <= high else [f"95 % intervals hold {100 * covered:.0f} %"]
     return {"schema": SCHEMA, "what": "parameters", **about, "rows": table, "missed": missed}

@@ -1,49 +1,41 @@
-"""All rows of the benchmark, and its JSON."""
-
-from __future__ import annotations
+"""The table of what can be timed, and the JSON of the timings."""
 
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from bcid.bench import fits, rollouts
-from bcid.bench.timing import Row
+from bcid.bench.timing import Timing
 
 SCHEMA = "bcid.bench/1"
 PEERS = ("numpy", "casadi", "torch", "onnxruntime", "pysindy", "deepSI", "deap", "filterpy")
 
-PATHS: dict[str, Callable[[int], Iterator[Row]]] = {
-    "newton-euler": rollouts.newton_euler,
-    "newton-euler-many": rollouts.many_newton_eulers,
-    "perceptrons": rollouts.perceptrons,
-    "k-sindy": rollouts.sparse_sum,
-    "filters": fits.filters,
-    "training": fits.training,
-    "fit": fits.white_box,
+HOT_PATHS: dict[str, Callable[[int], Iterator[Timing]]] = {
+    "newton-euler": rollouts.time_newton_euler_rollout,
+    "newton-euler-many": rollouts.time_many_newton_euler_rollouts,
+    "perceptrons": rollouts.time_k_mlp_rollout,
+    "k-sindy": rollouts.time_k_sindy_rollout,
+    "filters": fits.time_filters,
+    "training": fits.time_training_epoch,
+    "fit": fits.time_white_box_fit,
 }
-"""What can be timed, by the name that `bcid bench --only` takes."""
+"""Functions that time a hot path, by the name that `bcid bench --only` takes; their argument is the number of turns."""
 
 
-def run(names: Sequence[str], repeats: int) -> Iterator[Row]:
-    """The rows of `names`, each as it is found."""
-    for name in names:
-        yield from PATHS[name](repeats)
-
-
-def outcome(rows: Sequence[Row], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
-    """The benchmark's JSON."""
+def summarise_timings(rows: Sequence[Timing], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
+    """The benchmark's JSON (`bcid.bench/1`): timings, the versions of all libraries, and the goals missed."""
     return {
-        "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": versions(),
+        "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": library_versions(),
         "rows": [row.as_json() for row in rows], "missed": [f"{r.path} against {r.peer}" for r in rows if r.missed],
     }  # fmt: skip
 
 
-def versions() -> dict[str, str | None]:
-    """Of numba and the peers; None of one that is not installed."""
-    found = dict[str, str | None]()
+def library_versions() -> dict[str, str | None]:
+    """Installed versions of numba and of the peers' libraries; None for one that is not installed."""
+    versions = dict[str, str | None]()
     for name in ("numba", *PEERS):
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = None  # its rows are left out
-    return found
+            versions[name] = None  # its rows are left out
+    return versions

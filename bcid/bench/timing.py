@@ -1,6 +1,4 @@
-"""Two ways of doing the same thing, timed in turns."""
-
-from __future__ import annotations
+"""Several ways of doing one thing, timed in turns."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -9,58 +7,62 @@ from typing import Any
 
 import numpy as np
 
-LEAST_S = 2e-3  # that a turn lasts: shorter work is repeated within it
+# Shortest duration of a turn (s): shorter work is repeated within it.
+MIN_TURN_S = 2e-3
 Work = Callable[[], Any]
 
 
 @dataclass(frozen=True)
-class Row:
-    """One hot path beside one peer."""
+class Timing:
+    """The time of one hot path beside that of one peer."""
 
     path: str
     peer: str
     ours_ms: float  # medians over the turns
     peer_ms: float
-    goal: float | None  # the least ratio wanted
-    difference: float | None  # largest one of the results; None where they are not the same thing
-    tolerated: float | None = None  # of the difference, where a faster way may not be a worse one
+    goal: float | None  # lowest ratio wanted
+    difference: float | None  # largest difference of the results; None where they are not comparable
+    tolerated: float | None = None  # largest difference accepted, where faster must not be worse
 
     @property
     def ratio(self) -> float:
-        """How many times as long the peer takes."""
+        """The peer's time as a multiple of ours."""
         return self.peer_ms / self.ours_ms
 
     @property
     def missed(self) -> bool:
-        """Whether the ratio falls short of its goal, or the result does."""
+        """Whether the ratio is below its goal, or our result is worse than tolerated."""
         worse = None not in (self.tolerated, self.difference) and self.difference > self.tolerated  # type: ignore[operator]
         return worse or (self.goal is not None and self.ratio < self.goal)
 
     def as_json(self) -> dict[str, Any]:
-        """See contracts, `bcid.bench/1`."""
+        """The timing as a row of the benchmark's JSON (`bcid.bench/1`)."""
         return asdict(self) | {"ratio": self.ratio, "missed": self.missed}
 
 
-def compared(
-    path: str, ours: Work, peers: Mapping[str, tuple[Work, float | None, float | None]], repeats: int
-) -> list[Row]:
-    """A row for each peer, which is (work, goal, how far its result is from ours): all take turns, warmed up."""
+def time_against_peers(
+    hot_path: str, ours: Work, peers: Mapping[str, tuple[Work, float | None, float | None]], repeats: int
+) -> list[Timing]:
+    """Time our implementation `ours` of a hot path and each peer's in turns; returns one timing for each peer.
+
+    A peer is (work, lowest ratio of times wanted, largest difference of its result from ours).
+    """
     works = {"": ours} | {name: work for name, (work, _, _) in peers.items()}
     times: dict[str, list[float]] = {name: [] for name in works}
-    inner = {name: _inner(work) for name, work in works.items()}
+    per_turn = {name: _repeats_per_turn(work) for name, work in works.items()}
     for _ in range(repeats):
         for name, work in works.items():
             begin = time.perf_counter()
-            for _ in range(inner[name]):
+            for _ in range(per_turn[name]):
                 work()
-            times[name].append((time.perf_counter() - begin) / inner[name])
+            times[name].append((time.perf_counter() - begin) / per_turn[name])
     ms = {name: 1e3 * float(np.median(t)) for name, t in times.items()}
-    return [Row(path, name, ms[""], ms[name], goal, difference) for name, (_, goal, difference) in peers.items()]
+    return [Timing(hot_path, name, ms[""], ms[name], goal, difference) for name, (_, goal, difference) in peers.items()]
 
 
-def _inner(work: Work) -> int:
-    """How often the work is done in one turn; the first call warms it up."""
+def _repeats_per_turn(work: Work) -> int:
+    """How often the work is called in one timed turn, so that a turn lasts MIN_TURN_S; the first call only warms up."""
     work()
     begin = time.perf_counter()
     work()
-    return max(1, round(LEAST_S / max(time.perf_counter() - begin, 1e-7)))
+    return max(1, round(MIN_TURN_S / max(time.perf_counter() - begin, 1e-7)))

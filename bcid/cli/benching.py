@@ -1,6 +1,4 @@
-"""`bcid bench`: how fast the hot paths, how accurate the models, how honest the intervals are."""
-
-from __future__ import annotations
+"""`bcid bench`: how fast the hot paths are, how accurate the models, how often stated intervals hold."""
 
 import json
 import os
@@ -17,11 +15,11 @@ from bcid.cli.options import FormatOption
 from bcid.cli.sink import Format, Sink
 from bcid.errors import GoalMissed, UsageError
 
-ACCURACY = Path("pipelines/accuracy.toml")
+ACCURACY_FILE = Path("pipelines/accuracy.toml")
 
 
-class What(StrEnum):
-    """What is measured."""
+class BenchSubject(StrEnum):
+    """What `bcid bench` measures."""
 
     speed = "speed"
     accuracy = "accuracy"
@@ -30,88 +28,93 @@ class What(StrEnum):
 
 def bench(
     what: Annotated[
-        What,
+        BenchSubject,
         typer.Argument(
             help="speed: hot paths beside their peers. accuracy: models beside peers on unseen takes. "
             "parameters: how often the stated intervals of a simulated car's constants hold."
         ),
-    ] = What.speed,
-    only: Annotated[list[str] | None, typer.Option("--only", help="speed: one path, or several. Default: all.")] = None,
-    repeats: Annotated[int, typer.Option(min=1, help="speed: turns that each way of doing it takes.")] = 15,
+    ] = BenchSubject.speed,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="speed: a path to time; repeat for several. Default: all.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="speed: turns that we and each peer take.")] = 15,
     seeds: Annotated[int, typer.Option(min=1, help="accuracy: fits of each model.")] = 3,
-    data: Annotated[Path, typer.Option("--data", help="accuracy: the file of data.")] = ACCURACY,
+    data: Annotated[Path, typer.Option("--data", help="accuracy: the TOML file of the data.")] = ACCURACY_FILE,
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="accuracy: the folder of the real recordings.")
     ] = None,
     workspace: Annotated[
-        Path | None, typer.Option("--workspace", help="accuracy: where takes and fits are kept.")
+        Path | None, typer.Option("--workspace", help="accuracy: the folder for takes and fits.")
     ] = None,
-    fits: Annotated[int, typer.Option(min=1, help="parameters: takes that are fitted.")] = 40,
-    seconds: Annotated[float, typer.Option(min=40.0, help="parameters: length of each.")] = 60.0,
+    fits: Annotated[int, typer.Option(min=1, help="parameters: number of simulated takes to fit.")] = 40,
+    seconds: Annotated[float, typer.Option(min=40.0, help="parameters: length of each take in seconds.")] = 60.0,
     check: Annotated[bool, typer.Option("--check", help="End with exit code 5 where a goal is missed.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="A file for the JSON.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file as well.")] = None,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Measure: speed against named peers, in one process and in turns; accuracy; how often intervals hold."""
+    """Measure speed and accuracy beside peers, or how often stated intervals hold."""
     from bcid.cli import show
 
     sink = Sink(format)
     shown: Callable[[Mapping[str, Any]], RenderableType]
     with sink.stage(f"bench {what.value}") as progress:
-        if what is What.speed:
-            found, shown = _speed(only or [], repeats, progress), show.bench
-        elif what is What.accuracy:
-            found, shown = _accuracy(data, recordings, workspace, seeds, progress), show.accuracy
+        if what is BenchSubject.speed:
+            found, shown = _measure_speed(only or [], repeats, progress), show.speed_table
+        elif what is BenchSubject.accuracy:
+            found, shown = _measure_accuracy(data, recordings, workspace, seeds, progress), show.accuracy_tables
         else:
-            found, shown = _parameters(fits, seconds, progress), show.recovery
+            found, shown = _measure_coverage(fits, seconds, progress), show.coverage_table
     if out is not None:
         out.write_text(json.dumps(found, indent=1), encoding="utf-8")
     sink.result(found, lambda: shown(found))
     if check and found["missed"]:
-        raise GoalMissed(
-            f"goals missed ({'; '.join(found['missed'])})\n  next: run it on an idle machine, or see the table"
-        )
+        missed = "; ".join(found["missed"])
+        raise GoalMissed(f"goals missed ({missed})\n  next: run it on an idle machine, or see the table")
 
 
-def _speed(only: list[str], repeats: int, progress: Progress) -> dict[str, Any]:
-    from bcid.bench.run import PATHS, outcome, run
-    from bcid.report.content import machine
+def _measure_speed(only: list[str], repeats: int, progress: Progress) -> dict[str, Any]:
+    """Time the hot paths called `only`, or all of them, beside their peers."""
+    from bcid.bench.run import HOT_PATHS, summarise_timings
+    from bcid.bench.timing import Timing
+    from bcid.report.content import describe_machine
 
-    strange = [name for name in only if name not in PATHS]
+    strange = [name for name in only if name not in HOT_PATHS]
     if strange:
-        raise UsageError(f"there is no path {strange[0]!r}\n  next: choose from {', '.join(PATHS)}")
-    rows, names = [], only or list(PATHS)
+        raise UsageError(f"there is no path {strange[0]!r}\n  next: choose from {', '.join(HOT_PATHS)}")
+    rows, names = list[Timing](), only or list(HOT_PATHS)
     for k, name in enumerate(names):
         progress(k / len(names), name)
-        rows += list(run([name], repeats))
-    return outcome(rows, repeats, machine())
+        rows += HOT_PATHS[name](repeats)
+    return summarise_timings(rows, repeats, describe_machine().as_json())
 
 
-def _accuracy(
+def _measure_accuracy(
     data: Path, recordings: Path | None, workspace: Path | None, seeds: int, progress: Progress
 ) -> dict[str, Any]:
-    from bcid.bench.accuracy import compared, outcome, plans
-    from bcid.bench.run import versions
-    from bcid.report.content import machine
+    """Fit our models and their peers to the data of a file, and score predictions of takes they have not seen."""
+    from bcid.bench.accuracy import compare_models, read_accuracy_file, summarise_accuracy
+    from bcid.bench.run import library_versions
+    from bcid.report.content import describe_machine
 
     if workspace is None:
         raise UsageError("accuracy keeps its takes and fits\n  next: name a folder with --workspace")
     rows = []
-    for name, plan in plans(data, recordings, workspace):
-        for row in compared(name, plan, range(1, seeds + 1)):
+    for name, plan in read_accuracy_file(data, recordings, workspace):
+        for row in compare_models(name, plan, range(1, seeds + 1)):
             rows.append(row)
             progress(0.0, f"{name}, {row['model']}, seed {row['seed']}")
     if not rows:
         raise UsageError(f"{data} names real recordings only\n  next: name their folder with --recordings")
-    return outcome(rows, {"machine": machine(), "versions": versions()})
+    return summarise_accuracy(rows, {"machine": describe_machine().as_json(), "versions": library_versions()})
 
 
-def _parameters(fits: int, seconds: float, progress: Progress) -> dict[str, Any]:
-    from bcid.bench.parameters import outcome, recovery
-    from bcid.report.content import machine
+def _measure_coverage(fits: int, seconds: float, progress: Progress) -> dict[str, Any]:
+    """Fit simulated takes, and count how often stated intervals hold the true constants."""
+    from bcid.bench.parameters import fit_simulated_takes, summarise_recovery
+    from bcid.report.content import describe_machine
 
     rows = []
-    for k, found in enumerate(recovery(fits, seconds, 1, os.cpu_count() or 1)):
+    for k, found in enumerate(fit_simulated_takes(fits, seconds, 1, os.cpu_count() or 1)):
         rows += found
         progress((k + 1) / fits, f"take {k + 1}")
-    return outcome(rows, {"machine": machine(), "fits": fits, "seconds": seconds})
+    return summarise_recovery(rows, {"machine": describe_machine().as_json(), "fits": fits, "seconds": seconds})

@@ -9,86 +9,79 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bcid.cli.options import (
-    AllowPartialOption,
-    CommandsOption,
-    FormatOption,
-    OutOption,
-    PipelineOption,
-    Recordings,
-    VehicleOption,
-    end,
-    plan_of,
-)
-from bcid.cli.sink import Format, Sink, table
+from bcid.cli import options
+from bcid.cli.sink import Format, Sink, plain_table
 from bcid.errors import GoalMissed, UsageError
 from bcid.pipeline.run import Pipeline
 from bcid.vehicle import read_vehicle
 
 if TYPE_CHECKING:
-    from bcid.proof.blind.blind_test import Blind
+    from bcid.proof.blind.blind_test import BlindTest
 
-USUAL_SEED = 1
-LONG = 100  # takes of a blind test, from which it is said that they take hours
-PUBLISHED = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
+DEFAULT_SEED = 1
+# takes of a blind test above which a note says that they need hours
+LONG_TEST_TAKES = 100
+DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
 
 
 def diagnose(
-    recordings: Recordings = None,
-    pipeline: PipelineOption = None,
-    vehicle: VehicleOption = None,
-    out: OutOption = None,
-    commands: CommandsOption = None,
+    recordings: options.RecordingsArgument = None,
+    pipeline: options.PipelineOption = None,
+    vehicle: options.VehicleOption = None,
+    out: options.OutOption = None,
+    commands: options.CommandsOption = None,
     simulation: Annotated[
         str | None,
         typer.Option(
-            help="What to compare with: a saved newton-euler model's folder, a TOML file of its parameters, another "
-            "simulator's recording of the same car, or module:function; the default refits newton-euler on the "
-            "recordings.",
+            help="What to compare with: the folder of a saved newton-euler model, a TOML file of its parameters, "
+            "another simulator's recording of the same car, or module:function. Default: newton-euler, refitted on the "
+            "recordings."
         ),
     ] = None,
-    allow_partial: AllowPartialOption = False,
-    format: FormatOption = Format.human,  # noqa: A002
+    allow_partial: options.AllowPartialOption = False,
+    format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Say what physics the recordings show that the model lacks, and prove it on held-out blocks."""
+    """Name the physics that recordings show and the model lacks, and prove it on held-out blocks."""
     from bcid.cli import show
+    from bcid.documents.diagnosis import DiagnosisDocument
 
     sink = Sink(format)
-    work = Pipeline(plan_of(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
+    work = Pipeline(options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
     artifact = work.diagnose(simulation)
-    page = work.publish(artifact, *PUBLISHED, to="" if recordings else "diagnosis")
-    found = artifact.json("diagnosis.json")
-    sink.result(found, lambda: show.diagnosis(found))
+    page = work.publish(artifact, *DIAGNOSIS_FILES, to="" if recordings else "diagnosis")
+    document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
+    sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
     sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
-    end(work)
+    work.raise_if_parts_lost()
 
 
-def plan(
+def write_plan(
     vehicle: Annotated[Path, typer.Option("--vehicle", help="The vehicle file.")],
-    effects: Annotated[list[str] | None, typer.Argument(help="Effects that are to show; all if none is named.")] = None,
-    out: Annotated[Path, typer.Option("--out", help="The command file to write.")] = Path("plan.commands.csv"),
+    effects: Annotated[
+        list[str] | None, typer.Argument(help="Ids of the effects that are to show. Default: all.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="The commands file to write.")] = Path("plan.commands.csv"),
     arena: Annotated[tuple[float, float], typer.Option(help="Length and width of the arena in metres.")] = (12.0, 7.0),
-    format: FormatOption = Format.human,  # noqa: A002
+    format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Say what to drive so that the asked effects become detectable in this arena, and write its commands."""
-    from bcid.effects.table import EFFECTS, effect_of
+    """Plan a drive in which the given effects become detectable, and write its commands."""
+    from bcid.effects.table import EFFECTS, find_effect
     from bcid.experiment.manoeuvres import Arena, write_commands
-    from bcid.experiment.plan import NOMINAL, largest_throttle, nominal_car
-    from bcid.experiment.plan import plan as planned
-    from bcid.likelihood.prepare import constants_of
+    from bcid.experiment.plan import largest_throttle, nominal_car, plan_drives
+    from bcid.likelihood.prepare import effect_constants
 
-    asked = [effect_of(name).id for name in effects or EFFECTS]
-    of, sink = read_vehicle(vehicle), Sink(format)
-    omitted = {"T_s": of.steering.time_constant_s, "d": of.steering.max_rate_radps}
-    unknown = tuple(s for s, given in omitted.items() if given is None)
+    asked = [find_effect(name).id for name in effects or EFFECTS]
+    car, sink = read_vehicle(vehicle), Sink(format)
+    steering = {"T_s": car.steering.time_constant_s, "d": car.steering.max_rate_radps}
+    unknown = tuple(symbol for symbol, value in steering.items() if value is None)
     with sink.stage("plan"):
-        found = planned(
-            nominal_car(of), constants_of(of), of.steering.max_angle_rad, NOMINAL, asked, Arena(*arena),
-            largest_throttle(of), unknown,
+        found = plan_drives(
+            nominal_car(car), effect_constants(car), car.steering.max_angle_rad, asked,
+            largest_throttle(car), Arena(*arena), unknown,
         )  # fmt: skip
     if not found.parts:
         raise UsageError(f"no manoeuvre fits {arena[0]:g} by {arena[1]:g} m\n  next: give the --arena that is free")
-    write_commands(out, found)
+    write_commands(out, found.command_s, found.command)
     parts: list[dict[str, Any]] = [
         {
             "name": p.drive.name, "begin_s": p.begin_s, "seconds": p.drive.seconds,
@@ -98,7 +91,7 @@ def plan(
     ]  # fmt: skip
     smallest = {
         e: None if sizes is None else {k: {"value": v, "unit": u} for k, (v, u) in sizes.items()}
-        for e, sizes in found.smallest.items()
+        for e, sizes in found.detectable_sizes.items()
     }
     data = {
         "schema": "bcid.plan/1", "file": str(out), "minutes": found.minutes, "parts": parts, "smallest": smallest,
@@ -110,143 +103,147 @@ def plan(
         for p in parts
     ]
     missing = "; ".join(f"{e}: {why}" for e, why in found.missing.items())
-    title = f"{found.minutes:.1f} minutes in {out}"
-    sink.result(data, lambda: table(title, columns, rows, f"not shown by any drive: {missing}" if missing else ""))
+    title, note = f"{found.minutes:.1f} minutes in {out}", f"not shown by any drive: {missing}" if missing else ""
+    sink.result(data, lambda: plain_table(title, columns, rows, note))
 
 
 def prove(
-    out: Annotated[Path, typer.Option("--out", help="The folder for results; a second run with the same goes on.")],
+    out: Annotated[Path, typer.Option("--out", help="The folder for results; a second run there continues.")],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Eighteen cases of ten tiers, and the baselines: some eight minutes.")
+        bool, typer.Option("--quick", help="Run eighteen cases of ten tiers, and --baselines: some eight minutes.")
     ] = False,
     seed: Annotated[
-        int | None, typer.Option(help="Random seed of what is concealed, drivers and noise; 1 unless given.")
+        int | None, typer.Option(help="Random seed of concealed effects, drivers and noise. Default: 1.")
     ] = None,
     salt: Annotated[
-        str, typer.Option(help="A secret text: a digest of it and all answers is printed before the run.")
+        str, typer.Option(help="A secret text; a digest of it and of all answers is printed before the run.")
     ] = "",
-    repeats: Annotated[int, typer.Option(min=1, help="Takes that conceal one effect, of every effect.")] = 3,
+    repeats: Annotated[int, typer.Option(min=1, help="Takes for each effect that conceal it alone.")] = 3,
     nulls: Annotated[int, typer.Option(min=0, help="Takes that conceal nothing.")] = 300,
     imperfect_nulls: Annotated[
-        int, typer.Option(min=0, help="The same of a car that the base model does not fit.")
+        int, typer.Option(min=0, help="Takes that conceal nothing, of a car that the base model does not fit.")
     ] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
-    every: Annotated[int, typer.Option(min=1, help="Run every so many cases of each tier only.")] = 1,
+    every: Annotated[int, typer.Option(min=1, help="Run only every N-th case of each tier.")] = 1,
     case: Annotated[
-        str | None,
-        typer.Option(help="Only write this case's recording, vehicle file and answer; as the page names it."),
+        str | None, typer.Option(help="Only write the recording, vehicle file and answer of the case of this name.")
     ] = None,
     baselines: Annotated[
-        bool, typer.Option("--baselines", help="Run other methods on the same takes; diagnoses all of them again.")
+        bool, typer.Option("--baselines", help="Run other methods on the same takes; all are diagnosed again.")
     ] = False,
     minutes: Annotated[
-        float | None, typer.Option(min=0.0, help="Begin no further case after so many; a second run goes on.")
+        float | None, typer.Option(min=0.0, help="Time after which no further case begins; a second run continues.")
     ] = None,
-    workers: Annotated[int, typer.Option(min=0, help="Cases at a time; 0 for as many as there are cores.")] = 0,
+    workers: Annotated[
+        int, typer.Option(min=0, help="Cases that run at a time; 0 for as many as there are cores.")
+    ] = 0,
     real: Annotated[
         Path | None,
-        typer.Option(help="A TOML file of questions to real recordings (pipelines/dart/cases.toml), to ask instead."),
+        typer.Option(help="A TOML file of questions to real recordings to ask instead (pipelines/dart/cases.toml)."),
     ] = None,
-    recordings: Annotated[Path | None, typer.Option(help="Where these recordings are.")] = None,
-    format: FormatOption = Format.human,  # noqa: A002
+    recordings: Annotated[Path | None, typer.Option(help="The folder of the recordings for --real.")] = None,
+    format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Conceal effects in takes and count what the diagnosis makes of them; resumable, hours unless --quick."""
+    """Conceal effects in simulated takes and count how many the diagnosis finds; takes hours unless --quick."""
     if real is None:
-        _go_together(quick, seed, salt, every, recordings)
+        _check_blind_options(quick, seed, salt, every, recordings)
         if case is not None and (salt or baselines or minutes is not None):
-            raise UsageError("--case: only writes a recording\n  next: leave out --salt, --baselines and --minutes")
-    from bcid.proof.blind.blind_test import Blind, Sizes
+            raise UsageError("--case only writes a recording\n  next: leave out --salt, --baselines and --minutes")
+    from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
-    sizes = Sizes(repeats, nulls, imperfect_nulls, pairs, every)
+    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every)
     if real is not None:
-        concealed = {
+        for_simulated = {
             "quick": quick, "case": case is not None, "seed": seed is not None, "salt": salt, "baselines": baselines,
-            "minutes": minutes is not None, "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != Sizes(),
+            "minutes": minutes is not None,
+            "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != SuiteSizes(),
         }  # fmt: skip
-        given = [f"--{name}" for name, is_given in concealed.items() if is_given]
+        given = [f"--{name}" for name, is_given in for_simulated.items() if is_given]
         if given:
-            raise UsageError(f"{', '.join(given)}: of concealed cases\n  next: leave it out with --real")
-        _prove_real(real, recordings or Path(), out, workers, sink)
+            raise UsageError(f"{', '.join(given)}: for simulated takes only\n  next: leave it out with --real")
+        _ask_real_questions(real, recordings or Path(), out, workers, sink)
         return
-    test = Blind(USUAL_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
+    test = BlindTest(DEFAULT_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
     if case is None:
-        _prove(test, out, workers, minutes, sink)
+        _run_blind_test(test, out, workers, minutes, sink)
     else:
         _write_case(test, case, out, sink)
 
 
-def _go_together(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
-    """Raise `UsageError` where options of concealed cases do not go together."""
+def _check_blind_options(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
+    """Raise `UsageError` where options of a blind test do not go together."""
     if recordings is not None:
-        raise UsageError("--recordings: of questions to real ones\n  next: name their file with --real")
+        raise UsageError("--recordings goes with --real\n  next: name a file of questions with --real")
     if quick and every != 1:
-        raise UsageError("--quick is a part of its own\n  next: leave out --every")
-    if salt and seed in (None, USUAL_SEED):
-        told = "--salt: seals nothing, whoever knows the usual seed knows the answers"
-        raise UsageError(f"{told}\n  next: draw one and keep it to yourself until the run has ended, --seed N")
+        raise UsageError("--quick chooses its own cases\n  next: leave out --every")
+    if salt and seed in (None, DEFAULT_SEED):
+        raise UsageError(
+            "--salt seals nothing with the default seed, from which anybody can draw the answers\n"
+            "  next: choose a --seed and keep it to yourself until the run has ended"
+        )
 
 
-def _write_case(test: Blind, name: str, out: Path, sink: Sink) -> None:
-    """One case's recording."""
-    from bcid.proof.blind.blind_test import laid_out
+def _write_case(test: BlindTest, name: str, out: Path, sink: Sink) -> None:
+    """Write the recording, vehicle file and answer of the case called `name` into `out`."""
+    from bcid.proof.blind.blind_test import write_case_files
 
     chosen = next((c for c in test.cases if c.name == name), None)
     if chosen is None:
-        some = f"such as {test.cases[0].name}"
-        raise UsageError(f"--case {name}: seed {test.seed} has no such case\n  next: name one that it has, {some}")
-    path = laid_out(chosen, out)
+        example = f"such as {test.cases[0].name}"
+        raise UsageError(f"--case {name}: seed {test.seed} has no such case\n  next: name one that it has, {example}")
+    path = write_case_files(chosen, out)
     data = {"recording": str(path), "vehicle": str(out / "bumper_car.toml"), "left_out": list(chosen.left_out)}
     sink.result(data, lambda: str(path))
-    sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}; the answer lies beside it")
+    sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}; the answer is in the same folder")
     if chosen.left_out:
         sink.note(f"the blind test left out {', '.join(chosen.left_out)}; that command does not, and may name them")
 
 
-def _prove(test: Blind, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:
-    """The outcome of a blind test, as JSON and page."""
+def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:
+    """Run a blind test; write its outcome as prove.json and prove.html, and print it."""
     from bcid.cli import show
-    from bcid.proof.blind.blind_test import blind_test
+    from bcid.proof.blind.blind_test import run_blind_test
     from bcid.report.proof_page import write_proof_page
 
-    def sealed(seal: str | None) -> None:
+    def announce_seal(seal: str | None) -> None:
         if seal:
-            sink.told(f"seal of {len(test.cases)} answers: {seal}")
+            sink.note(f"seal of {len(test.cases)} answers: {seal}", in_every_format=True)
         else:
             sink.note(
-                f"not sealed: whoever knows the seed ({test.seed}) knows the answers; --salt and a new --seed seal them"
+                f"not sealed: anybody can draw the answers from seed {test.seed}; --salt and a secret --seed seal them"
             )
-        if not test.quick and minutes is None and len(test.cases) > LONG:
-            sink.note(f"{len(test.cases)} takes are some hours' work; it goes on where it was left, --minutes ends it")
+        if not test.quick and minutes is None and len(test.cases) > LONG_TEST_TAKES:
+            sink.note(f"{len(test.cases)} takes need some hours; a second run continues, and --minutes limits this one")
 
     with sink.stage("prove") as progress:
-        found = blind_test(
-            test, out, workers, minutes, sealed,
+        document = run_blind_test(
+            test, out, workers, minutes, announce_seal,
             lambda done: progress(done / len(test.cases), f"{done} of {len(test.cases)}"),
         )  # fmt: skip
-    (out / "prove.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
-    write_proof_page(found, out / "prove.html")
-    sink.result(found, lambda: show.proof(found))
+    document.write(out / "prove.json")
+    write_proof_page(document, out / "prove.html")
+    sink.result(document.as_json(), lambda: show.proof_tables(document))
     sink.note(f"page: {out / 'prove.html'}")
-    if found["missed"]:
-        short = "; ".join(found["missed"])
-        raise GoalMissed(f"goals missed ({short})\n  next: see what was answered wrongly in {out / 'prove.html'}")
+    if document.missed:
+        missed = "; ".join(document.missed)
+        raise GoalMissed(f"goals missed ({missed})\n  next: see the wrong answers in {out / 'prove.html'}")
 
 
-def _prove_real(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
-    """Every question to real recordings, counted."""
+def _ask_real_questions(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
+    """Ask all questions to real recordings; write the outcome as real.json, and print it."""
     from bcid.cli import show
-    from bcid.proof.real.run_questions import code_of_rows, run_real
-    from bcid.proof.real.scoring import outcome
+    from bcid.proof.real.run_questions import question_code_digest, run_real_questions
+    from bcid.proof.real.scoring import real_outcome
 
     rows: list[dict[str, Any]] = []
     with sink.stage("prove on real recordings") as progress:
-        for row, share in run_real(file, recordings, out, workers):
+        for row, share in run_real_questions(file, recordings, out, workers):
             rows.append(row)
             progress(share, row["case"])
-    found = outcome(rows, code_of_rows())
+    found = real_outcome(rows, question_code_digest())
     (out / "real.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
-    sink.result(found, lambda: show.real_proof(found))
+    sink.result(found, lambda: show.real_proof_table(found))
     wrong = [f"{r['tier']} {r['case']}" for r in rows if not r["right"]]
     if wrong:
         raise GoalMissed(f"goals missed ({'; '.join(wrong)})\n  next: see their rows in {out / 'real.json'}")

@@ -1,177 +1,205 @@
-"""Results as tables for people."""
-
-from __future__ import annotations
+"""Results of commands as tables for people."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from bcid.cli.sink import table, thousandths
-from bcid.report.estimate_words import lost_car, steering_lines
+from bcid.cli.sink import plain_table
+from bcid.documents.diagnosis import Detectable, DiagnosisDocument
+from bcid.documents.health import ClockEstimate, HealthDocument
+from bcid.documents.prove import ProveDocument
+from bcid.documents.report import ReportDocument
+from bcid.estimate.consistency import TruthCheck
+from bcid.estimate.saving import EstimateSummary
+from bcid.report.formats import format_number, format_thousandths, format_with_error, plain_name, unit_text
 
-NIS_RANGE = (0.7, 1.4)  # beyond, the noise model is wrong for the take
-NEES = ("nees_filter", "nees_smoother")
 
-
-def comparison(report: Mapping[str, Any]) -> Table:
-    """Models, best first."""
-    take = report["validation"]
+def comparison_table(report: ReportDocument) -> Table:
+    """Table of the compared models and their closed-loop errors, best first."""
+    take = report.validation
     rows = [
         [
-            m["model"], thousandths(m["nmse"]),
-            "–" if m["nmse_ci95"] is None else " – ".join(thousandths(v) for v in m["nmse_ci95"]),
-            thousandths(m["nmse_vx"]), thousandths(m["nmse_vy"]), thousandths(m["nmse_yaw_rate"]),
-            "–" if m["rollout_ms"] is None else f"{m['rollout_ms']:.3g}", str(m["parameters"]),
+            m.model, format_thousandths(m.nmse),
+            "–" if m.nmse_ci95 is None else " – ".join(format_thousandths(v) for v in m.nmse_ci95),
+            format_thousandths(m.nmse_vx), format_thousandths(m.nmse_vy), format_thousandths(m.nmse_yaw_rate),
+            "–" if m.rollout_ms is None else f"{m.rollout_ms:.3g}", str(m.parameters),
         ]
-        for m in report["models"]
+        for m in report.models
     ]  # fmt: skip
-    weights, machine = report["weights"], report["machine"]
+    weights, machine = report.weights, report.machine
     caption = (
-        f"W = diag({weights['v_x']:.3g} s/m, {weights['v_y']:.3g} s/m, {weights['yaw_rate']:.3g} s/rad); "
-        f"rollout of the whole take on {machine['processor']}, {machine['cores']} cores"
+        f"W = diag({weights.v_x:.3g} s/m, {weights.v_y:.3g} s/m, {weights.yaw_rate:.3g} s/rad); "
+        f"rollout of the whole take on {machine.processor}, {machine.cores} cores"
     )
-    title = f"closed loop on {take['name']} ({take['duration_s']:.0f} s), NMSE × 10³"
+    title = f"closed loop on {take.name} ({take.duration_s:.0f} s), NMSE × 10³"
     columns = ["model", "NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"]
-    return table(title, columns, rows, caption)
+    return plain_table(title, columns, rows, caption)
 
 
-def diagnosis(found: Mapping[str, Any]) -> Group:
-    """Verdict, findings, and what they are worth on held-out blocks."""
-    from bcid.report.diagnosis_page import number, plain, unit, verdict_sentence, with_error
+def diagnosis_tables(document: DiagnosisDocument) -> Group:
+    """A diagnosis as text and tables: verdict, findings, prediction errors on held-out blocks, effects not excited."""
+    from bcid.report.verdict_words import verdict_sentence
 
-    parts: list[Any] = [escape(verdict_sentence(found))]
-    if found["contacts"]:
-        hits = ", ".join(f"{c['kind']} at {c['begin_s']:.1f} s" for c in found["contacts"])
+    parts: list[Any] = [escape(verdict_sentence(document))]
+    if document.contacts:
+        hits = ", ".join(f"{c.kind} at {c.begin_s:.1f} s" for c in document.contacts)
         parts.insert(0, f"excluded: {hits}")
     rows = [
         [
-            plain(f["effect"]), f["equation"],
-            ", ".join(f"{s} = {with_error(v['value'], v['se'], v['unit'])}" for s, v in f["parameters"].items()),
-            f"{f['probability']:.2f}", f"{f['heldout_gain']:.0f}", ", ".join(f["twins"]) or "–",
+            plain_name(f.effect), f.equation,
+            ", ".join(f"{s} = {format_with_error(v.value, v.se, v.unit)}" for s, v in f.parameters.items()),
+            _format_decimals(f.probability, 2), _format_decimals(f.heldout_gain, 0), ", ".join(f.twins) or "–",
         ]
-        for f in found["findings"]
+        for f in document.findings
     ]  # fmt: skip
     if rows:
-        columns = ["found", "equation", "fitted", "probability", "held-out gain (nats)", "not told from"]
-        parts.append(table("findings", columns, rows))
+        columns = ["found", "equation", "fitted", "probability", "held-out gain (nats)", "indistinguishable from"]
+        parts.append(plain_table("findings", columns, rows))
     judged = [
         [
-            f"{h['horizon_s']:g} s",
-            *(thousandths(h[k]) for k in ("nmse_before", "nmse_after", "nmse_floor")),
-            " – ".join(f"{v:.3g}" for v in h["ratio_ci95"] or ()),
+            f"{h.horizon_s:g} s",
+            *(format_thousandths(nmse) for nmse in (h.nmse_before, h.nmse_after, h.nmse_floor)),
+            " – ".join(f"{v:.3g}" for v in h.ratio_ci95 or ()),
         ]
-        for h in found["horizons"]
+        for h in document.horizons
     ]
     title = "closed loop on held-out blocks, NMSE × 10³"
-    lost = ", ".join(f"{100.0 * h['lost']:.2g} % at {h['horizon_s']:g} s" for h in found["horizons"] if h["lost"])
+    lost = ", ".join(f"{100.0 * h.lost:.2g} % at {h.horizon_s:g} s" for h in document.horizons if h.lost)
     note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
-    parts.append(table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
-    if found["not_excited"]:
+    parts.append(plain_table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
+    if document.not_excited:
         unseen = ", ".join(
-            f"{u['effect']} at any size"
-            if (least := u["smallest_detectable"])["value"] is None
-            else f"{u['effect']} below {number(least['value'])} {unit(least['unit'])}".rstrip(" –")
-            for u in found["not_excited"]
+            f"{u.effect} at any size"
+            if (least := u.smallest_detectable or Detectable()).value is None
+            else f"{u.effect} below {format_number(least.value)} {unit_text(least.unit)}".rstrip(" –")
+            for u in document.not_excited
         )
         parts.append(escape(f"could not be seen here: {unseen}"))
-    if found["next_manoeuvre"]:
-        drive = found["next_manoeuvre"]
-        parts.append(escape(f"next: drive {drive['name']} ({drive['file']}): {drive['why']}"))
+    if document.next_manoeuvre:
+        drive = document.next_manoeuvre
+        parts.append(escape(f"next: drive {drive.name} ({drive.file}): {drive.why}"))
     return Group(*parts)
 
 
-def recordings(taken: Sequence[Mapping[str, Any]]) -> Group:
-    """Ingested recordings and what was odd about them."""
+def _format_decimals(value: float | None, places: int) -> str:
+    """A number rounded to `places` decimals; a dash for None."""
+    return "–" if value is None else f"{value:.{places}f}"
+
+
+def recording_tables(summaries: Sequence[Mapping[str, Any]]) -> Group:
+    """Tables of ingested recordings, and of what is irregular about them."""
     rows = [
-        [r["name"], r["sources"][0]["format"], f"{r['duration_s']:.1f} s", f"{r['rate_hz']:.4g} Hz", _clock(r["clock"])]
-        for r in taken
-    ]
+        [
+            r["name"], r["sources"][0]["format"], f"{r['duration_s']:.1f} s", f"{r['rate_hz']:.4g} Hz",
+            _clock_text(ClockEstimate(**r["clock"])),
+        ]
+        for r in summaries
+    ]  # fmt: skip
     odd = [
         [r["name"], i["kind"], i["action"], str(i["count"]), i["where"], i["detail"]]
-        for r in taken
+        for r in summaries
         for i in r["irregularities"]
     ]
-    tables = [table("recordings", ["take", "format", "length", "poses", "clock offset (95 %)"], rows)]
+    tables = [plain_table("recordings", ["take", "format", "length", "poses", "clock offset (95 %)"], rows)]
     if odd:
-        tables.append(table("irregularities", ["take", "what", "done", "count", "where", "detail"], odd))
+        tables.append(plain_table("irregularities", ["take", "what", "done", "count", "where", "detail"], odd))
     return Group(*tables)
 
 
-def _clock(clock: Mapping[str, Any]) -> str:
-    if clock.get("offset_s") is None:
-        return f"none: {clock.get('reason', 'not estimated')}"
-    low, high = clock["offset_ci95"]
-    return f"{1e3 * clock['offset_s']:.1f} ms ({1e3 * low:.1f} … {1e3 * high:.1f})"
+def _clock_text(clock: ClockEstimate) -> str:
+    """The clock offset (ms) with its 95 % interval, or why there is none."""
+    if clock.offset_s is None or clock.offset_ci95 is None:
+        return f"none: {clock.reason or 'not estimated'}"
+    low, high = clock.offset_ci95
+    return f"{1e3 * clock.offset_s:.1f} ms ({1e3 * low:.1f} … {1e3 * high:.1f})"
 
 
-def estimates(made: Sequence[Mapping[str, Any]]) -> Group:
-    """The estimator's constants and consistency, and its error where a truth is known."""
-    rows = []
-    for e in made:
-        facts, nis = e["facts"], e["facts"]["nis"]
-        told = dict(steering_lines(facts))
-        band = " … ".join(f"{v:.3f}" for v in nis["band95"])
-        mark = "  (!)" if _far(e) else ""
-        rows.append([e["name"], f"{nis['mean_per_dof']:.3f}{mark}", band, told["T_s"], told["d"], e["folder"]])
+class EstimatedTake(NamedTuple):
+    """One estimated take: its summary, the folder of its artifact, and its check where a truth is known."""
+
+    summary: EstimateSummary
+    folder: Path
+    check: TruthCheck | None
+
+    def as_json(self) -> dict[str, Any]:
+        """The take's entry in the command's JSON."""
+        check = self.check and self.check.model_dump(mode="json")
+        return self.summary.model_dump(mode="json") | {"folder": str(self.folder), "check": check}
+
+
+def estimate_tables(takes: Sequence[EstimatedTake]) -> Group:
+    """Tables of the estimator's constants and consistency, and of its errors where a truth is known."""
+    rows, notes = [], list[str]()
+    for summary, folder, _ in takes:
+        nis, (T_s, d, *_) = summary.filter.nis, [value for _, value in summary.tuning.describe_steering()]
+        band = " … ".join(f"{v:.3f}" for v in nis.band95)
+        rows.append(
+            [summary.name, f"{nis.mean_per_dof:.3f}{'' if nis.plausible else '  (!)'}", band, T_s, d, str(folder)]
+        )
+        if lost := summary.filter.describe_restarts():
+            notes.append(f"{summary.name}: the filter {lost}")
+    if not all(take.summary.filter.nis.plausible for take in takes):
+        notes.insert(0, "(!) far from 1: the noise found on the liveliest excerpts does not fit this take")
     columns = ["take", "NIS per quantity", "95 % band", "T_s", "d", "written to"]
-    odd = ["(!) far from 1: the noise found on the liveliest excerpts does not fit this take"] * any(map(_far, made))
-    odd += [f"{e['name']}: the filter {lost}" for e in made if (lost := lost_car(e["facts"]))]
-    tables = [table("estimates", columns, rows, "\n".join(odd))]
-    checked = [e["check"] for e in made if e.get("check")]
-    if checked:
-        names = list(checked[0]["rmse"])
+    tables = [plain_table("estimates", columns, rows, "\n".join(notes))]
+    checks = [take.check for take in takes if take.check]
+    if checks:
         errors = [
-            [c["name"], *(f"{c['rmse'][n]:.2g}" for n in names), *(f"{c[k]['mean']:.2f}" for k in NEES)]
-            for c in checked
+            [c.name, *(f"{rmse:.2g}" for _, rmse in c.rmse), f"{c.nees_filter.mean:.2f}", f"{c.nees_smoother.mean:.2f}"]
+            for c in checks
         ]
         title = "RMSE against the simulation's truth (SI); NEES is 3 when the stated covariance is right"
-        tables.append(table(title, ["take", *names, "NEES filter", "NEES smoother"], errors))
+        columns = ["take", *(name for name, _ in checks[0].rmse), "NEES filter", "NEES smoother"]
+        tables.append(plain_table(title, columns, errors))
     return Group(*tables)
 
 
-def _far(estimate: Mapping[str, Any]) -> bool:
-    return not NIS_RANGE[0] < estimate["facts"]["nis"]["mean_per_dof"] < NIS_RANGE[1]
-
-
-def proof(found: dict[str, Any]) -> Group:
-    """A blind test: tier by tier with what was asked, and what other methods make of the same takes."""
-    from bcid.report.proof_page import SAID, again, figures, not_run, said_by, shown, takes
+def proof_tables(outcome: ProveDocument) -> Group:
+    """Tables of a blind test: scores by tier, wrong answers, and other methods on the same takes."""
+    from bcid.report import proof_page
 
     def plain(text: str) -> str:
         return text.replace("\N{NO-BREAK SPACE}", " ")
 
-    columns = shown(found["tiers"])
-    rows = [[t["tier"], takes(found, t["tier"]), plain(figures(t, columns, "{}!"))] for t in found["tiers"]]
-    note = "; ".join(["goals in brackets; ! misses it", *(f"not run: {tier}" for tier in not_run(found))])
-    tables = [table(f"{found['cases']} of {found['of']} cases", ["takes of", "n", "figures"], rows, note, ["figures"])]
-    if found["wrong"]:
-        wrong = [[w["case"], w["there"], w["said"]] for w in found["wrong"]]
-        how = f"{again(found)} --case NAME writes one's recording"
-        tables.append(table("not as it should be", ["case", "there", "said"], wrong, how, ["there", "said"]))
-    if found["baselines"]:
+    columns = proof_page.filled_columns(outcome.tiers)
+    rows = [
+        [t.tier, proof_page.count_takes(outcome, t.tier), plain(proof_page.tier_figures(t, columns, "{}!"))]
+        for t in outcome.tiers
+    ]
+    not_run = (f"not run: {tier}" for tier in proof_page.tiers_not_run(outcome))
+    note = "; ".join(["goals in brackets; ! misses it", *not_run])
+    title = f"{outcome.cases} of {outcome.of} cases"
+    tables = [plain_table(title, ["takes of", "n", "figures"], rows, note, ["figures"])]
+    if outcome.wrong:
+        wrong = [[w.case, w.there, w.said] for w in outcome.wrong]
+        how = f"{proof_page.suite_options(outcome)} --case NAME writes one's recording"
+        tables.append(plain_table("wrong answers", ["case", "there", "said"], wrong, how, ["there", "said"]))
+    if outcome.baselines:
+        figures = proof_page.METHOD_FIGURES
         others = [
-            [b["method"], str(b["n"]), *(plain(said_by(b, f)) for f in SAID.values())] for b in found["baselines"]
+            [b.method, str(b.n), *(plain(proof_page.method_figure(b, f)) for f in figures.values())]
+            for b in outcome.baselines
         ]
-        tables.append(table("the same takes by other methods", ["method", "n", *SAID], others))
+        tables.append(plain_table("the same takes by other methods", ["method", "n", *figures], others))
     return Group(*tables)
 
 
-def real_proof(found: dict[str, Any]) -> Group:
-    """What was asked of real recordings, what was answered, and whether that is right."""
-    from bcid.report.proof_page import raised
+def real_proof_table(outcome: dict[str, Any]) -> Table:
+    """Table of questions to real recordings and their answers, with counts of right answers by tier."""
+    from bcid.report.proof_page import error_ratio_text
 
     rows = [
         [
-            r["tier"], Path(r["recording"]).stem[-24:], r["case"], raised(r, "{:.2f}"),
+            r["tier"], Path(r["recording"]).stem[-24:], r["case"], error_ratio_text(r, "{:.2f}"),
             ", ".join(f["effect"] for f in r["findings"]) or r["verdict"], "yes" if r["right"] else "NO",
         ]
-        for r in found["rows"]
+        for r in outcome["rows"]
     ]  # fmt: skip
-    told = "; ".join(
+    counts = "; ".join(
         f"{tier}: {t['right']} of {t['n']}"
         + (
             f" ({t['named']} by name, {t['first']} first, {t['alone']} alone), "
@@ -179,79 +207,74 @@ def real_proof(found: dict[str, Any]) -> Group:
             if "named" in t
             else ""
         )
-        for tier, t in found["tiers"].items()
+        for tier, t in outcome["tiers"].items()
     )
-    return Group(
-        table(
-            "real recordings",
-            ["tier", "recording", "what", "error", "answered", "right"],
-            rows,
-            told,
-            ["what", "answered"],
-        )
-    )
+    columns = ["tier", "recording", "what", "error", "answered", "right"]
+    return plain_table("real recordings", columns, rows, counts, ["what", "answered"])
 
 
-def bench(found: Mapping[str, Any]) -> Table:
-    """Hot paths beside their peers."""
+def speed_table(outcome: Mapping[str, Any]) -> Table:
+    """Table of the hot paths' times beside those of their peers."""
     rows = [
         [
             r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.3g}", f"{r['ratio']:.3g} ×",
             "–" if r["goal"] is None else f"{r['goal']:g} ×{' missed' if r['missed'] else ''}",
             "–" if r["difference"] is None else f"{r['difference']:.1g}",
         ]
-        for r in found["rows"]
+        for r in outcome["rows"]
     ]  # fmt: skip
-    absent = [name for name, version in found["versions"].items() if version is None]
-    caption = f"{found['machine']['processor']}, {found['machine']['cores']} cores; medians of {found['repeats']} turns"
+    absent = [name for name, version in outcome["versions"].items() if version is None]
+    caption = (
+        f"{outcome['machine']['processor']}, {outcome['machine']['cores']} cores; medians of {outcome['repeats']} turns"
+    )
     if absent:
         caption += f"; not installed and left out: {', '.join(absent)} (pip install -e '.[bench]')"
     columns = ["path", "ours, ms", "peer", "peer, ms", "ratio", "goal", "largest difference"]
-    return table("hot paths beside their peers", columns, rows, caption)
+    return plain_table("hot paths beside their peers", columns, rows, caption)
 
 
-def accuracy(found: Mapping[str, Any]) -> Group:
-    """Our models beside their peers, best at the end first, a table for each data."""
+def accuracy_tables(outcome: Mapping[str, Any]) -> Group:
+    """Tables of our models and their peers, one for each set of data, sorted by the error at the end of a take."""
     parts: list[Any] = []
-    for data in dict.fromkeys(line["data"] for line in found["table"]):
-        some = [line for line in found["table"] if line["data"] == data]
-        horizons = [k for k, v in some[0].items() if isinstance(v, Mapping)]
-        some.sort(key=lambda line: line["end"]["nmse"] or float("inf"))
+    for data in dict.fromkeys(line["data"] for line in outcome["table"]):
+        lines = [line for line in outcome["table"] if line["data"] == data]
+        horizons = [k for k, v in lines[0].items() if isinstance(v, Mapping)]
+        lines.sort(key=lambda line: line["end"]["nmse"] or float("inf"))
         rows = [
-            [line["model"], *(_with_interval(line[h]) for h in horizons),
+            [line["model"], *(_nmse_with_interval(line[h]) for h in horizons),
              "–" if line["end"]["spread"] is None else f"{100 * line['end']['spread']:.0f} %"]
-            for line in some
+            for line in lines
         ]  # fmt: skip
         title = f"{data}: closed loop, NMSE × 10³ (95 %), started anew every so often or never; median of the seeds"
-        parts.append(table(title, ["model", *horizons, "seeds change"], rows))
-    return Group(*parts, *(f"missed: {text}" for text in found["missed"]))
+        parts.append(plain_table(title, ["model", *horizons, "seeds change"], rows))
+    return Group(*parts, *(f"missed: {text}" for text in outcome["missed"]))
 
 
-def _with_interval(figure: Mapping[str, Any]) -> str:
-    low, high = (thousandths(v) for v in figure["ci95"] or (None, None))
-    return "diverged" if figure["nmse"] is None else f"{thousandths(figure['nmse'])} ({low} – {high})"
+def _nmse_with_interval(figure: Mapping[str, Any]) -> str:
+    """An NMSE in thousandths with its 95 % interval, or "diverged"."""
+    low, high = (format_thousandths(v) for v in figure["ci95"] or (None, None))
+    return "diverged" if figure["nmse"] is None else f"{format_thousandths(figure['nmse'])} ({low} – {high})"
 
 
-def recovery(found: Mapping[str, Any]) -> Table:
-    """How often the intervals of a simulated car's constants hold."""
+def coverage_table(outcome: Mapping[str, Any]) -> Table:
+    """Table of how often stated intervals of a simulated car's constants hold, with errors and bias."""
     rows = [
         [r["loss"], r["symbol"], str(r["n"]),
          *(("–",) * 3 if not r["n"] else (
              f"{100 * r['covered']:.0f} %", f"{100 * r['median_error']:.2g} %", f"{r['bias_in_errors']:+.1f}"))]
-        for r in found["rows"]
+        for r in outcome["rows"]
     ]  # fmt: skip
-    title = (
-        f"{found['fits']} takes of {found['seconds']:g} s, the paper's car: true constants in the stated 95 % intervals"
-    )
-    return table(title, ["loss", "constant", "told", "within", "median error", "bias, s.e."], rows)
+    takes = f"{outcome['fits']} takes of {outcome['seconds']:g} s, the paper's car"
+    title = f"{takes}: true constants in the stated 95 % intervals"
+    return plain_table(title, ["loss", "constant", "stated", "within", "median error", "bias, s.e."], rows)
 
 
-def health(told: Sequence[Mapping[str, Any]]) -> str:
-    """The health of recordings, a paragraph each."""
+def health_text(health: HealthDocument) -> str:
+    """The health of recordings in words, a paragraph each."""
     lines = []
-    for t in told:
-        lines += [str(t["recording"]), f"  {t['sentence']}"]
-        if not t["refused"]:
-            lines.append(f"  clock offset: {_clock(t['clock'])}")
-            lines += [f"  {text}" for text in t["odd"]]
+    for take in health.recordings:
+        lines += [take.recording, f"  {take.sentence}"]
+        if take.clock:
+            lines.append(f"  clock offset: {_clock_text(take.clock)}")
+            lines += [f"  {text}" for text in take.findings]
     return "\n".join(lines)

@@ -1,6 +1,4 @@
-"""Where output goes: results to stdout, progress and messages to stderr; human, json or quiet."""
-
-from __future__ import annotations
+"""Where output goes: results to stdout, progress and messages to stderr; for people, as JSON, or quiet."""
 
 import io
 import json
@@ -15,38 +13,43 @@ from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBar
 from rich.table import Table
+
+from bcid.aliases import Progress
+from bcid.pipeline.watching import Watcher
 
 PIPED_WIDTH = 4096  # nothing is cut in a pipe
 
 
 class Format(StrEnum):
-    """How results are written."""
+    """Formats of results."""
 
     human = "human"
     json = "json"
     quiet = "quiet"
 
 
-def _finite(value: Any) -> Any:
-    """The same with NaN and infinities as null."""
+def _nonfinite_to_none(value: Any) -> Any:
+    """JSON data with None in place of NaN and infinities."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    return [_finite(v) for v in value] if isinstance(value, list | tuple) else value
+        return {k: _nonfinite_to_none(v) for k, v in value.items()}
+    return [_nonfinite_to_none(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def _inert(text: str) -> str:
-    """The text without control characters, which a terminal might obey."""
+def _without_control_characters(text: str) -> str:
+    """The text with a replacement sign for control characters, which a terminal might obey."""
     return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
 
 
-class Sink:
-    """One output for all commands."""
+class Sink(Watcher):
+    """The output of a command, and the watcher of its pipeline."""
 
     def __init__(self, style: Format) -> None:
+        """Prepare stdout and stderr for results in the format `style`."""
         self.style = style
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
@@ -57,32 +60,28 @@ class Sink:
         self.lively = self.err.is_terminal and style is not Format.quiet
 
     def result(self, data: dict[str, Any], human: Callable[[], str | RenderableType]) -> None:
-        """A command's result: `data` as JSON, or what `human` returns for people."""
+        """Print a command's result: `data` as JSON, or what `human` returns for people."""
         if self.style is Format.json:
-            print(json.dumps(_finite(data), indent=1))  # noqa: T201  # results, and nothing else, are printed here
+            print(json.dumps(_nonfinite_to_none(data), indent=1))  # noqa: T201  # results, and nothing else, are printed here
         elif self.style is Format.human:
             shown = human()
             if isinstance(shown, str):
-                print(_inert(shown))  # noqa: T201
+                print(_without_control_characters(shown))  # noqa: T201
             else:
                 self.out.print(shown)
 
-    def note(self, text: str) -> None:
-        """A message for people, on stderr."""
-        if self.style is Format.human:
-            self.err.print(escape(_inert(text)))
-
-    def told(self, text: str) -> None:
-        """What must be said before a result, in every format, on stderr."""
-        self.err.print(escape(_inert(text)), highlight=False, soft_wrap=True)
+    def note(self, text: str, in_every_format: bool = False) -> None:
+        """Print a message for people on stderr; in other formats only what must be known before the result."""
+        if in_every_format or self.style is Format.human:
+            self.err.print(escape(_without_control_characters(text)))
 
     def error(self, text: str) -> None:
-        """An error, in every format."""
-        self.err.print(f"[red]error:[/red] {escape(_inert(text))}")
+        """Print an error on stderr, in every format."""
+        self.err.print(f"[red]error:[/red] {escape(_without_control_characters(text))}")
 
     @contextmanager
-    def stage(self, title: str) -> Iterator[Callable[[float, str], None]]:
-        """A stage that is being made: a bar on a terminal, nothing where stderr is piped."""
+    def stage(self, title: str) -> Iterator[Progress]:
+        """Show a stage that is running: a bar on a terminal, nothing where stderr is piped."""
         if not self.lively:
             yield lambda share, text: None
             return
@@ -93,7 +92,7 @@ class Sink:
             TextColumn("{task.fields[text]}"),
             TimeElapsedColumn(),
         )
-        with Progress(*columns, console=self.err, transient=True) as bar:
+        with ProgressBar(*columns, console=self.err, transient=True) as bar:
             task = bar.add_task(escape(title), total=None, text="")
 
             def advance(share: float, text: str) -> None:
@@ -102,14 +101,16 @@ class Sink:
             yield advance
         self.err.print(f"{escape(title):32} {time.perf_counter() - begin:6.1f} s")
 
-    def reused(self, title: str) -> None:
-        """A stage found in the cache."""
+    def report_reused(self, title: str) -> None:
+        """Show that a stage was found in the cache."""
         if self.lively:
             self.err.print(f"[dim]{escape(title):32} cached[/dim]")
 
 
-def table(title: str, columns: list[str], rows: list[list[str]], caption: str = "", texts: Sequence[str] = ()) -> Table:
-    """A plain table; the first column and `texts` left, the others right."""
+def plain_table(
+    title: str, columns: list[str], rows: list[list[str]], caption: str = "", texts: Sequence[str] = ()
+) -> Table:
+    """A table without ruling lines: the first column and the columns `texts` aligned left, the others right."""
     made = Table(
         title=escape(title), title_justify="left", caption=escape(caption), caption_justify="left", box=None,
         pad_edge=False, header_style="bold",
@@ -117,12 +118,5 @@ def table(title: str, columns: list[str], rows: list[list[str]], caption: str = 
     for i, name in enumerate(columns):
         made.add_column(name, justify="left" if i == 0 or name in texts else "right")
     for row in rows:
-        made.add_row(*(escape(_inert(cell)) for cell in row))
+        made.add_row(*(escape(_without_control_characters(cell)) for cell in row))
     return made
-
-
-def thousandths(value: float | None) -> str:
-    """An NMSE as a multiple of 10^-3; "diverged" for none."""
-    if value is None:
-        return "diverged"
-    return f"{1e3 * value:.{2 if value < 1.0 else 0}f}" if value < 100.0 else f"{1e3 * value:.1e}"

@@ -1,4 +1,1 @@
-"""The compiler and what runs in vector registers.
-
-`njit` (numba with a cache keyed by imports), `lanes` (vectors of numbers).
-"""
+"""The compiler (`njit`: numba with a cache keyed by imports) and vectors of numbers (`lanes`, `lane_access`)."""

@@ -6,8 +6,6 @@ digest of its module and of all modules of this package that it imports, directl
 docstring, costs nothing.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +20,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class _ImportsLocator(UserProvidedCacheLocator):
-    """Where the kernels of one module of this package lie: a folder named after its source and its imports'."""
+    """Where the kernels of one module are cached: a folder named after the digest of its source and imports."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         super().__init__(function, file)  # type: ignore[no-untyped-call]  # numba is not typed
@@ -32,7 +30,7 @@ class _ImportsLocator(UserProvidedCacheLocator):
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> Self | None:
-        """The locator of a function of this package; none of any other, whose imports are not known."""
+        """The locator for a function of this package; None for any other, whose imports are not known."""
         if not Path(py_file).is_relative_to(PACKAGE):
             return None
         locator = cls(py_func, py_file)
@@ -43,36 +41,26 @@ class _ImportsLocator(UserProvidedCacheLocator):
         return locator
 
     def get_source_stamp(self) -> str:
-        """The digest, in the place of that of the file alone."""
+        """The digest of source and imports, where numba would look at the file alone."""
         return self._stamp
 
     def get_disambiguator(self) -> str:
-        """Nothing: within a module a kernel is known by its qualified name, whatever line it stands on."""
+        """A constant: within a module a kernel is known by its qualified name, whatever line it stands on."""
         return "kernel"
 
 
 CacheImpl._locator_classes.insert(0, _ImportsLocator)
 
 
-def njit(function: F) -> F:
-    """Compile `function` to machine code; `function.py_func` stays the plain Python reference."""
-    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+def _cached_compiler(**options: Any) -> Callable[[F], F]:
+    """Decorator that compiles a function to machine code with numba's `options`; `.py_func` stays plain Python."""
+    return cast(Callable[[F], F], numba.njit(cache=True, error_model="numpy", **options))
 
 
-def njit_inline(function: F) -> F:
-    """Compile `function` as `njit` does, always inlined: for what is handed a whole car several times a step."""
-    return cast(F, numba.njit(cache=True, error_model="numpy", forceinline=True)(function))
-
-
-def njit_sums(function: F) -> F:
-    """Compile `function` as `njit_inline` does, for loops that add up.
-
-    Sums may be taken in any order and products added without rounding first, so that they too become vector code.
-    """
-    fastmath = {"reassoc", "nsz", "contract"}
-    return cast(F, numba.njit(cache=True, error_model="numpy", fastmath=fastmath, forceinline=True)(function))
-
-
-def njit_parallel(function: F) -> F:
-    """Compile `function` as `njit` does, with its `prange` loops spread over the cores."""
-    return cast(F, numba.njit(cache=True, error_model="numpy", parallel=True)(function))
+njit = _cached_compiler()
+njit_inline = _cached_compiler(forceinline=True)
+"""For what is handed a whole car several times a step: such arguments are not copied where it is inlined."""
+njit_sums = _cached_compiler(forceinline=True, fastmath={"reassoc", "nsz", "contract"})
+"""For loops that add up: sums are taken in any order and products added unrounded, so that they become vector code."""
+njit_parallel = _cached_compiler(parallel=True)
+"""For `prange` loops, which are spread over the cores."""

@@ -1,9 +1,7 @@
-"""A diagnosis from a recording and its estimate: everything in order, nothing of it on disk."""
+"""The diagnosis of recordings step by step: fit the base model, locate the mismatch, search, judge."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,165 +9,152 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bcid.aliases import Progress
-from bcid.diagnosis.compared import Compared
-from bcid.diagnosis.judge.not_excited import Unexcited, unexcited
-from bcid.diagnosis.judge.verdict import Judgement, judged
-from bcid.diagnosis.locate.location import Location, located
-from bcid.diagnosis.locate.pushes import Disturbances, disturbances
-from bcid.diagnosis.locate.regression import remainder
-from bcid.diagnosis.search.forward_backward import Search, search
+from bcid.diagnosis.judge.not_excited import find_unexcited_effects
+from bcid.diagnosis.judge.verdict import Judgement, judge_search
+from bcid.diagnosis.limits import JUDGE_LIMITS
+from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
+from bcid.diagnosis.locate.pushes import Disturbances, estimate_disturbances
+from bcid.diagnosis.locate.regression import regress_disturbances
+from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.search.forward_backward import SearchResult, search_effects
+from bcid.documents.diagnosis import NotExcited
 from bcid.effects.corrections import RAW_COMMANDS
-from bcid.effects.entry import Units
-from bcid.effects.table import ENTRIES, effects_of
-from bcid.errors import InputRefused
+from bcid.effects.entry import VehicleScale
+from bcid.effects.table import ENTRIES, effect_ids
+from bcid.errors import PredictionDiverged
 from bcid.estimate.types import Estimate
-from bcid.likelihood.prepare import base_from, base_of, too_bent, under_pushes, units_of
-from bcid.likelihood.refit import Fit, held
+from bcid.likelihood import prepare
+from bcid.likelihood.divergence import none_if_diverged, refuse_divergence
+from bcid.likelihood.refit import Fit, evaluate_fixed
 from bcid.likelihood.take import Take
-from bcid.models.newton_euler.initial_guess import started_car
+from bcid.models.newton_euler.initial_guess import guess_car
 from bcid.recording.checks.contacts import Contact
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-SMALLEST_P = 1e-3  # that is claimed: the null takes drawn are about a thousand
-
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found, and what it was found with."""
+    """What recordings show beside the base model, and the take and the fits that show it."""
 
     take: Take
     contacts: tuple[Contact, ...]
-    search: Search
+    search: SearchResult
     judgement: Judgement
     location: Location
-    before: Disturbances  # under the refitted base model
-    after: Disturbances  # under the fit with what was found
-    unexcited: tuple[Unexcited, ...]
+    pushes_before: Disturbances  # under the refitted base model
+    pushes_after: Disturbances  # under the fit with the named effects
+    not_excited: tuple[NotExcited, ...]
 
     @property
     def p_value(self) -> float:
-        """That nothing is missing: of all effects, places, times and the base model's simplifications (Bonferroni)."""
+        """The p-value of nothing missing (Bonferroni): 4 min(p of effects, of places, of times, of corrections)."""
         from scipy.stats import chi2
 
-        found, location = self.search, self.location
-        free = len(found.corrected.hypothesis.parameters) - len(found.base.hypothesis.parameters)
-        gained = found.corrected.log_likelihood - found.base.log_likelihood
-        simplified = float(chi2.sf(2.0 * gained, free)) if free else 1.0
-        smallest = min(found.p_value, location.place_p, location.window_p, simplified)
-        return min(1.0, 4.0 * max(smallest, SMALLEST_P))
+        base, corrected, location = self.search.base, self.search.corrected, self.location
+        free = len(corrected.hypothesis.effect_parameters) - len(base.hypothesis.effect_parameters)
+        gained = corrected.log_likelihood - base.log_likelihood
+        corrections = float(chi2.sf(2.0 * gained, free)) if free else 1.0
+        smallest = min(self.search.p_value, location.place_p_value, location.window_p_value, corrections)
+        return min(1.0, 4.0 * max(smallest, JUDGE_LIMITS.min_p_value))
 
 
-class Based(NamedTuple):
+class BaseFit(NamedTuple):
     """A take and the base model refitted to it."""
 
     take: Take
     contacts: tuple[Contact, ...]
     fit: Fit
-    usual: Units  # of the vehicle as fast as it can be asked to drive
-    simulation: Compared | None = None
+    full_speed_units: VehicleScale  # of the vehicle at the largest speed that can be commanded
+    reference: ReferenceModel | None = None
 
-    def given(self) -> Fit | None:
-        """The simulation as it is; none where it is trusted, so that the fit has it, or does not drive this take."""
-        if self.simulation is None or self.simulation.trust is not None:
+    def evaluate_reference(self) -> Fit | None:
+        """The reference model as given, with nothing refitted; None if there is none, it is trusted, or it diverges."""
+        if self.reference is None or self.reference.relative_sd is not None:
             return None
         h = self.fit.hypothesis
-        values = [self.simulation.effects.get(field, 0.0) for field, _ in h.parameters]
-        try:
-            return held(self.take, h, h.start(self.simulation.car, values), self.fit.scales)
-        except FloatingPointError:
-            return None
-
-    def under_pushes(self) -> Based:
-        """The same with all predictions made under the likeliest pushes.
-
-        Raises:
-            FloatingPointError: when the base model cannot follow it.
-        """
-        take, fit = under_pushes(self.take, self.fit)
-        return self._replace(take=take, fit=fit)
+        values = [self.reference.effects.get(field, 0.0) for field, _ in h.effect_parameters]
+        phi = h.phi_of(self.reference.car, values)
+        return none_if_diverged(evaluate_fixed, self.take, h, phi, self.fit.scales)
 
 
-def diagnosed(
+def diagnose_recordings(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
-    simulation: Compared | None = None, progress: Progress = lambda share, text: None, left_out: Sequence[str] = (),
+    reference: ReferenceModel | None = None, progress: Progress = lambda share, text: None,
+    excluded: Sequence[str] = (),
 ) -> Diagnosis:  # fmt: skip
-    """What the recordings show beside the Newton-Euler model, or beside what `simulation` has.
+    """Diagnose recordings of one vehicle: locate what a base model leaves unexplained, and name the effects behind it.
 
-    The base model is refitted, from the simulation's car where one is given.  Effects in `left_out` are not
-    considered.  Where predictions still miss their tangent beside the best that explains them, all is done again
-    under the likeliest pushes, at several times the work: what is missing had bent it, and as a rule it is found
-    without.  What only stood in for it does not come back then: pushes do the rest of its work, and hide that.
-    Beside a simulation that is to be trusted, all of which is hardly ever one effect from right, nothing is looked for
-    but under pushes where it misses.
+    The base model is the Newton-Euler model, or the reference model, refitted.  Its predictions are linearised, first
+    without pushes on the body.  Where they are too nonlinear for that even with the best explanation, all is repeated
+    under the likeliest pushes, at several times the work.  Effects dropped as proxies stay out then, since pushes would
+    hide that they are proxies.  A trusted reference model that is too nonlinear is diagnosed under pushes at once: it
+    seldom differs from the car by a single effect.
+
+    `progress` is called with the share done and a text; effects with an id in `excluded` are not considered.
 
     Raises:
-        InputRefused: when too little of the recordings can be used.
+        InputRefused: too little of the recordings can be used, or no model can follow them.
     """
-    of = based(recordings, estimates, vehicle, simulation, progress)
-    dropped: tuple[str, ...] = ()
-    with _followed(recordings):
-        if of.fit.hypothesis.simulated is None or not too_bent(of.fit, of.take):
-            with suppress(FloatingPointError, np.linalg.LinAlgError):  # what no tangent follows pushes may
-                found = _of_take(of, progress, left_out)
-                if not too_bent(found.judgement.fit, of.take):
-                    return found
-                dropped = found.judgement.search.stand_ins
+    base = fit_base_model(recordings, estimates, vehicle, reference, progress)
+    proxies: tuple[str, ...] = ()
+    with threadpool_limits(1, "blas"), refuse_divergence(recordings):
+        if base.fit.hypothesis.trusted_simulation is None or not prepare.needs_pushes(base.fit, base.take):
+            # a search that diverges without pushes may not diverge under them
+            with suppress(PredictionDiverged, np.linalg.LinAlgError):
+                diagnosis = _diagnose_take(base, progress, excluded)
+                if not prepare.needs_pushes(diagnosis.judgement.fit, base.take):
+                    return diagnosis
+                proxies = diagnosis.judgement.search.proxies
         progress(0.05, "the base model, under pushes")
-        return _of_take(of.under_pushes(), progress, left_out, dropped)
+        take, fit = prepare.refit_base_with_pushes(base.take, base.fit)
+        return _diagnose_take(base._replace(take=take, fit=fit), progress, excluded, proxies)
 
 
-def based(
+def fit_base_model(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
-    simulation: Compared | None = None, progress: Progress = lambda share, text: None,
-) -> Based:  # fmt: skip
-    """The base model, or the `simulation`, refitted to the recordings.
+    reference: ReferenceModel | None = None, progress: Progress = lambda share, text: None,
+) -> BaseFit:  # fmt: skip
+    """Refit the Newton-Euler model, or the reference model with its effects, to the recordings without pushes.
 
     Raises:
-        InputRefused: when too little of the recordings can be used.
+        InputRefused: too little of the recordings can be used, or the model cannot follow them.
     """
-    facts = estimates[0].facts
     progress(0.02, "a first car")
-    car = simulation.car if simulation else started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)
-    assumed = dict(simulation.effects) if simulation else {}
-    if vehicle.raw_steering:  # its gain belongs to the base model
+    T_s, d = estimates[0].steering_constants()
+    car = reference.car if reference else guess_car(estimates, vehicle, T_s, d)._replace(u_0=0.0)
+    assumed = dict(reference.effects) if reference else {}
+    # the gain of raw commands belongs to the base model
+    if vehicle.has_raw_steering:
         assumed = {field: 0.0 for name in RAW_COMMANDS for field in ENTRIES[name].fields} | assumed
-    hypothesis = base_of(vehicle, car, estimates, effects_of(assumed))
+    hypothesis = prepare.base_hypothesis(vehicle, car, estimates, effect_ids(assumed))
     values = list(assumed.values())
-    if simulation and simulation.trust is not None:
-        hypothesis = hypothesis.trusting(values, simulation.trust, simulation.trust_of)
+    if reference and reference.relative_sd is not None:
+        hypothesis = hypothesis.trust_simulation(values, reference.relative_sd, reference.relative_sd_of)
     progress(0.05, "the base model")
-    with _followed(recordings):
-        take, hits, fit = base_from(recordings, estimates, hypothesis, values)
-    usual = units_of(fit.car(), estimates, vehicle.motor.reference_speed_mps or 0.0)
-    return Based(take, hits, fit, usual, simulation)
+    with threadpool_limits(1, "blas"), refuse_divergence(recordings):
+        take, contacts, fit = prepare.prepare_and_fit_base(recordings, estimates, hypothesis, values)
+    units = prepare.scale_at_driven_speed(fit.car(), estimates, vehicle.motor.reference_speed_mps or 0.0)
+    return BaseFit(take, contacts, fit, units, reference)
 
 
-@contextmanager
-def _followed(recordings: Sequence[Recording]) -> Iterator[None]:
-    """Refuse recordings that no model can follow.  The kernels share the cores: BLAS on small matrices would fight."""
-    with threadpool_limits(1, "blas"):
-        try:
-            yield
-        except (FloatingPointError, np.linalg.LinAlgError) as error:
-            raise InputRefused(
-                recordings[0].sources[0].path,
-                "poses and commands",
-                f"the model cannot follow them: {error}",
-                "check the vehicle file's mass, distances and limits, and the recording's units",
-            ) from error
+def _diagnose_take(
+    base: BaseFit, progress: Progress, excluded: Sequence[str], dropped: tuple[str, ...] = ()
+) -> Diagnosis:
+    """Locate the mismatch of a base fit, search the effects that explain it, and judge them.
 
-
-def _of_take(of: Based, progress: Progress, left_out: Sequence[str], dropped: tuple[str, ...] = ()) -> Diagnosis:
-    """What a take shows, `dropped` left out as well, and told as such."""
-    take, base = of.take, of.fit
+    Effects `dropped` by an earlier search are not considered either, and are reported as dropped.
+    """
+    take, fit = base.take, base.fit
     progress(0.15, "where the mismatch is")
-    before = disturbances(base, take)
-    whole = remainder(before, base.car())
-    location = located(base, take, before, whole)
-    found = search(base, take, whole, lambda text: progress(0.3, text), (*left_out, *dropped), of.given())
+    pushes = estimate_disturbances(fit, take)
+    regression = regress_disturbances(pushes, fit.car())
+    location = locate_mismatch(fit, take, pushes, regression)
+    search = search_effects(
+        fit, take, regression, lambda text: progress(0.3, text), (*excluded, *dropped), base.evaluate_reference()
+    )
     progress(0.8, "what is left")
-    judgement = judged(found, take, location.place, location.left if found.best is base else None, dropped)
-    after = disturbances(judgement.fit, take)
-    not_seen = unexcited(judgement.fit, take, of.usual, found.nulls.gate)
-    return Diagnosis(take, of.contacts, found, judgement, location, before, after, not_seen)
+    judgement = judge_search(search, take, location.place, location.remaining if search.best is fit else None, dropped)
+    pushes_after = estimate_disturbances(judgement.fit, take)
+    not_excited = find_unexcited_effects(judgement.fit, take, base.full_speed_units, search.nulls.gate)
+    return Diagnosis(take, base.contacts, search, judgement, location, pushes, pushes_after, not_excited)

@@ -1,14 +1,12 @@
-"""The simulation that a recording is compared with: a model or its parameters, a simulator's recording, a function.
+"""Reference models from a saved model, a file of parameters, a simulator's recording, or a user's function.
 
-A recording or a function is identified first, as if it were a car of its own: what it has is then part of the
-base model, and the diagnosis says what the real car has beyond.
+A recording or a function is identified first, as if it were a car of its own: what it has is then part of the base
+model, and the diagnosis says what the real car has beyond.
 """
-
-from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,99 +15,82 @@ import numpy as np
 from pydantic import Field
 
 from bcid.aliases import Floats
-from bcid.diagnosis.compared import Compared
-from bcid.diagnosis.diagnose import diagnosed
+from bcid.diagnosis.diagnose import diagnose_recordings
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import integrate
+from bcid.evaluation.closed_loop import integrate_poses
 from bcid.files.toml import Settings, read_toml
 from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, PRIOR_SD, SPEED_LAW, TYRES
-from bcid.likelihood.prepare import base_of
+from bcid.likelihood.prepare import base_hypothesis
 from bcid.models.interface import History, history_at, rollout
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
-from bcid.models.newton_euler.initial_guess import started_car
+from bcid.models.newton_euler.initial_guess import guess_car
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.saving import load_model
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
-RESTART_S = 20.0  # a user's function drives this long before it is set to the estimate again
+# a user's function drives this long before it is set to the estimate again
+USER_MODEL_RESTART_S = 20.0
+
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
-def of_model(folder: Path) -> Compared:
-    """What a saved Newton-Euler model, plain or augmented, has.
+def reference_from_model(folder: Path) -> ReferenceModel:
+    """The reference model in the folder of a saved Newton-Euler model, plain or augmented.
 
     Raises:
-        InputRefused: no such model there.
+        InputRefused: it holds no such model.
     """
     model = load_model(folder)
     if isinstance(model, AugmentedNewtonEuler):
-        return Compared(model.car, dict(model.effects))
+        return ReferenceModel(model.car, dict(model.effects))
     if isinstance(model, NewtonEuler):
-        return Compared(model.car, {})
+        return ReferenceModel(model.car, {})
     raise InputRefused(folder, "model.json", f"holds {model.name}, which has no forces", "name a newton-euler model")
 
 
-_Share = Annotated[float, Field(gt=0.0, le=1.0)]
+class ParameterFile(Settings):
+    """A TOML file of a car's parameters, measured or published, in SI units."""
 
-
-class Parameters(Settings):
-    """A file of parameters, measured or published."""
-
-    relative_sd: _Share | None = None
-    relative_sd_of: dict[str, _Share] = Field(default_factory=dict)  # by parameter or effect: what is known otherwise
+    relative_sd: Share | None = None  # how well all of it is known
+    relative_sd_of: dict[str, Share] = Field(default_factory=dict)  # of parameters and effects that are known otherwise
     parameters: dict[str, float]
     effects: dict[str, dict[str, float]] = Field(default_factory=dict)
 
 
-def read_parameters(path: Path) -> Parameters:
-    """The file at `path`.
-
-    Raises:
-        InputRefused: it is no such file.
-    """
-    return read_toml(path, Parameters, "simulation file", "pipelines/dart/simulation.toml is one")
+def read_parameter_file(path: Path) -> ParameterFile:
+    """Read a car's parameters from a TOML file; refuse what is no such file (InputRefused)."""
+    return read_toml(path, ParameterFile, "simulation file", "pipelines/dart/simulation.toml is one")
 
 
-def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
-    """The simulation whose parameters a TOML file gives: Newton-Euler's, and those of the effects that it has.
+def reference_from_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> ReferenceModel:
+    """The reference model whose Newton-Euler parameters and effects a TOML file gives.
 
-    With `relative_sd` the parameters stay about that near to what they are, or as near as `relative_sd_of` says of one,
-    and never go beyond three times that; without, they are where the refit starts.
+    With `relative_sd` every parameter has a prior of this standard deviation, as a share of its value, or of that in
+    `relative_sd_of`, and is refitted within three of them; without, the refit only starts from the values.
 
     Raises:
         InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.
     """
-    file = read_parameters(path)
-    law = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
+    file = read_parameter_file(path)
     steering = vehicle.steering
-    wanted, may = {*law, *TYRES, *DRAG}, {"T_s": steering.time_constant_s, "d": steering.max_rate_radps}
-    lacking, strange = sorted(wanted - set(file.parameters)), sorted(set(file.parameters) - wanted - set(may))
-    given = sorted(s for s in may if s in file.parameters and may[s] is not None)
-    negative = sorted(s for s, v in file.parameters.items() if s not in DRAG and not v > 0.0)
-    told = [
-        f"{words} {', '.join(symbols)}"
-        for words, symbols in (
-            ("lacks", lacking), ("has unknown", strange), ("has in the vehicle file already", given),
-            ("needs above zero", negative),
-        )
-        if symbols
-    ]  # fmt: skip
-    if told:
-        raise InputRefused(path, "parameters", " and ".join(told), f"give {', '.join(sorted(wanted))}, in SI units")
+    optional = {"T_s": steering.time_constant_s, "d": steering.max_rate_radps}
+    _check_parameters(path, file, vehicle, optional)
     for name, values in file.effects.items():
         if name not in ENTRIES or set(values) != {p.symbol for p in ENTRIES[name].parameters}:
             raise InputRefused(path, f"effects.{name}", "no such effect, or not its parameters", "see bcid effects")
-    gains = RAW_COMMANDS if vehicle.raw_steering else ()
+    gains = RAW_COMMANDS if vehicle.has_raw_steering else ()
     unknown = sorted(set(file.relative_sd_of) - {*file.parameters, *file.effects, *gains})
     if unknown or (file.relative_sd_of and file.relative_sd is None):
         cause = f"names {', '.join(unknown)}, which the file does not give" if unknown else "stands without relative_sd"
         raise InputRefused(path, "relative_sd_of", cause, "give relative_sd, and here what is known otherwise")
-    facts = estimates[0].facts
-    car = started_car(estimates, vehicle, facts["T_s"], facts["d"])._replace(u_0=0.0)._replace(**file.parameters)
-    entries, fields = base_of(vehicle, car, estimates).entries, dict[str, float]()
+    car = guess_car(estimates, vehicle, *estimates[0].steering_constants())
+    car = car._replace(u_0=0.0)._replace(**file.parameters)
+    entries, fields = base_hypothesis(vehicle, car, estimates).entries, dict[str, float]()
     for name, values in file.effects.items():
         if name not in entries:
             raise InputRefused(path, f"effects.{name}", "this vehicle cannot have it", "leave it out")
@@ -118,50 +99,60 @@ def of_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -
                 bounds = f"{p.symbol} = {values[p.symbol]:g} lies outside {p.low:g} to {p.high:g} {p.unit}"
                 raise InputRefused(path, f"effects.{name}", bounds, "check its unit; see bcid effects")
             fields[field] = values[p.symbol]
-    unsaid = {s: PRIOR_SD for s in may if s not in file.parameters}  # the take's own, which nobody has published
-    return Compared(car, fields, file.relative_sd, {**unsaid, **file.relative_sd_of})
+    # the take's own servo, which nobody has published
+    unpublished = {s: PRIOR_SD for s in optional if s not in file.parameters}
+    return ReferenceModel(car, fields, file.relative_sd, {**unpublished, **file.relative_sd_of})
 
 
-def of_recordings(recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle) -> Compared:
-    """What the car of other recordings, a simulator's, has."""
-    fit = diagnosed(recordings, estimates, vehicle).judgement.fit
-    return Compared.of(fit)
+def _check_parameters(path: Path, file: ParameterFile, vehicle: Vehicle, optional: Mapping[str, float | None]) -> None:
+    """Refuse base parameters that are missing, unknown, not positive, or given by the vehicle file (`optional`) too."""
+    required = {*(FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW), *TYRES, *DRAG}
+    given = file.parameters
+    wrong = {
+        "lacks": sorted(required - set(given)),
+        "has unknown": sorted(set(given) - required - set(optional)),
+        "has in the vehicle file already": sorted(s for s, v in optional.items() if s in given and v is not None),
+        "needs above zero": sorted(s for s, v in given.items() if s not in DRAG and not v > 0.0),
+    }
+    causes = [f"{words} {', '.join(symbols)}" for words, symbols in wrong.items() if symbols]
+    if causes:
+        next_step = f"give {', '.join(sorted(required))}, in SI units"
+        raise InputRefused(path, "parameters", " and ".join(causes), next_step)
+
+
+def identify_reference(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle
+) -> ReferenceModel:
+    """Identify a reference model, a car with effects, by diagnosing other recordings, such as a simulator's."""
+    return ReferenceModel.from_fit(diagnose_recordings(recordings, estimates, vehicle).judgement.fit)
 
 
 @dataclass(frozen=True)
-class Stepped:
-    """A user's model as far as it is used: how it begins and steps; it may look back by so many `lags`."""
+class UserModel:
+    """A user's object with `init`, `step` and `period_s`, as a model that can be rolled out."""
 
     model: Any
     name: str
-
-    @property
-    def period_s(self) -> float:
-        """The time a step advances (s)."""
-        return float(self.model.period_s)
-
-    @property
-    def lags(self) -> int:
-        """Rows of history before the start that it wants."""
-        return int(getattr(self.model, "lags", 0))
+    period_s: float  # by which a step advances
+    lags: int  # rows of history that the model wants before its start
 
     def init(self, history: History) -> Any:
-        """See `Model.init`."""
+        """The carry that the model starts from after a history (`bcid.models.interface.Model.init`)."""
         return self.model.init(history)
 
     def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
-        """See `Model.scan`."""
+        """The carry after the commands (K, 2), and the twist (K, 3) after each."""
         twists = np.empty((len(commands), 3))
         for k, command in enumerate(commands):
             carry, twists[k] = self.model.step(carry, command)
         return carry, twists
 
 
-def user_model(name: str) -> Stepped:
-    """What `module:function` returns: an object with `init`, `step` and `period_s` (`bcid.models.interface`).
+def load_user_model(name: str) -> UserModel:
+    """Load the model that a user's function, named as `module:function`, returns (`bcid.models.interface.Model`).
 
     Raises:
-        UsageError: no such function, or it returns something else.
+        UsageError: there is no such function, or what it returns has no `init`, `step` or `period_s`.
     """
     module, _, function = name.partition(":")
     next_step = "name module:function, importable from here, or a file or folder that exists"
@@ -170,7 +161,8 @@ def user_model(name: str) -> Stepped:
     sys.path.insert(0, str(Path.cwd()))
     try:
         made: Any = getattr(importlib.import_module(module), function)()
-    except Exception as error:  # the user's own code: whatever it raises is the user's to read
+    # whatever the user's own code raises is the user's to read
+    except Exception as error:
         raise UsageError(f"--simulation {name}: {type(error).__name__}: {error}\n  next: {next_step}") from error
     finally:
         sys.path.pop(0)
@@ -179,23 +171,27 @@ def user_model(name: str) -> Stepped:
         raise UsageError(
             f"--simulation {name}: what it returns has no {', '.join(missing)}\n  next: see bcid.models.interface.Model"
         )
-    return Stepped(made, name)
+    return UserModel(made, name, float(made.period_s), int(getattr(made, "lags", 0)))
 
 
-def driven_by(model: Stepped, recording: Recording, estimate: Estimate) -> Recording:
-    """The recording as the model would have driven it, started anew at RESTART_S and at each stretch's beginning."""
+def simulate_with_model(model: UserModel, recording: Recording, estimate: Estimate) -> Recording:
+    """Simulate a recording by a user's model, set to the estimate every USER_MODEL_RESTART_S and after each gap.
+
+    Raises:
+        UsageError: the model steps by another period than the estimate.
+    """
     if abs(model.period_s - estimate.period_s) > 1e-9:
         step, grid = f"{model.period_s:g} s", f"{estimate.period_s:g} s"
         raise UsageError(
             f"{model.name} steps by {step}, the grid by {grid}\n  next: set period_s in [estimate], or its step"
         )
-    size = max(2, round(RESTART_S / estimate.period_s))
+    size = max(2, round(USER_MODEL_RESTART_S / estimate.period_s))
     times, poses, breaks = [], [], []
     for stretch in estimate.segments():
         for k in range(stretch.start, stretch.stop, size):
             stop = min(k + size, stretch.stop)
             twist = rollout(model, history_at(estimate, k, model.lags), estimate.command[k : stop - 1])
-            poses.append(integrate(estimate.pose[k], twist, estimate.period_s))
+            poses.append(integrate_poses(estimate.pose[k], twist, estimate.period_s))
             times.append(estimate.time_s[k:stop])
             breaks.append(float(estimate.time_s[k]))
     return replace(

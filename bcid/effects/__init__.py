@@ -1,1 +1,1 @@
-"""The vocabulary of missing physics: one short entry an effect, beside its equation."""
+"""The vocabulary of missing physics: in each family's module the equations as compiled functions, and their entries."""

@@ -4,16 +4,17 @@ A diagnosis fits these beside the vocabulary.  They are never named as missing p
 an effect that is there, and take up what would otherwise be mistaken for one.
 """
 
-from __future__ import annotations
-
 from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
 
 
 @njit
-def grip_left(linear: float, F_max: float, f: float) -> float:
-    """The grip past saturation: F_max falls towards (1 - f) F_max as the slip goes on."""
+def tyre_fall(linear: float, F_max: float, f: float) -> float:
+    """Grip (N) past saturation F_max (1 - f o/(1 + o)), where o = |linear|/F_max - 1 is the excess, at least 0.
+
+    `linear` is the tyre's side force (N) without a limit; far past saturation the grip is (1 - f) F_max.
+    """
     if f == 0.0:
         return F_max
     over = max(abs(linear) / where(F_max > 0.0, F_max, 1.0) - 1.0, 0.0)
@@ -22,57 +23,62 @@ def grip_left(linear: float, F_max: float, f: float) -> float:
 
 @njit
 def slip_speed(v_0: float, d: float) -> float:
-    """v_0 (1 + d)."""
+    """Speed v_0 (1 + d) (m/s) that bounds the rolling speed in the slip angles."""
     return v_0 * (1.0 + d)
 
 
 @njit
-def scaled_steering(delta: float, g: float) -> float:
-    """(1 + g) delta."""
+def two_rear_wheels(v_x: float, omega: float, t: float, side: float) -> float:
+    """Speed along the car v_x - side t omega (m/s) of a rear wheel, `side` = 1/2 (left) or -1/2 of the track t (m)."""
+    return v_x - side * t * omega
+
+
+@njit
+def steering_scale(delta: float, g: float) -> float:
+    """Steering angle (1 + g) delta (rad), where the vehicle file's gain from raw commands is off by g."""
     return (1.0 + g) * delta
 
 
 @njit
-def faded(F: float, u_m: float, v_w: float, u_0: float, k: float) -> float:
-    """F - k (u_m - u_0) v_w above u_0: a bridge that is on for a share of the time lets the motor brake as long."""
+def motor_fade(F: float, u_m: float, v_w: float, u_0: float, k: float) -> float:
+    """Motor force F - k (u_m - u_0) v_w (N) at a throttle u_m above u_0, at the wheel speed v_w (m/s).
+
+    A pulsed bridge that is on for a share of the time lets the motor brake for as long.
+    """
     return where(u_m > u_0, F - k * (u_m - u_0) * v_w, F) if k != 0.0 else F
 
 
 RAW_COMMANDS = ("steering_scale",)
 """Corrections of a vehicle whose commands come in units of their own, by gains that are known roughly."""
 
-FORCE_ONLY = "motor_fade"
-"""The correction of a motor whose throttle sets a force."""
-
 CORRECTIONS: dict[str, Effect] = {
     e.id: e
     for e in (
         Effect(
-            "tyre_fall", "tyres' grip falls towards (1 − f)·F̂ past saturation",
+            tyre_fall, "tyres' grip falls towards (1 − f)·F̂ past saturation",
             (Parameter("f", "1", 0.0, 0.9, 0.3, "share of the grip lost far past saturation"),),
             "fy", depends_on=("alpha_f", "alpha_r"),
             source="side force that falls past its peak; Pacejka (2012), ch. 1",
         ),
         Effect(
-            "slip_speed", "v_0 → v_0·(1 + d) in the slip angles",
+            slip_speed, "v_0 → v_0·(1 + d) in the slip angles",
             (Parameter("d", "1", -0.8, 3.0, 0.2, "relative change of the speed below which slip fades"),),
             "fy", depends_on=("v_x", "alpha_f", "alpha_r"),
             source="the paper's bound on the slip ratio's rolling speed (App. slip, errata 14), refitted",
         ),
         Effect(
-            "two_rear_wheels", "the rear axle's side force as that of two wheels, t apart",
+            two_rear_wheels, "the rear axle's side force as that of two wheels, t apart",
             (Parameter("t", "m", 0.0, 1.3, 0.5, "track of the rear wheels"),),  # at most one and a half wheelbases
             "fy", depends_on=("alpha_r", "yaw_rate"),
             source="slip angle of each rear wheel at its own place; rigid-body kinematics",
         ),
         Effect(
-            "steering_scale", "δ → (1 + g)·δ, from raw steering commands",
+            steering_scale, "δ → (1 + g)·δ, from raw steering commands",
             (Parameter("g", "1", -0.5, 1.0, 0.05, "relative error of the gain in the vehicle file"),),
-            "steering", depends_on=("steering",),
-            source="the vehicle file's gain from raw units to rad, refitted",
+            "steering", depends_on=("steering",), source="the vehicle file's gain from raw units to rad, refitted",
         ),
         Effect(
-            FORCE_ONLY, "throttle force − k·(u − u_0)·v_w, where a throttle sets force",
+            motor_fade, "throttle force − k·(u − u_0)·v_w, where a throttle sets force",
             (Parameter("k", "kg s^-1", 0.0, 5000.0, 100.0, "how far a full throttle's force falls with speed"),),
             "motor", depends_on=("throttle", "v_x"),
             source="mean current of a pulsed bridge: on-time (V − k_e ω)/R; Mohan, Undeland, Robbins (2003), ch. 13",

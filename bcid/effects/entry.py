@@ -1,23 +1,22 @@
-"""What every effect declares: its equation, its parameters with unit and bounds, where it acts.
-
-The compiled function beside an entry is the equation itself; `bcid.effects.car` puts them together.
-"""
+"""What every effect declares: its law, the equation in print, parameters with unit and bounds, where it acts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 Channel = Literal["fx", "fy", "mz", "steering", "motor", "pose", "time", "any"]
 Kind = Literal["vehicle", "environment", "measurement"]
 
+BOUND_REL_TOL = 1e-6  # a search that ends at a bound ends there to rounding
+
 
 class Parameter(NamedTuple):
-    """One number of an effect, in SI.
+    """One number of an effect, in SI; `low` and `high` bound the search.
 
-    `low` and `high` bound the search; `size` is a magnitude at which ten minutes of the bumper car just
-    show the effect (specification), from which searches start.
+    Searches start from `size`, at which ten minutes of the bumper car just show the effect (specification).
     """
 
     symbol: str
@@ -27,27 +26,30 @@ class Parameter(NamedTuple):
     size: float
     meaning: str
     off: float = 0.0
-    places: bool = False  # a place or a time, which means nothing while the effect is off
+    is_place: bool = False  # a place or a time, which means nothing while the effect is off
     inverse_of: str = ""  # what is quoted in its place: its inverse, where off is infinity
 
-    def at_bound(self, value: float) -> bool:
-        """Whether a search that ended here might have gone on."""
-        return any(math.isclose(value, bound, rel_tol=1e-6) for bound in (self.low, self.high))
+    def is_at_bound(self, value: float) -> bool:
+        """Whether a fitted `value` lies at a bound, so that its search might have gone on beyond."""
+        return any(math.isclose(value, bound, rel_tol=BOUND_REL_TOL) for bound in (self.low, self.high))
 
-    def times(self, factor: float) -> Parameter:
-        """The same for a vehicle for which such a number is `factor` times as large."""
+    def scale(self, factor: float) -> Parameter:
+        """The parameter for a vehicle for which such numbers are `factor` times as large: bounds and size."""
         return self._replace(low=self.low * factor, high=self.high * factor, size=self.size * factor)
 
-    def quoted(self, value: float, se: float | None) -> Quoted:
-        """The value as it is printed and saved, with a unit in words."""
+    def quote(self, value: float, se: float | None) -> QuotedValue:
+        """The fitted `value` and its standard error `se` as they are printed and saved, with the unit in words.
+
+        A parameter that stands for an inverse (1/P for a power) is inverted, its standard error to first order.
+        """
         if not self.inverse_of or value == 0.0:
-            return Quoted(self.symbol, value, se, unit_in_words(self.unit))
-        unit = " ".join(_inverted(part) for part in self.unit.split())
-        return Quoted(self.inverse_of, 1.0 / value, None if se is None else se / value**2, unit_in_words(unit))
+            return QuotedValue(self.symbol, value, se, unit_in_words(self.unit))
+        unit = " ".join(base if n == -1 else f"{base}^{-n}" for base, n in parse_unit(self.unit))
+        return QuotedValue(self.inverse_of, 1.0 / value, None if se is None else se / value**2, unit_in_words(unit))
 
 
-class Quoted(NamedTuple):
-    """A parameter as it is told."""
+class QuotedValue(NamedTuple):
+    """A fitted parameter as it is printed and saved."""
 
     symbol: str
     value: float
@@ -66,66 +68,63 @@ UNITS_IN_WORDS = {
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def parse_unit(unit: str) -> list[tuple[str, int]]:
+    """Base units and their exponents in a product of powers.
+
+    >>> parse_unit("kg m^-2")
+    [('kg', 1), ('m', -2)]
+    """
+    return [(base, int(power or 1)) for base, _, power in (part.partition("^") for part in unit.split())]
+
+
 def unit_in_words(unit: str) -> str:
-    """A unit as an engineer writes it.
+    """A unit, given as a product of powers, as an engineer writes it.
 
     >>> unit_in_words("kg s^-1"), unit_in_words("kg m^4")
     ('N s/m', 'kg m⁴')
     """
     if unit in UNITS_IN_WORDS:
         return UNITS_IN_WORDS[unit]
-    parts = [p.split("^", 1) for p in unit.split(" ")]
-    return " ".join(p[0] + (p[1].translate(_SUPERSCRIPTS) if len(p) > 1 else "") for p in parts)
-
-
-def _inverted(part: str) -> str:
-    """One power of a unit, inverted.
-
-    >>> _inverted("m^-2"), _inverted("s^3")
-    ('m^2', 's^-3')
-    """
-    base, _, power = part.partition("^")
-    inverse = -int(power or 1)
-    return base if inverse == 1 else f"{base}^{inverse}"
+    return " ".join(base if n == 1 else base + str(n).translate(_SUPERSCRIPTS) for base, n in parse_unit(unit))
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One entry of the vocabulary."""
+    """One entry of the vocabulary, or one of the base model's corrections."""
 
-    id: str
+    law: Callable[..., Any]  # the compiled function that is the equation; the car calls it
     equation: str
     parameters: tuple[Parameter, ...]
     channel: Channel
     kind: Kind = "vehicle"
     looks_like: tuple[str, ...] = ()
     depends_on: tuple[str, ...] = ()  # the quantities it varies with, in the words of diagnosis.json
-    held: str = ""  # what is visible only because the vehicle file's value is held
+    confounded_with: str = ""  # what is visible only because the vehicle file's value is held
     source: str = ""
 
     @property
+    def id(self) -> str:
+        """Name of the effect, which is that of its law."""
+        return self.law.__name__
+
+    @property
     def fields(self) -> tuple[str, ...]:
-        """The parameters' names among the switches."""
-        return tuple(field_of(self.id, p.symbol) for p in self.parameters)
+        """Names of the effect's parameters among the switches: id, two underscores, symbol, as in "rough_patch__b"."""
+        return tuple(f"{self.id}__{p.symbol}" for p in self.parameters)
 
     @property
-    def places(self) -> tuple[Parameter, ...]:
-        """Where and when it acts; empty for what acts everywhere."""
-        return tuple(p for p in self.parameters if p.places)
+    def place_parameters(self) -> tuple[Parameter, ...]:
+        """Parameters that say where or when the effect acts; none for what acts everywhere."""
+        return tuple(p for p in self.parameters if p.is_place)
 
     @property
-    def amplitudes(self) -> tuple[Parameter, ...]:
-        """How strong it is."""
-        return tuple(p for p in self.parameters if not p.places)
+    def amplitude_parameters(self) -> tuple[Parameter, ...]:
+        """Parameters that say how strong the effect is."""
+        return tuple(p for p in self.parameters if not p.is_place)
 
 
-def field_of(effect: str, symbol: str) -> str:
-    """The name of an effect's parameter among the switches."""
-    return f"{effect}__{symbol}"
-
-
-class Units(NamedTuple):
-    """How much larger than the bumper car's a vehicle's mass, length and time are."""
+class VehicleScale(NamedTuple):
+    """How many times the bumper car's a vehicle's mass, length and time are."""
 
     kg: float = 1.0
     m: float = 1.0
@@ -133,36 +132,27 @@ class Units(NamedTuple):
     rad: float = 1.0
 
     @property
-    def reach(self) -> float:
-        """How much wider its circles on the floor are: by its size, or by how far it drives in a time."""
+    def circle_factor(self) -> float:
+        """How much wider circles on the floor are: by the vehicle's length, or by how far it drives in a time."""
         return max(self.m, self.m / self.s)
 
-    def of(self, unit: str) -> float:
-        """The factor of a product of powers such as "kg m s^-2"."""
-        factor = 1.0
-        for part in unit.split():
-            base, _, power = part.partition("^")
-            if base != "1":
-                factor *= getattr(self, base) ** int(power or 1)
-        return float(factor)
+    def factor_of(self, unit: str) -> float:
+        """Factor between this vehicle and the bumper car of a number in `unit`, powers such as "kg m s^-2"."""
+        return float(math.prod(getattr(self, base) ** n for base, n in parse_unit(unit) if base != "1"))
 
 
-def resized(effect: Effect, units: Units) -> Effect:
-    """The effect with sizes and bounds as they suit another vehicle.
+def resize_effect(effect: Effect, units: VehicleScale) -> Effect:
+    """The effect with starting sizes and bounds for a vehicle that is larger, heavier or slower than the bumper car.
 
-    Where and when stay free, how far around is wider for what is larger or faster; delays and lags stay: electronics
-    and servos are no faster in a small car.
+    Numbers grow with `units`; places and times stay free, circles are wider for what is larger or faster; delays and
+    lags stay: electronics and servos are no faster in a small car.
     """
 
     def scaled(p: Parameter) -> Parameter:
-        factor = units.of(p.unit)
-        if p.unit == "s":
-            return p
+        factor = units.factor_of(p.unit)
         if p.symbol in ("radius", "r_0"):
-            high, size = p.high * max(1.0, units.reach), p.size * units.reach
+            high, size = p.high * max(1.0, units.circle_factor), p.size * units.circle_factor
             return p._replace(low=p.low * factor, high=high, size=size, off=p.off * factor)
-        if p.places:
-            return p
-        return p.times(factor)
+        return p if p.is_place or p.unit == "s" else p.scale(factor)
 
     return replace(effect, parameters=tuple(scaled(p) for p in effect.parameters))

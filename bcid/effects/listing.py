@@ -1,11 +1,12 @@
 """The vocabulary in print: for the terminal, as JSON, and as the page docs/effects.md."""
 
-from __future__ import annotations
-
+import inspect
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from bcid.effects.entry import Effect, unit_in_words
+from bcid.files.source_code import PACKAGE
 
 INTRODUCTION = """\
 # The vocabulary of missing physics
@@ -23,8 +24,15 @@ System Identification (1999). Pacejka, Tire and Vehicle Dynamics (2012). Visinti
 """  # noqa: E501
 
 
-def as_json(effect: Effect) -> dict[str, Any]:
-    """One entry."""
+def locate_law(effect: Effect) -> tuple[str, int]:
+    """File, relative to the package's parent folder, and line of the function that is the effect's equation."""
+    code = inspect.unwrap(effect.law).__code__
+    return Path(code.co_filename).relative_to(PACKAGE.parent).as_posix(), code.co_firstlineno
+
+
+def effect_json(effect: Effect) -> dict[str, Any]:
+    """One effect as an element of `bcid effects --format json`, with the file and line of its law."""
+    file, line = locate_law(effect)
     return {
         "effect": effect.id,
         "equation": effect.equation,
@@ -32,35 +40,36 @@ def as_json(effect: Effect) -> dict[str, Any]:
         "kind": effect.kind,
         "looks_like": list(effect.looks_like),
         "depends_on": list(effect.depends_on),
-        "held": effect.held or None,
+        "held": effect.confounded_with or None,
         "source": effect.source,
-        "parameters": [p._asdict() for p in effect.parameters],
+        "parameters": [{k.replace("is_place", "places"): v for k, v in p._asdict().items()} for p in effect.parameters],
+        "law": {"function": f"{effect.law.__module__}.{effect.id}", "file": file, "line": line},
     }
 
 
-def details(effect: Effect) -> str:
-    """One entry for the terminal."""
+def describe_effect(effect: Effect) -> str:
+    """One effect in words for the terminal: equation, parameters, look-alikes, source, file and line of its law."""
     lines = [f"{effect.id}: {effect.equation}", f"  {effect.kind}, channel {effect.channel}"]
     for p in effect.parameters:
-        size = "" if p.places else f", size about {p.size:g}"
+        size = "" if p.is_place else f", size about {p.size:g}"
         lines.append(
             f"  {p.symbol} ({unit_in_words(p.unit)}): {p.meaning}, {p.low:g} to {p.high:g}, off at {p.off:g}{size}"
         )
     if effect.looks_like:
         lines.append(f"  may look like {', '.join(effect.looks_like)}")
-    if effect.held:
-        lines.append(f"  a wrong value of {effect.held} would look the same")
-    lines.append(f"  source: {effect.source}")
+    if effect.confounded_with:
+        lines.append(f"  a wrong value of {effect.confounded_with} would look the same")
+    lines += [f"  source: {effect.source}", "  law: {}:{}".format(*locate_law(effect))]
     return "\n".join(lines)
 
 
-def as_markdown(effects: Sequence[Effect]) -> str:
-    """The page."""
+def effects_page(effects: Sequence[Effect]) -> str:
+    """The page docs/effects.md in Markdown: a table of `effects` with an introduction and the references."""
     columns = ("id", "equation", "parameters", "size", "channel", "kind", "may look like", "source")
     rows = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
     for e in effects:
         numbers = "; ".join(f"{p.symbol} {unit_in_words(p.unit)}" for p in e.parameters)
-        sizes = "; ".join(f"{p.symbol} {p.size:g}" for p in e.amplitudes)
+        sizes = "; ".join(f"{p.symbol} {p.size:g}" for p in e.amplitude_parameters)
         cells = [f"`{e.id}`", e.equation, numbers, sizes, e.channel, e.kind, ", ".join(e.looks_like) or "–", e.source]
         rows.append(f"| {' | '.join(cells)} |")
     return INTRODUCTION + "\n" + "\n".join(rows) + "\n\n" + REFERENCES.rstrip()

@@ -1,83 +1,130 @@
 """How the angle at the wheel differs from what the base model's servo gives."""
 
-from __future__ import annotations
-
 import math
 
 from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
+from bcid.effects.lags import first_order_lag
 
 
 @njit
-def play(behind: float, delta: float, b: float) -> float:
-    """The angle that follows delta with play of +-b, last at `behind`."""
-    return min(max(behind, delta - b), delta + b)
+def steering_offset(delta: float, o: float) -> float:
+    """Wheel angle delta + o (rad): a servo horn that is mounted askew by o (rad)."""
+    return delta + o
 
 
 @njit
-def linkage(delta: float, speed: float, k3: float, side: float, k_v: float, offset: float) -> float:
-    """Delta + k delta^3, times (1 + a sign), times (1 - k |V|), plus o."""
-    angle = delta + k3 * delta * delta * delta
-    if side != 0.0:
-        angle *= 1.0 + side * math.copysign(1.0, angle)
-    return angle * (1.0 - k_v * speed) + offset
+def steering_backlash(delta_w: float, delta: float, b: float) -> float:
+    """Wheel angle (rad) that follows delta with a play of +-b: it stays at delta_w until the play is used up."""
+    return min(max(delta_w, delta - b), delta + b) if b > 0.0 else delta
 
 
-def _steering(
-    id: str, equation: str, parameter: Parameter, *twins: str, depends: tuple[str, ...], source: str  # noqa: A002
-) -> Effect:  # fmt: skip
-    return Effect(id, equation, (parameter,), "steering", "vehicle", twins, depends, source=source)
+@njit
+def steering_dead_band(delta: float, after: float, u_s: float, b: float) -> float:
+    """Servo angle (rad) at the end of a step from delta to `after` without a dead band of half width b about u_s.
+
+    The servo rests while |u_s - delta| <= b, and stops where the band begins.
+    """
+    if b == 0.0:
+        return after
+    miss = u_s - delta
+    if abs(miss) <= b:
+        return delta
+    return u_s - math.copysign(b, miss) if abs(u_s - after) < b else after
+
+
+@njit
+def steering_delay(time: float, tau: float) -> float:
+    """Time (s) at which a steering command acts that was given at `time`: time + tau."""
+    return time + tau
+
+
+@njit
+def steering_lag(delta_w: float, delta_0: float, delta_1: float, h: float, tau: float) -> float:
+    """Wheel angle (rad) after `h` seconds of tau delta_w' = delta - delta_w, delta linear from delta_0 to delta_1."""
+    return first_order_lag(delta_w, delta_0, delta_1, h / tau) if tau > 0.0 else delta_1
+
+
+@njit
+def steering_nonlinearity(delta: float, k: float) -> float:
+    """Wheel angle delta + k delta^3 (rad): the first odd term of the linkage."""
+    return delta + k * delta * delta * delta
+
+
+@njit
+def steering_side_gain(delta: float, a: float) -> float:
+    """Wheel angle delta (1 + a sign(delta)) (rad): the linkage turns farther to the left where a > 0."""
+    return delta * (1.0 + a * math.copysign(1.0, delta)) if a != 0.0 else delta
+
+
+@njit
+def steering_speed_gain(delta: float, v_x: float, v_y: float, k: float) -> float:
+    """Wheel angle delta (1 - k |V|) (rad) at the velocity V = (v_x, v_y) (m/s): the steering gives way."""
+    return delta * (1.0 - k * math.hypot(v_x, v_y)) if k != 0.0 else delta
+
+
+@njit
+def steering_rate_asymmetry(d: float, miss: float, a: float) -> float:
+    """Rate limit of the servo (rad/s): d (1 + a) to the left, where miss = u_s - delta > 0, else d (1 - a)."""
+    return d * (1.0 + a) if miss > 0.0 else d * (1.0 - a)
+
+
+@njit
+def steering_compliance(delta_w: float, delta: float, F_af: float, k: float) -> float:
+    """Residual delta_w - delta - k F_af (rad): 0 where the linkage gives way by k (rad/N) times the side force (N)."""
+    return delta_w - delta - k * F_af
 
 
 EFFECTS = (
-    _steering(
-        "steering_offset", "δ_w = δ + o", Parameter("o", "rad", -0.3, 0.3, 0.008, "offset"),
-        "front_ply_steer", "body_yaw_misalignment", depends=("v_x",),
+    Effect(
+        steering_offset, "δ_w = δ + o", (Parameter("o", "rad", -0.3, 0.3, 0.008, "offset"),),
+        "steering", looks_like=("front_ply_steer", "body_yaw_misalignment"), depends_on=("v_x",),
         source="misaligned servo horn: a constant angle",
     ),
-    _steering(
-        "steering_backlash", "δ_w follows δ with play ±b", Parameter("b", "rad", 0.0, 0.3, 0.018, "half the play"),
-        "steering_dead_band", depends=("steering_rate",),
+    Effect(
+        steering_backlash, "δ_w follows δ with play ±b", (Parameter("b", "rad", 0.0, 0.3, 0.018, "half the play"),),
+        "steering", looks_like=("steering_dead_band",), depends_on=("steering_rate",),
         source="play (hysteresis) operator; Visintin (1994), ch. III",
     ),
-    _steering(
-        "steering_dead_band", "the servo rests while abs(u_s − δ) < b",
-        Parameter("b", "rad", 0.0, 0.3, 0.045, "half width"), "steering_backlash", depends=("steering_rate",),
-        source="dead band of a position servo",
+    Effect(
+        steering_dead_band, "the servo rests while abs(u_s − δ) < b",
+        (Parameter("b", "rad", 0.0, 0.3, 0.045, "half width"),), "steering", looks_like=("steering_backlash",),
+        depends_on=("steering_rate",), source="dead band of a position servo",
     ),
-    _steering(
-        "steering_delay", "u_s(t − τ)", Parameter("tau", "s", 0.0, 0.5, 0.013, "delay"),
-        "pose_latency", "tyre_relaxation", depends=("steering_rate",),
+    Effect(
+        steering_delay, "u_s(t − τ)", (Parameter("tau", "s", 0.0, 0.5, 0.013, "delay"),),
+        "steering", looks_like=("pose_latency", "tyre_relaxation"), depends_on=("steering_rate",),
         source="transport delay of the command",
     ),
-    _steering(
-        "steering_lag", "δ_w follows δ with a further first-order lag τ",
-        Parameter("tau", "s", 0.0, 1.0, 0.014, "time constant"), "steering_delay", depends=("steering_rate",),
-        source="first-order lag of the linkage",
+    Effect(
+        steering_lag, "δ_w follows δ with a further first-order lag τ",
+        (Parameter("tau", "s", 0.0, 1.0, 0.014, "time constant"),), "steering", looks_like=("steering_delay",),
+        depends_on=("steering_rate",), source="first-order lag of the linkage",
     ),
-    _steering(
-        "steering_nonlinearity", "δ_w = δ + k·δ³", Parameter("k", "rad^-2", -0.5, 0.5, 0.008, "cubic part"),
-        "steering_speed_gain", depends=("steering",),
+    Effect(
+        steering_nonlinearity, "δ_w = δ + k·δ³", (Parameter("k", "rad^-2", -0.5, 0.5, 0.008, "cubic part"),),
+        "steering", looks_like=("steering_speed_gain",), depends_on=("steering",),
         source="first odd term of a linkage's angle ratio",
     ),
-    _steering(
-        "steering_side_gain", "δ_w = δ(1 + a·sign δ)", Parameter("a", "1", -0.5, 0.5, 0.013, "excess to the left"),
-        "steering_offset", depends=("steering",),
+    Effect(
+        steering_side_gain, "δ_w = δ(1 + a·sign δ)", (Parameter("a", "1", -0.5, 0.5, 0.013, "excess to the left"),),
+        "steering", looks_like=("steering_offset",), depends_on=("steering",),
         source="unequal linkage ratios to the left and to the right",
     ),
-    _steering(
-        "steering_speed_gain", "δ_w = δ(1 − k·abs(V))", Parameter("k", "m^-1 s", -0.5, 0.5, 0.028, "loss per speed"),
-        "steering_nonlinearity", depends=("steering", "speed"),
+    Effect(
+        steering_speed_gain, "δ_w = δ(1 − k·abs(V))", (Parameter("k", "m^-1 s", -0.5, 0.5, 0.028, "loss per speed"),),
+        "steering", looks_like=("steering_nonlinearity",), depends_on=("steering", "speed"),
         source="steering that gives way with speed; linear",
     ),
-    _steering(
-        "steering_rate_asymmetry", "rate limits d(1 + a) to the left, d(1 − a) to the right",
-        Parameter("a", "1", -0.9, 0.9, 0.011, "excess to the left"), "steering_offset", depends=("steering_rate",),
-        source="a servo faster to one side",
+    Effect(
+        steering_rate_asymmetry, "rate limits d(1 + a) to the left, d(1 − a) to the right",
+        (Parameter("a", "1", -0.9, 0.9, 0.011, "excess to the left"),), "steering", looks_like=("steering_offset",),
+        depends_on=("steering_rate",), source="a servo faster to one side",
     ),
-    _steering(
-        "steering_compliance", "δ_w = δ + k·F_αf(δ_w), solved together",
-        Parameter("k", "kg^-1 m^-1 s^2 rad", -5e-4, 5e-4, 9e-5, "angle per side force"), depends=("alpha_f",),
+    Effect(
+        steering_compliance, "δ_w = δ + k·F_αf(δ_w), solved together",
+        (Parameter("k", "kg^-1 m^-1 s^2 rad", -5e-4, 5e-4, 9e-5, "angle per side force"),),
+        "steering", depends_on=("alpha_f",),
         source="compliance under the side force's moment about the kingpin; Pacejka (2012), ch. 1",
     ),
 )  # fmt: skip

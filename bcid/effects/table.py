@@ -1,7 +1,5 @@
 """All effects by id, in the specification's order of families."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -27,30 +25,22 @@ OFF: dict[str, float] = {name: p.off for e in ENTRIES.values() for name, p in zi
 _LAYOUT = np.dtype((np.record, [(name, np.float64) for name in OFF]))
 
 
-def switches(on: Mapping[str, float] | None = None) -> Any:
-    """One number for every parameter of every effect, `on` by field and all others at rest.
+def effect_switches(on: Mapping[str, float] | None = None) -> Any:
+    """Parameters of all effects, by field, as the numpy record that kernels take; those not in `on` are off.
 
-    A record, not a tuple: kernels take it by its address, and sixty numbers copied at every call cost them a third.
+    With all of them off the car is the base model to the last bit.  A record, not a tuple: kernels take it by its
+    address, and sixty numbers copied at every call cost them a third.
     """
     return np.array(tuple((OFF | dict(on or {})).values()), dtype=_LAYOUT)[()]
 
 
-def off() -> Any:
-    """Switches at which nothing changes to the last bit."""
-    return switches()
-
-
-def effects_of(fields: Iterable[str]) -> tuple[str, ...]:
-    """The ids of the effects with these fields among the switches."""
+def effect_ids(fields: Iterable[str]) -> tuple[str, ...]:
+    """Ids of the effects to which `fields` such as "rough_patch__b" belong, each once, in their order."""
     return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
 
 
-def effect_of(name: str) -> Effect:
-    """The effect with this id.
-
-    Raises:
-        UsageError: an unknown id, with near ones.
-    """
+def find_effect(name: str) -> Effect:
+    """The effect of the vocabulary with the id `name`; raises `UsageError`, with near ids, for an unknown one."""
     if name not in EFFECTS:
         near = ", ".join(difflib.get_close_matches(name, EFFECTS, n=3)) or "see `bcid effects`"
         raise UsageError(f"there is no effect {name!r}\n  next: {near}")

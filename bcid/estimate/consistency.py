@@ -1,73 +1,125 @@
-"""Is the filter honest?  NIS against its chi-squared band; on simulated takes NEES and RMSE against truth."""
+"""Whether the filter is honest: NIS against its chi-squared band, and NEES and RMSE against a simulation's truth."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
+from bcid.documents.document import Document, Part
+from bcid.estimate.limits import LIMITS
 
-SINGULAR_MPS = 0.1  # alpha_r is masked below this |v_x| (errata 15)
+
+class NisSummary(Part):
+    """Normalised innovation squared (NIS) of a filter's updates, chi-squared when the filter is honest."""
+
+    mean_per_dof: float  # 1 when honest
+    band95: tuple[float, float]  # where the mean of an honest filter lies with 95 % probability
+    share_inside_95: float  # of the updates, each in its own 95 % band
+    updates: int
+
+    @property
+    def plausible(self) -> bool:
+        """Whether the assumed noise fits the take: the mean per measured quantity is near 1."""
+        low, high = LIMITS.plausible_nis
+        return low < self.mean_per_dof < high
+
+
+class RmseByState(Part):
+    """Root mean square error of each estimated quantity, in SI units."""
+
+    v_x: float
+    v_y: float
+    yaw_rate: float
+    v_f: float
+    alpha_f: float
+    alpha_r: float
+
+
+class NeesSummary(Part):
+    """Normalised estimation error squared (NEES) of the twist: 3 when its covariance is honest, less when cautious."""
+
+    mean: float
+    median: float
+    band95: tuple[float, float]  # where the mean of as many independent rows lies with 95 % probability
+    rows: int
+    left_out: int  # rows near v_x = 0, where the covariance is singular
+
+
+class TruthCheck(Document):
+    """The estimator's errors on a simulated take (check.json)."""
+
+    name: str
+    rmse: RmseByState
+    nees_smoother: NeesSummary
+    nees_filter: NeesSummary
 
 
 class Truth(NamedTuple):
-    """The simulated motion."""
+    """The true motion of a simulated take."""
 
     time_s: Floats  # (K,)
     twist: Floats  # (K, 3)
     kinematic: Floats  # (K, 4)
 
-    def at(self, time_s: Floats) -> tuple[Truth, npt.NDArray[np.bool_]]:
-        """The truth at those of `time_s` where there is one, and which these are."""
+    def align_to(self, time_s: Floats) -> tuple[Truth, Bools]:
+        """The truth at those of `time_s` (K,) at which it is known to 1e-6 s, and which of them (K,) these are."""
         rows = np.minimum(np.searchsorted(self.time_s, time_s - 1e-6), len(self.time_s) - 1)
         known = np.abs(self.time_s[rows] - time_s) < 1e-6
         return Truth(time_s[known], self.twist[rows[known]], self.kinematic[rows[known]]), known
 
 
-def nis_facts(nis: Floats, dof: Floats) -> dict[str, Any]:
-    """Mean NIS per measured quantity with its 95 % band, and the share of updates inside their own band."""
+def _mean_band(dof: float, count: float) -> tuple[float, float]:
+    """95 % band of the mean of `count` terms whose sum is chi-squared with `dof` degrees of freedom."""
+    from scipy.stats import chi2
+
+    return float(chi2.ppf(0.025, dof)) / count, float(chi2.ppf(0.975, dof)) / count
+
+
+def summarise_nis(nis: Floats, dof: Floats) -> NisSummary:
+    """Normalised innovation squared (NIS) of a filter's updates beside its chi-squared law: mean per quantity, bands.
+
+    `nis` (M,) and the numbers of measured quantities `dof` (M,) are by event; events with dof = 0 are left out.
+    """
     from scipy.stats import chi2
 
     used = dof > 0
     total = float(dof[used].sum())
-    low, high = (float(chi2.ppf(p, total)) / total for p in (0.025, 0.975))
     inside = (nis[used] > chi2.ppf(0.025, dof[used])) & (nis[used] < chi2.ppf(0.975, dof[used]))
-    return {
-        "mean_per_dof": float(nis[used].sum() / total),
-        "band95": [low, high],
-        "share_inside_95": float(inside.mean()),
-        "updates": int(used.sum()),
-    }
+    return NisSummary(
+        mean_per_dof=float(nis[used].sum() / total),
+        band95=_mean_band(total, total),
+        share_inside_95=float(inside.mean()),
+        updates=int(used.sum()),
+    )
 
 
-def rmse_facts(twist: Floats, kinematic: Floats, truth: Truth) -> dict[str, float]:
-    """RMSE of v_x, v_y, yaw rate, v_f, alpha_f, alpha_r; slip angles where |v_x| is not near zero."""
-    error, slip = twist - truth.twist, kinematic - truth.kinematic
-    rmse = dict(zip(("v_x", "v_y", "yaw_rate"), np.sqrt((error**2).mean(axis=0)).tolist(), strict=True))
-    rolling = np.abs(truth.twist[:, 0]) > SINGULAR_MPS
-    rmse["v_f"] = float(np.sqrt((slip[:, 0] ** 2).mean()))
-    for column, name in ((1, "alpha_f"), (2, "alpha_r")):
-        wrapped = np.angle(np.exp(1j * slip[rolling, column]))
-        rmse[name] = float(np.sqrt((wrapped**2).mean()))
-    return rmse
+def rmse_by_state(twist: Floats, kinematic: Floats, truth: Truth) -> RmseByState:
+    """RMSE of an estimated twist (K, 3) and kinematic state (K, 4) at the rows of `truth`, by quantity.
 
-
-def nees_facts(twist: Floats, covariance: Floats, truth: Truth) -> dict[str, Any]:
-    """Mean NEES of the twist with the 95 % band of as many independent ones; 3 when honest, less when cautious.
-
-    Near v_x = 0 and at standstill the heading angles are not observable and the twist's covariance is
-    singular: those rows are left out and counted.
+    Slip angles are compared modulo 2 pi, and only where |v_x| is not near zero (errata 15).
     """
-    from scipy.stats import chi2
+    error, slip = twist - truth.twist, kinematic - truth.kinematic
+    v_x, v_y, yaw_rate = np.sqrt((error**2).mean(axis=0)).tolist()
+    rolling = _mark_rolling_rows(truth)
+    wrapped = (np.angle(np.exp(1j * slip[rolling, column])) for column in (1, 2))
+    v_f, alpha_f, alpha_r = (float(np.sqrt((e**2).mean())) for e in (slip[:, 0], *wrapped))
+    return RmseByState(v_x=v_x, v_y=v_y, yaw_rate=yaw_rate, v_f=v_f, alpha_f=alpha_f, alpha_r=alpha_r)
 
-    error = twist - truth.twist
-    rolling = np.abs(truth.twist[:, 0]) > SINGULAR_MPS
+
+def _mark_rolling_rows(truth: Truth) -> Bools:
+    """Rows (K,) at which the true |v_x| is far enough from zero for slip angles to be defined."""
+    return np.asarray(np.abs(truth.twist[:, 0]) > LIMITS.min_slip_speed_mps)
+
+
+def summarise_nees(twist: Floats, covariance: Floats, truth: Truth) -> NeesSummary:
+    """Mean and median of e^T P^-1 e for the error e of the twist (K, 3) under its covariance P (K, 3, 3).
+
+    Rows near v_x = 0, where slip angles are not observable and P is singular, are left out and counted.
+    """
+    error, rolling = twist - truth.twist, _mark_rolling_rows(truth)
     solved = np.linalg.solve(covariance[rolling], error[rolling][:, :, None])[:, :, 0]
     nees, n = np.einsum("ki,ki->k", error[rolling], solved), int(rolling.sum())
-    return {
-        "mean": float(nees.mean()), "median": float(np.median(nees)), "expected": 3.0,
-        "band95": [float(chi2.ppf(p, 3 * n)) / n for p in (0.025, 0.975)],
-        "rows": n, "left_out": int((~rolling).sum()),
-    }  # fmt: skip
+    mean, median = float(nees.mean()), float(np.median(nees))
+    return NeesSummary(mean=mean, median=median, band95=_mean_band(3 * n, n), rows=n, left_out=int((~rolling).sum()))

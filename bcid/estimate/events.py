@@ -1,6 +1,4 @@
-"""From a recording to the filter's events: poses, commands, further channels and the output grid."""
-
-from __future__ import annotations
+"""What the filter works on: a recording's poses, commands and further channels as events, and the output grid."""
 
 from typing import NamedTuple
 
@@ -9,20 +7,31 @@ import numpy.typing as npt
 
 from bcid.aliases import Floats
 from bcid.estimate.kernel import Events
-from bcid.estimate.process import BETAF, DELTA, MEASURED, N_MEASURED, N_STATE, THETA, VF
+from bcid.estimate.limits import LIMITS
+from bcid.estimate.process import BETAF, DELTA, MEASURED, N_MEASURED, N_STATE, THETA, VF, Chassis
 from bcid.physics.steering import steering_step
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
-P_0 = (1e-4, 1e-4, 1e-4, 0.25, 0.25, 0.04, 0.04)  # variances at a stretch's start, SI and rad
-START_S = 0.25  # poses of this length give the initial velocity
-START_SPEED_MPS = 0.05  # below, the wheel's heading is taken from the steering
-CHANNEL_OF = {"measured_steering_rad": "steering", "yaw_rate_radps": "yaw_rate", "wheel_speed_mps": "wheel_speed"}
-_TIME_DECIMALS = 7
+# Variances of the state at a stretch's start, SI and rad.
+P_0 = (1e-4, 1e-4, 1e-4, 0.25, 0.25, 0.04, 0.04)
+# Time (s) over which poses give the initial velocity, and the speed below which they give no course: the wheel then
+# heads where it is steered.
+INITIAL_VELOCITY_S, MIN_COURSE_SPEED_MPS = 0.25, 0.05
+QUANTITY_OF_CHANNEL = {
+    "measured_steering_rad": "steering", "yaw_rate_radps": "yaw_rate", "wheel_speed_mps": "wheel_speed"
+}  # fmt: skip
+TIME_DECIMALS = 7
+
+
+def build_chassis(vehicle: Vehicle, T_s: float, d: float) -> Chassis:
+    """The process model's constants for a vehicle whose steering has time constant T_s (s) and rate limit d (rad/s)."""
+    body, front_driven = vehicle.body, vehicle.front_share >= LIMITS.front_driven_share
+    return Chassis(body.cog_to_front_m, body.cog_to_rear_m, T_s, d, front_driven)
 
 
 class Timeline(NamedTuple):
-    """The events of a recording and which of them are rows of the output grid."""
+    """The events of a recording, and which of them are rows of the output grid."""
 
     events: Events
     grid: npt.NDArray[np.int64]  # event index of each grid row
@@ -30,47 +39,50 @@ class Timeline(NamedTuple):
     command: Floats  # (K, 2) held at each grid row
 
 
-def held(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
-    """Commands (N, 2) held at `time_s`, and their age (s); before the first one it stands, with age inf."""
-    stamps = np.round(commands.time_s, _TIME_DECIMALS)  # as the events' times are
-    rows = np.searchsorted(stamps, np.round(time_s, _TIME_DECIMALS), side="right") - 1
+def hold_commands(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
+    """The last command (N, 2) given before or at each of `time_s` (N,), and its age (N,) in s.
+
+    Times before the first command get the first command, with an infinite age.
+    """
+    stamps = np.round(commands.time_s, TIME_DECIMALS)  # as the events' times are
+    rows = np.searchsorted(stamps, np.round(time_s, TIME_DECIMALS), side="right") - 1
     age = np.where(rows >= 0, time_s - stamps[np.maximum(rows, 0)], np.inf)
     return commands.values[np.maximum(rows, 0)], age
 
 
-def timeline(
+def build_timeline(
     recording: Recording, vehicle: Vehicle, period_s: float, max_gap_s: float, T_s: float, d: float
 ) -> Timeline:
-    """All events of `recording`, with an output grid of `period_s` from the take's time zero.
+    """The filter's events of a recording, and an output grid of `period_s` from the recording's time zero.
 
-    Grid rows inside pose gaps longer than `max_gap_s`, or where no command holds, are left out and
-    end a segment; the filter predicts through gaps all the same.  `T_s` and `d` are the steering's.
+    Grid rows inside pose gaps longer than `max_gap_s`, or where the last command is too old, are left out and end a
+    segment; the filter predicts through gaps all the same.  `T_s` (s) and `d` (rad/s) are the steering's.
     """
-    pose_s = np.round(recording.poses.time_s, _TIME_DECIMALS)
+    pose_s = np.round(recording.poses.time_s, TIME_DECIMALS)
     first, last = pose_s[0], pose_s[-1]
     grid_s = np.round(
-        np.arange(np.ceil(first / period_s - 1e-6), np.floor(last / period_s + 1e-6) + 1) * period_s, _TIME_DECIMALS
+        np.arange(np.ceil(first / period_s - 1e-6), np.floor(last / period_s + 1e-6) + 1) * period_s, TIME_DECIMALS
     )
-    extra = [np.round(s.time_s, _TIME_DECIMALS) for s in (recording.commands, *recording.channels.values())]
+    extra = [np.round(s.time_s, TIME_DECIMALS) for s in (recording.commands, *recording.channels.values())]
     time_s = np.unique(np.concatenate([pose_s, grid_s, *extra]))
     time_s = time_s[(time_s >= first) & (time_s <= last)]
-    z, restart = _measurements(recording, time_s, pose_s), np.zeros(len(time_s))
-    starts = np.searchsorted(time_s, np.round([first, *recording.breaks_s], _TIME_DECIMALS))
+    z, restart = _measurement_table(recording, time_s, pose_s), np.zeros(len(time_s))
+    starts = np.searchsorted(time_s, np.round([first, *recording.breaks_s], TIME_DECIMALS))
     restart[starts] = 1.0
     limit = vehicle.steering.max_angle_rad
-    u_s = np.clip(held(recording.commands, time_s)[0][:, 0], -limit, limit)
+    u_s = np.clip(hold_commands(recording.commands, time_s)[0][:, 0], -limit, limit)
     x_0 = np.zeros((len(time_s), N_STATE))
     for k in starts:
         x_0[k] = _initial_state(recording, vehicle, float(time_s[k]))
     x_0[starts, DELTA] = u_s[starts]
-    x_0[starts[0], DELTA] = _angle_before(recording, vehicle, float(first), T_s, d)
-    slow = x_0[starts, VF] <= START_SPEED_MPS
-    x_0[starts[slow], BETAF] = x_0[starts[slow], DELTA]  # at rest the wheel heads where it is steered
+    x_0[starts[0], DELTA] = _steering_angle_at(recording, vehicle, float(first), T_s, d)
+    slow = x_0[starts, VF] <= MIN_COURSE_SPEED_MPS
+    x_0[starts[slow], BETAF] = x_0[starts[slow], DELTA]
     events = Events(time_s, u_s, z, restart, x_0, np.array(P_0))
 
     grid = np.searchsorted(time_s, grid_s)
-    command, age = held(recording.commands, grid_s)
-    usable = (age <= recording.hold_s) & ~_in_pose_gap(recording, grid_s, max_gap_s)
+    command, age = hold_commands(recording.commands, grid_s)
+    usable = (age <= recording.hold_s) & ~_mark_pose_gaps(recording, grid_s, max_gap_s)
     stretch = np.searchsorted(starts, grid, side="right")
     new = np.r_[True, (np.diff(stretch) > 0) | ~usable[:-1] | ~usable[1:]]
     clipped = np.column_stack([np.clip(command[:, 0], -limit, limit), command[:, 1]])
@@ -78,19 +90,20 @@ def timeline(
     return Timeline(events, grid[usable], segment[usable], clipped[usable])
 
 
-def _measurements(recording: Recording, time_s: Floats, pose_s: Floats) -> Floats:
+def _measurement_table(recording: Recording, time_s: Floats, pose_s: Floats) -> Floats:
+    """Measured quantities (M, 6) at the events `time_s` (M,), in the order of MEASURED; NaN where none is measured."""
     z = np.full((len(time_s), N_MEASURED), np.nan)
     z[np.searchsorted(time_s, pose_s), :3] = recording.poses.values
     for name, stream in recording.channels.items():
-        stamps = np.round(stream.time_s, _TIME_DECIMALS)
+        stamps = np.round(stream.time_s, TIME_DECIMALS)
         inside = (stamps >= time_s[0]) & (stamps <= time_s[-1])
         rows = np.searchsorted(time_s, stamps[inside])
-        z[rows, MEASURED.index(CHANNEL_OF[name])] = stream.values[inside, 0]
+        z[rows, MEASURED.index(QUANTITY_OF_CHANNEL[name])] = stream.values[inside, 0]
     return z
 
 
-def _in_pose_gap(recording: Recording, time_s: Floats, max_gap_s: float) -> npt.NDArray[np.bool_]:
-    """Whether a time lies strictly between two poses further apart than `max_gap_s`, or before a jump."""
+def _mark_pose_gaps(recording: Recording, time_s: Floats, max_gap_s: float) -> npt.NDArray[np.bool_]:
+    """Which of `time_s` (K,) lie strictly between two poses that are over `max_gap_s` apart or in two stretches."""
     t = recording.poses.time_s
     after = np.clip(np.searchsorted(t, time_s - 1e-7), 1, len(t) - 1)
     width = t[after] - t[after - 1]
@@ -99,8 +112,8 @@ def _in_pose_gap(recording: Recording, time_s: Floats, max_gap_s: float) -> npt.
     return strictly & ((width > max_gap_s) | before_jump)
 
 
-def _angle_before(recording: Recording, vehicle: Vehicle, start_s: float, T_s: float, d: float) -> float:
-    """The steering angle at `start_s` under the commands before it, settled at the first of them."""
+def _steering_angle_at(recording: Recording, vehicle: Vehicle, start_s: float, T_s: float, d: float) -> float:
+    """The steering angle (rad) at `start_s` under the earlier commands, if it was steady at the first of them."""
     stamps, limit = recording.commands.time_s, vehicle.steering.max_angle_rad
     u_s = np.clip(recording.commands.values[:, 0], -limit, limit)
     before = stamps < start_s
@@ -112,10 +125,10 @@ def _angle_before(recording: Recording, vehicle: Vehicle, start_s: float, T_s: f
 
 
 def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float) -> Floats:
-    """The state at a stretch's start from a line through its first poses; delta is found elsewhere."""
+    """The filter's state (7,) at `start_s` from a line through the first poses of that stretch, with delta = 0."""
     t, pose = recording.poses.time_s, recording.poses.values
     first = int(np.searchsorted(t, start_s - 1e-6))
-    stop = max(int(np.searchsorted(t, start_s + START_S)), first + 2)
+    stop = max(int(np.searchsorted(t, start_s + INITIAL_VELOCITY_S)), first + 2)
     stop = min([stop, len(t), *(int(np.searchsorted(t, b)) for b in recording.breaks_s if b > start_s + 1e-6)])
     x = np.zeros(N_STATE)
     x[:3] = pose[first]
@@ -126,6 +139,6 @@ def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float) -> Fl
     v_x, v_y = cos_t * p_x + sin_t * p_y, cos_t * p_y - sin_t * p_x
     v_fy = v_y + vehicle.body.cog_to_front_m * yaw_rate
     speed = float(np.hypot(v_x, v_fy))
-    if speed > START_SPEED_MPS:
+    if speed > MIN_COURSE_SPEED_MPS:
         x[VF], x[BETAF] = speed, np.arctan2(v_fy, v_x)
     return x

@@ -6,8 +6,6 @@ At an event the measured quantities enter one after the other, which for a diago
 update without a matrix inverse.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -15,15 +13,16 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_inline
-from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, flow, seen
-from bcid.physics.kinematics import wrap
+from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, fill_measurement, fill_state_rate
+from bcid.physics.kinematics import wrap_angle
 from bcid.physics.steering import steering_step
 
+# Longest step of the integration (s).
 MAX_STEP_S = 0.02
 
 
 class Events(NamedTuple):
-    """Everything that happens on the time axis, in order; M events."""
+    """Everything that happens on the time axis of a recording, in order; M events."""
 
     time_s: Floats  # (M,)
     u_s: Floats  # (M,) command from this event on
@@ -33,8 +32,8 @@ class Events(NamedTuple):
     P_0: Floats  # (7,) initial variances
 
 
-class Filtered(NamedTuple):
-    """One forward pass."""
+class FilterPass(NamedTuple):
+    """States, covariances and innovations of one forward pass of the filter over M events."""
 
     x_prior: Floats  # (M, 7)
     P_prior: Floats  # (M, 7, 7)
@@ -47,8 +46,8 @@ class Filtered(NamedTuple):
 
 
 @njit_inline
-def _added_products(A: Floats, B: Floats, C: Floats, AB: Floats, AC: Floats) -> None:
-    """Adds A B and A C to their places; two thirds of A, the Jacobian of f, are nothing."""
+def _add_products(A: Floats, B: Floats, C: Floats, AB: Floats, AC: Floats) -> None:
+    """Add the products A B to `AB` and A C to `AC` (7, 7), skipping the zeros of A, most of the process Jacobian."""
     for i in range(N_STATE):
         for k in range(N_STATE):
             a = A[i, k]
@@ -58,30 +57,31 @@ def _added_products(A: Floats, B: Floats, C: Floats, AB: Floats, AC: Floats) -> 
                     AC[i, j] += a * C[k, j]
 
 
-class Desk(NamedTuple):
-    """What a step works on: made once for a whole pass, for making it costs more than the sums."""
+class Workspace(NamedTuple):
+    """Arrays that a step of the filter works on, allocated once for a whole pass: that costs more than the sums."""
 
     rate: Floats  # (7,)
     A: Floats  # (7, 7) and its products with P and Phi
     AP: Floats
     APhi: Floats
     J: Floats  # (3, 3)
-    x_0: Floats  # where a step of RK4 begins
+    x_0: Floats  # moments at the start of an RK4 step
     P_0: Floats
     Phi_0: Floats
-    x: Floats  # and where a stage of it is
+    x: Floats  # moments at one of its stages
     P: Floats
     Phi: Floats
-    z: Floats  # (6,) what is expected, and its slope
+    z: Floats  # (6,) expected measurements, and their Jacobian
     C: Floats  # (6, 7)
     PC: Floats  # (7,)
     shift: Floats  # (7,)
 
 
 @njit
-def _desk() -> Desk:
+def _allocate_workspace() -> Workspace:
+    """Allocate the arrays of a Workspace, filled with zeros."""
     n, square = N_STATE, (N_STATE, N_STATE)
-    return Desk(
+    return Workspace(
         np.zeros(n), np.zeros(square), np.zeros(square), np.zeros(square), np.zeros((3, 3)),
         np.zeros(n), np.zeros(square), np.zeros(square), np.zeros(n), np.zeros(square), np.zeros(square),
         np.zeros(N_MEASURED), np.zeros((N_MEASURED, n)), np.zeros(n), np.zeros(n),
@@ -89,100 +89,101 @@ def _desk() -> Desk:
 
 
 @njit_inline
-def _copy(of: Floats, to: Floats) -> None:
-    """Fills `to` (7, 7): an assignment to a slice takes longer."""
+def _copy_matrix(source: Floats, target: Floats) -> None:
+    """Copy `source` (7, 7) into `target` element by element, which is faster than an assignment to a slice."""
     for i in range(N_STATE):
         for j in range(N_STATE):
-            to[i, j] = of[i, j]
+            target[i, j] = source[i, j]
 
 
 @njit_inline
-def _rk4_step(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, step: float, at: Desk) -> None:
-    """Mean, covariance and transition one RK4 step of `step` seconds on, in place."""
-    _copy(P, at.P_0)
-    _copy(Phi, at.Phi_0)
+def _rk4_step(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, step: float, w: Workspace) -> None:
+    """Advance mean, covariance and transition matrix in place by one RK4 step of `step` seconds."""
+    _copy_matrix(P, w.P_0)
+    _copy_matrix(Phi, w.Phi_0)
     for i in range(N_STATE):
-        at.x_0[i], at.rate[i] = x[i], 0.0
+        w.x_0[i], w.rate[i] = x[i], 0.0
         for j in range(N_STATE):
-            at.AP[i, j], at.APhi[i, j] = 0.0, 0.0
+            w.AP[i, j], w.APhi[i, j] = 0.0, 0.0
     for stage in range(4):
         ahead = 0.0 if stage == 0 else (step if stage == 3 else 0.5 * step)
         weight = step / 6.0 if stage in (0, 3) else step / 3.0
         for i in range(N_STATE):
-            at.x[i] = at.x_0[i] + ahead * at.rate[i]
+            w.x[i] = w.x_0[i] + ahead * w.rate[i]
             for j in range(N_STATE):
-                at.P[i, j] = at.P_0[i, j] + ahead * (at.AP[i, j] + at.AP[j, i] + Q[i, j])
-                at.Phi[i, j] = at.Phi_0[i, j] + ahead * at.APhi[i, j]
-        flow(at.x, u_s, c, at.rate, at.A, at.J)
+                w.P[i, j] = w.P_0[i, j] + ahead * (w.AP[i, j] + w.AP[j, i] + Q[i, j])
+                w.Phi[i, j] = w.Phi_0[i, j] + ahead * w.APhi[i, j]
+        fill_state_rate(w.x, u_s, c, w.rate, w.A, w.J)
         for i in range(N_STATE):
             for j in range(N_STATE):
-                at.AP[i, j], at.APhi[i, j] = 0.0, 0.0
-        _added_products(at.A, at.P, at.Phi, at.AP, at.APhi)
+                w.AP[i, j], w.APhi[i, j] = 0.0, 0.0
+        _add_products(w.A, w.P, w.Phi, w.AP, w.APhi)
         for i in range(N_STATE):
-            x[i] += weight * at.rate[i]
+            x[i] += weight * w.rate[i]
             for j in range(N_STATE):
-                P[i, j] += weight * (at.AP[i, j] + at.AP[j, i] + Q[i, j])
-                Phi[i, j] += weight * at.APhi[i, j]
+                P[i, j] += weight * (w.AP[i, j] + w.AP[j, i] + Q[i, j])
+                Phi[i, j] += weight * w.APhi[i, j]
 
 
 @njit_inline
-def _predict(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, dt: float, at: Desk) -> None:
-    """Mean, covariance and transition over `dt`, in steps of at most MAX_STEP_S, in place."""
+def _predict(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, dt: float, w: Workspace) -> None:
+    """Advance mean, covariance and transition matrix in place by `dt` seconds, in steps of at most MAX_STEP_S."""
     for i in range(N_STATE):
         for j in range(N_STATE):
             Phi[i, j] = 1.0 if i == j else 0.0
     steps = max(1, math.ceil(dt / MAX_STEP_S - 1e-9))
     for _ in range(steps):
-        _rk4_step(x, P, Phi, u_s, c, Q, dt / steps, at)
+        _rk4_step(x, P, Phi, u_s, c, Q, dt / steps, w)
 
 
 @njit_inline
-def _update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis, at: Desk) -> tuple[float, int, float]:
-    """Posterior mean and covariance in place; NIS, number of measured quantities, log-likelihood.
+def _update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis, w: Workspace) -> tuple[float, int, float]:
+    """EKF measurement update of mean and covariance in place by `z` (6,), which is NaN where nothing was measured.
 
-    h and H are evaluated once at the prior; `R` (6,) holds the variances.
+    h and H are evaluated once at the prior; `R` (6,) holds the variances.  Returns the NIS, the number of measured
+    quantities and their log-likelihood.
     """
-    seen(x, c, at.z, at.C, at.J)
+    fill_measurement(x, c, w.z, w.C, w.J)
     for j in range(N_STATE):
-        at.shift[j] = 0.0
+        w.shift[j] = 0.0
     nis, dof, log_likelihood = 0.0, 0, 0.0
     for i in range(N_MEASURED):
         if np.isnan(z[i]):
             continue
-        residual = z[i] - at.z[i]
+        residual = z[i] - w.z[i]
         if i == 2:
-            residual = wrap(residual)
+            residual = wrap_angle(residual)
         S = R[i]
         for j in range(N_STATE):
-            at.PC[j] = 0.0
+            w.PC[j] = 0.0
             for k in range(N_STATE):
-                at.PC[j] += P[j, k] * at.C[i, k]
-            residual -= at.C[i, j] * at.shift[j]
-            S += at.C[i, j] * at.PC[j]
+                w.PC[j] += P[j, k] * w.C[i, k]
+            residual -= w.C[i, j] * w.shift[j]
+            S += w.C[i, j] * w.PC[j]
         for j in range(N_STATE):
-            K = at.PC[j] / S
-            at.shift[j] += K * residual
+            K = w.PC[j] / S
+            w.shift[j] += K * residual
             for k in range(N_STATE):
-                P[j, k] -= K * at.PC[k]
+                P[j, k] -= K * w.PC[k]
         nis += residual * residual / S
         dof += 1
         log_likelihood -= 0.5 * (residual * residual / S + math.log(2.0 * math.pi * S))
     for j in range(N_STATE):
-        x[j] += at.shift[j]
+        x[j] += w.shift[j]
         for k in range(j):
             P[j, k] = P[k, j] = 0.5 * (P[j, k] + P[k, j])
     return nis, dof, log_likelihood
 
 
 @njit
-def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
-    """The forward pass over all events; `Q` (7, 7) is the noise's spectral density."""
+def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
+    """The EKF's forward pass over events, with process noise density `Q` (7, 7) and sensor variances `R` (6,)."""
     M = len(events.time_s)
     x_prior, x_post = np.zeros((M, N_STATE)), np.zeros((M, N_STATE))
     P_prior, P_post = np.zeros((M, N_STATE, N_STATE)), np.zeros((M, N_STATE, N_STATE))
     Phis = np.zeros((M, N_STATE, N_STATE))
     nis, dof = np.zeros(M), np.zeros(M)
-    total, at = 0.0, _desk()
+    total, at = 0.0, _allocate_workspace()
     x, P, Phi = events.x_0[0].copy(), np.diag(events.P_0), np.eye(N_STATE)
     for k in range(M):
         if events.restart[k] > 0.0:
@@ -196,21 +197,21 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
             Phi = np.eye(N_STATE)
         else:
             _predict(x, P, Phi, events.u_s[k - 1], c, Q, events.time_s[k] - events.time_s[k - 1], at)
-        _copy(P, P_prior[k])
-        _copy(Phi, Phis[k])
+        _copy_matrix(P, P_prior[k])
+        _copy_matrix(Phi, Phis[k])
         for i in range(N_STATE):
             x_prior[k, i] = x[i]
         nis[k], dof[k], log_likelihood = _update(x, P, events.z[k], R, c, at)
-        _copy(P, P_post[k])
+        _copy_matrix(P, P_post[k])
         for i in range(N_STATE):
             x_post[k, i] = x[i]
         total += log_likelihood
-    return Filtered(x_prior, P_prior, x_post, P_post, Phis, nis, dof, total)
+    return FilterPass(x_prior, P_prior, x_post, P_post, Phis, nis, dof, total)
 
 
 @njit_inline
-def _solve(A: Floats, X: Floats, L: Floats) -> bool:
-    """Turns X into A^-1 X by Cholesky (LAPACK's call costs more than the work); whether A is positive definite."""
+def _solve_by_cholesky(A: Floats, X: Floats, L: Floats) -> bool:
+    """Replace X by A^-1 X for 7x7 matrices, faster than LAPACK's call; false where A is not positive definite."""
     for i in range(N_STATE):
         for j in range(i + 1):
             s = A[i, j]
@@ -235,8 +236,11 @@ def _solve(A: Floats, X: Floats, L: Floats) -> bool:
 
 
 @njit
-def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
-    """Smoothed means (M, 7) and covariances (M, 7, 7), backwards from each stretch's end."""
+def run_smoother(filtered: FilterPass, restart: Floats) -> tuple[Floats, Floats]:
+    """Smoothed means (M, 7) and covariances (M, 7, 7) by the Rauch-Tung-Striebel recursion from each stretch's end.
+
+    `restart` (M,) is 1 at events that begin a new stretch; nothing is carried back over them.
+    """
     x, P = filtered.x.copy(), filtered.P.copy()
     square = (N_STATE, N_STATE)
     L, G, ahead = np.empty(square), np.empty(square), np.empty(square)  # made once: they cost more than the sums
@@ -249,12 +253,12 @@ def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
                 G[i, j], ahead[i, j] = 0.0, 0.0
             for m in range(N_STATE):
                 phi = Phi[i, m]
-                if phi != 0.0:  # half of them are nothing
+                if phi != 0.0:  # half of them are zero
                     for j in range(N_STATE):
                         G[i, j] += phi * P_k[m, j]
         # G becomes the gain's transpose.  Where the rear axle stands and the front one circles it, the slip angles
         # have no direction and P may cease to be a covariance: nothing is carried back over such an event
-        if not _solve(prior, G, L):
+        if not _solve_by_cholesky(prior, G, L):
             continue
         for i in range(N_STATE):
             for m in range(N_STATE):

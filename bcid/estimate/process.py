@@ -4,8 +4,6 @@ The heading angles of the wheels walk randomly while the car rolls; near standst
 cannot be observed, gamma pulls them to the steering angle and to zero.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -14,18 +12,22 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
-from bcid.physics.kinematics import body_twist, pose_rate
+from bcid.physics.kinematics import body_twist, pose_rate, wrap_angle
 from bcid.physics.steering import steering_rate
 
 PX, PY, THETA, VF, BETAF, BETAR, DELTA = range(7)
 N_STATE = 7
 MEASURED = ("x", "y", "yaw", "steering", "yaw_rate", "wheel_speed")
 N_MEASURED = len(MEASURED)
-ETA = 20.0  # 1/s, pole of the heading angles at standstill (paper)
+ETA = 20.0
+"""Pole of the heading angles at standstill (1/s; paper, App. stateEst)."""
+
+STANDSTILL_MPS = 0.05
+"""Speed (m/s) below which a negative v_f does not turn the heading angle: at standstill it means nothing."""
 
 
 class Chassis(NamedTuple):
-    """What the process model knows of the car, SI."""
+    """The car's constants in the EKF's process model, SI."""
 
     l_f: float
     l_r: float
@@ -35,14 +37,14 @@ class Chassis(NamedTuple):
 
 
 @njit
-def at_rest(v_f: float) -> float:
-    """1 - gamma: 0.88 at standstill, 0 while rolling (paper; errata 10)."""
+def standstill_weight(v_f: float) -> float:
+    """1 - gamma(v_f), gamma = (tanh(10 v_f - 1) + 1)/2: 0.88 at standstill, 0 while rolling (errata 10)."""
     return 1.0 - 0.5 * (math.tanh(10.0 * v_f - 1.0) + 1.0)
 
 
 @njit_inline
 def fill_twist_jacobian(x: Floats, c: Chassis, J: Floats) -> None:
-    """`twist_jacobian` into J, whose upper right corner is nothing."""
+    """Write d[v_x, v_y, omega]/d[v_f, beta_f, beta_r] (errata 1) at the state `x` (7,) into the zeroed `J` (3, 3)."""
     (sin_f, cos_f), (sin_r, cos_r) = sincos(x[BETAF]), sincos(x[BETAR])
     tan_r = sin_r / cos_r
     v_f, wheelbase = x[VF], c.l_f + c.l_r
@@ -57,24 +59,16 @@ def fill_twist_jacobian(x: Floats, c: Chassis, J: Floats) -> None:
     J[2, 2] = -cos_f * d_tan / wheelbase * v_f
 
 
-@njit
-def twist_jacobian(x: Floats, c: Chassis) -> Floats:
-    """d[v_x, v_y, omega] / d[v_f, beta_f, beta_r] (3, 3)."""
-    J = np.zeros((3, 3))
-    fill_twist_jacobian(x, c, J)
-    return J
-
-
 @njit_inline
-def flow(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, J: Floats) -> None:
-    """Fills `rate` (7,) with x' without noise (paper, f_kalman_rewrite, with errata 1, 4, 5) and A with F = dx'/dx.
+def fill_state_rate(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, J: Floats) -> None:
+    """Write x' without noise (paper, f_kalman_rewrite; errata 1, 4, 5) into `rate` (7,) and F = dx'/dx into `A` (7, 7).
 
-    A and J (`fill_twist_jacobian`) must come zeroed: what is always nothing in them is not written.
+    `A` and `J` (3, 3; `fill_twist_jacobian`) must come zeroed: their elements that are always zero are not written.
     """
     v_x, v_y, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
     fill_twist_jacobian(x, c, J)
     sin_t, cos_t = sincos(x[THETA])
-    rest = at_rest(x[VF])
+    rest = standstill_weight(x[VF])
     pull, d_pull = ETA * rest, -20.0 * ETA * rest * (1.0 - rest)
     rate[PX], rate[PY] = pose_rate(x[THETA], v_x, v_y)
     rate[THETA] = omega
@@ -97,25 +91,25 @@ def flow(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, J: Floats) 
 
 @njit
 def f(x: Floats, u_s: float, c: Chassis) -> Floats:
-    """X' (7,): see `flow`."""
+    """Time derivative x' (7,) of the EKF's state x (7,) under the steering command u_s (rad), without noise."""
     rate = np.zeros(N_STATE)
-    flow(x, u_s, c, rate, np.zeros((N_STATE, N_STATE)), np.zeros((3, 3)))
+    fill_state_rate(x, u_s, c, rate, np.zeros((N_STATE, N_STATE)), np.zeros((3, 3)))
     return rate
 
 
 @njit
 def F(x: Floats, u_s: float, c: Chassis) -> Floats:
-    """df/dx (7, 7): see `flow`."""
+    """Jacobian dx'/dx (7, 7) of the EKF's process model `f`."""
     A = np.zeros((N_STATE, N_STATE))
-    flow(x, u_s, c, np.zeros(N_STATE), A, np.zeros((3, 3)))
+    fill_state_rate(x, u_s, c, np.zeros(N_STATE), A, np.zeros((3, 3)))
     return A
 
 
 @njit_inline
-def seen(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> None:
-    """Fills z with the six quantities that may be measured (MEASURED) and C with H = dz/dx.
+def fill_measurement(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> None:
+    """Write the measurable quantities h(x) into `z` (6,), in the order of MEASURED, and H = dz/dx into `C` (6, 7).
 
-    C and J (`fill_twist_jacobian`) must come zeroed: what is always nothing in them is not written.
+    `C` and `J` (3, 3; `fill_twist_jacobian`) must come zeroed: their elements that are always zero are not written.
     """
     v_x, _, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
     fill_twist_jacobian(x, c, J)
@@ -134,15 +128,58 @@ def seen(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> None:
 
 @njit
 def h(x: Floats, c: Chassis) -> Floats:
-    """The six quantities that may be measured (6,): see `seen`."""
+    """Measurement model (6,) at the state `x` (7,): x, y (m), yaw, steering (rad), yaw rate (rad/s), wheel (m/s)."""
     z = np.zeros(N_MEASURED)
-    seen(x, c, z, np.zeros((N_MEASURED, N_STATE)), np.zeros((3, 3)))
+    fill_measurement(x, c, z, np.zeros((N_MEASURED, N_STATE)), np.zeros((3, 3)))
     return z
 
 
 @njit
 def H(x: Floats, c: Chassis) -> Floats:
-    """dh/dx (6, 7): see `seen`."""
+    """Jacobian dh/dx (6, 7) of the EKF's measurement model `h`."""
     C = np.zeros((N_MEASURED, N_STATE))
-    seen(x, c, np.zeros(N_MEASURED), C, np.zeros((3, 3)))
+    fill_measurement(x, c, np.zeros(N_MEASURED), C, np.zeros((3, 3)))
     return C
+
+
+@njit
+def twists(x: Floats, c: Chassis) -> Floats:
+    """v_x, v_y (m/s) and yaw rate (rad/s) (M, 3) of the filter's states (M, 7)."""
+    out = np.empty((len(x), 3))
+    for k in range(len(x)):
+        out[k, 0], out[k, 1], out[k, 2] = body_twist(x[k, VF], x[k, BETAF], x[k, BETAR], c.l_f, c.l_r)
+    return out
+
+
+@njit
+def twist_covariances(x: Floats, P: Floats, c: Chassis) -> Floats:
+    """Covariances (M, 3, 3) of the twists of states (M, 7) with covariances P (M, 7, 7), to first order: J P J^T."""
+    out, J = np.empty((len(x), 3, 3)), np.zeros((3, 3))
+    for k in range(len(x)):
+        fill_twist_jacobian(x[k], c, J)
+        inner = np.ascontiguousarray(P[k, VF : BETAR + 1, VF : BETAR + 1])
+        out[k] = np.dot(np.dot(J, inner), J.T)
+    return out
+
+
+@njit
+def kinematic_states(x: Floats) -> Floats:
+    """v_f >= 0 (m/s), alpha_f, alpha_r and delta (rad) (M, 4) of the filter's states (M, 7); errata 15.
+
+    A negative v_f turns beta_f by pi, except at standstill, where the angles are not defined.
+    """
+    out = np.empty((len(x), 4))
+    for k in range(len(x)):
+        turn = math.pi if x[k, VF] < -STANDSTILL_MPS else 0.0
+        out[k, 0] = abs(x[k, VF])
+        out[k, 1] = wrap_angle(x[k, BETAF] + turn - x[k, DELTA])
+        out[k, 2] = math.atan(math.tan(x[k, BETAR]))
+        out[k, 3] = x[k, DELTA]
+    return out
+
+
+def kinematic_sd(P: Floats) -> Floats:
+    """Standard deviations (M, 4) of v_f, alpha_f, alpha_r and delta under the filter's covariances P (M, 7, 7)."""
+    alpha_f = P[:, BETAF, BETAF] + P[:, DELTA, DELTA] - 2 * P[:, BETAF, DELTA]
+    variances = np.column_stack([P[:, VF, VF], alpha_f, P[:, BETAR, BETAR], P[:, DELTA, DELTA]])
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))

@@ -1,10 +1,8 @@
-"""The same filter on filterpy's `ExtendedKalmanFilter`, and a plain smoother: the reference engine.
+"""The EKF on filterpy's `ExtendedKalmanFilter`, and a textbook smoother, which the compiled kernel must match.
 
-filterpy's own `predict` is linear and its `rts_smoother` predicts the mean as F x, which is wrong
-here; so the prediction is overridden and the smoother written out.
+filterpy's own `predict` is linear and its `rts_smoother` predicts the mean as F x, which is wrong here; so the
+prediction is overridden and the smoother written out.
 """
-
-from __future__ import annotations
 
 import math
 
@@ -12,53 +10,44 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from bcid.aliases import Floats
-from bcid.estimate.kernel import MAX_STEP_S, Events, Filtered
+from bcid.estimate.kernel import MAX_STEP_S, Events, FilterPass
 from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, H, f, h
 from bcid.physics.steering import steering_step
 
-
-class _Ekf(ExtendedKalmanFilter):  # type: ignore[misc]  # filterpy carries no types
-    """filterpy's filter with the continuous-time model's prediction."""
-
-    x: Floats
-    P: Floats
-
-    def __init__(self, chassis: Chassis, Q: Floats) -> None:
-        super().__init__(dim_x=N_STATE, dim_z=N_MEASURED)
-        self.chassis, self.density = chassis, Q
-
-    def predict_moments(self, u_s: float, dt: float) -> Floats:
-        """Advance x and P by RK4 and return the transition matrix."""
-
-        def rate(moments: tuple[Floats, Floats, Floats]) -> tuple[Floats, Floats, Floats]:
-            x, P, Phi = moments
-            A = F(x, u_s, self.chassis)
-            return f(x, u_s, self.chassis), A @ P + P @ A.T + self.density, A @ Phi
-
-        def along(m: tuple[Floats, ...], k: tuple[Floats, ...], s: float) -> tuple[Floats, Floats, Floats]:
-            return m[0] + s * k[0], m[1] + s * k[1], m[2] + s * k[2]
-
-        moments = (self.x, self.P, np.eye(N_STATE))
-        steps = max(1, math.ceil(dt / MAX_STEP_S - 1e-9))
-        s = dt / steps
-        for _ in range(steps):
-            k1 = rate(moments)
-            k2 = rate(along(moments, k1, s / 2))
-            k3 = rate(along(moments, k2, s / 2))
-            k4 = rate(along(moments, k3, s))
-            for k, weight in ((k1, s / 6), (k2, s / 3), (k3, s / 3), (k4, s / 6)):
-                moments = along(moments, k, weight)
-        self.x, self.P, Phi = moments
-        return Phi
+# Mean (7,), covariance (7, 7) and transition matrix (7, 7).
+_Moments = tuple[Floats, Floats, Floats]
 
 
-def _residual(z: Floats, expected: Floats) -> Floats:
-    return np.asarray(z - expected, dtype=float)
+def _predict(x: Floats, P: Floats, u_s: float, c: Chassis, Q: Floats, dt: float) -> _Moments:
+    """Mean, covariance and transition matrix `dt` s after (x, P), by RK4 under the steering command u_s (rad)."""
+
+    def rate(moments: _Moments) -> _Moments:
+        x, P, Phi = moments
+        A = F(x, u_s, c)
+        return f(x, u_s, c), A @ P + P @ A.T + Q, A @ Phi
+
+    def along(m: _Moments, k: _Moments, s: float) -> _Moments:
+        return m[0] + s * k[0], m[1] + s * k[1], m[2] + s * k[2]
+
+    moments = (x, P, np.eye(N_STATE))
+    steps = max(1, math.ceil(dt / MAX_STEP_S - 1e-9))
+    s = dt / steps
+    for _ in range(steps):
+        k1 = rate(moments)
+        k2 = rate(along(moments, k1, s / 2))
+        k3 = rate(along(moments, k2, s / 2))
+        k4 = rate(along(moments, k3, s))
+        for k, weight in ((k1, s / 6), (k2, s / 3), (k3, s / 3), (k4, s / 6)):
+            moments = along(moments, k, weight)
+    return moments
 
 
-def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
-    """See `kernel.run_filter`; a yaw residual that wraps is handled by moving z near its expectation."""
-    ekf = _Ekf(c, Q)
+def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
+    """The EKF's forward pass by filterpy, with process noise density `Q` (7, 7) and sensor variances `R` (6,).
+
+    It is what `kernel.run_filter` has to equal.  A measured yaw is first moved by turns to near its expectation.
+    """
+    ekf = ExtendedKalmanFilter(dim_x=N_STATE, dim_z=N_MEASURED)
     rows: list[tuple[Floats, Floats, Floats, Floats, Floats, float, int]] = []
     total = 0.0
     for k in range(len(events.time_s)):
@@ -70,7 +59,8 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
             ekf.x, ekf.P, Phi = events.x_0[k].copy(), np.diag(events.P_0), np.eye(N_STATE)
             ekf.x[DELTA], ekf.P[DELTA, DELTA] = delta, variance
         else:
-            Phi = ekf.predict_moments(float(events.u_s[k - 1]), float(events.time_s[k] - events.time_s[k - 1]))
+            dt = float(events.time_s[k] - events.time_s[k - 1])
+            ekf.x, ekf.P, Phi = _predict(ekf.x, ekf.P, float(events.u_s[k - 1]), c, Q, dt)
         prior = ekf.x.copy(), ekf.P.copy()
         here = np.flatnonzero(np.isfinite(events.z[k]))
         nis = 0.0
@@ -78,19 +68,16 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> Filtered:
             z = events.z[k].copy()
             z[2] -= 2 * math.pi * round((z[2] - ekf.x[2]) / (2 * math.pi)) if 2 in here else 0.0
             ekf.dim_z = len(here)
-            ekf.update(
-                z[here], lambda x, rows=here: H(x, c)[rows], lambda x, rows=here: h(x, c)[rows],
-                R=np.diag(R[here]), residual=_residual,
-            )  # fmt: skip
+            ekf.update(z[here], lambda x, i=here: H(x, c)[i], lambda x, i=here: h(x, c)[i], R=np.diag(R[here]))
             nis = float(ekf.y @ np.linalg.solve(ekf.S, ekf.y))
             total -= 0.5 * (nis + np.linalg.slogdet(2 * math.pi * ekf.S)[1])
         rows.append((*prior, ekf.x.copy(), ekf.P.copy(), Phi, nis, len(here)))
     x_prior, P_prior, x, P, Phis, all_nis, dof = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
-    return Filtered(x_prior, P_prior, x, P, Phis, all_nis, dof, float(total))
+    return FilterPass(x_prior, P_prior, x, P, Phis, all_nis, dof, float(total))
 
 
-def run_smoother(filtered: Filtered, restart: Floats) -> tuple[Floats, Floats]:
-    """See `kernel.run_smoother`: the textbook recursion with explicit inverses."""
+def run_smoother(filtered: FilterPass, restart: Floats) -> tuple[Floats, Floats]:
+    """Smoothed means (M, 7) and covariances (M, 7, 7) by the Rauch-Tung-Striebel recursion with explicit inverses."""
     x, P = filtered.x.copy(), filtered.P.copy()
     for k in range(len(x) - 2, -1, -1):
         if restart[k + 1]:

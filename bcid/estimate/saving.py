@@ -1,14 +1,13 @@
-"""Estimates as Parquet and JSON."""
+"""Estimates, tunings and checks on disk, as Parquet and JSON."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 
 import numpy as np
 
+from bcid.documents.document import Document
 from bcid.estimate.consistency import Truth
-from bcid.estimate.types import Estimate
+from bcid.estimate.tuning import Tuning
+from bcid.estimate.types import Estimate, FilterSummary
 from bcid.files.parquet import read_columns, write_columns
 from bcid.physics.kinematics import kinematic_state
 from bcid.vehicle import Vehicle
@@ -24,30 +23,45 @@ COLUMNS = {
 TRUTH_COLUMNS = {"time": "s", "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "delta": "rad"}
 
 
+class EstimateSummary(Document):
+    """An estimate's name, grid, tuning and filter (estimate.json); its rows stand in estimate.parquet beside it."""
+
+    name: str
+    period_s: float
+    tuning: Tuning
+    filter: FilterSummary
+
+
 def save_estimate(estimate: Estimate, folder: Path) -> None:
-    """Write estimate.parquet and estimate.json."""
+    """Write estimate.parquet and estimate.json into `folder`.
+
+    Raises:
+        ValueError: motion that no filter estimated.
+    """
     e = estimate
+    if e.tuning is None or e.filter is None:
+        raise ValueError(f"{e.name}: no filter estimated this motion")
     table = np.column_stack([e.time_s, e.segment, e.pose, e.twist, e.kinematic, e.command, e.twist_sd, e.kinematic_sd])
     write_columns(folder / "estimate.parquet", table, COLUMNS)
-    facts = {"name": e.name, "period_s": e.period_s, "facts": dict(e.facts)}
-    (folder / "estimate.json").write_text(json.dumps(facts, indent=1))
+    summary = EstimateSummary(name=e.name, period_s=e.period_s, tuning=e.tuning, filter=e.filter)
+    summary.write(folder / "estimate.json")
 
 
 def load_estimate(folder: Path) -> Estimate:
-    """The inverse of `save_estimate`."""
-    facts = json.loads((folder / "estimate.json").read_text())
+    """The estimate in estimate.parquet and estimate.json of `folder`."""
+    summary = EstimateSummary.read(folder / "estimate.json")
     table = read_columns(folder / "estimate.parquet", COLUMNS)
     time_s, segment, pose, twist, kinematic, command, twist_sd, kinematic_sd = np.split(
         table, np.cumsum([1, 1, 3, 3, 4, 2, 3]), axis=1
     )
     return Estimate(
-        facts["name"], facts["period_s"], time_s[:, 0], segment[:, 0].astype(np.int64), pose, twist, kinematic,
-        command, twist_sd, kinematic_sd, facts["facts"],
+        summary.name, summary.period_s, time_s[:, 0], segment[:, 0].astype(np.int64), pose, twist, kinematic,
+        command, twist_sd, kinematic_sd, summary.tuning, summary.filter,
     )  # fmt: skip
 
 
 def read_truth(path: Path, vehicle: Vehicle) -> Truth:
-    """The simulated truth at `path` as twists and kinematic states."""
+    """The true motion of a simulated take in the Parquet file `path`: twists, and kinematic states of the vehicle."""
     table = read_columns(path, TRUTH_COLUMNS)
     l_f, l_r = vehicle.body.cog_to_front_m, vehicle.body.cog_to_rear_m
     states = [(*kinematic_state(v_x, v_y, omega, delta, l_f, l_r), delta) for _, v_x, v_y, omega, delta in table]

@@ -1,58 +1,59 @@
 """Time constant and rate limit of the steering, identified from the poses where the vehicle file omits them.
 
-They are those under which the commanded angle explains the yaw acceleration best.
+They are the values under which the commanded angle explains the yaw acceleration best.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.recording.checks.clock import WINDOW_S, held_throttle, unexplained, usable_rows, yaw_acceleration
-from bcid.recording.checks.raw_motion import (
-    DEFAULT_RATE_RADPS,
-    DEFAULT_TIME_CONSTANT_S,
-    Course,
-    commanded_angle,
-    course,
-)
+from bcid.estimate.limits import LIMITS
+from bcid.estimate.tuning import Origin, SteeringOrigin
+from bcid.recording.checks import raw_motion
+from bcid.recording.checks.clock import WINDOW_S, usable_rows, yaw_acceleration, yaw_acceleration_residuals
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-T_S_RANGE = (0.02, 1.5)
-RATE_RANGE = (0.1, 60.0)
-MARGIN_S = 1.0
-MIN_ROWS = 200
-MIN_EXCITATION_RAD = 0.02
+# Bounds of the search: T_s (s) and d (rad/s).
+T_S_RANGE, D_RANGE = (0.02, 1.5), (0.1, 60.0)
+# Time (s) at both ends of a take that is left out, where differences have no neighbours.
+EDGE_MARGIN_S = 1.0
 
 
-def identify(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, dict[str, Any]]:
-    """T_s (s), d (rad/s) and what is to be said of them; what the vehicle file gives stays.
+def identify_steering(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, SteeringOrigin]:
+    """Time constant T_s (s) and rate limit d (rad/s) of the steering; whether each is given, identified or a default.
 
-    Where no take moves enough the documented defaults stand, and the facts say so.
+    What the vehicle file states is kept.  Where no recording is steered enough, the documented defaults are used.
     """
     from scipy.optimize import least_squares
 
     given = vehicle.steering
     free = [given.time_constant_s is None, given.max_rate_radps is None]
-    start = np.log([given.time_constant_s or DEFAULT_TIME_CONSTANT_S, given.max_rate_radps or DEFAULT_RATE_RADPS])
-    names = [n for n, f in zip(("time_constant_s", "max_rate_radps"), free, strict=True) if f]
-    steered = [r for r in recordings if np.std(r.commands.values[:, 0]) > MIN_EXCITATION_RAD]
-    motions = [(r, m) for r in steered if len((m := course(r, vehicle, WINDOW_S)).time_s) > MIN_ROWS]
-    if not names or not motions:
-        return float(np.exp(start[0])), float(np.exp(start[1])), {"identified": [], "defaults": names}
-    low, high = np.log([T_S_RANGE, RATE_RANGE]).T[:, free]
+    start = np.log(
+        [
+            given.time_constant_s or raw_motion.DEFAULT_TIME_CONSTANT_S,
+            given.max_rate_radps or raw_motion.DEFAULT_RATE_RADPS,
+        ]
+    )
+    steered = [r for r in recordings if np.std(r.commands.values[:, 0]) > LIMITS.min_steering_sd_rad]
+    motions = [(r, raw_motion.differentiate_poses(r, vehicle, WINDOW_S)) for r in steered]
+    motions = [(r, m) for r, m in motions if len(m.time_s) > LIMITS.min_steering_rows]
+
+    def origins(source: Origin) -> dict[str, Origin]:
+        return {symbol: source for symbol, absent in zip(("T_s", "d"), free, strict=True) if absent}
 
     def constants(x: Floats) -> tuple[float, float]:
         full = start.copy()
         full[free] = x
         return float(np.exp(full[0])), float(np.exp(full[1]))
 
+    if not any(free) or not motions:
+        return *constants(start[free]), SteeringOrigin(**origins("default"))
+    low, high = np.log([T_S_RANGE, D_RANGE]).T[:, free]
+
     def residuals(x: Floats) -> Floats:
-        return np.concatenate([_residuals(r, m, vehicle, *constants(x)) for r, m in motions])
+        return np.concatenate([_recording_residuals(r, m, vehicle, *constants(x)) for r, m in motions])
 
     fits = [
         least_squares(residuals, x_0[free], bounds=(low, high), diff_step=[1e-2] * sum(free))
@@ -60,20 +61,25 @@ def identify(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, 
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
     T_s, d = constants(best.x)
-    near = np.isclose(best.x, low, atol=1e-2) | np.isclose(best.x, high, atol=1e-2)
-    reached = any(_rate_reached(r, m, vehicle, T_s, d) for r, m in motions)
-    return T_s, d, {"identified": names, "at_bound": bool(near.any()), "rate_reached": reached}
+    near = [np.isclose(best.x, bound, atol=LIMITS.steering_bound_ln).any() for bound in (low, high)]
+    reached = any(_reaches_rate_limit(r, m, vehicle, T_s, d) for r, m in motions)
+    return T_s, d, SteeringOrigin(**origins("identified"), at_bound=any(near), rate_reached=reached)
 
 
-def _residuals(recording: Recording, motion: Course, vehicle: Vehicle, T_s: float, d: float) -> Floats:
-    delta = commanded_angle(recording, vehicle, motion.time_s, T_s, d)
-    margin = round(MARGIN_S / float(motion.time_s[1] - motion.time_s[0]))
-    rows = usable_rows(motion, recording, margin)
-    return unexplained(motion, delta, held_throttle(motion, recording), yaw_acceleration(motion), rows, vehicle)
+def _recording_residuals(
+    recording: Recording, motion: raw_motion.RawMotion, vehicle: Vehicle, T_s: float, d: float
+) -> Floats:
+    """Yaw acceleration (rad/s^2) at a recording's usable rows that steering under T_s and d leaves unexplained."""
+    delta = raw_motion.commanded_steering_angle(recording, vehicle, motion.time_s, T_s, d)
+    margin = round(EDGE_MARGIN_S / float(motion.time_s[1] - motion.time_s[0]))
+    rows, throttle = usable_rows(motion, recording, margin), recording.commands.held_at(motion.time_s)[:, 1]
+    return yaw_acceleration_residuals(motion, delta, throttle, yaw_acceleration(motion), rows, vehicle)
 
 
-def _rate_reached(recording: Recording, motion: Course, vehicle: Vehicle, T_s: float, d: float) -> bool:
-    """Whether the commands ever drive the steering at its rate limit; otherwise d is not identified."""
-    delta = commanded_angle(recording, vehicle, motion.time_s, T_s, d)
+def _reaches_rate_limit(
+    recording: Recording, motion: raw_motion.RawMotion, vehicle: Vehicle, T_s: float, d: float
+) -> bool:
+    """Whether the commands ever drive the steering at its rate limit d (rad/s); otherwise d is not identified."""
+    delta = raw_motion.commanded_steering_angle(recording, vehicle, motion.time_s, T_s, d)
     rate = np.abs(np.diff(delta) / np.diff(motion.time_s))
-    return bool(np.any(rate > 0.99 * d))
+    return bool(np.any(rate > LIMITS.rate_reached_share * d))

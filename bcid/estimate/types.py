@@ -1,23 +1,37 @@
-"""`Estimate`: what every model is fitted on and judged against."""
+"""`Estimate`, the smoothed motion that every model is fitted on and compared with."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
+from bcid.documents.document import Number, Part
+from bcid.estimate.consistency import NisSummary
+from bcid.estimate.tuning import Tuning
+
+
+class FilterSummary(Part):
+    """Consistency, likelihood and restarts of the filter on one recording."""
+
+    nis: NisSummary
+    log_likelihood: Number
+    restarts_s: tuple[float, ...]  # when the filter had lost the car and was started anew
+
+    def describe_restarts(self) -> str:
+        """The times (s) at which the filter was restarted because it had lost the car, as text; empty without any."""
+        at = ", ".join(f"{t:.1f} s" for t in self.restarts_s)
+        return f"lost the car and was restarted at {at}" if at else ""
 
 
 @dataclass(frozen=True)
 class Estimate:
     """Smoothed motion of one recording on a uniform grid of `period_s`.
 
-    Row k holds the state at t_k and the command held then.  Rows of one `segment` are consecutive
-    on the grid; a new segment begins after every gap or jump, and no sample may straddle two.
+    Row k holds the state at t_k and the command held then.  Rows of one `segment` are consecutive on the grid; a new
+    segment begins after every gap or jump, and no sample may straddle two.
     """
 
     name: str
@@ -30,18 +44,29 @@ class Estimate:
     command: Floats  # (K, 2) u_s rad, u_m m/s (or brake share)
     twist_sd: Floats  # (K, 3) standard deviations of the twist
     kinematic_sd: Floats  # (K, 4)
-    facts: Mapping[str, Any] = field(default_factory=dict)  # noise, consistency, steering
+    tuning: Tuning | None = None  # what the filter assumed; None for motion that no filter estimated
+    filter: FilterSummary | None = None  # how it went; None likewise
 
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def part(self, rows: slice) -> Estimate:
-        """The grid rows `rows` of it."""
+    def select_rows(self, rows: slice) -> Estimate:
+        """The estimate's grid rows `rows`."""
         columns = ("time_s", "segment", "pose", "twist", "kinematic", "command", "twist_sd", "kinematic_sd")
         return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
+    def steering_constants(self) -> tuple[float, float]:
+        """Time constant T_s (s) and rate limit d (rad/s) of the steering that the filter assumed.
+
+        Raises:
+            ValueError: for motion that no filter estimated.
+        """
+        if self.tuning is None:
+            raise ValueError(f"{self.name}: no filter estimated this motion")
+        return self.tuning.T_s, self.tuning.d
+
     def segments(self) -> list[slice]:
-        """The row ranges of the segments, in order."""
+        """The row ranges of the estimate's segments, in order."""
         cuts = np.flatnonzero(np.diff(self.segment)) + 1
         edges = [0, *cuts.tolist(), len(self)]
         return [slice(a, b) for a, b in itertools.pairwise(edges) if b > a]

@@ -1,1 +1,1 @@
-"""Fitted models judged closed loop on takes that they have not seen."""
+"""Fitted models compared, closed loop, with takes that they have not seen."""

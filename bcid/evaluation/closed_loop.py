@@ -1,75 +1,103 @@
-"""Closed-loop rollouts: through a whole take, and trajectories started anew every few seconds."""
-
-from __future__ import annotations
+"""Closed-loop rollouts through a whole take or restarted from the estimate every few seconds, and their errors."""
 
 import time
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
+from bcid.bootstrap import bootstrap_interval
 from bcid.estimate.types import Estimate
-from bcid.models.interface import Diverged, Model, Scans, history_at, rollout
+from bcid.models.interface import Model, RolloutDiverged, SupportsRollout, history_at, rollout
+
+# Length (s) of the blocks that are resampled for the interval of an NMSE, and how often.
+BLOCK_S, RESAMPLES = 5.0, 1999
 
 
-class Restarted(NamedTuple):
-    """Predictions started anew from the estimate at regular times; rows as in the estimate."""
+class RestartedPrediction(NamedTuple):
+    """Poses and twists predicted from the estimate, restarted at regular times; rows as in the estimate."""
 
     pose: Floats  # (K, 3)
     twist: Floats  # (K, 3)
-    start: npt.NDArray[np.bool_]  # (K,) rows at which a prediction starts
+    start: Bools  # (K,) rows at which a prediction starts
 
 
-def whole_take(model: Scans, estimate: Estimate) -> Floats:
-    """Twists (K, 3) predicted from the take's first sample with its commands.
+def predict_whole_take(model: SupportsRollout, estimate: Estimate) -> Floats:
+    """Twists (K, 3) that a model predicts from the first sample of each segment of a take under the take's commands.
 
-    Where the take has several segments each starts anew.  A stretch that diverges is NaN after its start.
+    A prediction that diverges is NaN after its first row.
     """
-    return _from_starts(model, estimate, [s.start for s in estimate.segments()])
+    return _predict_from_starts(model, estimate, [s.start for s in estimate.segments()])
 
 
-def _from_starts(model: Scans, estimate: Estimate, starts: list[int]) -> Floats:
+def _predict_from_starts(model: SupportsRollout, estimate: Estimate, starts: list[int]) -> Floats:
+    """Twists (K, 3) of rollouts from the rows `starts`, each up to the next start; NaN after a start that diverges."""
     twist = np.full((len(estimate), 3), np.nan)
     for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
         try:
             twist[a:b] = rollout(model, history_at(estimate, a, model.lags), estimate.command[a : b - 1])
-        except Diverged:
+        except RolloutDiverged:
             twist[a] = estimate.twist[a]
     return twist
 
 
-def restarted(model: Scans, estimate: Estimate, every_s: float) -> Restarted:
-    """Poses and twists predicted from the estimate, started anew every `every_s` and at each segment."""
+def predict_with_restarts(model: SupportsRollout, estimate: Estimate, every_s: float) -> RestartedPrediction:
+    """Poses and twists that a model predicts when restarted from the estimate every `every_s` and at each segment."""
     size = max(2, round(every_s / estimate.period_s))
     starts = [k for s in estimate.segments() for k in range(s.start, s.stop, size)]
-    twist = _from_starts(model, estimate, starts)
+    twist = _predict_from_starts(model, estimate, starts)
     pose = np.empty_like(twist)
     for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
-        pose[a:b] = integrate(estimate.pose[a], twist[a:b], estimate.period_s)
+        pose[a:b] = integrate_poses(estimate.pose[a], twist[a:b], estimate.period_s)
     marks = np.zeros(len(estimate), dtype=bool)
     marks[starts] = True
-    return Restarted(pose, twist, marks)
+    return RestartedPrediction(pose, twist, marks)
 
 
-def misses(model: Model, estimate: Estimate, after_s: float) -> Floats:
-    """Distances (m) between predicted and measured position `after_s` after each start, as `restarted` starts."""
+class Nmse(NamedTuple):
+    """Normalised mean squared error of v_x, v_y and yaw rate, and their mean with a 95 % block-bootstrap interval."""
+
+    v_x: float
+    v_y: float
+    yaw_rate: float
+    mean: float
+    ci95: tuple[float, float]
+
+
+def nmse(predicted: Floats, measured: Floats, weights: Floats, period_s: float) -> Nmse:
+    """||W (q_hat - q)||^2 / (n N) of predicted and measured twists (N, 3), W = diag(weights), by channel and overall.
+
+    Paper, lossv; errata 12.  Blocks of BLOCK_S are resampled for the interval; `period_s` is the time between rows.
+    """
+    squares = (weights * (predicted - measured)) ** 2
+    channels = squares.mean(axis=0)
+    size = max(1, round(BLOCK_S / period_s))
+    blocks = np.array([part.mean() for part in np.array_split(squares, max(2, len(squares) // size))])
+    v_x, v_y, yaw_rate = channels.tolist()
+    return Nmse(v_x, v_y, yaw_rate, float(channels.mean()), bootstrap_interval(blocks, np.mean, RESAMPLES))
+
+
+def position_errors(model: Model, estimate: Estimate, after_s: float) -> Floats:
+    """Distances (m) between predicted and measured position `after_s` after each start, for starts `after_s` apart.
+
+    A prediction that diverges has an infinite distance.
+    """
     size = max(2, round(after_s / estimate.period_s))
-    found = []
+    errors = []
     for segment in estimate.segments():
         for k in range(segment.start, segment.stop - size, size):
             try:
                 twist = rollout(model, history_at(estimate, k, model.lags), estimate.command[k : k + size])
-            except Diverged:
-                found.append(np.inf)
+            except RolloutDiverged:
+                errors.append(np.inf)
                 continue
-            end = integrate(estimate.pose[k], twist, estimate.period_s)[-1]
-            found.append(float(np.hypot(*(end[:2] - estimate.pose[k + size, :2]))))
-    return np.array(found)
+            end = integrate_poses(estimate.pose[k], twist, estimate.period_s)[-1]
+            errors.append(float(np.hypot(*(end[:2] - estimate.pose[k + size, :2]))))
+    return np.array(errors)
 
 
-def integrate(start: Floats, twist: Floats, period_s: float) -> Floats:
-    """Poses (N, 3) along `twist` (N, 3) from the pose `start`, by the trapezoidal rule."""
+def integrate_poses(start: Floats, twist: Floats, period_s: float) -> Floats:
+    """Poses (N, 3) along the twists `twist` (N, 3) from the pose `start` (3,), by the trapezoidal rule."""
     yaw = start[2] + np.r_[0.0, np.cumsum(0.5 * period_s * (twist[1:, 2] + twist[:-1, 2]))]
     cos_t, sin_t = np.cos(yaw), np.sin(yaw)
     world = np.column_stack([cos_t * twist[:, 0] - sin_t * twist[:, 1], sin_t * twist[:, 0] + cos_t * twist[:, 1]])
@@ -77,8 +105,8 @@ def integrate(start: Floats, twist: Floats, period_s: float) -> Floats:
     return np.column_stack([start[:2] + moved, yaw])
 
 
-def rollout_ms(model: Model, estimate: Estimate, repeats: int) -> float:
-    """Median wall time (ms) of the whole take's rollout, compiled and warm."""
+def time_rollout_ms(model: Model, estimate: Estimate, repeats: int) -> float:
+    """Median wall time (ms) of a rollout through the whole take, compiled and warm."""
     history = history_at(estimate, 0, model.lags)
     commands = np.ascontiguousarray(estimate.command[:-1])
     model.scan(model.init(history), commands)

@@ -1,8 +1,8 @@
 """The smallest size of each effect that a take would show, before anything is driven or fitted.
 
-An effect shows where the expected gain of its refit, a^2 G / 2 with G the information about its amplitude that the
-base parameters leave, reaches what a diagnosis asks of it: GATE nats, and half a logarithm of the segments per
-parameter.
+An effect shows where the expected gain of its refit, a^2 G / 2 with G the information about its amplitude a beside
+the base parameters, reaches what a diagnosis requires: the usual gate, and half a logarithm of the number of segments
+per parameter.
 """
 
 from __future__ import annotations
@@ -16,53 +16,56 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.effects.entry import Effect, Parameter
+from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import Tangent, jacobian
-from bcid.likelihood.nuisance import residuals, sensitivities
+from bcid.likelihood.newton import Tangent, parameter_jacobian
+from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import GATE, UNSEEN, changes_of, projected
+from bcid.likelihood.score_test import compute_trial_changes, project_out_fit, replace_value
 from bcid.likelihood.take import Take
 
-ROUNDS = 6  # of finding the smallest size: an effect need not grow with its square
-LARGEST_STEP = 4.0  # of the size in one round
-FURTHEST = 50.0  # times the declared size that is still tried
-NEAR = 0.02  # relative, at which the size is found
-MOST_PLACES = 4  # along each side of the floor
-SHOWN = 0.5  # share of an effect's places in which it must show
+SIZE_ITERATIONS = 6  # of finding the smallest size: an effect need not grow with its square
+MAX_SIZE_STEP = 4.0  # of the size in one round
+SIZE_TOLERANCE = 0.02  # relative, at which the size is found
+MAX_PLACES_PER_SIDE = 4  # along each side of the floor
 
 Sizes = dict[str, tuple[float, str]]
-"""Value and unit of each of an effect's amplitudes."""
+"""Value and unit of each amplitude of an effect, by symbol."""
 
 
-class Option(NamedTuple):
-    """One amplitude of one effect at one place."""
+class PlacedAmplitude(NamedTuple):
+    """One amplitude of an effect, with the effect at one place or time if it has any."""
 
     effect: str
-    which: int  # of its parameters
+    parameter_index: int  # of the amplitude among the effect's parameters
     parameter: Parameter
-    values: list[float]  # of all its parameters
+    values: list[float]  # of all the effect's parameters
 
-    def at(self, size: float) -> Option:
-        """The same with another amplitude."""
-        return self._replace(values=[*self.values[: self.which], size, *self.values[self.which + 1 :]])
+    def with_size(self, size: float) -> PlacedAmplitude:
+        """A copy of this amplitude with another size."""
+        return self._replace(values=replace_value(self.values, self.parameter_index, size))
 
 
-def options_of(names: Sequence[str], take: Take, hypothesis: Hypothesis) -> list[Option]:
-    """The amplitudes of the effects, at their declared size, in each of some typical places."""
+def amplitudes_at_typical_places(names: Sequence[str], take: Take, hypothesis: Hypothesis) -> list[PlacedAmplitude]:
+    """Every amplitude of the effects `names` at its declared size, each at several typical places or times."""
     entries = hypothesis.entries
     return [
-        Option(name, i, p, [place.get(q.symbol, q.off) for q in entries[name].parameters]).at(p.size)
+        PlacedAmplitude(name, i, p, [place.get(q.symbol, q.off) for q in entries[name].parameters]).with_size(p.size)
         for name in names
-        for place in _places(entries[name], take)
+        for place in _typical_places(entries[name], take)
         for i, p in enumerate(entries[name].parameters)
-        if not p.places
+        if not p.is_place
     ]
 
 
-def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
-    """Where an effect may be: circles over the floor that was driven, a cable from any side of it, any time."""
-    symbols = [p.symbol for p in effect.places]
+def _typical_places(effect: Effect, take: Take) -> list[dict[str, float]]:
+    """Places or times at which an effect may act in a take, as values of its parameters by symbol.
+
+    Circles over the floor that was driven, a cable from each side of it, or three times; for other effects, {}.
+    """
+    symbols = [p.symbol for p in effect.place_parameters]
     if not symbols:
         return [{}]
     if "t_s" in symbols:
@@ -70,73 +73,72 @@ def _places(effect: Effect, take: Take) -> list[dict[str, float]]:
     low, high = np.quantile(take.pose[:, :2], 0.02, axis=0), np.quantile(take.pose[:, :2], 0.98, axis=0)
     if "radius" in symbols:
         radius = next(p.size for p in effect.parameters if p.symbol == "radius")
-        counts = np.clip(np.round((high - low) / (2.0 * radius)), 1, MOST_PLACES).astype(int)
+        counts = np.clip(np.round((high - low) / (2.0 * radius)), 1, MAX_PLACES_PER_SIDE).astype(int)
         axes = [np.linspace(a, b, n + 2)[1:-1] for a, b, n in zip(low, high, counts, strict=True)]
         return [{"x": float(x), "y": float(y), "radius": radius} for x, y in itertools.product(*axes)]
     sides = [(0.0, 0.5), (1.0, 0.5), (0.5, 0.0), (0.5, 1.0)]
-    slack = {p.symbol: p.size for p in effect.places if p.symbol == "r_0"}
+    slack = {p.symbol: p.size for p in effect.place_parameters if p.symbol == "r_0"}
     return [dict(zip("xy", (low + (high - low) * side).tolist(), strict=True)) | slack for side in sides]
 
 
-def needed(effect: Effect, segments: int) -> float:
-    """Nats that the effect must be expected to gain."""
-    return GATE + 0.5 * len(effect.parameters) * math.log(max(segments, 1))
+def required_gain_nats(effect: Effect, segments: int) -> float:
+    """Expected gain (nats) from which an effect of k parameters shows: usual gate + k/2 ln(segments)."""
+    return LIKELIHOOD_LIMITS.usual_gate_nats + 0.5 * len(effect.parameters) * math.log(max(segments, 1))
 
 
-def fit_at(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take) -> Fit:
-    """A fit as if phi had been found in the take: its tangent, without a likelihood."""
-    setting = hypothesis.setting(phi, take)
-    r = residuals(take, setting, take.start)
-    J = jacobian(take, hypothesis, phi, take.start, r, range(hypothesis.base_size))
-    nothing = np.zeros(take.segments)
+def tangent_fit(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take) -> Fit:
+    """A fit at parameters `phi` that were not fitted: predictions linearised there, likelihood and covariance NaN."""
+    inputs = hypothesis.prediction_inputs(phi, take)
+    r = pose_residuals(take, inputs, take.start)
+    J = parameter_jacobian(take, hypothesis, phi, take.start, r, range(hypothesis.base_size))
+    tangent = Tangent(nuisance_sensitivities(take, inputs, take.start), J)
     covariance = np.full((hypothesis.size, hypothesis.size), np.nan)
-    return Fit(
-        hypothesis, phi, take.start, scales, np.nan, nothing, covariance,
-        Tangent(sensitivities(take, setting, take.start), J),
-    )  # fmt: skip
+    return Fit(hypothesis, phi, take.start, scales, np.nan, np.zeros(take.segments), covariance, tangent)
 
 
-def detectable(
+def detectable_sizes(
     hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take, effects: Sequence[str]
 ) -> dict[str, Sizes | None]:
     """The smallest size of each effect that `take` would show, by symbol, with its unit.
 
-    None where the take does not excite the effect within its bounds.  Of an effect with a place or a time, the
-    median over several, and none unless half of them show it.  What `hypothesis` holds already is left out.
+    Effects that `hypothesis` holds are left out.  With a place or a time, the size is the median over several.  None
+    stands for an effect that shows within its bounds at no place, or at too few.
     """
-    fit = fit_at(hypothesis, phi, scales, take)
+    fit = tangent_fit(hypothesis, phi, scales, take)
     names = [n for n in effects if n not in hypothesis.effects]
-    options = options_of(names, take, hypothesis)
-    need = np.array([needed(fit.hypothesis.entries[o.effect], take.segments) for o in options])
-    sizes = smallest(fit, take, options, need) if options else []
-    found: dict[str, Sizes | None] = {}
+    amplitudes = amplitudes_at_typical_places(names, take, hypothesis)
+    required = np.array([required_gain_nats(hypothesis.entries[a.effect], take.segments) for a in amplitudes])
+    sizes = solve_smallest_sizes(fit, take, amplitudes, required) if amplitudes else []
+    share, found = EXPERIMENT_LIMITS.min_share_of_places, dict[str, Sizes | None]()
     for name in names:
         seen: Sizes = {}
-        for p in hypothesis.entries[name].amplitudes:
-            here = [s for o, s in zip(options, sizes, strict=True) if (o.effect, o.parameter) == (name, p)]
-            if np.isfinite(here).mean() >= SHOWN:
-                seen[p.symbol] = (float(np.sort(here)[int(SHOWN * (len(here) - 1))]), p.unit)
+        for p in hypothesis.entries[name].amplitude_parameters:
+            here = [s for a, s in zip(amplitudes, sizes, strict=True) if (a.effect, a.parameter) == (name, p)]
+            if np.isfinite(here).mean() >= share:
+                seen[p.symbol] = (float(np.sort(here)[int(share * (len(here) - 1))]), p.unit)
         found[name] = seen or None
     return found
 
 
-def smallest(fit: Fit, take: Take, options: list[Option], need: Floats) -> list[float]:
-    """The amplitude of each option that is expected to gain what it needs; inf where none within reach does."""
-    sizes = np.array([o.values[o.which] for o in options])
-    highest = np.minimum([o.parameter.high for o in options], FURTHEST * sizes)
-    too_small, enough = np.zeros(len(options)), np.full(len(options), np.inf)
-    open_ = np.arange(len(options))
-    for _ in range(ROUNDS):
+def solve_smallest_sizes(fit: Fit, take: Take, amplitudes: list[PlacedAmplitude], required_nats: Floats) -> list[float]:
+    """Size of each of K amplitudes at which it is expected to gain `required_nats` (K,); inf if none in bounds does."""
+    sizes = np.array([a.values[a.parameter_index] for a in amplitudes])
+    highest = np.minimum([a.parameter.high for a in amplitudes], EXPERIMENT_LIMITS.max_size_multiple * sizes)
+    too_small, enough = np.zeros(len(amplitudes)), np.full(len(amplitudes), np.inf)
+    open_ = np.arange(len(amplitudes))
+    for _ in range(SIZE_ITERATIONS):
         now = sizes[open_]
-        gains = gains_of(fit, take, [options[i].at(s) for i, s in zip(open_, now.tolist(), strict=True)])
-        shows = gains >= need[open_]
+        trials = [amplitudes[i].with_size(s) for i, s in zip(open_, now.tolist(), strict=True)]
+        gains = expected_gains_nats(fit, take, trials)
+        shows = gains >= required_nats[open_]
         too_small[open_] = np.where(shows, too_small[open_], now)
         enough[open_] = np.where(shows, now, enough[open_])
-        step = np.clip(np.sqrt(need[open_] / np.maximum(gains, UNSEEN)), 1.0 / LARGEST_STEP, LARGEST_STEP)
+        step = np.sqrt(required_nats[open_] / np.maximum(gains, LIKELIHOOD_LIMITS.min_information))
+        step = np.clip(step, 1.0 / MAX_SIZE_STEP, MAX_SIZE_STEP)
         low, high = too_small[open_], np.minimum(enough, highest)[open_]
         after = np.minimum(now * step, highest[open_])
         after = np.where((after > low) & (after < enough[open_]), after, np.sqrt(low * high))
-        going = (np.abs(after / now - 1.0) >= NEAR) & (low < highest[open_])
+        going = (np.abs(after / now - 1.0) >= SIZE_TOLERANCE) & (low < highest[open_])
         sizes[open_] = np.where(going, after, now)
         open_ = open_[going]
         if len(open_) == 0:
@@ -144,7 +146,7 @@ def smallest(fit: Fit, take: Take, options: list[Option], need: Floats) -> list[
     return [float(s) for s in np.where(np.isfinite(enough), sizes, np.inf)]
 
 
-def gains_of(fit: Fit, take: Take, options: Sequence[Option]) -> Floats:
-    """What refits with the options, each alone, are expected to gain (nats) if they are true."""
-    tried = changes_of(fit, take, [(o.effect, [o.values]) for o in options])
-    return np.asarray(0.5 * np.diag(projected(fit, take, tried.columns).G))
+def expected_gains_nats(fit: Fit, take: Take, amplitudes: Sequence[PlacedAmplitude]) -> Floats:
+    """Expected gains a^2 G / 2 (K,) in nats of refits with each of the amplitudes alone, if its size is true."""
+    changes = compute_trial_changes(fit, take, [(a.effect, [a.values]) for a in amplitudes])
+    return np.asarray(0.5 * np.diag(project_out_fit(fit, take, changes.columns).G))

@@ -1,9 +1,7 @@
-"""The catalogue's patterns: what is commanded, in shares of what the car and the floor allow.
+"""The catalogue's patterns: commands in shares of what the car and the floor allow.
 
-A pattern's docstring says what it is for.  Some also follow a route, whose steering is found under the car.
+A pattern's docstring is its purpose in words.  Some also follow a route, whose steering is found with the car.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Callable
@@ -13,181 +11,181 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.physics.car import Car
-from bcid.physics.motor import drag
+from bcid.physics.motor import drag_force
 
 COMMAND_HZ = 20
-LONGEST_S = 38.0  # without the stop
+NO_ROUTE = np.empty((0, 2))
 
 
 class Envelope(NamedTuple):
-    """What a pattern may ask for: the car, its largest steering angle and throttle, a speed, a radius."""
+    """What a pattern may use: the car, its largest steering angle and throttle, a speed, a radius."""
 
     car: Car
     angle_limit: float  # rad
-    top: float  # largest throttle
+    max_throttle: float  # m/s, or 1 where the throttle sets a force
     speed: float  # m/s that a share of 1 means
     radius: float  # m, of a circle that fits the floor well
 
     def throttle(self, share: float) -> float:
-        """The throttle that holds this share of the speed, straight on."""
+        """The throttle that holds a share of the speed, straight on."""
         v, p = share * self.speed, self.car
-        rolling = drag(v, p.R_1, p.R_2)
+        rolling = drag_force(v, p.R_1, p.R_2)
         wanted = p.u_0 + (rolling + p.K_v * v) / p.K_t if p.sets_force > 0.0 else v + rolling / p.K_t
-        return float(min(max(wanted, 0.0), self.top))
+        return float(min(max(wanted, 0.0), self.max_throttle))
 
     def circle(self, share: float = 1.0) -> float:
-        """The steering angle of a circle of this share of the radius, without slip."""
+        """The steering angle (rad) of a circle with a share of the radius, without slip."""
         wheelbase = self.car.l_f + self.car.l_r
         return min(math.atan2(wheelbase, math.sqrt(max((share * self.radius) ** 2 - self.car.l_r**2, 1e-6))),
                    self.lock(0.9))  # fmt: skip
 
     def lock(self, share: float, most: float = math.inf) -> float:
-        """A share of the largest steering angle, at most `most`."""
+        """A share of the largest steering angle, at most `most` (rad)."""
         return min(share * self.angle_limit, most)
 
     def turn_s(self, angle: float, share: float, turns: float) -> float:
-        """How long so many turns take at this steering angle and share of the speed, without slip."""
+        """Time (s) of so many turns at a steering angle (rad) and a share of the speed, without slip."""
         rate = share * self.speed * math.sin(angle) / (self.car.l_f + self.car.l_r)
         return 2.0 * math.pi * turns / max(rate, 1e-3)
 
 
-class Order(NamedTuple):
-    """Steering and throttle (n, 2) at COMMAND_HZ; where there is a route, the steering is added to what it asks."""
+class Commands(NamedTuple):
+    """Commands at COMMAND_HZ; where there is a route, the steering is added to what the route needs."""
 
-    command: Floats
-    route: Floats = np.empty((0, 2))  # (W, 2) way points in shares of the arena's reach
-
-
-def held(*pieces: tuple[float, float, float]) -> Floats:
-    """Commands (n, 2) that hold each (seconds, steering, throttle) in turn."""
-    return np.concatenate([np.tile([s, u], (max(round(t * COMMAND_HZ), 1), 1)) for t, s, u in pieces])
+    command: Floats  # (n, 2) steering rad, throttle
+    route: Floats = NO_ROUTE  # (W, 2) way points in shares of the arena's reach
 
 
-def _waves(seconds: float, steer: Callable[[Floats], Floats], throttle: float) -> Floats:
-    """Commands (n, 2) whose steering is a function of time."""
+def hold_commands(*pieces: tuple[float, float, float], route: Floats = NO_ROUTE) -> Commands:
+    """Commands that hold each (seconds, steering, throttle) in turn, along the `route` (W, 2) if there is one."""
+    held = [np.tile([s, u], (max(round(t * COMMAND_HZ), 1), 1)) for t, s, u in pieces]
+    return Commands(np.concatenate(held), route)
+
+
+def _steer_over_time(
+    seconds: float, steer: Callable[[Floats], Floats], throttle: float, route: Floats = NO_ROUTE
+) -> Commands:
+    """Commands of so many seconds whose steering is the function `steer` of time (s), at constant throttle."""
     t = np.arange(round(seconds * COMMAND_HZ)) / COMMAND_HZ
-    return np.column_stack([steer(t), np.full(len(t), throttle)])
+    return Commands(np.column_stack([steer(t), np.full(len(t), throttle)]), route)
 
 
-def coast_down(e: Envelope) -> Order:
-    """Up to speed and let roll: on a wide circle either way, then with the wheel far over."""
+def coast_down(e: Envelope) -> Commands:
+    """Accelerate and coast: on a wide circle either way, then at a large steering angle."""
     wide, far, up = e.circle(0.9), e.lock(0.7, 1.4), e.throttle(1.0)
-    return Order(held((4, wide, up), (8, wide, 0), (4, -wide, up), (8, -wide, 0), (5, -wide, up), (7, -far, 0)))
+    return hold_commands((4, wide, up), (8, wide, 0), (4, -wide, up), (8, -wide, 0), (5, -wide, up), (7, -far, 0))
 
 
-def steady_circles_slow(e: Envelope) -> Order:
+def steady_circles_slow(e: Envelope) -> Commands:
     """A steady circle to the left, then one to the right, at half speed."""
-    return Order(held((13, e.circle(0.9), e.throttle(0.5)), (13, -e.circle(0.9), e.throttle(0.5))))
+    return hold_commands((13, e.circle(0.9), e.throttle(0.5)), (13, -e.circle(0.9), e.throttle(0.5)))
 
 
-def steady_circles_fast(e: Envelope) -> Order:
+def steady_circles_fast(e: Envelope) -> Commands:
     """A steady circle to the left, then one to the right, at full speed."""
-    return Order(held((13, e.circle(0.9), e.throttle(1.0)), (13, -e.circle(0.9), e.throttle(1.0))))
+    return hold_commands((13, e.circle(0.9), e.throttle(1.0)), (13, -e.circle(0.9), e.throttle(1.0)))
 
 
-def small_steering_steps(e: Envelope) -> Order:
+def small_steering_steps(e: Envelope) -> Commands:
     """Steps of 0.1 rad about a circle either way."""
     middle, step, up = e.circle(), e.lock(0.25, 0.1), e.throttle(0.8)
     left = [(1.5, middle + hand * step, up) for hand in (1, -1) * 5]
-    return Order(held(*left, *((t, -s, u) for t, s, u in left)))
+    return hold_commands(*left, *((t, -s, u) for t, s, u in left))
 
 
-def large_steering_steps(e: Envelope) -> Order:
+def large_steering_steps(e: Envelope) -> Commands:
     """Steps from side to side so large that the servo runs at its rate limit."""
     angle, up = e.lock(0.6, 1.3), e.throttle(0.7)
-    return Order(held(*((t, hand * angle, up) for k in (1, -1) for t, hand in ((2.8, k), (1.8, -k)) * 3)))
+    return hold_commands(*((t, hand * angle, up) for k in (1, -1) for t, hand in ((2.8, k), (1.8, -k)) * 3))
 
 
-def steering_sweep(e: Envelope) -> Order:
+def steering_sweep(e: Envelope) -> Commands:
     """Sines of growing frequency (0.2 to 2.5 Hz) about a circle."""
     size, seconds, low, high = e.lock(0.4, 0.35), 30.0, 0.2, 2.5
     growth = math.log(high / low)
-    return Order(
-        _waves(
-            seconds,
-            lambda t: e.circle() + size * np.sin(2 * np.pi * low * seconds / growth * np.expm1(growth * t / seconds)),
-            e.throttle(0.8),
-        )
+    return _steer_over_time(
+        seconds,
+        lambda t: e.circle() + size * np.sin(2 * np.pi * low * seconds / growth * np.expm1(growth * t / seconds)),
+        e.throttle(0.8),
     )
 
 
-def throttle_steps(e: Envelope) -> Order:
+def throttle_steps(e: Envelope) -> Commands:
     """Steps of the throttle up and down, on a circle either way."""
     shares = (0.4, 1.0, 0.6, 1.0, 0.2, 0.8)
-    return Order(held(*((2.7, hand * e.circle(), e.throttle(s)) for hand in (1, -1) for s in shares)))
+    return hold_commands(*((2.7, hand * e.circle(), e.throttle(s)) for hand in (1, -1) for s in shares))
 
 
-def throttle_noise(e: Envelope) -> Order:
+def throttle_noise(e: Envelope) -> Commands:
     """A binary random sequence of the throttle, on a circle either way."""
     bits = np.random.default_rng(5).random(60) < 0.5
-    return Order(
-        held(*((0.5, e.circle() * (1 if k < 30 else -1), e.throttle(1.0 if b else 0.3)) for k, b in enumerate(bits)))
+    return hold_commands(
+        *((0.5, e.circle() * (1 if k < 30 else -1), e.throttle(1.0 if b else 0.3)) for k, b in enumerate(bits))
     )
 
 
-def brake_pulses(e: Envelope) -> Order:
-    """Up to speed, a pulse of the brake, and again harder, on a circle either way."""
+def brake_pulses(e: Envelope) -> Commands:
+    """Accelerate, brake by a pulse, and again harder, on a circle either way."""
     pulses = ((0.7, 0.2), (0.6, 0.4), (0.5, 0.7), (0.5, 1.0))
-    return Order(
-        held(*(p for hand in (1, -1) for t, brake in pulses for p in (
-            (3.0, hand * e.circle(), e.throttle(1.0)), (t, hand * e.circle(), -brake))))
-    )  # fmt: skip
+    return hold_commands(*(
+        p for hand in (1, -1) for t, brake in pulses
+        for p in ((3.0, hand * e.circle(), e.throttle(1.0)), (t, hand * e.circle(), -brake))
+    ))  # fmt: skip
 
 
-def slalom(e: Envelope) -> Order:
+def slalom(e: Envelope) -> Commands:
     """A sine of the steering on the way round an oval."""
     corners = [(-0.5, -0.7), (0.5, -0.7), (0.95, 0.0), (0.5, 0.7), (-0.5, 0.7), (-0.95, 0.0)]
-    return Order(
-        _waves(30.0, lambda t: e.lock(0.5, 0.4) * np.sin(2 * np.pi * t / 2.2), e.throttle(0.8)), np.array(corners * 4)
+    return _steer_over_time(
+        30.0, lambda t: e.lock(0.5, 0.4) * np.sin(2 * np.pi * t / 2.2), e.throttle(0.8), np.array(corners * 4)
     )
 
 
-def figure_of_eight(e: Envelope) -> Order:
-    """Full turns to the left and to the right in exchange."""
+def figure_of_eight(e: Envelope) -> Commands:
+    """Full turns to the left and to the right in alternation."""
     angle, up = e.circle(0.65), e.throttle(0.9)
     turn = e.turn_s(angle, 0.85, 1.0)
-    return Order(held(*((turn, hand * angle, up) for hand in (1, -1) * max(round(16.0 / turn), 1))))
+    return hold_commands(*((turn, hand * angle, up) for hand in (1, -1) * max(round(16.0 / turn), 1)))
 
 
-def full_lock(e: Envelope) -> Order:
+def full_lock(e: Envelope) -> Commands:
     """Turns at full lock, slow and fast, either way."""
     angle = e.lock(0.98)
-    return Order(held(*((4.5, hand * angle, e.throttle(s)) for s in (0.5, 1.0, 0.7) for hand in (1, -1))))
+    return hold_commands(*((4.5, hand * angle, e.throttle(s)) for s in (0.5, 1.0, 0.7) for hand in (1, -1)))
 
 
-def steering_reversals(e: Envelope) -> Order:
-    """The steering thrown over at constant throttle, after half a turn, three quarters and a whole one."""
+def steering_reversals(e: Envelope) -> Commands:
+    """The steering reversed at constant throttle, after half a turn, three quarters and a whole one."""
     angle, up = e.lock(0.5, 0.9), e.throttle(1.0)
     turns = (1.0, 0.75, 0.5, 0.75) * 3
-    return Order(
-        held(*((e.turn_s(angle, 0.8, n), (-1) ** k * angle, up) for k, n in enumerate(turns)))[: 30 * COMMAND_HZ]
-    )
+    whole = hold_commands(*((e.turn_s(angle, 0.8, n), (-1) ** k * angle, up) for k, n in enumerate(turns)))
+    return Commands(whole.command[: 30 * COMMAND_HZ])
 
 
-def four_headings(e: Envelope) -> Order:
+def four_headings(e: Envelope) -> Commands:
     """Round the floor along its four walls one way, across, and the other way."""
     a, b, c, d = (-0.75, -0.75), (0.75, -0.75), (0.75, 0.75), (-0.75, 0.75)
     across = [(0.0, 0.0), (-0.7, 0.1), (-0.4, 0.65)]
-    return Order(held((38, 0, e.throttle(0.9))), np.array([a, b, c, d, a, b, *across, c, b, a, d]))
+    return hold_commands((38, 0, e.throttle(0.9)), route=np.array([a, b, c, d, a, b, *across, c, b, a, d]))
 
 
-def lawn_mower(e: Envelope) -> Order:
+def lawn_mower(e: Envelope) -> Commands:
     """To and fro over the whole floor in lanes."""
     lanes = np.repeat(np.linspace(-0.85, 0.85, 6), 2)
     ends = np.resize([-0.75, 0.75, 0.75, -0.75], len(lanes))
-    return Order(held((38, 0, e.throttle(0.95))), np.column_stack([ends, lanes]))
+    return hold_commands((38, 0, e.throttle(0.95)), route=np.column_stack([ends, lanes]))
 
 
-def begin_and_end(e: Envelope) -> Order:
-    """The same starts and circles at the begin and at the end, with a rest between."""
+def begin_and_end(e: Envelope) -> Commands:
+    """Equal starts and circles at the beginning and at the end, with a rest between."""
     bend, fast, slow = e.circle(0.65), e.throttle(1.0), e.throttle(0.5)
     laps = ((4, bend, fast), (3, bend, slow), (4, -bend, fast), (2, -bend, -0.6))
-    return Order(held(*laps, (9, bend, 0), *laps))
+    return hold_commands(*laps, (9, bend, 0), *laps)
 
 
-PATTERNS: tuple[Callable[[Envelope], Order], ...] = (
+PATTERNS: tuple[Callable[[Envelope], Commands], ...] = (
     coast_down, steady_circles_slow, steady_circles_fast, small_steering_steps, large_steering_steps, steering_sweep,
     throttle_steps, throttle_noise, brake_pulses, slalom, figure_of_eight, full_lock, steering_reversals,
     four_headings, lawn_mower, begin_and_end,
 )  # fmt: skip
-"""The catalogue."""
+"""The catalogue of patterns."""

@@ -1,10 +1,8 @@
-"""Takes of the fitted car itself, with the random pushes and the pose noise that a fit found.
+"""Simulated takes of a fitted car, with pushes and pose noise as large as a fit found them.
 
-For nulls, noise floors and manoeuvres: the same chain and the same body as the predictions, run through in one
+For takes of nothing, noise floors and manoeuvres: the actuators and the body of the predictions, integrated in one
 piece.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -12,106 +10,106 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
-from bcid.effects.car import Body
+from bcid.effects.actuators import ActuatorChain, actuation_at
+from bcid.effects.car import unpack_body
 from bcid.effects.constants import Constants
-from bcid.effects.measurement import seen_pose
-from bcid.effects.motion import Chain, body_step, settled
-from bcid.likelihood.hypothesis import Setting
+from bcid.effects.measurement import tracked_pose
+from bcid.effects.motion import integrate_body, steady_lags
+from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.take import GROUP_S, KNOT_S, KNOTS, N_FREE, SEGMENT_S, Take, unpushed
+from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.take import GROUP_S, KNOT_S, KNOTS, N_NUISANCE, SEGMENT_S, Take, pad_with_zero_pushes
 from bcid.physics.car import LONGEST_STEP_S, Car
 
-# Commands are copied into every take: chains are remembered by the array they came from, whatever a take's length.
+# Commands are copied into every take, since actuator chains are cached by the array of commands that they belong to.
 
-STILL = Scales(np.zeros(3), np.zeros(3))
-"""No noise and no pushes."""
+NO_NOISE = Scales(np.zeros(3), np.zeros(3))
+"""Scales without noise and without pushes."""
 
 
 @njit
-def pushed(start: Floats, pushes: Floats, chain: Chain, T: float, p: Car, e: Any, c: Constants) -> Floats:
-    """States (n + 1, 6) at the chain's n steps, from `start` under `pushes` (K, 3), wrenches of KNOT_S each."""
+def _integrate_states(
+    start: Floats, pushes: Floats, chain: ActuatorChain, T: float, p: Car, e: Any, c: Constants
+) -> Floats:
+    """States (n + 1, 6) at the chain's n steps from the state `start` (6,), under wrenches `pushes` (K, 3)."""
     n = (len(chain.delta) - 1) // 2
     per_knot = round(KNOT_S / chain.h)
-    out = np.empty((n + 1, 6))
-    b = Body(start[0], start[1], start[2], start[3], start[4], start[5])
-    lagged = settled(b, 0, chain, T, p, e, c)
-    for i in range(n + 1):
-        out[i, 0], out[i, 1], out[i, 2] = b.p_x, b.p_y, b.theta
-        out[i, 3], out[i, 4], out[i, 5] = b.v_x, b.v_y, b.omega
-        if i < n:
-            push = pushes[min(i // per_knot, len(pushes) - 1)]
-            b, lagged = body_step(b, lagged, i, chain, T, push, p, e, c)
-    return out
+    b = unpack_body(start)
+    lags = steady_lags(b, actuation_at(0, chain, T), p, e, c)
+    return integrate_body(b, lags, 0, n, chain, T, pushes, per_knot, p, e, c)[:, :6].copy()
 
 
 @njit
-def _seen(true: Floats, e: Any) -> Floats:
-    """The tracked poses (P, 3) of `true` ones."""
-    out = np.empty_like(true)
-    for i in range(len(true)):
-        out[i] = seen_pose(
-            true[i, 0], true[i, 1], true[i, 2], e.marker_offset__d_x, e.marker_offset__d_y,
-            e.body_yaw_misalignment__psi, e.pose_scale__kappa,
-        )  # fmt: skip
+def _apply_measurement(poses: Floats, e: Any) -> Floats:
+    """Tracked poses (P, 3) of true poses (P, 3), under the measurement effects in `e`."""
+    out = np.empty_like(poses)
+    for i in range(len(poses)):
+        out[i] = tracked_pose(poses[i, 0], poses[i, 1], poses[i, 2], e)
     return out
 
 
-def undriven(command_s: Floats, command: Floats, T: float, h: float = LONGEST_STEP_S) -> Take:
-    """A take of commands (M, 2) at `command_s` (M,) without poses: enough for the `setting` of a hypothesis."""
+def commands_only_take(command_s: Floats, command: Floats, T: float, h: float = LONGEST_STEP_S) -> Take:
+    """A take of commands (M, 2) without poses, from which a hypothesis makes its prediction inputs."""
     none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
     return Take(
         command_s, command.copy(), nothing, none, nothing, np.zeros(1, dtype=np.int64), np.empty((0, 3)),
-        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / h), T, np.empty((0, N_FREE)), nothing, nothing,
+        np.zeros(1, dtype=np.int64), none, round(SEGMENT_S / h), T, np.empty((0, N_NUISANCE)), nothing, nothing,
         np.zeros(len(command_s)),
     )  # fmt: skip
 
 
-def states(setting: Setting, T: float, scales: Scales, seed: int, start: Floats) -> Floats:
-    """True states (n + 1, 6) after every step of the chain, under pushes of sd `scales.q`, constant over KNOT_S."""
-    car = setting.car
+def simulate_states(inputs: PredictionInputs, T: float, scales: Scales, seed: int, start: Floats) -> Floats:
+    """True states (n + 1, 6) of a car driven for T seconds from the state `start` (6,), under random pushes.
+
+    Pushes are constant over KNOT_S, with standard deviations `scales.q`; equal seeds give equal pushes.
+    """
+    car = inputs.car
     knots = int(np.ceil(T / KNOT_S)) + KNOTS
     pushes = np.random.default_rng([seed, 0]).standard_normal((knots, 3)) * scales.q * [car.m, car.m, car.I_z]
-    return np.asarray(pushed(start, pushes, setting.chain, T, car, setting.switches, setting.constants))
+    return np.asarray(_integrate_states(start, pushes, inputs.chain, T, car, inputs.switches, inputs.constants))
 
 
-def seen_at(stamp: Floats, true: Floats, setting: Setting) -> Floats:
-    """The tracked poses (P, 3) at `stamp` of true states (n + 1, 6) after every step of the chain."""
+def observe_states(stamp_s: Floats, states: Floats, inputs: PredictionInputs) -> Floats:
+    """Tracked poses (P, 3) at the times `stamp_s` (P,), from true states (n + 1, 6) at the steps of the chain.
+
+    Raises:
+        PredictionDiverged: when a state is not finite.
+    """
     from scipy.interpolate import CubicHermiteSpline
 
-    if not np.isfinite(true).all():
-        raise FloatingPointError("a simulated drive left the finite numbers")
-    sin_t, cos_t = np.sin(true[:, 2]), np.cos(true[:, 2])
-    v_x, v_y, omega = true[:, 3:].T
+    require_finite("a simulated drive", states)
+    sin_t, cos_t = np.sin(states[:, 2]), np.cos(states[:, 2])
+    v_x, v_y, omega = states[:, 3:].T
     rates = np.column_stack([cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y, omega])
-    path = CubicHermiteSpline(np.arange(len(true)) * setting.chain.h, true[:, :3], rates)(stamp)
-    return np.asarray(_seen(path, setting.switches))
+    path = CubicHermiteSpline(np.arange(len(states)) * inputs.chain.h, states[:, :3], rates)(stamp_s)
+    return np.asarray(_apply_measurement(path, inputs.switches))
 
 
-def simulated_take(
-    setting: Setting, command_s: Floats, command: Floats, T: float, scales: Scales, rate_hz: float, seed: int,
-    start: Floats,
+def simulate_take(
+    inputs: PredictionInputs, command_s: Floats, command: Floats, T: float, scales: Scales, rate_hz: float,
+    seed: int, start: Floats,
 ) -> Take:  # fmt: skip
-    """The take that the car of `setting` gives from `start` (6,) on, seen at `rate_hz` for T seconds.
+    """Simulate a take of the commands (M, 2) with random pushes and noise: T seconds, `rate_hz` poses per second.
 
-    `setting.chain` is that of these commands.  Poses have white noise such that a row's mean has the sd
-    `scales.r`.  Segments follow each other from time zero; their starts are the true states there.
+    `inputs.chain` belongs to these commands, `start` is the state (6,) at time zero.  Poses have white noise such that
+    a row's mean has the standard deviations `scales.r`.  Segments start at the true states.
     """
-    true = states(setting, T, scales, seed, start)
-    S, steps = int(T / SEGMENT_S + 1e-9), round(SEGMENT_S / setting.chain.h)
+    true = simulate_states(inputs, T, scales, seed, start)
+    S, steps = int(T / SEGMENT_S + 1e-9), round(SEGMENT_S / inputs.chain.h)
     stamp = np.arange(int(np.ceil(S * SEGMENT_S * rate_hz - 1e-9))) / rate_hz
-    path = seen_at(stamp, true, setting)
+    path = observe_states(stamp, true, inputs)
     group, row = np.unique(np.floor(stamp / GROUP_S + 1e-6).astype(np.int64), return_inverse=True)
-    each = 1.0 / np.bincount(row)
-    share = each[row]
+    row_share = 1.0 / np.bincount(row)
+    share = row_share[row]
     noise = np.random.default_rng([seed, 1]).standard_normal(path.shape) * scales.r
-    seen = path + noise / np.sqrt(each.mean())
+    poses = path + noise / np.sqrt(row_share.mean())
     per_segment = round(SEGMENT_S / GROUP_S)
     edges = np.arange(S + 1)
     step = np.arange(S, dtype=np.int64) * steps
     return Take(
         command_s, command.copy(), stamp, row.astype(np.int64), share,
         np.searchsorted(group[row] // per_segment, edges).astype(np.int64),
-        np.column_stack([np.bincount(row, share * seen[:, c]) for c in range(3)]),
-        np.searchsorted(group // per_segment, edges).astype(np.int64), step, steps, T, unpushed(true[step]),
+        np.column_stack([np.bincount(row, share * poses[:, c]) for c in range(3)]),
+        np.searchsorted(group // per_segment, edges).astype(np.int64), step, steps, T, pad_with_zero_pushes(true[step]),
         np.zeros(S), np.full(S, T), np.zeros(len(command_s)),
     )  # fmt: skip

@@ -1,4 +1,1 @@
-"""Files of general formats, checked and written the same way everywhere.
-
-TOML settings, JSON with a digest, Parquet with units; the digest of source code.
-"""
+"""Files checked and written in one way: TOML settings, JSON with a digest, Parquet with units, source code."""

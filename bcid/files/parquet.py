@@ -1,7 +1,5 @@
 """Parquet with units in the schema's metadata and page checksums, written and verified the same way everywhere."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ from bcid.errors import InputRefused
 
 
 def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]) -> None:
-    """Write the columns of `values` (N, n) as float64 under the names and units given."""
+    """Write the columns of `values` (N, n) as a Parquet file of float64 with the names and units of `units`."""
     fields = [pa.field(n, pa.float64(), metadata={"unit": u}) for n, u in units.items()]
     columns = [pa.array(np.ascontiguousarray(c, dtype=float)) for c in values.T]
     table = pa.Table.from_arrays(columns, schema=pa.schema(fields))
@@ -26,7 +24,7 @@ def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]
 
 
 def read_columns(path: Path, units: Mapping[str, str]) -> npt.NDArray[np.float64]:
-    """The columns named in `units`, in that order, as (N, n).
+    """The columns named in `units` of the Parquet file at `path`, in that order, as (N, n).
 
     Raises:
         InputRefused: a page whose checksum does not match, or no such table.

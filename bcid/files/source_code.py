@@ -1,7 +1,5 @@
 """A digest of the code that a stage runs: its module and, through its imports, everything that it calls."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import importlib.metadata
@@ -17,31 +15,31 @@ _PACKAGE = PACKAGE.name
 _DISTRIBUTION = {"mcap_ros2": "mcap-ros2-support", "mcap_protobuf": "mcap-protobuf-support"}
 
 
-class Code(NamedTuple):
-    """What a stage runs."""
+class StageCode(NamedTuple):
+    """What code a pipeline stage runs: a digest of its sources, and the versions of libraries."""
 
     digest: str
     packages: dict[str, str]  # version by name of the libraries that it imports
 
 
-class _Module(NamedTuple):
+class _ModuleCode(NamedTuple):
+    """Digest and imports of one module."""
+
     digest: str
     inside: frozenset[str]  # imported modules of this package
     outside: frozenset[str]  # imported top-level names of others
 
 
-def _file_of(module: str) -> Path | None:
+def _module_path(module: str) -> Path | None:
+    """The file of a module of this package, None where there is none."""
     base = _ROOT.joinpath(*module.split("."))
     return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if p.exists()), None)
 
 
 @cache
-def _module(name: str) -> _Module:
-    """Digest and imports of one module, wherever in the file they stand.
-
-    Comments and docstrings do not count; the templates beside a package's `__init__` do.
-    """
-    path = _file_of(name)
+def _read_module(name: str) -> _ModuleCode:
+    """Digest and imports of the module `name`, wherever in the file the imports stand."""
+    path = _module_path(name)
     if path is None:
         raise ModuleNotFoundError(name)
     tree = ast.parse(path.read_bytes())
@@ -56,13 +54,14 @@ def _module(name: str) -> _Module:
         for imported in names:
             if imported.split(".")[0] != _PACKAGE:
                 outside.add(imported.split(".")[0])
-            elif _file_of(imported) is not None:
+            elif _module_path(imported) is not None:
                 inside.add(imported)
     parents = {name.rpartition(".")[0]} - {""}
-    return _Module(_digest(tree, path), frozenset(inside | parents), frozenset(outside))
+    return _ModuleCode(_syntax_digest(tree, path), frozenset(inside | parents), frozenset(outside))
 
 
-def _digest(tree: ast.Module, path: Path) -> str:
+def _syntax_digest(tree: ast.Module, path: Path) -> str:
+    """SHA-256 of a module's syntax tree without docstrings, and of the templates beside a package's `__init__`."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             node.body[0] = ast.Pass()
@@ -73,41 +72,34 @@ def _digest(tree: ast.Module, path: Path) -> str:
     return digest.hexdigest()
 
 
-def closure(roots: Iterable[str]) -> set[str]:
-    """All modules of this package that the roots import, directly or not, and the roots themselves."""
+def import_closure(roots: Iterable[str]) -> set[str]:
+    """Names of the modules `roots` and of all that they import in this package, directly or not."""
     seen: set[str] = set()
     waiting = list(roots)
     while waiting:
         name = waiting.pop()
         if name not in seen:
             seen.add(name)
-            waiting.extend(_module(name).inside)
+            waiting.extend(_read_module(name).inside)
     return seen
 
 
 @cache
 def digest_with_imports(*roots: str) -> str:
-    """The digest of the modules `roots` and of all modules of this package that they import."""
-    lines = "".join(f"{name} {_module(name).digest}\n" for name in sorted(closure(roots)))
+    """SHA-256 of the code of the modules `roots` and of all that they import in this package, directly or not."""
+    lines = "".join(f"{name} {_read_module(name).digest}\n" for name in sorted(import_closure(roots)))
     return hashlib.sha256(lines.encode()).hexdigest()
 
 
 @cache
-def code_of(*roots: str) -> Code:
-    """The code that the modules `roots` run."""
-    modules = closure(roots)
-    outside = sorted(set().union(*(_module(name).outside for name in modules)))
+def stage_code(*roots: str) -> StageCode:
+    """Digest of the modules `roots` and all their imports, and the versions of the imported libraries."""
+    modules = import_closure(roots)
+    outside = sorted(set().union(*(_read_module(name).outside for name in modules)))
     packages = {"python": platform.python_version()}
     for name in outside:
         try:
             packages[name] = importlib.metadata.version(_DISTRIBUTION.get(name, name))
         except importlib.metadata.PackageNotFoundError:
             continue  # the standard library
-    return Code(digest_with_imports(*roots), packages)
-
-
-def forget() -> None:
-    """Read the sources anew (for tests that edit them)."""
-    _module.cache_clear()
-    digest_with_imports.cache_clear()
-    code_of.cache_clear()
+    return StageCode(digest_with_imports(*roots), packages)

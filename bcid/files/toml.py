@@ -1,16 +1,15 @@
-"""TOML files read into checked, immutable settings: all problems of one file are told together."""
-
-from __future__ import annotations
+"""TOML files read into checked, immutable settings: all problems of one file are reported together."""
 
 import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bcid.errors import InputRefused
+from bcid.files.limits import LIMITS
 
 
 class Settings(BaseModel):
@@ -19,73 +18,65 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
-MAX_BYTES = 1 << 20
+PathText = Annotated[Path, Field(strict=False)]
+"""Type of a field that holds a path, which a TOML file writes as text."""
 
 S = TypeVar("S", bound=Settings)
 
 
 def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` writes a commented one") -> S:
-    """The file at `path` as a `kind`; errors point to the `example`.
+    """The TOML file at `path`, checked and read into settings of the class `kind`.
+
+    Messages name the file by `what` and say by `example` where a correct one is found.
 
     Raises:
         InputRefused: not found, not TOML, or with unknown, missing or impossible entries.
     """
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise InputRefused(path, what, "is not a regular file", f"check the path; {example}")
-    if path.exists() and path.stat().st_size > MAX_BYTES:
-        raise InputRefused(path, what, f"has {path.stat().st_size} bytes, {MAX_BYTES} are the most", example)
+    if path.exists() and (size := path.stat().st_size) > LIMITS.max_toml_bytes:
+        raise InputRefused(path, what, f"has {size} bytes, {LIMITS.max_toml_bytes} are the most", example)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        data = tomllib.loads(text)
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputRefused(path, what, f"cannot be read: {error}", f"check the path; {example}") from None
     except RecursionError:
         raise InputRefused(path, what, "is nested too deeply", f"see how it should look; {example}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputRefused(path, what, f"not valid TOML: {error}", "mend the line named above") from None
-    return validated(path, kind, data, what, example)
+    return validate_settings(path, kind, data, what, example)
 
 
-def validated(path: Path, kind: type[S], data: Mapping[str, Any], what: str, example: str) -> S:
-    """What the file at `path` says, as a `kind`.
-
-    Raises:
-        InputRefused: with all of its entries that are unknown, missing or impossible.
-    """
+def validate_settings(path: Path, kind: type[S], data: Mapping[str, Any], what: str, example: str) -> S:
+    """Settings of the class `kind` from the tables `data`; raises `InputRefused` with every wrong entry of the file."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        problems = [_problem(dict(e), kind) for e in error.errors()]
-        places = ", ".join(place for place, _ in problems)
-        raise InputRefused(
-            path,
-            places,
-            "; ".join(text for _, text in problems),
-            f"correct the {what}; {example}",
-        ) from None
+        problems = [_describe_problem(dict(e), kind) for e in error.errors()]
+        places, causes = ", ".join(place for place, _ in problems), "; ".join(text for _, text in problems)
+        raise InputRefused(path, places, causes, f"correct the {what}; {example}") from None
 
 
-def _problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str, str]:
+def _describe_problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str, str]:
+    """Place and cause of one of pydantic's errors; for an unknown key a near or all known ones."""
     place = ".".join(str(part) for part in error["loc"])
     if error["type"] != "extra_forbidden":
         return place, f"{place}: {error['msg']}"
-    known = _keys_beside(kind, error["loc"])
+    known = _known_keys(kind, error["loc"])
     near = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
     hint = f" (did you mean {near[0]}?)" if near else f" (known here: {', '.join(known)})"
     return place, f"unknown key {place}{hint}"
 
 
-def _keys_beside(kind: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+def _known_keys(kind: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+    """Names of the keys allowed in the table, within settings of the class `kind`, that holds the entry `loc`."""
     for part in loc[:-1]:
         field = next((f for n, f in kind.model_fields.items() if str(part) in (n, f.alias)), None)
         inner = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]
-        nested = [t for t in map(_bare, inner) if isinstance(t, type) and issubclass(t, BaseModel)]
+        # the type inside an `Annotated`
+        inner = [getattr(t, "__origin__", t) if hasattr(t, "__metadata__") else t for t in inner]
+        nested = [t for t in inner if isinstance(t, type) and issubclass(t, BaseModel)]
         if not nested:
             return []
         kind = nested[0]
     return sorted(f.alias or name for name, f in kind.model_fields.items())
-
-
-def _bare(annotation: Any) -> Any:
-    """The type inside an `Annotated`."""
-    return getattr(annotation, "__origin__", annotation) if hasattr(annotation, "__metadata__") else annotation

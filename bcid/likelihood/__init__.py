@@ -1,6 +1,7 @@
-"""How likely a car with some effects makes recorded poses.
+"""How likely a car with some effects makes recorded poses, and the fit that makes them likeliest.
 
-Multi-step output errors: short segments of measured poses, each with a free initial state, driven by the commands
-through the whole deterministic actuator chain, with random forces of unknown size on the body (`segments`,
-`marginal`); the base parameters and those of the effects are refitted together (`refit`).
+Multi-step output errors: short segments of poses (`take`), each with a free initial state, predicted from the commands
+through the deterministic actuator chain under random pushes of unknown size (`lane_rollout`, `predict`), which are
+eliminated (`marginal`, `nuisance`).  `prepare` and `refit` fit base parameters and effects (`hypothesis`) jointly,
+`score_test` says what an effect more would gain, `limits` holds all numbers that decide.
 """

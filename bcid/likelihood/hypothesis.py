@@ -1,4 +1,4 @@
-"""A hypothesis: which effects are there; and its parameters as one vector beside the base model's."""
+"""A hypothesis: the base model with a set of effects, and the parameters of both as one vector phi."""
 
 from __future__ import annotations
 
@@ -6,288 +6,246 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import FORCE_ONLY, RAW_COMMANDS
-from bcid.effects.entry import Effect, Parameter, Units, resized
-from bcid.effects.motion import Chain, steering_chain
-from bcid.effects.table import ENTRIES, switches
-from bcid.likelihood.predict import half_steps
+from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.entry import Effect, Parameter, VehicleScale, resize_effect
+from bcid.effects.table import ENTRIES, effect_switches
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
 from bcid.likelihood.take import Take
-from bcid.physics.car import Car, integration_step
+from bcid.physics.car import Car
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
 SPEED_LAW = ("F_m_max", "K_t", "K_b")
 FORCE_LAW = ("K_t", "K_v", "K_b")
-"""Refitted with every effect, as logarithms (specification); m, l_f, l_r, c and v_0 are held.
+"""Base parameters that every refit moves, as logarithms (specification); m, l_f, l_r, c and v_0 are held.
 
-So is the throttle u_0 from which a force begins: what it lacks is `motor_dead_zone`.
+The throttle u_0 from which a force begins is held, too: what it lacks is the effect `motor_dead_zone`.
 """
 
 DRAG = ("R_1", "R_2")
-"""Refitted too, in units of their own (`Hypothesis.drag_units`), since they may have either sign."""
+"""Base parameters that every refit moves, in `Hypothesis.drag_units`, since they may have either sign."""
 
-INERTIA, STIFFNESS = 5.0, 100.0  # times two masses over the axles, and N/rad per kg: either way, no car is beyond
-BUMPER_CAR_LOCK = 2.012  # rad, for which a steering's cubic part is declared
-FORCE_DEAD_ZONE = 0.1  # of the throttle
-MEASURED = 0.5  # of how far a tracked point may be from where it was thought, where somebody has measured that
-DRAG_UNIT = 0.1  # of the mass, per second and per metre, of the bumper car
-PRIOR_SD = 1.5  # of the logarithms and of the drag in its units: weak, for what the take does not show
-NEAR_BOUND = 1e-3  # of phi
-TRUSTED = 3.0  # standard deviations from a simulation's parameter beyond which it is not: something else is missing
+BUMPER_CAR_LOCK = 2.012  # full lock (rad) of the car for which a steering's cubic part is declared
+FORCE_DEAD_ZONE = 0.1  # declared size of `motor_dead_zone` as a share of a throttle that sets a force
+DRAG_UNIT = 0.1  # unit of R_1 and R_2 in phi: share of the bumper car's mass, per second and per metre
+PRIOR_SD = 1.5  # of the logarithms, and of the drag in its units: a weak prior for what a take does not show
+BUMPER_CAR_SCALE = VehicleScale()
 
 
-ON_THE_CHAIN = (
-    "steering_backlash__b", "steering_dead_band__b", "steering_delay__tau", "steering_lag__tau",
-    "steering_rate_asymmetry__a", "motor_delay__tau", "pose_latency__tau", "clock_drift__rho",
-)  # fmt: skip
-"""The switches that the actuator chain knows; the others leave it as it is."""
+class GaussianPrior(NamedTuple):
+    """Independent normal laws of the components of phi."""
 
-KEPT_CHAINS = 4
-_KNOWN: dict[Any, tuple[tuple[Floats, ...], Chain]] = {}  # the commands are held, so that their ids stay theirs
+    centre: Floats
+    stiffness: Floats  # 1 / variance; 0 where nothing is known
 
-
-BUMPER_CAR = Units()
+    def log_density(self, phi: Floats) -> float:
+        """Logarithm of the density at phi, less that at the centre."""
+        return -0.5 * float(np.sum(self.stiffness * (phi - self.centre) ** 2))
 
 
-class Setting(NamedTuple):
-    """All that a prediction needs beside initial states."""
-
-    car: Car
-    switches: Any
-    chain: Chain
-    constants: Constants
-
-    @property
-    def acting(self) -> tuple[Chain, Car, Any, Constants]:
-        """As the kernels over all segments take it."""
-        return self.chain, self.car, self.switches.reshape(1), self.constants
-
-
-class Simulated(NamedTuple):
-    """A simulation's own parameters, as far as they are trusted."""
+class TrustedSimulation(NamedTuple):
+    """A simulation's parameters and how well they are known: a prior of the base model and the assumed effects."""
 
     phi: tuple[float, ...]
     sd: tuple[float, ...]
-    free: tuple[str, ...] = ()  # of `names`, what it knows nothing of
-    share: float = 1.0  # of the take that is fitted, which bends them as far as the whole does
+    free: tuple[str, ...] = ()  # parameters that the simulation does not know: no bounds follow from it
+    share: float = 1.0  # factor of the prior's stiffness where only this share of a take is fitted
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """The base model and some effects.
+    """The base model with a set of effects, whose parameters form one vector phi.
 
-    The vector phi holds the logarithms of `logs`, DRAG in its units, then the effects' parameters in units
-    of their sizes (places and times in metres and seconds).
+    phi holds the logarithms of `log_parameters`, R_1 and R_2 in `drag_units`, then the effects' parameters in
+    `effect_units`: their declared sizes, and metres or seconds for places and times.
     """
 
     effects: tuple[str, ...]
     nominal: Car
     angle_limit: float
     constants: Constants
-    unknown_steering: tuple[str, ...] = ()  # of T_s and d, what the vehicle file omits: refitted as well
-    units: Units = BUMPER_CAR  # of the vehicle, against the bumper car
-    assumed: tuple[str, ...] = ()  # effects that the simulation to compare with has: part of the base model
-    raw_commands: bool = False  # in units of their own, which a gain in the vehicle file turns into rad
-    simulated: Simulated | None = None  # what a simulation knows of the base model and what is assumed
-    measured_point: bool = False  # whether the vehicle file says where on the car the tracked point is
+    unknown_steering: tuple[str, ...] = ()  # those of T_s and d that the vehicle file omits: refitted as well
+    units: VehicleScale = BUMPER_CAR_SCALE  # the vehicle's mass, length and time over the bumper car's
+    assumed: tuple[str, ...] = ()  # effects of the simulation to compare with: part of the base model
+    raw_commands: bool = False  # commands have a unit of their own, which a gain in the vehicle file turns into rad
+    trusted_simulation: TrustedSimulation | None = None
+    measured_point: bool = False  # the vehicle file says where on the car the tracked point is
 
     @cached_property
     def entries(self) -> dict[str, Effect]:
-        """All that can be fitted, with sizes as they suit the vehicle."""
-        known = {name: resized(e, self.units) for name, e in ENTRIES.items()}
-        bend = known["steering_nonlinearity"]  # as large a share of the angle at this vehicle's full lock
-        share = (BUMPER_CAR_LOCK / self.angle_limit) ** 2
-        known["steering_nonlinearity"] = replace(bend, parameters=tuple(p.times(share) for p in bend.parameters))
+        """All effects and corrections that can be fitted to this vehicle, by id, with sizes and bounds that suit it."""
+        known = {name: resize_effect(e, self.units) for name, e in ENTRIES.items()}
+        # the cubic part is as large a share of the angle at this vehicle's full lock
+        bend, share = known["steering_nonlinearity"], (BUMPER_CAR_LOCK / self.angle_limit) ** 2
+        known["steering_nonlinearity"] = replace(bend, parameters=tuple(p.scale(share) for p in bend.parameters))
         if self.nominal.sets_force > 0.0:  # a throttle without unit, and no reference above which to brake
             zone = known["motor_dead_zone"]
             width = zone.parameters[0]._replace(unit="1", high=1.0, size=FORCE_DEAD_ZONE)
             known["motor_dead_zone"] = replace(zone, parameters=(width,))
             del known["motor_regeneration"]
         else:
-            del known[FORCE_ONLY]
+            del known["motor_fade"]
         if self.nominal.front_share == 0.0:  # a front wheel that is not driven spends no grip on it
             del known["friction_circle"]
         if not self.raw_commands:
             for name in RAW_COMMANDS:
                 del known[name]
         if self.measured_point:
-            point = known["marker_offset"]
-            near = tuple(p._replace(low=MEASURED * p.low, high=MEASURED * p.high) for p in point.parameters)
+            point, share = known["marker_offset"], LIKELIHOOD_LIMITS.measured_marker_share
+            near = tuple(p._replace(low=share * p.low, high=share * p.high) for p in point.parameters)
             known["marker_offset"] = replace(point, parameters=near)
         return known
 
-    @cached_property
-    def step_s(self) -> float:
-        """Integration step."""
-        return integration_step(self.nominal)
-
     @property
-    def logs(self) -> tuple[str, ...]:
-        """The base parameters that phi holds as logarithms."""
+    def log_parameters(self) -> tuple[str, ...]:
+        """Symbols of the base parameters that the parameter vector phi holds as logarithms, in its order."""
         return (*(FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW), *TYRES, *self.unknown_steering)
 
     @property
     def drag_units(self) -> Floats:
-        """What one unit of DRAG in phi is (N s/m, N s^2/m^2), as it suits the vehicle."""
+        """Values (2,) of R_1 (N s/m) and R_2 (N s^2/m^2) that are 1 in the parameter vector phi."""
         return DRAG_UNIT * self.nominal.m / np.array([self.units.s, self.units.m])
 
     @property
     def base_size(self) -> int:
-        """How many of phi belong to the base model."""
-        return len(self.logs) + len(DRAG)
+        """Number of parameters of the base model, which come first in the parameter vector phi."""
+        return len(self.log_parameters) + len(DRAG)
 
-    def holding(self, *effects: str) -> Hypothesis:
-        """The same base model, and what it assumes, with these effects."""
+    def with_effects(self, *effects: str) -> Hypothesis:
+        """The hypothesis with the assumed effects and `effects` in the place of the present ones."""
         return replace(self, effects=(*self.assumed, *(e for e in effects if e not in self.assumed)))
 
-    def with_effect(self, name: str, phi: Floats, values: Sequence[float]) -> tuple[Hypothesis, Floats]:
-        """The hypothesis with one effect more at `values`, and phi where that of all else is `phi`."""
-        more = self.holding(*self.effects, name)
-        return more, np.array([*phi, *(np.array(values) / more.sizes()[len(phi) - self.base_size :])])
+    def add_effect(self, name: str, phi: Floats, values: Sequence[float]) -> tuple[Hypothesis, Floats]:
+        """The hypothesis with effect `name` added, and its parameter vector: `phi`, then the effect's `values` (SI)."""
+        more = self.with_effects(*self.effects, name)
+        return more, np.array([*phi, *(np.array(values) / more.effect_units()[len(phi) - self.base_size :])])
 
     @property
-    def parameters(self) -> list[tuple[str, Parameter]]:
-        """Field among the switches and declaration of each effect parameter."""
-        return [
-            pair
-            for name in self.effects
-            for pair in zip(self.entries[name].fields, self.entries[name].parameters, strict=True)
-        ]
+    def effect_parameters(self) -> list[tuple[str, Parameter]]:
+        """Name of the field among the switches, and declaration, of each effect parameter in the order of phi."""
+        entries = [self.entries[name] for name in self.effects]
+        return [pair for e in entries for pair in zip(e.fields, e.parameters, strict=True)]
 
     @property
     def size(self) -> int:
-        """Length of phi."""
-        return self.base_size + len(self.parameters)
+        """Number of parameters of the hypothesis: the length of its vector phi."""
+        return self.base_size + len(self.effect_parameters)
 
     @property
-    def names(self) -> list[str]:
-        """Of all of phi: the base model's symbols, and the effects' ids once for each of their parameters."""
-        return [*self.logs, *DRAG, *(field.partition("__")[0] for field, _ in self.parameters)]
+    def parameter_names(self) -> list[str]:
+        """A name for each component of the parameter vector phi: the base model's symbol, or the effect's id."""
+        return [*self.log_parameters, *DRAG, *(field.partition("__")[0] for field, _ in self.effect_parameters)]
 
     @property
-    def placed(self) -> npt.NDArray[np.bool_]:
-        """Which of phi are places or times."""
-        return np.array([False] * self.base_size + [p.places for _, p in self.parameters])
+    def is_place(self) -> Bools:
+        """Mask of the parameter vector phi: True where a component is a place or a time."""
+        return np.array([False] * self.base_size + [p.is_place for _, p in self.effect_parameters])
 
-    def sizes(self) -> Floats:
-        """What one unit of each effect parameter in phi is."""
-        return np.array([1.0 if p.places else p.size for _, p in self.parameters])
+    def effect_units(self) -> Floats:
+        """Values (SI) of the effect parameters that are 1 in the parameter vector phi."""
+        return np.array([1.0 if p.is_place else p.size for _, p in self.effect_parameters])
 
-    def start(self, car: Car, values: Sequence[float] = ()) -> Floats:
-        """Phi of `car` with the effects' parameters at `values` (off unless given)."""
-        given = list(values) or [p.off for _, p in self.parameters]
-        logs = [np.log(getattr(car, s)) for s in self.logs]
+    def phi_of(self, car: Car, values: Sequence[float] = ()) -> Floats:
+        """The parameter vector phi of `car` with the effects' parameters at `values` (SI; all off where empty)."""
+        given = list(values) or [p.off for _, p in self.effect_parameters]
+        logs = [np.log(getattr(car, s)) for s in self.log_parameters]
         drags = np.array([getattr(car, s) for s in DRAG]) / self.drag_units
-        return np.array([*logs, *drags, *(np.array(given) / self.sizes())])
+        return np.array([*logs, *drags, *(np.array(given) / self.effect_units())])
 
-    def prior(self, start: Floats) -> tuple[Floats, Floats]:
-        """Centre and stiffness (1 / variance) of phi: the simulation's own if it is trusted, else weak about `start`.
+    def prior(self, start: Floats) -> GaussianPrior:
+        """The prior of the parameter vector phi: a trusted simulation's, or a weak one about `start`.
 
-        Of effects that nothing assumes, there is none.
+        Effects that are not assumed have none.
         """
-        centre, stiffness = start.copy(), np.zeros(self.size)
-        if self.simulated is None:
+        centre, stiffness, trusted = start.copy(), np.zeros(self.size), self.trusted_simulation
+        if trusted is None:
             stiffness[: self.base_size] = 1.0 / PRIOR_SD**2
         else:
-            n = len(self.simulated.phi)
-            centre[:n], stiffness[:n] = self.simulated.phi, self.simulated.share / np.array(self.simulated.sd) ** 2
-        return centre, stiffness
+            n = len(trusted.phi)
+            centre[:n], stiffness[:n] = trusted.phi, trusted.share / np.array(trusted.sd) ** 2
+        return GaussianPrior(centre, stiffness)
 
-    def trusting(
-        self, values: Sequence[float], relative: float, of: Mapping[str, float] = MappingProxyType({})
+    def trust_simulation(
+        self, values: Sequence[float], relative_sd: float, known_sd: Mapping[str, float] = MappingProxyType({})
     ) -> Hypothesis:
-        """The same where the nominal car and the `values` of what is assumed are known as well as `relative` says.
+        """The hypothesis with a prior about the nominal car and the `values` (SI) of the assumed effects.
 
-        Or as `of` says of a parameter of the base model or of an effect by its name.  What is nothing in the simulation
-        is known as well as that share of its unit; a gain that turns raw commands into angles belongs to no simulation,
-        and stays as free as it is where `of` does not say how well it was measured.
+        Parameters that are zero in the simulation are known to that share of their unit.  A gain that turns raw
+        commands into angles belongs to no simulation: it stays free unless `known_sd` says how well it was measured.
+
+        Args:
+            values: parameters of the assumed effects, in their order.
+            relative_sd: standard deviation of every parameter as a share of its value.
+            known_sd: the same share for single parameters, by the base model's symbol or the effect's id.
         """
-        centre, names = self.holding().start(self.nominal, values), np.array(self.holding().names)
-        sd = np.array([of.get(name, relative) for name in names])  # of a logarithm it is relative as it stands
-        sd[len(self.logs) :] *= np.maximum(np.abs(centre[len(self.logs) :]), 1.0)
-        free = tuple(name for name in RAW_COMMANDS if name not in of)
+        base = self.with_effects()
+        centre, names = base.phi_of(self.nominal, values), np.array(base.parameter_names)
+        sd = np.array([known_sd.get(name, relative_sd) for name in names])  # of a logarithm it is relative as it stands
+        sd[len(self.log_parameters) :] *= np.maximum(np.abs(centre[len(self.log_parameters) :]), 1.0)
+        free = tuple(name for name in RAW_COMMANDS if name not in known_sd)
         for name in np.intersect1d(RAW_COMMANDS, names).tolist():
-            sd[names == name] = of[name] / self.entries[name].parameters[0].size if name in of else PRIOR_SD
-        return replace(self, simulated=Simulated(tuple(centre.tolist()), tuple(sd.tolist()), free))
+            sd[names == name] = known_sd[name] / self.entries[name].parameters[0].size if name in known_sd else PRIOR_SD
+        return replace(self, trusted_simulation=TrustedSimulation(tuple(centre.tolist()), tuple(sd.tolist()), free))
 
-    def of_a_share(self, share: float) -> Hypothesis:
-        """The same for a share of a take, which bends a simulation's parameters as far as the whole does."""
-        return self if self.simulated is None else replace(self, simulated=self.simulated._replace(share=share))
+    def scale_simulation_prior(self, share: float) -> Hypothesis:
+        """The hypothesis for a `share` of a take, which moves a simulation's parameters as far as the whole does."""
+        trusted = self.trusted_simulation
+        return self if trusted is None else replace(self, trusted_simulation=trusted._replace(share=share))
 
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest phi: where no car is beyond (`usual_bounds`), and none that a trusted simulation knows.
+        """Lowest and highest parameter vector phi: `plausible_bounds`, narrowed to what a trusted simulation allows.
 
         A motor a quarter weaker than it is known to be does what a friction does, at the price of a few nats by its
         prior, where a drive of minutes tells by hundreds.
         """
-        low, high = self.usual_bounds()
-        if self.simulated is not None:
-            known, centre = slice(len(self.simulated.phi)), np.array(self.simulated.phi)
-            free = np.isin(self.names[known], self.simulated.free)
-            reach = np.where(free, np.inf, TRUSTED * np.array(self.simulated.sd))
+        (low, high), trusted = self.plausible_bounds(), self.trusted_simulation
+        if trusted is not None:
+            known, centre = slice(len(trusted.phi)), np.array(trusted.phi)
+            free = np.isin(self.parameter_names[known], trusted.free)
+            reach = np.where(free, np.inf, LIKELIHOOD_LIMITS.max_prior_sd * np.array(trusted.sd))
             low[known] = np.maximum(low[known], centre - reach)
             high[known] = np.minimum(high[known], centre + reach)
         return low, high
 
-    def usual_bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest phi of any car.
+    def plausible_bounds(self) -> tuple[Floats, Floats]:
+        """Lowest and highest parameter vector phi of any car: I_z, C_f, C_r within a factor of usual ones.
 
         A fit without what is missing runs away with them: a tyre of endless stiffness and hardly any grip, say,
         does what a drag does that grows with the steering.
         """
-        n, car = self.base_size, self.nominal
-        inertia = car.m * car.l_f * car.l_r
-        low, high = np.full(n, -np.inf), np.full(n, np.inf)
-        for symbol, usual, times in (("I_z", inertia, INERTIA), ("C_f", car.m, STIFFNESS), ("C_r", car.m, STIFFNESS)):
-            k = self.logs.index(symbol)
-            low[k] = min(np.log(usual / times), np.log(getattr(car, symbol)))
-            high[k] = max(np.log(usual * times), np.log(getattr(car, symbol)))
-        own_low = [p.low / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
-        own_high = [p.high / u for (_, p), u in zip(self.parameters, self.sizes(), strict=True)]
-        return np.r_[low, own_low], np.r_[high, own_high]
+        car, low, high = self.nominal, np.full(self.base_size, -np.inf), np.full(self.base_size, np.inf)
+        inertia = car.m * car.l_f * car.l_r, LIKELIHOOD_LIMITS.inertia_factor
+        stiffness = car.m, LIKELIHOOD_LIMITS.stiffness_per_mass_factor
+        for symbol, (usual, factor) in (("I_z", inertia), ("C_f", stiffness), ("C_r", stiffness)):
+            k = self.log_parameters.index(symbol)
+            low[k] = min(np.log(usual / factor), np.log(getattr(car, symbol)))
+            high[k] = max(np.log(usual * factor), np.log(getattr(car, symbol)))
+        own, units = [p for _, p in self.effect_parameters], self.effect_units()
+        return np.r_[low, [p.low for p in own] / units], np.r_[high, [p.high for p in own] / units]
 
-    def at_bound(self, phi: Floats) -> npt.NDArray[np.bool_]:
-        """Which of phi are at an end of their `bounds`, as near as refits end."""
+    def is_at_bound(self, phi: Floats) -> Bools:
+        """Mask of the parameter vector phi: True where a component is at its `bounds`, as near as refits end."""
         low, high = self.bounds()
-        return np.asarray(np.minimum(phi - low, high - phi) < NEAR_BOUND)
+        return np.asarray(np.minimum(phi - low, high - phi) < LIKELIHOOD_LIMITS.near_bound)
 
-    def values(self, phi: Floats) -> dict[str, float]:
-        """The effects' parameters by field."""
-        raw = phi[self.base_size :] * self.sizes()
-        return dict(zip((f for f, _ in self.parameters), raw.tolist(), strict=True))
+    def effect_values(self, phi: Floats) -> dict[str, float]:
+        """The effects' parameters (SI) in the parameter vector phi, by their field among the switches."""
+        raw = phi[self.base_size :] * self.effect_units()
+        return dict(zip((f for f, _ in self.effect_parameters), raw.tolist(), strict=True))
 
     def car(self, phi: Floats) -> Car:
-        """The base parameters."""
-        logs = dict(zip(self.logs, np.exp(phi[: len(self.logs)]).tolist(), strict=True))
-        drags = phi[len(self.logs) : self.base_size] * self.drag_units
+        """The car with the base parameters in the parameter vector phi."""
+        logs = dict(zip(self.log_parameters, np.exp(phi[: len(self.log_parameters)]).tolist(), strict=True))
+        drags = phi[len(self.log_parameters) : self.base_size] * self.drag_units
         return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
 
-    def setting(self, phi: Floats, take: Take) -> Setting:
-        """The car, the switches and the actuator chain at phi."""
-        car = self.car(phi)
-        e = switches(self.values(phi))
-        return Setting(car, e, _chain(take, car, self.angle_limit, e), self.constants)
-
-
-def _chain(take: Take, car: Car, limit: float, switches: Any) -> Chain:
-    """The actuator chain, from the last few found where the effects on it are the same.
-
-    A late pose, or one on a fast clock, is the same as commands that come that much later: the chain
-    runs on the poses' clock.
-    """
-    acting = tuple(getattr(switches, name) for name in ON_THE_CHAIN)
-    key = (id(take.command_s), id(take.command_zero_s), id(take.command), take.T, take.h, car.T_s, car.d, limit, acting)
-    if key not in _KNOWN:
-        zero = take.command_zero_s
-        times = zero + (take.command_s - zero + switches.pose_latency__tau) * (1.0 + switches.clock_drift__rho)
-        chain = steering_chain(times, take.command, 0.0, half_steps(take.T, take.h), take.h, car, limit, switches)
-        if len(_KNOWN) >= KEPT_CHAINS:
-            _KNOWN.pop(next(iter(_KNOWN)))
-        _KNOWN[key] = ((take.command_s, take.command_zero_s, take.command), chain)
-    return _KNOWN[key][1]
+    def prediction_inputs(self, phi: Floats, take: Take) -> PredictionInputs:
+        """The car, effect switches and commands after the actuators that predict `take` at the parameter vector phi."""
+        car, e = self.car(phi), effect_switches(self.effect_values(phi))
+        return PredictionInputs(car, e, cached_actuator_chain(take, car, self.angle_limit, e), self.constants)

@@ -1,153 +1,155 @@
-"""LANES segments at a time, next to each other in vector registers: their ways, and what poses are seen on them."""
-
-from __future__ import annotations
+"""Rollouts of LANES segments at a time, side by side in vector registers, and the tracked poses along them."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.compiled.lanes import LANES, gather, load, store
+from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
+from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
-from bcid.effects.car import Body, Lagged
+from bcid.effects.actuators import ActuatorChain
+from bcid.effects.car import Actuation, BodyState, LagState
 from bcid.effects.constants import Constants
-from bcid.effects.measurement import seen_pose
-from bcid.effects.motion import Chain, Given, settled_in, stepped
+from bcid.effects.measurement import tracked_pose
+from bcid.effects.motion import StepInputs, rk4_body_step, steady_lags
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
 
-class Layout(NamedTuple):
-    """Where the segments' stamps and rows are: the part of a `Take` that predictions need."""
+class SegmentLayout(NamedTuple):
+    """The part of a `Take` that predictions need: where each segment's stamps and rows are (fields as there)."""
 
-    stamps: Floats
+    stamp_s: Floats
     row: Ints
     share: Floats
     first_stamp: Ints
     first: Ints
     step: Ints
     steps: int
-    zero: Floats
-    length: Floats
+    zero_s: Floats
+    length_s: Floats
 
 
-def layout(take: Take) -> Layout:
-    """The layout of `take`."""
-    return Layout(
-        take.stamp_s, take.row, take.share, take.first_stamp, take.first, take.step, take.steps, take.zero_s,
-        take.length_s,
-    )  # fmt: skip
+def segment_layout(take: Take) -> SegmentLayout:
+    """The stamps, rows and integration steps of the segments of `take`, as compiled predictions take them."""
+    return SegmentLayout(*(getattr(take, field) for field in SegmentLayout._fields))
 
 
 @njit
-def since(chain: Chain, zero: float) -> Chain:
-    """The chain with its time counted from `zero`, where a recording began."""
-    return Chain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late)
+def shift_chain_time(chain: ActuatorChain, zero: float) -> ActuatorChain:
+    """The actuator chain with its time counted from `zero` (s), when a recording began."""
+    return ActuatorChain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late)
 
 
-class Segments(NamedTuple):
-    """Some of them, abreast; the last may stand there several times."""
+class LaneSegments(NamedTuple):
+    """One segment for each lane; the last segment of a take may fill several lanes."""
 
-    s: Ints  # (LANES,)
-    step: Ints  # (LANES,) at which they begin
+    s: Ints  # (LANES,) segments
+    step: Ints  # (LANES,) integration steps at which they begin
     half: Ints  # (LANES,) the same in half steps
-    begin: Floats  # (LANES,) when, since their recordings began
-    length: Floats  # (LANES,) how long these are
+    begin: Floats  # (LANES,) time (s) from the beginning of the recording to that of the segment
+    length: Floats  # (LANES,) length (s) of the recording
 
 
-class Way(NamedTuple):
-    """How far segments have been driven."""
+class Rollout(NamedTuple):
+    """The states of the segments in all lanes after `i` integration steps."""
 
-    b: Body
-    lagged: Lagged
-    i: int  # steps
-
-
-POSITION, RATE = 0, 3  # in a row of a path: x, y, yaw, then their rates
-ON_PATH = 6
+    b: BodyState
+    lagged: LagState
+    i: int
 
 
-@njit
-def segments_from(first: int, of: Layout, chain: Chain) -> Segments:
-    """Those from `first` on."""
-    s = np.minimum(np.arange(LANES) + np.int64(first), len(of.step) - 1)  # a parallel loop counts without signs
-    step = of.step[s]
-    return Segments(s, step, 2 * step, chain.t_0 + step * chain.h - of.zero[s], of.length[s])
+PATH_SIZE, PATH_RATE = 6, 3  # a row of a path holds x, y, yaw, and from index 3 on their rates
 
 
 @njit
-def segment_alone(s: int, of: Layout, chain: Chain) -> Segments:
-    """One segment, in all lanes."""
-    here = segments_from(s, of, chain)
+def segments_in_lanes(first: int, layout: SegmentLayout, chain: ActuatorChain) -> LaneSegments:
+    """Steps and times of the segments `first` to `first + LANES`, one in each lane."""
+    # a parallel loop counts without signs
+    s = np.minimum(np.arange(LANES) + np.int64(first), len(layout.step) - 1)
+    step = layout.step[s]
+    return LaneSegments(s, step, 2 * step, chain.t_0 + step * chain.h - layout.zero_s[s], layout.length_s[s])
+
+
+@njit
+def segment_in_all_lanes(s: int, layout: SegmentLayout, chain: ActuatorChain) -> LaneSegments:
+    """Steps and times of segment `s`, repeated in all lanes."""
+    here = segments_in_lanes(s, layout, chain)
     same = np.zeros(LANES, dtype=np.int64)
-    return Segments(here.s[same], here.step[same], here.half[same], here.begin[same], here.length[same])
+    return LaneSegments(here.s[same], here.step[same], here.half[same], here.begin[same], here.length[same])
 
 
 @njit
-def new_path(steps: int) -> Floats:
-    """Room for the ways of LANES segments: (steps + 1, ON_PATH, LANES)."""
-    return np.empty((steps + 1, ON_PATH, LANES))
+def allocate_path(steps: int) -> Floats:
+    """An empty array (steps + 1, PATH_SIZE, LANES) for the poses of LANES segments and their rates."""
+    return np.empty((steps + 1, PATH_SIZE, LANES))
 
 
 @njit_inline
-def _given(mine: Segments, i: int, chain: Chain, pushes: Floats, at: int) -> Given:
-    """What acts on the segments in step `i`; `at` is where their push stands among `pushes`."""
-    return Given(
-        load(mine.begin, 0) + i * chain.h, load(mine.length, 0),
-        (gather(chain.delta, mine.half, 2 * i), gather(chain.delta, mine.half, 2 * i + 1),
-         gather(chain.delta, mine.half, 2 * i + 2)),
-        gather(chain.u_m, mine.step, i), gather(chain.u_next, mine.step, i), gather(chain.late, mine.step, i),
-        (load(pushes, at), load(pushes, at + LANES), load(pushes, at + 2 * LANES)),
+def _step_inputs(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floats, at: int) -> StepInputs:
+    """Commands, times and pushes that act on the lanes in step `i`; their pushes begin at index `at` of `pushes`."""
+    return StepInputs(
+        load_lanes(lanes.begin, 0) + i * chain.h, load_lanes(lanes.length, 0),
+        (gather_lanes(chain.delta, lanes.half, 2 * i), gather_lanes(chain.delta, lanes.half, 2 * i + 1),
+         gather_lanes(chain.delta, lanes.half, 2 * i + 2)),
+        gather_lanes(chain.u_m, lanes.step, i), gather_lanes(chain.u_next, lanes.step, i),
+        gather_lanes(chain.late, lanes.step, i),
+        (load_lanes(pushes, at), load_lanes(pushes, at + LANES), load_lanes(pushes, at + 2 * LANES)),
     )  # fmt: skip
 
 
 @njit_inline
-def _put(path: Floats, i: int, b: Body) -> None:
-    """Write pose and its rates to the path, after `i` steps."""
-    flat, at = path.reshape(path.size), i * ON_PATH * LANES
+def _store_pose(path: Floats, i: int, b: BodyState) -> None:
+    """Write the pose of every lane and its rates in the world to row `i` of `path`."""
+    flat, at = path.reshape(path.size), i * PATH_SIZE * LANES
     sin_t, cos_t = sincos(b.theta)
-    store(b.p_x, flat, at)
-    store(b.p_y, flat, at + LANES)
-    store(b.theta, flat, at + 2 * LANES)
-    store(cos_t * b.v_x - sin_t * b.v_y, flat, at + 3 * LANES)
-    store(sin_t * b.v_x + cos_t * b.v_y, flat, at + 4 * LANES)
-    store(b.omega, flat, at + 5 * LANES)
+    store_lanes(b.p_x, flat, at)
+    store_lanes(b.p_y, flat, at + LANES)
+    store_lanes(b.theta, flat, at + 2 * LANES)
+    store_lanes(cos_t * b.v_x - sin_t * b.v_y, flat, at + 3 * LANES)
+    store_lanes(sin_t * b.v_x + cos_t * b.v_y, flat, at + 4 * LANES)
+    store_lanes(b.omega, flat, at + 5 * LANES)
 
 
 @njit
-def begun(x: Floats, mine: Segments, chain: Chain, p: Car, e: Any, c: Constants) -> Way:
-    """The beginning of segments in the states `x` (6, LANES), their lags settled."""
+def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Any, c: Constants) -> Rollout:
+    """Rollouts that begin at the lanes' initial states `x` (6, LANES), with lags in their steady state."""
     flat = x.reshape(x.size)
-    b = Body(
-        load(flat, 0), load(flat, LANES), load(flat, 2 * LANES), load(flat, 3 * LANES),
-        load(flat, 4 * LANES), load(flat, 5 * LANES),
+    b = BodyState(
+        load_lanes(flat, 0), load_lanes(flat, LANES), load_lanes(flat, 2 * LANES), load_lanes(flat, 3 * LANES),
+        load_lanes(flat, 4 * LANES), load_lanes(flat, 5 * LANES),
     )  # fmt: skip
-    return Way(b, settled_in(b, _given(mine, 0, chain, np.zeros(3 * LANES), 0), p, e, c), 0)
+    first = _step_inputs(lanes, 0, chain, np.zeros(3 * LANES), 0)
+    act = Actuation(first.t, first.T, first.delta[0], first.u_m, first.u_next, 0.0)
+    return Rollout(b, steady_lags(b, act, p, e, c), 0)
 
 
 @njit
-def driven(
-    path: Floats, way: Way, until: int, pushes: Floats, mine: Segments, chain: Chain, p: Car, e: Any, c: Constants
-) -> Way:
-    """The way after `until` steps, all of it on the path.
+def integrate_segments(
+    path: Floats, rollout: Rollout, until: int, pushes: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car,
+    e: Any, c: Constants,
+) -> Rollout:  # fmt: skip
+    """Integrate the lanes from `rollout` to step `until`, write the pose of each step to `path`, and return the end.
 
-    Under `pushes` (n, 3, LANES), wrenches, each for an nth of the path's steps.
+    Each of the n wrenches `pushes` (n, 3, LANES) acts for an nth of the path's steps.
     """
-    b, lagged = way.b, way.lagged
+    b, lagged = rollout.b, rollout.lagged
     each, flat = (len(path) - 1) // len(pushes), pushes.reshape(pushes.size)
-    _put(path, way.i, b)
-    for i in range(way.i, until):
-        b, lagged = stepped(b, lagged, _given(mine, i, chain, flat, 3 * LANES * (i // each)), chain.h, p, e, c)
-        _put(path, i + 1, b)
-    return Way(b, lagged, until)
+    _store_pose(path, rollout.i, b)
+    for i in range(rollout.i, until):
+        inputs = _step_inputs(lanes, i, chain, flat, 3 * LANES * (i // each))
+        b, lagged = rk4_body_step(b, lagged, inputs, chain.h, p, e, c)
+        _store_pose(path, i + 1, b)
+    return Rollout(b, lagged, until)
 
 
 @njit_inline
-def _between(path: Floats, i: int, j: int, lane: int, u: float, h: float) -> float:
-    """Coordinate `j` at the share `u` of the step of `h` s from `i` on: cubic between its values, with their rates."""
-    a, b = path[i, POSITION + j, lane], path[i + 1, POSITION + j, lane]
-    rate_a, rate_b = path[i, RATE + j, lane], path[i + 1, RATE + j, lane]
+def _interpolate_pose(path: Floats, i: int, j: int, lane: int, u: float, h: float) -> float:
+    """Coordinate `j` (x, y, yaw) at the share `u` of step `i`, h s long: the cubic through its values and rates."""
+    a, b = path[i, j, lane], path[i + 1, j, lane]
+    rate_a, rate_b = path[i, PATH_RATE + j, lane], path[i + 1, PATH_RATE + j, lane]
     between: float = (
         (1.0 + 2.0 * u) * (1.0 - u) ** 2 * a + u * (1.0 - u) ** 2 * h * rate_a
         + u * u * (3.0 - 2.0 * u) * b - u * u * (1.0 - u) * h * rate_b
@@ -156,21 +158,23 @@ def _between(path: Floats, i: int, j: int, lane: int, u: float, h: float) -> flo
 
 
 @njit
-def see(out: Floats, path: Floats, lane: int, first_step: int, mine: Segments, of: Layout, h: float, e: Any) -> None:
-    """Add the poses seen from `first_step` on, each with its share, to their segment's rows `out` (n, 3)."""
-    s, steps = mine.s[lane], len(path) - 1
-    begin, first = of.zero[s] + mine.begin[lane], of.first[s]
-    for j in range(of.first_stamp[s], of.first_stamp[s + 1]):
-        at = (of.stamps[j] - begin) / h
+def observe_poses(
+    out: Floats, path: Floats, lane: int, first_step: int, lanes: LaneSegments, layout: SegmentLayout, h: float, e: Any
+) -> None:
+    """Add a lane's tracked poses at stamps after `first_step` to its rows `out` (n, 3), as shares of their means."""
+    s, steps = lanes.s[lane], len(path) - 1
+    begin, first = layout.zero_s[s] + lanes.begin[lane], layout.first[s]
+    for j in range(layout.first_stamp[s], layout.first_stamp[s + 1]):
+        at = (layout.stamp_s[j] - begin) / h
         i = min(max(int(np.ceil(at)) - 1, 0), steps - 1)
         if i < first_step:
             continue
         u = at - i
-        x, y, yaw = seen_pose(
-            _between(path, i, 0, lane, u, h), _between(path, i, 1, lane, u, h), _between(path, i, 2, lane, u, h),
-            e.marker_offset__d_x, e.marker_offset__d_y, e.body_yaw_misalignment__psi, e.pose_scale__kappa,
+        x, y, yaw = tracked_pose(
+            _interpolate_pose(path, i, 0, lane, u, h), _interpolate_pose(path, i, 1, lane, u, h),
+            _interpolate_pose(path, i, 2, lane, u, h), e,
         )  # fmt: skip
-        row, share = of.row[j] - first, of.share[j]
+        row, share = layout.row[j] - first, layout.share[j]
         out[row, 0] += share * x
         out[row, 1] += share * y
         out[row, 2] += share * yaw

@@ -18,8 +18,6 @@ Over segments the residuals follow Student's t with nu degrees of freedom in pla
 segment that goes badly wrong does not rule the rest; it has n - 6 dimensions, six being spent on x_0.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -28,12 +26,14 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.compiled.njit import njit, njit_parallel
-from bcid.likelihood.take import KNOTS, N_FREE, N_START
+from bcid.errors import PredictionDiverged
+from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 
-NU = 8.0
-SMALLEST = 1e-10  # of a variance: what is left of the difference of large numbers may be less than nothing
-SETTLED = 1e-3  # relative change of the scales at which EM ends
-ROUNDING = 0.1  # of nu, by which a sum of squares may be less than nothing
+NU = 8.0  # degrees of freedom of Student's t
+MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
+EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
+MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
 
 
 class Scales(NamedTuple):
@@ -42,39 +42,42 @@ class Scales(NamedTuple):
     r: Floats  # (3,)
     q: Floats  # (3,)
 
-    def precisions(self) -> Floats:
-        """Of [initial state, pushes] (N_FREE,): nothing is known of the initial state."""
-        known = np.zeros(N_FREE)
+    def nuisance_precisions(self) -> Floats:
+        """Prior precisions (N_NUISANCE,) of [initial state, pushes]: zero for the initial state, 1/q^2 for pushes."""
+        known = np.zeros(N_NUISANCE)
         known[N_START:].reshape(KNOTS, 3)[:] = self.q**-2.0
         return known
 
 
 class Moments(NamedTuple):
-    """What the scales are found from: per segment and channel, the residual's and A's products."""
+    """Products of the residual r and its derivatives A, for each segment and each of the channels x, y, yaw."""
 
-    AA: Floats  # (S, 3, N_FREE, N_FREE)
-    Ar: Floats  # (S, 3, N_FREE)
-    rr: Floats  # (S, 3)
-    rows: Ints  # (S,)
+    AA: Floats  # (S, 3, N_NUISANCE, N_NUISANCE) A^T A
+    Ar: Floats  # (S, 3, N_NUISANCE) A^T r
+    rr: Floats  # (S, 3) r^T r
+    rows: Ints  # (S,) rows of the segment
 
 
-class Eliminated(NamedTuple):
-    """Per segment: the quadratic form of S^-1, and the posterior of the free part."""
+class MarginalTerms(NamedTuple):
+    """Terms of the marginal likelihood of each segment, and the posterior of its nuisance parameters z."""
 
     chi2: Floats  # (S,) r^T P r
     log_det: Floats  # (S,) log|R| + log|Q| + log|M| - log|A_0^T W A_0|
     numbers: Floats  # (S,) numbers in the segment's residual, less N_START
-    z: Floats  # (S, N_FREE) posterior mean of the free part
-    V: Floats  # (S, N_FREE, N_FREE) and its covariance
-    rest: Floats  # (S, 3) sum of squares of r - A z per channel
-    spread: Floats  # (S, 3) and what the uncertainty of z adds to its expectation
+    z: Floats  # (S, N_NUISANCE) posterior mean
+    V: Floats  # (S, N_NUISANCE, N_NUISANCE) posterior covariance M^-1
+    rest: Floats  # (S, 3) sum of squares of r - A z in each channel
+    spread: Floats  # (S, 3) what the uncertainty of z adds to the expectation of `rest`
 
 
 @njit_parallel
-def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
-    """Products of `residual` (N, 3) and `A` (N, 3, N_FREE)."""
+def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
+    """Products A^T A, A^T r, r^T r in each segment, of the `residual` r (N, 3) and derivatives `A` (N, 3, N_NUISANCE).
+
+    Segment s has the rows `first[s]` to `first[s + 1]`.
+    """
     S = len(first) - 1
-    AA, Ar, rr = np.empty((S, 3, N_FREE, N_FREE)), np.empty((S, 3, N_FREE)), np.empty((S, 3))
+    AA, Ar, rr = np.empty((S, 3, N_NUISANCE, N_NUISANCE)), np.empty((S, 3, N_NUISANCE)), np.empty((S, 3))
     for s in numba.prange(S):
         rows = slice(first[s], first[s + 1])
         for c in range(3):
@@ -86,13 +89,14 @@ def moments(residual: Floats, A: Floats, first: Ints) -> Moments:
 
 
 @njit
-def inverted(M: Floats) -> tuple[Floats, float]:
-    """M^-1 (n, n) and log|M| by Cholesky's factor L; NaN of what is no positive form, for which LAPACK would raise.
+def inverse_and_log_det(M: Floats) -> tuple[Floats, float]:
+    """M^-1 (n, n) and log|M| by Cholesky's factor L; NaN where M is not positive definite.
 
-    An exception in a parallel loop would end the process.
+    LAPACK would raise then, and an exception in a parallel loop would end the process.
     """
     n, log_det = len(M), 0.0
-    L, of_L, V = np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))  # L and its inverse, transposed
+    # L and its inverse, transposed
+    L, L_inv, V = np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
             left = M[i, j]
@@ -105,52 +109,58 @@ def inverted(M: Floats) -> tuple[Floats, float]:
             else:
                 return np.full((n, n), np.nan), np.nan
         log_det += 2.0 * math.log(L[i, i])
-        of_L[i, i] = 1.0 / L[i, i]
+        L_inv[i, i] = 1.0 / L[i, i]
         for j in range(i):
             left = 0.0
             for k in range(j, i):
-                left -= L[i, k] * of_L[j, k]
-            of_L[j, i] = left / L[i, i]
+                left -= L[i, k] * L_inv[j, k]
+            L_inv[j, i] = left / L[i, i]
     for i in range(n):
         for j in range(i + 1):
             sum_ = 0.0
             for k in range(i, n):
-                sum_ += of_L[i, k] * of_L[j, k]
+                sum_ += L_inv[i, k] * L_inv[j, k]
             V[i, j] = V[j, i] = sum_
     return V, log_det
 
 
 @njit_parallel
-def eliminate(of: Moments, r: Floats, precisions: Floats) -> Eliminated:
-    """All segments' likelihood terms at noise `r` (3,) and `precisions` (N_FREE,) of the free part."""
-    S = len(of.rr)
+def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> MarginalTerms:
+    """Likelihood terms of all segments at noise `r` (3,), nuisance parameters of prior `precisions` eliminated."""
+    S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
-    zs, Vs, rests, spreads = np.empty((S, N_FREE)), np.empty((S, N_FREE, N_FREE)), np.empty((S, 3)), np.empty((S, 3))
+    zs, Vs = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
+    rests, spreads = np.empty((S, 3)), np.empty((S, 3))
     constant = -np.sum(np.log(precisions[N_START:]))
     for s in numba.prange(S):
         w_x, w_y, w_yaw = 1.0 / (r[0] * r[0]), 1.0 / (r[1] * r[1]), 1.0 / (r[2] * r[2])
-        M = w_x * of.AA[s, 0] + w_y * of.AA[s, 1] + w_yaw * of.AA[s, 2]
-        b = w_x * of.Ar[s, 0] + w_y * of.Ar[s, 1] + w_yaw * of.Ar[s, 2]
-        square = w_x * of.rr[s, 0] + w_y * of.rr[s, 1] + w_yaw * of.rr[s, 2]
-        of_start = inverted(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0))[1]
-        for i in range(N_FREE):
+        M = w_x * moments.AA[s, 0] + w_y * moments.AA[s, 1] + w_yaw * moments.AA[s, 2]
+        b = w_x * moments.Ar[s, 0] + w_y * moments.Ar[s, 1] + w_yaw * moments.Ar[s, 2]
+        square = w_x * moments.rr[s, 0] + w_y * moments.rr[s, 1] + w_yaw * moments.rr[s, 2]
+        of_start = inverse_and_log_det(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0))[1]
+        for i in range(N_NUISANCE):
             M[i, i] += precisions[i]
-        V, size = inverted(M)
+        V, size = inverse_and_log_det(M)
         z = np.dot(V, b)
         chi2[s] = square - np.dot(b, z)
-        log_det[s] = of.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of_start
-        count[s] = 3 * of.rows[s] - N_START
+        log_det[s] = moments.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of_start
+        count[s] = 3 * moments.rows[s] - N_START
         zs[s], Vs[s] = z, V
         for c in range(3):
-            AAz = np.dot(of.AA[s, c], z)
-            rests[s, c] = of.rr[s, c] - 2.0 * np.dot(z, of.Ar[s, c]) + np.dot(z, AAz)
-            spreads[s, c] = np.sum(of.AA[s, c] * V)
-    return Eliminated(chi2, log_det, count, zs, Vs, rests, spreads)
+            AAz = np.dot(moments.AA[s, c], z)
+            rests[s, c] = moments.rr[s, c] - 2.0 * np.dot(z, moments.Ar[s, c]) + np.dot(z, AAz)
+            spreads[s, c] = np.sum(moments.AA[s, c] * V)
+    return MarginalTerms(chi2, log_det, count, zs, Vs, rests, spreads)
 
 
 @njit_parallel
-def products(residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: Floats) -> tuple[Floats, Floats]:
-    """J^T P r (S, n) and J^T P J (S, n, n) of the columns `J` (N, 3, n), `V` as `eliminate` gives it."""
+def score_and_information(
+    residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: Floats
+) -> tuple[Floats, Floats]:
+    """Score J^T P r (S, n) and information J^T P J (S, n, n) of each segment about the columns `J` (N, 3, n).
+
+    `residual` (N, 3), `A` (N, 3, N_NUISANCE), noise `r` (3,) and the posterior covariance `V` as in `MarginalTerms`.
+    """
     S, n = len(first) - 1, J.shape[2]
     g, G = np.empty((S, n)), np.empty((S, n, n))
     for s in numba.prange(S):
@@ -158,7 +168,7 @@ def products(residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: 
         weight = np.empty((m, 1))
         for i in range(m):
             weight[i, 0] = 1.0 / r[i % 3]
-        As = np.ascontiguousarray(A[first[s] : first[s + 1]]).reshape(m, N_FREE) * weight
+        As = np.ascontiguousarray(A[first[s] : first[s + 1]]).reshape(m, N_NUISANCE) * weight
         Js = np.ascontiguousarray(J[first[s] : first[s + 1]]).reshape(m, n) * weight
         rs = np.ascontiguousarray(residual[first[s] : first[s + 1]]).reshape(m) * weight[:, 0]
         AJ = np.dot(As.T, Js)
@@ -168,61 +178,56 @@ def products(residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: 
     return g, G
 
 
-def weights(e: Eliminated) -> Floats:
-    """Of the segments, (nu + n)/(nu + chi2): Student's t as a mixture of normals."""
-    return (NU + e.numbers) / (NU + e.chi2)
+def robust_weights(terms: MarginalTerms) -> Floats:
+    """Weights (nu + n)/(nu + chi^2) (S,) of the segments, by Student's t as a mixture of normals."""
+    return (NU + terms.numbers) / (NU + terms.chi2)
 
 
-def log_likelihood(e: Eliminated) -> Floats:
-    """Student's t log-density of each segment's residual (S,)."""
+def student_log_densities(terms: MarginalTerms) -> Floats:
+    """Logarithm of Student's t density of each segment's residual (S,)."""
     from scipy.special import gammaln
 
-    half = 0.5 * (NU + e.numbers)
-    constant = gammaln(half) - gammaln(0.5 * NU) - 0.5 * e.numbers * math.log(NU * math.pi)
-    return np.asarray(constant - 0.5 * e.log_det - half * np.log1p(e.chi2 / NU))
+    half = 0.5 * (NU + terms.numbers)
+    constant = gammaln(half) - gammaln(0.5 * NU) - 0.5 * terms.numbers * math.log(NU * math.pi)
+    return np.asarray(constant - 0.5 * terms.log_det - half * np.log1p(terms.chi2 / NU))
 
 
-def updated(e: Eliminated, rows: Ints) -> Scales:
-    """One step of EM for the noise and the pushes; `rows` (S,) per segment.
+def em_update(terms: MarginalTerms, rows: Ints) -> Scales:
+    """Scales of noise and pushes after one step of expectation maximisation, from segments of `rows` (S,) rows.
 
-    Each segment's squares count with its weight, the posterior's spread without: were it weighted as well,
-    the scales would drift, and every null take would gain by it.  Division by the mean weight, which is 1 where
-    EM ends, takes it there in a few steps (parameter-expanded EM; Meng and van Dyk 1997).
+    Each segment's squares count with its weight, the posterior's spread without: were it weighted as well, the scales
+    would drift, and every take with nothing to find would gain by it.  Division by the mean weight, which is 1 where EM
+    ends, takes it there in a few steps (parameter-expanded EM; Meng and van Dyk 1997).
     """
-    w = weights(e)
-    r2 = (w[:, None] * e.rest + e.spread).sum(axis=0) / rows.sum()
-    pushes = e.z[:, N_START:].reshape(-1, KNOTS, 3)
-    spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, KNOTS, 3)
+    w = robust_weights(terms)
+    r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
+    pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
+    spread = np.einsum("skk->sk", terms.V)[:, N_START:].reshape(-1, KNOTS, 3)
     q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
-    return Scales(np.sqrt(np.maximum(r2 / w.mean(), SMALLEST)), np.sqrt(np.maximum(q2 / w.mean(), SMALLEST)))
+    return Scales(np.sqrt(np.maximum(r2 / w.mean(), MIN_VARIANCE)), np.sqrt(np.maximum(q2 / w.mean(), MIN_VARIANCE)))
 
 
-def eliminated(of: Moments, scales: Scales) -> Eliminated:
-    """The likelihood's terms.
-
-    Raises:
-        FloatingPointError: where they are lost in rounding.
-    """
-    e = eliminate(of, scales.r, scales.precisions())
-    if not (e.chi2 > -ROUNDING * NU).all():  # an unstable car answers so strongly that the difference is lost
-        raise FloatingPointError("a quadratic form was lost in rounding")
-    return e
+def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
+    """Likelihood terms of all segments at `scales`; raises `PredictionDiverged` where chi^2 is negative by rounding."""
+    terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
+    # an unstable car answers so strongly that a difference of large numbers is lost
+    if not (terms.chi2 > -MAX_ROUNDING * NU).all():
+        raise PredictionDiverged("a quadratic form was lost in rounding")
+    return terms
 
 
-def rescaled(of: Moments, scales: Scales, steps: int) -> tuple[Scales, Eliminated]:
-    """The scales after at most `steps` of EM, and the likelihood's terms there.
+def estimate_scales(moments: Moments, scales: Scales, steps: int) -> tuple[Scales, MarginalTerms]:
+    """The likeliest scales of the noise and the pushes after at most `steps` of EM, and the likelihood terms there.
 
     Raises:
-        FloatingPointError: where a prediction or a scale is not finite, or is lost in rounding.
+        PredictionDiverged: where a prediction or a scale is not finite, or terms are lost in rounding.
     """
-    if not (np.isfinite(of.rr).all() and np.isfinite(of.AA).all()):
-        raise FloatingPointError("a prediction left the finite numbers")
-    e = eliminated(of, scales)
+    require_finite("a prediction", moments.rr, moments.AA)
+    terms = checked_marginal_terms(moments, scales)
     for _ in range(steps):
-        before, scales = scales, updated(e, of.rows)
-        if not np.isfinite([*scales.r, *scales.q]).all():
-            raise FloatingPointError("the noise left the finite numbers")
-        e = eliminated(of, scales)
-        if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=SETTLED, atol=0.0):
+        before, scales = scales, em_update(terms, moments.rows)
+        require_finite("the noise", scales.r, scales.q)
+        terms = checked_marginal_terms(moments, scales)
+        if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):
             break
-    return scales, e
+    return scales, terms

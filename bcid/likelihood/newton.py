@@ -1,238 +1,211 @@
-"""Newton steps on the marginal likelihood: where a refit stands, how predictions answer there, where a step leads."""
+"""Newton steps on the marginal likelihood: the state of a refit, its tangent there, and where a step leads.
 
-from __future__ import annotations
+What predicts or estimates scales raises `PredictionDiverged` where these leave the finite numbers.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Bools, Floats
-from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import (
-    Eliminated,
-    Scales,
-    eliminate,
-    log_likelihood,
-    moments,
-    products,
-    rescaled,
-    weights,
-)
-from bcid.likelihood.nuisance import badness, moved, residuals, sensitivities, settled, without_pushes
-from bcid.likelihood.predict import wrapped
+from bcid.likelihood import marginal, nuisance
+from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
+from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
+from bcid.likelihood.nuisance import move_to_posterior, pose_residuals, remove_pushes
+from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.take import Take
 
-STEP_PHI = 1e-3  # of base parameters, for differences
-STEP_EFFECT = 0.05  # of an effect's size: some effects have kinks that a smaller step would not meet
-LONGEST_STEP = 3.0  # of any component of phi
-EM_STEPS, MOST_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales are to settle
-CONVERGED = 0.3  # nats, below which a step has gained nothing
-STRAYED = 4.0  # chi^2 for each number measured (about 1 is expected) from which a segment may have lost its beginning
-THROWN = 3.0  # nats that a segment loses by a step of its own, beyond which its tangent has misled it
-MOST_STRAYED = 0.1  # share of the segments beyond which it is the parameters' fault, not theirs
-BEGINNINGS = 3  # tangents from which such a segment begins anew
+# difference steps of base parameters, and of effects in units of their size: some have kinks that a smaller step misses
+BASE_STEP, EFFECT_STEP = 1e-3, 0.05
+MAX_STEP = 3.0  # of any component of phi
+EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
+MIN_GAIN = 0.3  # nats, below which a step has gained nothing
+RESTART_CHI2 = 4.0  # chi^2 for each number measured (about 1 is expected) from which a segment begins anew
+MAX_RESTARTED_SHARE = 0.1  # of the segments, beyond which it is the parameters' fault
+RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
+MAX_SEGMENT_LOSS = 3.0  # nats that a segment may lose by a step of its own before its tangent has misled it
 
 
 class Tangent(NamedTuple):
-    """How predictions answer near a fit."""
+    """Derivatives of the predicted poses at a fit."""
 
-    A: Floats  # (N, 3, N_FREE) to free parts
-    J: Floats  # (N, 3, base_size) to the base parameters
-
-
-class Prior(NamedTuple):
-    """Of phi (`Hypothesis.prior`)."""
-
-    centre: Floats
-    stiffness: Floats
-
-    def __call__(self, phi: Floats) -> float:
-        """Logarithm of its density, less a constant."""
-        return -0.5 * float(np.sum(self.stiffness * (phi - self.centre) ** 2))
+    A: Floats  # (N, 3, N_NUISANCE) by the segments' nuisance parameters
+    J: Floats  # (N, 3, base_size) by the base parameters
 
 
-class Problem(NamedTuple):
-    """What is fitted to what."""
+class RefitProblem(NamedTuple):
+    """The take, the hypothesis that is fitted to it, and the prior of its parameters."""
 
     take: Take
     hypothesis: Hypothesis
-    prior: Prior
+    prior: GaussianPrior
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
-        """`residuals` at phi."""
-        return residuals(self.take, self.hypothesis.setting(phi, self.take), start)
+        """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""
+        return pose_residuals(self.take, self.hypothesis.prediction_inputs(phi, self.take), start)
 
-    def objective(self, phi: Floats, e: Eliminated) -> float:
-        """Log-likelihood and prior."""
-        return float(log_likelihood(e).sum()) + self.prior(phi)
+    def objective(self, phi: Floats, terms: MarginalTerms) -> float:
+        """Log-likelihood of all segments plus log prior density of phi, less a constant."""
+        return float(student_log_densities(terms).sum()) + self.prior.log_density(phi)
 
 
-class State(NamedTuple):
-    """Where a refit stands."""
+class RefitState(NamedTuple):
+    """A point of a refit and the likelihood there."""
 
     phi: Floats
-    start: Floats
+    start: Floats  # (S, N_NUISANCE) initial states and pushes
     scales: Scales
-    r: Floats
-    e: Eliminated
-    objective: float  # log-likelihood and prior
+    r: Floats  # (N, 3) residual
+    A: Floats  # (N, 3, N_NUISANCE) derivatives of the poses by nuisance parameters, from which the terms come
+    terms: MarginalTerms
+    objective: float  # log-likelihood plus log prior
 
 
-def jacobian(
-    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, which: range | None = None
+def parameter_jacobian(
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, components: range
 ) -> Floats:
-    """D prediction / d phi (N, 3, n) of the components `which` (all), by differences from `r`, the residual at phi.
+    """Derivatives (N, 3, n) of the poses predicted from `start` by n `components` of phi.
 
-    Differences go where a simulation's parameters are trusted no more: back from there might be an effect that is off.
+    They are differences from the residual `r` (N, 3) at phi, and may reach beyond a trusted simulation's bounds: a step
+    back from there could meet an effect that is off.
     """
-    _, high = hypothesis.usual_bounds()
+    _, high = hypothesis.plausible_bounds()
     columns = []
-    for j in which if which is not None else range(hypothesis.size):
-        width = STEP_PHI if j < hypothesis.base_size else STEP_EFFECT
+    for j in components:
+        width = BASE_STEP if j < hypothesis.base_size else EFFECT_STEP
         moved = phi.copy()
         moved[j] += width if phi[j] + width <= high[j] else -width
-        columns.append(wrapped(r - residuals(take, hypothesis.setting(moved, take), start)) / (moved[j] - phi[j]))
-        if not np.isfinite(columns[-1]).all():  # LAPACK would not come back from it
-            raise FloatingPointError("a prediction left the finite numbers")
+        there = pose_residuals(take, hypothesis.prediction_inputs(moved, take), start)
+        columns.append(wrap_yaw(r - there) / (moved[j] - phi[j]))
+        require_finite("a prediction", columns[-1])  # LAPACK would not come back from it
     return np.stack(columns, axis=2) if columns else np.zeros((*r.shape, 0))
 
 
-def settled_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int = EM_STEPS) -> tuple[Tangent, State]:
-    """The tangent at phi, and the state by it.
+def linearise_at(
+    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int = EM_STEPS
+) -> tuple[Tangent, RefitState]:
+    """The tangent of predictions at the parameters phi, and the refit's state there by `evaluate_at`."""
+    state = evaluate_at(problem, phi, start, scales, em_steps)
+    return tangent_at(problem, state), state
 
-    Raises:
-        FloatingPointError: where predictions leave the finite numbers.
+
+def evaluate_at(problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int) -> RefitState:
+    """The refit's state at phi: nuisance parameters solved from `start`, scales after `em_steps` from `scales`."""
+    take = problem.take
+    start, r, A = nuisance.solve_nuisance(take, problem.hypothesis.prediction_inputs(phi, take), start, scales)
+    state = build_state(problem, phi, start, scales, r, A, em_steps)
+    return with_actual_misfit(problem, state) if take.pushed else _restart_misfitting_segments(problem, state, em_steps)
+
+
+def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
+    """The refit's state with initial states at their posterior mean, save in segments that lose over MAX_SEGMENT_LOSS.
+
+    Each segment is decided by itself: one of four hundred whose prediction a kink upsets would hold back all others.
+    Those that lose little are moved too: of two tangents the likelier one errs in its own favour.
     """
-    A, now = standing_at(of, phi, start, scales, em)
-    return tangent_at(of, A, now), now
+    start = move_to_posterior(problem.take, state.start, state.terms.z)
+    r = problem.residuals(state.phi, start)
+    terms = _terms_along_tangent(state.A, start, r, problem.take, state.scales)
+    moves = _segment_gains(terms, state.terms) > -MAX_SEGMENT_LOSS
+    rows, terms = np.repeat(moves, np.diff(problem.take.first)), _select_terms(moves, terms, state.terms)
+    start, r = np.where(moves[:, None], start, state.start), np.where(rows[:, None], r, state.r)
+    return state._replace(start=start, r=r, terms=terms, objective=problem.objective(state.phi, terms))
 
 
-def standing_at(of: Problem, phi: Floats, start: Floats, scales: Scales, em: int) -> tuple[Floats, State]:
-    """How predictions answer to free parts (N, 3, N_FREE) that have settled at phi, and the state by it.
+def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
+    """The refit's state with badly fitting segments begun anew from their recorded initial states, if much likelier.
 
-    Raises:
-        FloatingPointError: where predictions leave the finite numbers.
+    Once a segment's initial state is far off, its tangent leads nowhere.
     """
-    start, r, A = settled(of.take, of.hypothesis.setting(phi, of.take), start, scales)
-    now = found(of, phi, start, scales, r, A, em)
-    return (A, as_it_is(of, now)) if of.take.pushed else _begun_anew(of, A, now, em)
-
-
-def moved_unless_thrown(of: Problem, A: Floats, now: State) -> State:
-    """The state with initial states at the posterior's mean, but of those segments that are thrown off by it.
-
-    Each for itself: one of four hundred that a kink throws out of its way would hold all the others where they are.
-    All that lose little by it are moved as well: of two tangents the likelier one errs in its own favour.
-    """
-    start = moved(of.take, now.start, now.e.z)
-    r = of.residuals(now.phi, start)
-    e = _by(A, start, r, of.take, now.scales)
-    there = State(now.phi, start, now.scales, r, e, now.objective)
-    return _mixed(of, _gains(e, now.e) > -THROWN, there, now)
-
-
-def _begun_anew(of: Problem, A: Floats, now: State, em: int) -> tuple[Floats, State]:
-    """The tangent `A` and the state with segments that have strayed begun anew where the recording has them.
-
-    Where that is much likelier, each for itself.  Once its initial state is far off, a segment's tangent leads nowhere.
-    """
-    strayed = np.flatnonzero(~(now.e.chi2 < STRAYED * now.e.numbers))
-    if not 0 < len(strayed) <= MOST_STRAYED * of.take.segments:
-        return A, now
-    part, rows, setting = of.take.part(strayed), of.take.rows(strayed), of.hypothesis.setting(now.phi, of.take)
-    start, all_starts, all_r, A = part.start, now.start.copy(), now.r.copy(), A.copy()
-    best = Eliminated(*(of_all[strayed] for of_all in now.e))
-    for _ in range(BEGINNINGS):
-        r, answer = residuals(part, setting, start), sensitivities(part, setting, start)
-        e = _by(answer, start, r, part, now.scales)
-        better = ~(_gains(e, best) < THROWN) & np.isfinite(e.chi2)
+    take = problem.take
+    misfits = np.flatnonzero(~(state.terms.chi2 < RESTART_CHI2 * state.terms.numbers))
+    if not 0 < len(misfits) <= MAX_RESTARTED_SHARE * take.segments:
+        return state
+    part, rows, inputs = take.part(misfits), take.rows(misfits), problem.hypothesis.prediction_inputs(state.phi, take)
+    start, all_starts, all_r, all_A = part.start, state.start.copy(), state.r.copy(), state.A.copy()
+    best = MarginalTerms(*(term[misfits] for term in state.terms))
+    for _ in range(RESTART_TANGENTS):
+        r, A = pose_residuals(part, inputs, start), nuisance.nuisance_sensitivities(part, inputs, start)
+        terms = _terms_along_tangent(A, start, r, part, state.scales)
+        better = ~(_segment_gains(terms, best) < MAX_SEGMENT_LOSS) & np.isfinite(terms.chi2)
         to, of_part = rows[part.rows(np.flatnonzero(better))], part.rows(np.flatnonzero(better))
-        all_starts[strayed[better]], all_r[to], A[to] = start[better], r[of_part], answer[of_part]
-        best = _either(better, e, best)
-        start = np.where(np.isfinite(e.z).all(axis=1, keepdims=True), moved(part, start, e.z), start)
-    return A, found(of, now.phi, all_starts, now.scales, all_r, A, em)
+        all_starts[misfits[better]], all_r[to], all_A[to] = start[better], r[of_part], A[of_part]
+        best = _select_terms(better, terms, best)
+        finite = np.isfinite(terms.z).all(axis=1, keepdims=True)
+        start = np.where(finite, move_to_posterior(part, start, terms.z), start)
+    return build_state(problem, state.phi, all_starts, state.scales, all_r, all_A, em_steps)
 
 
-def _by(A: Floats, start: Floats, r: Floats, take: Take, scales: Scales) -> Eliminated:
-    """The likelihood's terms; NaN of segments whose predictions have left the finite numbers."""
-    return eliminate(moments(without_pushes(r, A, start, take.first), A, take.first), scales.r, scales.precisions())
+def _terms_along_tangent(A: Floats, start: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
+    """Likelihood terms of the residual `r` with the tangent `A`; NaN in segments whose predictions have diverged."""
+    moments = segment_moments(remove_pushes(r, A, start, take.first), A, take.first)
+    return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
 
 
-def _gains(one: Eliminated, other: Eliminated) -> Floats:
-    """Nats by which each segment (S,) is the likelier by the `one`; NaN of what has left the numbers."""
+def _segment_gains(new: MarginalTerms, old: MarginalTerms) -> Floats:
+    """Nats (S,) that each segment gains from `old` to `new` terms; NaN where either has diverged."""
     with np.errstate(invalid="ignore"):
-        return log_likelihood(one) - log_likelihood(other)
+        return student_log_densities(new) - student_log_densities(old)
 
 
-def _either(first: Bools, one: Eliminated, other: Eliminated) -> Eliminated:
-    """Of the segments marked `first` (S,) the one, of the rest the other."""
-    return Eliminated(
-        *(np.where(first.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in zip(one, other, strict=True))
-    )
+def _select_terms(mask: Bools, first: MarginalTerms, second: MarginalTerms) -> MarginalTerms:
+    """The terms of `first` in the segments of the `mask` (S,), of `second` in the others."""
+    pairs = zip(first, second, strict=True)
+    return MarginalTerms(*(np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
-def _mixed(of: Problem, first: Bools, one: State, other: State) -> State:
-    """The same of states at one phi and with one set of scales."""
-    rows, e = np.repeat(first, np.diff(of.take.first)), _either(first, one.e, other.e)
-    start, r = np.where(first[:, None], one.start, other.start), np.where(rows[:, None], one.r, other.r)
-    return other._replace(start=start, r=r, e=e, objective=of.objective(other.phi, e))
+def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
+    """Derivatives of the predicted poses at `state`, by nuisance parameters and by base parameters."""
+    hypothesis, base = problem.hypothesis, range(problem.hypothesis.base_size)
+    return Tangent(state.A, parameter_jacobian(problem.take, hypothesis, state.phi, state.start, state.r, base))
 
 
-def tangent_at(of: Problem, A: Floats, now: State) -> Tangent:
-    """The tangent at `now`, whose answer to free parts is `A`.
+def build_state(
+    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, r: Floats, A: Floats, em_steps: int = EM_STEPS
+) -> RefitState:
+    """The refit's state at phi and `start`, from residual `r` and derivatives `A`; scales after `em_steps` of EM."""
+    first = problem.take.first
+    moments = segment_moments(remove_pushes(r, A, start, first), A, first)
+    scales, terms = marginal.estimate_scales(moments, scales, em_steps)
+    return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
-    Raises:
-        FloatingPointError: where predictions leave the finite numbers.
+
+def with_actual_misfit(problem: RefitProblem, state: RefitState) -> RefitState:
+    """The refit's state with each segment's chi^2 as residual and pushes make it; unchanged unless `take.pushed`.
+
+    The tangent promises a chi^2 that a segment whose nuisance parameters converge slowly has not reached.
     """
-    return Tangent(A, jacobian(of.take, of.hypothesis, now.phi, now.start, now.r, range(of.hypothesis.base_size)))
+    if not problem.take.pushed:
+        return state
+    terms = state.terms._replace(chi2=nuisance.segment_misfit(problem.take, state.start, state.r, state.scales))
+    return state._replace(terms=terms, objective=problem.objective(state.phi, terms))
 
 
-def found(of: Problem, phi: Floats, start: Floats, scales: Scales, r: Floats, A: Floats, em: int = EM_STEPS) -> State:
-    """The scales and the objective at phi, with the residual `r` and the tangent `A` at `start`.
-
-    Raises:
-        FloatingPointError: where a prediction or a scale is not finite.
-    """
-    scales, e = rescaled(moments(without_pushes(r, A, start, of.take.first), A, of.take.first), scales, em)
-    return State(phi, start, scales, r, e, of.objective(phi, e))
-
-
-def as_it_is(of: Problem, now: State) -> State:
-    """The state, where predictions are made under pushes with every segment as it is.
-
-    A tangent promises what a segment that settles slowly has not come to.
-    """
-    if not of.take.pushed:
-        return now
-    e = now.e._replace(chi2=badness(of.take, now.start, now.r, now.scales))
-    return now._replace(e=e, objective=of.objective(now.phi, e))
+def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:
+    """Slope (n,) and Gauss-Newton curvature (n, n) of the objective by phi; effects' columns computed at `state`."""
+    (take, hypothesis, prior), first = problem, problem.take.first
+    own = range(hypothesis.base_size, hypothesis.size)
+    effects = parameter_jacobian(take, hypothesis, state.phi, state.start, state.r, own)
+    J = np.concatenate([tangent.J, effects], axis=2)
+    r = remove_pushes(state.r, state.A, state.start, first)
+    g, G = marginal.score_and_information(r, state.A, J, first, state.scales.r, state.terms.V)
+    w = marginal.robust_weights(state.terms)
+    slope = w @ g - prior.stiffness * (state.phi - prior.centre)
+    return slope, np.tensordot(w, G, axes=1) + np.diag(prior.stiffness)
 
 
-def slope_and_curvature(of: Problem, tangent: Tangent, now: State) -> tuple[Floats, Floats]:
-    """Slope (n,) and curvature (n, n) of the objective at `now`; effects' own columns are found there."""
-    hypothesis, prior, first = of.hypothesis, of.prior, of.take.first
-    own = jacobian(of.take, hypothesis, now.phi, now.start, now.r, range(hypothesis.base_size, hypothesis.size))
-    J = np.concatenate([tangent.J, own], axis=2)
-    r = without_pushes(now.r, tangent.A, now.start, first)
-    g, G = products(r, tangent.A, J, first, now.scales.r, now.e.V)
-    w = weights(now.e)
-    return (
-        w @ g - prior.stiffness * (now.phi - prior.centre),
-        np.tensordot(w, G, axes=1) + np.diag(prior.stiffness),
-    )
+def bounded_newton_step(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:
+    """Parameters phi after a Newton step within `bounds`, by an active set: those that reach a bound stay there.
 
-
-def within(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:
-    """Where a Newton step leads; what would leave its bounds stays there, and the others go on without it.
-
-    So they do without what has no room between its bounds.
+    The step of the others is solved for again with these, and all whose bounds leave no room, held fixed.
     """
     low, high = bounds
     free, after = low < high, phi.copy()
     while free.any():
         rest = slope - curvature[:, ~free] @ (after - phi)[~free]
         change = np.linalg.lstsq(curvature[np.ix_(free, free)], rest[free], rcond=None)[0]
-        after[free] = phi[free] + np.clip(change, -LONGEST_STEP, LONGEST_STEP)
+        after[free] = phi[free] + np.clip(change, -MAX_STEP, MAX_STEP)
         outside = free & ((after < low) | (after > high))
         if not outside.any():
             break

@@ -1,4 +1,7 @@
-"""The score test: what small changes of a prediction would gain, the fit's own parameters projected out."""
+"""The score test: what small changes of a prediction would gain, with the fit's own parameters projected out.
+
+A trial is a vector of an effect's parameters beside a fit; its column (N, 3) is the change of predicted poses by it.
+"""
 
 from __future__ import annotations
 
@@ -8,87 +11,90 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.likelihood.marginal import NU, moments, rescaled, weights
-from bcid.likelihood.newton import jacobian
-from bcid.likelihood.nuisance import residuals, without_pushes
-from bcid.likelihood.predict import wrapped
+from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.marginal import NU, estimate_scales, robust_weights, segment_moments
+from bcid.likelihood.newton import parameter_jacobian
+from bcid.likelihood.nuisance import pose_residuals, remove_pushes
+from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import N_FREE, SEGMENT_S, Take
+from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take
 
-LARGEST = 3.0  # an amplitude beyond this multiple of the trial is not believed
-UNSEEN = 1e-9  # information below which a take does not excite a trial at all
-NULLS = 999
-REWEIGHTED = 4
-KNOWN_P = 0.01  # of the null takes' tail that the draws show well
+NULL_DRAWS = 999
+REWEIGHTINGS = 4
+DRAWN_P_VALUE = 0.01  # tail of the null draws that they show well
+POSE_TOLERANCE = 0.1  # of the distance from the origin, by which a pose's scale and the marker's offset may move it
 
 
-class Projected(NamedTuple):
-    """Trial columns beside the fit's own parameters, so that J^T P J of segment s is a sum over its rows.
+class ProjectedChanges(NamedTuple):
+    """K columns J of changes of a prediction, with the fit's own parameters projected out.
 
-    J^T P J = X^T X - Y^T Y with X the columns over the noise and Y their projections on the free part.
+    The information of segment s about them is J^T P J = X^T X - Y^T Y, with X the columns over the noise and Y their
+    projections on the nuisance parameters.
     """
 
     X: Floats  # (N, 3, K)
-    Y: Floats  # (S, N_FREE, K)
+    Y: Floats  # (S, N_NUISANCE, K)
     each_g: Floats  # (S, K) J^T P r
-    first: Ints  # (S + 1,)
-    weights: Floats  # (S,)
-    G: Floats  # (K, K) weighted sum over segments
-    chi2: Floats  # (S,) without any trial
+    first: Ints  # (S + 1,) segment s has the rows first[s] to first[s + 1]
+    weights: Floats  # (S,) robust weights
+    G: Floats  # (K, K) weighted sum of J^T P J over segments
+    chi2: Floats  # (S,) without any change
     numbers: Floats  # (S,)
-    pulls: Floats  # (held, K) by which a unit of a column bends trusted parameters, in their standard deviations
-    tension: Floats  # (held,) by which they are bent already
+    pulls: Floats  # (n, K) standard deviations by which a unit of a column moves the fit's own trusted parameters
+    tension: Floats  # (n,) standard deviations by which these are off already
 
     def slope(self, own: slice) -> Floats:
-        """What the columns `own` gain at first: in the likelihood, and by letting trusted parameters go back."""
+        """Slope (k,) of the log-likelihood and the prior by the multiples of the columns `own`."""
         return np.asarray(self.weights @ self.each_g[:, own] + self.tension @ self.pulls[:, own])
 
-    def each_information(self, k: int, other: int) -> Floats:
-        """J^T P J of two columns in every segment (S,)."""
-        rows = np.einsum("nc,nc->n", self.X[:, :, k], self.X[:, :, other])
-        return np.asarray(
-            np.add.reduceat(rows, self.first[:-1]) - np.einsum("sf,sf->s", self.Y[:, :, k], self.Y[:, :, other])
-        )
+    def segment_information(self, k: int, m: int) -> Floats:
+        """Element (k, m) of J^T P J in every segment (S,)."""
+        rows = np.add.reduceat(np.einsum("nc,nc->n", self.X[:, :, k], self.X[:, :, m]), self.first[:-1])
+        return np.asarray(rows - np.einsum("sf,sf->s", self.Y[:, :, k], self.Y[:, :, m]))
 
 
-def projected(fit: Fit, take: Take, columns: Floats) -> Projected:
-    """The changes `columns` (N, 3, K) of a fit's prediction with its own parameters projected out."""
-    hypothesis, r = fit.hypothesis, residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
-    own = jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.size))
-    held = fit.tangent.J.shape[2] + own.shape[2]
-    r = without_pushes(r, fit.tangent.A, fit.start, take.first)
-    _, e = rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)
-    w, noise = weights(e), fit.scales.r[:, None]
+def project_out_fit(fit: Fit, take: Take, columns: Floats) -> ProjectedChanges:
+    """The changes `columns` (N, 3, K) of a fit's predicted poses of `take`, with its own parameters projected out.
+
+    Raises:
+        PredictionDiverged: where a prediction or a change of it is not finite.
+    """
+    hypothesis, r = fit.hypothesis, pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
+    own = parameter_jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.size))
+    n = fit.tangent.J.shape[2] + own.shape[2]
+    r = remove_pushes(r, fit.tangent.A, fit.start, take.first)
+    _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    w, noise = robust_weights(e), fit.scales.r[:, None]
     X = np.concatenate([fit.tangent.J, own, columns], axis=2) / noise
     A, rest = fit.tangent.A / noise, r / fit.scales.r
     factor = np.linalg.cholesky(e.V)
-    Y, y = np.empty((take.segments, N_FREE, X.shape[2])), np.empty((take.segments, N_FREE))
+    Y, y = np.empty((take.segments, N_NUISANCE, X.shape[2])), np.empty((take.segments, N_NUISANCE))
     for s, (a, b) in enumerate(zip(take.first, take.first[1:], strict=False)):
-        As = A[a:b].reshape(-1, N_FREE)
+        As = A[a:b].reshape(-1, N_NUISANCE)
         Y[s] = factor[s].T @ (As.T @ X[a:b].reshape(len(As), -1))
         y[s] = factor[s].T @ (As.T @ rest[a:b].ravel())
-    total = _information(X, Y, w, take.first)
-    if not np.isfinite(total).all():  # LAPACK would not come back from it
-        raise FloatingPointError("a change of a prediction left the finite numbers")
+    total = _weighted_information(X, Y, w, take.first)
+    require_finite("a change of a prediction", total)  # LAPACK would not come back from it
     centre, known = hypothesis.prior(fit.phi)
-    taken, bends = np.zeros((held, columns.shape[2])), np.ones(held, dtype=bool)
-    if hypothesis.simulated is None:
-        known = np.zeros(held)
-    else:  # what has gone as far as it is trusted goes no farther
-        bends = ~hypothesis.at_bound(fit.phi)
-    answers = total[:held, :held] + np.diag(known)
-    taken[bends] = np.linalg.lstsq(answers[np.ix_(bends, bends)], total[:held, held:][bends], rcond=None)[0]
-    X, Y = X[:, :, held:] - X[:, :, :held] @ taken, Y[:, :, held:] - Y[:, :, :held] @ taken
+    taken, bends = np.zeros((n, columns.shape[2])), np.ones(n, dtype=bool)
+    if hypothesis.trusted_simulation is None:
+        known = np.zeros(n)
+    else:  # a parameter at its bound goes no farther
+        bends = ~hypothesis.is_at_bound(fit.phi)
+    answers = total[:n, :n] + np.diag(known)
+    taken[bends] = np.linalg.lstsq(answers[np.ix_(bends, bends)], total[:n, n:][bends], rcond=None)[0]
+    X, Y = X[:, :, n:] - X[:, :, :n] @ taken, Y[:, :, n:] - Y[:, :, :n] @ taken
     each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
-    G = total[held:, held:] - total[held:, :held] @ taken
+    G = total[n:, n:] - total[n:, :n] @ taken
     root = np.sqrt(known)
-    return Projected(
+    return ProjectedChanges(
         X, Y, each_g, take.first, w, G, e.chi2, e.numbers, root[:, None] * taken, root * (fit.phi - centre)
     )
 
 
-def _information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
-    """Weighted sum of J^T P J over the segments."""
+def _weighted_information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
+    """Sum (K, K) of X^T X - Y^T Y over the segments, each times its weight `w` (S,)."""
     root = np.sqrt(w)
     of_rows = np.repeat(root, np.diff(first))
     weighted = (X * of_rows[:, None, None]).reshape(-1, X.shape[2])
@@ -96,149 +102,151 @@ def _information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
     return np.asarray(weighted.T @ weighted - free.T @ free)
 
 
-def best_amplitude(found: Projected, own: slice) -> tuple[Floats, float]:
-    """The multiples of the columns `own` that gain most together, and the gain (nats) in the robust likelihood.
+def robust_amplitudes(changes: ProjectedChanges, own: slice) -> tuple[Floats, float]:
+    """The multiples (k,) of the columns `own` that gain most together, and the gain (nats) in the robust likelihood.
 
-    Reweighted steps from nothing, and from the whole of the columns, which may explain what nothing gives no weight.
+    Reweighted steps from zero, and from the whole columns, which may explain segments that zero gives no weight.
     """
     columns = range(own.start, own.stop)
-    if np.any(np.diag(found.G)[own] <= UNSEEN):
+    if np.any(np.diag(changes.G)[own] <= LIKELIHOOD_LIMITS.min_information):
         return np.zeros(len(columns)), 0.0
-    g = found.each_g[:, own]
-    G = np.stack([[found.each_information(k, m) for m in columns] for k in columns]).transpose(2, 0, 1)
-    pull, stiffness = found.tension @ found.pulls[:, own], found.pulls[:, own].T @ found.pulls[:, own]
+    g = changes.each_g[:, own]
+    G = np.stack([[changes.segment_information(k, m) for m in columns] for k in columns]).transpose(2, 0, 1)
+    pull, stiffness = changes.tension @ changes.pulls[:, own], changes.pulls[:, own].T @ changes.pulls[:, own]
 
     def chi2(a: Floats) -> Floats:
-        return np.asarray(np.maximum(found.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0))
+        """Chi^2 (S,) of each segment with the columns times `a`."""
+        return np.asarray(np.maximum(changes.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0))
 
     def gain(a: Floats) -> float:
-        more = np.log1p(chi2(a) / NU) - np.log1p(found.chi2 / NU)
-        return float(-0.5 * np.sum((NU + found.numbers) * more) + a @ pull - 0.5 * a @ stiffness @ a)
+        """Gain (nats) of the columns times `a` in Student's likelihood and the prior."""
+        more = np.log1p(chi2(a) / NU) - np.log1p(changes.chi2 / NU)
+        return float(-0.5 * np.sum((NU + changes.numbers) * more) + a @ pull - 0.5 * a @ stiffness @ a)
 
     best, most = np.zeros(len(columns)), 0.0
     for a in (np.zeros(len(columns)), np.ones(len(columns))):
-        for _ in range(REWEIGHTED):
-            w = (NU + found.numbers) / (NU + chi2(a))
-            a = amplitudes((w @ g + pull)[None], np.tensordot(w, G, axes=1) + stiffness)[0]  # noqa: PLW2901
+        for _ in range(REWEIGHTINGS):
+            w = (NU + changes.numbers) / (NU + chi2(a))
+            a = best_amplitudes((w @ g + pull)[None], np.tensordot(w, G, axes=1) + stiffness)[0]  # noqa: PLW2901
             if gain(a) > most:
                 best, most = a, gain(a)
     return best, most
 
 
-def explained(found: Projected, own: slice) -> float:
-    """What the columns `own` would gain with amplitudes as large as they like (nats)."""
-    g, G = found.slope(own), found.G[own, own]
-    scale = np.sqrt(np.maximum(np.diag(G), UNSEEN))
+def unlimited_gain(changes: ProjectedChanges, own: slice) -> float:
+    """Gain (nats) of the best multiples of the columns `own`, without bounds: g^T G^+ g / 2."""
+    g, G = changes.slope(own), changes.G[own, own]
+    scale = np.sqrt(np.maximum(np.diag(G), LIKELIHOOD_LIMITS.min_information))
     return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
 
 
-def promise(found: Projected, own: slice) -> float:
-    """What the columns `own` promise together (nats) by their slopes and information alone."""
-    g, G = found.slope(own), found.G[own, own]
-    return float(_gain(amplitudes(g[None], G), g[None], G)[0])
+def score_test_gain(changes: ProjectedChanges, own: slice) -> float:
+    """Gain (nats) of the `best_amplitudes` of the columns `own` by slope and information: g^T a - a^T G a / 2."""
+    g, G = changes.slope(own), changes.G[own, own]
+    return float(_quadratic_gain(best_amplitudes(g[None], G), g[None], G)[0])
 
 
-def null_maxima(found: Projected, groups: list[slice]) -> Floats:
-    """The greatest `promise` among all groups of columns in NULLS takes of nothing (NULLS,).
+def null_maxima(changes: ProjectedChanges, groups: list[slice]) -> Floats:
+    """The greatest `score_test_gain` among all groups of columns, in each of NULL_DRAWS takes with nothing to find.
 
-    In each take the residuals of every segment have their sign drawn anew (a wild bootstrap: Liu 1988): what a
-    trial promises by chance, with the trials' own correlations and the segments' own scatter.
+    In each take every segment's residual has its sign drawn anew (a wild bootstrap: Liu 1988), which keeps the columns'
+    correlations and the segments' scatter.
     """
-    each = found.weights[:, None] * found.each_g
+    each = changes.weights[:, None] * changes.each_g
     rng = np.random.default_rng(0)
-    draws = rng.choice((-1.0, 1.0), (NULLS, len(each))) @ each
-    draws += rng.standard_normal((NULLS, len(found.pulls))) @ found.pulls  # a trusted parameter is off by chance too
-    most = np.zeros(NULLS)
+    draws = rng.choice((-1.0, 1.0), (NULL_DRAWS, len(each))) @ each
+    # a trusted parameter is off by chance, too
+    draws += rng.standard_normal((NULL_DRAWS, len(changes.pulls))) @ changes.pulls
+    most = np.zeros(NULL_DRAWS)
     for own in groups:
-        g, G = draws[:, own], found.G[own, own]
-        most = np.maximum(most, _gain(amplitudes(g, G), g, G))
+        g, G = draws[:, own], changes.G[own, own]
+        most = np.maximum(most, _quadratic_gain(best_amplitudes(g, G), g, G))
     return most
 
 
-def level(maxima: Floats, p: float) -> float:
-    """What a take of nothing promises with the probability `p`, rarer than the draws reach.
+def null_quantile(maxima: Floats, p: float) -> float:
+    """Gain (nats) that the `maxima` of takes with nothing to find exceed with probability `p`, rarer than were drawn.
 
     Half of a chi-square falls off as exp(-x), and so does the greatest of many.
     """
-    return float(np.quantile(maxima, 1.0 - KNOWN_P) + np.log(KNOWN_P / p))
+    return float(np.quantile(maxima, 1.0 - DRAWN_P_VALUE) + np.log(DRAWN_P_VALUE / p))
 
 
-def amplitudes(g: Floats, G: Floats) -> Floats:
-    """The multiples (D, k) of the trial vectors that gain most, for D slopes `g` (D, k)."""
-    if np.any(np.diag(G) <= UNSEEN):
+def best_amplitudes(g: Floats, G: Floats) -> Floats:
+    """The multiples a (D, k) of k columns that gain most, G a = g, for D slopes `g` (D, k) and information `G` (k, k).
+
+    None is larger than `max_trial_amplitude`; that of a single column is not negative; all are zero where a column is
+    not excited.
+    """
+    if np.any(np.diag(G) <= LIKELIHOOD_LIMITS.min_information):
         return np.zeros_like(g)
+    most = LIKELIHOOD_LIMITS.max_trial_amplitude
     if len(G) == 1:
-        return np.asarray(np.clip(g / G[0, 0], 0.0, LARGEST))
-    return np.asarray(np.clip(np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g.T).T, -LARGEST, LARGEST))
+        return np.asarray(np.clip(g / G[0, 0], 0.0, most))
+    return np.asarray(np.clip(np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g.T).T, -most, most))
 
 
-def _gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
+def _quadratic_gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
+    """Gain g^T a - a^T G a / 2 (D,) of amplitudes a (D, k) at slopes `g` (D, k)."""
     return np.asarray(np.einsum("dk,dk->d", amplitude, g) - 0.5 * np.einsum("dk,kl,dl->d", amplitude, G, amplitude))
 
 
-class Changes(NamedTuple):
-    """What every trial changes in the predictions of a fit."""
-
-    columns: Floats  # (N, 3, K)
-    trials: list[Trial]
-
-    def without(self, effects: Sequence[str]) -> Changes:
-        """The same without the trials of `effects`."""
-        return self._replace(trials=[t for t in self.trials if t.effect not in effects])
-
-
-def changes_of(fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]]]) -> Changes:
-    """What the trials in `rows`, pairs of an effect and its vectors, change."""
-    r = residuals(take, fit.hypothesis.setting(fit.phi, take), fit.start)
-    columns, trials, at = [], [], 0
-    for name, vectors in rows:
-        columns += [_difference(fit, take, name, values, r) for values in vectors]
-        trials.append(Trial(name, vectors, slice(at, at + len(vectors))))
-        at += len(vectors)
-    return Changes(np.stack(columns, axis=2), trials)
-
-
-def _difference(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
-    """What the effect at `values` changes in the prediction (N, 3)."""
-    more, phi = fit.hypothesis.with_effect(name, fit.phi, values)
-    at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
-    chosen = concerned(take, take.pose - r, at)
-    part, rows = take.part(chosen), take.rows(chosen)
-    change = np.zeros_like(r)
-    change[rows] = wrapped(r[rows] - residuals(part, more.setting(phi, part), fit.start[chosen]))
-    return change if np.isfinite(change).all() else np.zeros_like(change)
-
-
-SEEN_ELSEWHERE = 0.1  # of its distance from the origin, at most: a pose's scale and the marker's offset
-
-
 class Trial(NamedTuple):
-    """One effect at one place: its trial vectors, combined linearly, and their columns among the changes."""
+    """One effect at one place: trial vectors that are combined linearly, and their columns among the changes."""
 
     effect: str
     vectors: list[list[float]]
     own: slice
 
 
-def changed_in(values: list[float], i: int, value: float) -> list[float]:
-    """The values with the `i`th replaced."""
+class TrialChanges(NamedTuple):
+    """Trials beside a fit, and the changes of its predicted poses by them."""
+
+    columns: Floats  # (N, 3, K)
+    trials: list[Trial]
+
+    def without(self, effects: Sequence[str]) -> TrialChanges:
+        """The trial changes without the trials of `effects`, whose columns stay."""
+        return self._replace(trials=[t for t in self.trials if t.effect not in effects])
+
+
+def compute_trial_changes(fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]]]) -> TrialChanges:
+    """The changes of the fit's predicted poses of `take` by trials: `rows` of an effect and its trial vectors (SI)."""
+    r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
+    columns, trials = list[Floats](), []
+    for name, vectors in rows:
+        trials.append(Trial(name, vectors, slice(len(columns), len(columns) + len(vectors))))
+        columns += [_prediction_change(fit, take, name, values, r) for values in vectors]
+    return TrialChanges(np.stack(columns, axis=2), trials)
+
+
+def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
+    """Change (N, 3) of the predicted poses by effect `name` at `values`, from residual `r`; zero where it diverges."""
+    more, phi = fit.hypothesis.add_effect(name, fit.phi, values)
+    at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
+    chosen = affected_segments(take, take.pose - r, at)
+    part, rows = take.part(chosen), take.rows(chosen)
+    change = np.zeros_like(r)
+    change[rows] = wrap_yaw(r[rows] - pose_residuals(part, more.prediction_inputs(phi, part), fit.start[chosen]))
+    return change if np.isfinite(change).all() else np.zeros_like(change)
+
+
+def replace_value(values: list[float], i: int, value: float) -> list[float]:
+    """The `values` with `value` at index `i`."""
     return [*values[:i], value, *values[i + 1 :]]
 
 
-def concerned(take: Take, path: Floats, at: Mapping[str, float]) -> Ints:
-    """The segments whose predictions an effect `at` a place or time can change, seen along `path` (N, 3) without it.
+def affected_segments(take: Take, path: Floats, at: Mapping[str, float]) -> Ints:
+    """Indices of the segments whose predicted poses `path` (N, 3) an effect can change.
 
-    A circle changes nothing for a car that does not come into it, a moment nothing for what was before.  Where the
-    car is may differ from where it is seen.
+    `at` holds the effect's parameters by symbol: with x, y and radius (m), the segments near that circle; with t_s (s),
+    those that do not end before; otherwise all.
     """
     if "radius" in at:
         steps = np.hypot(*np.diff(path[:, :2], axis=0).T)
         within = np.diff(np.repeat(np.arange(take.segments), np.diff(take.first))) == 0
-        apart = np.hypot(path[:, 0] - at["x"], path[:, 1] - at["y"]) - SEEN_ELSEWHERE * np.hypot(*path[:, :2].T)
+        apart = np.hypot(path[:, 0] - at["x"], path[:, 1] - at["y"]) - POSE_TOLERANCE * np.hypot(*path[:, :2].T)
         return np.flatnonzero(np.minimum.reduceat(apart, take.first[:-1]) < at["radius"] + 2.0 * steps[within].max())
     if "t_s" in at:
         return np.flatnonzero(take.begin_s - take.zero_s + 2.0 * SEGMENT_S > at["t_s"])
     return np.arange(take.segments)
-
-
-GATE = 14.0  # what the gate of a usual take comes to; plans count with it before there is a take

@@ -8,74 +8,72 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
+from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.physics.car import LONGEST_STEP_S
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.physics.car import LONGEST_STEP_S, Car, integration_step
 from bcid.physics.steering import steering_step
-from bcid.recording.checks.contacts import Contact
+from bcid.recording.checks.contacts import Contact, find_contacts
 from bcid.recording.types import Recording
 
 SEGMENT_S = 1.5
-KNOTS = 3  # of a segment, in each of which a push is constant
+KNOTS = 3  # equal parts of a segment, in each of which a push is constant
 KNOT_S = SEGMENT_S / KNOTS
-N_START = 6  # of a segment's free part: its initial state, then F_x, F_y, M_z of each knot
-N_FREE = N_START + 3 * KNOTS
+N_START = 6  # leading nuisance parameters of a segment: its initial state; then a_x, a_y, alpha_z of each knot's push
+N_NUISANCE = N_START + 3 * KNOTS
 GROUP_S = 0.05  # poses this near each other are averaged, and so are their predictions: nothing moves faster
-START_S = 0.4  # of a segment's poses give its initial state
-START_POSES = 5  # at least
-FORGOTTEN = 1e-4  # rad: where the wheel stood before the first command matters no more
-STANDS = 0.01  # rad, and of the wheelbase: a car that moves less in a whole segment stands
-MIN_COVERAGE = 0.6  # of the groups that a segment may hold
+# poses from which a segment's initial state is found: those in its first START_S, but START_POSES at least
+START_S, START_POSES = 0.4, 5
 
 
 class Take(NamedTuple):
-    """Poses and commands of one recording, and the S segments in which they are predicted.
+    """Poses and commands of one or several recordings, and the S segments in which the poses are predicted.
 
-    Times count from the first recording's first pose.  Segment s begins at integration step `step[s]`, owns the
+    Times count from the first recording's first pose.  Segment s begins at integration step `step[s]`, has the
     stamps `first_stamp[s]` to `first_stamp[s + 1]` and the rows `first[s]` to `first[s + 1]`: a row is the mean
-    of the poses of one group.
+    of the poses within GROUP_S.
     """
 
     command_s: Floats  # (M,)
     command: Floats  # (M, 2)
     stamp_s: Floats  # (P,) of the poses that lie in segments
-    row: Ints  # (P,) the row that each belongs to
-    share: Floats  # (P,) and its share in the mean
+    row: Ints  # (P,) row of each pose
+    share: Floats  # (P,) share of each pose in its row's mean
     first_stamp: Ints  # (S + 1,)
     pose: Floats  # (N, 3) means
     first: Ints  # (S + 1,)
     step: Ints  # (S,)
     steps: int  # integration steps per segment
-    T: float  # s until the last recording ends
-    start: Floats  # (S, N_FREE) pose and twist at the segments' starts, roughly, and no pushes
-    zero_s: Floats  # (S,) when each segment's recording began
-    length_s: Floats  # (S,) and how long it is
-    command_zero_s: Floats  # (M,) when each command's recording began
-    pushed: bool = False  # whether predictions are made under the likeliest pushes (`bcid.likelihood.nuisance`)
+    T: float  # time (s) at which the last recording ends
+    start: Floats  # (S, N_NUISANCE) rough pose and twist at the segments' beginnings, and no pushes
+    zero_s: Floats  # (S,) time (s) at which the segment's recording began
+    length_s: Floats  # (S,) length (s) of the segment's recording
+    command_zero_s: Floats  # (M,) time (s) at which the command's recording began
+    pushed: bool = False  # predictions are made under the likeliest pushes (`bcid.likelihood.nuisance`)
 
     @property
     def segments(self) -> int:
-        """How many there are."""
+        """Number of segments, S."""
         return len(self.step)
 
     @property
     def begin_s(self) -> Floats:
-        """When the segments begin (S,)."""
-        begin: Floats = (self.step * self.h).astype(np.float64)
-        return begin
+        """Time (s) at which each segment begins (S,)."""
+        return np.asarray(self.step * self.h, dtype=np.float64)
 
     @property
     def h(self) -> float:
-        """Integration step, s."""
+        """Integration step (s) of the predictions."""
         return SEGMENT_S / self.steps
 
     def rows(self, chosen: Ints) -> Ints:
-        """The rows of some of its segments."""
-        return _spans(self.first, chosen)[0]
+        """Indices of the rows of the segments `chosen`, in that order."""
+        return _select_spans(self.first, chosen)[0]
 
     def part(self, chosen: Ints) -> Take:
-        """The same take with some of its segments only."""
-        stamps, first_stamp = _spans(self.first_stamp, chosen)
-        rows, first = _spans(self.first, chosen)
+        """The take with the segments `chosen` only."""
+        stamps, first_stamp = _select_spans(self.first_stamp, chosen)
+        rows, first = _select_spans(self.first, chosen)
         renumbered = np.full(len(self.pose), -1, dtype=np.int64)
         renumbered[rows] = np.arange(len(rows))
         return self._replace(
@@ -85,24 +83,54 @@ class Take(NamedTuple):
         )  # fmt: skip
 
 
-def _spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
-    """The numbers in the chosen spans of `first`, and the spans' new beginnings."""
+def _select_spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
+    """Indices in the `chosen` spans `first[s]` to `first[s + 1]`, and the bounds of these spans one after the other."""
     begin = first[chosen]
     lengths, ends = first[chosen + 1] - begin, np.zeros(len(chosen) + 1, dtype=np.int64)
     np.cumsum(lengths, out=ends[1:])
     return np.arange(ends[-1]) + np.repeat(begin - ends[:-1], lengths), ends
 
 
-def take_of(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S) -> Take:
-    """The take in `recording`, with the segments that its estimate covers without a break, for steps of `h` s.
+def build_take(
+    recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car, angle_limit: float
+) -> tuple[Take, tuple[Contact, ...]]:
+    """One take of all segments of the recordings that can be predicted, in steps that resolve `car`; and the contacts.
 
-    Segments stand one after the other in each uninterrupted stretch of the estimate.
+    Left out are segments with contacts, of a standing car, or before the wheel's angle (within +-`angle_limit`, rad) is
+    known.
+
+    Raises:
+        InputRefused: when too few segments can be used.
+    """
+    parts, all_contacts = [], []
+    for recording, estimate in zip(recordings, estimates, strict=True):
+        contacts = find_contacts(recording)
+        all_contacts += contacts
+        whole = cut_segments(recording, estimate, integration_step(car))
+        known = drop_unknown_beginning(whole, car.T_s, car.d, angle_limit)
+        parts.append(drop_standing(drop_contacts(known, contacts), car.l_f + car.l_r))
+    usable = sum(take.segments for take in parts)
+    if usable < LIKELIHOOD_LIMITS.min_segments:
+        raise InputRefused(
+            recordings[0].sources[0].path, "poses",
+            f"only {usable} stretches of 1.5 s in motion can be used, {LIKELIHOOD_LIMITS.min_segments} are the least",
+            "record a longer take with fewer gaps",
+        )  # fmt: skip
+    return concatenate_takes([take for take in parts if take.segments]), tuple(all_contacts)
+
+
+def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S) -> Take:
+    """The take of `recording`, cut into segments of SEGMENT_S, for integration steps of `h` s.
+
+    Each uninterrupted stretch of the `estimate`, which ends where poses are missing, holds as many segments as fit.
     """
     zero = float(recording.poses.time_s[0])
     stamp, pose = recording.poses.time_s - zero, recording.poses.values
     rows = round(SEGMENT_S / estimate.period_s)
-    least = MIN_COVERAGE * SEGMENT_S * min(recording.rate_hz, 1.0 / GROUP_S)
-    kept, means, groups, begin, start = [], [], [], [], []
+    least = LIKELIHOOD_LIMITS.min_coverage * SEGMENT_S * min(recording.rate_hz, 1.0 / GROUP_S)
+    # an empty segment before the first, so that lengths add up to bounds
+    kept, means = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
+    groups, begin, start = [], [], []
     for stretch in estimate.segments():
         for k in range(stretch.start, stretch.stop - rows, rows):
             t_0 = float(estimate.time_s[k]) - zero
@@ -115,27 +143,24 @@ def take_of(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S)
             counts = np.bincount(group)
             means.append(np.column_stack([np.bincount(group, pose[mine, c]) / counts for c in range(3)]))
             begin.append(round(t_0 / h))
-            start.append(_state_at(stamp[mine] - t_0, pose[mine]))
-    first = np.r_[0, np.cumsum([len(m) for m in means])].astype(np.int64)
-    row = np.concatenate([g + f for g, f in zip(groups, first, strict=False)] or [np.empty(0, dtype=np.int64)])
-    joined = np.concatenate(kept) if kept else np.empty(0, dtype=np.int64)
+            start.append(_fit_initial_state(stamp[mine] - t_0, pose[mine]))
+    first, first_stamp = np.cumsum([len(m) for m in means]), np.cumsum([len(k) for k in kept])
+    row = np.concatenate([kept[0], *(g + f for g, f in zip(groups, first, strict=False))])
     return Take(
-        recording.commands.time_s - zero, recording.commands.values, stamp[joined], row,
-        1.0 / np.bincount(row)[row] if len(row) else np.empty(0),
-        np.r_[0, np.cumsum([len(k) for k in kept])].astype(np.int64),
-        np.concatenate(means) if means else np.empty((0, 3)), first, np.array(begin, dtype=np.int64),
-        round(SEGMENT_S / h), recording.duration_s, unpushed(np.array(start).reshape(-1, N_START)),
+        recording.commands.time_s - zero, recording.commands.values, stamp[np.concatenate(kept)], row,
+        1.0 / np.bincount(row)[row], first_stamp, np.concatenate(means), first, np.array(begin, dtype=np.int64),
+        round(SEGMENT_S / h), recording.duration_s, pad_with_zero_pushes(np.array(start).reshape(-1, N_START)),
         np.zeros(len(start)), np.full(len(start), recording.duration_s), np.zeros(len(recording.commands.time_s)),
     )  # fmt: skip
 
 
-def unpushed(state: Floats) -> Floats:
-    """Free parts (S, N_FREE) of initial states (S, N_START) without pushes."""
-    return np.hstack([state, np.zeros((len(state), N_FREE - N_START))])
+def pad_with_zero_pushes(state: Floats) -> Floats:
+    """Nuisance parameters (S, N_NUISANCE) of initial states (S, N_START) without pushes."""
+    return np.hstack([state, np.zeros((len(state), N_NUISANCE - N_START))])
 
 
-def _state_at(since: Floats, pose: Floats) -> Floats:
-    """Pose and twist (6,) at time 0 from parabolas through the first poses: where a refit starts.
+def _fit_initial_state(since: Floats, pose: Floats) -> Floats:
+    """Pose and twist (6,) at time 0, from parabolas through the first poses (P, 3) at the times `since` (s).
 
     The estimator's twist is better, except where a take breaks its assumptions; a refit needs neither.
     """
@@ -147,54 +172,51 @@ def _state_at(since: Floats, pose: Floats) -> Floats:
     )
 
 
-def moving(take: Take, wheelbase: float) -> Take:
-    """The take without the segments in which the car stands.
+def drop_standing(take: Take, wheelbase: float) -> Take:
+    """The take without the segments in which a car of this `wheelbase` (m) stands.
 
-    Nothing there is predicted wrongly, so that the noise would be taken for what a tracked car at rest shows, and
-    everything that moves for an outlier.  What a throttle says that is too small to move the car goes with it.
+    Nothing is predicted wrongly there, so that the noise would be that of a car at rest, and everything that moves an
+    outlier.  Lost with them is what a throttle too small to move the car shows.
     """
     x, y, yaw = take.pose.T
-    at = take.first[:-1]
-    extent = (
-        [np.maximum.reduceat(v, at) - np.minimum.reduceat(v, at) for v in (x, y, yaw)] if take.segments else [at] * 3
-    )
-    moves = (np.hypot(extent[0], extent[1]) > STANDS * wheelbase) | (extent[2] > STANDS)
+    at, limit = take.first[:-1], LIKELIHOOD_LIMITS.standing_extent
+    if not take.segments:
+        return take
+    extent = [np.maximum.reduceat(v, at) - np.minimum.reduceat(v, at) for v in (x, y, yaw)]
+    moves = (np.hypot(extent[0], extent[1]) > limit * wheelbase) | (extent[2] > limit)
     return take if moves.all() else take.part(np.flatnonzero(moves))
 
 
-def without_contacts(take: Take, found: Sequence[Contact]) -> Take:
-    """The take without the segments in which a contact lies."""
+def drop_contacts(take: Take, contacts: Sequence[Contact]) -> Take:
+    """The take without the segments during which one of the `contacts` happens."""
     begin, end = take.begin_s, take.begin_s + SEGMENT_S + take.h
     free = np.ones(take.segments, dtype=bool)
-    for contact in found:
+    for contact in contacts:
         free &= (end < contact.begin_s) | (begin > contact.end_s)
     return take if free.all() else take.part(np.flatnonzero(free))
 
 
-def without_beginning(take: Take, T_s: float, d: float, limit: float) -> Take:
-    """The take without the segments that begin while it matters where the wheel stood before the first command.
+def drop_unknown_beginning(take: Take, T_s: float, d: float, angle_limit: float) -> Take:
+    """The take without the segments that begin while the wheel's angle depends on its unknown angle before any command.
 
-    Nobody logs that.  It is forgotten when a servo comes to the same angle from either lock.
+    The servo has the time constant `T_s` (s), the rate limit `d` (rad/s), and locks at +-`angle_limit` (rad).
     """
-    known = take.begin_s >= _forgotten_s(take, T_s, d, limit) - 1e-9
+    # two servos, one that began at each lock, until they stand at the same angle
+    left, right = angle_limit, -angle_limit
+    now = max(0.0, float(take.command_s[0]))  # the chain begins with the poses
+    ends = np.r_[take.command_s[1:], np.inf]
+    for u_s, end in zip(np.clip(take.command[:, 0], -angle_limit, angle_limit), ends, strict=True):
+        while now < end and left - right > LIKELIHOOD_LIMITS.unknown_wheel_angle_rad:
+            h = min(end - now, KNOT_S)
+            left, right, now = steering_step(left, u_s, T_s, d, h), steering_step(right, u_s, T_s, d, h), now + h
+    known = take.begin_s >= now - 1e-9
     return take if known.all() else take.part(np.flatnonzero(known))
 
 
-def _forgotten_s(take: Take, T_s: float, d: float, limit: float) -> float:
-    left, right = limit, -limit
-    now = max(0.0, float(take.command_s[0]))  # the chain begins with the poses
-    ends = np.r_[take.command_s[1:], np.inf]
-    for u_s, end in zip(np.clip(take.command[:, 0], -limit, limit), ends, strict=True):
-        while now < end and left - right > FORGOTTEN:
-            h = min(end - now, KNOT_S)
-            left, right, now = steering_step(left, u_s, T_s, d, h), steering_step(right, u_s, T_s, d, h), now + h
-    return now
+def concatenate_takes(takes: Sequence[Take]) -> Take:
+    """The `takes`, one after the other in time, as one take.
 
-
-def joined(takes: Sequence[Take]) -> Take:
-    """Several takes as one after the other in time.
-
-    The steering chain runs through, from where the take before left it: their beginnings must be left out.
+    The steering runs on through all: segments at the beginnings of later takes must have been left out.
     """
     whole = takes[0]
     for take in takes[1:]:
@@ -212,8 +234,8 @@ def joined(takes: Sequence[Take]) -> Take:
     return whole
 
 
-def in_one(take: Take) -> Take:
-    """The take as if it had been recorded in one go."""
+def as_one_recording(take: Take) -> Take:
+    """The take as a single recording from time 0 on: effects that grow with time run on through all its segments."""
     return take._replace(
         zero_s=np.zeros(take.segments), length_s=np.full(take.segments, take.T),
         command_zero_s=np.zeros(len(take.command_s)),

@@ -1,1 +1,1 @@
-"""The six vehicle models, one small module each; `bcid.models.table` lists them."""
+"""Vehicle models that predict the twist from commands; `bcid.models.table` lists them."""

@@ -1,35 +1,36 @@
-"""What every model is: `init(history) -> carry`, `step(carry, command) -> (carry, twist)`.
+"""The interface of all models: `init(history) -> carry`, `step(carry, command) -> (carry, twist)`; rollouts.
 
 A fitted model is immutable and `fit` returns a new one, so nothing is ever "not fitted yet".
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from bcid.aliases import Floats, Progress
+from bcid.aliases import Floats, Ints, Progress
+from bcid.compiled.njit import njit, njit_parallel
 from bcid.estimate.types import Estimate
+from bcid.models.limits import LIMITS
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-def no_progress(share: float, text: str) -> None:
-    """Progress that nobody watches."""
-
-
 @dataclass(frozen=True)
 class History:
     """The motion up to and including t_k, oldest row first; the last row is the start of a rollout.
 
-    `command` holds the commands *before* t_k: one row fewer than the states.  Rows that only repeat the first one,
-    since nothing is known before it, have its time.
+    `command` holds the commands *before* t_k: one row fewer than the states.  Where nothing is known before the first
+    row, rows before it repeat it, with its time.
     """
 
     twist: Floats  # (n, 3)
@@ -40,7 +41,7 @@ class History:
 
 
 def history_at(estimate: Estimate, k: int, lags: int) -> History:
-    """The `lags` rows before row `k` and the row itself; before a segment's start its first row stands."""
+    """The history of an estimate at row `k`, with `lags` rows before it; rows before its segment repeat the first."""
     start = next(s.start for s in estimate.segments() if s.start <= k < s.stop)
     rows = np.maximum(np.arange(k - lags, k + 1), start)
     return History(
@@ -49,40 +50,57 @@ def history_at(estimate: Estimate, k: int, lags: int) -> History:
     )  # fmt: skip
 
 
-def at_rest(lags: int) -> History:
-    """A car that stands at the origin as long as anyone knows, with nothing commanded."""
+def history_at_rest(lags: int) -> History:
+    """The history, with `lags` rows before its last, of a car that always stood at the origin, nothing commanded."""
     n = lags + 1
     return History(np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((lags, 2)), np.zeros((n, 3)), np.zeros(n))
 
 
 @dataclass(frozen=True)
 class FitTask:
-    """Everything a fit may look at."""
+    """Everything that a fit may use."""
 
     estimates: Sequence[Estimate]
     vehicle: Vehicle
     settings: Mapping[str, Any]
     seed: int
-    base: Model | None = None  # the fitted model this one is derived from (`TableRow.base`)
-    recordings: Sequence[Recording] = ()  # that the estimates were made of, where the loss asks for their poses
-    progress: Progress = no_progress
+    base: Model | None = None  # the fitted model that this one is derived from, see `ModelRow.base`
+    recordings: Sequence[Recording] = ()  # what the estimates were made of, for losses of recorded poses
+    progress: Progress = lambda share, text: None
 
     @property
     def period_s(self) -> float:
-        """The estimates' common grid period (s)."""
+        """The grid period (s) that all estimates have."""
         return self.estimates[0].period_s
 
 
-class Model(Protocol):
-    """One fitted vehicle model."""
+class SupportsRollout(Protocol):
+    """All that a rollout needs of a model."""
 
-    name: ClassVar[str]
-    lags: ClassVar[int]
-    motion: ClassVar[slice]  # the three numbers of the carry that are its motion: a twist, or v_f, alpha_f, alpha_r
+    @property
+    def name(self) -> str:
+        """The model's name, for errors."""
+
+    @property
+    def lags(self) -> int:
+        """Rows of history before the start that `init` wants."""
+
+    def init(self, history: History) -> Any:
+        """The carry at the last row of `history`: all of the past that later steps depend on."""
+
+    def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
+        """Advance under `commands` (N, 2): the carry after the last, and the twists (N, 3) after each."""
+
+
+class Model(SupportsRollout, Protocol):
+    """A fitted vehicle model."""
+
+    # The three numbers of the carry on which process noise acts: a twist, or v_f, alpha_f, alpha_r.
+    motion: ClassVar[slice]
 
     @property
     def period_s(self) -> float:
-        """The time a step advances (s)."""
+        """The time (s) by which a step advances."""
 
     @property
     def parameter_count(self) -> int:
@@ -90,137 +108,146 @@ class Model(Protocol):
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """A new model of this kind fitted to `task`."""
-
-    def init(self, history: History) -> Floats:
-        """The carry at the history's last row."""
+        """A new model of this class, fitted to the data of `task`."""
 
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """The carry one period later under `command` = [u_s, u_m], and the twist there (3,)."""
-
-    def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """The carry after the last of `commands` (N, 2) and the twists (N, 3) after each: `step` in a compiled loop."""
+        """Advance one period under `command` = [u_s, u_m]: the carry after it, and the twist (3,) there."""
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """Of B vehicles, the carries (B, n) after the last of `commands` (B, N, 2) and the twists (B, N, 3)."""
+        """Advance B vehicles (B, n) under `commands` (B, N, 2): their last carries, and the twists (B, N, 3)."""
 
     def describe(self) -> str:
-        """The fitted equations with values and units."""
+        """The fitted equations with values and units, for people."""
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """What `save` writes: a JSON object and named arrays."""
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """What `save_model` writes: a JSON object and named arrays."""
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """The inverse of `state`."""
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model whose `to_saved` gave `data` and `arrays`."""
 
 
 @runtime_checkable
-class Continuous(Protocol):
+class ContinuousTimeModel(Protocol):
     """A model whose equations hold for steps of any length."""
 
-    def in_steps_of(self, period_s: float) -> Model:
-        """The same car in steps of `period_s`."""
+    def with_period(self, period_s: float) -> Model:
+        """This model advancing by `period_s` (s) a step."""
 
 
-class Scans(Protocol):
-    """All that a rollout needs of a model."""
-
-    @property
-    def name(self) -> str:
-        """What an error calls it."""
-
-    @property
-    def lags(self) -> int:
-        """Rows of history before the start that it wants."""
-
-    def init(self, history: History) -> Any:
-        """See `Model.init`."""
-
-    def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
-        """See `Model.scan`."""
-
-
-BEYOND = (150.0, 150.0, 100.0)
-"""m/s, m/s, rad/s: no ground vehicle is as fast, and polynomials that run away grow far before they overflow."""
-
-
-class Diverged(ArithmeticError):
-    """A rollout left what a ground vehicle can do (BEYOND), or the finite numbers; `step` says where."""
+class RolloutDiverged(ArithmeticError):
+    """A rollout passed `fastest_twist`, or left the finite numbers; `step` is the step after which it did."""
 
     def __init__(self, name: str, step: int) -> None:
         super().__init__(f"the rollout of {name} diverged at step {step}")
         self.step = step
 
 
-def rollout(model: Scans, history: History, commands: Floats) -> Floats:
-    """Closed-loop twists (N + 1, 3): the start, then one row after each of `commands` (N, 2).
+def rollout(model: SupportsRollout, history: History, commands: Floats) -> Floats:
+    """Closed-loop twists (N + 1, 3): that of the history's last row, then one after each of `commands` (N, 2).
 
     Raises:
-        Diverged: when a value is BEYOND, or no longer finite.
+        RolloutDiverged: a twist passes `fastest_twist`, or is not finite.
     """
     carry = model.init(history)
     twists = np.vstack([history.twist[-1], model.scan(carry, commands)[1]])
-    lost = _lost(twists)
-    if lost.any():
-        raise Diverged(model.name, int(np.argmax(lost)))
+    diverged = ~(np.abs(twists) <= LIMITS.fastest_twist).all(axis=1)
+    if diverged.any():
+        raise RolloutDiverged(model.name, int(np.argmax(diverged)))
     return twists
 
 
-def _lost(twist: Floats) -> npt.NDArray[np.bool_]:
-    """Which twists (..., 3) no vehicle has."""
-    return np.asarray(~(np.abs(twist) <= BEYOND).all(axis=-1))
+class RolloutBatch(NamedTuple):
+    """Closed-loop twists of B vehicles, for a sampling controller; a vehicle that diverged keeps its last twist."""
+
+    twist: Floats  # (B, N, 3) after each command; zero where the carry itself is not finite
+    diverged_at: Ints  # (B,) index of the command after which a twist passes `fastest_twist`; -1 where none does
 
 
-class Rollouts(NamedTuple):
-    """Closed-loop twists of many vehicles at once."""
-
-    twist: Floats  # (B, N, 3) after each command; of one that diverged the last one before stands
-    diverged_at: npt.NDArray[np.int64]  # (B,) after which command, from 0, it did (see `Diverged`); -1 where never
-
-
-def rollouts(model: Model, carries: Floats, commands: Floats) -> Rollouts:
-    """Rollouts of B vehicles from `carries` (B, n) under `commands` (B, N, 2); divergence is told, never NaN.
-
-    Of one whose carry itself is not finite the twist is zero.
-    """
+def rollout_batch(model: Model, carries: Floats, commands: Floats) -> RolloutBatch:
+    """Roll out B vehicles from `carries` (B, n) under `commands` (B, N, 2); divergence is reported, never NaN."""
     _, twist = model.scan_many(carries, commands)
-    lost = _lost(twist)
-    at = np.where(np.any(lost, axis=1), np.argmax(lost, axis=1), -1)
+    diverged = np.asarray(~(np.abs(twist) <= LIMITS.fastest_twist).all(axis=-1))
+    at = np.where(diverged.any(axis=1), np.argmax(diverged, axis=1), -1)
     for b in np.flatnonzero(at >= 0):
         twist[b, at[b] :] = twist[b, at[b] - 1] if at[b] > 0 else 0.0
-    return Rollouts(twist, at)
+    return RolloutBatch(twist, at)
 
 
-class Kernels(NamedTuple):
-    """Both take carries on in place, to behind the last command, and return the twists after each."""
+class ScanKernels(NamedTuple):
+    """Compiled loops over commands; they leave the carry after the last command in place, and return the twists."""
 
     scan: Callable[..., Floats]  # (carry (n,), commands (N, 2), *arguments) -> (N, 3)
     scan_many: Callable[..., Floats]  # (carries (B, n), commands (B, N, 2), *arguments) -> (B, N, 3), on all cores
 
 
-class Scanned:
-    """`step`, `scan` and `scan_many` of a model that has `kernels` and the `arguments` they take."""
+def scan_one(carry: Floats, commands: Floats, *arguments: Any) -> Floats:
+    """Scan one vehicle: a placeholder, which `build_scan_kernels` replaces in the loops below by a model's kernel."""
+    raise NotImplementedError
 
-    kernels: ClassVar[Kernels]
+
+# A parallel loop takes no tuple of tuples, and so is written out for each number of arguments.
+def _scan_many_with_1(carries: Floats, commands: Floats, a: Any) -> Floats:
+    """Twists (B, N, 3) of B vehicles, by a `scan_one` that takes one argument beside carry and commands."""
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for i in numba.prange(len(carries)):
+        twists[i] = scan_one(carries[i], commands[i], a)
+    return twists
+
+
+def _scan_many_with_2(carries: Floats, commands: Floats, a: Any, b: Any) -> Floats:
+    """Twists (B, N, 3) of B vehicles, by a `scan_one` that takes two arguments beside carry and commands."""
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for i in numba.prange(len(carries)):
+        twists[i] = scan_one(carries[i], commands[i], a, b)
+    return twists
+
+
+def _scan_many_with_4(carries: Floats, commands: Floats, a: Any, b: Any, c: Any, d: Any) -> Floats:
+    """Twists (B, N, 3) of B vehicles, by a `scan_one` that takes four arguments beside carry and commands."""
+    twists = np.empty((len(carries), commands.shape[1], 3))
+    for i in numba.prange(len(carries)):
+        twists[i] = scan_one(carries[i], commands[i], a, b, c, d)
+    return twists
+
+
+def build_scan_kernels(scan: Callable[..., Floats], parallel: bool = True) -> ScanKernels:
+    """Build a model's kernels from its compiled `scan` of one vehicle; if `parallel`, many vehicles run on all cores.
+
+    The loop over vehicles finds `scan` among its globals: numba would compile a closure anew in every process.
+    """
+    count = len(inspect.signature(scan).parameters) - 2
+    loop = {1: _scan_many_with_1, 2: _scan_many_with_2, 4: _scan_many_with_4}[count]
+    names = {"np": np, "numba": numba, "scan_one": scan, "__name__": scan.__module__}
+    many = FunctionType(loop.__code__, names)
+    return ScanKernels(scan, njit_parallel(many) if parallel else njit(many))
+
+
+class CompiledModel:
+    """Base class that makes `step`, `scan` and `scan_many` of a model's `kernels` and their `kernel_arguments`."""
+
+    kernels: ClassVar[ScanKernels]
+    lags: ClassVar[int] = 0
     motion: ClassVar[slice] = slice(0, 3)
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """What the kernels take beside carries and commands."""
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """What the compiled kernels take beside carry and commands."""
         raise NotImplementedError
 
     def step(self, carry: Floats, command: Floats) -> tuple[Floats, Floats]:
-        """See `Model.step`."""
+        """Advance one period under `command` = [u_s, u_m]: the carry after it, and the twist (3,) there."""
         after, twists = self.scan(carry, np.asarray(command, dtype=np.float64)[None])
         return after, twists[0]
 
     def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """See `Model.scan`."""
+        """Advance under `commands` (N, 2): the carry after the last, and the twists (N, 3) after each."""
         after = np.array(carry, dtype=np.float64)
-        return after, self.kernels.scan(after, np.ascontiguousarray(commands, dtype=np.float64), *self.arguments)
+        return after, self.kernels.scan(after, np.ascontiguousarray(commands, dtype=np.float64), *self.kernel_arguments)
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """See `Model.scan_many`."""
+        """Advance B vehicles (B, n) under `commands` (B, N, 2): their last carries, and the twists (B, N, 3)."""
         after = np.array(carries, dtype=np.float64, order="C")
-        return after, self.kernels.scan_many(after, np.ascontiguousarray(commands, dtype=np.float64), *self.arguments)
+        return after, self.kernels.scan_many(
+            after, np.ascontiguousarray(commands, dtype=np.float64), *self.kernel_arguments
+        )

@@ -1,7 +1,5 @@
 """What `[fit.MODEL]` in the pipeline file may hold, with the paper's choices as defaults."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, get_args
 
 from pydantic import Field
@@ -10,12 +8,7 @@ from bcid.files.toml import Settings
 
 Count = Annotated[int, Field(ge=1)]
 Positive = Annotated[float, Field(gt=0)]
-Share = Annotated[float, Field(ge=0, lt=1)]
 Layers = Annotated[tuple[Count, Count], Field(strict=False)]
-
-
-class NoSettings(Settings):
-    """Nothing to choose."""
 
 
 Loss = Literal["one-step", "rollout"]
@@ -28,7 +21,7 @@ LOSSES: tuple[CarLoss, ...] = get_args(CarLoss)
 
 
 class NewtonEulerSettings(Settings):
-    """The paper's genetic algorithm (App. parameters) or Levenberg-Marquardt; what is not printed is ours (errata)."""
+    """Settings of a Newton-Euler fit (App. parameters); what the paper does not print is ours (errata)."""
 
     loss: CarLoss = "one-step"
     horizon_s: Positive = 2.0
@@ -41,7 +34,7 @@ class NewtonEulerSettings(Settings):
 
 
 class TrainingSettings(Settings):
-    """Training of a perceptron (paper, App. mlp); epochs and dropout are not printed there (errata 18).
+    """Settings of a perceptron's training (paper, App. mlp); epochs and dropout are not printed there (errata 18).
 
     With the loss "rollout" the epochs on single steps come first.
     """
@@ -58,22 +51,22 @@ class TrainingSettings(Settings):
     weight_decay: Annotated[float, Field(ge=0)] = 1e-5
     decay_factor: Annotated[float, Field(gt=0, le=1)] = 0.6
     decay_epochs: Count = 40
-    dropout: Share = 0.02
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.02
 
 
-class ResidualTrainingSettings(TrainingSettings):
-    """The same with half the neurons (paper, K-SINDy-MLP); a dissipative model gains no energy without throttle."""
+class ResidualSettings(TrainingSettings):
+    """Settings of K-SINDy-MLP's perceptron; a "dissipative" model gains no kinetic energy without throttle."""
 
     residual: Literal["plain", "dissipative"] = "plain"
     hidden: Layers = (128, 64)
 
 
 class SparseSettings(Settings):
-    """Sequentially thresholded least squares; threshold and ridge are of terms scaled to unit RMS (errata 18)."""
+    """Settings of K-SINDy: sequentially thresholded least squares of terms scaled to unit RMS (errata 18)."""
 
     threshold: Annotated[float, Field(ge=0)] | None = None  # none: the one that predicts the takes' ends best
     ridge: Annotated[float, Field(ge=0)] = 1e-6
-    resamples: Annotated[int, Field(ge=2)] = 50  # from which is told how sure a term is
+    resamples: Annotated[int, Field(ge=2)] = 50  # for the confidence in each term
     loss: Loss = "one-step"
     horizon_s: Positive = 2.0
     library: Literal["vanishing", "published"] = "vanishing"  # errata 9

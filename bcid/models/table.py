@@ -1,105 +1,102 @@
-"""The models by name.  A row's module is imported only when the model is used."""
+"""The models by name.  The module of a row is imported only when the model is used."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from bcid.errors import UsageError
 from bcid.files.toml import Settings
-from bcid.models.interface import Model
-from bcid.models.settings import (
-    NewtonEulerSettings,
-    NoSettings,
-    ResidualTrainingSettings,
-    SparseSettings,
-    TrainingSettings,
-)
+from bcid.models.settings import NewtonEulerSettings, ResidualSettings, SparseSettings, TrainingSettings
+
+if TYPE_CHECKING:
+    from bcid.models.interface import Model
 
 
 @dataclass(frozen=True)
-class TableRow:
-    """One model: where it is, what it is derived from, what its fit may be told."""
+class ModelRow:
+    """One model: where it is defined, what it is derived from, which settings its fit takes."""
 
     module: str
-    kind: str
-    settings: type[Settings]  # of [fit.NAME] in the pipeline file
+    class_name: str
+    settings: type[Settings]  # of [fit.NAME] in the pipeline file; the base class where there are none
     summary: str
     base: str | None = None  # the model whose fit it starts from
-    base_settings: Mapping[str, Any] = field(default_factory=dict)  # with which, whatever the plan says of it
+    base_settings: Mapping[str, Any] = field(default_factory=dict)  # of that fit, whatever the pipeline file says
     made_by: str | None = None  # the command that makes it, where that is not `bcid fit`
 
-    def load(self) -> type[Model]:
-        """The model's class."""
-        kind: type[Model] = getattr(importlib.import_module(self.module), self.kind)
-        return kind
+    def load_class(self) -> type[Model]:
+        """Import and return the model's class."""
+        model_class: type[Model] = getattr(importlib.import_module(self.module), self.class_name)
+        return model_class
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """What its fit can minimise, where there is a choice."""
+        """The losses that the fit can minimise; empty where there is no choice."""
         choice = self.settings.model_fields.get("loss")
         return get_args(choice.annotation) if choice else ()
 
     @property
     def defaults(self) -> dict[str, Any]:
-        """The settings' defaults."""
+        """The default settings of the fit."""
         return self.settings().model_dump(mode="json")
 
 
-MODELS: dict[str, TableRow] = {
-    "newton-euler": TableRow(
+MODELS: dict[str, ModelRow] = {
+    "newton-euler": ModelRow(
         "bcid.models.newton_euler.model", "NewtonEuler", NewtonEulerSettings,
         "rigid body, motor, drag and saturating tyres",
     ),
-    "newton-euler-linear": TableRow(
-        "bcid.models.newton_euler.linear", "NewtonEulerLinear", NoSettings,
+    "newton-euler-linear": ModelRow(
+        "bcid.models.newton_euler.linear", "NewtonEulerLinear", Settings,
         "its linearisation about straight driving", base="newton-euler",
     ),
-    "narx-mlp": TableRow(
+    "narx-mlp": ModelRow(
         "bcid.models.network.narx_mlp", "NarxMlp", TrainingSettings,
         "the next twist from the last three twists and commands"
     ),
-    "k-mlp": TableRow(
+    "k-mlp": ModelRow(
         "bcid.models.kinematic.k_mlp", "KMlp", TrainingSettings, "the kinematic state's evolution as a perceptron"
     ),
-    "k-sindy": TableRow(
+    "k-sindy": ModelRow(
         "bcid.models.kinematic.k_sindy", "KSindy", SparseSettings, "the kinematic state's evolution as a sparse sum"
     ),
-    "k-sindy-mlp": TableRow(
-        "bcid.models.kinematic.k_sindy_mlp", "KSindyMlp", ResidualTrainingSettings,
+    "k-sindy-mlp": ModelRow(
+        "bcid.models.kinematic.k_sindy_mlp", "KSindyMlp", ResidualSettings,
         "the sparse sum and a smaller perceptron on its residual", base="k-sindy",
-        base_settings={"loss": "one-step"},  # its rollouts alone leave a residual that is harder to learn
+        # Fitted on its own rollouts, it leaves a residual that is harder to learn.
+        base_settings={"loss": "one-step"},
     ),
-    "newton-euler-augmented": TableRow(
-        "bcid.models.newton_euler.augmented", "AugmentedNewtonEuler", NoSettings,
+    "newton-euler-augmented": ModelRow(
+        "bcid.models.newton_euler.augmented", "AugmentedNewtonEuler", Settings,
         "the Newton-Euler car with effects of the vocabulary", made_by="bcid diagnose",
     ),
 }  # fmt: skip
 
-FITTED: dict[str, TableRow] = {name: row for name, row in MODELS.items() if row.made_by is None}
-"""Those that `bcid fit` makes."""
+FITTABLE: dict[str, ModelRow] = {name: row for name, row in MODELS.items() if row.made_by is None}
+"""The rows of the models that `bcid fit` makes."""
 
 
-def row_of(name: str) -> TableRow:
-    """The table's row of a model.
+def model_row(name: str) -> ModelRow:
+    """The table's row of the model `name`.
 
     Raises:
-        UsageError: an unknown name, with the known ones.
+        UsageError: there is no such model; the message lists the known ones.
     """
     if name not in MODELS:
         raise UsageError(f"there is no model {name!r}\n  next: choose one of {', '.join(MODELS)}")
     return MODELS[name]
 
 
-def row_to_fit(name: str) -> TableRow:
-    """The table's row of a model that can be fitted.
+def fittable_row(name: str) -> ModelRow:
+    """The table's row of the model `name`, which `bcid fit` must be able to make.
 
     Raises:
-        UsageError: an unknown name, or a model that is made otherwise.
+        UsageError: there is no such model, or another command makes it.
     """
-    row = row_of(name)
+    row = model_row(name)
     if row.made_by is not None:
-        raise UsageError(f"{name} is made by `{row.made_by}`\n  next: fit one of {', '.join(FITTED)}")
+        raise UsageError(f"{name} is made by `{row.made_by}`\n  next: fit one of {', '.join(FITTABLE)}")
     return row

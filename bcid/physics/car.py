@@ -5,8 +5,6 @@
 State [v_x, v_y, w, delta]; RK4 with two substeps per period (paper, fnewtoneuler).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -14,13 +12,13 @@ from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
-from bcid.physics.motor import drag, force_controlled_force, speed_controlled_force
+from bcid.physics.motor import drag_force, force_controlled_force, speed_controlled_force
 from bcid.physics.steering import steering_rate
 from bcid.physics.tyres import lateral_force, slip_angle
 
 
 class Car(NamedTuple):
-    """All constants of the model, SI; the symbols are the paper's."""
+    """All constants of the base model, SI; the symbols are the paper's."""
 
     m: float  # kg
     I_z: float  # kg m^2
@@ -45,34 +43,39 @@ class Car(NamedTuple):
 
 
 LONGEST_STEP_S = 0.025
-STABLE = 2.4  # of a step times the fastest rate; RK4 diverges from 2.78 on
-FINEST = 10  # parts of LONGEST_STEP_S: a faster car was not found right
+# of a step times the fastest rate; RK4 diverges from 2.78 on
+MAX_STEP_TIMES_RATE = 2.4
+# parts of LONGEST_STEP_S; the constants of a faster car were badly fitted
+MAX_STEP_DIVISIONS = 10
 
 
-def with_usual_tyres(p: Car, grip: float) -> Car:
-    """The same with inertia and side forces as its mass and size let expect, and grip (N/kg) on either axle.
+def typical_inertia_and_tyres(
+    m: float, l_f: float, l_r: float, inertia: float, grip_f: float, grip_r: float
+) -> dict[str, float]:
+    """Typical I_z, C_f, C_r, F_f_max, F_r_max of a car of mass `m` (kg) and levers (m): I_z = inertia m l_f l_r.
 
-    Tyres carry the weight, and their side force grows with it; the rear ones are stiffer than the front ones, so
-    that the car goes straight on its own.
+    Tyres carry the weight, and their side force grows with it (F_max = grip m, `grip_f`, `grip_r` in N/kg); the rear
+    ones are stiffer than the front ones, so that the car goes straight on its own.
     """
-    m = p.m
-    return p._replace(I_z=1.3 * m * p.l_f * p.l_r, C_f=12.0 * m, C_r=25.0 * m, F_f_max=grip * m, F_r_max=grip * m)
+    return {
+        "I_z": inertia * m * l_f * l_r, "C_f": 12.0 * m, "C_r": 25.0 * m, "F_f_max": grip_f * m, "F_r_max": grip_r * m,
+    }  # fmt: skip
 
 
 def integration_step(p: Car) -> float:
-    """An RK4 step (s) that a car bears at any speed: LONGEST_STEP_S or a whole part of it.
+    """An RK4 step (s) that is stable for a car at any speed: LONGEST_STEP_S divided by a whole number.
 
-    Side slip and yaw rate settle at C/(m v_0) and C l^2/(I_z v_0) at most, of both axles together.  A moment of
-    inertia is found badly by some fits; no car has a much smaller one than two masses over its axles, m l_f l_r.
+    Side slip and yaw rate decay at rates of C/(m v_0) and C l^2/(I_z v_0) at most, of both axles together.  A moment
+    of inertia is fitted badly by some fits; no car has a much smaller one than two masses over its axles, m l_f l_r.
     """
     I_z = min(p.I_z, p.m * p.l_f * p.l_r)
     rate = ((p.C_f + p.C_r) / p.m + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / I_z) / p.v_0
-    return LONGEST_STEP_S / min(max(1, math.ceil(LONGEST_STEP_S * rate / STABLE)), FINEST)
+    return LONGEST_STEP_S / min(max(1, math.ceil(LONGEST_STEP_S * rate / MAX_STEP_TIMES_RATE)), MAX_STEP_DIVISIONS)
 
 
 @njit_inline
 def motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """F_m (N) at wheel speed `v_w` (m/s) by the vehicle's motor law."""
+    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the vehicle's motor law."""
     if p.sets_force > 0.0:
         return force_controlled_force(u_m, v_w, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
     return speed_controlled_force(u_m, v_w, p.K_t, p.K_b, p.F_m_max)
@@ -80,13 +83,13 @@ def motor_force(u_m: float, v_w: float, p: Car) -> float:
 
 @njit_inline
 def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p: Car) -> tuple[float, float, float]:
-    """F_x (N), F_y (N), M_z (N m) on the body (paper, second equation, with errata 2)."""
+    """Force F_x, F_y (N) and moment M_z (N m) on the body of the base model (paper, second equation, with errata 2)."""
     v_fx, v_fy = wheel_velocity(v_x, v_y, yaw_rate, p.l_f, delta)
     v_rx, v_ry = wheel_velocity(v_x, v_y, yaw_rate, -p.l_r, 0.0)
     F_af = lateral_force(slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
-    F_lf = p.front_share * (motor_force(u_m, v_fx, p) - drag(v_fx, p.R_1, p.R_2))
-    F_lr = (1.0 - p.front_share) * (motor_force(u_m, v_rx, p) - drag(v_rx, p.R_1, p.R_2))
+    F_lf = p.front_share * (motor_force(u_m, v_fx, p) - drag_force(v_fx, p.R_1, p.R_2))
+    F_lr = (1.0 - p.front_share) * (motor_force(u_m, v_rx, p) - drag_force(v_rx, p.R_1, p.R_2))
     sin_d, cos_d = sincos(delta)
     F_x = cos_d * F_lf - sin_d * F_af + F_lr
     F_fy = sin_d * F_lf + cos_d * F_af
@@ -94,7 +97,7 @@ def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p:
 
 
 @njit_inline
-def rate(
+def state_rate(
     v_x: float, v_y: float, yaw_rate: float, delta: float, u_s: float, u_m: float, p: Car
 ) -> tuple[float, float, float, float]:
     """Time derivative of [v_x, v_y, w, delta] (paper, force balance and deltaDot)."""
@@ -107,13 +110,13 @@ def rate(
 def rk4_step(
     state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, h: float
 ) -> tuple[float, float, float, float]:
-    """[v_x, v_y, w, delta] after `h` seconds of constant command, one classical RK4 step."""
+    """State [v_x, v_y, w, delta] after `h` seconds of constant command, one classical RK4 step."""
     x, y, w, s = state
-    a1, b1, c1, d1 = rate(x, y, w, s, u_s, u_m, p)
+    a1, b1, c1, d1 = state_rate(x, y, w, s, u_s, u_m, p)
     g = 0.5 * h
-    a2, b2, c2, d2 = rate(x + g * a1, y + g * b1, w + g * c1, s + g * d1, u_s, u_m, p)
-    a3, b3, c3, d3 = rate(x + g * a2, y + g * b2, w + g * c2, s + g * d2, u_s, u_m, p)
-    a4, b4, c4, d4 = rate(x + h * a3, y + h * b3, w + h * c3, s + h * d3, u_s, u_m, p)
+    a2, b2, c2, d2 = state_rate(x + g * a1, y + g * b1, w + g * c1, s + g * d1, u_s, u_m, p)
+    a3, b3, c3, d3 = state_rate(x + g * a2, y + g * b2, w + g * c2, s + g * d2, u_s, u_m, p)
+    a4, b4, c4, d4 = state_rate(x + h * a3, y + h * b3, w + h * c3, s + h * d3, u_s, u_m, p)
     e = h / 6.0
     return (
         x + e * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
@@ -124,21 +127,24 @@ def rk4_step(
 
 
 @njit_inline
-def advance(
+def advance_period(
     state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, period: float
 ) -> tuple[float, float, float, float]:
-    """One period in two RK4 substeps: f_NE of the paper."""
+    """State [v_x, v_y, w, delta] after one `period` (s) of constant command in two RK4 substeps: f_NE of the paper."""
     half = 0.5 * period
     return rk4_step(rk4_step(state, u_s, u_m, p, half), u_s, u_m, p, half)
 
 
 @njit
-def advance_all(state: Floats, command: Floats, p: Car, period: float) -> None:
-    """`advance` of many cars in place: `state` (4, B), `command` (2, B).
+def advance_cars(state: Floats, command: Floats, p: Car, period: float) -> None:
+    """Advance the states (4, B) of B cars by one `period` (s) under commands (2, B), in place.
 
     The loop's body is nothing but arithmetic and selections, which the compiler turns into vector instructions.
     """
-    v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]  # unpacking `state` hides that rows are contiguous
+    # `v_x, v_y, omega, delta = state` would hide that rows are contiguous
+    v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]
     u_s, u_m = command[0], command[1]
     for b in range(len(v_x)):
-        v_x[b], v_y[b], omega[b], delta[b] = advance((v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], p, period)
+        v_x[b], v_y[b], omega[b], delta[b] = advance_period(
+            (v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], p, period
+        )

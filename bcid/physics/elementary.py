@@ -5,8 +5,6 @@ instructions by the compiler; a call of the C library in it, or a jump, keeps it
 in the last place of the C library's.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -40,17 +38,12 @@ def sincos(x: float) -> tuple[float, float]:
 
 
 _TAN_EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
-
-
-def _arctan_over_w(z: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    w = np.sqrt(z)
-    return np.arctan(w) / w
-
-
+# arctan(w)/w in powers of z = w^2, for |w| < tan(pi/8)
 _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9 = (
-    Chebyshev.interpolate(_arctan_over_w, 9, domain=[0.0, _TAN_EIGHTH**2]).convert(kind=Polynomial).coef.tolist()
+    Chebyshev.interpolate(lambda z: np.arctan(np.sqrt(z)) / np.sqrt(z), 9, domain=[0.0, _TAN_EIGHTH**2])
+    .convert(kind=Polynomial)
+    .coef.tolist()
 )
-"""arctan(w)/w in powers of w^2 for |w| < tan(pi/8)."""
 
 
 @njit_inline

@@ -1,7 +1,5 @@
 """Rigid-body kinematics of a vehicle with one steered front axle and one rear axle."""
 
-from __future__ import annotations
-
 import math
 
 from bcid.compiled.njit import njit, njit_inline
@@ -10,12 +8,9 @@ from bcid.physics.elementary import sincos
 
 @njit
 def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float) -> tuple[float, float, float]:
-    """Twist of the CoG from the front wheel's velocity and the two heading angles.
+    """Twist v_x, v_y (m/s), yaw rate (rad/s) of the CoG from the front wheel's velocity and both axles' heading angles.
 
-    Paper, extended kinematic model, with errata 1: v_y + l_f w = v_f sin(beta_f) and
-    v_y - l_r w = v_x tan(beta_r).
-
-    Returns v_x (m/s), v_y (m/s), yaw rate (rad/s).
+    Paper, extended kinematic model, with errata 1: v_y + l_f w = v_f sin(beta_f) and v_y - l_r w = v_x tan(beta_r).
     """
     (sin_f, cos_f), (sin_r, cos_r) = sincos(beta_f), sincos(beta_r)
     v_x = cos_f * v_f
@@ -45,8 +40,8 @@ def pose_rate(theta: float, v_x: float, v_y: float) -> tuple[float, float]:
 
 
 @njit
-def wrap(angle: float) -> float:
-    """The same angle in (-pi, pi]."""
+def wrap_angle(angle: float) -> float:
+    """The equivalent of `angle` (rad) in (-pi, pi]."""
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
@@ -60,7 +55,7 @@ def kinematic_state(
     """
     v_fy = v_y + l_f * yaw_rate
     v_f = math.hypot(v_x, v_fy)
-    alpha_f = wrap(math.atan2(v_fy, v_x) - delta)
+    alpha_f = wrap_angle(math.atan2(v_fy, v_x) - delta)
     v_ry = v_y - l_r * yaw_rate
     alpha_r = math.atan(v_ry / v_x) if v_x != 0.0 else math.copysign(0.5 * math.pi, v_ry)
     return v_f, alpha_f, alpha_r

@@ -1,7 +1,5 @@
 """Motor and drag force along the driven wheel."""
 
-from __future__ import annotations
-
 from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit_inline
 from bcid.physics.elementary import clip
@@ -21,9 +19,9 @@ def speed_controlled_force(u_m: float, v_w: float, K_t: float, K_b: float, F_max
 
 @njit_inline
 def force_controlled_force(u_m: float, v_w: float, K: float, u_0: float, K_v: float, K_b: float, F_max: float) -> float:
-    """Motor force (N) of a throttle that sets force: K (u_m - u_0) - K_v v_w above u_0, else nothing.
+    """Motor force (N) of a throttle that sets a force: K (u_m - u_0) - K_v v_w above u_0, else none.
 
-    Braking and the limit are those of the speed-controlled motor.
+    Braking and the limit F_max are those of the speed-controlled motor.
     """
     supplied = clip(K * (u_m - u_0) - K_v * v_w, -F_max, F_max)
     braked = clip(min(u_m, 0.0) * K_b * v_w, -F_max, F_max)
@@ -31,6 +29,6 @@ def force_controlled_force(u_m: float, v_w: float, K: float, u_0: float, K_v: fl
 
 
 @njit_inline
-def drag(v_w: float, R_1: float, R_2: float) -> float:
-    """Drag force (N) against rolling: R_1 v + R_2 v |v|, odd in v (errata 6)."""
+def drag_force(v_w: float, R_1: float, R_2: float) -> float:
+    """Drag force (N) against rolling at the speed v_w (m/s): R_1 v_w + R_2 v_w |v_w|, odd in v_w (errata 6)."""
     return R_1 * v_w + R_2 * v_w * abs(v_w)

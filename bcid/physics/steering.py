@@ -1,7 +1,5 @@
 """The steering actuator: first order with a rate limit (paper, App. actuators, deltaDot)."""
 
-from __future__ import annotations
-
 import math
 
 from bcid.compiled.njit import njit, njit_inline
@@ -16,10 +14,7 @@ def steering_rate(u_s: float, delta: float, T_s: float, d: float) -> float:
 
 @njit
 def steering_step(delta: float, u_s: float, T_s: float, d: float, h: float) -> float:
-    """The steering angle (rad) after `h` seconds of constant command, in closed form.
-
-    A ramp at the rate limit until |u_s - delta| = d T_s, then an exponential.
-    """
+    """Steering angle (rad) after `h` seconds: at the rate limit d until |u_s - delta| = d T_s, then an exponential."""
     miss = u_s - delta
     ramp = min(max(abs(miss) / d - T_s, 0.0), h)
     miss -= math.copysign(d * ramp, miss)

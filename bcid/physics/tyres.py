@@ -1,7 +1,5 @@
 """Lateral tyre force: advanced slip ratio and the piecewise-linear law."""
 
-from __future__ import annotations
-
 from bcid.compiled.njit import njit_inline
 from bcid.physics.elementary import arctan, clip
 

@@ -1,1 +1,1 @@
-"""From a pipeline file to artifacts: which stages there are, what each depends on, what is reused."""
+"""From a pipeline file to artifacts: the stages, what each depends on, and what is reused."""

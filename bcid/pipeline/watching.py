@@ -1,37 +1,21 @@
-"""Who follows a pipeline's stages as they are made."""
-
-from __future__ import annotations
+"""Watchers, which follow a pipeline's stages as they run."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
+from contextlib import contextmanager
 
 from bcid.aliases import Progress
 
 
-class Watcher(Protocol):
-    """Who is told of the stages: each is entered when it starts, and told whether it was reused."""
-
-    def stage(self, title: str) -> AbstractContextManager[Progress]:
-        """A stage that is about to be made."""
-
-    def reused(self, title: str) -> None:
-        """A stage that was found in the cache."""
-
-    def note(self, text: str) -> None:
-        """Something that a person may want to know."""
-
-
-class Silent:
-    """A watcher that says nothing."""
+class Watcher:
+    """Follows a pipeline's stages as they run; this one shows nothing, its subclasses do."""
 
     @contextmanager
     def stage(self, title: str) -> Iterator[Progress]:
-        """See `Watcher`."""
+        """Enter a stage that starts now; yields what the stage calls with its progress."""
         yield lambda share, text: None
 
-    def reused(self, title: str) -> None:
-        """See `Watcher`."""
+    def report_reused(self, title: str) -> None:
+        """Tell that a stage was found in the cache."""
 
     def note(self, text: str) -> None:
-        """See `Watcher`."""
+        """Tell something that a person may want to know."""

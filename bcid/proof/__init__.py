@@ -1,10 +1,12 @@
-"""Does a diagnosis find what a simulation conceals, or what a real drive is known to lack?
+"""Proof: does a diagnosis find what a simulation conceals, or what a real drive is known to lack?
 
-The only place that knows both the simulation and the diagnosis; the diagnosis is handed a recording and a
-vehicle file, never a case.
+The only package that knows both the simulation and the diagnosis; a diagnosis is given recordings and a vehicle
+file, never a case or a question.
 
-Concealed takes: `blind` (the whole of it), `cases`, `concealed` (what and how large), `running`, `asking` (one take),
-`seal`; `scoring`, `localisation`, `calibration`, `outcome` (figures); `baselines`, `methods` (others on these takes).
-Real drives: `real` (the whole of it), `real_cases` (questions), `asked` (files), `withheld`, `edits`, `edited`
-(answers); `real_scoring`, `real_outcome` (figures).  Both: `said` (what is kept of a diagnosis), `keeping`, `workers`.
+`blind`    simulated takes with concealed effects, sealed answers, and other methods on the same takes
+`real`     questions to real recordings: a published model without one effect, controls, and edits
+`scores`   figures of a blind test: right answers by tier, places, probabilities, other methods
+`rows`     what is kept of a diagnosis, and the file that rows are stored in
+`workers`  jobs in several processes
+`limits`   goals of the tiers, and what counts as right
 """

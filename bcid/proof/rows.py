@@ -1,9 +1,7 @@
-"""Rows of a blind test on disk, all in one file that can be committed: each whole, or not there.
+"""Rows of a proof: what is kept of one diagnosis, and the file of rows, each line whole or ignored.
 
-A row is kept under what was asked and the digest of the code that made it.
+A row is stored under a key that holds what was asked and the digest of the code that made the row.
 """
-
-from __future__ import annotations
 
 import hashlib
 import json
@@ -13,26 +11,26 @@ from pathlib import Path
 from typing import Any
 
 from bcid.diagnosis.diagnose import Diagnosis
-from bcid.diagnosis.search.refits import corrections
+from bcid.diagnosis.search.refits import fitted_corrections
 from bcid.effects.table import EFFECTS
-from bcid.files.source_code import code_of
+from bcid.files.source_code import stage_code
 
-ROWS = "rows.jsonl"
+ROWS_FILE = "rows.jsonl"
 
 
-def digest_of(modules: Iterable[str]) -> str:
-    """Of the code of some modules, with all that they import, and of the libraries' versions."""
-    text = repr([(c.digest, sorted(c.packages.items())) for c in map(code_of, modules)])
+def code_digest(modules: Iterable[str]) -> str:
+    """Digest (12 hex digits) of the code of `modules`, of all that they import, and of their libraries' versions."""
+    text = repr([(c.digest, sorted(c.packages.items())) for c in map(stage_code, modules)])
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def keep(row: dict[str, Any], key: str, folder: Path) -> None:
-    """Add `row` to those in `folder`, as a line of its own; several processes of one machine may do so.
+def append_row(row: dict[str, Any], key: str, folder: Path) -> None:
+    """Append one row under its key to the file of rows in `folder`; several processes of one machine may do so at once.
 
-    A line that a run which was cut off left unfinished is ended first, so that it spoils no other.
+    A line that an interrupted run left unfinished is ended first, so that it spoils no other.
     """
     line = json.dumps({"key": key, "row": row}).encode() + b"\n"
-    with (folder / ROWS).open("a+b", buffering=0) as file:
+    with (folder / ROWS_FILE).open("a+b", buffering=0) as file:
         if file.tell():
             file.seek(-1, os.SEEK_END)
             line = line if file.read(1) == b"\n" else b"\n" + line
@@ -40,16 +38,19 @@ def keep(row: dict[str, Any], key: str, folder: Path) -> None:
             line = line[file.write(line) :]
 
 
-def written(folder: Path) -> int:
-    """How many rows have been written into `folder`, each time that one was."""
-    path = folder / ROWS
+def count_written_rows(folder: Path) -> int:
+    """Number of rows ever appended in `folder`, repeated and failed ones included."""
+    path = folder / ROWS_FILE
     return path.read_bytes().count(b"\n") if path.is_file() else 0
 
 
-def kept(folder: Path) -> dict[str, dict[str, Any]]:
-    """All rows in `folder` by their keys; unfinished lines hold none, and what ended in an error replaces nothing."""
+def read_rows(folder: Path) -> dict[str, dict[str, Any]]:
+    """Read all rows in `folder` by key: the last of each key, but no row with an "error" in place of one without.
+
+    Unfinished lines are skipped.
+    """
     rows = dict[str, dict[str, Any]]()
-    path = folder / ROWS
+    path = folder / ROWS_FILE
     for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
         try:
             entry = json.loads(line)
@@ -61,30 +62,35 @@ def kept(folder: Path) -> dict[str, dict[str, Any]]:
     return rows
 
 
-def said(found: Diagnosis) -> dict[str, Any]:
-    """Verdict, findings, and what is located, left and not excited, as JSON holds it."""
-    judgement, location = found.judgement, found.location
-    left, place, window = judgement.left.remainder, location.place, location.window
+def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What is kept of a diagnosis, as JSON: verdict, findings, location, unexplained remainder, what is not excited."""
+    judgement, location = diagnosis.judgement, diagnosis.location
+    place, window = location.place, location.window
+    unexplained, regression = judgement.unexplained, judgement.unexplained.regression
     return {
         "verdict": judgement.verdict,
         "findings": [
             {
                 "effect": f.effect, "kind": EFFECTS[f.effect].kind, "twins": list(f.twins),
-                "probability": round(f.probability, 4), "gain": round(f.gain, 1), "heldout": round(f.heldout.nats, 1),
+                "probability": round(f.probability, 4), "gain": round(f.gain_nats, 1),
+                "heldout": round(f.held_out.nats, 1),
                 "values": {k: list(v) for k, v in f.values.items()},
             }
             for f in judgement.findings
         ],
         "dropped": list(judgement.dropped),
-        "corrections": list(corrections(judgement.fit)),
+        "corrections": list(fitted_corrections(judgement.fit)),
         "remainder": {
-            "channel": judgement.left.channel, "entering": judgement.left.entering, "correlations": left.correlations,
-            "gain": round(left.gain, 1), "nats": round(judgement.nats_left, 1),
-            "lying": {way.channel: round(way.nats, 1) for way in judgement.left.lying},
+            "channel": unexplained.channel, "entering": unexplained.channel_gains,
+            "correlations": regression.correlations,
+            "gain": round(regression.gain_nats, 1), "nats": round(judgement.unexplained_nats, 1),
+            "lying": {way.channel: round(way.gain_nats, 1) for way in unexplained.direction_gains},
         },
-        "located": location.channel,
+        "located": location.remaining.channel,
         "place": [place.x, place.y, place.radius] if place else None,
         "window": [window.begin_s, window.end_s] if window else None,
-        "p_value": found.p_value,
-        "not_excited": {u.effect: u.smallest for u in found.unexcited},
+        "p_value": diagnosis.p_value,
+        "not_excited": {
+            u.effect: u.smallest_detectable.value if u.smallest_detectable else None for u in diagnosis.not_excited
+        },
     }  # fmt: skip

@@ -1,1 +1,1 @@
-"""Recordings: one `read_<format>` each, all returning the immutable `Recording`."""
+"""From log files to a `Recording`: `read`, over `assemble`, over `formats` (readers) and `checks`; `saving`."""

@@ -1,28 +1,22 @@
-"""Any recording by its content: one function from a path to a `Recording`."""
-
-from __future__ import annotations
+"""Any recording, whose format is detected by its content: one function from a path to a `Recording`."""
 
 from pathlib import Path
 
-from bcid.recording.assemble import assemble
-from bcid.recording.formats.detect import commands_of, format_of
+from bcid.recording.assemble import assemble_recording
+from bcid.recording.formats.detect import detect_format, find_commands_file
 from bcid.recording.formats.raw import RawTake
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
 
-def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False) -> RawTake:
-    """The file's streams as they stand, by the reader its content asks for.
-
-    Raises:
-        InputRefused: no such file, none of the known formats, or what the reader refuses.
-    """
-    kind = format_of(path)
+def read_raw_take(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False) -> RawTake:
+    """The unchecked streams of the recording at `path`; `InputRefused` where its format is unknown or unreadable."""
+    kind = detect_format(path)
     if kind == "mcap":
         from bcid.recording.formats.mcap import read_mcap
 
         return read_mcap(path, vehicle, allow_partial)
-    beside = commands_of(path, commands)
+    beside = find_commands_file(path, commands)
     if beside is not None:
         from bcid.recording.formats.motive import read_motive
 
@@ -35,8 +29,12 @@ def read_raw(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_p
 def read_recording(
     path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False
 ) -> Recording:
-    """The take at `path`; `commands` names a Motive export's commands file where it lies elsewhere.
+    """The recording at `path`, read, checked and mended.
 
-    With `allow_partial`, what cannot be read of it is left out, and told as lost.
+    Args:
+        path: a Motive export, MCAP file, folder of a split bag, CSV or Parquet table.
+        vehicle: the car, and how its logs are to be read.
+        commands: the commands file of a Motive export, where it is not beside it.
+        allow_partial: whether parts that cannot be read are left out, noted as lost, instead of refused.
     """
-    return assemble(read_raw(path, vehicle, commands, allow_partial), vehicle)
+    return assemble_recording(read_raw_take(path, vehicle, commands, allow_partial), vehicle)

@@ -1,26 +1,27 @@
 """Recordings as Parquet and JSON, units in the schema's metadata."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from bcid.aliases import Floats
+from bcid.documents.health import ClockEstimate
 from bcid.files.parquet import read_columns, write_columns
-from bcid.recording.types import Irregularity, Recording, Source, Stream
+from bcid.recording.types import Irregularity, Recording, SourceFile, Stream
 
-POSE = {"time": "s", "x": "m", "y": "m", "yaw": "rad"}
-COMMAND = {"time": "s", "steering": "rad", "throttle": "m/s or brake share"}
+POSE_UNITS = {"time": "s", "x": "m", "y": "m", "yaw": "rad"}
+COMMAND_UNITS = {"time": "s", "steering": "rad", "throttle": "m/s or brake share"}
+CHANNEL_UNITS = {"time": "s", "value": "SI"}
 
 
 def save_recording(recording: Recording, folder: Path) -> None:
     """Write poses.parquet, commands.parquet, one channel_NAME.parquet each and recording.json."""
-    write_columns(folder / "poses.parquet", _stacked(recording.poses), POSE)
-    write_columns(folder / "commands.parquet", _stacked(recording.commands), COMMAND)
+    write_columns(folder / "poses.parquet", _stream_table(recording.poses), POSE_UNITS)
+    write_columns(folder / "commands.parquet", _stream_table(recording.commands), COMMAND_UNITS)
     for name, stream in recording.channels.items():
-        write_columns(folder / f"channel_{name}.parquet", _stacked(stream), {"time": "s", "value": "SI"})
+        write_columns(folder / f"channel_{name}.parquet", _stream_table(stream), CHANNEL_UNITS)
     facts = {
         "name": recording.name,
         "sources": [asdict(s) | {"path": Path(s.path).name} for s in recording.sources],
@@ -30,32 +31,34 @@ def save_recording(recording: Recording, folder: Path) -> None:
         "breaks_s": list(recording.breaks_s),
         "channels": list(recording.channels),
         "irregularities": [asdict(i) for i in recording.irregularities],
-        "clock": dict(recording.clock),
+        "clock": recording.clock.as_json(),
     }
     (folder / "recording.json").write_text(json.dumps(facts, indent=1))
 
 
 def load_recording(folder: Path) -> Recording:
-    """The inverse of `save_recording`."""
+    """The recording that `save_recording` wrote into `folder`."""
     facts = json.loads((folder / "recording.json").read_text())
     return Recording(
         facts["name"],
-        tuple(Source(**s) for s in facts["sources"]),
-        _stream(folder / "poses.parquet", POSE),
-        _stream(folder / "commands.parquet", COMMAND),
+        tuple(SourceFile(**s) for s in facts["sources"]),
+        _read_stream(folder / "poses.parquet", POSE_UNITS),
+        _read_stream(folder / "commands.parquet", COMMAND_UNITS),
         facts["rate_hz"],
         facts["hold_s"],
         tuple(facts["breaks_s"]),
-        {n: _stream(folder / f"channel_{n}.parquet", {"time": "s", "value": "SI"}) for n in facts["channels"]},
+        {n: _read_stream(folder / f"channel_{n}.parquet", CHANNEL_UNITS) for n in facts["channels"]},
         tuple(Irregularity(**i) for i in facts["irregularities"]),
-        facts["clock"],
+        ClockEstimate(**facts["clock"]),
     )
 
 
-def _stacked(stream: Stream) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _stream_table(stream: Stream) -> Floats:
+    """The stream's times and values as one table (N, 1 + n)."""
     return np.column_stack([stream.time_s, stream.values])
 
 
-def _stream(path: Path, units: dict[str, str]) -> Stream:
+def _read_stream(path: Path, units: dict[str, str]) -> Stream:
+    """The stream in a Parquet file whose columns, the time first, have these units."""
     table = read_columns(path, units)
     return Stream(table[:, 0], table[:, 1:])

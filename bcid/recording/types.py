@@ -1,37 +1,41 @@
 """`Recording`: a pose stream and a command stream, where they came from, and what was odd about them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
+
+import numpy as np
 
 from bcid.aliases import Floats
+from bcid.documents.health import ClockEstimate
+
+COMMANDS_FORMAT = "commands-csv"
+"""The format of a file that holds the commands of a recording and no poses."""
+
+Action = Literal["fixed", "excluded", "warning"]
+"""What becomes of an irregularity: mended without loss, left out, or kept and warned of."""
 
 
 @dataclass(frozen=True)
-class Source:
-    """A file that was read."""
+class SourceFile:
+    """A file that was read: its path, the SHA-256 of its content, and its format."""
 
     path: str
     sha256: str
     format: str
 
 
-COMMANDS = "commands-csv"
-
-
-def log_of(sources: Sequence[Source]) -> str:
-    """The file of the commands and further channels: the one beside a Motive export, or the recording's first."""
-    return next((s.path for s in sources if s.format == COMMANDS), sources[0].path)
+def command_source_path(sources: Sequence[SourceFile]) -> str:
+    """The path of the file with the commands and channels: the commands file, or else the recording's first file."""
+    return next((s.path for s in sources if s.format == COMMANDS_FORMAT), sources[0].path)
 
 
 @dataclass(frozen=True)
 class Irregularity:
-    """Something odd that was found: fixed (and how often) or left in and warned about."""
+    """A fault of a recording: its kind, what became of it, how many samples it concerns, where, and an explanation."""
 
     kind: str
-    action: Literal["fixed", "excluded", "warning"]
+    action: Action
     count: int
     where: str
     detail: str
@@ -45,35 +49,41 @@ class Stream:
     values: Floats  # (N, n)
 
     def __len__(self) -> int:
+        """The number of samples, N."""
         return len(self.time_s)
+
+    def held_at(self, time_s: Floats) -> Floats:
+        """The last values (M, n) before or at each of `time_s` (M,); the first values before the first sample."""
+        rows = np.searchsorted(self.time_s, time_s, side="right") - 1
+        values: Floats = self.values[np.maximum(rows, 0)]
+        return values
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One take.
+    """One take: poses, commands and further channels over time, its irregularities, and the estimate of its clock.
 
-    Poses are those of the CoG as far as the vehicle file says how the tracked body sits on the car.
-    Time stamps are as recorded: an estimated clock offset is reported, never applied, unless the
-    vehicle file states one.
+    Poses are those of the CoG as far as the vehicle file states how the tracked body is mounted on the car. Time stamps
+    are as recorded: a clock offset is applied where the vehicle file states it, an estimated one is only reported.
     """
 
     name: str
-    sources: tuple[Source, ...]
+    sources: tuple[SourceFile, ...]
     poses: Stream  # x m, y m, yaw rad (continuous)
     commands: Stream  # u_s rad, u_m m/s; a value holds until the next row
     rate_hz: float  # nominal pose rate
     hold_s: float  # longest time a command holds
-    breaks_s: tuple[float, ...] = ()  # a new stretch begins at these pose times
+    breaks_s: tuple[float, ...] = ()  # pose times at which a new segment begins
     channels: Mapping[str, Stream] = field(default_factory=dict)
     irregularities: tuple[Irregularity, ...] = ()
-    clock: Mapping[str, Any] = field(default_factory=dict)  # offset, drift, their intervals
+    clock: ClockEstimate = ClockEstimate(reason="not estimated")  # noqa: RUF009  # it is immutable
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last pose."""
+        """The time (s) from the first to the last pose."""
         return float(self.poses.time_s[-1] - self.poses.time_s[0])
 
     @property
     def sha256(self) -> str:
-        """The digests of all sources, joined."""
+        """The SHA-256 digests of all source files, joined by "+"."""
         return "+".join(s.sha256 for s in self.sources)

@@ -1,47 +1,45 @@
 """What the pictures of a diagnosis are drawn on: sizes, colours, panels of the floor, PNG data."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from bcid.aliases import Floats
 
 Columns = Mapping[str, Floats]
 
-BEFORE, AFTER, DOTS, NEVER = "#d55e00", "#0072b2", "#808080", "#e3e3e3"
+BEFORE, AFTER, DOT_COLOUR, UNDRIVEN_COLOUR = "#d55e00", "#0072b2", "#808080", "#e3e3e3"
 WIDTH = 9.0  # of the widest picture (inches)
-MINUS = "−"
 UNCHANGED = "base model"  # the only stage where nothing was changed
 
 
 class Picture(NamedTuple):
-    """One picture of the page."""
+    """One picture of a page, with title and caption."""
 
     title: str
     caption: str
     image: str  # a data URI
 
 
-def data_uri(png: bytes) -> str:
-    """The picture inside the page."""
-    return "data:image/png;base64," + base64.b64encode(png).decode()
-
-
-def png(figure: Figure) -> bytes:
-    """The figure, drawn."""
+def render_data_uri(figure: Figure) -> str:
+    """A figure as the data URI of a PNG image; without metadata, so that the same figure gives the same bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110, metadata={"Software": None})
-    return data.getvalue()
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
 
 
-def floor_panels(count: int, width: float, height: float) -> tuple[Figure, Sequence[Any]]:
-    """Panels of the floor side by side, no higher than a hand."""
+def insert_gaps(points: Floats, starts: npt.NDArray[np.intp]) -> Floats:
+    """The path `points` (N, n) with a row of NaN before each row in `starts`, which breaks its line there."""
+    return np.insert(points, starts[starts > 0], np.nan, axis=0)
+
+
+def create_floor_panels(count: int, width: float, height: float) -> tuple[Figure, Sequence[Any]]:
+    """A figure with `count` panels side by side, all of the same scale, for a floor of `width` by `height` m."""
     wide = min((WIDTH - 1.7) / count, 4.4)
     tall = float(np.clip(wide * height / max(width, 1e-6), 1.6, 4.2))
     wide = float(np.clip(tall * width / max(height, 1e-6), 1.8, wide))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,12 +10,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
+from bcid.documents import report
+from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.estimate.consistency import TruthCheck
+from bcid.estimate.saving import EstimateSummary
 from bcid.estimate.types import Estimate
-from bcid.evaluation.judge import ROWS
+from bcid.evaluation.evaluate import ROW_UNITS
 from bcid.files.parquet import read_columns
+from bcid.report.verdict_words import verdict_sentence
 
 PAPER_TABLE = (
     ("newton-euler", 5.973, 303.7),
@@ -28,105 +33,81 @@ PAPER_TABLE = (
 
 @dataclass(frozen=True)
 class ModelResult:
-    """One model's figures, and its predictions on the validation take."""
+    """One model's score, and its predictions of the validation take (K rows)."""
 
-    figures: Mapping[str, Any]
+    evaluation: report.EvaluationDocument
     settings: Mapping[str, Any]
     twist: Floats  # (K, 3) through the whole take
     restart_pose: Floats  # (K, 3)
     restart_twist: Floats  # (K, 3)
-    restart: npt.NDArray[np.bool_]  # (K,)
+    restart: Bools  # (K,)
     half: Floats  # (K, 3) half widths of the whole rollout's 95 % interval, NaN where none is known
 
     @property
     def name(self) -> str:
-        """The model's name."""
-        return str(self.figures["model"])
+        """The model's name in the report."""
+        return self.evaluation.model
 
     @classmethod
-    def read(cls, figures: Mapping[str, Any], settings: Mapping[str, Any], folder: Path) -> ModelResult:
-        """With the rows of an evaluation's folder."""
-        rows = read_columns(folder / "rows.parquet", ROWS)
-        return cls(figures, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5, rows[:, 10:13])
+    def read(cls, evaluation: report.EvaluationDocument, settings: Mapping[str, Any], folder: Path) -> ModelResult:
+        """The result of `evaluation`, with the predictions in its folder's rows.parquet."""
+        rows = read_columns(folder / "rows.parquet", ROW_UNITS)
+        return cls(evaluation, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5, rows[:, 10:13])
 
 
-class TakeFacts(NamedTuple):
-    """What is told of one take: its recording, its estimate, and the check where there is a truth."""
+class TakeSummary(NamedTuple):
+    """What the report shows of one take: its recording.json, its estimate, and the check where a truth is known."""
 
     recording: Mapping[str, Any]
-    estimate: Mapping[str, Any]
-    check: Mapping[str, Any] | None
+    estimate: EstimateSummary
+    check: TruthCheck | None
 
 
 @dataclass(frozen=True)
-class Content:
-    """All that the page is made of."""
+class ReportContent:
+    """Everything that the report's page and JSON are made of."""
 
     vehicle: str
     validation: Estimate
     models: Sequence[ModelResult]
-    takes: Sequence[TakeFacts]
+    takes: Sequence[TakeSummary]
     restart_s: float
-    diagnosis: Mapping[str, Any] | None = None  # diagnosis.json of the plan's last stage
-    losses: Sequence[Mapping[str, Any]] = ()  # figures of models fitted by several losses, with the same seed
+    diagnosis: DiagnosisDocument | None = None  # None where the pipeline diagnoses nothing
+    losses: Sequence[report.LossScore] = ()  # figures of models fitted by several losses, with the same seed
 
-    def ranked(self) -> list[ModelResult]:
-        """Best first; diverged ones last."""
-        return sorted(self.models, key=lambda m: m.figures["nmse"] if m.figures["nmse"] is not None else np.inf)
-
-
-def machine() -> dict[str, Any]:
-    """The machine that the times were taken on, as far as it may be told."""
-    import os
-
-    return {
-        "system": f"{platform.system()} {platform.machine()}",
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-    }
+    def ranked_models(self) -> list[ModelResult]:
+        """The models in order of their NMSE, those that diverge last."""
+        return sorted(self.models, key=lambda m: np.inf if m.evaluation.nmse is None else m.evaluation.nmse)
 
 
-def _processor() -> str:
+def describe_machine() -> report.Machine:
+    """System, processor, cores and Python version of the machine that this runs on, and nothing that identifies it."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+        processor = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
-        return platform.processor() or "unknown"
+        processor = platform.processor() or "unknown"
+    system, python = f"{platform.system()} {platform.machine()}", platform.python_version()
+    return report.Machine(system=system, processor=processor, cores=os.cpu_count(), python=python)
 
 
-def report_json(content: Content) -> dict[str, Any]:
-    """`bcid.report/1` (contracts)."""
-    take = content.validation
-    keys = (
-        "model", "nmse", "nmse_ci95", "nmse_vx", "nmse_vy", "nmse_yaw_rate", "nmse_restarted", "end_miss_m",
-        "rollout_ms", "parameters", "process_noise", "coverage", "take_outside_range", "beyond",
+def build_report(content: ReportContent) -> report.ReportDocument:
+    """The document report.json: take, machine, models in order of their NMSE, and the verdict of the diagnosis."""
+    take, diagnosis = content.validation, content.diagnosis
+    v_x, v_y, yaw_rate = content.models[0].evaluation.weights
+    return report.ReportDocument(
+        vehicle=content.vehicle,
+        validation=report.Validation(
+            name=take.name, duration_s=float(take.time_s[-1] - take.time_s[0]), period_s=take.period_s,
+            samples=len(take), segments=len(take.segments()),
+        ),
+        weights=report.Weights(v_x=v_x, v_y=v_y, yaw_rate=yaw_rate),
+        restart_s=content.restart_s,
+        machine=describe_machine(),
+        models=tuple(report.ModelScore(**m.evaluation.as_json()) for m in content.ranked_models()),
+        losses=tuple(content.losses),
+        diagnosis=diagnosis and report.DiagnosisInShort(
+            verdict=diagnosis.verdict, effects=tuple(f.effect for f in diagnosis.findings),
+            recordings=diagnosis.recordings, sentence=verdict_sentence(diagnosis),
+        ),
     )  # fmt: skip
-    return {
-        "schema": "bcid.report/1",
-        "vehicle": content.vehicle,
-        "validation": {
-            "name": take.name,
-            "duration_s": float(take.time_s[-1] - take.time_s[0]),
-            "period_s": take.period_s,
-            "samples": len(take),
-            "segments": len(take.segments()),
-        },
-        "weights": dict(zip(("v_x", "v_y", "yaw_rate"), content.models[0].figures["weights"], strict=True)),
-        "restart_s": content.restart_s,
-        "machine": machine(),
-        "models": [{k: m.figures[k] for k in keys} for m in content.ranked()],
-        "losses": list(content.losses),
-        "diagnosis": content.diagnosis and _verdict(content.diagnosis),
-    }
-
-
-def _verdict(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    """A diagnosis in short."""
-    from bcid.report.diagnosis_page import verdict_sentence
-
-    effects = [f["effect"] for f in diagnosis["findings"]]
-    return {
-        "verdict": diagnosis["verdict"], "effects": effects, "recordings": diagnosis["recordings"],
-        "sentence": verdict_sentence(diagnosis),
-    }  # fmt: skip

@@ -1,12 +1,13 @@
 """The simulated car's constants: the paper's car, extras that a real one has, and effects to conceal.
 
-Every extra and every effect has an exact zero at which it changes nothing; with all of them at zero
-the plant is the paper's Newton-Euler car, in an implementation of its own.
+Every extra and effect is off at exactly zero; with all off it is the paper's car, in an implementation of its own.
 """
 
-from __future__ import annotations
-
+import difflib
+from collections.abc import Sequence
 from typing import NamedTuple
+
+from bcid.errors import UsageError
 
 
 class Plant(NamedTuple):
@@ -119,11 +120,46 @@ class Sensor(NamedTuple):
 
 
 REAL_EXTRAS = {
-    "rear_track": 0.6,
-    "rear_bearing": 6.0,
-    "rear_rolling": 8.0,
-    "softness": 0.6,
-    "rough_force": 4.0,
-    "rough_moment": 1.5,
-}
+    "rear_track": 0.6, "rear_bearing": 6.0, "rear_rolling": 8.0, "softness": 0.6,
+    "rough_force": 4.0, "rough_moment": 1.5,
+}  # fmt: skip
 """What makes the simulated car differ from every fitted model, as a real one does."""
+
+NOT_NEGATIVE = (
+    "friction_circle", "motor_regeneration", "motor_lag", "motor_delay", "motor_dead_zone", "motor_power_limit",
+    "steering_lag", "steering_delay", "steering_backlash", "steering_dead_band", "tyre_relaxation", "softness",
+    "tyre_soft_saturation", "tyre_fall", "rear_track", "rough_force", "rough_moment",
+)  # fmt: skip
+"""Constants that mean nothing below zero."""
+
+
+def configure_simulation(ideal: bool, changes: Sequence[str], rate_hz: float) -> tuple[Plant, Sensor]:
+    """Constants of the simulated car and of the motion capture at `rate_hz`, with `changes` such as "motor_lag=0.1".
+
+    The car has a real one's extras unless `ideal`.
+
+    Raises:
+        UsageError: an unknown name, a value that is no number, or one below zero that must not be.
+    """
+    plant: dict[str, float] = {} if ideal else dict(REAL_EXTRAS)
+    sensor: dict[str, float] = {"rate_hz": rate_hz}
+    for change in changes:
+        name, _, text = change.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            raise UsageError(f"--set {change}: {text!r} is no number\n  next: write NAME=VALUE") from None
+        if name in NOT_NEGATIVE and value < 0.0:
+            raise UsageError(f"--set {change}: {name} cannot be negative\n  next: give a value from 0 up")
+        if name == "motor_power_limit":  # the vocabulary's id, in W; off at infinity
+            plant["inverse_power_limit"] = 1.0 / value if value > 0.0 else 0.0
+        elif name in Plant._fields:
+            plant[name] = value
+        elif name in Sensor._fields:
+            sensor[name] = value
+        else:
+            near = difflib.get_close_matches(name, [*Plant._fields, *Sensor._fields], n=3)
+            raise UsageError(
+                f"--set {change}: there is no constant {name!r}\n  next: try {', '.join(near) or 'another'}"
+            )
+    return Plant(**plant), Sensor(**sensor)

@@ -1,7 +1,5 @@
 """One drive: driver, plant and motion capture together."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -11,16 +9,17 @@ import numpy.typing as npt
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.driver import DRAWS, Arena, decide, pursue
-from bcid.simulation.dynamics import STEPS_PER_S, Inputs, N, advanced
+from bcid.simulation.driver import DRAWS_PER_DECISION, SimulatedArena, choose_target, follow_path
+from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, PlantInputs, advance_plant
 
 COMMAND_HZ = 20
 TRUTH_HZ = 10
 ROUGHNESS_TIME_S = 0.3
+SAME_TIME_S = 1e-9
 
 
 class Drive(NamedTuple):
-    """What happened and what was seen of it."""
+    """A simulated drive: what happened and what was seen of it."""
 
     command_time: Floats  # (M,) s
     command: Floats  # (M, 2) steering rad, throttle m/s or brake share
@@ -30,92 +29,96 @@ class Drive(NamedTuple):
 
 
 @njit
-def _held(commands: Floats, column: int, now: float, delay: float) -> tuple[float, float]:
-    """The command in force at `now` as it was `delay` earlier, and when it changes next."""
+def _delayed_command(commands: Floats, column: int, now: float, delay: float) -> tuple[float, float]:
+    """Command in `column` that acts at the time `now` (s) after a `delay` (s), and the time (s) of its next change."""
     row = math.floor((now - delay) * COMMAND_HZ + 1e-6)
     return float(commands[max(row, 0), column]), (row + 1) / COMMAND_HZ + delay
 
 
 @njit
-def _run(
-    p: Plant, arena: Arena, duration: float, uniform: Floats, normal: Floats, given: Floats, pursues: bool
-) -> tuple[Floats, Floats]:
-    """Fine states (S + 1, N) and commands (M, 2); `given` commands (M, 2) replace the driver where there are any.
+def _simulate(
+    p: Plant, arena: SimulatedArena, duration: float, uniform: Floats, normal: Floats, given_commands: Floats,
+    follows_path: bool,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Simulate plant and driver: states (S + 1, STATE_SIZE) at every fine step, and commands (M, 2).
 
-    The driver draws targets, or follows a path by what it sees.
+    `given_commands` (M, 2) replace the driver where there are any; else it draws targets from `uniform` numbers, or
+    follows a path in a closed loop.  `normal` numbers make the floor's random force.
     """
     per_command = STEPS_PER_S // COMMAND_HZ
     count = round(duration * COMMAND_HZ)
     commands = np.zeros((count, 2))
-    states = np.zeros((count * per_command + 1, N))
+    states = np.zeros((count * per_command + 1, STATE_SIZE))
     s, play = states[0].copy(), 0.0
     steer, throttle, left = 0.0, 0.0, 0.5
     push = np.zeros(3)
     keep = math.exp(-1.0 / (STEPS_PER_S * ROUGHNESS_TIME_S))
     fresh = math.sqrt(1.0 - keep * keep)
     for m in range(count):
-        if len(given):
-            commands[m] = given[m]
-        elif pursues:
-            commands[m] = pursue(s, m / COMMAND_HZ, p, arena)
+        if len(given_commands):
+            commands[m] = given_commands[m]
+        elif follows_path:
+            commands[m] = follow_path(s, m / COMMAND_HZ, p, arena)
         else:
-            steer, throttle, left = decide(s, steer, throttle, left, uniform[m], p, arena)
+            steer, throttle, left = choose_target(s, steer, throttle, left, uniform[m], p, arena)
             left -= 1.0 / COMMAND_HZ
             commands[m, 0], commands[m, 1] = steer, throttle
         for k in range(m * per_command, (m + 1) * per_command):
             now = k / STEPS_PER_S
             push = keep * push + fresh * normal[k]
             end = (k + 1) / STEPS_PER_S
-            while end - now > 1e-9:  # a fine step is divided where a delayed command changes
-                steer_now, steer_until = _held(commands, 0, now, p.steering_delay)
-                drive_now, drive_until = _held(commands, 1, now, p.motor_delay)
+            # a fine step is divided where a delayed command changes
+            while end - now > SAME_TIME_S:
+                steer_now, steer_until = _delayed_command(commands, 0, now, p.steering_delay)
+                drive_now, drive_until = _delayed_command(commands, 1, now, p.motor_delay)
                 until = min(end, steer_until, drive_until)
-                inputs = Inputs(
+                inputs = PlantInputs(
                     now, duration, steer_now, drive_now,
                     p.rough_force * push[0], p.rough_force * push[1], p.rough_moment * push[2],
                 )  # fmt: skip
-                s, play = advanced(s, play, inputs, until - now, p)
+                s, play = advance_plant(s, play, inputs, until - now, p)
                 now = until
             states[k + 1] = s
     return states, commands
 
 
-def slow_circles(duration: float) -> Floats:
-    """Commands (duration * 20, 2) of slow circles to the left, that neither saturate, nor limit, nor brake anything."""
+def slow_circle_commands(duration: float) -> Floats:
+    """Steering (rad) and throttle (m/s), (20 duration, 2) at 20 Hz, of slow left circles within all actuator limits."""
     t = np.arange(round(duration * COMMAND_HZ)) / COMMAND_HZ
     return np.column_stack([0.62 + 0.06 * np.sin(0.21 * t), 0.72 + 0.08 * np.sin(0.13 * t)])
 
 
-def drive(
-    plant: Plant, sensor: Sensor, duration: float, seed: int, arena: Arena | None = None, given: Floats | None = None,
-    pursues: bool = False,
+def simulate_drive(
+    plant: Plant, sensor: Sensor, duration: float, seed: int, arena: SimulatedArena | None = None,
+    given_commands: Floats | None = None, follows_path: bool = False,
 ) -> Drive:  # fmt: skip
-    """A drive of `duration` seconds from rest at the arena's middle.
+    """Simulate a drive of `duration` seconds from rest at the arena's middle, as the sensor sees it.
 
-    `given` commands (duration * 20, 2) are driven instead of the driver's own; one that pursues follows a path in a
-    closed loop instead of drawing its targets.
+    `given_commands` (20 duration, 2) are driven instead of the driver's own; a driver that `follows_path` steers in a
+    closed loop instead of drawing targets at random.  `seed` serves driver, floor and noise.
     """
     rng = np.random.default_rng(seed)
     count = round(duration * COMMAND_HZ)
-    uniform = rng.random((count, DRAWS))
+    uniform = rng.random((count, DRAWS_PER_DECISION))
     normal = rng.standard_normal((count * (STEPS_PER_S // COMMAND_HZ), 3))
-    states, commands = _run(
-        plant, arena or Arena(), duration, uniform, normal, np.empty((0, 2)) if given is None else given, pursues
-    )
-    frame, pose = _capture(states, sensor, duration, rng)
+    given = np.empty((0, 2)) if given_commands is None else given_commands
+    states, commands = _simulate(plant, arena or SimulatedArena(), duration, uniform, normal, given, follows_path)
+    frame, pose = _capture_poses(states, sensor, duration, rng)
     rows = np.arange(0, len(states), STEPS_PER_S // TRUTH_HZ)
-    return Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, _truth(states[rows], rows / STEPS_PER_S))
+    return Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, _sample_truth(states[rows], rows / STEPS_PER_S))
 
 
-def _truth(s: Floats, time: Floats) -> Floats:
+def _sample_truth(s: Floats, time: Floats) -> Floats:
+    """True motion (K, 8) as in `Drive.truth`, its twist in the body frame, of states (K, STATE_SIZE) at `time` (K,)."""
     cos_h, sin_h = np.cos(s[:, 2]), np.sin(s[:, 2])
     along, across = cos_h * s[:, 3] + sin_h * s[:, 4], cos_h * s[:, 4] - sin_h * s[:, 3]
     return np.column_stack([time, s[:, :3], along, across, s[:, 5], s[:, 6]])
 
 
-def _capture(
+def _capture_poses(
     states: Floats, sensor: Sensor, duration: float, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.int64], Floats]:
+    """Frame numbers (F,) and measured poses (F, 3) of the motion capture, NaN where dropped."""
     frame = np.arange(math.floor(duration * sensor.rate_hz * (1.0 + sensor.clock_drift) + 1e-9) + 1)
     seen_at = frame / sensor.rate_hz / (1.0 + sensor.clock_drift) - sensor.pose_latency
     fine = np.arange(len(states)) / STEPS_PER_S

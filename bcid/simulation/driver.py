@@ -1,10 +1,8 @@
-"""A driver that keeps the car inside the arena with the whole of its steering.
+"""A driver that keeps the car inside the arena with the whole range of its steering.
 
-It draws a target at random, holds it for a while, and looks ahead with a rolling wheel in mind; a
-target that would come too near the wall is exchanged for the drawn candidate that stays clear longest.
+It draws a target at random, holds it for a while, and predicts a rolling wheel's path; a target that would come too
+near the wall is exchanged for the drawn candidate that stays clear longest.
 """
-
-from __future__ import annotations
 
 import math
 from typing import NamedTuple
@@ -19,10 +17,10 @@ CANDIDATES = 8
 PATH_POINTS = 240
 AHEAD_M = 1.0
 PURSUIT_GAIN, PURSUIT_LOCK = 1.3, 1.3  # rad
-DRAWS = 4 * (CANDIDATES + 1)
+DRAWS_PER_DECISION = 4 * (CANDIDATES + 1)
 
 
-class Arena(NamedTuple):
+class SimulatedArena(NamedTuple):
     """A rectangle about the origin, and how near its walls the CoG may come (m)."""
 
     length: float = 12.0
@@ -32,7 +30,7 @@ class Arena(NamedTuple):
 
 @njit
 def draw_target(u: Floats, p: Plant) -> tuple[float, float, float]:
-    """Steering (rad), throttle (m/s or brake share) and hold (s) from four uniform draws."""
+    """Steering (rad), throttle (m/s or brake share) and hold (s) of a random target, from four uniform draws `u`."""
     # Box-Muller gives the moderate angles, a fifth are near full lock
     normal = math.sqrt(-2.0 * math.log(1.0 - u[0])) * math.cos(2.0 * math.pi * u[1])
     steer = 0.8 * normal
@@ -48,8 +46,11 @@ def draw_target(u: Floats, p: Plant) -> tuple[float, float, float]:
 
 
 @njit
-def clearance(s: Floats, steer: float, throttle: float, p: Plant, arena: Arena) -> float:
-    """Smallest distance (m) that the CoG keeps from the walls' margin, looking LOOK_S ahead."""
+def wall_clearance(s: Floats, steer: float, throttle: float, p: Plant, arena: SimulatedArena) -> float:
+    """Smallest distance (m) of the CoG from the walls' margin that is predicted within LOOK_S from the state `s` on.
+
+    A wheel that rolls without slip is steered towards `steer` (rad) under `throttle` (m/s or brake share).
+    """
     x, y, heading, angle = s[0], s[1], s[2], s[6]
     along = math.cos(heading) * s[3] + math.sin(heading) * s[4]
     hub = math.cos(heading) * s[4] - math.sin(heading) * s[3] + p.front_lever * s[5]
@@ -71,30 +72,33 @@ def clearance(s: Floats, steer: float, throttle: float, p: Plant, arena: Arena) 
 
 
 @njit
-def decide(
-    s: Floats, steer: float, throttle: float, left: float, u: Floats, p: Plant, arena: Arena
+def choose_target(
+    s: Floats, steer: float, throttle: float, left: float, u: Floats, p: Plant, arena: SimulatedArena
 ) -> tuple[float, float, float]:
-    """The target to follow now and how long it is still to be held; `u` are DRAWS uniform numbers."""
+    """Steering (rad), throttle (m/s or brake share) and time left (s) of the driver's present target, or of a new one.
+
+    A new target is drawn from DRAWS_PER_DECISION uniform numbers `u` when time is up or a wall comes near.
+    """
     if left <= 0.0:
         steer, throttle, left = draw_target(u[:4], p)
-    room = clearance(s, steer, throttle, p, arena)
+    room = wall_clearance(s, steer, throttle, p, arena)
     if room >= 0.0:
         return steer, throttle, left
     for c in range(CANDIDATES):
         # the first candidates are full lock either way, which turns nearly on the spot
         if c < 2:
-            other, push, hold = (1.0 - 2.0 * c) * 0.99 * p.angle_limit, 0.7 * p.top_speed, 0.5
+            new_steer, new_throttle, hold = (1.0 - 2.0 * c) * 0.99 * p.angle_limit, 0.7 * p.top_speed, 0.5
         else:
-            other, push, hold = draw_target(u[4 * c + 4 : 4 * c + 8], p)
-        there = clearance(s, other, push, p, arena)
-        if there > room:
-            room, steer, throttle, left = there, other, push, hold
+            new_steer, new_throttle, hold = draw_target(u[4 * c + 4 : 4 * c + 8], p)
+        new_room = wall_clearance(s, new_steer, new_throttle, p, arena)
+        if new_room > room:
+            room, steer, throttle, left = new_room, new_steer, new_throttle, hold
     return steer, throttle, left
 
 
 @njit
-def pursue(s: Floats, time: float, p: Plant, arena: Arena) -> tuple[float, float]:
-    """Steering (rad) and throttle (m/s or brake share) of a driver that follows a figure of eight by what it sees.
+def follow_path(s: Floats, time: float, p: Plant, arena: SimulatedArena) -> tuple[float, float]:
+    """Steering (rad) and throttle (m/s or brake share) of a driver that follows a figure of eight in a closed loop.
 
     It steers at the nearest point of the path that lies AHEAD_M before its front wheel, and gives throttle by the
     difference of its speed from one that rises and falls: what disturbs the car comes back in its commands.

@@ -4,8 +4,6 @@ State: X, Y, heading, world velocity U, V, turn rate, servo angle, lagged wheel 
 lagged front slip, way rolled by the driven wheel.  Forces are found at each wheel from its own contact velocity.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -17,7 +15,7 @@ from bcid.simulation.car import Plant
 
 STEPS_PER_S = 480
 MAX_STEPS = 400
-N = 11
+STATE_SIZE = 11
 
 UNEVENNESS_M = 0.5  # of way per radian
 RIPPLE_MPS = 0.04  # of speed per radian
@@ -26,7 +24,7 @@ SHIMMY_RADPS = 5.7
 WAVES_M = 0.65  # of floor per radian
 
 
-class Inputs(NamedTuple):
+class PlantInputs(NamedTuple):
     """What acts during one fine step."""
 
     time: float
@@ -39,8 +37,11 @@ class Inputs(NamedTuple):
 
 
 @njit
-def _tyre(slip: float, stiffness: float, grip: float, shift: float, soft: float, fall: float) -> float:
-    """Side force of a tyre; `shift` is a force added before saturation."""
+def _tyre_side_force(slip: float, stiffness: float, grip: float, shift: float, soft: float, fall: float) -> float:
+    """Side force (N) of a tyre: linear in `slip` (rad), limited by `grip` (N); `shift` (N) is added before saturation.
+
+    `soft` blends a hard limit with tanh, `fall` is the share of the grip that is lost far past saturation.
+    """
     linear = shift - stiffness * slip
     if grip <= 0.0:
         return 0.0
@@ -53,8 +54,8 @@ def _tyre(slip: float, stiffness: float, grip: float, shift: float, soft: float,
 
 
 @njit
-def _drive_force(command: float, rolling: float, time: float, duration: float, p: Plant) -> float:
-    """What the motor is asked for: it supplies up to its reference, brakes below zero command."""
+def _requested_motor_force(command: float, rolling: float, time: float, duration: float, p: Plant) -> float:
+    """Motor force (N) before its lag: it supplies up to a reference speed `command` (m/s) and brakes below zero."""
     if command < 0.0:
         return max(-p.motor_limit, min(p.motor_limit, command * p.brake_gain * rolling))
     lack = max(command - p.motor_dead_zone, 0.0) - rolling
@@ -71,13 +72,14 @@ def _drive_force(command: float, rolling: float, time: float, duration: float, p
 
 
 @njit
-def _inside(x: float, y: float, centre_x: float, centre_y: float, radius: float) -> bool:
+def _is_in_circle(x: float, y: float, centre_x: float, centre_y: float, radius: float) -> bool:
+    """Whether (x, y) lies within `radius` of the centre, all in m."""
     return (x - centre_x) ** 2 + (y - centre_y) ** 2 < radius * radius
 
 
 @njit
-def _linkage(servo: float, lagged: float, play: float, speed: float, p: Plant) -> float:
-    """The angle the servo gives the wheel, before compliance."""
+def _linkage_angle(servo: float, lagged: float, play: float, speed: float, p: Plant) -> float:
+    """Angle (rad) of the front wheel from servo, lag, play and linkage, before compliance."""
     angle = lagged if p.steering_lag > 0.0 else servo
     if p.steering_backlash > 0.0:
         angle = max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
@@ -87,7 +89,7 @@ def _linkage(servo: float, lagged: float, play: float, speed: float, p: Plant) -
     return angle * (1.0 - p.steering_speed_gain * speed) + p.steering_offset
 
 
-class Hub(NamedTuple):
+class FrontHub(NamedTuple):
     """What the front wheel's hub meets, body frame."""
 
     along: float
@@ -101,13 +103,15 @@ class Hub(NamedTuple):
 
 
 @njit
-def _front_wheel(angle: float, hub: Hub, i: Inputs, p: Plant) -> tuple[float, float, float, float, float]:
-    """Rolling speed, steady slip, wanted motor force, pull along the wheel and side force across it."""
+def _evaluate_front_wheel(
+    angle: float, hub: FrontHub, i: PlantInputs, p: Plant
+) -> tuple[float, float, float, float, float]:
+    """Rolling speed (m/s), steady slip (rad), motor force before its lag, pull along and force across the wheel (N)."""
     roll = math.cos(angle) * hub.along + math.sin(angle) * hub.across
     slide = math.cos(angle) * hub.across - math.sin(angle) * hub.along
     steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
     slip = hub.lagged_slip if p.tyre_relaxation > 0.0 else steady_slip
-    wanted = _drive_force(i.drive, roll, i.time, i.duration, p)
+    wanted = _requested_motor_force(i.drive, roll, i.time, i.duration, p)
     force = hub.lagged_force if p.motor_lag > 0.0 else wanted
     resist = p.rolling_drag * roll + p.rolling_drag_2 * roll * abs(roll) + p.steering_drag * abs(angle) * roll
     resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
@@ -119,18 +123,18 @@ def _front_wheel(angle: float, hub: Hub, i: Inputs, p: Plant) -> tuple[float, fl
     if p.friction_circle > 0.0 and grip > 0.0:
         grip *= math.sqrt(max(1.0 - p.friction_circle * (force / grip) ** 2, 0.0))
     shift = p.front_ply_steer * math.tanh(roll / 0.05)
-    side = _tyre(slip, p.front_stiffness * load, grip, shift, hub.soft, p.tyre_fall)
+    side = _tyre_side_force(slip, p.front_stiffness * load, grip, shift, hub.soft, p.tyre_fall)
     return roll, steady_slip, wanted, force - resist, side
 
 
 @njit
-def _bent_angle(base: float, hub: Hub, i: Inputs, p: Plant) -> float:
-    """The wheel's angle when its own side force bends the steering: base + k side(angle), by bisection."""
+def _solve_compliant_angle(base: float, hub: FrontHub, i: PlantInputs, p: Plant) -> float:
+    """Wheel angle (rad) that its own side force F(angle) bends: angle = base + k F(angle), by bisection."""
     reach = abs(p.steering_compliance) * 2.0 * p.front_grip
     low, high = base - reach, base + reach
     for _ in range(45):
         middle = 0.5 * (low + high)
-        if base + p.steering_compliance * _front_wheel(middle, hub, i, p)[4] > middle:
+        if base + p.steering_compliance * _evaluate_front_wheel(middle, hub, i, p)[4] > middle:
             low = middle
         else:
             high = middle
@@ -138,18 +142,18 @@ def _bent_angle(base: float, hub: Hub, i: Inputs, p: Plant) -> float:
 
 
 @njit
-def _rear_wheels(
+def _add_rear_wheel_forces(
     body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, slippery: float,
     soft: float, p: Plant,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """The wrench with that of the two rear wheels, left and right of the axle's middle."""
+    """Force (N) and moment (N m) on the body after adding those of the rear wheels, left and right."""
     for hand in (1.0, -1.0):
         offset = 0.5 * hand * p.rear_track
         wheel_along = along - offset * turn
         wheel_across = across - p.rear_lever * turn
         slip = math.atan(wheel_across / max(abs(wheel_along), p.slip_speed))
         slip -= p.rear_toe * wheel_along / max(abs(wheel_along), p.slip_speed) + p.rear_roll_steer * turn * along
-        side = 0.5 * _tyre(slip, p.rear_stiffness, p.rear_grip * slippery, 0.0, soft, p.tyre_fall)
+        side = 0.5 * _tyre_side_force(slip, p.rear_stiffness, p.rear_grip * slippery, 0.0, soft, p.tyre_fall)
         resist = 0.5 * (p.rear_bearing * math.tanh(wheel_along / 0.05) + p.rear_rolling * wheel_along)
         body_x -= resist
         body_y += side
@@ -158,10 +162,10 @@ def _rear_wheels(
 
 
 @njit
-def _resisted(
+def _add_resistances(
     body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, p: Plant
 ) -> tuple[float, float, float]:
-    """The wrench with what resists the body's motion."""
+    """Force (N) and moment (N m) on the body after adding rolling resistance, air drag and yaw friction."""
     body_x -= p.rear_rolling_coulomb * math.tanh(along / 0.05) + p.rear_rolling_viscous * along
     if p.rear_drag_asymmetry != 0.0:
         offset = math.copysign(0.5 * p.asymmetry_track, p.rear_drag_asymmetry)
@@ -177,7 +181,7 @@ def _resisted(
 
 @njit
 def _servo_rate(miss: float, p: Plant) -> float:
-    """How fast the servo turns (rad/s) towards a command `miss` away."""
+    """Rate (rad/s) of a servo whose command is `miss` (rad) away: first order with a dead band and rate limits."""
     if abs(miss) < p.steering_dead_band:
         return 0.0
     skew = p.steering_rate_asymmetry
@@ -185,31 +189,32 @@ def _servo_rate(miss: float, p: Plant) -> float:
 
 
 @njit
-def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
-    """Rates of the state (10,)."""
+def state_derivative(s: Floats, play: float, i: PlantInputs, p: Plant) -> Floats:
+    """Time derivative (STATE_SIZE,) of the plant's state; `play` is the wheel angle (rad) behind the play."""
     heading, turn = s[2], s[5]
     cos_h, sin_h = math.cos(heading), math.sin(heading)
     along = cos_h * s[3] + sin_h * s[4]
     across = cos_h * s[4] - sin_h * s[3]
     slippery = 1.0
-    if p.slippery_patch != 0.0 and _inside(s[0], s[1], p.slippery_patch_x, p.slippery_patch_y, p.slippery_patch_radius):
+    if _is_in_circle(s[0], s[1], p.slippery_patch_x, p.slippery_patch_y, p.slippery_patch_radius):
         slippery = 1.0 - p.slippery_patch
-    rough = p.rough_patch != 0.0 and _inside(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius)
+    rough = p.rough_patch != 0.0 and _is_in_circle(s[0], s[1], p.rough_patch_x, p.rough_patch_y, p.rough_patch_radius)
     soft = 1.0 - (1.0 - p.softness) * (1.0 - p.tyre_soft_saturation)
 
     slippery *= 1.0 - p.tyre_wear * i.time / i.duration
-    hub = Hub(along, across + p.front_lever * turn, s[9], s[8], s[10], rough, slippery, soft)
-    angle = _linkage(s[6], s[7], play, math.hypot(s[3], s[4]), p) + p.steering_shimmy * math.sin(SHIMMY_RADPS * i.time)
+    hub = FrontHub(along, across + p.front_lever * turn, s[9], s[8], s[10], rough, slippery, soft)
+    angle = _linkage_angle(s[6], s[7], play, math.hypot(s[3], s[4]), p)
+    angle += p.steering_shimmy * math.sin(SHIMMY_RADPS * i.time)
     if p.steering_compliance != 0.0:
-        angle = _bent_angle(angle, hub, i, p)
-    roll, steady_slip, wanted, pull, side = _front_wheel(angle, hub, i, p)
+        angle = _solve_compliant_angle(angle, hub, i, p)
+    roll, steady_slip, wanted, pull, side = _evaluate_front_wheel(angle, hub, i, p)
     front_x = math.cos(angle) * pull - math.sin(angle) * side
     front_y = math.sin(angle) * pull + math.cos(angle) * side
     body_x, body_y, moment = front_x, front_y, p.front_lever * front_y
     moment += p.drive_lateral_offset * pull * math.cos(angle)
 
-    body_x, body_y, moment = _rear_wheels(body_x, body_y, moment, along, across, turn, slippery, soft, p)
-    body_x, body_y, moment = _resisted(body_x, body_y, moment, along, across, turn, p)
+    body_x, body_y, moment = _add_rear_wheel_forces(body_x, body_y, moment, along, across, turn, slippery, soft, p)
+    body_x, body_y, moment = _add_resistances(body_x, body_y, moment, along, across, turn, p)
     servo = _servo_rate(i.steer - s[6], p)
     moment -= p.steering_reaction * servo
     body_x, body_y, moment = body_x + i.push_x, body_y + i.push_y, moment + i.push_turn
@@ -223,7 +228,7 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
     world_x += p.washboard * math.sin(s[0] / WAVES_M)
     heavier = 1.0 + p.mass_change if i.time >= p.mass_change_at else 1.0
 
-    out = np.empty(N)
+    out = np.empty(STATE_SIZE)
     out[0], out[1], out[2] = s[3], s[4], turn
     out[3] = world_x / (heavier * p.mass) + p.floor_slope_x
     out[4] = world_y / (heavier * p.mass) + p.floor_slope_y
@@ -237,8 +242,8 @@ def derivative(s: Floats, play: float, i: Inputs, p: Plant) -> Floats:
 
 
 @njit
-def advanced(s: Floats, play: float, i: Inputs, length: float, p: Plant) -> tuple[Floats, float]:
-    """State and play after `length` seconds, at most a fine step, in as many RK4 steps as the fastest lag needs."""
+def advance_plant(s: Floats, play: float, i: PlantInputs, length: float, p: Plant) -> tuple[Floats, float]:
+    """State and play (rad) after `length` seconds (at most a fine step), in as many RK4 steps as the lags need."""
     fastest = 1.0
     if p.steering_lag > 0.0:
         fastest = max(fastest, 1.0 / p.steering_lag)
@@ -249,10 +254,10 @@ def advanced(s: Floats, play: float, i: Inputs, length: float, p: Plant) -> tupl
     steps = min(MAX_STEPS, math.ceil(fastest / STEPS_PER_S))
     h = length / steps
     for _ in range(steps):
-        k1 = derivative(s, play, i, p)
-        k2 = derivative(s + 0.5 * h * k1, play, i, p)
-        k3 = derivative(s + 0.5 * h * k2, play, i, p)
-        k4 = derivative(s + h * k3, play, i, p)
+        k1 = state_derivative(s, play, i, p)
+        k2 = state_derivative(s + 0.5 * h * k1, play, i, p)
+        k3 = state_derivative(s + 0.5 * h * k2, play, i, p)
+        k4 = state_derivative(s + h * k3, play, i, p)
         s = s + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     angle = s[7] if p.steering_lag > 0.0 else s[6]
     return s, max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))

@@ -1,18 +1,17 @@
 """`sample_logs/`: four training takes, one validation take, one to diagnose, and the vehicle file, from one seed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from bcid.files.parquet import write_columns
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
-from bcid.simulation.drive import drive
-from bcid.simulation.writing import write_mcap, write_motive, write_truth
+from bcid.simulation.drive import simulate_drive
+from bcid.simulation.writing import write_mcap_take, write_motive_take
 
 
-class Take(NamedTuple):
-    """One committed take."""
+class SampleTake(NamedTuple):
+    """One simulated take to be written, such as those of the committed sample logs."""
 
     name: str
     format: str
@@ -21,12 +20,12 @@ class Take(NamedTuple):
 
 
 TAKES = (
-    Take("training_1", "motive", 300.0),
-    Take("training_2", "motive", 300.0),
-    Take("training_3", "mcap", 300.0),
-    Take("training_4", "mcap", 300.0),
-    Take("validation", "motive", 110.0),
-    Take(
+    SampleTake("training_1", "motive", 300.0),
+    SampleTake("training_2", "motive", 300.0),
+    SampleTake("training_3", "mcap", 300.0),
+    SampleTake("training_4", "mcap", 300.0),
+    SampleTake("validation", "motive", 110.0),
+    SampleTake(
         "another_day", "mcap", 300.0,
         (("rough_patch", 30.0), ("rough_patch_x", 1.8), ("rough_patch_y", -0.9), ("rough_patch_radius", 1.2)),
     ),
@@ -68,23 +67,30 @@ The car is the paper's, with two rear wheels, rear drag, soft tyres and a rough 
 """
 
 
-def write_take(folder: Path, take: Take, plant: Plant, sensor: Sensor, seed: int) -> Path:
-    """Simulate one take and write it with its truth; returns the recording's path."""
-    run = drive(plant, sensor, take.duration_s, seed)
+TRUTH_UNITS = {
+    "time": "s", "x": "m", "y": "m", "yaw": "rad", "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "delta": "rad",
+}  # fmt: skip
+
+
+def write_sample_take(folder: Path, take: SampleTake, plant: Plant, sensor: Sensor, seed: int) -> Path:
+    """Simulate one take and write its log and, apart, its true motion (10 Hz) into `folder`; returns the log's path."""
+    run = simulate_drive(plant, sensor, take.duration_s, seed)
     (folder / "truth").mkdir(parents=True, exist_ok=True)
-    write_truth(folder / "truth" / f"{take.name}.parquet", run)
-    path = folder / f"{take.name}.{'mcap' if take.format == 'mcap' else 'csv'}"
-    (write_mcap if take.format == "mcap" else write_motive)(path, run, sensor.rate_hz, seed)
+    write_columns(folder / "truth" / f"{take.name}.parquet", run.truth, TRUTH_UNITS)
+    write, suffix = (write_mcap_take, "mcap") if take.format == "mcap" else (write_motive_take, "csv")
+    path = folder / f"{take.name}.{suffix}"
+    write(path, run, sensor.rate_hz, seed)
     return path
 
 
-def write_samples(folder: Path, seed: int, progress: Callable[[str], None] = lambda text: None) -> list[Path]:
-    """Make all of `sample_logs/` in `folder`; returns the recordings' paths."""
+def write_sample_logs(folder: Path, seed: int, progress: Callable[[str], None] = lambda text: None) -> list[Path]:
+    """Simulate all takes of `sample_logs/`; write them, vehicle file and README into `folder`; returns takes' paths."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "bumper_car.toml").write_text(VEHICLE)
     (folder / "README.md").write_text(ABOUT)
     paths = []
     for i, take in enumerate(TAKES):
         progress(take.name)
-        paths.append(write_take(folder, take, Plant(**REAL_EXTRAS, **dict(take.conceals)), Sensor(), 1000 * seed + i))
+        plant = Plant(**REAL_EXTRAS, **dict(take.conceals))
+        paths.append(write_sample_take(folder, take, plant, Sensor(), 1000 * seed + i))
     return paths

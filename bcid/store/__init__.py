@@ -1,1 +1,1 @@
-"""The artifact folders that are also the cache: content-addressed, published whole, verified on use."""
+"""The store of artifacts: folders that are also the cache, keyed by content, published whole, verified on use."""

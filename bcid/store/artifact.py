@@ -1,6 +1,4 @@
-"""`WORKSPACE/<stage>/<key>/`: a stage's files with a manifest; the key covers all that they depend on."""
-
-from __future__ import annotations
+"""Artifacts: folders `WORKSPACE/<stage>/<key>/` of a stage's files; a key covers all that they depend on."""
 
 import hashlib
 import json
@@ -14,48 +12,48 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bcid.documents.manifest import ManifestDocument
 from bcid.errors import DiskFull, InputRefused, is_disk_full
-from bcid.files.source_code import Code
+from bcid.files.source_code import StageCode
 
 MANIFEST = "manifest.json"
-_WORK = ".unfinished"
-PATIENCE_S = 1.0  # before somebody is told that another run is waited for
-STALE_S = 24 * 3600.0  # no stage takes a day
+_UNFINISHED = ".unfinished"
+# seconds of waiting after which a person is told that another run is at work
+LOCK_NOTICE_S = 1.0
+# age (s) from which a working folder is abandoned: no stage takes a day
+STALE_WORK_S = 24 * 3600.0
 PUBLISH_TRIES = 3
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that an artifact depends on."""
+    """All that an artifact depends on: stage, inputs, settings, code and seed."""
 
     stage: str
     inputs: Mapping[str, Any]  # by content: hashes of files, keys of other artifacts
     settings: Mapping[str, Any]
-    code: Code
+    code: StageCode
     seed: int | None = None
 
-    def as_json(self) -> dict[str, Any]:
-        """For the manifest."""
-        return {
-            "schema": "bcid.artifact/1",
-            "stage": self.stage,
-            "inputs": dict(self.inputs),
-            "settings": dict(self.settings),
-            "code": self.code.digest,
-            "packages": self.code.packages,
-            "seed": self.seed,
-        }
+    def manifest(self, files: Mapping[str, str]) -> ManifestDocument:
+        """The manifest of an artifact that was made so, with the SHA-256 of each of its `files`."""
+        known = {
+            "stage": self.stage, "inputs": dict(self.inputs), "settings": dict(self.settings),
+            "code": self.code.digest, "packages": self.code.packages, "seed": self.seed, "files": dict(files),
+        }  # fmt: skip
+        # through JSON, as a manifest that is read back has been
+        return ManifestDocument.model_validate_json(json.dumps(known, allow_nan=False))
 
     @property
     def key(self) -> str:
-        """The artifact's name: a digest of the recipe."""
-        text = json.dumps(self.as_json(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        """Name of the artifact's folder: a digest of the recipe in 20 hex digits."""
+        text = json.dumps(self.manifest({}).as_json(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
 @dataclass(frozen=True)
 class Artifact:
-    """A finished folder."""
+    """A finished artifact: its folder, its key, and whether it was there before."""
 
     folder: Path
     key: str
@@ -63,17 +61,17 @@ class Artifact:
 
     @property
     def content(self) -> str:
-        """A digest of its files, whatever made them: what depends on it is keyed by this."""
-        files = self.json(MANIFEST)["files"]
+        """Digest of the artifact's files, whatever made them, for the keys of artifacts that depend on it."""
+        files = ManifestDocument.read(self.folder / MANIFEST).files
         return hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()[:20]
 
     def json(self, name: str) -> Any:
-        """The content of one of its JSON files."""
+        """Parsed content of one of the artifact's JSON files."""
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
 
 
-def sha256_of(path: Path) -> str:
-    """Digest of a file's content."""
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's content, in hex digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -81,24 +79,24 @@ def sha256_of(path: Path) -> str:
 class Store:
     """The artifacts of one workspace."""
 
-    def __init__(self, workspace: Path, waiting: Callable[[], None] = lambda: None) -> None:
-        """The artifacts under `workspace`; `waiting` is called when another run keeps this one waiting."""
+    def __init__(self, workspace: Path, notify_waiting: Callable[[], None] = lambda: None) -> None:
+        """Open the store in `workspace`; `notify_waiting` is called when another run keeps this one waiting."""
         self.workspace = workspace
-        self._waiting = waiting
+        self._waiting = notify_waiting
 
-    def get(self, recipe: Recipe, make: Callable[[Path], None]) -> Artifact:
-        """The artifact of `recipe`: reused where it is there and whole, otherwise made by `make(folder)`.
+    def get_or_make(self, recipe: Recipe, make: Callable[[Path], None]) -> Artifact:
+        """Return the artifact of `recipe`, made by `make(folder)` unless it is there with every file as it was written.
 
         A stage that fails or is interrupted leaves nothing under its key.
         """
         folder = self.workspace / recipe.stage / recipe.key
         if is_whole(folder, recipe):
             return Artifact(folder, recipe.key, reused=True)
-        with self.alone(f"{recipe.stage}-{recipe.key}"):
+        with self.exclusive_lock(f"{recipe.stage}-{recipe.key}"):
             if is_whole(folder, recipe):  # another run has made it meanwhile
                 return Artifact(folder, recipe.key, reused=True)
             try:
-                self._make(recipe, make, folder)
+                self._make_artifact(recipe, make, folder)
             except Exception as error:
                 if is_disk_full(error):
                     raise DiskFull(self.workspace) from error
@@ -106,15 +104,15 @@ class Store:
         return Artifact(folder, recipe.key, reused=False)
 
     @contextmanager
-    def alone(self, name: str) -> Iterator[None]:
-        """What only one run at a time may do in this workspace; a run that is killed gives it up."""
+    def exclusive_lock(self, name: str) -> Iterator[None]:
+        """Hold a lock that only one run at a time has in this workspace; the lock of a killed run is free."""
         from filelock import FileLock, Timeout
 
-        unfinished = self.workspace / _WORK
+        unfinished = self.workspace / _UNFINISHED
         unfinished.mkdir(parents=True, exist_ok=True)
         lock = FileLock(unfinished / f"{name}.lock")
         try:
-            lock.acquire(timeout=PATIENCE_S)
+            lock.acquire(timeout=LOCK_NOTICE_S)
         except Timeout:
             self._waiting()
             lock.acquire()
@@ -123,59 +121,53 @@ class Store:
         finally:
             lock.release()
 
-    def _make(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
-        unfinished = self.workspace / _WORK
-        _sweep(unfinished)
+    def _make_artifact(self, recipe: Recipe, make: Callable[[Path], None], folder: Path) -> None:
+        """Make an artifact in a working folder, write its manifest, and move it to `folder`."""
+        unfinished = self.workspace / _UNFINISHED
+        _remove_stale_work(unfinished)
         work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
             made = work / "made"
             made.mkdir()
             make(made)
-            _write_manifest(made, recipe)
+            files = sorted(p for p in made.rglob("*") if p.is_file())
+            digests = {p.relative_to(made).as_posix(): file_sha256(p) for p in files}
+            recipe.manifest(digests).write(made / MANIFEST)
             _publish(made, folder, work / "replaced", recipe)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def _sweep(unfinished: Path) -> None:
-    """Remove what runs that were killed left behind."""
+def _remove_stale_work(unfinished: Path) -> None:
+    """Remove working folders and locks that killed runs left behind, as their age of over `STALE_WORK_S` tells."""
     for work in unfinished.iterdir():
         with suppress(OSError):
-            if time.time() - work.stat().st_mtime <= STALE_S:
-                continue
-            if work.is_dir():
-                shutil.rmtree(work, ignore_errors=True)
-            else:
-                work.unlink()
+            if time.time() - work.stat().st_mtime > STALE_WORK_S:
+                shutil.rmtree(work, ignore_errors=True) if work.is_dir() else work.unlink()
 
 
 def is_whole(folder: Path, recipe: Recipe) -> bool:
-    """Whether `folder` holds this recipe's artifact, with every file as it was written."""
+    """Whether `folder` holds the artifact of `recipe`, with every file as it was written."""
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        listed = manifest.pop("files")
+        manifest = ManifestDocument.read(folder / MANIFEST)
+        # compared as it stands, too: a document passes over nulls, whatever their keys have become
+        written = json.loads((folder / MANIFEST).read_bytes())
         there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {MANIFEST}
         return (
-            manifest == json.loads(json.dumps(recipe.as_json()))
-            and there == set(listed)
-            and all(sha256_of(folder / name) == digest for name, digest in listed.items())
+            written == recipe.manifest(manifest.files).as_json()
+            and there == set(manifest.files)
+            and all(file_sha256(folder / name) == digest for name, digest in manifest.files.items())
         )
-    except (OSError, ValueError, KeyError, AttributeError, TypeError, RecursionError):
+    except (OSError, InputRefused, RecursionError):
         return False
 
 
-def _write_manifest(work: Path, recipe: Recipe) -> None:
-    files = sorted(p for p in work.rglob("*") if p.is_file())
-    digests = {p.relative_to(work).as_posix(): sha256_of(p) for p in files}
-    (work / MANIFEST).write_text(json.dumps({**recipe.as_json(), "files": digests}, indent=1), encoding="utf-8")
+def _publish(finished: Path, folder: Path, aside: Path, recipe: Recipe) -> None:
+    """Move the `finished` artifact to `folder` in one step, a damaged one there to `aside` before.
 
-
-def _publish(made: Path, folder: Path, aside: Path, recipe: Recipe) -> None:
-    """Put the finished folder in its place in one step.
-
-    A broken one there is moved aside first; where another run was faster, its whole folder stays.
+    Where another run has meanwhile published the artifact of `recipe` undamaged, that one stays.
     """
-    for path in made.rglob("*"):
+    for path in finished.rglob("*"):
         if path.is_file():
             with path.open("r+b") as file:
                 os.fsync(file.fileno())
@@ -185,7 +177,7 @@ def _publish(made: Path, folder: Path, aside: Path, recipe: Recipe) -> None:
             if folder.exists() and not is_whole(folder, recipe):
                 folder.replace(aside)
         try:
-            made.replace(folder)
+            finished.replace(folder)
             return
         except OSError:
             if is_whole(folder, recipe):

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from bcid.recording.read import read_recording
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
-from bcid.simulation.samples import VEHICLE, Take, write_take
+from bcid.simulation.samples import VEHICLE, SampleTake, write_sample_take
 from bcid.vehicle import Vehicle, read_vehicle
 
 NS0 = 1_767_225_600_000_000_000
@@ -38,7 +38,7 @@ class Lab:
         self.vehicle = read_vehicle(folder / "car.toml")
         self.tabled = self.veh(columns=COLUMNS)
         self.motive_file, self.mcap_file = (
-            write_take(folder, Take(name, kind, 30.0), Plant(**REAL_EXTRAS), Sensor(), 11)
+            write_sample_take(folder, SampleTake(name, kind, 30.0), Plant(**REAL_EXTRAS), Sensor(), 11)
             for name, kind in (("drive", "motive"), ("drive_m", "mcap"))
         )
         clean = read_recording(self.mcap_file, self.vehicle)

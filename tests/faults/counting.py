@@ -15,9 +15,9 @@ import numpy as np
 import zstandard
 from mcap.records import MessageIndex
 
-from bcid.files.source_code import Code
+from bcid.files.source_code import StageCode
 from bcid.recording.formats.detect import MCAP_MAGIC
-from bcid.recording.formats.mcap_records import Broken, records
+from bcid.recording.formats.mcap_records import DamagedRecord, iterate_records
 from bcid.store.artifact import Recipe, is_whole
 from faults.killing import prepared, start
 
@@ -25,11 +25,11 @@ GIB = 1 << 30
 COSTS = """
 import resource, sys, time
 from pathlib import Path
-from bcid.recording.mcap_records import Broken, records
+from bcid.recording.formats.mcap_records import DamagedRecord, iterate_records
 before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
 try:
-    broken = any(isinstance(read.record, Broken) for read in records(Path(sys.argv[1])))
-except Broken:
+    broken = any(isinstance(entry.record, DamagedRecord) for entry in iterate_records(Path(sys.argv[1])))
+except DamagedRecord:
     broken = True
 more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
 print(int(broken), time.process_time() - begin, more / 1024)
@@ -57,8 +57,8 @@ def conformance(folder: Path) -> dict[str, int]:
 def _as_described(path: Path) -> bool:
     wanted = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))["records"]
     try:
-        read = [r.record for r in records(path, attachments=True)]
-    except Broken:
+        read = [r.record for r in iterate_records(path, attachments=True)]
+    except DamagedRecord:
         return False
     return [described(r) for r in read if not isinstance(r, MessageIndex)] == wanted
 
@@ -87,7 +87,7 @@ def flips(workspace: Path, n: int) -> dict[str, int]:
 
 
 def _recipe_of(manifest: dict[str, Any]) -> Recipe:
-    code = Code(manifest["code"], manifest["packages"])
+    code = StageCode(manifest["code"], manifest["packages"])
     return Recipe(manifest["stage"], manifest["inputs"], manifest["settings"], code, manifest["seed"])
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from bcid.simulation.car import REAL_EXTRAS, Plant, Sensor
-from bcid.simulation.samples import VEHICLE, Take, write_take
+from bcid.simulation.samples import VEHICLE, SampleTake, write_sample_take
 
 PIPELINE = """\
 vehicle = "car.toml"
@@ -37,7 +37,7 @@ def prepared(folder: Path) -> None:
     """Takes and a vehicle file."""
     (folder / "car.toml").write_text(VEHICLE)
     for i, (name, kind) in enumerate((("first", "motive"), ("second", "mcap"), ("third", "motive"))):
-        write_take(folder, Take(name, kind, 60.0), Plant(**REAL_EXTRAS), Sensor(), 20 + i)  # type: ignore[arg-type]
+        write_sample_take(folder, SampleTake(name, kind, 60.0), Plant(**REAL_EXTRAS), Sensor(), 20 + i)  # type: ignore[arg-type]
 
 
 def start(folder: Path, workspace: str) -> subprocess.Popen[bytes]:

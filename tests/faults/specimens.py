@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from test_readers import as_ros2, topical
 
 from bcid.errors import InputRefused
-from bcid.files.source_code import Code
+from bcid.files.source_code import StageCode
 from bcid.recording.read import read_recording
 from bcid.recording.saving import load_recording, save_recording
 from bcid.recording.types import Recording
@@ -141,42 +141,48 @@ def _own(folder: Path) -> list[Specimen]:
     """What bcid itself writes, and the TOML files that it reads."""
     from bcid.models import published
     from bcid.models.kinematic.k_mlp import KMlp
-    from bcid.models.network.mlp import Weights
+    from bcid.models.network.mlp import MlpWeights
     from bcid.models.saving import load_model, save_model
-    from bcid.pipeline.plan import read_plan
+    from bcid.pipeline.config import read_pipeline_file
 
     models = folder / "model"
     models.mkdir()
     rng = np.random.default_rng(1)
     W1, W2, W3 = (0.1 * rng.standard_normal(size).astype(np.float32) for size in ((6, 8), (8, 4), (4, 3)))
     b1, b2, b3 = (np.zeros(n, np.float32) for n in (8, 4, 3))
-    weights = Weights(np.zeros(6), np.ones(6), W1, b1, W2, b2, W3, b3, np.zeros(3), np.ones(3))
-    save_model(KMlp(weights, published.k_sindy().frame, {}), models)
+    weights = MlpWeights(np.zeros(6), np.ones(6), W1, b1, W2, b2, W3, b3, np.zeros(3), np.ones(3))
+    save_model(KMlp(weights, published.k_sindy().car, {}), models)
     (folder / "pipeline.toml").write_bytes((Path(__file__).parents[2] / "pipelines" / "bumper_car.toml").read_bytes())
 
     def model() -> Any:
-        data, arrays = load_model(models).state()
+        data, arrays = load_model(models).to_saved()
         return {"content": json.dumps(data, sort_keys=True) + str({k: v.tobytes() for k, v in sorted(arrays.items())})}
 
     return [
         Specimen("model.json", models / "model.json", model, TEXT, True),
         Specimen("arrays.safetensors", models / "arrays.safetensors", model, BYTES, True),
         Specimen("vehicle TOML", folder / "car.toml", partial(read_vehicle, folder / "car.toml"), TEXT, False),
-        Specimen("pipeline TOML", folder / "pipeline.toml", partial(read_plan, folder / "pipeline.toml"), TEXT, False),
+        Specimen(
+            "pipeline TOML",
+            folder / "pipeline.toml",
+            partial(read_pipeline_file, folder / "pipeline.toml"),
+            TEXT,
+            False,
+        ),
     ]
 
 
 def _kept(folder: Path, recording: Recording) -> list[Specimen]:
     """A workspace's artifact, which is used as it was written, or refused and made anew."""
-    recipe = Recipe("ingest", {"take": "1"}, {}, Code("c0de", {"numpy": "2"}))
+    recipe = Recipe("ingest", {"take": "1"}, {}, StageCode("c0de", {"numpy": "2"}))
     store = Store(folder / "workspace")
-    made = store.get(recipe, partial(save_recording, recording)).folder
+    made = store.get_or_make(recipe, partial(save_recording, recording)).folder
 
     def again(folder: Path) -> None:
         raise InputRefused(folder, "artifact", "is not as it was written", "it is made anew")
 
     def read() -> Any:
-        return seen(load_recording(store.get(recipe, again).folder))
+        return seen(load_recording(store.get_or_make(recipe, again).folder))
 
     return [
         Specimen(f"artifact's {name}", made / name, read, how, True)

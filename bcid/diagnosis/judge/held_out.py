@@ -1,84 +1,79 @@
-"""What an explanation is worth on blocks of the take that its parameters have not seen."""
-
-from __future__ import annotations
+"""Gains of an explanation on blocks of the take that its parameters have not seen: two-fold cross-validation."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.likelihood.marginal import Scales, log_likelihood, moments, rescaled
+from bcid.bootstrap import draw_blocks, quantile_interval
+from bcid.errors import PredictionDiverged
+from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
 from bcid.likelihood.newton import Tangent
-from bcid.likelihood.nuisance import deviations
+from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
-LONGEST_BLOCK_S = 20.0
-BLOCKS = 12  # at least: of fewer, a bootstrap shows no scatter
-RESAMPLES = 999
-ITERATIONS = 3
+# blocks are as long as pushes may be correlated; of fewer blocks, a bootstrap shows no scatter
+LONGEST_BLOCK_S, MIN_BLOCKS = 20.0, 12
+HALF_ITERATIONS = 3
 
 
-class Gain(NamedTuple):
-    """Nats of log-likelihood on held-out blocks, one explanation over another."""
+class HeldOutGain(NamedTuple):
+    """How much likelier one explanation makes the held-out blocks than another (nats of log-likelihood)."""
 
     nats: float
     ci95: tuple[float, float]
 
 
-def block_s(take: Take) -> float:
-    """How long the blocks are that are held out and resampled."""
-    return min(LONGEST_BLOCK_S, take.T / BLOCKS)
+def block_length_s(take: Take) -> float:
+    """Length (s) of the blocks of a take that are held out and resampled."""
+    return min(LONGEST_BLOCK_S, take.T / MIN_BLOCKS)
 
 
-def halves(take: Take) -> list[Ints]:
-    """The segments of every other block, and those between."""
-    block = (take.begin_s // block_s(take)).astype(int)
+def split_halves(take: Take) -> list[Ints]:
+    """Indices of the segments in the even blocks of a take, and of those in its odd blocks."""
+    block = (take.begin_s // block_length_s(take)).astype(int)
     return [np.flatnonzero(block % 2 == side) for side in (0, 1)]
 
 
-def on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
-    """The fit refitted to some of the segments, from where it stands and along its own tangent."""
-    rows, share = take.rows(chosen), fit.hypothesis.of_a_share(len(chosen) / take.segments)
+def refit_on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
+    """The fit refitted to the `chosen` segments only, starting from its own parameters and along its own tangent."""
+    rows, share = take.rows(chosen), fit.hypothesis.scale_simulation_prior(len(chosen) / take.segments)
     tangent = Tangent(np.ascontiguousarray(fit.tangent.A[rows]), np.ascontiguousarray(fit.tangent.J[rows]))
-    return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, ITERATIONS, tangent)
+    return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, HALF_ITERATIONS, tangent)
 
 
-def scores(fit: Fit, take: Take) -> Floats:
-    """Log-likelihood of every segment (S,) under parameters fitted to the other half.
+def held_out_log_likelihoods(fit: Fit, take: Take) -> Floats:
+    """Log-likelihood of every segment (S,) under parameters refitted to the other half of the take.
 
-    Where half a take leads a poor explanation out of the finite numbers on the other, it is judged by the parameters of
-    the whole take, which flatters it: what it lacks is not made larger by that.
+    Where a refit diverges on the other half, the parameters of the whole take are used there, which flatters the fit.
     """
-    one, other = halves(take)
-    out = np.zeros(take.segments)
-    for train, test in ((one, other), (other, one)):
+    out, halves = np.zeros(take.segments), split_halves(take)
+    for train, test in (halves, halves[::-1]):
         try:
-            trained = on_half(fit, take, train)
-            out[test] = _on(fit, take, test, trained.phi, trained.scales)
-        except FloatingPointError:
-            out[test] = _on(fit, take, test, fit.phi, fit.scales)
+            trained = refit_on_half(fit, take, train)
+            out[test] = _evaluate_segments(fit, take, test, trained.phi, trained.scales)
+        except PredictionDiverged:
+            out[test] = _evaluate_segments(fit, take, test, fit.phi, fit.scales)
     return out
 
 
-def _on(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floats:
-    """Log-likelihood of some of the segments at phi."""
+def _evaluate_segments(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floats:
+    """Log-likelihood of each `chosen` segment under the fit's hypothesis with other parameters and scales."""
     part = take.part(chosen)
     A = np.ascontiguousarray(fit.tangent.A[take.rows(chosen)])
-    r = deviations(part, fit.hypothesis.setting(phi, part), fit.start[chosen], A)
-    _, e = rescaled(moments(r, A, part.first), scales, 0)
-    return log_likelihood(e)
+    r = residuals_without_pushes(part, fit.hypothesis.prediction_inputs(phi, part), fit.start[chosen], A)
+    _, e = estimate_scales(segment_moments(r, A, part.first), scales, 0)
+    return student_log_densities(e)
 
 
-def gain(better: Floats, worse: Floats, take: Take, unbent: float = 0.0) -> Gain:
-    """The gain of `better` over `worse`, both as `scores` gives them, with a block bootstrap.
+def bootstrap_gain(better: Floats, worse: Floats, take: Take, prior_gain: float = 0.0) -> HeldOutGain:
+    """Gain (nats) of one explanation over another on held-out blocks, with a 95 % interval by resampling the blocks.
 
-    And `unbent`, nats by which it bends the parameters of a trusted simulation less: what those were found from is
-    no part of the take, and contradicts `worse` on every block of it.
+    `better` and `worse` are the segments' log-likelihoods (S,) by `held_out_log_likelihoods`.  `prior_gain` (nats), by
+    which the better one departs less from a trusted reference model, does not depend on the take: it is added to all.
     """
-    block = (take.begin_s // block_s(take)).astype(int)
+    block = (take.begin_s // block_length_s(take)).astype(int)
     sums = np.bincount(block, better - worse)[np.unique(block)]
-    rng = np.random.default_rng(0)
-    totals = sums[rng.integers(0, len(sums), (RESAMPLES, len(sums)))].sum(axis=1)
-    low, high = np.quantile(totals, [0.025, 0.975]) + unbent
-    return Gain(float(sums.sum()) + unbent, (float(low), float(high)))
+    low, high = quantile_interval(sums[draw_blocks(len(sums))].sum(axis=1)) + prior_gain
+    return HeldOutGain(float(sums.sum()) + prior_gain, (float(low), float(high)))

@@ -1,176 +1,163 @@
-"""What the fit of the missing physics is worth: closed loop on held-out blocks, with intervals and the noise floor."""
+"""Closed-loop prediction errors before and after the fit of what is missing, on held-out blocks, and their floor."""
 
-from __future__ import annotations
-
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.compared import Compared
-from bcid.diagnosis.judge.held_out import block_s, halves, on_half
+from bcid.bootstrap import draw_blocks, quantile_interval
+from bcid.diagnosis.judge.held_out import block_length_s, refit_on_half, split_halves
+from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.documents.diagnosis import HorizonError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import Restarted, restarted
-from bcid.experiment.simulate import seen_at, states
-from bcid.likelihood.prepare import constants_of
+from bcid.evaluation.closed_loop import RestartedPrediction, predict_with_restarts
+from bcid.experiment.simulate import observe_states, simulate_states
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Take
-from bcid.models.fitting.windows import scale
+from bcid.models.fitting.windows import inverse_spread
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
-Interval = tuple[float, float]
-
 HORIZONS_S = (0.5, 2.0, 10.0)
-RESAMPLES = 999
+TRACKS_HORIZON_S = 2.0
 
 
-@dataclass(frozen=True)
-class Horizon:
-    """NMSE of predictions started anew every `horizon_s`, with 95 % intervals over blocks."""
+class PredictedTracks(NamedTuple):
+    """Measured and predicted places (m) on the estimate's grid; predictions restart every TRACKS_HORIZON_S."""
 
-    horizon_s: float
-    before: float | None  # None, as all of them, where no prediction stays within the finite numbers
-    before_ci95: Interval | None
-    after: float | None
-    after_ci95: Interval | None
-    floor: float | None  # of the found car itself, simulated with its own noise and estimated like the recording
-    ratio_ci95: Interval | None  # of after over before
-    lost: float  # share of the time in which either left the finite numbers, which counts for neither
-    given: float | None = None  # of the simulation as it was given, refitted to nothing
-    given_lost: float | None = None
+    time_s: Floats  # (K,)
+    measured: Floats  # (K, 2)
+    before: Floats  # (K, 2)
+    after: Floats  # (K, 2)
+    starts: Floats  # (K,) 1 where predictions start, else 0
 
 
-class Tracks(NamedTuple):
-    """Measured and predicted places on the estimate's grid; predictions started anew every 2 s."""
-
-    time_s: Floats
-    place: Floats  # (K, 2)
-    before: Floats
-    after: Floats
-    start: Floats  # 1 where predictions start
-
-
-def as_model(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
-    """The fit as a model that every command takes."""
+def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
+    """The fitted car with its effects as a model to roll out: for takes of `T` (s), in steps of `period_s`."""
     hypothesis = fit.hypothesis
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     car = fit.car()
-    errors = {s: float(getattr(car, s) * e) for s, e in zip(hypothesis.logs, se, strict=False)}
-    errors |= {field: e for field, (_, e) in fit.values().items()}
+    errors = {s: float(getattr(car, s) * e) for s, e in zip(hypothesis.log_parameters, se, strict=False)}
+    errors |= {field: e for field, (_, e) in fit.effect_estimates().items()}
     facts = {
-        "fitted": [*hypothesis.logs, "R_1", "R_2"], "se": errors, "log_likelihood": fit.log_likelihood,
+        "fitted": [*hypothesis.log_parameters, "R_1", "R_2"], "se": errors, "log_likelihood": fit.log_likelihood,
         "noise": {"r": fit.scales.r.tolist(), "q": fit.scales.q.tolist()},
     }  # fmt: skip
     return AugmentedNewtonEuler(
-        car, hypothesis.values(fit.phi), hypothesis.constants, hypothesis.angle_limit, T, period_s, facts
+        car, hypothesis.effect_values(fit.phi), hypothesis.constants, hypothesis.angle_limit, T, period_s, facts
     )
 
 
-def compared_model(simulation: Compared, vehicle: Vehicle, T: float, period_s: float) -> AugmentedNewtonEuler:
-    """The simulation as it was given, as a model that every command takes."""
+def model_from_reference(
+    reference: ReferenceModel, vehicle: Vehicle, T: float, period_s: float
+) -> AugmentedNewtonEuler:
+    """The reference model, not refitted, as a model to roll out: for takes of `T` (s), in steps of `period_s`."""
     return AugmentedNewtonEuler(
-        simulation.car, simulation.effects, constants_of(vehicle), vehicle.steering.max_angle_rad, T, period_s, {}
+        reference.car, reference.effects, effect_constants(vehicle), vehicle.steering.max_angle_rad, T, period_s, {}
     )
 
 
-def compared(
+def compare_predictions(
     before: Fit, after: Fit, take: Take, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning,
-    simulation: Compared | None = None,
-) -> tuple[list[Horizon], Tracks]:  # fmt: skip
-    """Both fits, each refitted to one half of the blocks and judged on the other; and `simulation` as it is."""
-    weights = scale(estimate.twist)
-    block = ((estimate.time_s - recording.poses.time_s[0]) // block_s(take)).astype(int)
-    side = block % 2
-    trained = [(_on_half(before, take, half), _on_half(after, take, half)) for half in halves(take)]
-    T = float(take.length_s[0])
-    models = [tuple(as_model(f, T, estimate.period_s) for f in pair) for pair in trained]
-    again: Estimate | None = None
-    with suppress(FloatingPointError):  # a car that only fits stretch by stretch may not drive a whole take
-        again = estimate_motion(replayed(after, take, recording), vehicle, tuning, estimate.period_s)
-    itself = as_model(after, T, estimate.period_s)
-    given = compared_model(simulation, vehicle, T, estimate.period_s) if simulation else None
+    reference: ReferenceModel | None = None,
+) -> tuple[list[HorizonError], PredictedTracks]:  # fmt: skip
+    """Closed-loop errors of two fits on the first recording of their take, at all HORIZONS_S, and the predicted tracks.
+
+    The fits without (`before`) and with (`after`) the named effects are refitted to each half of the blocks and judged
+    on the other half; the `reference` model is judged unrefitted.  The estimator's `tuning` gives the noise floor.
+    """
+    weights = inverse_spread(estimate.twist)
+    block = ((estimate.time_s - recording.poses.time_s[0]) // block_length_s(take)).astype(int)
+    trained_on_first, halves = block % 2 == 1, split_halves(take)
+    T, period_s = float(take.length_s[0]), estimate.period_s
+    trained = [
+        [model_from_fit(_refit_on_half_or_keep(fit, take, half), T, period_s) for half in halves]
+        for fit in (before, after)
+    ]
+    # a car that only fits stretch by stretch may not drive a whole take
+    simulated = none_if_diverged(simulate_fitted_car, after, take, recording)
+    again = estimate_motion(simulated, vehicle, tuning, period_s) if simulated else None
     rows, tracks = [], None
     for horizon in HORIZONS_S:
         squares, places = [], []
-        for which in (0, 1):
-            predictions = [restarted(models[half][which], estimate, horizon) for half in (0, 1)]
-            errors = [_squares(p, estimate, weights) for p in predictions]
-            squares.append(np.where(side == 1, *errors))  # trained on the others
-            places.append(np.where((side == 1)[:, None], *(p.pose[:, :2] for p in predictions)))
-            starts = predictions[0].start
-        floor = None if again is None else _mean(_squares(restarted(itself, again, horizon), again, weights))
-        row = _judged(horizon, squares[0], squares[1], floor, block)
-        if given is not None:
-            off = _squares(restarted(given, estimate, horizon), estimate, weights)
-            row = replace(row, given=_mean(off), given_lost=float(np.isnan(off).mean()))
+        for models in trained:
+            predictions = [predict_with_restarts(model, estimate, horizon) for model in models]
+            errors = [_squared_errors(p, estimate, weights) for p in predictions]
+            squares.append(np.where(trained_on_first, *errors))
+            places.append(np.where(trained_on_first[:, None], *(p.pose[:, :2] for p in predictions)))
+        floor = None
+        if again is not None:
+            itself = predict_with_restarts(model_from_fit(after, T, period_s), again, horizon)
+            floor = _finite_mean(_squared_errors(itself, again, weights))
+        row = _bootstrap_errors(horizon, squares[0], squares[1], floor, block)
+        if reference is not None:
+            given = predict_with_restarts(model_from_reference(reference, vehicle, T, period_s), estimate, horizon)
+            off = _squared_errors(given, estimate, weights)
+            lost = float(np.isnan(off).mean())
+            row = row.model_copy(update={"nmse_given": _finite_mean(off), "given_lost": lost})
         rows.append(row)
-        if horizon == 2.0:
-            tracks = Tracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts.astype(float))
-    assert tracks is not None  # noqa: S101  # 2 s is one of the horizons
+        if horizon == TRACKS_HORIZON_S:
+            starts = predictions[0].start.astype(float)
+            tracks = PredictedTracks(estimate.time_s, estimate.pose[:, :2], places[0], places[1], starts)
+    assert tracks is not None  # noqa: S101  # it is one of the horizons
     return rows, tracks
 
 
-def _on_half(fit: Fit, take: Take, half: Ints) -> Fit:
-    """The fit refitted to half of the take; as it is, which flatters it, where that leaves the finite numbers."""
-    try:
-        return on_half(fit, take, half)
-    except FloatingPointError:
-        return fit
+def _refit_on_half_or_keep(fit: Fit, take: Take, half: Ints) -> Fit:
+    """The fit refitted to half of the take; where that diverges, the fit to the whole take, which flatters it."""
+    return none_if_diverged(refit_on_half, fit, take, half) or fit
 
 
-def _squares(predicted: Restarted, estimate: Estimate, weights: Floats) -> Floats:
-    """Weighted squares of what predictions are off (K,); NaN all along a stretch that left the finite numbers.
+def _squared_errors(predicted: RestartedPrediction, estimate: Estimate, weights: Floats) -> Floats:
+    """Mean over the channels of the weighted squared errors of predicted twists (K,); NaN where predictions diverge.
 
-    The row that such a stretch starts with is the estimate's own, and no prediction.
+    The row at which a diverging prediction starts is NaN as well: it is the estimate's own.
     """
     off = ((weights * (predicted.twist - estimate.twist)) ** 2).mean(axis=1)
     off[:-1][predicted.start[:-1] & np.isnan(off[1:])] = np.nan
     return np.asarray(off)
 
 
-def _mean(squares: Floats) -> float | None:
-    """Of what there is, if anything is."""
+def _finite_mean(squares: Floats) -> float | None:
+    """Mean of the finite values; None if there are none."""
     there = squares[np.isfinite(squares)]
     return float(there.mean()) if len(there) else None
 
 
-def _judged(horizon: float, before: Floats, after: Floats, floor: float | None, block: Ints) -> Horizon:
-    """Means and their intervals, by resampling those blocks in which there is anything of both."""
+def _bootstrap_errors(horizon: float, before: Floats, after: Floats, floor: float | None, block: Ints) -> HorizonError:
+    """Mean errors and their intervals from squared errors (K,), by resampling the blocks in which both are finite."""
     finite = np.isfinite(before) & np.isfinite(after)
     lost = float((~finite).mean())
     if lost == 1.0:
-        return Horizon(horizon, None, None, None, None, floor, None, lost)
+        return HorizonError(horizon_s=horizon, nmse_floor=floor, lost=lost)
     known = np.bincount(block, finite) > 0.0
     count = np.bincount(block, finite)[known]
     sums = [np.bincount(block, np.where(finite, s, 0.0))[known] for s in (before, after)]
-    draws = np.random.default_rng(0).integers(0, len(count), (RESAMPLES, len(count)))
+    draws = draw_blocks(len(count))
     b, a = (s[draws].sum(axis=1) / count[draws].sum(axis=1) for s in sums)
-    whole = [float(s.sum() / count.sum()) for s in sums]
+    nmse_before, nmse_after = (float(s.sum() / count.sum()) for s in sums)
+    before_ci95, after_ci95, ratio_ci95 = (
+        (float(low), float(high)) for low, high in map(quantile_interval, (b, a, a / np.maximum(b, 1e-30)))
+    )
+    return HorizonError(
+        horizon_s=horizon, nmse_before=nmse_before, nmse_after=nmse_after, nmse_floor=floor, lost=lost,
+        before_ci95=before_ci95, after_ci95=after_ci95, ratio=nmse_after / nmse_before if nmse_before else None,
+        ratio_ci95=ratio_ci95,
+    )  # fmt: skip
 
-    def interval(values: Floats) -> Interval:
-        low, high = np.quantile(values, [0.025, 0.975])
-        return float(low), float(high)
 
-    ratio = interval(a / np.maximum(b, 1e-30))
-    return Horizon(horizon, whole[0], interval(b), whole[1], interval(a), floor, ratio, lost)
-
-
-def replayed(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recording:
-    """A recording of the fitted car itself under the recording's commands, with the fit's own pushes and noise.
-
-    Raises:
-        FloatingPointError: where its drive leaves the finite numbers.
-    """
-    setting = fit.hypothesis.setting(fit.phi, take)
-    path = seen_at(
+def simulate_fitted_car(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recording:
+    """The recording that the fitted car would give under the same commands, with random pushes and noise of its own."""
+    setting = fit.hypothesis.prediction_inputs(fit.phi, take)
+    path = observe_states(
         recording.poses.time_s - recording.poses.time_s[0],
-        states(setting, float(take.length_s[0]), fit.scales, seed, fit.start[0]), setting,
+        simulate_states(setting, float(take.length_s[0]), fit.scales, seed, fit.start[0]), setting,
     )  # fmt: skip
     each = max(1.0, round(GROUP_S * recording.rate_hz))
     noise = np.random.default_rng([seed, 1]).standard_normal(path.shape) * fit.scales.r * np.sqrt(each)

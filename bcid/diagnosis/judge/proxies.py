@@ -1,133 +1,134 @@
-"""Effects that only stand in for something without a name: they do roughly what is missing, and much of it stays."""
-
-from __future__ import annotations
+"""Proxies: effects that only stand in for something without a name, and leave much of it unexplained."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
-from bcid.diagnosis.locate.channel_gains import explained_by
-from bcid.diagnosis.locate.pushes import disturbances, relieved
-from bcid.diagnosis.locate.scan_statistic import Circle
-from bcid.diagnosis.locate.unexplained import Left
-from bcid.diagnosis.search.forward_backward import Search
-from bcid.diagnosis.search.line_search import at_simulated
-from bcid.diagnosis.search.refits import named
+from bcid.diagnosis.limits import PROXY_LIMITS
+from bcid.diagnosis.locate.channel_gains import channel_gains
+from bcid.diagnosis.locate.mismatch import RemainingMismatch
+from bcid.diagnosis.locate.pushes import estimate_disturbances, push_reduction_shares
+from bcid.diagnosis.locate.scan_statistic import FloorCircle
+from bcid.diagnosis.search.forward_backward import SearchResult
+from bcid.diagnosis.search.line_search import phi_at_reference
+from bcid.diagnosis.search.refits import gain_nats, named_effects
 from bcid.effects.table import EFFECTS
-from bcid.likelihood.refit import Fit, held
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.refit import Fit, evaluate_fixed
 from bcid.likelihood.take import Take
 
-WORTH_TELLING = 0.02  # share of what is explained from which a remainder is told beside it
-ENOUGH = 0.1  # share of what is explained that may be left predictable, where effects are named
-LEFT_OVER = 0.15  # of what an effect's own channel would explain without it, which may be left in another,
-OVERLAP = 0.25  # and which that other would explain less with it: beyond both it only stands in for something else
-BEYOND = 3.0  # times what free functions promise, which an effect gains where they are no measure of it
-FAR_OFF = 0.5  # the same two shares, of a car that is pushed: more is missing than has a name
-STANDING_OUT = 0.4  # correlation of what is left with what trees predict, above which names are stand-ins
-ELSEWHERE = 0.25  # share of what an effect relieves the pushes of, up to which it does so elsewhere
-WAYS = {"fx": ("along",), "motor": ("along",), "fy": ("across",), "mz": ("across",), "steering": ("across",)}
-"""Where a channel's pushes go; those of the others, anywhere."""
+PUSH_DIRECTIONS = {"fx": ("along",), "motor": ("along",), "fy": ("across",), "mz": ("across",), "steering": ("across",)}
+"""Where the pushes of what acts in a channel go; those of the other channels may go anywhere."""
 
 
-class _Seen(NamedTuple):
-    """What a take shows with some effects and without each, as far as it says which of them stand in."""
+class _Evidence(NamedTuple):
+    """What a take shows with all named effects and without each: the evidence on which effects are proxies."""
 
     best: Fit
-    without: Mapping[str, Fit]
-    left: Left
+    leave_one_out: Mapping[str, Fit]
+    unexplained: RemainingMismatch  # beside `best`
 
     @property
     def gains(self) -> dict[str, float]:
-        """Nats that each effect is worth beside the others."""
-        return {name: self.best.bic - fit.bic for name, fit in self.without.items()}
+        """Nats that each named effect gains beside the others."""
+        return {name: gain_nats(self.best, fit) for name, fit in self.leave_one_out.items()}
 
-    def over(self, gate: float) -> dict[str, float]:
-        """Of `entering` what is worth telling and beyond chance."""
-        least = max(gate, WORTH_TELLING * sum(self.gains.values()))
-        return {channel: nats for channel, nats in self.left.entering.items() if nats > least}
+    def unexplained_channels(self, gate_nats: float) -> dict[str, float]:
+        """Nats by channel that its basis functions would still gain, if these are beyond chance and not negligible."""
+        least = max(gate_nats, PROXY_LIMITS.min_remainder_share * sum(self.gains.values()))
+        return {channel: nats for channel, nats in self.unexplained.channel_gains.items() if nats > least}
 
 
-def stand_ins(found: Search, take: Take, place: Circle | None, left: Left) -> tuple[str, ...]:
-    """Those of the effects found that stand in, each alone or all together; `left` is what is left beside them.
+def find_proxies(
+    search: SearchResult, take: Take, place: FloorCircle | None, unexplained: RemainingMismatch
+) -> tuple[str, ...]:
+    """Ids of the named effects that are proxies: each alone, or all together, stand in for something without a name.
 
-    Beside a trusted simulation they have to stand in beside its own parameters as well: a refit without an effect bends
-    those to what is missing as far as they go, so that the effect seems to explain little.
+    `place` is the circle on the floor that stands out, `unexplained` what is left beside the best fit.  With a trusted
+    reference model an effect must be a proxy beside that model's own parameters, too: a refit without the effect moves
+    them as far as they may go to explain what is missing, so that the effect seems to explain little.
     """
-    if not named(found.best):
+    if not named_effects(search.best):
         return ()
-    seen = _Seen(found.best, found.without, left)
-    doing = _doing_duty(seen, take, place, found.nulls.gate)
-    if not doing or found.best.hypothesis.simulated is None:
-        return doing
-    try:
-        beside = _doing_duty(_beside_simulation(found, take, place), take, place, found.nulls.gate)
-    except FloatingPointError:  # its own parameters may not drive this take
-        return doing
-    return tuple(name for name in doing if name in beside)
+    evidence, gate = _Evidence(search.best, search.leave_one_out, unexplained), search.nulls.gate
+    proxies = _select_proxies(evidence, take, place, gate)
+    if not proxies or search.best.hypothesis.trusted_simulation is None:
+        return proxies
+    beside = none_if_diverged(
+        lambda: _select_proxies(_evaluate_beside_reference(search, take, place), take, place, gate)
+    )
+    return proxies if beside is None else tuple(name for name in proxies if name in beside)
 
 
-def _beside_simulation(found: Search, take: Take, place: Circle | None) -> _Seen:
-    """The same effects beside a trusted simulation's own parameters, nothing of which is refitted.
+def _evaluate_beside_reference(search: SearchResult, take: Take, place: FloorCircle | None) -> _Evidence:
+    """The evidence on proxies with a trusted reference model's own parameters, nothing of which is refitted.
 
-    Those without which it does not drive this take at all explain what nothing else does, and are left out.
+    An effect without which the reference model diverges is left out: nothing else explains what it does.
 
     Raises:
-        FloatingPointError: it does not, with all of them.
+        PredictionDiverged: the reference model diverges with all effects as well.
     """
-    best, without = _held(found.best, take), dict[str, Fit]()
-    for name, fit in found.without.items():
-        with suppress(FloatingPointError):
-            without[name] = _held(fit, take)
-    return _Seen(best, without, Left.of(best, take, place))
+    best, without = _evaluate_at_reference(search.best, take), dict[str, Fit]()
+    for name, fit in search.leave_one_out.items():
+        less = none_if_diverged(_evaluate_at_reference, fit, take)
+        if less:
+            without[name] = less
+    return _Evidence(best, without, RemainingMismatch.beside(best, take, place))
 
 
-def _held(fit: Fit, take: Take) -> Fit:
-    """The fit with a trusted simulation's own parameters, and its own of all else."""
-    return held(take, fit.hypothesis, at_simulated(fit), fit.scales)
+def _evaluate_at_reference(fit: Fit, take: Take) -> Fit:
+    """The fit with a trusted reference model's own parameters in place of the refitted ones, effects unchanged."""
+    return evaluate_fixed(take, fit.hypothesis, phi_at_reference(fit), fit.scales)
 
 
-def _doing_duty(seen: _Seen, take: Take, place: Circle | None, gate: float) -> tuple[str, ...]:
-    """Those that stand in, each alone; all together where none does and much is left that stands out."""
-    over, gains, left = seen.over(gate), seen.gains, seen.left.remainder
-    alone = tuple(name for name in gains if over and _stands_in(name, seen, take, place, over))
-    if alone or not left.predictable or left.correlation <= STANDING_OUT:
+def _select_proxies(evidence: _Evidence, take: Take, place: FloorCircle | None, gate_nats: float) -> tuple[str, ...]:
+    """Ids of the effects that are proxies each alone; if none is, of those that are proxies together."""
+    channels, regression = evidence.unexplained_channels(gate_nats), evidence.unexplained.regression
+    alone = tuple(name for name in evidence.gains if channels and _is_proxy(name, evidence, take, place, channels))
+    if alone or not regression.predictable or regression.correlation <= PROXY_LIMITS.min_correlation:
         return alone
-    return _mixed(seen, take) if left.gain > _much(take, ENOUGH) * sum(gains.values()) else ()
+    allowed = _allowed_remainder_share(take, PROXY_LIMITS.max_remainder_share) * sum(evidence.gains.values())
+    return _joint_proxies(evidence, take) if regression.gain_nats > allowed else ()
 
 
-def _stands_in(name: str, seen: _Seen, take: Take, place: Circle | None, over: Mapping[str, float]) -> bool:
-    """Whether an effect does only roughly what a channel's free functions show to be missing there.
+def _is_proxy(
+    name: str, evidence: _Evidence, take: Take, place: FloorCircle | None, channels: Mapping[str, float]
+) -> bool:
+    """Whether basis functions of some channel show that something else than this effect acts there.
 
-    They still explain much beside it (`over`, nats by channel), and without it would explain much of what it does:
-    what is really missing enters there, in another way.
+    Beside the effect they still gain much (`channels`, nats); without it they gain much of what the effect explains.
     """
-    without, gained = explained_by(seen.without[name], take, place), seen.gains[name]
-    own = without.get(EFFECTS[name].channel, max(without.values()))  # to first order, as the others are
-    # which says little where the fit had to go far, or where pushes do the work already: then what it gains counts
-    if take.pushed or gained > BEYOND * own:
+    without, gained = channel_gains(evidence.leave_one_out[name], take, place), evidence.gains[name]
+    # to first order, as for the other channels, which is too little where the fit had to go far or where pushes do the
+    # effect's work: then the gain of the refit counts
+    own = without.get(EFFECTS[name].channel, max(without.values()))
+    if take.pushed or gained > PROXY_LIMITS.first_order_factor * own:
         own = max(own, gained)
-    much = _much(take, LEFT_OVER) * own
-    there = [c for c, nats in over.items() if nats > much and without[c] - nats > OVERLAP * own]
-    return _pushes_in(there, name, seen, take)
+    allowed, overlap = (
+        _allowed_remainder_share(take, PROXY_LIMITS.max_channel_share) * own,
+        PROXY_LIMITS.min_overlap_share * own,
+    )
+    missing = [c for c, nats in channels.items() if nats > allowed and without[c] - nats > overlap]
+    return _relieves_channels(missing, name, evidence, take)
 
 
-def _much(take: Take, share: float) -> float:
-    """The share of what is explained that may be left; FAR_OFF where the base model is wrong in many ways."""
-    return FAR_OFF if take.pushed else share
+def _allowed_remainder_share(take: Take, share: float) -> float:
+    """Share of what effects explain that may be left unexplained: `share`, or a larger one for a take under pushes."""
+    return PROXY_LIMITS.max_share_under_pushes if take.pushed else share
 
 
-def _pushes_in(channels: Sequence[str], name: str, seen: _Seen, take: Take) -> bool:
-    """Whether the pushes that the effect makes unnecessary go where one of the channels' do.
-
-    What acts along a car is no stand-in for what is left across it.
-    """
+def _relieves_channels(channels: Sequence[str], name: str, evidence: _Evidence, take: Take) -> bool:
+    """Whether an effect makes pushes unnecessary in the direction, along or across, of one of the channels."""
     if not channels:
         return False
-    shares = relieved(disturbances(seen.without[name], take), disturbances(seen.best, take))
-    return any(sum(shares[way] for way in WAYS.get(c, tuple(shares))) > ELSEWHERE for c in channels)
+    shares = push_reduction_shares(
+        estimate_disturbances(evidence.leave_one_out[name], take), estimate_disturbances(evidence.best, take)
+    )
+    relief = (sum(shares[direction] for direction in PUSH_DIRECTIONS.get(c, tuple(shares))) for c in channels)
+    return any(share > PROXY_LIMITS.min_relief_share for share in relief)
 
 
-def _mixed(seen: _Seen, take: Take) -> tuple[str, ...]:
-    """Effects that stand in, together, for something that is not in the vocabulary and still stands out."""
-    out = [c for c, r in seen.left.remainder.correlations.items() if r > STANDING_OUT]
-    return tuple(n for n in seen.without if _pushes_in(out, n, seen, take))
+def _joint_proxies(evidence: _Evidence, take: Take) -> tuple[str, ...]:
+    """Ids of the effects that make pushes unnecessary in channels where the remaining pushes are still predictable."""
+    correlations = evidence.unexplained.regression.correlations
+    channels = [c for c, r in correlations.items() if r > PROXY_LIMITS.min_correlation]
+    return tuple(n for n in evidence.leave_one_out if _relieves_channels(channels, n, evidence, take))

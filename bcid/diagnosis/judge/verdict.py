@@ -1,173 +1,166 @@
-"""From fits to findings: what is named, with what certainty, and what cannot be told apart."""
-
-from __future__ import annotations
+"""The verdict on a search: which effects are named, with which probability, and what is indistinguishable from them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from bcid.diagnosis.judge.held_out import Gain, block_s, gain, scores
-from bcid.diagnosis.judge.proxies import WORTH_TELLING, stand_ins
-from bcid.diagnosis.locate.scan_statistic import Circle
-from bcid.diagnosis.locate.unexplained import Left
-from bcid.diagnosis.search.forward_backward import DELAYS, PLAIN, Search
-from bcid.diagnosis.search.refits import RIVAL, incredible, named, refit_with
+from bcid.diagnosis.judge.held_out import HeldOutGain, block_length_s, bootstrap_gain, held_out_log_likelihoods
+from bcid.diagnosis.judge.proxies import find_proxies
+from bcid.diagnosis.limits import JUDGE_LIMITS, PROXY_LIMITS, SEARCH_LIMITS
+from bcid.diagnosis.locate.mismatch import RemainingMismatch
+from bcid.diagnosis.locate.scan_statistic import FloorCircle
+from bcid.diagnosis.search import refits
+from bcid.diagnosis.search.forward_backward import COMMAND_DELAYS, SearchResult
+from bcid.diagnosis.search.refits import gain_nats, named_effects
+from bcid.documents.diagnosis import Verdict
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import SEGMENT_S, Take
 
-Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
-
-TELLING = 2.0  # standard errors of the difference between two explanations that tell them apart
-MOST_TWINS = 3
-RELEVANT_SIZE = 0.05  # of an effect's size, below which it matters to no prediction
-TEMPER = 2.0  # divides differences of BIC in stated probabilities
-SURPRISE = 5.0  # nats of prior against something that no entry describes: about one case in 150
-
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect that is there."""
+    """One effect that is named."""
 
     effect: str
-    twins: tuple[str, ...]  # what it cannot be told from, most likely first
+    twins: tuple[str, ...]  # effects indistinguishable from it, most likely first
     probability: float
     values: dict[str, tuple[float, float]]  # by symbol, with standard errors
-    gain: float  # nats of BIC beside the others
-    heldout: Gain
+    gain_nats: float  # penalised, beside the other effects
+    held_out: HeldOutGain
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a search amounts to."""
+    """The named effects of a search, the verdict, and what is left."""
 
     verdict: Verdict
-    findings: tuple[Finding, ...]  # by evidence
-    dropped: tuple[str, ...]  # what the search accepted and the gates did not
-    left: Left  # beside `fit`
-    gate: float  # nats that chance does not reach
-    corrections: Gain | None  # held-out gain of the base model's own simplifications, where they stand out
-    search: Search  # without what was dropped
+    findings: tuple[Finding, ...]  # by gain, the largest first
+    dropped: tuple[str, ...]  # effects that the search accepted and the gates did not
+    unexplained: RemainingMismatch  # beside `fit`
+    gate_nats: float  # a gain that chance does not reach
+    corrections: HeldOutGain | None  # of the base model's own simplifications, where they stand out
+    search: SearchResult  # without what was dropped
 
     @property
     def fit(self) -> Fit:
-        """With the effects found; the corrected base model where none was."""
+        """The fit with the named effects; the corrected base model where there is none."""
         return self.search.best
 
     @property
-    def nats_left(self) -> float:
-        """Nats that something more would be worth; none where chance may be all there is."""
-        return self.left.nats(self.gate)
+    def unexplained_nats(self) -> float:
+        """Nats that something more would gain; zero where chance may be all there is."""
+        return self.unexplained.gain_nats(self.gate_nats)
 
     @property
-    def more_is_left(self) -> bool:
-        """Whether what remains is worth telling beside what was found."""
-        return self.nats_left > WORTH_TELLING * sum(f.gain for f in self.findings)
+    def more_is_missing(self) -> bool:
+        """Whether what is unexplained is worth reporting beside the named effects."""
+        gained = sum(f.gain_nats for f in self.findings)
+        return self.unexplained_nats > PROXY_LIMITS.min_remainder_share * gained
 
 
-def judged(
-    found: Search, take: Take, place: Circle | None = None, left: Left | None = None, dropped: tuple[str, ...] = ()
-) -> Judgement:
-    """The findings that pass the gates, and the verdict.
+def judge_search(
+    search: SearchResult, take: Take, place: FloorCircle | None = None, unexplained: RemainingMismatch | None = None,
+    dropped: tuple[str, ...] = (),
+) -> Judgement:  # fmt: skip
+    """Judge the effects that a search accepted: drop those that fail a gate, one after another, and give the verdict.
 
-    `place` stands out on the floor; `left` is what is left beside `found.best`.
-
-    Where an effect does not pass, the rest is refitted without it and judged anew.
+    `place` is the circle on the floor that stands out, `unexplained` what is left beside the best fit if that is known
+    already; `dropped` holds the ids of the effects that have failed before.
     """
-    best = found.best
-    left = left or Left.of(best, take, place)
-    findings = _findings(found, take)
-    weakest = _weakest(f for f in findings if not _passes(f, found))
-    no_car = () if weakest else incredible(best, take)  # a refit with less may have led another there
-    at_ends = _weakest(f for f in findings if f.effect in no_car)
-    standing_in = () if weakest or at_ends else stand_ins(found, take, place, left)
-    failed = (*weakest, *at_ends, *standing_in)
+    best, gate = search.best, search.nulls.gate
+    unexplained = unexplained or RemainingMismatch.beside(best, take, place)
+    findings = _collect_findings(search, take)
+    weakest = _weakest_effect(f for f in findings if not _passes_gates(f, search))
+    # a refit with fewer effects may have led another to a bound
+    bounded = () if weakest else refits.effects_at_bounds(best, take)
+    at_bounds = _weakest_effect(f for f in findings if f.effect in bounded)
+    proxies = () if weakest or at_bounds else find_proxies(search, take, place, unexplained)
+    failed = (*weakest, *at_bounds, *proxies)
     if failed:
-        rest = refit_with(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
-        return judged(found.reduced(rest, take, standing_in, at_ends), take, place, None, (*dropped, *failed))
+        rest = refits.refit_with_effects(best, take, tuple(n for n in best.hypothesis.effects if n not in failed))
+        return judge_search(search.reduce_to(rest, take, proxies, at_bounds), take, place, None, (*dropped, *failed))
     verdict: Verdict = "nothing-found"
     if findings:
         verdict = "ambiguous" if any(f.twins for f in findings) else "named"
-    elif left.nats(found.nulls.gate) > 0.0 or best.hypothesis.effects != found.base.hypothesis.effects:
+    elif unexplained.gain_nats(gate) > 0.0 or best.hypothesis.effects != search.base.hypothesis.effects:
         verdict = "unknown"
     corrections = None
-    if found.corrected is not found.base:
-        corrections = gain(scores(found.corrected, take), scores(found.base, take), take)
-    return Judgement(
-        verdict, tuple(sorted(findings, key=lambda f: -f.gain)), dropped, left, found.nulls.gate,
-        corrections, found,
-    )  # fmt: skip
+    if search.corrected is not search.base:
+        corrected, base = (held_out_log_likelihoods(fit, take) for fit in (search.corrected, search.base))
+        corrections = bootstrap_gain(corrected, base, take)
+    ranked = tuple(sorted(findings, key=lambda f: -f.gain_nats))
+    return Judgement(verdict, ranked, dropped, unexplained, gate, corrections, search)
 
 
-def _weakest(failing: Iterable[Finding]) -> tuple[str, ...]:
-    """The one that is worth least, if any fails: without it the others may pass."""
-    return tuple(f.effect for f in sorted(failing, key=lambda f: f.gain)[:1])
+def _weakest_effect(failing: Iterable[Finding]) -> tuple[str, ...]:
+    """Id of the finding with the least gain, as a tuple, empty without findings: without it others may pass."""
+    return tuple(f.effect for f in sorted(failing, key=lambda f: f.gain_nats)[:1])
 
 
-def _findings(found: Search, take: Take) -> list[Finding]:
-    """The named effects of the best fit with their evidence."""
-    best = found.best
-    if not named(best):
-        return []
-    with_all = scores(best, take)
-    return [
-        Finding(
-            name, _twins(best, found, take, name), _probability(found, name), values_of(best, name),
-            best.bic - less.bic, gain(with_all, scores(less, take), take, best.bent - less.bent),
-        )
-        for name, less in ((name, found.without[name]) for name in named(best))
-    ]  # fmt: skip
+def _collect_findings(search: SearchResult, take: Take) -> list[Finding]:
+    """The named effects of the best fit, each with its evidence."""
+    best, findings = search.best, list[Finding]()
+    if not named_effects(best):
+        return findings
+    held_out = held_out_log_likelihoods(best, take)
+    for name in named_effects(best):
+        less = search.leave_one_out[name]
+        gain = bootstrap_gain(held_out, held_out_log_likelihoods(less, take), take, best.log_prior - less.log_prior)
+        twins, probability = _indistinguishable_effects(best, search, take, name), _finding_probability(search, name)
+        values = refits.estimates_by_symbol(best, name)
+        findings.append(Finding(name, twins, probability, values, gain_nats(best, less), gain))
+    return findings
 
 
-def values_of(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
-    """An effect's parameters in a fit, by symbol, with standard errors."""
-    values, entry = fit.values(), EFFECTS[name]
-    return {p.symbol: values[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
+def _passes_gates(finding: Finding, search: SearchResult) -> bool:
+    """Whether a finding gains more than chance, on held-out blocks too, and has a size that matters."""
+    entry, held_out = search.best.hypothesis.entries[finding.effect], finding.held_out
+    least = JUDGE_LIMITS.min_size_share
+    matters = any(abs(finding.values[p.symbol][0]) > least * p.size for p in entry.amplitude_parameters)
+    # the few blocks of a short take scatter
+    certain = held_out.ci95[0] > 0.0 or held_out.nats > SEARCH_LIMITS.plain_gain_nats
+    gains = held_out.nats > search.nulls.local_gate if entry.place_parameters else certain
+    return gains and matters and finding.gain_nats > search.nulls.gate
 
 
-def _passes(finding: Finding, found: Search) -> bool:
-    entry = found.best.hypothesis.entries[finding.effect]
-    matters = any(abs(finding.values[p.symbol][0]) > RELEVANT_SIZE * p.size for p in entry.amplitudes)
-    sure = finding.heldout.ci95[0] > 0.0 or finding.heldout.nats > PLAIN  # few blocks of a short take scatter
-    worth = finding.heldout.nats > found.nulls.local_gate if entry.places else sure
-    return worth and matters and finding.gain > found.nulls.gate
-
-
-def _exchanged_for(best: Fit, other: Fit, name: str) -> str | None:
-    """What `other` has in place of `name`, where it is alike otherwise."""
-    mine, theirs = set(best.hypothesis.effects), set(other.hypothesis.effects)
+def _replacing_effect(name: str, best: Fit, rival: Fit) -> str | None:
+    """Id of the effect that a rival holds in place of `name`; None if the rival differs in another way."""
+    mine, theirs = set(best.hypothesis.effects), set(rival.hypothesis.effects)
     more = [n for n in theirs - mine if n in EFFECTS]
     return more[0] if mine - theirs == {name} and len(more) == 1 else None
 
 
-def _twins(best: Fit, found: Search, take: Take, name: str) -> tuple[str, ...]:
-    twins = ["+".join(DELAYS)] if name == "pose_latency" else []
-    for other in found.others:
-        rival = _exchanged_for(best, other, name)
-        if rival and rival not in twins and alike(best, other, take):
-            twins.append(rival)
-    return tuple(twins[:MOST_TWINS])
+def _indistinguishable_effects(best: Fit, search: SearchResult, take: Take, name: str) -> tuple[str, ...]:
+    """Ids of the effects that explain the take as well as `name` does, most likely first."""
+    twins = ["+".join(COMMAND_DELAYS)] if name == "pose_latency" else []
+    for rival in search.rivals:
+        other = _replacing_effect(name, best, rival)
+        if other and other not in twins and are_indistinguishable(best, rival, take):
+            twins.append(other)
+    return tuple(twins[: JUDGE_LIMITS.max_twins])
 
 
-def alike(best: Fit, other: Fit, take: Take) -> bool:
-    """Whether the evidence does not tell two fits apart: by BIC, or by the difference's own scatter (Vuong)."""
-    if best.bic - other.bic < RIVAL:
+def are_indistinguishable(best: Fit, rival: Fit, take: Take) -> bool:
+    """Whether two fits explain a take equally well: within a few nats, or within the scatter of blocks (Vuong 1989)."""
+    behind = gain_nats(best, rival)
+    if behind < JUDGE_LIMITS.rival_nats:
         return True
-    size = max(1, round(block_s(take) / SEGMENT_S))
-    each = best.per_segment - other.per_segment
+    size = max(1, round(block_length_s(take) / SEGMENT_S))
+    each = best.per_segment - rival.per_segment
     sums = np.add.reduceat(each, np.arange(0, len(each), size))
-    if len(sums) < 2:  # a take of one block says nothing of its scatter
+    # a take of one block says nothing of its scatter
+    if len(sums) < 2:
         return False
-    spread = float(sums.std(ddof=1)) * np.sqrt(len(sums))
-    return float(each.sum()) < TELLING * spread and best.bic - other.bic < 5.0 * RIVAL
+    se = float(sums.std(ddof=1)) * np.sqrt(len(sums))
+    return bool(float(each.sum()) < JUDGE_LIMITS.rival_se * se and behind < JUDGE_LIMITS.max_rival_nats)
 
 
-def _probability(found: Search, name: str) -> float:
-    """Of the effect among itself, its rivals, nothing and something unknown."""
-    best = found.best
-    behind = [best.bic - o.bic for o in found.others if _exchanged_for(best, o, name)]
-    nothing = best.bic - found.without[name].bic
-    weights = [*behind, nothing, SURPRISE * TEMPER]
-    return float(1.0 / (1.0 + np.sum(np.exp(-np.maximum(weights, 0.0) / TEMPER))))
+def _finding_probability(search: SearchResult, name: str) -> float:
+    """Probability of a named effect against its rivals, no effect and an unknown one: 1 / (1 + sum exp(-nats / T))."""
+    best, temper = search.best, JUDGE_LIMITS.probability_temper
+    behind = [gain_nats(best, rival) for rival in search.rivals if _replacing_effect(name, best, rival)]
+    nothing, unknown = gain_nats(best, search.leave_one_out[name]), JUDGE_LIMITS.unknown_prior_nats * temper
+    nats = [*behind, nothing, unknown]
+    return float(1.0 / (1.0 + np.sum(np.exp(-np.maximum(nats, 0.0) / temper))))

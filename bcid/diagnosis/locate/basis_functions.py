@@ -1,10 +1,8 @@
-"""Plain functions of the state that may act on the body, at every place where physics may be missing.
+"""Basis functions of the state that may act on the body, at every place where physics may be missing.
 
-Each comes with its direction: along or across a wheel, along the body, over the floor, about the yaw axis, or as
-a turn of the steered wheel.
+Each acts in one direction: along or across a wheel, along the body, over the floor, about the yaw axis, or as a turn
+of the steered wheel.
 """
-
-from __future__ import annotations
 
 import math
 from typing import Any, NamedTuple
@@ -15,219 +13,244 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline, njit_parallel
-from bcid.diagnosis.locate.scan_statistic import Circle
-from bcid.effects.car import Body, Drive, wrench
+from bcid.diagnosis.locate.pushes import driving_force
+from bcid.diagnosis.locate.scan_statistic import FloorCircle
+from bcid.effects.actuators import ActuatorChain, actuation_at
+from bcid.effects.car import Actuation, BodyState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
-from bcid.effects.motion import Chain, body_step, settled
-from bcid.effects.tyres import side_force
-from bcid.likelihood.lane_rollout import Layout, begun, driven, new_path, see, segment_alone, since
-from bcid.likelihood.predict import PUSH, free_of, pushes_of
+from bcid.effects.motion import integrate_body, steady_lags
+from bcid.effects.tyres import tyre_soft_saturation
+from bcid.likelihood.lane_rollout import (
+    SegmentLayout,
+    allocate_path,
+    begin_rollout,
+    integrate_segments,
+    observe_poses,
+    segment_in_all_lanes,
+    shift_chain_time,
+)
+from bcid.likelihood.predict import PUSH_STEP, gather_nuisance, push_wrenches
 from bcid.likelihood.take import KNOTS, N_START
 from bcid.physics.car import Car
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.tyres import lateral_force, slip_angle
 
-NUDGE = 1e-4  # rad
+ANGLE_STEP_RAD = 1e-4  # of differences by the steered angle
 
 
-class State(NamedTuple):
-    """What the functions may depend on, at an instant."""
+class BasisState(NamedTuple):
+    """The car's state and forces at an instant, on which basis functions depend."""
 
-    share: float  # of the take that has passed
-    b: Body
-    delta: float
-    u_m: float
-    v_fx: float
-    F_m: float
-    F_af: float
-    F_ar: float
-    rate_m: float  # of F_m, N/s
-    rate_af: float  # N/s
-    less_f: float  # N of front side force that a smooth curve near the grip does not reach
-    less_r: float
-    grips: float  # 1 while the front tyre does not slide, else 0
-    inside: float  # 1 in the circle that stands out, else 0
+    elapsed_share: float  # t / T
+    body: BodyState
+    delta: float  # rad, of the front wheel
+    u_m: float  # throttle
+    v_fx: float  # m/s along the front wheel
+    F_m: float  # N, of the motor
+    F_af: float  # N, side force of the front tyre
+    F_ar: float  # N, of the rear tyres
+    F_m_rate: float  # N/s
+    F_af_rate: float  # N/s
+    F_af_rounding: float  # N, of a side force that nears its limit smoothly less one that is clipped there
+    F_ar_rounding: float  # N
+    front_grips: float  # 1 while the front tyre does not slide, else 0
+    in_circle: float  # 1 in the circle that stands out, else 0
 
 
 @njit_inline
-def _coulomb(v: float, v_c: float) -> float:
+def _smooth_sign(v: float, v_c: float) -> float:
+    """Sign of a speed without a jump: tanh(v / v_c)."""
     return math.tanh(v / v_c)
 
 
 @njit_inline
-def along_the_body(q: State, c: Constants) -> tuple[float, ...]:
-    """Drags of the rear axle and the air, N per unit."""
-    v = math.hypot(q.b.v_x, q.b.v_y)
-    return _coulomb(q.b.v_x, c.v_c), q.b.v_x, v * q.b.v_x, q.inside * q.b.v_x
+def body_drag_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
+    """Basis functions of a drag along the body: tanh(v_x / v_c), v_x, |V| v_x, and v_x within the circle."""
+    v = math.hypot(q.body.v_x, q.body.v_y)
+    return _smooth_sign(q.body.v_x, c.v_c), q.body.v_x, v * q.body.v_x, q.in_circle * q.body.v_x
 
 
 @njit_inline
-def along_the_wheel(q: State, c: Constants) -> tuple[float, ...]:
-    """Drags of the front wheel."""
-    return _coulomb(q.v_fx, c.v_c), q.v_fx, abs(q.delta) * q.v_fx, q.inside * q.v_fx
+def front_wheel_drag_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
+    """Basis functions of a drag along the front wheel: tanh(v_fx / v_c), v_fx, |delta| v_fx, v_fx within the circle."""
+    return _smooth_sign(q.v_fx, c.v_c), q.v_fx, abs(q.delta) * q.v_fx, q.in_circle * q.v_fx
 
 
 @njit_inline
-def over_the_floor(q: State) -> tuple[float, ...]:
-    """Pulls in the world's directions: constant, and growing with the place."""
-    return 1.0, q.b.p_x, q.b.p_y
+def floor_pull_basis(q: BasisState) -> tuple[float, ...]:
+    """Basis functions of a pull along one axis of the floor: 1, x and y of the CoG."""
+    return 1.0, q.body.p_x, q.body.p_y
 
 
 @njit_inline
-def of_the_motor(q: State) -> tuple[float, ...]:
-    """Of the force along driven wheels."""
+def motor_force_basis(q: BasisState) -> tuple[float, ...]:
+    """Basis functions of a force along the driven wheels.
+
+    F_m, its rate, t/T F_m, |v_fx| F_m and |F_m| F_m; and while the throttle drives, 1 and the excess of v_fx over u_m.
+    """
     pulling = 1.0 if q.u_m > 0.0 else 0.0
     return (
-        q.F_m, q.rate_m, q.share * q.F_m, abs(q.v_fx) * q.F_m, pulling, pulling * max(q.v_fx - q.u_m, 0.0),
+        q.F_m, q.F_m_rate, q.elapsed_share * q.F_m, abs(q.v_fx) * q.F_m, pulling, pulling * max(q.v_fx - q.u_m, 0.0),
         abs(q.F_m) * q.F_m,
     )  # fmt: skip
 
 
 @njit_inline
-def of_the_front_tyre(q: State, c: Constants) -> tuple[float, ...]:
-    """Of its side force; what shifts its slip does nothing once it slides."""
+def front_tyre_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
+    """Basis functions of a force across the front wheel.
+
+    F_af, F_af F_m cos(delta), F_af F_m^2, and F_af within the circle; the rate of F_af over |v_fx|; the rounding of
+    F_af at its limit; and tanh(v_fx / v_c) while the tyre grips: a shift of the slip does nothing to a sliding tyre.
+    """
     return (
-        q.F_af, q.F_m * math.cos(q.delta) * q.F_af, q.F_m * q.F_m * q.F_af, q.grips * _coulomb(q.v_fx, c.v_c),
-        q.rate_af / max(abs(q.v_fx), c.v_p), q.less_f, q.inside * q.F_af,
+        q.F_af, q.F_m * math.cos(q.delta) * q.F_af, q.F_m * q.F_m * q.F_af, q.front_grips * _smooth_sign(q.v_fx, c.v_c),
+        q.F_af_rate / max(abs(q.v_fx), c.v_p), q.F_af_rounding, q.in_circle * q.F_af,
     )  # fmt: skip
 
 
 @njit_inline
-def of_the_rear_tyres(q: State, c: Constants) -> tuple[float, ...]:
-    """Of their side force."""
-    return q.F_ar, _coulomb(q.b.v_x, c.v_c), q.less_r, q.inside * q.F_ar
+def rear_tyre_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
+    """Basis functions of a force across the rear wheels: F_ar, tanh(v_x / v_c), F_ar's rounding, F_ar in the circle."""
+    return q.F_ar, _smooth_sign(q.body.v_x, c.v_c), q.F_ar_rounding, q.in_circle * q.F_ar
 
 
 @njit_inline
-def about_the_yaw_axis(q: State, c: Constants) -> tuple[float, ...]:
-    """Moments."""
-    w = q.b.omega
-    return w, _coulomb(w, c.w_c), abs(w) * w, q.F_m * math.cos(q.delta)
+def yaw_moment_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
+    """Basis functions of a yaw moment: omega, tanh(omega / w_c), |omega| omega, and F_m cos(delta)."""
+    w = q.body.omega
+    return w, _smooth_sign(w, c.w_c), abs(w) * w, q.F_m * math.cos(q.delta)
 
 
 @njit_inline
-def of_the_steering(q: State) -> tuple[float, ...]:
-    """Of the wheel's angle, as far as it depends on how the car moves."""
-    return math.hypot(q.b.v_x, q.b.v_y) * q.delta, q.F_af
+def steering_angle_basis(q: BasisState) -> tuple[float, ...]:
+    """Basis functions, dependent on the motion, of a change of the front wheel's angle: |V| delta and F_af."""
+    return math.hypot(q.body.v_x, q.body.v_y) * q.delta, q.F_af
 
 
 @njit_inline
-def _add(out: Floats, j: int, phi: float, F_x: float, F_y: float, M_z: float) -> int:
-    """Column `j` of `out` (3, n) takes phi in the direction given; the next column."""
-    out[0, j] += phi * F_x
-    out[1, j] += phi * F_y
-    out[2, j] += phi * M_z
-    return j + 1
+def _add_basis_columns(out: Floats, j: int, values: tuple[float, ...], direction: tuple[float, float, float]) -> int:
+    """Add each value times (F_x, F_y, M_z) to columns j, j + 1, ... of `out` (3, n); return the next free column."""
+    for phi in values:
+        for i in range(3):
+            out[i, j] += phi * direction[i]
+        j += 1
+    return j
 
 
-def _size(function: Any, *more: Any) -> int:
-    nothing = Body(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return len(function.py_func(State(0.0, nothing, *[0.0] * 12), *more))
+def _basis_size(function: Any, *more: Any) -> int:
+    """Number of functions that a basis such as `yaw_moment_basis` returns."""
+    nothing = BodyState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return len(function.py_func(BasisState(0.0, nothing, *[0.0] * 12), *more))
 
 
 _C = Constants()
-SIZES = {
-    "fx": _size(along_the_body, _C) + _size(along_the_wheel, _C) + 2 * _size(over_the_floor),
-    "motor": _size(of_the_motor),
-    "fy": _size(of_the_front_tyre, _C) + _size(of_the_rear_tyres, _C),
-    "mz": _size(about_the_yaw_axis, _C),
-    "steering": _size(of_the_steering),
+BASIS_SIZES = {
+    "fx": _basis_size(body_drag_basis, _C)
+    + _basis_size(front_wheel_drag_basis, _C)
+    + 2 * _basis_size(floor_pull_basis),
+    "motor": _basis_size(motor_force_basis),
+    "fy": _basis_size(front_tyre_basis, _C) + _basis_size(rear_tyre_basis, _C),
+    "mz": _basis_size(yaw_moment_basis, _C),
+    "steering": _basis_size(steering_angle_basis),
 }
-"""Columns of each channel that pushes the body, in the order of `_spread`."""
+"""Number of columns of each channel that pushes the body, in the order of `_add_basis_wrenches`."""
 
 
 @njit_inline
-def _spread(out: Floats, q: State, turning: tuple[float, float, float], p: Car, c: Constants) -> None:
-    """Every function in its direction, added to the columns of `out` (3, n)."""
-    sin_d, cos_d, sin_t, cos_t = math.sin(q.delta), math.cos(q.delta), math.sin(q.b.theta), math.cos(q.b.theta)
-    rear, j = 1.0 - p.front_share, 0
-    for phi in along_the_body(q, c):
-        j = _add(out, j, phi, 1.0, 0.0, 0.0)
-    for phi in along_the_wheel(q, c):
-        j = _add(out, j, phi, cos_d, sin_d, p.l_f * sin_d)
-    for phi in over_the_floor(q):
-        j = _add(out, j, phi, cos_t, -sin_t, 0.0)
-    for phi in over_the_floor(q):
-        j = _add(out, j, phi, sin_t, cos_t, 0.0)
-    for phi in of_the_motor(q):
-        j = _add(out, j, phi, p.front_share * cos_d + rear, p.front_share * sin_d, p.front_share * p.l_f * sin_d)
-    for phi in of_the_front_tyre(q, c):
-        j = _add(out, j, phi, -sin_d, cos_d, p.l_f * cos_d)
-    for phi in of_the_rear_tyres(q, c):
-        j = _add(out, j, phi, 0.0, 1.0, -p.l_r)
-    for phi in about_the_yaw_axis(q, c):
-        j = _add(out, j, phi, 0.0, 0.0, 1.0)
-    for phi in of_the_steering(q):
-        j = _add(out, j, phi, turning[0], turning[1], turning[2])
+def _add_basis_wrenches(
+    out: Floats, q: BasisState, wrench_per_rad: tuple[float, float, float], p: Car, c: Constants
+) -> None:
+    """Add the wrenches of all basis functions, each in its direction, to the columns of `out` (3, n)."""
+    sin_d, cos_d, sin_t, cos_t = math.sin(q.delta), math.cos(q.delta), math.sin(q.body.theta), math.cos(q.body.theta)
+    front, rear = p.front_share, 1.0 - p.front_share
+    j = _add_basis_columns(out, 0, body_drag_basis(q, c), (1.0, 0.0, 0.0))
+    j = _add_basis_columns(out, j, front_wheel_drag_basis(q, c), (cos_d, sin_d, p.l_f * sin_d))
+    j = _add_basis_columns(out, j, floor_pull_basis(q), (cos_t, -sin_t, 0.0))
+    j = _add_basis_columns(out, j, floor_pull_basis(q), (sin_t, cos_t, 0.0))
+    j = _add_basis_columns(out, j, motor_force_basis(q), (front * cos_d + rear, front * sin_d, front * p.l_f * sin_d))
+    j = _add_basis_columns(out, j, front_tyre_basis(q, c), (-sin_d, cos_d, p.l_f * cos_d))
+    j = _add_basis_columns(out, j, rear_tyre_basis(q, c), (0.0, 1.0, -p.l_r))
+    j = _add_basis_columns(out, j, yaw_moment_basis(q, c), (0.0, 0.0, 1.0))
+    _add_basis_columns(out, j, steering_angle_basis(q), wrench_per_rad)
 
 
 @njit_inline
-def _side(alpha: float, C: float, F: float) -> tuple[float, float]:
-    """A tyre's side force, and how much less of it a smooth curve gives."""
+def _side_force_and_rounding(alpha: float, C: float, F: float) -> tuple[float, float]:
+    """Side force of a tyre (N), clipped at F, and what a smooth approach to F changes in it (N)."""
     clipped = lateral_force(alpha, C, F)
-    return clipped, side_force(alpha, C, F, 0.0, 1.0) - clipped
+    return clipped, tyre_soft_saturation(-C * alpha, F, 1.0) - clipped
 
 
 @njit
-def _segment_wrenches(
-    start: Floats, step: int, steps: int, chain: Chain, T: float, p: Car, e: Any, c: Constants, circle: Circle, n: int
-) -> Floats:
-    """The functions' wrenches in every step (steps, 3, n), the means of those at its ends."""
-    out, at = np.zeros((steps, 3, n)), np.zeros((2, 3, n))
-    pushes, each = pushes_of(start, p), steps // KNOTS
-    b = Body(start[0], start[1], start[2], start[3], start[4], start[5])
-    lagged, F_m, F_af, h = settled(b, step, chain, T, p, e, c), 0.0, 0.0, chain.h
+def _segment_basis_wrenches(
+    start: Floats, step: int, steps: int, chain: ActuatorChain, T: float, p: Car, e: Any, c: Constants,
+    circle: FloorCircle, n: int,
+) -> Floats:  # fmt: skip
+    """Wrenches of n basis functions in every step of one segment (steps, 3, n): means of those at the step's ends."""
+    out, ends = np.zeros((steps, 3, n)), np.zeros((2, 3, n))
+    pushes, each = push_wrenches(start, p), steps // KNOTS
+    b, F_m, F_af, h = unpack_body(start), 0.0, 0.0, chain.h
+    lags = steady_lags(b, actuation_at(step, chain, T), p, e, c)
+    path = integrate_body(b, lags, step, steps, chain, T, pushes, each, p, e, c)
     for i in range(steps + 1):
-        k = step + i
-        t, delta, F_m_before, F_af_before = chain.t_0 + k * h, chain.delta[2 * k], F_m, F_af
-        w = wrench(b, Drive(t, T, delta, chain.u_m[k], chain.u_next[k], chain.late[k]), lagged, p, e, c)
-        more = wrench(b, Drive(t, T, delta + NUDGE, chain.u_m[k], chain.u_next[k], chain.late[k]), lagged, p, e, c)
-        turning = ((more.F_x - w.F_x) / NUDGE, (more.F_y - w.F_y) / NUDGE, (more.M_z - w.M_z) / NUDGE)
-        F_m = p.front_share * w.steady.F_mf + (1.0 - p.front_share) * w.steady.F_mr
-        F_af, less_f = _side(w.steady.alpha_f, p.C_f, p.F_f_max)
+        b, lags = unpack_body(path[i]), unpack_lags(path[i])
+        act, F_m_before, F_af_before = actuation_at(step + i, chain, T), F_m, F_af
+        more = Actuation(act.t, T, act.delta + ANGLE_STEP_RAD, act.u_m, act.u_next, act.late)
+        w, turned = wrench_with_effects(b, act, lags, p, e, c), wrench_with_effects(b, more, lags, p, e, c)
+        dF_x, dF_y, dM_z = turned.F_x - w.F_x, turned.F_y - w.F_y, turned.M_z - w.M_z
+        F_m = driving_force(w.steady, p)
+        F_af, F_af_rounding = _side_force_and_rounding(w.steady.alpha_f, p.C_f, p.F_f_max)
         v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
-        F_ar, less_r = _side(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
+        F_ar, F_ar_rounding = _side_force_and_rounding(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
         if i == 0:
             F_m_before, F_af_before = F_m, F_af
         near = (b.p_x - circle.x) ** 2 + (b.p_y - circle.y) ** 2 < circle.radius**2
-        q = State(
-            t / T, b, delta, chain.u_m[k], w.v_fx, F_m, F_af, F_ar, (F_m - F_m_before) / h, (F_af - F_af_before) / h,
-            less_f, less_r, 1.0 if abs(F_af) < p.F_f_max else 0.0, 1.0 if near else 0.0,
+        q = BasisState(
+            act.t / T, b, act.delta, act.u_m, w.v_fx, F_m, F_af, F_ar, (F_m - F_m_before) / h, (F_af - F_af_before) / h,
+            F_af_rounding, F_ar_rounding, 1.0 if abs(F_af) < p.F_f_max else 0.0, 1.0 if near else 0.0,
         )  # fmt: skip
-        at[0] = at[1]
-        at[1] = 0.0
-        _spread(at[1], q, turning, p, c)
+        ends[0] = ends[1]
+        ends[1] = 0.0
+        wrench_per_rad = (dF_x / ANGLE_STEP_RAD, dF_y / ANGLE_STEP_RAD, dM_z / ANGLE_STEP_RAD)
+        _add_basis_wrenches(ends[1], q, wrench_per_rad, p, c)
         if i > 0:
-            out[i - 1] = 0.5 * (at[0] + at[1])
-        if i < steps:
-            b, lagged = body_step(b, lagged, k, chain, T, pushes[i // each], p, e, c)
+            out[i - 1] = 0.5 * (ends[0] + ends[1])
     return out
 
 
 @njit_parallel
-def pushed_by(of: Layout, start: Floats, chain: Chain, p: Car, e: Any, c: Constants, circle: Circle, n: int) -> Floats:
-    """What the functions' wrenches change in the predicted poses (N, 3, n), per unit."""
-    out, inertia = np.zeros((of.first[-1], 3, n)), np.array([p.m, p.m, p.I_z])
-    for s in numba.prange(len(of.step)):
-        f, g, mine = of.first[s], of.first[s + 1], segment_alone(s, of, chain)
-        free, path, pushes = free_of(start, mine), new_path(of.steps), np.empty((of.steps, 3, LANES))
-        knots, begin = pushes_of(free, p), begun(free[:N_START], mine, chain, p, e[0], c)
-        for i in range(of.steps):
-            pushes[i] = knots[i // (of.steps // KNOTS)]
+def wrench_basis_changes(
+    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Any, c: Constants, circle: FloorCircle,
+    n: int,
+) -> Floats:  # fmt: skip
+    """Changes of the predicted poses (N, 3, n) by a unit of each of the `n` basis functions that push the body.
+
+    `start` (S, N_NUISANCE) holds initial states and pushes of the segments, `e` is an array of one record.
+    """
+    out, inertia = np.zeros((layout.first[-1], 3, n)), np.array([p.m, p.m, p.I_z])
+    for s in numba.prange(len(layout.step)):
+        f, g, mine = layout.first[s], layout.first[s + 1], segment_in_all_lanes(s, layout, chain)
+        free, path = gather_nuisance(start, mine), allocate_path(layout.steps)
+        pushes = np.empty((layout.steps, 3, LANES))
+        knots, begin = push_wrenches(free, p), begin_rollout(free[:N_START], mine, chain, p, e[0], c)
+        for i in range(layout.steps):
+            pushes[i] = knots[i // (layout.steps // KNOTS)]
         still = np.zeros((g - f, 3))
-        driven(path, begin, of.steps, pushes, mine, chain, p, e[0], c)
-        see(still, path, 0, 0, mine, of, chain.h, e[0])
-        own = since(chain, of.zero[s])
-        wrenches = _segment_wrenches(start[s], of.step[s], of.steps, own, of.length[s], p, e[0], c, circle, n)
+        integrate_segments(path, begin, layout.steps, pushes, mine, chain, p, e[0], c)
+        observe_poses(still, path, 0, 0, mine, layout, chain.h, e[0])
+        own = shift_chain_time(chain, layout.zero_s[s])
+        wrenches = _segment_basis_wrenches(
+            start[s], layout.step[s], layout.steps, own, layout.length_s[s], p, e[0], c, circle, n
+        )
         strongest = np.array([np.max(np.abs(wrenches[:, :, j] / inertia)) for j in range(n)])
         acting = np.flatnonzero(strongest)
         for first in range(0, len(acting), LANES):
             columns, moved = acting[first : first + LANES], pushes.copy()
             for k, j in enumerate(columns):
-                moved[:, :, k] += PUSH / strongest[j] * wrenches[:, :, j]
-            driven(path, begin, of.steps, moved, mine, chain, p, e[0], c)
+                moved[:, :, k] += PUSH_STEP / strongest[j] * wrenches[:, :, j]
+            integrate_segments(path, begin, layout.steps, moved, mine, chain, p, e[0], c)
             for k, j in enumerate(columns):
                 seen = np.zeros((g - f, 3))
-                see(seen, path, k, 0, mine, of, chain.h, e[0])
-                out[f:g, :, j] = (seen - still) * (strongest[j] / PUSH)
+                observe_poses(seen, path, k, 0, mine, layout, chain.h, e[0])
+                out[f:g, :, j] = (seen - still) * (strongest[j] / PUSH_STEP)
     return out

@@ -1,88 +1,90 @@
-"""Where the mismatch enters, before any hypothesis: what free functions would explain, channel by channel.
+"""Where the mismatch enters, before any hypothesis: what basis functions would explain, channel by channel.
 
-At every place where physics may be missing - along the wheels, across the tyres, about the yaw axis, at the
-steering, at the motor, in the seen pose, between the clocks - a few plain functions of the state act with free
-amplitudes.  The place whose functions explain most of the residuals, the base parameters projected out, is where
-the mismatch enters.  A steered front wheel pushes along the body, across it and about it at once, so the direction
-of a push in the body's frame does not tell; whether pushes lie in a wheel's, whatever they depend on, is asked beside
-it (`directions`).
+At every place where physics may be missing - along the wheels, across the tyres, about the yaw axis, at the steering,
+at the motor, in the tracked pose, between the clocks - a few functions of the state act with free amplitudes.  The
+mismatch enters where they explain most of the residuals, base parameters projected out.  A steered front wheel pushes
+along the body, across it and about it at once, so that the direction of a push in the body's frame does not tell its
+channel; whether pushes have the direction of a wheel, on whatever they depend, is judged by `push_directions`.
 """
-
-from __future__ import annotations
 
 import math
 
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.diagnosis.locate.basis_functions import NUDGE, SIZES, pushed_by
-from bcid.diagnosis.locate.scan_statistic import Circle
-from bcid.likelihood.hypothesis import Setting
-from bcid.likelihood.lane_rollout import Layout, layout
-from bcid.likelihood.predict import predict
+from bcid.diagnosis.locate.basis_functions import ANGLE_STEP_RAD, BASIS_SIZES, wrench_basis_changes
+from bcid.diagnosis.locate.scan_statistic import FloorCircle
+from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
+from bcid.likelihood.predict import predict_poses
+from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import explained, projected
+from bcid.likelihood.score_test import project_out_fit, unlimited_gain
 from bcid.likelihood.take import Take
 
-SERVO_RATE = 0.2  # rad/s above which the servo moves
-SHIFT_S = 1e-3
-NOWHERE = Circle(0.0, 0.0, 0.0, 0.0)
+SERVO_MOVES_RADPS = 0.2  # above which the servo moves
+CLOCK_STEP_S = 1e-3
+NO_CIRCLE = FloorCircle(0.0, 0.0, 0.0, 0.0)
 
 
-def explained_by(fit: Fit, take: Take, circle: Circle | None) -> dict[str, float]:
-    """What each channel's functions would gain together (nats of BIC), most first; `circle` stands out."""
-    columns, of = changes_by(fit, take, circle or NOWHERE)
-    found = projected(fit, take, columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1))), 1e-12))
+def channel_gains(fit: Fit, take: Take, circle: FloorCircle | None) -> dict[str, float]:
+    """Nats that free amplitudes of each channel's basis functions would gain beside a fit, by channel, largest first.
+
+    Each function is penalised by ln(segments) / 2 as in BIC; some functions act only within `circle`, if there is one.
+    """
+    columns, slices = pose_changes_by_channel(fit, take, circle or NO_CIRCLE)
+    beside = project_out_fit(fit, take, columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1))), 1e-12))
     gains = {
-        channel: explained(found, own) - 0.5 * (own.stop - own.start) * math.log(take.segments)
-        for channel, own in of.items()
+        channel: unlimited_gain(beside, own) - 0.5 * (own.stop - own.start) * math.log(take.segments)
+        for channel, own in slices.items()
     }
     return dict(sorted(gains.items(), key=lambda item: -item[1]))
 
 
-def changes_by(fit: Fit, take: Take, circle: Circle) -> tuple[Floats, dict[str, slice]]:
-    """What every function changes in the predicted poses (N, 3, n), and each channel's columns."""
-    setting, where = fit.hypothesis.setting(fit.phi, take), layout(take)
-    still = np.asarray(predict(where, fit.start, *setting.acting))
-    pushed = pushed_by(where, fit.start, *setting.acting, circle, sum(SIZES.values()))
-    parts = {  # moves of the servo are behind the pushes of the steering, which come last
-        "steering": _of_the_servo(fit, where, setting, still),
-        "pose": _of_the_pose(still),
-        "time": _of_the_clocks(fit, take, setting, still),
+def pose_changes_by_channel(fit: Fit, take: Take, circle: FloorCircle) -> tuple[Floats, dict[str, slice]]:
+    """Changes of the predicted poses (N, 3, n) by a unit of every basis function, and the columns of each channel.
+
+    Columns of predictions that diverge are zero.
+    """
+    inputs, where = fit.hypothesis.prediction_inputs(fit.phi, take), segment_layout(take)
+    still = np.asarray(predict_poses(where, fit.start, *inputs.kernel_arguments))
+    pushed = wrench_basis_changes(where, fit.start, *inputs.kernel_arguments, circle, sum(BASIS_SIZES.values()))
+    # BASIS_SIZES ends with the steering, whose servo functions follow its wrenches
+    parts = {
+        "steering": _servo_angle_changes(fit, where, inputs, still),
+        "pose": _tracked_pose_changes(still),
+        "time": _clock_shift_changes(fit, take, inputs, still),
     }
-    of, at = dict[str, slice](), 0
-    for channel in dict.fromkeys([*SIZES, *parts]):
-        size = SIZES.get(channel, 0) + (parts[channel].shape[2] if channel in parts else 0)
-        of[channel] = slice(at, at + size)
-        at += size
+    slices, begin = dict[str, slice](), 0
+    for channel in dict.fromkeys([*BASIS_SIZES, *parts]):
+        size = BASIS_SIZES.get(channel, 0) + (parts[channel].shape[2] if channel in parts else 0)
+        slices[channel] = slice(begin, begin + size)
+        begin += size
     columns = np.concatenate([pushed, *parts.values()], axis=2)
     columns[:, :, ~np.isfinite(columns).all(axis=(0, 1))] = 0.0
-    return columns, of
+    return columns, slices
 
 
-def _of_the_servo(fit: Fit, of: Layout, setting: Setting, still: Floats) -> Floats:
-    """Changes of the angle that the commands alone determine (N, 3, 7)."""
-    chain = setting.chain
+def _servo_angle_changes(fit: Fit, layout: SegmentLayout, inputs: PredictionInputs, still: Floats) -> Floats:
+    """Pose changes (N, 3, 7) by functions 1, d, |d|, d^3, rate, tanh(rate / 0.2), |rate| of the commanded angle d."""
+    chain = inputs.chain
     d, rate = chain.delta, np.gradient(chain.delta, 0.5 * chain.h)
-    functions = (np.ones_like(d), d, np.abs(d), d**3, rate, np.tanh(rate / SERVO_RATE), np.abs(rate))
-
-    def seen(angle: Floats) -> Floats:
-        return np.asarray(predict(of, fit.start, *setting._replace(chain=chain._replace(delta=angle)).acting))
-
-    return np.stack([(seen(d + NUDGE * phi) - still) / NUDGE for phi in functions], axis=2)
+    functions = (np.ones_like(d), d, np.abs(d), d**3, rate, np.tanh(rate / SERVO_MOVES_RADPS), np.abs(rate))
+    turned = [inputs._replace(chain=chain._replace(delta=d + ANGLE_STEP_RAD * phi)) for phi in functions]
+    poses = [np.asarray(predict_poses(layout, fit.start, *each.kernel_arguments)) for each in turned]
+    return np.stack([(p - still) / ANGLE_STEP_RAD for p in poses], axis=2)
 
 
-def _of_the_pose(p: Floats) -> Floats:
-    """Another tracked point, a turned body, a longer metre, of predicted poses p (N, 3, 4)."""
+def _tracked_pose_changes(p: Floats) -> Floats:
+    """Changes (N, 3, 4) of predicted poses p (N, 3) by two shifts of the tracked point, a rotation and a scale."""
     cos_t, sin_t, none, one = np.cos(p[:, 2]), np.sin(p[:, 2]), np.zeros(len(p)), np.ones(len(p))
     rows = ((cos_t, sin_t, none), (-sin_t, cos_t, none), (none, none, one), (p[:, 0], p[:, 1], none))
     return np.stack([np.column_stack(r) for r in rows], axis=2)
 
 
-def _of_the_clocks(fit: Fit, take: Take, setting: Setting, still: Floats) -> Floats:
-    """A shift of the poses against the commands, constant and growing (N, 3, 2)."""
-    later = layout(take)._replace(stamps=take.stamp_s + SHIFT_S)
-    velocity = (np.asarray(predict(later, fit.start, *setting.acting)) - still) / SHIFT_S
+def _clock_shift_changes(fit: Fit, take: Take, inputs: PredictionInputs, still: Floats) -> Floats:
+    """Pose changes (N, 3, 2) by a delay of the poses against the commands, constant and growing with time."""
+    later = segment_layout(take)._replace(stamp_s=take.stamp_s + CLOCK_STEP_S)
+    velocity = (np.asarray(predict_poses(later, fit.start, *inputs.kernel_arguments)) - still) / CLOCK_STEP_S
     zero = np.repeat(take.zero_s, np.diff(take.first))
     time = (np.bincount(take.row, take.share * take.stamp_s) - zero)[:, None]
     return np.stack([velocity, velocity * time / take.T], axis=2)

@@ -1,50 +1,47 @@
-"""Is anything still predictable from what the car did, in which channel, and from what?
+"""Is anything still predictable from what the car did, in which channel, and from which quantities?
 
 Extra-trees predict the disturbances of blocks of time that they have not seen; what they predict is physics that
-the model lacks.  Where it is simple, one or two terms say it as well.
+the model lacks.  Where it is simple, a formula of one or two terms predicts it as well.
 """
 
-from __future__ import annotations
-
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.locate.pushes import CHANNELS, CLIP_SD, Disturbances
+from bcid.diagnosis.limits import LOCATE_LIMITS
+from bcid.diagnosis.locate.pushes import WRENCH_CHANNELS, Disturbances
 from bcid.physics.car import Car
 
 TREES = 40
-LEAF = 6
+LEAF_KNOTS = 6
 FOLDS = 4
+FEATURE_SHARE = 0.6  # of the columns that a tree tries at a branch
 BLOCK_KNOTS = 30  # 15 s: neighbours are alike
-PREDICTABLE = 0.25  # correlation above which something is predictable; ten-minute nulls gave at most 0.13,
-BY_CHANCE = 4.0  # and short ones so many standard errors of none
-LEADING = 0.15  # share of the importance above which a variable is named
-SIMPLE = 0.8  # share of what the trees predict that a short sum must reach to be given as a form
 
 
 @dataclass(frozen=True)
-class Remainder:
-    """What is still predictable in the channel where most is."""
+class DisturbanceRegression:
+    """What trees predict of the disturbances, in the channel where they predict most."""
 
     channel: str
-    correlation: float  # of predicted with found disturbances, on blocks not seen
-    correlations: dict[str, float]
+    correlation: float  # of predicted with estimated disturbances, on blocks that the trees have not seen
+    correlations: dict[str, float]  # by channel
     depends_on: tuple[str, ...]  # most important first
-    gain: float  # nats that a model of it would be worth on the knots not seen
-    form: str | None  # a short sum with units, where one is nearly as good
-    least: float = PREDICTABLE  # correlation above which it is more than chance
+    gain_nats: float  # that the trees' predictions of all channels are worth on those blocks
+    form: str | None  # a formula with units, where one predicts nearly as well
+    min_correlation: float = LOCATE_LIMITS.min_correlation  # of this take
 
     @property
     def predictable(self) -> bool:
-        """Whether it is more than nothing."""
-        return self.correlation > self.least
+        """Whether the trees predict more than they could by chance."""
+        return self.correlation > self.min_correlation
 
 
-def variables(of: Disturbances) -> dict[str, Floats]:
-    """What disturbances may depend on, in the words of diagnosis.json, as columns (K, n) each."""
-    m = of.mean
+def regressor_columns(disturbances: Disturbances) -> dict[str, Floats]:
+    """Quantities that disturbances may depend on, by their names in diagnosis.json: columns (K, n) each."""
+    m = disturbances.states
     single = {
         "v_x": m["v_x"], "v_y": m["v_y"], "speed": np.hypot(m["v_x"], m["v_y"]), "yaw_rate": m["omega"],
         "steering": m["delta"], "steering_rate": m["delta_rate"], "throttle": np.maximum(m["u_m"], 0.0),
@@ -54,125 +51,138 @@ def variables(of: Disturbances) -> dict[str, Floats]:
     columns["throttle"] = np.column_stack([single["throttle"], m["F_m"]])
     columns["place"] = np.column_stack([m["p_x"], m["p_y"]])
     columns["heading"] = np.column_stack([np.sin(m["theta"]), np.cos(m["theta"])])
-    columns["time"] = of.time_s[:, None]
+    columns["time"] = disturbances.time_s[:, None]
     return columns
 
 
-def remainder(of: Disturbances, car: Car) -> Remainder:
-    """What of the disturbances is predictable."""
-    columns = variables(of)
+def regress_disturbances(disturbances: Disturbances, car: Car) -> DisturbanceRegression:
+    """Predict the disturbances from the car's state by extra-trees, cross-validated over blocks of time.
+
+    The result is of the channel with the largest correlation, with a formula where one predicts nearly as well.
+    """
+    columns = regressor_columns(disturbances)
     X = np.hstack(list(columns.values()))
     owner = np.repeat(np.arange(len(columns)), [c.shape[1] for c in columns.values()])
-    targets = np.clip(of.strength, -CLIP_SD, CLIP_SD)
+    targets = np.clip(disturbances.strength, -LOCATE_LIMITS.max_strength_sd, LOCATE_LIMITS.max_strength_sd)
     targets = targets - targets.mean(axis=0)
-    predicted, importances = _cross_predicted(X, targets)
-    correlations = {c: _correlation(predicted[:, i], targets[:, i]) for i, c in enumerate(CHANNELS)}
+    predicted, importances = _predict_unseen_blocks(X, targets)
+    correlations = {c: _correlation(predicted[:, i], targets[:, i]) for i, c in enumerate(WRENCH_CHANNELS)}
     channel = max(correlations, key=lambda c: correlations[c])
-    i = CHANNELS.index(channel)
+    i = WRENCH_CHANNELS.index(channel)
     shares = np.bincount(owner, importances[i], minlength=len(columns))
-    order = [list(columns)[j] for j in np.argsort(-shares) if shares[j] > LEADING][:2]
+    order = [list(columns)[j] for j in np.argsort(-shares) if shares[j] > LOCATE_LIMITS.min_importance]
+    depends_on = order[: LOCATE_LIMITS.max_quantities]
     r = max(correlations[channel], 0.0)
     gain = -0.5 * len(targets) * sum(np.log1p(-(min(max(c, 0.0), 0.999) ** 2)) for c in correlations.values())
-    least = max(PREDICTABLE, BY_CHANCE / np.sqrt(len(targets)))
-    form = _form(of, car, i, order, r) if r > least else None
-    return Remainder(channel, r, correlations, tuple(order), float(gain), form, least)
+    min_correlation = max(LOCATE_LIMITS.min_correlation, LOCATE_LIMITS.min_correlation_se / np.sqrt(len(targets)))
+    form = _fit_short_formula(disturbances, car, i, depends_on, r) if r > min_correlation else None
+    return DisturbanceRegression(channel, r, correlations, tuple(depends_on), float(gain), form, min_correlation)
 
 
-def _cross_predicted(X: Floats, targets: Floats) -> tuple[Floats, Floats]:
-    """Predictions (K, 3) of blocks not seen, and importances (3, n)."""
+def _predict_unseen_blocks(X: Floats, targets: Floats) -> tuple[Floats, Floats]:
+    """Trees' predictions (K, 3) of targets in blocks that they have not seen, and importances (3, n) of columns."""
     from sklearn.ensemble import ExtraTreesRegressor
 
-    fold = folds(len(X))
+    fold = blocked_folds(len(X))
     predicted, importances = np.zeros_like(targets), np.zeros((3, X.shape[1]))
     for c in range(3):
         for f in range(FOLDS):
-            trees = ExtraTreesRegressor(TREES, min_samples_leaf=LEAF, max_features=0.6, random_state=f)
+            trees = ExtraTreesRegressor(TREES, min_samples_leaf=LEAF_KNOTS, max_features=FEATURE_SHARE, random_state=f)
             trees.fit(X[fold != f], targets[fold != f, c])
             predicted[fold == f, c] = trees.predict(X[fold == f])
             importances[c] += trees.feature_importances_ / FOLDS
     return predicted, importances
 
 
-def folds(knots: int) -> Ints:
-    """The fold (K,) of each knot: blocks in turn, shorter ones where the take is short."""
+def blocked_folds(knots: int) -> Ints:
+    """Fold of cross-validation (K,) of each knot: blocks of BLOCK_KNOTS in turn, shorter ones in a short take."""
     block = min(BLOCK_KNOTS, knots // FOLDS)
     return np.asarray((np.arange(knots) // block) % FOLDS)
 
 
 def _correlation(a: Floats, b: Floats) -> float:
+    """Correlation coefficient of two samples (K,); 0 where one of them hardly varies."""
     if a.std() < 1e-12 or b.std() < 1e-12:
         return 0.0
     return float(np.corrcoef(a, b)[0, 1])
 
 
-_TERMS = {
+_SYMBOLS = {
     "v_x": ("v_x", "m/s"), "v_y": ("v_y", "m/s"), "yaw_rate": ("ω", "rad/s"), "steering": ("δ", "rad"),
     "steering_rate": ("δ̇", "rad/s"), "throttle": ("u_m", "m/s"), "braking": ("u_m⁻", "1"), "alpha_f": ("α_f", "rad"),
     "alpha_r": ("α_r", "rad"), "speed": ("|V|", "m/s"),
 }  # fmt: skip
-_UNITS = ("N", "N", "N m")
-_SUMS = ("F_x", "F_y", "M_z")
 
 
-def _form(of: Disturbances, car: Car, channel: int, depends: list[str], reached: float) -> str | None:
-    """One or two terms of products of the variables, if they predict blocks not seen nearly as well as the trees.
+def _fit_short_formula(
+    disturbances: Disturbances, car: Car, channel: int, depends_on: list[str], tree_correlation: float
+) -> str | None:
+    """Formula of one or two terms for the pushes in one channel; None where trees predict unseen blocks far better.
 
-    A posterior mean shows only a share of a push; divided by it, and weighted with it, the coefficients are right
-    on the average.
+    Pushes are posterior means, which show only a share of a push: dividing by the share, and weighting with it, makes
+    the coefficients unbiased.
     """
-    terms = _terms(of, depends, "1" if car.sets_force > 0.0 else "m/s")
-    share = of.share[:, channel]
-    y = of.push[:, channel] * (car.m, car.m, car.I_z)[channel] / share
+    terms = _formula_terms(disturbances, depends_on, "1" if car.sets_force > 0.0 else "m/s")
+    share = disturbances.posterior_share[:, channel]
+    component, unit, inertia = (("F_x", "N", car.m), ("F_y", "N", car.m), ("M_z", "N m", car.I_z))[channel]
+    y = disturbances.push[:, channel] * inertia / share
     y = np.clip(y, *np.quantile(y, [0.005, 0.995]))
     root = np.sqrt(share)
     chosen: list[str] = []
     X = np.ones((len(y), 1))
-    for _ in range(2):
-        rest = y - X @ _weighted(X, y, root)
-        best = max(terms, key=lambda t: abs(_correlation(root * terms[t][0], root * rest)))
-        if abs(_correlation(root * terms[best][0], root * rest)) < PREDICTABLE * 0.5:
+    required = LOCATE_LIMITS.min_formula_share * tree_correlation
+    for _ in range(LOCATE_LIMITS.max_formula_terms):
+        rest = root * (y - X @ _weighted_least_squares(X, y, root))
+        strengths = {symbol: abs(_correlation(root * values, rest)) for symbol, (values, _) in terms.items()}
+        best = max(strengths, key=lambda symbol: strengths[symbol])
+        if strengths[best] < LOCATE_LIMITS.min_term_correlation:
             break
         chosen.append(best)
         X = np.column_stack([X, terms[best][0]])
-        if _predicts(X, y, root) > SIMPLE * reached:
+        if _unseen_block_correlation(X, y, root) > required:
             break
-    if not chosen or _predicts(X, y, root) < SIMPLE * reached:
+    if not chosen or _unseen_block_correlation(X, y, root) < required:
         return None
     parts = [
-        f"{v:+.3g} {_UNITS[channel]}/({terms[t][1]})·{t}" if terms[t][1] != "1" else f"{v:+.3g} {_UNITS[channel]}·{t}"
-        for v, t in zip(_weighted(X, y, root)[1:], chosen, strict=True)
+        f"{v:+.3g} {unit}{'' if terms[t][1] == '1' else f'/({terms[t][1]})'}·{t}"
+        for v, t in zip(_weighted_least_squares(X, y, root)[1:], chosen, strict=True)
     ]
-    return f"{_SUMS[channel]} += {' '.join(parts)}"
+    return f"{component} += {' '.join(parts)}"
 
 
-def _terms(of: Disturbances, depends: list[str], of_the_throttle: str) -> dict[str, tuple[Floats, str]]:
-    """Single variables, their odd powers and signs, and products with those that matter: values and unit."""
-    columns = variables(of)
-    basic = {n: columns[n][:, 0] for n in _TERMS}
-    told, terms = _TERMS | {"throttle": ("u_m", of_the_throttle)}, dict[str, tuple[Floats, str]]()
-    for name, value in basic.items():
-        symbol, unit = told[name]
+def _formula_terms(
+    disturbances: Disturbances, depends_on: list[str], throttle_unit: str
+) -> dict[str, tuple[Floats, str]]:
+    """Terms that a formula may have, by their text: values (K,) and unit.
+
+    They are single quantities, their odd powers and smooth signs, and products with those that disturbances depend on.
+    """
+    columns = regressor_columns(disturbances)
+    single = {n: columns[n][:, 0] for n in _SYMBOLS}
+    symbols, terms = _SYMBOLS | {"throttle": ("u_m", throttle_unit)}, dict[str, tuple[Floats, str]]()
+    for name, value in single.items():
+        symbol, unit = symbols[name]
         terms[symbol] = (value, unit)
         terms[f"tanh({symbol}/0.05 {unit})".replace(" 1)", ")")] = (np.tanh(value / 0.05), "1")
         terms[f"{symbol}|{symbol}|"] = (value * np.abs(value), f"({unit})²" if unit != "1" else "1")
         terms[f"{symbol}³"] = (value**3, f"({unit})³" if unit != "1" else "1")
-    for i, one in enumerate(basic):
-        for other in list(basic)[i + 1 :]:
-            if one in depends or other in depends:
-                (a, unit_a), (b, unit_b) = told[one], told[other]
-                terms[f"{a}·{b}"] = (basic[one] * basic[other], f"{unit_a}·{unit_b}")
-                terms[f"|{a}|·{b}"] = (np.abs(basic[one]) * basic[other], f"{unit_a}·{unit_b}")
+    for first, second in itertools.combinations(single, 2):
+        if first in depends_on or second in depends_on:
+            (a, unit_a), (b, unit_b) = symbols[first], symbols[second]
+            terms[f"{a}·{b}"] = (single[first] * single[second], f"{unit_a}·{unit_b}")
+            terms[f"|{a}|·{b}"] = (np.abs(single[first]) * single[second], f"{unit_a}·{unit_b}")
     return terms
 
 
-def _weighted(X: Floats, y: Floats, root: Floats) -> Floats:
+def _weighted_least_squares(X: Floats, y: Floats, root: Floats) -> Floats:
+    """Coefficients (n,) that minimise |root (y - X b)|^2, `root` (K,) being roots of weights."""
     return np.asarray(np.linalg.lstsq(X * root[:, None], y * root, rcond=None)[0])
 
 
-def _predicts(X: Floats, y: Floats, root: Floats) -> float:
-    """Correlation on blocks not seen, as the trees have it."""
-    fold, predicted = folds(len(y)), np.zeros(len(y))
+def _unseen_block_correlation(X: Floats, y: Floats, root: Floats) -> float:
+    """Correlation of weighted least-squares predictions with y (K,) in blocks outside of the fitted ones."""
+    fold, predicted = blocked_folds(len(y)), np.zeros(len(y))
     for f in range(FOLDS):
         seen = fold != f
-        predicted[~seen] = X[~seen] @ _weighted(X[seen], y[seen], root[seen])
+        predicted[~seen] = X[~seen] @ _weighted_least_squares(X[seen], y[seen], root[seen])
     return _correlation(root * predicted, root * y)

@@ -1,32 +1,28 @@
 """Where and when the disturbances are larger than elsewhere: a scan over circles on the floor and windows of time.
 
-The statistic is Kulldorff's likelihood ratio for exponential energies: how much better two mean energies, in and
-out, explain the knots than one.  Its p-value is global over all circles (windows) looked at, by permuting
-segments.
+The statistic is Kulldorff's likelihood ratio for exponential energies: how much better two mean energies, inside and
+outside, explain the knots than one.  Its p-value is global over all circles (windows) of the scan, by permutation of
+the segments.
 """
-
-from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.locate.pushes import Disturbances
-from bcid.effects.entry import Units
+from bcid.effects.entry import VehicleScale
 from bcid.likelihood.take import KNOTS
 
 RADII_M = (0.5, 0.8, 1.2, 1.7)  # of the bumper car, as is
-SPACING = 0.5  # of the circles' centres, in radii
-CLIP = 30.0  # one knot cannot carry a place alone
-FEWEST = 6  # knots in a circle
+CENTRE_SPACING = 0.5  # of the circles' centres, in radii
 PERMUTATIONS = 499
-WINDOWS = 24  # of time
-APART_M = 0.6
+TIME_PARTS = 24  # of a take, of which windows are made
 
 
-class Circle(NamedTuple):
-    """A place that stands out."""
+class FloorCircle(NamedTuple):
+    """A place on the floor (m) with Kulldorff's statistic of the disturbances within it."""
 
     x: float
     y: float
@@ -34,76 +30,76 @@ class Circle(NamedTuple):
     statistic: float
 
 
-class Window(NamedTuple):
-    """A time that stands out."""
+class TimeWindow(NamedTuple):
+    """A stretch of time with Kulldorff's statistic of the disturbances within it."""
 
     begin_s: float
     end_s: float
     statistic: float
 
 
-def energy(of: Disturbances) -> Floats:
-    """Mean squared strength of the three channels of every knot (K,), 1 where the fit expects it, clipped."""
-    return np.asarray(np.minimum((of.strength**2).mean(axis=1), CLIP))
+def knot_energies(disturbances: Disturbances) -> Floats:
+    """Mean squared strength of the disturbances' channels at every knot (K,), clipped; 1 is what the fit expects."""
+    return np.asarray(np.minimum((disturbances.strength**2).mean(axis=1), LOCATE_LIMITS.max_knot_energy))
 
 
-def _ratios(inside: Floats, energies: Floats) -> Floats:
-    """The statistic of every set of knots: `inside` (M, K) of ones and zeros, `energies` (K,) or (K, P)."""
+def _kulldorff_ratios(inside: Floats, energies: Floats) -> Floats:
+    """Kulldorff's statistic K ln E - n ln E_in - (K - n) ln E_out of M sets of n of the K knots, with mean energies E.
+
+    `inside` (M, K) holds ones and zeros, `energies` is (K,) or (K, P); sets of few knots or of more than half have 0.
+    """
     n = inside.sum(axis=1).reshape(-1, *[1] * (energies.ndim - 1))
     K, total = len(energies), energies.sum(axis=0)
     within = inside @ energies
-    mean_in, mean_out = within / np.maximum(n, 1), np.maximum(total - within, 0.0) / np.maximum(K - n, 1)  # by rounding
+    # a difference of sums may be below zero by rounding
+    mean_in, mean_out = within / np.maximum(n, 1), np.maximum(total - within, 0.0) / np.maximum(K - n, 1)
     tiny = 1e-12
     ratio = K * np.log(total / K + tiny) - n * np.log(mean_in + tiny) - (K - n) * np.log(mean_out + tiny)
-    return np.asarray(np.where((mean_in > mean_out) & (n >= FEWEST) & (n <= K // 2), ratio, 0.0))
+    return np.asarray(np.where((mean_in > mean_out) & (n >= LOCATE_LIMITS.min_scan_knots) & (n <= K // 2), ratio, 0.0))
 
 
-def _permuted(energies: Floats) -> Floats:
-    """The energies with whole segments exchanged (K, PERMUTATIONS)."""
-    rng = np.random.default_rng(0)
-    by_segment = energies.reshape(-1, KNOTS)
-    orders = [rng.permutation(len(by_segment)) for _ in range(PERMUTATIONS)]
-    return np.stack([by_segment[o].ravel() for o in orders], axis=1)
+def _scan_sets(inside: Floats, disturbances: Disturbances) -> tuple[Floats, float]:
+    """Kulldorff's statistic (M,) of the sets `inside` (M, K) of knots, and the global p-value of the largest one.
 
-
-def _global_p(inside: Floats, energies: Floats, observed: float) -> float:
-    most = _ratios(inside, _permuted(energies)).max(axis=0)
-    return (1 + int(np.sum(most >= observed))) / (1 + PERMUTATIONS)
-
-
-def circles(of: Disturbances, units: Units, count: int = 6) -> tuple[list[Circle], float]:
-    """The circles that stand out most, APART_M from each other, best first; and the global p-value of the first.
-
-    As wide and as far apart as suits the vehicle in `units`.
+    The p-value is the share of random permutations of whole segments in which the largest statistic is as large.
     """
-    place = np.column_stack([of.mean["p_x"], of.mean["p_y"]])
-    tried, rows = [], []
-    for radius in np.multiply(RADII_M, units.reach).tolist():
-        step = SPACING * radius
+    energies, rng = knot_energies(disturbances), np.random.default_rng(0)
+    ratios, by_segment = _kulldorff_ratios(inside, energies), energies.reshape(-1, KNOTS)
+    orders = [rng.permutation(len(by_segment)) for _ in range(PERMUTATIONS)]
+    most = _kulldorff_ratios(inside, np.stack([by_segment[o].ravel() for o in orders], axis=1)).max(axis=0)
+    return ratios, (1 + int(np.sum(most >= ratios.max()))) / (1 + PERMUTATIONS)
+
+
+def scan_circles(disturbances: Disturbances, units: VehicleScale, count: int = 6) -> tuple[list[FloorCircle], float]:
+    """Circles on the floor within which disturbances are largest, best first, and the global p-value of the first.
+
+    Radii and distances are scaled to the vehicle's `units`.
+    """
+    place = np.column_stack([disturbances.states["p_x"], disturbances.states["p_y"]])
+    tried = list[tuple[float, float, float]]()
+    for radius in np.multiply(RADII_M, units.circle_factor).tolist():
+        step = CENTRE_SPACING * radius
         centres = np.unique(np.round(place / step).astype(int), axis=0) * step
-        for x, y in centres:
-            rows.append(((place - [x, y]) ** 2).sum(axis=1) < radius * radius)
-            tried.append((float(x), float(y), radius))
-    inside = np.array(rows, dtype=float)
-    energies = energy(of)
-    found = _ratios(inside, energies)
-    best: list[Circle] = []
-    for i in np.argsort(-found):
+        tried += [(float(x), float(y), radius) for x, y in centres]
+    inside = np.array([((place - [x, y]) ** 2).sum(axis=1) < r * r for x, y, r in tried], dtype=float)
+    ratios, p_value = _scan_sets(inside, disturbances)
+    distance = LOCATE_LIMITS.min_circle_distance_m * units.circle_factor
+    best: list[FloorCircle] = []
+    for i in np.argsort(-ratios):
         x, y, radius = tried[i]
-        if all((c.x - x) ** 2 + (c.y - y) ** 2 > (APART_M * units.reach) ** 2 for c in best):
-            best.append(Circle(x, y, radius, float(found[i])))
+        if all((c.x - x) ** 2 + (c.y - y) ** 2 > distance**2 for c in best):
+            best.append(FloorCircle(x, y, radius, float(ratios[i])))
         if len(best) == count:
             break
-    return best, _global_p(inside, energies, best[0].statistic)
+    return best, p_value
 
 
-def windows(of: Disturbances) -> tuple[Window, float]:
-    """The time that stands out most, in whole parts of the take, and its global p-value."""
-    edges = np.linspace(of.time_s[0], of.time_s[-1] + 1e-6, WINDOWS + 1)
-    spans = [(a, b) for a in range(WINDOWS) for b in range(a + 1, WINDOWS + 1) if b - a < WINDOWS]
-    inside = np.array([(of.time_s >= edges[a]) & (of.time_s < edges[b]) for a, b in spans], dtype=float)
-    energies = energy(of)
-    found = _ratios(inside, energies)
-    i = int(np.argmax(found))
-    a, b = spans[i]
-    return Window(float(edges[a]), float(edges[b]), float(found[i])), _global_p(inside, energies, float(found[i]))
+def scan_windows(disturbances: Disturbances) -> tuple[TimeWindow, float]:
+    """The stretch of time, in 24ths of the take, in which disturbances are largest, and its global p-value."""
+    time_s = disturbances.time_s
+    edges = np.linspace(time_s[0], time_s[-1] + 1e-6, TIME_PARTS + 1)
+    spans = [(a, b) for a in range(TIME_PARTS) for b in range(a + 1, TIME_PARTS + 1) if b - a < TIME_PARTS]
+    inside = np.array([(time_s >= edges[a]) & (time_s < edges[b]) for a, b in spans], dtype=float)
+    ratios, p_value = _scan_sets(inside, disturbances)
+    a, b = spans[int(np.argmax(ratios))]
+    return TimeWindow(float(edges[a]), float(edges[b]), float(ratios.max())), p_value

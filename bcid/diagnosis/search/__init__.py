@@ -1,5 +1,5 @@
-"""Which effects of the vocabulary explain a take.
+"""The search for the effects of the vocabulary that explain a take.
 
-`trials` (columns to test), `screen` (score tests), `line_search` (sizes), `place_search` (places), `refits` (joint
-refits of candidates), `rivals` (what explains as much), `forward_backward` (the search itself).
+`screen` (score tests of trials), `refits` (joint refits of candidates), `line_search` (sizes), `place_search` (places),
+`rivals` (what explains as much), `forward_backward` (the search itself).
 """

@@ -1,238 +1,253 @@
-"""Which effects a take shows: forward search by joint refits, backward elimination, exchanges, and the rivals.
+"""The search for the effects that a take shows: forward by joint refits, backward, exchanges, and their rivals.
 
-The base model's own simplifications are fitted first (`bcid.effects.corrections`), so that they are not mistaken
-for an effect; like every effect they have to earn their place in the end.
+The base model's own simplifications are fitted first (`bcid.effects.corrections`), so that they are not mistaken for
+an effect; like every effect they are removed in the end where they gain too little.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from bcid.diagnosis.locate.pushes import disturbances
-from bcid.diagnosis.locate.regression import Remainder, remainder
-from bcid.diagnosis.search.line_search import from_their_sizes, without_place
-from bcid.diagnosis.search.place_search import placed
-from bcid.diagnosis.search.refits import (
-    QUICK,
-    SHORTLIST,
-    WORTH,
-    beside_given,
-    best_first,
-    from_afar,
-    fully,
-    named,
-    of_the_shortlist,
-    refit_with,
-    told,
-)
-from bcid.diagnosis.search.rivals import Beside, distinct, each_left_out, settled
-from bcid.diagnosis.search.screen import Candidate, Nulls, changes, nulls, screen
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.locate.pushes import estimate_disturbances
+from bcid.diagnosis.locate.regression import DisturbanceRegression, regress_disturbances
+from bcid.diagnosis.search import refits
+from bcid.diagnosis.search.line_search import effects_without_place, refit_from_sizes
+from bcid.diagnosis.search.place_search import refine_places
+from bcid.diagnosis.search.refits import gain_nats, named_effects, rank_credible_fits, refit_with_effects
+from bcid.diagnosis.search.rivals import Alternatives, distinct_rivals, exchange_until_stable, leave_one_out
+from bcid.diagnosis.search.screen import CandidateEffect, NullGains, sample_null_gains, screen_effects, simulate_trials
 from bcid.effects.corrections import CORRECTIONS
+from bcid.effects.table import ENTRIES
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.refit import Fit, refit
-from bcid.likelihood.score_test import GATE, Changes
+from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import Take
 
-MOST_EFFECTS, MOST_PUSHED = 4, 6  # of a take whose base model is far off, more may be missing
-SUBSTANTIAL = 0.25  # of what trees predict of the disturbances, which an effect must explain
-RELEVANT = 0.01  # share of all that is explained so far that a further effect must add
-HOPELESS = 0.03  # share of the best score below which a candidate is not refitted either
-PLAIN = 100.0  # nats that no usual take of nothing comes near
-SURE = 8.0  # standard errors from nothing at which no refit is needed to see that an effect is there
+COMMAND_DELAYS = ("steering_delay", "motor_delay")
 
-
-DELAYS = ("steering_delay", "motor_delay")
+# share of their declared sizes from which the corrections are refitted
+FIRST_SHARE = 0.1
 
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Search:
-    """The base fit, the accepted effects' joint fit, and refits that explain nearly as much."""
+class SearchResult:
+    """The fits that a search ends with: the base model, the accepted effects, and what explains nearly as much."""
 
     base: Fit
-    corrected: Fit  # the base model with its own simplifications corrected as far as they stand out
+    corrected: Fit  # the base model with those of its own simplifications corrected that are certainly wrong
     best: Fit
-    without: dict[str, Fit]  # the best fit with each of its named effects left out
-    others: tuple[Fit, ...]  # each with one accepted effect exchanged, best first
-    nulls: Nulls  # what chance promises beside the best fit
-    p_value: float  # that all which stands out beside the corrected base model is chance
-    trials: Changes  # of the whole vocabulary beside the corrected base model
-    promising: tuple[str, ...]  # effects that were so at their sizes, where a score test does not tell
-    stand_ins: tuple[str, ...] = ()  # dropped for something that has no name,
-    at_ends: tuple[str, ...] = ()  # or since no car is so: neither are rivals of what is left
+    leave_one_out: dict[str, Fit]  # by named effect of `best`: the refit without it
+    rivals: tuple[Fit, ...]  # each with one named effect of `best` exchanged, best first
+    nulls: NullGains  # what chance promises beside the best fit
+    p_value: float  # of the best trial beside the corrected base model, if nothing is missing
+    trials: TrialChanges  # of the whole vocabulary beside the corrected base model
+    promising: tuple[str, ...]  # effects that gain most from their best sizes, where no score test is informative
+    proxies: tuple[str, ...] = ()  # effects dropped because they stand in for something without a name
+    at_bounds: tuple[str, ...] = ()  # effects dropped because no car has such a size
 
-    def reduced(self, best: Fit, take: Take, stand_ins: Sequence[str] = (), at_ends: Sequence[str] = ()) -> Search:
-        """The same search with fewer effects in its best fit; the rivals are others now."""
-        for_what_is_left, no_car = (*self.stand_ins, *stand_ins), (*self.at_ends, *at_ends)
-        out = (*for_what_is_left, *no_car)
-        names = tuple(n for n in self.promising if n not in out)
-        found = settled(best, take, self.trials.without(out), (self.corrected, self.base), names)
-        return replace(
-            self, best=found.best, without=found.without, others=found.others, stand_ins=for_what_is_left,
-            at_ends=no_car,
-        )  # fmt: skip
+    def reduce_to(
+        self, best: Fit, take: Take, proxies: Sequence[str] = (), at_bounds: Sequence[str] = ()
+    ) -> SearchResult:
+        """The search with `best`, which holds fewer effects, and rivals by exchanges without the dropped effects."""
+        proxies, at_bounds = (*self.proxies, *proxies), (*self.at_bounds, *at_bounds)
+        dropped = (*proxies, *at_bounds)
+        promising = tuple(n for n in self.promising if n not in dropped)
+        found = exchange_until_stable(best, take, self.trials.without(dropped), (self.corrected, self.base), promising)
+        return replace(self, **found._asdict(), proxies=proxies, at_bounds=at_bounds)
 
 
-def search(
-    base: Fit, take: Take, whole: Remainder, report: Report = lambda text: None, left_out: Sequence[str] = (),
-    given: Fit | None = None,
-) -> Search:  # fmt: skip
-    """Effects are added while they earn their place, then taken away where they no longer do.
+class _SearchProblem(NamedTuple):
+    """What a forward search asks: which effects explain the take beside the corrected base model."""
 
-    `whole` is what of the base model's disturbances is predictable; `given` a simulation's own parameters, beside
-    which the first effect is looked for as well: what is missing may have bent the refitted ones.
+    base: Fit
+    corrected: Fit
+    take: Take
+    regression: DisturbanceRegression  # of the base model's disturbances
+    trials: TrialChanges
+    excluded: tuple[str, ...]
+    reference_fit: Fit | None
+
+
+class _SearchState(NamedTuple):
+    """How far a forward search has come: the best fit so far, and what its next round starts from."""
+
+    best: Fit
+    nulls: NullGains  # what chance promises beside the fit before
+    from_sizes: tuple[str, ...]  # effects that the next round refits from their own sizes
+    tried: Sequence[Fit] = ()  # the refits that `best` is the first of
+    promising: tuple[str, ...] = ()  # the effects that promised most when they were first refitted from their sizes
+
+
+def search_effects(
+    base: Fit, take: Take, regression: DisturbanceRegression, report: Report = lambda text: None,
+    excluded: Sequence[str] = (), reference_fit: Fit | None = None,
+) -> SearchResult:  # fmt: skip
+    """Add effects to the base model while they explain enough, then remove and exchange them while that costs nothing.
+
+    `regression` says what of the base model's disturbances is predictable; effects with an id in `excluded` are not
+    considered.  The first effect is sought beside `reference_fit` as well, a reference model that was not refitted: a
+    refit may have hidden what is missing.  `report` is called with a text for each round.
     """
     report("the base model's own simplifications")
-    corrected = _corrected(base, take)
-    best, accepted = corrected, list[Fit]()
+    corrected = _fit_corrections(base, take)
     report("a score test of every effect")
-    trials = changes(best, take).without(left_out)
-    chance = nulls(best, take, trials)
-    p_value = chance.p_value
-    names = without_place(best, left_out) if take.pushed or best.hypothesis.simulated else ()
-    promising: tuple[str, ...] = ()
-    while len(named(best)) < (MOST_PUSHED if take.pushed else MOST_EFFECTS):
-        candidates = screen(best, take, trials.without(best.hypothesis.effects))
-        worth = max(WORTH, HOPELESS * candidates[0].score)
-        shortlist = [c for c in candidates[:SHORTLIST] if c.score > worth]
+    trials = simulate_trials(corrected, take).without(excluded)
+    nulls = sample_null_gains(corrected, take, trials)
+    unscreened = take.pushed or corrected.hypothesis.trusted_simulation
+    problem = _SearchProblem(base, corrected, take, regression, trials, tuple(excluded), reference_fit)
+    state = _SearchState(corrected, nulls, effects_without_place(corrected, excluded) if unscreened else ())
+    state = _search_forward(problem, state, report)
+    best = state.best if "pose_latency" in excluded else _replace_delays_by_latency(state.best, take)
+    best = refine_places(_eliminate_backward(best, take, state.nulls.gate), take)
+    found = _find_alternatives(best, problem, state)
+    return SearchResult(base, corrected, *found, state.nulls, nulls.p_value, trials, state.promising)
+
+
+def _search_forward(problem: _SearchProblem, state: _SearchState, report: Report) -> _SearchState:
+    """Add, one after another, the effect whose joint refit gains most, as long as it explains enough."""
+    base, take = problem.base, problem.take
+    max_effects = SEARCH_LIMITS.max_effects_under_pushes if take.pushed else SEARCH_LIMITS.max_effects
+    while len(named_effects(state.best)) < max_effects:
+        best = state.best
+        trials = problem.trials.without(best.hypothesis.effects)
+        candidates = screen_effects(best, take, trials)
+        min_score = max(SEARCH_LIMITS.min_score_nats, SEARCH_LIMITS.min_score_share * candidates[0].score)
+        shortlist = [c for c in candidates[: SEARCH_LIMITS.max_candidates] if c.score > min_score]
         report(f"{len(shortlist)} candidates beside {', '.join(best.hypothesis.effects) or 'the base model'}")
-        left = whole if best is base else remainder(disturbances(best, take), best.car())
-        least = max(RELEVANT * (best.bic - base.bic), min(chance.gate, PLAIN))
-        beside = given if best is corrected else None
-        tried = names
-        fits, names = _with_one_more(best, take, shortlist, tried, least, left_out, beside)
-        promising = promising or names
-        others = (*left_out, *tried) if take.pushed else left_out
-        fits, also = _further(best, take, best_first(fits, take), left, (least, max(least, chance.gate)), others)
-        names = (*names, *also)
-        if not (fits and _substantial(best, fits[0], left, least)):
+        regression = problem.regression
+        if best is not base:
+            regression = regress_disturbances(estimate_disturbances(best, take), best.car())
+        chance = min(state.nulls.gate, SEARCH_LIMITS.plain_gain_nats)
+        required = max(SEARCH_LIMITS.min_explained_share * gain_nats(best, base), chance)
+        fits, state = _refit_with_one_more(problem, state, shortlist, regression, required)
+        if not (fits and _explains_enough(best, fits[0], regression, required)):
             break
         # beside what is missing even a placebo may promise much: where a gain is plain, the gate beside it counts
-        after = nulls(fits[0], take, trials.without(best.hypothesis.effects))
-        if fits[0].bic - best.bic < min(chance.gate, after.gate):
+        nulls = sample_null_gains(fits[0], take, trials)
+        if gain_nats(fits[0], best) < min(state.nulls.gate, nulls.gate):
             break
-        best, accepted, chance = fits[0], fits, after
-    before = best
-    if "pose_latency" not in left_out:
-        best = _one_latency(best, take)
-    best = placed(_without_idlers(best, take, chance.gate), take)
-    best, without, rest = _beside(best, (before, accepted), take, trials, (corrected, base), promising)
-    return Search(base, corrected, best, without, rest, chance, p_value, trials, promising)
+        state = state._replace(best=fits[0], tried=fits, nulls=nulls)
+    return state
 
 
-def _beside(
-    best: Fit, accepted: tuple[Fit, Sequence[Fit]], take: Take, trials: Changes, known: tuple[Fit, Fit],
-    promising: Sequence[str],
-) -> Beside:  # fmt: skip
-    """The best fit and its rivals: of a single name those that were tried when it was `accepted`, else others.
+def _find_alternatives(best: Fit, problem: _SearchProblem, state: _SearchState) -> Alternatives:
+    """The best fit with its leave-one-out refits and rivals.
 
-    Fits that hold a correction which has been taken from the best since are no rivals of it.
+    If it holds a single named effect, the rivals are the refits among which that was chosen, unless a correction has
+    been removed since; else they come from exchanges.
     """
-    before, tried = accepted
-    if best.hypothesis.effects == before.hypothesis.effects and len(named(best)) < 2:
-        return Beside(best, each_left_out(best, known, take), distinct(best, tried))
-    return settled(best, take, trials, known, promising)
+    take, known = problem.take, (problem.corrected, problem.base)
+    if best.hypothesis.effects == state.best.hypothesis.effects and len(named_effects(best)) < 2:
+        return Alternatives(best, leave_one_out(best, known, take), distinct_rivals(best, state.tried))
+    return exchange_until_stable(best, take, problem.trials, known, state.promising)
 
 
-def _substantial(best: Fit, more: Fit, left: Remainder, least: float) -> bool:
-    """Whether a fit that holds one effect more than `best` gains the `least`, and a fair share of what is `left`.
+def _explains_enough(best: Fit, more: Fit, regression: DisturbanceRegression, required_nats: float) -> bool:
+    """Whether `more`, with one effect more than `best`, gains what is required and enough of what trees predict."""
+    gained = gain_nats(more, best)
+    enough = gained >= SEARCH_LIMITS.min_predictable_share * regression.gain_nats
+    return gained >= required_nats and (enough or not regression.predictable)
 
-    A mixture of effects, each of which explains little, would only stand in for something that has no name.
+
+def _refit_with_one_more(
+    problem: _SearchProblem, state: _SearchState, shortlist: Sequence[CandidateEffect],
+    regression: DisturbanceRegression, required_nats: float,
+) -> tuple[list[Fit], _SearchState]:  # fmt: skip
+    """Joint refits of the best fit with one effect more, best first, and the state from which the next round starts.
+
+    Effects of the shortlist start from the score test's values, in the first round beside the reference model too;
+    those of `state.from_sizes` start from their best sizes, if they are likely to gain `required_nats`.
     """
-    gained = more.bic - best.bic
-    return gained >= least and (gained >= SUBSTANTIAL * left.gain or not left.predictable)
+    best, take, sized = state.best, problem.take, state.from_sizes
+    fits = refits.refit_candidates(best, take, refits.score_testable_candidates(best, take, shortlist))
+    if problem.reference_fit and best is problem.corrected:
+        fits += refits.refit_beside_reference(problem.reference_fit, best, take, problem.excluded)
+    if sized:
+        more, sized = refit_from_sizes(best, take, sized, required_nats)
+        fits += more
+    again = sized if take.pushed else ()
+    fits, other = _widen_refits(problem, state, rank_credible_fits(fits, take), regression, required_nats)
+    return fits, state._replace(from_sizes=(*again, *other), promising=state.promising or again)
 
 
-def _with_one_more(
-    best: Fit, take: Take, shortlist: Sequence[Candidate], names: tuple[str, ...], least: float,
-    left_out: Sequence[str], given: Fit | None,
+def _widen_refits(
+    problem: _SearchProblem, state: _SearchState, fits: list[Fit], regression: DisturbanceRegression,
+    required_nats: float,
 ) -> tuple[list[Fit], tuple[str, ...]]:  # fmt: skip
-    """Joint refits with one effect more, and which of `names` are worth trying beside the next.
+    """The refits `fits`, with further ones from larger sizes if much is predictable and none explains enough of it.
 
-    Those of the shortlist start from the score test's values, beside `given` parameters of a simulation as well; the
-    effects `names` from their sizes, if they are likely to gain the `least` that is asked.
+    Under pushes, once effects are named, all effects not tried yet are refitted from their best sizes as well.  The
+    second value holds the ids of the most promising of these.
     """
-    fits = of_the_shortlist(best, take, told(best, take, shortlist))
-    if given:
-        fits += beside_given(given, best, take, left_out)
-    if names:
-        sized, names = from_their_sizes(best, take, names, least)
-        fits += sized
-    return fits, names if take.pushed else ()
+    best, take = state.best, problem.take
+    tried = (*problem.excluded, *state.from_sizes) if take.pushed else problem.excluded
 
+    def suffices(nats: float) -> bool:
+        """Whether the best refit so far gains so many nats and explains enough."""
+        return bool(fits) and _explains_enough(best, fits[0], regression, nats)
 
-def _further(
-    best: Fit, take: Take, fits: list[Fit], left: Remainder, least: tuple[float, float], others: Sequence[str]
-) -> tuple[list[Fit], tuple[str, ...]]:
-    """The fits, and where much is `left` and none explains enough of it, more: from afar, and under pushes from sizes.
-
-    Effects in `others` were tried or may not be.  Beside what was found, any may promise that did not before; the names
-    of those that do.  `least` is asked of what was tried at last, and of what was tried first.
-    """
-
-    def enough(asked: float) -> bool:
-        return bool(fits) and _substantial(best, fits[0], left, asked)
-
-    if not left.predictable or enough(least[1]):
+    if not regression.predictable or suffices(max(required_nats, state.nulls.gate)):
         return fits, ()
-    fits = best_first([*fits, *from_afar(best, take, others)], take)
-    if not (take.pushed and named(best)) or enough(least[0]):
+    fits = rank_credible_fits([*fits, *refits.refit_from_large_sizes(best, take, tried)], take)
+    if not (take.pushed and named_effects(best)) or suffices(required_nats):
         return fits, ()
-    more, names = from_their_sizes(best, take, without_place(best, others), least[0])
-    return best_first([*fits, *more], take), names
+    more, promising = refit_from_sizes(best, take, effects_without_place(best, tried), required_nats)
+    return rank_credible_fits([*fits, *more], take), promising
 
 
-def _one_latency(fit: Fit, take: Take) -> Fit:
-    """The fit with a late pose in place of delays of both commands, if that is likelier: equal ones are the same."""
+def _replace_delays_by_latency(fit: Fit, take: Take) -> Fit:
+    """The fit with a latency of the pose in place of delays of both commands, if its penalised likelihood is higher."""
     held = fit.hypothesis.effects
-    if not set(DELAYS) <= set(named(fit)) or "pose_latency" in held:
+    if not set(COMMAND_DELAYS) <= set(named_effects(fit)) or "pose_latency" in held:
         return fit
-    tau = 0.5 * sum(fit.values()[f"{name}__tau"][0] for name in DELAYS)
-    late = refit_with(fit, take, (*(n for n in held if n not in DELAYS), "pose_latency"), [tau])
-    return late if late.bic > fit.bic else fit
+    tau = 0.5 * sum(fit.effect_estimates()[f"{name}__tau"][0] for name in COMMAND_DELAYS)
+    late = refit_with_effects(fit, take, (*(n for n in held if n not in COMMAND_DELAYS), "pose_latency"), [tau])
+    return late if late.penalised_log_likelihood > fit.penalised_log_likelihood else fit
 
 
-def _corrected(base: Fit, take: Take) -> Fit:
-    """The base model with those of its simplifications corrected that stand out."""
+def _fit_corrections(base: Fit, take: Take) -> Fit:
+    """The base model with those of its simplifications corrected that are certainly wrong, if that gains enough."""
     free = [n for n in CORRECTIONS if n in base.hypothesis.entries and n not in base.hypothesis.assumed]
     sizes = [p.size for n in free for p in base.hypothesis.entries[n].parameters]
-    all_of_them = base.hypothesis.holding(*free)
-    known = base.hypothesis.values(base.phi).values()
-    start = all_of_them.start(base.car(), [*known, *(0.1 * size for size in sizes)])
-    try:
-        quick = refit(take, all_of_them, start, base.start, base.scales, QUICK, base.tangent)
-        if quick.bic - base.bic < GATE:
-            return base
-        whole = fully(quick, take)
-    except FloatingPointError:  # corrections that spin the car out of the numbers correct nothing
+    all_free = base.hypothesis.with_effects(*free)
+    known = base.hypothesis.effect_values(base.phi).values()
+    start = all_free.phi_of(base.car(), [*known, *(FIRST_SHARE * size for size in sizes)])
+    quick = none_if_diverged(
+        refit, take, all_free, start, base.start, base.scales, refits.QUICK_ITERATIONS, base.tangent
+    )
+    if quick is None or gain_nats(quick, base) < LIKELIHOOD_LIMITS.usual_gate_nats:
         return base
-    kept = tuple(n for n in free if _sure(whole, n))
+    full = refits.refit_fully(quick, take)
+    kept = tuple(n for n in free if _is_certain(full, n))
     if not kept:
         return base
-    less = whole if len(kept) == len(free) else refit_with(whole, take, kept)
-    return less if less.bic - base.bic > GATE else base  # a refit may end on another, lower hill
+    corrected = full if len(kept) == len(free) else refit_with_effects(full, take, kept)
+    # a refit may end at another, lower maximum
+    return corrected if gain_nats(corrected, base) > LIKELIHOOD_LIMITS.usual_gate_nats else base
 
 
-def _sure(fit: Fit, name: str) -> bool:
-    """Whether an amplitude of the effect is many standard errors from nothing, and the fit the better for it."""
-    values, entry = fit.values(), fit.hypothesis.entries[name]
-    return any(
-        abs(values[field][0]) > SURE * values[field][1] > 0.0
-        for field, p in zip(entry.fields, entry.parameters, strict=True)
-        if not p.places
-    )
+def _is_certain(fit: Fit, name: str) -> bool:
+    """Whether an amplitude of the effect is so many standard errors from zero that a refit without it is not needed."""
+    estimates = refits.estimates_by_symbol(fit, name)
+    amplitudes = (estimates[p.symbol] for p in ENTRIES[name].amplitude_parameters)
+    return any(abs(value) > SEARCH_LIMITS.certain_se * se > 0.0 for value, se in amplitudes)
 
 
-def _without_idlers(fit: Fit, take: Take, gate: float) -> Fit:
-    """The fit without those of its effects that do not earn their place beside the others."""
+def _eliminate_backward(fit: Fit, take: Take, gate_nats: float) -> Fit:
+    """The fit without those of its effects that gain less than the gate beside the others, removed one by one."""
     held = fit.hypothesis.effects
     if len(held) < 2:
         return fit
     for name in held:
-        if name in fit.hypothesis.assumed or _sure(fit, name):
+        if name in fit.hypothesis.assumed or _is_certain(fit, name):
             continue
-        without = refit_with(fit, take, tuple(n for n in held if n != name))
-        if fit.bic - without.bic < gate:
-            return _without_idlers(without, take, gate)
+        without = refit_with_effects(fit, take, tuple(n for n in held if n != name))
+        if gain_nats(fit, without) < gate_nats:
+            return _eliminate_backward(without, take, gate_nats)
     return fit

@@ -1,210 +1,217 @@
-"""Joint refits with one effect more from its best size, where a score test does not tell what an effect does.
+"""Joint refits with one effect more from its best size, where a score test says nothing of what an effect does.
 
-Beside pushes that do its work already, and beside parameters that have bent to what is missing.
+That is so beside pushes that do the effect's work already, and beside parameters that have bent to what is missing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.search.refits import FINALISTS, incredible
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.search.refits import effects_at_bounds
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS
+from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.refit import Fit, refit, standing
+from bcid.likelihood.refit import Fit, refit, segment_log_likelihoods
 from bcid.likelihood.take import Take
 
-FEW = 12  # segments on which an effect's size is looked for
-ENOUGH = 30  # segments on which effects are compared
-PROMISING = 8  # effects of which the likeliest are refitted on the whole take, and all tried again beside what is found
-MOST = 50.0  # nats that no segment exceeds when effects are compared: a lost one would outweigh all the others
-TANGENTS = 3  # along which these are refitted: after fewer, a size found on FEW of them may not suit the others yet
-LIKELY = 0.5  # of what is asked, or of what the first promises, below which nothing is refitted,
-CHANCE = 2.0  # and standard deviations by which a promise may be less than that by chance
-COARSELY = (1.0, 3.0, 9.0, 27.0, 81.0)
-"""Times an effect's size that are tried: what a small car lacks may be far beyond what would just show."""
-FINELY = (0.6, 1.7)
-"""Times the best of them."""
-FALLS = 2  # sizes in a row, each worse than the one before: a single one may have thrown a segment off
-ATTEMPTS = 2  # sizes from which a refit is tried
-TWO_WAYS = ((1.0, 1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 1.0))
-"""In which two amplitudes are tried."""
+# an effect's size is found on few segments, effects are compared on more
+SEGMENTS_FOR_SIZES, SEGMENTS_FOR_EFFECTS = 12, 30
+
+# after fewer tangents, a size found on few segments may not suit the others yet
+TRIAL_TANGENTS = 3
+
+COARSE_MULTIPLES, FINE_MULTIPLES = (1.0, 3.0, 9.0, 27.0, 81.0), (0.6, 1.7)
+"""Multiples of an effect's declared size that are tried, and then of the best of them.
+
+Sizes are declared for the bumper car; for its mass, a small car may have far larger ones.
+"""
+
+# a single size that is worse than the one before may owe that to a bad prediction of one segment
+MAX_FALLS = 2
+
+# best sizes from which a refit is tried
+MAX_STARTS = 2
+
+AMPLITUDE_DIRECTIONS = ((1.0, 1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 1.0))
+"""Directions in which effects of two amplitudes are tried."""
 
 
-def at_simulated(corrected: Fit) -> Floats:
-    """The fit's phi with the parameters of a simulation to be trusted, as far as that knows them.
-
-    What is missing is plain there, and hardly seen any more where those have bent to it.
-    """
-    hypothesis = corrected.hypothesis
-    assert hypothesis.simulated is not None  # noqa: S101  # what makes it one to be trusted
-    known = len(hypothesis.simulated.phi)  # the base model and what is assumed come first
-    simulated = np.array([*hypothesis.simulated.phi, *corrected.phi[known:]])
-    return np.where(np.isin(hypothesis.names, hypothesis.simulated.free), corrected.phi, simulated)
+def phi_at_reference(fit: Fit) -> Floats:
+    """The fit's phi with the trusted reference model's own values in place of refitted ones, which may hide effects."""
+    hypothesis, reference = fit.hypothesis, fit.hypothesis.trusted_simulation
+    assert reference is not None  # noqa: S101  # only fits beside a trusted reference model get here
+    # the base model and what is assumed come first
+    phi = np.array([*reference.phi, *fit.phi[len(reference.phi) :]])
+    return np.where(np.isin(hypothesis.parameter_names, reference.free), fit.phi, phi)
 
 
-def without_place(fit: Fit, left_out: Sequence[str]) -> tuple[str, ...]:
-    """Effects that `fit` does not hold and that are not bound to a place."""
+def effects_without_place(fit: Fit, excluded: Sequence[str]) -> tuple[str, ...]:
+    """Ids of the effects without a place or time, other than those that `fit` holds or that are excluded."""
     entries, held = fit.hypothesis.entries, fit.hypothesis.effects
-    own = [entries[n] for n in EFFECTS if n in entries and n not in (*held, *left_out)]
-    return tuple(e.id for e in own if e.amplitudes and not e.places)
+    own = [entries[n] for n in EFFECTS if n in entries and n not in (*held, *excluded)]
+    return tuple(e.id for e in own if e.amplitude_parameters and not e.place_parameters)
 
 
-class Sized(NamedTuple):
-    """A joint refit with one effect more on a part of a take, from its best size there."""
+class SizedRefit(NamedTuple):
+    """A joint refit with one effect more on a part of a take, from the effect's best size there."""
 
     fit: Fit
-    promise: float  # nats on that part
-    sd: float  # of the promise, by how segments scatter
+    promise: float  # nats that the effect gains on that part
+    sd: float  # of the promise, by the scatter of segments
 
     @property
     def effect(self) -> str:
-        """The one more."""
+        """Id of the effect that was added last."""
         return self.fit.hypothesis.effects[-1]
 
 
-def from_their_sizes(fit: Fit, take: Take, names: Iterable[str], least: float) -> tuple[list[Fit], tuple[str, ...]]:
-    """Joint refits of those of `names` that are likely to gain the `least` that is asked, and the most promising names.
+def refit_from_sizes(
+    fit: Fit, take: Take, effects: Iterable[str], required_nats: float
+) -> tuple[list[Fit], tuple[str, ...]]:
+    """Joint refits of `fit` with one more of the `effects`, each from its best size on a part of the take.
 
-    From the parameters of a simulation to be trusted, as long as there is one.
+    Only effects that are likely to gain `required_nats` are refitted on the whole take.  A trusted reference model's
+    parameters start from its own values.  The second value holds the ids of the most promising effects, best first.
     """
-    names = [n for n in names if n not in fit.hypothesis.effects]
-    if not names:
+    effects = [n for n in effects if n not in fit.hypothesis.effects]
+    if not effects:
         return [], ()
-    phi = fit.phi if fit.hypothesis.simulated is None else at_simulated(fit)
-    sized = at_their_sizes(fit, take, phi, names)
-    return on_the_whole(fit, take, sized, least), tuple(s.effect for s in sized)
+    phi = fit.phi if fit.hypothesis.trusted_simulation is None else phi_at_reference(fit)
+    sized = search_sizes(fit, take, phi, effects)
+    return refit_on_whole_take(fit, take, sized, required_nats), tuple(s.effect for s in sized)
 
 
-def at_their_sizes(fit: Fit, take: Take, phi: Floats, names: Sequence[str]) -> list[Sized]:
-    """The most promising of `names`, each from its best size beside what `fit` holds, the most promising first.
+def search_sizes(fit: Fit, take: Take, phi: Floats, effects: Sequence[str]) -> list[SizedRefit]:
+    """Refits of the most promising effects on a part of the take, each from its best size, best first.
 
-    On a part of the take, which bends a simulation's parameters as far as the whole does, from `phi` of that and from
-    the fit's free parts.
+    All other parameters start from `phi`; a trusted reference model's prior counts by the part's share of the take.
     """
-    few, enough = (_evenly(take, n) for n in (FEW, ENOUGH))
-    part, hypothesis = take.part(enough), fit.hypothesis.of_a_share(len(enough) / take.segments)
-    nothing, sized = _nothing_more(fit, part, enough, hypothesis, phi), list[Sized]()
-    for name in names:
-        starts = [hypothesis.with_effect(name, phi, s) for s in _best_sizes(fit, take, few, name, phi)[:ATTEMPTS]]
-        refitted = _refitted(part, starts, fit.start[enough], fit.scales)
-        sized += [_sized(refitted, nothing, take.segments)] if refitted else []
-    return sorted(sized, key=lambda s: -s.promise)[:PROMISING]
+    few, enough = (_spread_segments(take, n) for n in (SEGMENTS_FOR_SIZES, SEGMENTS_FOR_EFFECTS))
+    part, hypothesis = take.part(enough), fit.hypothesis.scale_simulation_prior(len(enough) / take.segments)
+    null, sized = _fit_null(fit, part, enough, hypothesis, phi), list[SizedRefit]()
+    for name in effects:
+        starts = [hypothesis.add_effect(name, phi, s) for s in _rank_sizes(fit, take, few, name, phi)[:MAX_STARTS]]
+        more = _refit_first_feasible(part, starts, fit.start[enough], fit.scales)
+        sized += [_score_refit(more, null, take.segments)] if more else []
+    return sorted(sized, key=lambda s: -s.promise)[: SEARCH_LIMITS.max_sized_effects]
 
 
-class _Nothing(NamedTuple):
-    """A part of a take without anything more."""
+class _NullFit(NamedTuple):
+    """The fit of a part of a take without one effect more."""
 
-    per_segment: Floats
-    bent: float
+    per_segment: Floats  # (S,) log-likelihood
+    log_prior: float
 
-    def bettered_by(self, fit: Fit) -> Floats:
-        """Nats by segment, of which none counts for more than MOST: a lost one would outweigh all the others."""
-        return _counted(fit.per_segment - self.per_segment)
+    def segment_gains(self, fit: Fit) -> Floats:
+        """Nats (S,) by which `fit` is likelier in each segment, saturated."""
+        return _saturate(fit.per_segment - self.per_segment)
 
 
-def _nothing_more(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, phi: Floats) -> _Nothing:
-    """The fit on the `chosen` segments, or a refit to these alone from where effects are tried, if that is better.
+def _fit_null(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, phi: Floats) -> _NullFit:
+    """The fit on the `chosen` segments only, or its refit from `phi` to these if that is better.
 
-    What any effect would gain by trying says nothing of it.
+    An effect's gain is measured against it, so that what any refit to few segments gains is not credited to the effect.
     """
-    nothing = _Nothing(fit.per_segment[chosen], fit.bent * len(chosen) / len(fit.per_segment))
-    again = _refitted(part, [(hypothesis, phi)], fit.start[chosen], fit.scales)
-    if again and nothing.bettered_by(again).sum() + again.bent - nothing.bent > 0.0:
-        return _Nothing(again.per_segment, again.bent)
-    return nothing
+    null = _NullFit(fit.per_segment[chosen], fit.log_prior * len(chosen) / len(fit.per_segment))
+    again = _refit_first_feasible(part, [(hypothesis, phi)], fit.start[chosen], fit.scales)
+    if again and null.segment_gains(again).sum() + again.log_prior - null.log_prior > 0.0:
+        return _NullFit(again.per_segment, again.log_prior)
+    return null
 
 
-def _refitted(part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales) -> Fit | None:
-    """The refit from the first of these that has a slope: others lie beside the end of the numbers."""
-    for hypothesis, phi in starts:
-        with suppress(FloatingPointError):
-            return refit(part, hypothesis, phi, start, scales, tangents=TANGENTS)
-    return None
+def _refit_first_feasible(
+    part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales
+) -> Fit | None:
+    """The refit from the first of several starts, each a hypothesis with phi, that does not diverge; None if all do."""
+    trial = partial(refit, tangents=TRIAL_TANGENTS)
+    return next(map_converged(trial, ((part, *first, start, scales) for first in starts)), None)
 
 
-def _best_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> list[tuple[float, ...]]:
-    """Values of one effect more, those first that promise most on the `chosen` segments.
+def _rank_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> list[tuple[float, ...]]:
+    """Parameter values of one effect more by what they gain on the `chosen` segments, best first; all else at `phi`.
 
-    All else stays at `phi` of what `fit` holds.  After two sizes each of which is worse than the smaller one before it,
-    no larger one is tried; none is told that leaves the numbers.
+    After MAX_FALLS sizes in a row that are worse than the one before, no larger one is tried.  Values from which
+    predictions diverge are left out.
     """
     part, own = take.part(chosen), fit.hypothesis.entries[name].parameters
-    tried = dict[tuple[float, ...], float]()
+    gains = dict[tuple[float, ...], float]()
 
-    def promises(sizes: tuple[float, ...]) -> float:
-        if sizes not in tried:
-            tried[sizes] = -np.inf
-            with suppress(FloatingPointError):
-                each = standing(part, *fit.hypothesis.with_effect(name, phi, sizes), fit.start[chosen], fit.scales)
-                tried[sizes] = float(_counted(each - fit.per_segment[chosen]).sum())
-        return tried[sizes]
+    def gain_at(sizes: tuple[float, ...]) -> float:
+        """Saturated nats that the effect gains at these parameter values, computed once for each."""
+        if sizes not in gains:
+            more = fit.hypothesis.add_effect(name, phi, sizes)
+            each = none_if_diverged(segment_log_likelihoods, part, *more, fit.start[chosen], fit.scales)
+            gains[sizes] = -np.inf if each is None else float(_saturate(each - fit.per_segment[chosen]).sum())
+        return gains[sizes]
 
-    for way in _ways(own):
+    for direction in _size_directions(own):
         last, falls = -np.inf, 0
-        for share in COARSELY:
-            now = promises(_within(own, [share * v for v in way]))
+        for multiple in COARSE_MULTIPLES:
+            now = gain_at(_clip_to_bounds(own, [multiple * v for v in direction]))
             falls, last = falls + 1 if now < last or now == -np.inf else 0, now
-            if falls == FALLS:
+            if falls == MAX_FALLS:
                 break
-    best = max(tried, key=promises)
-    for share in FINELY:
-        promises(_within(own, [share * v for v in best]))
-    return sorted((sizes for sizes in tried if promises(sizes) > -np.inf), key=lambda sizes: -tried[sizes])
+    best = max(gains, key=gain_at)
+    for multiple in FINE_MULTIPLES:
+        gain_at(_clip_to_bounds(own, [multiple * v for v in best]))
+    return sorted((sizes for sizes in gains if gains[sizes] > -np.inf), key=lambda sizes: -gains[sizes])
 
 
-def _ways(own: Sequence[Parameter]) -> list[tuple[float, ...]]:
-    """An effect's size in each direction that it may have: of either sign, two amplitudes together and each alone."""
-    ways = TWO_WAYS if len(own) == 2 else ((1.0,) * len(own),)
+def _size_directions(own: Sequence[Parameter]) -> list[tuple[float, ...]]:
+    """Signed declared sizes of an effect's parameters: of either sign, two amplitudes together and each alone."""
+    directions = AMPLITUDE_DIRECTIONS if len(own) == 2 else ((1.0,) * len(own),)
     signs = (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,)
-    return [tuple(sign * w * p.size for w, p in zip(way, own, strict=True)) for sign in signs for way in ways]
+    return [tuple(sign * w * p.size for w, p in zip(d, own, strict=True)) for sign in signs for d in directions]
 
 
-def _within(own: Sequence[Parameter], values: Sequence[float]) -> tuple[float, ...]:
-    """The values, none beyond its bounds."""
+def _clip_to_bounds(own: Sequence[Parameter], values: Sequence[float]) -> tuple[float, ...]:
+    """The values of an effect's parameters, each within its bounds."""
     return tuple(min(max(v, p.low), p.high) for v, p in zip(values, own, strict=True))
 
 
-def _sized(fit: Fit, nothing: _Nothing, segments: int) -> Sized:
-    """What a fit of a part promises there over `nothing` more, of a take of so many `segments`.
+def _score_refit(fit: Fit, null: _NullFit, segments: int) -> SizedRefit:
+    """The refit of a part of a take of `segments` with its gain there over the fit without the effect.
 
-    Of what the whole is charged for each parameter of the effect, as much as the part is of it; and half a nat, which
-    it gains by suiting these segments more than the others, where there are others.
+    The gain is reduced by the part's share of the penalty on the whole take, and by half a nat per parameter for being
+    fitted to just these segments, if there are others.
     """
-    each, share = nothing.bettered_by(fit), len(fit.per_segment) / segments
+    each, share = null.segment_gains(fit), len(fit.per_segment) / segments
     own = len(fit.hypothesis.entries[fit.hypothesis.effects[-1]].parameters)
-    charged = 0.5 * own * (share * float(np.log(segments)) + 1.0 - share)
-    return Sized(fit, float(each.sum()) + fit.bent - nothing.bent - charged, float(each.std() * np.sqrt(len(each))))
+    penalty = 0.5 * own * (share * float(np.log(segments)) + 1.0 - share)
+    promise = float(each.sum()) + fit.log_prior - null.log_prior - penalty
+    return SizedRefit(fit, promise, float(each.std() * np.sqrt(len(each))))
 
 
-def _counted(nats: Floats) -> Floats:
-    """Nats by segment, of which none counts for more than MOST."""
-    return np.asarray(MOST * np.tanh(nats / MOST))
+def _saturate(nats: Floats) -> Floats:
+    """Nats (S,) of segments, of which none counts for more than the limit m: m tanh(nats / m)."""
+    most = SEARCH_LIMITS.max_segment_nats
+    return np.asarray(most * np.tanh(nats / most))
 
 
-def on_the_whole(beside: Fit, take: Take, sized: Sequence[Sized], least: float) -> list[Fit]:
-    """The first FINALISTS of those `sized`, refitted on the whole take from the free parts of `beside`.
+def refit_on_whole_take(fit: Fit, take: Take, sized: Sequence[SizedRefit], required_nats: float) -> list[Fit]:
+    """Refit to the whole take those of the `sized` refits of a part, best first, that end at no bound.
 
-    Those that are not credible are passed over, and those left that promise little beside the first, or beside the
-    `least` that is asked of the whole.
+    The list ends before the first that is not likely to gain `required_nats` on the whole take, or whose promise is
+    small beside the best one's.  Initial states are those of `fit`.
     """
-    likely, whole = [s for s in sized if not incredible(s.fit, take)][:FINALISTS], list[Fit]()
-    for s in likely:
-        asked = LIKELY * least * len(s.fit.per_segment) / take.segments
-        if s.promise + CHANCE * s.sd < asked or (whole and s.promise < LIKELY * likely[0].promise):
+    whole, likely_share = list[Fit](), SEARCH_LIMITS.likely_share
+    credible = [s for s in sized if not effects_at_bounds(s.fit, take)][: SEARCH_LIMITS.max_finalists]
+    for s in credible:
+        required = likely_share * required_nats * len(s.fit.per_segment) / take.segments
+        likely = s.promise + SEARCH_LIMITS.likely_sd * s.sd
+        if likely < required or (whole and s.promise < likely_share * credible[0].promise):
             break
-        more = beside.hypothesis.holding(*s.fit.hypothesis.effects)
-        with suppress(FloatingPointError):
-            whole.append(refit(take, more, s.fit.phi, beside.start, beside.scales))
+        more = fit.hypothesis.with_effects(*s.fit.hypothesis.effects)
+        whole += map_converged(refit, [(take, more, s.fit.phi, fit.start, fit.scales)])
     return whole
 
 
-def _evenly(take: Take, n: int) -> Ints:
-    """So many of the take's segments, or all."""
-    return np.unique(np.linspace(0, take.segments - 1, min(n, take.segments)).round().astype(np.int64))
+def _spread_segments(take: Take, count: int) -> Ints:
+    """Numbers of `count` segments spread evenly over the take, or of all its segments where there are fewer."""
+    return np.unique(np.linspace(0, take.segments - 1, min(count, take.segments)).round().astype(np.int64))

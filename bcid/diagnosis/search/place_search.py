@@ -1,6 +1,4 @@
-"""The last step to where an effect is: an edge on the floor gives the likelihood kinks that a slope cannot follow."""
-
-from __future__ import annotations
+"""The search for the place or time of an effect: an edge on the floor gives the likelihood kinks without a slope."""
 
 import itertools
 
@@ -8,102 +6,103 @@ import numpy as np
 from scipy.optimize import Bounds, direct
 
 from bcid.aliases import Floats
-from bcid.likelihood.marginal import eliminate, log_likelihood, moments
-from bcid.likelihood.nuisance import deviations
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.marginal import eliminate_nuisance, segment_moments, student_log_densities
+from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
-WIDEST, FINEST = 0.6, 0.02  # of the radius (of a tenth of the take, for a time)
-LEAST = 0.3  # m, for the bumper car
-BETTER = 0.1  # nats from which a step is taken,
-WORTH = 1.0  # and a walk
-WALKS = 4
-LOOKS = 1000  # of a search all around before a walk
+# steps, as shares of the radius, or of a tenth of the take for a time
+WIDEST_STEP, FINEST_STEP = 0.6, 0.02
+
+# least radius that steps are shares of, of a vehicle as large and as fast as the bumper car
+MIN_REACH_M = 0.3
+
+# gains from which a step is taken, and a round of searches is followed by another
+MIN_STEP_NATS, MIN_ROUND_NATS, MAX_ROUNDS = 0.1, 1.0, 4
+
+DIRECT_EVALUATIONS = 1000
 
 
-def placed(fit: Fit, take: Take) -> Fit:
-    """The fit with its effects' places and times where the likelihood is highest nearby."""
-    if not fit.hypothesis.placed.any():
+def refine_places(fit: Fit, take: Take) -> Fit:
+    """The refit with the places and times of its effects moved to where the likelihood is highest nearby."""
+    if not fit.hypothesis.is_place.any():
         return fit
-    for _ in range(WALKS):
-        try:
-            better = refit(take, fit.hypothesis, _walked(fit, take), fit.start, fit.scales)
-        except FloatingPointError:  # beside an edge the car may spin out of the numbers: the place found before stands
-            return fit
-        if better.bic - fit.bic < WORTH:
+    for _ in range(MAX_ROUNDS):
+        phi = fit.phi
+        for name in fit.hypothesis.effects:
+            widths = _search_widths(fit, take, name)
+            if widths.any():
+                phi = _search_around(fit, take, phi, widths)
+        # at the edge of a place the prediction may diverge: then the fit stays as it is
+        better = none_if_diverged(refit, take, fit.hypothesis, phi, fit.start, fit.scales)
+        if better is None or better.penalised_log_likelihood - fit.penalised_log_likelihood < MIN_ROUND_NATS:
             return fit
         fit = better
     return fit
 
 
-def _walked(fit: Fit, take: Take) -> Floats:
-    """Phi after a search over one effect's places after another, all else as it is."""
-    phi = fit.phi
-    for name in fit.hypothesis.effects:
-        widths = _widths(fit, take, name)
-        if widths.any():
-            phi = _walked_over(fit, take, phi, widths)
-    return phi
-
-
-def _widths(fit: Fit, take: Take, name: str) -> Floats:
-    """By how much each component of phi moves in a step of one: the effect's places and times, and nothing else."""
-    values, widths = fit.values(), np.zeros(fit.hypothesis.size)
-    for i, (field, p) in enumerate(fit.hypothesis.parameters, start=fit.hypothesis.base_size):
-        if p.places and field.startswith(f"{name}__"):
-            reach = [v for f, (v, _) in values.items() if f in (f"{name}__radius", f"{name}__r_0")]
-            widths[i] = (
-                0.1 * float(take.length_s.max())
-                if p.symbol == "t_s"
-                else max(*reach, LEAST * fit.hypothesis.units.reach)
-            )
+def _search_widths(fit: Fit, take: Take, name: str) -> Floats:
+    """Half-widths of a search over phi: radius (m) for places, take / 10 (s) for times of one effect, else 0."""
+    values, widths = fit.effect_estimates(), np.zeros(fit.hypothesis.size)
+    for i, (field, p) in enumerate(fit.hypothesis.effect_parameters, start=fit.hypothesis.base_size):
+        if p.is_place and field.startswith(f"{name}__"):
+            radii = [v for f, (v, _) in values.items() if f in (f"{name}__radius", f"{name}__r_0")]
+            least = MIN_REACH_M * fit.hypothesis.units.circle_factor
+            widths[i] = 0.1 * float(take.length_s.max()) if p.symbol == "t_s" else max(*radii, least)
     return widths
 
 
-def _walked_over(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
-    """Phi where the likelihood is highest within `widths`.
+def _search_around(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
+    """Phi where the likelihood is highest within `widths` of the given one, all else as it is.
 
-    A circle that moves and grows at once climbs a ridge too narrow for a walk: another starts from the best of
-    rectangles divided all around (DIRECT, Jones and others, 1993).
+    A circle that moves and grows at once climbs a ridge too narrow for one pattern search: another starts from the best
+    of rectangles divided all around (DIRECT, Jones and others, 1993).
     """
     low, high = fit.hypothesis.bounds()
     moving = np.flatnonzero(widths)
     around = Bounds(np.maximum(phi - widths, low)[moving], np.minimum(phi + widths, high)[moving])
 
-    def at(place: Floats) -> Floats:
+    def with_place(place: Floats) -> Floats:
+        """Phi with its components that move at `place`."""
         there = phi.copy()
         there[moving] = place
         return there
 
-    def against(place: Floats) -> float:
-        return -_likelihood(fit, take, at(place))
+    def misfit(place: Floats) -> float:
+        """Negative log-likelihood at `place`."""
+        return -_log_likelihood_at(fit, take, with_place(place))
 
-    found = at(direct(against, around, maxfun=LOOKS).x)
-    return max((_walk(fit, take, start, widths) for start in (phi, found)), key=lambda end: _likelihood(fit, take, end))
+    found = with_place(direct(misfit, around, maxfun=DIRECT_EVALUATIONS).x)
+    return max(
+        (_search_pattern(fit, take, start, widths) for start in (phi, found)),
+        key=lambda end: _log_likelihood_at(fit, take, end),
+    )
 
 
-def _walk(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
-    """Phi after a pattern search."""
+def _search_pattern(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
+    """Phi after a pattern search over all neighbours within `widths`, the step halved where none is better."""
     moves = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=int(np.count_nonzero(widths)))))
     steps = np.zeros((len(moves), len(phi)))
     steps[:, widths > 0.0] = moves * widths[widths > 0.0]
-    best, share = _likelihood(fit, take, phi), WIDEST
-    while share > FINEST:
+    best, share = _log_likelihood_at(fit, take, phi), WIDEST_STEP
+    while share > FINEST_STEP:
         near = [np.clip(phi + share * step, *fit.hypothesis.bounds()) for step in steps]
-        likelihoods = [_likelihood(fit, take, there) for there in near]
+        likelihoods = [_log_likelihood_at(fit, take, there) for there in near]
         k = int(np.argmax(likelihoods))
-        if likelihoods[k] > best + BETTER:
+        if likelihoods[k] > best + MIN_STEP_NATS:
             best, phi = likelihoods[k], near[k]
         else:
             share *= 0.5
     return phi
 
 
-def _likelihood(fit: Fit, take: Take, phi: Floats) -> float:
-    """Of phi, with the fit's initial states, scales and tangent."""
-    r = deviations(take, fit.hypothesis.setting(phi, take), fit.start, fit.tangent.A)
+def _log_likelihood_at(fit: Fit, take: Take, phi: Floats) -> float:
+    """Log-likelihood at `phi` with the initial states, scales and tangent of the fit; -inf where it diverges."""
+    r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(phi, take), fit.start, fit.tangent.A)
     if not np.isfinite(r).all():
         return -np.inf
-    of = moments(r, fit.tangent.A, take.first)
-    likelihood = float(log_likelihood(eliminate(of, fit.scales.r, fit.scales.precisions())).sum())
+    moments = segment_moments(r, fit.tangent.A, take.first)
+    eliminated = eliminate_nuisance(moments, fit.scales.r, fit.scales.nuisance_precisions())
+    likelihood = float(student_log_densities(eliminated).sum())
     return likelihood if np.isfinite(likelihood) else -np.inf

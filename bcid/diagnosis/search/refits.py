@@ -1,156 +1,171 @@
-"""Joint refits with one effect more: from the score test, beside a simulation's own parameters, from afar.
+"""Joint refits with one effect more: from the score test, beside a reference model's own parameters, from large sizes.
 
-From sizes of their own: `bcid.diagnosis.search.line_search`.
+Refits from an effect's own best size: `bcid.diagnosis.search.line_search`.
 """
-
-from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 
 import numpy as np
 
-from bcid.diagnosis.search.screen import Candidate, changes, screen, sharpened
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.search.screen import CandidateEffect, screen_effects, sharpen_places, simulate_trials
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Parameter
-from bcid.effects.table import EFFECTS, effects_of
-from bcid.likelihood.refit import Fit, held, refit
+from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
+from bcid.errors import PredictionDiverged
+from bcid.likelihood.divergence import map_converged, none_if_diverged
+from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.take import Take
 
-SHORTLIST = 8
-WORTH = 6.0  # nats of score below which a candidate is not refitted
-RIVAL = 4.0  # nats within which two explanations cannot be told apart
-FINALISTS = 3
-CLOSE = 0.1  # share of the best gain within which a candidate is refitted in full
-QUICK = 6  # iterations
-EDGE = 0.08  # share of a take at its ends, in which nothing can be seen to change
+QUICK_ITERATIONS = 6
 
-SWALLOWED = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
-"""Effects that a refitted base model takes up so far that nothing shows of them near it."""
+ABSORBED_BY_BASE_MODEL = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
+"""Effects that a refitted base model takes up so far that no score test beside it shows them."""
 
-FAR_SHARES = (1.0, 1.6)
+LARGE_SIZES = (1.0, 1.6)
+"""Multiples of their declared sizes from which those effects are refitted, on every PART_STRIDE-th segment first."""
+
+PART_STRIDE = 4
 
 
-def of_the_shortlist(fit: Fit, take: Take, shortlist: Sequence[Candidate]) -> list[Fit]:
-    """Joint refits with one more effect, best first: quick ones of all, full ones of those that come close."""
-    quick = []
-    for candidate in shortlist:
-        with suppress(FloatingPointError):  # a start from which the car spins out of the numbers is no candidate
-            quick.append(quickly(fit, take, candidate))
-    quick.sort(key=lambda f: -f.bic)
+def gain_nats(fit: Fit, over: Fit) -> float:
+    """By how much the penalised log-likelihood of `fit` exceeds that of `over` (nats)."""
+    return fit.penalised_log_likelihood - over.penalised_log_likelihood
+
+
+def rank_fits(fits: Iterable[Fit]) -> list[Fit]:
+    """The fits by penalised log-likelihood, best first."""
+    return sorted(fits, key=lambda f: -f.penalised_log_likelihood)
+
+
+def rank_credible_fits(fits: Iterable[Fit], take: Take) -> list[Fit]:
+    """The fits, best first, without those in which a named effect ended at a bound."""
+    return rank_fits(f for f in fits if not effects_at_bounds(f, take))
+
+
+def refit_candidates(fit: Fit, take: Take, shortlist: Sequence[CandidateEffect]) -> list[Fit]:
+    """Joint refits of `fit` with each candidate effect, best first: quick ones of all, full ones of the near-best.
+
+    Candidates from whose start predictions diverge are left out.
+    """
+    quick = rank_fits(map_converged(refit_along_tangent, ((fit, take, candidate) for candidate in shortlist)))
     if not quick:
         return []
-    gain = quick[0].bic - fit.bic
-    near = sum(quick[0].bic - f.bic < max(CLOSE * gain, 5.0 * RIVAL) for f in quick[:FINALISTS])
-    full, rest = [fully(f, take) for f in quick[:near]], quick[near:]
-    while rest and rest[0].bic > max(f.bic for f in full):  # full refits may end lower: a quick one is no answer
-        full.append(fully(rest.pop(0), take))
-    return sorted([*full, *rest], key=lambda f: -f.bic)
+    reach = max(SEARCH_LIMITS.near_best_share * gain_nats(quick[0], fit), SEARCH_LIMITS.near_best_nats)
+    near = sum(gain_nats(quick[0], f) < reach for f in quick[: SEARCH_LIMITS.max_finalists])
+    full, rest = [refit_fully(f, take) for f in quick[:near]], quick[near:]
+    # a full refit may end lower than a quick one, which is then refitted fully as well
+    while rest and rest[0].penalised_log_likelihood > max(f.penalised_log_likelihood for f in full):
+        full.append(refit_fully(rest.pop(0), take))
+    return rank_fits([*full, *rest])
 
 
-def beside_given(given: Fit, corrected: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of the most promising effects beside parameters that were not refitted, and what `corrected` has."""
+def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
+    """Joint refits of the most promising effects beside a reference model's own parameters, best first.
+
+    `reference` is that model, not refitted; the corrections that `corrected` holds are added.  Empty if it diverges.
+    """
     more = corrected.hypothesis
     try:
-        if more.effects != given.hypothesis.effects:
-            values = corrected.hypothesis.values(corrected.phi) | given.hypothesis.values(given.phi)
-            given = held(take, more, more.start(given.car(), list(values.values())), given.scales)
-        candidates = screen(given, take, changes(given, take).without(left_out))
-    except FloatingPointError:  # parameters that hardly drive this take
+        if more.effects != reference.hypothesis.effects:
+            values = more.effect_values(corrected.phi) | reference.hypothesis.effect_values(reference.phi)
+            phi = more.phi_of(reference.car(), list(values.values()))
+            reference = evaluate_fixed(take, more, phi, reference.scales)
+        candidates = screen_effects(reference, take, simulate_trials(reference, take).without(excluded))
+    except PredictionDiverged:
         return []
-    return of_the_shortlist(given, take, [c for c in candidates[:SHORTLIST] if c.score > WORTH])
+    shortlist = candidates[: SEARCH_LIMITS.max_candidates]
+    return refit_candidates(reference, take, [c for c in shortlist if c.score > SEARCH_LIMITS.min_score_nats])
 
 
-def told(fit: Fit, take: Take, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Those of which a score test tells anything.
+def score_testable_candidates(fit: Fit, take: Take, candidates: Iterable[CandidateEffect]) -> list[CandidateEffect]:
+    """The candidates whose score-test gain is informative: all of them, under pushes only effects with a place.
 
-    Beside pushes that do its work already, a small change promises little of what an effect does.
+    Pushes already do the work of an effect without a place, so that a small change of it seems to gain little.
     """
-    return [c for c in candidates if not take.pushed or fit.hypothesis.entries[c.effect].places]
+    return [c for c in candidates if not take.pushed or fit.hypothesis.entries[c.effect].place_parameters]
 
 
-def from_afar(fit: Fit, take: Take, left_out: Sequence[str]) -> list[Fit]:
-    """Joint refits of the effects in SWALLOWED from sizes that matter, whatever the score test says of them.
+def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
+    """The joint refit of the best effect in ABSORBED_BY_BASE_MODEL, from sizes that no score test near `fit` shows.
 
-    The best of them on a part of the take, then on the whole.
+    Starts are compared on every PART_STRIDE-th segment, the best is refitted on the whole take; empty if all diverge.
     """
-    chosen = np.arange(0, take.segments, 4)
-    part, found, h = take.part(chosen), list[Fit](), fit.hypothesis
-    nominal = h.start(h.nominal, list(h.values(fit.phi).values()))
-    for name, share, near in itertools.product(SWALLOWED, FAR_SHARES, (fit.phi, nominal)):
-        if name not in h.entries or name in h.effects or name in left_out:
+    chosen = np.arange(0, take.segments, PART_STRIDE)
+    part, starts, h = take.part(chosen), [], fit.hypothesis
+    nominal = h.phi_of(h.nominal, list(h.effect_values(fit.phi).values()))
+    for name, size, near in itertools.product(ABSORBED_BY_BASE_MODEL, LARGE_SIZES, (fit.phi, nominal)):
+        if name not in h.entries or name in h.effects or name in excluded:
             continue
-        more, phi = h.with_effect(name, near, [share * p.size for p in h.entries[name].parameters])
-        with suppress(FloatingPointError):
-            found.append(refit(part, more, phi, fit.start[chosen], fit.scales, QUICK))
-    if not found:
+        more, phi = h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters])
+        starts.append((part, more, phi, fit.start[chosen], fit.scales, QUICK_ITERATIONS))
+    best = max(map_converged(refit, starts), key=lambda f: f.penalised_log_likelihood, default=None)
+    if best is None:
         return []
-    best = max(found, key=lambda f: f.bic)
-    with suppress(FloatingPointError):
-        return [refit(take, best.hypothesis, best.phi, fit.start, fit.scales)]
-    return []
+    return list(map_converged(refit, [(take, best.hypothesis, best.phi, fit.start, fit.scales)]))
 
 
-def quickly(fit: Fit, take: Take, candidate: Candidate) -> Fit:
-    """The joint refit with one more effect along the fit's own tangent, from the score test's values."""
-    sharp = sharpened(fit, take, candidate)
-    more, phi = fit.hypothesis.with_effect(candidate.effect, fit.phi, sharp.values)
-    return refit(take, more, phi, fit.start, fit.scales, QUICK, fit.tangent)
+def refit_along_tangent(fit: Fit, take: Take, candidate: CandidateEffect) -> Fit:
+    """The joint refit of `fit` with one effect more, along its own tangent and from the score test's values."""
+    sharp = sharpen_places(fit, take, candidate)
+    more, phi = fit.hypothesis.add_effect(candidate.effect, fit.phi, sharp.values)
+    return refit(take, more, phi, fit.start, fit.scales, QUICK_ITERATIONS, fit.tangent)
 
 
-def named(fit: Fit) -> tuple[str, ...]:
-    """The effects of the vocabulary that `fit` holds beyond what its base model assumes."""
+def refit_fully(fit: Fit, take: Take) -> Fit:
+    """The hypothesis of `fit` refitted along tangents of its own; `fit` itself where that diverges."""
+    return none_if_diverged(refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales) or fit
+
+
+def refit_with_effects(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
+    """The joint refit with exactly these `effects`: those in `fit` start from its values, new ones, last, from `added`.
+
+    Raises:
+        PredictionDiverged: predictions diverge from every start.
+    """
+    less = fit.hypothesis.with_effects(*effects)
+    old = fit.hypothesis.effect_values(fit.phi)
+    known = [old[f] for f, _ in less.effect_parameters if f in old]
+    # without an effect the fitted car may diverge, or under pushes be held by those that did the effect's work: the
+    # nominal car is another start
+    starts = [
+        (take, less, less.phi_of(car, [*known, *added]), start, fit.scales)
+        for car, start in ((fit.car(), fit.start), (less.nominal, take.start))
+    ]
+    fits = itertools.islice(map_converged(refit, starts, required=True), 2 if take.pushed else 1)
+    return max(fits, key=lambda f: f.penalised_log_likelihood)
+
+
+def named_effects(fit: Fit) -> tuple[str, ...]:
+    """Ids of the vocabulary's effects that `fit` holds beyond what its base model assumes."""
     return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
-def corrections(fit: Fit) -> tuple[str, ...]:
-    """The base model's own simplifications that `fit` corrects; what is assumed stands with the base model."""
+def fitted_corrections(fit: Fit) -> tuple[str, ...]:
+    """Ids of the base model's own simplifications that `fit` corrects beyond what its base model assumes."""
     return tuple(n for n in fit.hypothesis.effects if n in CORRECTIONS and n not in fit.hypothesis.assumed)
 
 
-def incredible(fit: Fit, take: Take) -> tuple[str, ...]:
-    """Those of the effects named that stand in: no car has a size, of either sign, where the range of such sizes ends.
+def estimates_by_symbol(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
+    """Value and standard error (SI units) of each parameter of one effect or correction in a fit, by its symbol."""
+    estimates, entry = fit.effect_estimates(), ENTRIES[name]
+    return {p.symbol: estimates[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
 
-    A change so early or late that the rest of the take is another car tells of the base model's parameters.
+
+def effects_at_bounds(fit: Fit, take: Take) -> tuple[str, ...]:
+    """Ids of the named effects of `fit`, of either sign, whose size ended at a bound: no car has such a size.
+
+    A change of the car at either end of a take counts as one: it makes up for wrong base parameters.
     """
-    values, length_s = fit.hypothesis.values(fit.phi), float(np.max(take.length_s))
+    values, length_s = fit.hypothesis.effect_values(fit.phi), float(np.max(take.length_s))
+    edge = SEARCH_LIMITS.edge_share
 
-    def at_an_end(field: str, p: Parameter) -> bool:
+    def is_at_bound(field: str, p: Parameter) -> bool:
+        """Whether one parameter of the fit ended at a bound, or a time at an end of the take."""
         if p.symbol == "t_s":
-            return not EDGE * length_s < values[field] < (1.0 - EDGE) * length_s
-        return p.low < 0.0 and not p.places and p.at_bound(values[field])
+            return not edge * length_s < values[field] < (1.0 - edge) * length_s
+        return p.low < 0.0 and not p.is_place and p.is_at_bound(values[field])
 
-    at_ends = effects_of(field for field, p in fit.hypothesis.parameters if at_an_end(field, p))
-    return tuple(name for name in named(fit) if name in at_ends)
-
-
-def best_first(fits: Sequence[Fit], take: Take) -> list[Fit]:
-    """Those that name nothing incredible."""
-    return sorted((f for f in fits if not incredible(f, take)), key=lambda f: -f.bic)
-
-
-def fully(fit: Fit, take: Take) -> Fit:
-    """The same hypothesis with its own tangent; as it is where that leads out of the finite numbers."""
-    try:
-        return refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
-    except FloatingPointError:
-        return fit
-
-
-def refit_with(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
-    """The joint refit of `effects`: those that `fit` holds start from their values there, others from `added`."""
-    less = fit.hypothesis.holding(*effects)
-    old = fit.hypothesis.values(fit.phi)
-    known = [old[f] for f, _ in less.parameters if f in old]
-    fits, error = list[Fit](), FloatingPointError()
-    for car, start in ((fit.car(), fit.start), (less.nominal, take.start)):
-        if fits and not take.pushed:  # under pushes, what was taken away leaves such as hold the car where it was
-            break
-        try:
-            fits.append(refit(take, less, less.start(car, [*known, *added]), start, fit.scales))
-        except FloatingPointError as failed:  # what was taken away had kept the car within the finite numbers
-            error = failed
-    if not fits:
-        raise error
-    return max(fits, key=lambda f: f.bic)
+    at_bounds = effect_ids(field for field, p in fit.hypothesis.effect_parameters if is_at_bound(field, p))
+    return tuple(name for name in named_effects(fit) if name in at_bounds)

@@ -1,79 +1,78 @@
-"""What explains a take nearly as well: the accepted effects with one of them left out, or exchanged for another."""
-
-from __future__ import annotations
+"""The rivals of a fit: its named effects with one of them left out, or exchanged for another."""
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
-from bcid.diagnosis.search.line_search import from_their_sizes
-from bcid.diagnosis.search.place_search import placed
-from bcid.diagnosis.search.refits import CLOSE, WORTH, best_first, fully, named, quickly, refit_with, told
-from bcid.diagnosis.search.screen import screen
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.search import refits
+from bcid.diagnosis.search.line_search import refit_from_sizes
+from bcid.diagnosis.search.place_search import refine_places
+from bcid.diagnosis.search.screen import screen_effects
+from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import Changes
+from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import Take
 
-EXCHANGES = 3  # rounds in which an exchange may win
-OF_EACH = 3  # of the most promising others that each effect is exchanged for
+MAX_EXCHANGE_ROUNDS = 3
 
 
-class Beside(NamedTuple):
-    """A fit and what stands beside it."""
+class Alternatives(NamedTuple):
+    """A fit with the refits that it is compared with."""
 
     best: Fit
-    without: dict[str, Fit]  # with each of its named effects left out
-    others: tuple[Fit, ...]  # each with one named effect exchanged, best first
+    leave_one_out: dict[str, Fit]  # by named effect: the refit without it
+    rivals: tuple[Fit, ...]  # each with one named effect exchanged, best first
 
 
-def settled(fit: Fit, take: Take, trials: Changes, known: Iterable[Fit], promising: Sequence[str] = ()) -> Beside:
-    """The fit and its rivals, after exchanges of single effects for better ones as long as there are any.
+def exchange_until_stable(
+    fit: Fit, take: Take, trials: TrialChanges, known: Iterable[Fit], promising: Sequence[str] = ()
+) -> Alternatives:
+    """The best fit and its rivals after exchanges of single named effects, repeated while one of them is better.
 
-    `known` are fits with fewer effects that need no refit, `promising` effects that are tried from their sizes too.
+    `trials` are of the effects that may come in; the `promising` ones are refitted from their best sizes as well.
+    `known` are fits with fewer effects, which need no refit.
     """
     known = tuple(known)
-    others: tuple[Fit, ...] = ()
-    for _ in range(EXCHANGES):
-        without = each_left_out(fit, known, take)
-        others = distinct(fit, [*_exchanged(fit, take, trials, without, promising), *others])
-        if not others or others[0].bic <= fit.bic:
-            return Beside(fit, without, others)
-        fit, others = placed(others[0], take), (fit, *others[1:])
-    return Beside(fit, each_left_out(fit, known, take), distinct(fit, others))
+    rivals: tuple[Fit, ...] = ()
+    for _ in range(MAX_EXCHANGE_ROUNDS):
+        without = leave_one_out(fit, known, take)
+        rivals = distinct_rivals(fit, [*_refit_exchanges(fit, take, trials, without, promising), *rivals])
+        if not rivals or rivals[0].penalised_log_likelihood <= fit.penalised_log_likelihood:
+            return Alternatives(fit, without, rivals)
+        fit, rivals = refine_places(rivals[0], take), (fit, *rivals[1:])
+    return Alternatives(fit, leave_one_out(fit, known, take), distinct_rivals(fit, rivals))
 
 
-def distinct(best: Fit, fits: Iterable[Fit]) -> tuple[Fit, ...]:
-    """Of fits that hold the same effects the best one, best first; none that holds those of `best`, or differs more.
-
-    A rival has one named effect in place of another.
-    """
+def distinct_rivals(best: Fit, fits: Iterable[Fit]) -> tuple[Fit, ...]:
+    """The fits that differ from `best` by one exchanged effect, best first; of equal sets of effects the best fit."""
     mine, found = set(best.hypothesis.effects), dict[frozenset[str], Fit]()
-    for f in sorted(fits, key=lambda f: f.bic):
+    for f in sorted(fits, key=lambda f: f.penalised_log_likelihood):
         theirs = frozenset(f.hypothesis.effects)
         if len(mine - theirs) == 1 and len(theirs - mine) == 1:
             found[theirs] = f
-    return tuple(sorted(found.values(), key=lambda f: -f.bic))
+    return tuple(refits.rank_fits(found.values()))
 
 
-def each_left_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
-    """The joint refit without each of the named effects, where it is not known already."""
+def leave_one_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
+    """The joint refit without each of the named effects, by its id; one of the `known` fits if it has those effects."""
     fits = {f.hypothesis.effects: f for f in known}
-    found = {}
-    for name in named(fit):
-        rest = tuple(n for n in fit.hypothesis.effects if n != name)
-        found[name] = fits[rest] if rest in fits else refit_with(fit, take, rest)
-    return found
+    without = {name: tuple(n for n in fit.hypothesis.effects if n != name) for name in refits.named_effects(fit)}
+    return {n: fits.get(rest) or refits.refit_with_effects(fit, take, rest) for n, rest in without.items()}
 
 
-def _exchanged(fit: Fit, take: Take, trials: Changes, without: dict[str, Fit], promising: Sequence[str]) -> list[Fit]:
-    """Refits with one of several effects exchanged for the most promising others, best first."""
+def _refit_exchanges(
+    fit: Fit, take: Take, trials: TrialChanges, without: dict[str, Fit], promising: Sequence[str]
+) -> list[Fit]:
+    """Refits with one named effect exchanged for each of the most promising others, best first."""
     held, found = fit.hypothesis.effects, list[Fit]()
     for less in without.values():
-        lost = fit.bic - less.bic
-        for candidate in told(less, take, screen(less, take, trials.without(held)))[:OF_EACH]:
-            if candidate.score > max(WORTH, CLOSE * lost):
-                with suppress(FloatingPointError):
-                    quick = quickly(less, take, candidate)
-                    found.append(fully(quick, take) if fit.bic - quick.bic < CLOSE * lost else quick)
-        found += from_their_sizes(less, take, [n for n in promising if n not in held], lost)[0]
-    return best_first(found, take)
+        lost_nats = refits.gain_nats(fit, less)
+        near = SEARCH_LIMITS.near_best_share * lost_nats
+        candidates = refits.score_testable_candidates(less, take, screen_effects(less, take, trials.without(held)))
+        for candidate in candidates[: SEARCH_LIMITS.max_exchanges]:
+            if candidate.score > max(SEARCH_LIMITS.min_score_nats, near):
+                quick = none_if_diverged(refits.refit_along_tangent, less, take, candidate)
+                if quick:
+                    found.append(refits.refit_fully(quick, take) if refits.gain_nats(fit, quick) < near else quick)
+        found += refit_from_sizes(less, take, [n for n in promising if n not in held], lost_nats)[0]
+    return refits.rank_credible_fits(found, take)

@@ -1,96 +1,141 @@
-"""Which effects are worth a refit: a score test of each at a few trial sizes, the base parameters projected out.
+"""The score test of every effect at a few trial sizes, the base parameters projected out: which are worth a refit.
 
 Differences are taken at sizes that matter, never extrapolated from zero: some effects have no slope there.
 """
 
-from __future__ import annotations
-
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.diagnosis.locate.pushes import disturbances
-from bcid.diagnosis.locate.scan_statistic import circles
-from bcid.diagnosis.search.trials import MOMENTS, trials_of
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.locate.pushes import estimate_disturbances
+from bcid.diagnosis.locate.scan_statistic import FloorCircle, scan_circles
+from bcid.effects.entry import Effect
 from bcid.effects.table import ENTRIES
+from bcid.likelihood import score_test
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import (
-    Changes,
-    Trial,
-    best_amplitude,
-    changed_in,
-    changes_of,
-    level,
-    null_maxima,
-    projected,
-    promise,
-)
+from bcid.likelihood.score_test import Trial, TrialChanges, compute_trial_changes, project_out_fit, replace_value
 from bcid.likelihood.take import Take
 
-ODD_PLACES = 4
-SHARPER = 1.0  # nats that a move must gain
-CHANCE = 1e-4  # that a take of nothing passes a gate
-FINEST = 0.04  # share of the first width at which places are sharp
+# multiples of the declared size, of an effect of one sign
+TRIAL_SIZES = (0.5, 1.5)
+
+# cells of the grid along the longer side of the floor that was driven, and times in a recording
+GRID_CELLS, TRIAL_TIMES = 5, 8
+
+# multiples of a conspicuous circle's radius: a trial circle within the true one shows the effect, a wider one does not
+TRIAL_RADII = (0.3, 0.5, 0.7, 1.0)
+
+CONSPICUOUS_CIRCLES = 4
+
+# a place is moved if that gains so many nats, by halved steps down to this share of the first
+MIN_MOVE_NATS, FINEST_SHARE = 1.0, 0.04
+
+# first steps, of a vehicle as large and as fast as the bumper car
+FIRST_STEPS_M = {"x": 0.6, "y": 0.6, "radius": 0.4, "r_0": 0.6}
 
 
-class Candidate(NamedTuple):
-    """An effect, where its refit should start, and what the score test promises (nats)."""
+class CandidateEffect(NamedTuple):
+    """An effect that is worth a refit, and the parameter values from which it starts."""
 
     effect: str
-    values: list[float]
-    score: float
+    values: list[float]  # of its parameters, where the refit starts
+    score: float  # nats that the score test promises
 
 
-class Nulls(NamedTuple):
-    """What nothing at all promises on this take (nats)."""
+class NullGains(NamedTuple):
+    """The gains (nats) that effects reach on this take by chance alone."""
 
-    p_value: float  # that the best of all trials is chance
-    level: float  # that one take of nothing in ten thousand reaches
-    local_level: float  # the same by effects local in place or time alone
-    placebos: list[Candidate]  # trials carried elsewhere in the take, best first
+    p_value: float  # of the best of all trials
+    chance_level: float  # that the best of all trials exceeds with SEARCH_LIMITS.gate_p_value
+    local_chance_level: float  # that the best trial bound to a place or a time exceeds as rarely
+    placebos: list[CandidateEffect]  # trials carried elsewhere in the take, best first
 
     @property
     def gate(self) -> float:
-        """What an effect must earn: more than chance, and more than any placebo."""
-        return max(self.level, self.placebos[0].score)
+        """Nats that an effect must gain: more than chance, and more than any placebo."""
+        return max(self.chance_level, self.placebos[0].score)
 
     @property
     def local_gate(self) -> float:
-        """What an effect local in place or time must earn on blocks it has not seen."""
-        return max(self.local_level, self.placebos[0].score)
+        """Nats that an effect bound to a place or a time must gain on blocks that its refit has not seen."""
+        return max(self.local_chance_level, self.placebos[0].score)
 
 
-def changes(fit: Fit, take: Take) -> Changes:
-    """The trials of all entries that `fit` does not hold: about 150 simulations of the take."""
-    odd = circles(disturbances(fit, take), fit.hypothesis.units, ODD_PLACES)[0]
+def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
+    """Changes of the predictions by every trial of every effect that `fit` lacks: about 150 simulations of the take."""
+    circles = scan_circles(estimate_disturbances(fit, take), fit.hypothesis.units, CONSPICUOUS_CIRCLES)[0]
     rows = [
         (name, vectors)
         for name, effect in fit.hypothesis.entries.items()
         if name not in fit.hypothesis.effects
-        for vectors in trials_of(effect, take, odd)
+        for vectors in _trial_vectors(effect, take, circles)
     ]
-    return changes_of(fit, take, rows)
+    return compute_trial_changes(fit, take, rows)
 
 
-def sharpened(fit: Fit, take: Take, candidate: Candidate) -> Candidate:
-    """The candidate with its places and times moved to where it promises most; others as they are.
+def _trial_vectors(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> Iterator[list[list[float]]]:
+    """Parameter vectors of an effect to try, on a grid of places and in the `circles` where the disturbances are large.
 
-    A pattern search, one place at a time and then two together: a place has no useful slope far away from it.
+    The vectors of one list are combined linearly by the score test.
+    """
+    amplitudes = [i for i, p in enumerate(effect.parameters) if not p.is_place]
+    for place in _trial_places(effect, take, circles):
+        still = [place.get(p.symbol, p.off) for p in effect.parameters]
+        if len(amplitudes) > 1:
+            yield [replace_value(still, i, effect.parameters[i].size) for i in amplitudes]
+            continue
+        (i,) = amplitudes
+        both_signs = effect.parameters[i].low < 0.0
+        multiples = (1.0, -1.0) if both_signs else (1.0,) if place else TRIAL_SIZES
+        yield from ([replace_value(still, i, multiple * effect.parameters[i].size)] for multiple in multiples)
+
+
+def _trial_places(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> list[dict[str, float]]:
+    """Trial values, by symbol, of the parameters that are places or times; one empty dictionary where there are none.
+
+    Circles are tried on a grid and where the disturbances are large.
+    """
+    symbols = [p.symbol for p in effect.place_parameters]
+    if not symbols:
+        return [{}]
+    if "t_s" in symbols:
+        return [{"t_s": share * float(take.length_s.max())} for share in np.linspace(0.1, 0.9, TRIAL_TIMES)]
+    low, high = np.quantile(take.pose[:, :2], 0.01, axis=0), np.quantile(take.pose[:, :2], 0.99, axis=0)
+    spacing = float((high - low).max()) / GRID_CELLS
+    counts = np.maximum(np.round((high - low) / spacing).astype(int), 1)
+    # a cable may be fixed outside of the floor that was driven
+    reach = spacing if "r_0" in symbols else 0.0
+    axes = [
+        np.linspace(a - reach, b + reach, n + 1) if reach else a + (np.arange(n) + 0.5) * (b - a) / n
+        for a, b, n in zip(low, high, counts, strict=True)
+    ]
+    rest = {"radius": 0.75 * spacing} if "radius" in symbols else {"r_0": 0.5 * spacing}
+    grid = [{"x": float(x), "y": float(y), **rest} for x, y in itertools.product(*axes)]
+    if "radius" in symbols:
+        grid += [{"x": c.x, "y": c.y, "radius": share * c.radius} for c in circles for share in TRIAL_RADII]
+    return grid
+
+
+def sharpen_places(fit: Fit, take: Take, candidate: CandidateEffect) -> CandidateEffect:
+    """The candidate with its place or time moved to where the score test promises most; unchanged if it has neither.
+
+    A pattern search moves one coordinate, then two at a time: far from a place the likelihood has no useful slope.
     """
     parameters = fit.hypothesis.entries[candidate.effect].parameters
-    places = [i for i, p in enumerate(parameters) if p.places]
+    places = [i for i, p in enumerate(parameters) if p.is_place]
     if not places or candidate.score <= 0.0:
         return candidate
     single = [((i, sign),) for i in places for sign in (1.0, -1.0)]
     double = [(a, b) for (a,), (b,) in itertools.combinations(single, 2) if a[0] != b[0]]
     share, best = 1.0, candidate
-    while share > FINEST:
+    while share > FINEST_SHARE:
         for moves in (single, double):
-            found = _moved(fit, take, best, moves, share)
-            if found.score > best.score + SHARPER:
+            found = _best_neighbour(fit, take, best, moves, share)
+            if found.score > best.score + MIN_MOVE_NATS:
                 best = found
                 break
         else:
@@ -98,68 +143,61 @@ def sharpened(fit: Fit, take: Take, candidate: Candidate) -> Candidate:
     return best
 
 
-def _moved(
-    fit: Fit, take: Take, candidate: Candidate, moves: Sequence[tuple[tuple[int, float], ...]], share: float
-) -> Candidate:
-    """The most promising of the candidate's neighbours in its places."""
-    metre = fit.hypothesis.units.reach
-    moment = float(take.length_s.max()) / MOMENTS
-    widths = {"t_s": moment, "x": 0.6 * metre, "y": 0.6 * metre, "radius": 0.4 * metre, "r_0": 0.6 * metre}
+def _best_neighbour(
+    fit: Fit, take: Take, candidate: CandidateEffect, moves: Sequence[tuple[tuple[int, float], ...]], share: float
+) -> CandidateEffect:
+    """The most promising candidate after any of the moves: signed steps of parameters, by a share of the first step."""
+    factor = fit.hypothesis.units.circle_factor
+    widths = {symbol: step * factor for symbol, step in FIRST_STEPS_M.items()}
+    widths["t_s"] = float(take.length_s.max()) / TRIAL_TIMES
     parameters = fit.hypothesis.entries[candidate.effect].parameters
     rows = []
     for move in moves:
         values = candidate.values
         for i, sign in move:
             p = parameters[i]
-            values = changed_in(values, i, min(max(values[i] + sign * share * widths[p.symbol], p.low), p.high))
+            values = replace_value(values, i, min(max(values[i] + sign * share * widths[p.symbol], p.low), p.high))
         rows.append((candidate.effect, [values]))
     if not rows:
         return candidate
-    tried = changes_of(fit, take, rows)
-    found = projected(fit, take, tried.columns)
-    trial, amplitude, score = max(
-        ((t, *best_amplitude(found, t.own)) for t in tried.trials), key=lambda option: option[2]
-    )
-    return Candidate(candidate.effect, _values(trial, amplitude), score)
+    return screen_effects(fit, take, compute_trial_changes(fit, take, rows))[0]
 
 
-def screen(fit: Fit, take: Take, trials: Changes) -> list[Candidate]:
-    """The best trial of every effect, most promising first.
+def screen_effects(fit: Fit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
+    """The score test beside `fit`: the best trial of every effect, most promising first.
 
-    What a trial gains is counted in the robust likelihood itself, since a segment that it explains may have
-    been given hardly any weight.
+    Gains are those of the robust likelihood, in which a segment that a trial explains may have had hardly any weight.
     """
-    found = projected(fit, take, trials.columns)
-    return _ranked((t, *best_amplitude(found, t.own)) for t in trials.trials)
+    return _rank_candidates(project_out_fit(fit, take, trials.columns), trials.trials)
 
 
-def _ranked(scored: Iterable[tuple[Trial, Floats, float]]) -> list[Candidate]:
-    best: dict[str, Candidate] = {}
-    for trial, amplitude, score in scored:
+def _rank_candidates(changes: score_test.ProjectedChanges, trials: Sequence[Trial]) -> list[CandidateEffect]:
+    """The best trial of every effect by its gain in the robust likelihood, most promising first."""
+    best: dict[str, CandidateEffect] = {}
+    for trial in trials:
+        amplitudes, score = score_test.robust_amplitudes(changes, trial.own)
         if trial.effect not in best or score > best[trial.effect].score:
-            best[trial.effect] = Candidate(trial.effect, _values(trial, amplitude), score)
+            best[trial.effect] = CandidateEffect(trial.effect, _combine_vectors(trial, amplitudes), score)
     return sorted(best.values(), key=lambda c: -c.score)
 
 
-def nulls(fit: Fit, take: Take, trials: Changes) -> Nulls:
-    """How promising chance looks: by signs drawn anew, and by placebos.
+def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
+    """Gains that the trials reach by chance beside `fit`: with residuals of random sign, and as placebos.
 
     A placebo is a trial's change carried to segments half a take away, where it has nothing to explain.
     """
-    found = projected(fit, take, trials.columns)
-    local = [t.own for t in trials.trials if ENTRIES[t.effect].places]
-    maxima = null_maxima(found, [t.own for t in trials.trials])
-    best = max(promise(found, t.own) for t in trials.trials)
-    elsewhere = projected(fit, take, _elsewhere(trials.columns, take))
-    placebos = _ranked((t, *best_amplitude(elsewhere, t.own)) for t in trials.trials)
-    return Nulls(
-        (1 + int(np.sum(maxima >= best))) / (1 + len(maxima)), level(maxima, CHANCE),
-        level(null_maxima(found, local), CHANCE), placebos,
-    )  # fmt: skip
+    changes = project_out_fit(fit, take, trials.columns)
+    local = [t.own for t in trials.trials if ENTRIES[t.effect].place_parameters]
+    maxima, local_maxima = (score_test.null_maxima(changes, own) for own in ([t.own for t in trials.trials], local))
+    best = max(score_test.score_test_gain(changes, t.own) for t in trials.trials)
+    level, local_level = (score_test.null_quantile(m, SEARCH_LIMITS.gate_p_value) for m in (maxima, local_maxima))
+    elsewhere = project_out_fit(fit, take, _shift_half_a_take(trials.columns, take))
+    p_value = (1 + int(np.sum(maxima >= best))) / (1 + len(maxima))
+    return NullGains(p_value, level, local_level, _rank_candidates(elsewhere, trials.trials))
 
 
-def _elsewhere(columns: Floats, take: Take) -> Floats:
-    """The columns with whole segments half a take away from where they belong."""
+def _shift_half_a_take(columns: Floats, take: Take) -> Floats:
+    """Changes of the predictions (N, 3, K) with every segment's replaced by those of the segment half a take later."""
     moved = np.zeros_like(columns)
     S = take.segments
     for s in range(S):
@@ -170,9 +208,11 @@ def _elsewhere(columns: Floats, take: Take) -> Floats:
     return moved
 
 
-def _values(trial: Trial, amplitude: Floats) -> list[float]:
-    parameters = ENTRIES[trial.effect].parameters
+def _combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:
+    """Parameter values of a trial: its vectors times their amplitudes, places and times as they were tried."""
     return [
-        trial.vectors[0][i] if p.places else float(sum(a * v[i] for a, v in zip(amplitude, trial.vectors, strict=True)))
-        for i, p in enumerate(parameters)
+        trial.vectors[0][i]
+        if p.is_place
+        else float(sum(a * v[i] for a, v in zip(amplitudes, trial.vectors, strict=True)))
+        for i, p in enumerate(ENTRIES[trial.effect].parameters)
     ]

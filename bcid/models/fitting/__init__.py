@@ -1,4 +1,13 @@
-"""How models are fitted, whatever they are.
+"""How parameters are fitted, whatever the model: samples cut from takes, two optimisers, covariance over blocks."""
 
-Windows of samples, Levenberg-Marquardt, a genetic algorithm, covariance over blocks.
-"""
+from typing import NamedTuple
+
+from bcid.aliases import Floats
+
+
+class Optimum(NamedTuple):
+    """The best point that an optimiser found in the unit box."""
+
+    x: Floats  # (n,)
+    cost: float
+    history: list[float]  # the best cost after each generation, or after each start

@@ -1,24 +1,30 @@
-"""The covariance of a least-squares fit whose residuals are alike for a while (the sandwich of White, 1980).
+"""The covariance of a least-squares fit whose residuals are correlated for a while (the sandwich of White, 1980).
 
-Slopes of blocks of neighbouring residuals are taken as independent, not residuals: smoothed velocities are alike over
-seconds, and what a model lacks longer than that.
+Not residuals but sums of their slopes over blocks of neighbours count as independent: smoothed velocities are
+correlated over seconds, and what a model lacks for longer still.
 """
-
-from __future__ import annotations
 
 import numpy as np
 
 from bcid.aliases import Floats
 
-TWO_SIDED = 1.96  # standard errors to either side of a 95 % interval
+# Length of a block (s): residuals within one are correlated, those of different blocks count as independent.
+BLOCK_S = 5.0
+# Standard errors to either side of a 95 % interval.
+Z_95 = 1.96
 
 
-def blocks_of(each: Floats, block: int) -> Floats:
-    """Sums (B, n) over so many neighbouring rows of `each` (N, n)."""
-    return np.asarray(np.add.reduceat(each, np.arange(0, len(each), block)))
+def sum_blocks(rows: Floats, block_length: int) -> Floats:
+    """Sums (B, n) of `rows` (N, n) over blocks of `block_length` neighbouring rows."""
+    return np.asarray(np.add.reduceat(rows, np.arange(0, len(rows), block_length)))
 
 
-def covariance(J: Floats, blocks: Floats) -> Floats:
-    """Of the parameters (n, n): `J` (N, n) of all residuals r, `blocks` (B, n) the sums of J r over each block."""
+def sandwich_covariance(J: Floats, block_gradients: Floats) -> Floats:
+    """Covariance (n, n) of fitted parameters: (J^T J)^-1 (sum of g g^T over B blocks) (J^T J)^-1 B / (B - 1).
+
+    `J` (N, n) is the Jacobian of all residuals r, `block_gradients` (B, n) holds g, the sums of J r over each block.
+    """
     bread = np.linalg.pinv(J.T @ J)
-    return np.asarray(bread @ (blocks.T @ blocks) @ bread * len(blocks) / max(len(blocks) - 1, 1))
+    return np.asarray(
+        bread @ (block_gradients.T @ block_gradients) @ bread * len(block_gradients) / max(len(block_gradients) - 1, 1)
+    )

@@ -1,86 +1,92 @@
 """Levenberg-Marquardt (scipy's, within bounds) from several starts: on a part of the samples, then the best on all.
 
 Only J^T J, J^T r and r^T r of a point are needed: with J^T J = R^T R the small problem of residuals [R^-T J^T r, rest]
-and Jacobian [R, 0] has the same slope, curvature and cost.
+and Jacobian [R, 0] has the same gradient, curvature and cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats, Progress
-from bcid.models.fitting.genetic import Optimum
+from bcid.errors import PredictionDiverged
+from bcid.models.fitting import Optimum
 
 
-class Normal(NamedTuple):
-    """J^T J, J^T r and r^T r at a point."""
+class NormalEquations(NamedTuple):
+    """J^T J, J^T r and r^T r of residuals r with Jacobian J at one point."""
 
     JJ: Floats  # (n, n)
     Jr: Floats  # (n,)
     rr: float
 
 
-At = Callable[[Floats], Normal]  # a point (n,) of the unit box
+NormalAt = Callable[[Floats], NormalEquations]  # at a point (n,) of the unit box
 
-FIRST, LAST = 30, 15  # evaluations from each start, and of the best on all samples
-SETTLED = 1e-4  # relative change of cost and point at which a start ends
-ENDED = 1e-7  # and the best of them
-NOTHING = 1e-14  # of the largest curvature: a direction that does not act
+# Evaluations, and the relative change of cost and point that ends a descent: from each start on a part of the samples,
+# then from the best of these points on all samples.
+START_EVALUATIONS, FINAL_EVALUATIONS = 30, 15
+START_TOLERANCE, FINAL_TOLERANCE = 1e-4, 1e-7
+# Curvature over the largest, below which a direction is taken not to act.
+MIN_CURVATURE = 1e-14
 
 
-def minimise(part: At, whole: At, starts: Sequence[Floats], progress: Progress) -> Optimum:
-    """The smallest sum of squares over the unit box: `part`'s from each start, then `whole`'s from the best of them.
+def minimise_squares(
+    subset_normal: NormalAt, full_normal: NormalAt, starts: Sequence[Floats], progress: Progress
+) -> Optimum:
+    """Minimise a sum of squares over the unit box: from each of `starts` (n,), then further from the best end.
+
+    The starts see the normal equations `subset_normal` of part of the samples, the best end `full_normal` of all.
 
     Raises:
-        FloatingPointError: no start leads to finite residuals.
+        PredictionDiverged: no start leads to finite residuals.
     """
     ends, history = list[Optimum](), list[float]()
     for k, start in enumerate(starts):
-        here = part(start)
+        here = subset_normal(start)
         if np.isfinite(here.rr):
-            ends.append(_descended(part, start, here, FIRST, SETTLED))
+            ends.append(_descend_from(subset_normal, start, here, START_EVALUATIONS, START_TOLERANCE))
             history.append(min(end.cost for end in ends))
         progress((k + 1) / (len(starts) + 1), f"start {k + 1} of {len(starts)}")
     if not ends:
-        raise FloatingPointError("no start of the fit stays within the finite numbers")
+        raise PredictionDiverged("no start of the fit stays within the finite numbers")
     nearest = min(ends, key=lambda end: end.cost).x
-    best = _descended(whole, nearest, whole(nearest), LAST, ENDED)
+    best = _descend_from(full_normal, nearest, full_normal(nearest), FINAL_EVALUATIONS, FINAL_TOLERANCE)
     progress(1.0, f"NMSE {best.cost:.3e}")
     return Optimum(best.x, best.cost, [*history, best.cost])
 
 
-def _descended(at: At, start: Floats, here: Normal, most: int, settled: float) -> Optimum:
-    """Where one descent from `start`, whose normal equations are `here`, ends."""
+def _descend_from(
+    normal_at: NormalAt, start: Floats, start_normal: NormalEquations, max_evaluations: int, tolerance: float
+) -> Optimum:
+    """Minimise a sum of squares from one point `start` (n,), whose normal equations are `start_normal`."""
     from scipy.optimize import least_squares
 
-    known = {start.tobytes(): compressed(here)}
+    known = {start.tobytes(): compress_normal_equations(start_normal)}
 
-    def small(x: Floats) -> tuple[Floats, Floats]:
+    def compressed_at(part: int, x: Floats) -> Floats:
         key = x.tobytes()
         if key not in known:
-            known[key] = compressed(at(x))
-        return known[key]
+            known[key] = compress_normal_equations(normal_at(x))
+        return known[key][part]
 
-    def residuals(x: Floats) -> Floats:
-        return small(x)[0]
-
-    def jacobian(x: Floats) -> Floats:
-        return small(x)[1]
-
-    found = least_squares(residuals, start, jacobian, bounds=(0.0, 1.0), max_nfev=most, xtol=settled, ftol=settled)
-    return Optimum(found.x, 2.0 * float(found.cost), [])
+    end = least_squares(
+        partial(compressed_at, 0), start, partial(compressed_at, 1), bounds=(0.0, 1.0),
+        max_nfev=max_evaluations, xtol=tolerance, ftol=tolerance,
+    )  # fmt: skip
+    return Optimum(end.x, 2.0 * float(end.cost), [])
 
 
-def compressed(normal: Normal) -> tuple[Floats, Floats]:
-    """Residuals (n + 1,) and Jacobian (n + 1, n) of the small problem."""
+def compress_normal_equations(normal: NormalEquations) -> tuple[Floats, Floats]:
+    """Residuals (n + 1,) and Jacobian (n + 1, n) of the smallest least-squares problem with these normal equations."""
     n = len(normal.Jr)
     if not (np.isfinite(normal.JJ).all() and np.isfinite(normal.rr)):
-        return np.full(n + 1, np.inf), np.zeros((n + 1, n))  # no step leads here
+        # Infinite residuals: least squares takes no step to such a point.
+        return np.full(n + 1, np.inf), np.zeros((n + 1, n))
     values, vectors = np.linalg.eigh(normal.JJ)
-    acting = values > NOTHING * max(values[-1], 0.0)
+    acting = values > MIN_CURVATURE * max(values[-1], 0.0)
     root = np.sqrt(np.where(acting, values, 0.0))
     f = np.where(acting, vectors.T @ normal.Jr, 0.0) / np.where(acting, root, 1.0)
     rest = np.sqrt(max(normal.rr - float(f @ f), 0.0))

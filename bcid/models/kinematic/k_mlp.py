@@ -3,110 +3,82 @@
 [v_f alpha_f alpha_r]_{k+1} = f_MLP(v_f, alpha_f, alpha_r, delta, u_s, u_m)        (paper, f_k_mlp)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Self
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats
-from bcid.compiled.njit import njit, njit_inline, njit_parallel
-from bcid.models.fitting.windows import transitions
-from bcid.models.interface import Arrays, FitTask, History, Kernels, Scanned
-from bcid.models.kinematic.frame import INPUTS, Frame, State, fill, frame_of, moved, twist_of
-from bcid.models.kinematic.torch_rollout import unrolled, with_servo
+from bcid.compiled.njit import njit
+from bcid.models.interface import Arrays, FitTask, ScanKernels, build_scan_kernels
+from bcid.models.kinematic.state import KinematicCar, KinematicModel, fill_input, kinematic_twist, next_state
+from bcid.models.kinematic.torch_rollout import build_kinematic_rollout, simulate_steering
 from bcid.models.network import mlp
-from bcid.models.network.mlp import Buffers, Weights, buffers, evaluate
-from bcid.models.network.training import parts_of, stretches_of, train
+from bcid.models.network.mlp import MlpWeights, allocate_buffers, evaluate_mlp
+from bcid.models.network.training import train_perceptron
 from bcid.models.settings import TrainingSettings
 
 
-@njit_inline
-def advance(state: State, u_s: float, u_m: float, w: Weights, c: Frame, at: Buffers) -> State:
-    """[v_f, alpha_f, alpha_r, delta] one period later."""
-    fill(at.x, state, u_s, u_m)
-    evaluate(at, w)
-    return moved(at.y, state[3], u_s, c)
-
-
 @njit
-def _scan(carry: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
-    twists, at = np.empty((len(commands), 3)), buffers(w)
+def _scan_k_mlp(carry: Floats, commands: Floats, w: MlpWeights, c: KinematicCar) -> Floats:
+    """Twists (N, 3) of one K-MLP after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    twists, buffers = np.empty((len(commands), 3)), allocate_buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k, 0], commands[k, 1], w, c, at)
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
+        u_s, u_m = commands[k, 0], commands[k, 1]
+        fill_input(buffers.x, state, u_s, u_m)
+        evaluate_mlp(buffers, w)
+        state = next_state(buffers.y, state[3], u_s, c)
+        twists[k, 0], twists[k, 1], twists[k, 2] = kinematic_twist(state, c)
     carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
-@njit_parallel
-def _scan_many(carries: Floats, commands: Floats, w: Weights, c: Frame) -> Floats:
-    twists = np.empty((len(carries), commands.shape[1], 3))
-    for b in numba.prange(len(carries)):
-        twists[b] = _scan(carries[b], commands[b], w, c)
-    return twists
-
-
 @dataclass(frozen=True)
-class KMlp(Scanned):
+class KMlp(KinematicModel):
     """A fitted K-MLP."""
 
-    weights: Weights
-    frame: Frame
+    weights: MlpWeights
+    car: KinematicCar
     facts: Mapping[str, Any]
-    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
+    kernels: ClassVar[ScanKernels] = build_scan_kernels(_scan_k_mlp)
     name: ClassVar[str] = "k-mlp"
-    lags: ClassVar[int] = 0
-
-    @property
-    def period_s(self) -> float:
-        """The time a step advances (s)."""
-        return self.frame.period
 
     @property
     def parameter_count(self) -> int:
-        """Weights and biases."""
-        return mlp.count(self.weights)
+        """The number of weights and biases."""
+        return mlp.count_weights(self.weights)
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Train on the one-step NMSE of the kinematic state, or of the twist over rollouts as well."""
-        settings, frame = TrainingSettings.model_validate(task.settings), frame_of(task)
-        used, held = parts_of(task, settings)
-        s = transitions(used)
-        x = np.column_stack([s.kinematic, s.command[:, 0]])
-        ahead = unrolled(frame, lambda network, at: network(at))
-        stretches = stretches_of(used, held, settings, ahead, prepared=lambda taken: with_servo(taken, frame))
-        weights, facts = train(x, s.next_kinematic[:, :3], settings, task.seed, task.progress, stretches)
-        return cls(weights, frame, facts)
-
-    def init(self, history: History) -> Floats:
-        """[v_f, alpha_f, alpha_r, delta]."""
-        return np.array(history.kinematic[-1])
+        """Train the perceptron on the one-step error of the state, and on rollouts if the settings ask for it."""
+        settings, car = TrainingSettings.model_validate(task.settings), KinematicCar.from_task(task)
+        rollout = build_kinematic_rollout(car, lambda network, x: network(x))
+        steer = partial(simulate_steering, c=car)
+        weights, facts = train_perceptron(
+            task, settings, lambda s: (s.kinematic_inputs, s.next_kinematic[:, :3]), rollout, prepare=steer
+        )
+        return cls(weights, car, facts)
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """See `Scanned`."""
-        return (self.weights, self.frame)
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """The weights and the car, as the compiled scan takes them."""
+        return (self.weights, self.car)
 
     def describe(self) -> str:
-        """The structure."""
-        a, b = self.weights.W2.shape
+        """The structure of the model: inputs, outputs and layers."""
         return (
             "[v_f α_f α_r](k+1) = MLP(v_f, α_f, α_r, δ, u_s, u_m);  δ' = sat((u_s − δ)/T_s)\n"
-            f"MLP: {len(self.weights.x_mean)} inputs, hidden {a} and {b}, ReLU, {self.parameter_count} weights"
+            f"MLP: {self.input_count} inputs, {mlp.describe_layers(self.weights)}"
         )
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """See `Model.state`."""
-        return {"frame": self.frame._asdict(), "facts": dict(self.facts)}, mlp.to_arrays(self.weights)
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """The JSON object and the weights from which `from_saved` restores the model."""
+        return {"frame": self.car._asdict(), "facts": dict(self.facts)}, mlp.weights_to_arrays(self.weights)
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """See `Model.from_state`."""
-        return cls(mlp.from_arrays(arrays, INPUTS), Frame(**data["frame"]), data["facts"])
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model whose `to_saved` gave `data` and `arrays`."""
+        return cls(mlp.weights_from_arrays(arrays, cls.input_count), KinematicCar(**data["frame"]), data["facts"])

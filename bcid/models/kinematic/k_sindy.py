@@ -3,92 +3,72 @@
 [v_f alpha_f alpha_r]_{k+1} = Xi Theta(x_k, u_k)        (paper, f_SINDy and App. sindy)
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
-from bcid.models.interface import Arrays, FitTask, History, Kernels, Scanned
+from bcid.models.interface import Arrays, FitTask, ScanKernels
 from bcid.models.kinematic import library
-from bcid.models.kinematic.frame import Frame, frame_of
-from bcid.models.kinematic.sparse_sum import Sparse, _scan, scan_many
-
-
-def _sure_lines(sure: Mapping[str, Mapping[str, Sequence[float]]]) -> list[str]:
-    """How sure each term is."""
-    lines = ["terms, the share of resamples that keep them, and their coefficients' 95 % intervals:"] if sure else []
-    return [*lines, *(
-        f"  {name:4} {term:14} {100.0 * kept:3.0f} %  {low:+.3g} … {high:+.3g}"
-        for name, terms in sure.items() for term, (kept, low, high) in terms.items()
-    )]  # fmt: skip
+from bcid.models.kinematic.sparse_sum import K_SINDY_KERNELS, SparseEquations
+from bcid.models.kinematic.state import KinematicCar, KinematicModel
 
 
 @dataclass(frozen=True)
-class KSindy(Scanned):
+class KSindy(KinematicModel):
     """A fitted K-SINDy."""
 
-    sparse: Sparse
-    frame: Frame
+    sparse: SparseEquations
+    car: KinematicCar
     facts: Mapping[str, Any]
-    kernels: ClassVar[Kernels] = Kernels(_scan, scan_many)
+    kernels: ClassVar[ScanKernels] = K_SINDY_KERNELS
     name: ClassVar[str] = "k-sindy"
-    lags: ClassVar[int] = 0
-
-    @property
-    def period_s(self) -> float:
-        """The time a step advances (s)."""
-        return self.frame.period
 
     @property
     def parameter_count(self) -> int:
-        """Coefficients that are not zero."""
+        """How many coefficients are not zero."""
         s = self.sparse
         return int(sum(np.count_nonzero(xi) for xi in (s.xi_v, s.xi_f, s.xi_r)))
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Sequentially thresholded least squares on one-step predictions (`SparseSettings`)."""
-        from bcid.models.kinematic.k_sindy_fit import fit_sparse
+        """Fit by sequentially thresholded least squares on single steps, then on rollouts if the settings say so."""
+        from bcid.models.kinematic.k_sindy_fit import fit_sparse_equations
 
-        frame = frame_of(task)
-        sparse, facts = fit_sparse(task, frame)
-        return cls(sparse, frame, facts)
-
-    def init(self, history: History) -> Floats:
-        """[v_f, alpha_f, alpha_r, delta]."""
-        return np.array(history.kinematic[-1])
+        car = KinematicCar.from_task(task)
+        sparse, facts = fit_sparse_equations(task, car)
+        return cls(sparse, car, facts)
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """See `Scanned`."""
-        return (self.sparse, self.frame)
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """The equations and the car, as the compiled scan takes them."""
+        return (self.sparse, self.car)
 
     def describe(self) -> str:
         """The three equations (SI: v m/s, angles rad, δ̇ rad/s; u_m m/s, or a brake share below zero)."""
-        s = self.sparse
-        text = "\n".join(
-            [
-                "v = v_f in m/s, angles in rad, rates in rad/s; u_m in m/s (a brake share below zero); k is the period",
-                library.equation("v_f(k+1)", s.xi_v, s.speed),
-                library.equation("α_f(k+1)", s.xi_f, s.slip),
-                library.equation("α_r(k+1)", s.xi_r, s.slip),
-                f"δ' = sat((u_s − δ)/{self.frame.T_s:g} s) within ±{self.frame.d:g} rad/s;  period {self.period_s:g} s",
-                *_sure_lines(self.facts.get("sure", {})),
-            ]
-        )
-        return text if self.frame.follow else text.replace("max(0,u_m−v)", "max(0,u_m)")
+        s, confidence = self.sparse, self.facts.get("term_confidence", {})
+        lines = [
+            "v = v_f in m/s, angles in rad, rates in rad/s; u_m in m/s (a brake share below zero); k is the period",
+            library.format_equation("v_f(k+1)", s.xi_v, s.speed),
+            library.format_equation("α_f(k+1)", s.xi_f, s.slip),
+            library.format_equation("α_r(k+1)", s.xi_r, s.slip),
+            f"δ' = sat((u_s − δ)/{self.car.T_s:g} s) within ±{self.car.d:g} rad/s;  period {self.period_s:g} s",
+        ]
+        if confidence:
+            lines.append("terms, the share of resamples that keep them, and their coefficients' 95 % intervals:")
+        for name, terms in confidence.items():
+            for term, (kept, low, high) in terms.items():
+                lines.append(f"  {name:4} {term:14} {100.0 * kept:3.0f} %  {low:+.3g} … {high:+.3g}")
+        text = "\n".join(lines)
+        return text if self.car.follow else text.replace("max(0,u_m−v)", "max(0,u_m)")
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """See `Model.state`."""
-        return {"frame": self.frame._asdict(), "facts": dict(self.facts)}, dict(self.sparse._asdict())
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """The JSON object and the coefficients from which `from_saved` restores the model."""
+        return {"frame": self.car._asdict(), "facts": dict(self.facts)}, dict(self.sparse._asdict())
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """See `Model.from_state`."""
-        sparse = Sparse(*(np.ascontiguousarray(arrays[name]) for name in Sparse._fields))
-        return cls(sparse, Frame(**data["frame"]), data["facts"])
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model whose `to_saved` gave `data` and `arrays`."""
+        sparse = SparseEquations(*(np.ascontiguousarray(arrays[name]) for name in SparseEquations._fields))
+        return cls(sparse, KinematicCar(**data["frame"]), data["facts"])

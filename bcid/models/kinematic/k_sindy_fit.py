@@ -1,4 +1,4 @@
-"""Fitting K-SINDy: sparse regression on the terms' products, a threshold that predicts best, how sure each term is.
+"""Fitting K-SINDy: sparse regression, the threshold that predicts best, and the confidence in each term.
 
 Everything is found from the terms' Gram matrix, which is summed once: per block of a few seconds, so that a resample
 of the blocks is a sum of theirs (the ensembles of Fasel and others, 2022, over blocks in place of rows).
@@ -12,29 +12,31 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
+from bcid.bootstrap import draw_block_counts, quantile_interval
 from bcid.estimate.types import Estimate
-from bcid.models.fitting.block_covariance import TWO_SIDED, blocks_of, covariance
-from bcid.models.fitting.windows import Windows, divided, scale, steps_of, transitions, windows
+from bcid.models.fitting.block_covariance import BLOCK_S, Z_95, sandwich_covariance, sum_blocks
+from bcid.models.fitting.windows import Windows, cut_windows, inverse_spread, loss_steps, single_steps, split_off_ends
 from bcid.models.interface import FitTask
 from bcid.models.kinematic import library
-from bcid.models.kinematic.frame import Frame
-from bcid.models.kinematic.library import theta_table
-from bcid.models.kinematic.sparse_sum import Sparse, scan_many
+from bcid.models.kinematic.library import theta_matrix
+from bcid.models.kinematic.sparse_sum import K_SINDY_KERNELS, SparseEquations
+from bcid.models.kinematic.state import KinematicCar
+from bcid.models.limits import LIMITS
 from bcid.models.settings import SparseSettings
 
-BLOCK_S = 5.0  # within which samples are alike
-THRESHOLDS = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15)
-HELD_OUT = 0.2  # of every take, its end, on which thresholds are compared
-LEAST_HELD = 3  # stretches' lengths, at least
-MOST = 50  # rounds of thresholding
-LOST = 10.0  # weighted miss of a rollout that leaves the finite numbers
-NUDGE = 1e-4  # of a coefficient, for differences
-SLOPES = 12  # evaluations of the slope of the rollout loss
+CANDIDATE_THRESHOLDS = (0.0, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.06, 0.1, 0.15)
+MAX_ROUNDS = 50  # of thresholding
+MAX_WEIGHTED_ERROR = 10.0  # as much as any error of a rollout counts, infinite ones too
+DIFFERENCE_STEP = 1e-4  # relative to a coefficient
+MAX_JACOBIANS = 12  # evaluations, of the rollout loss
 EQUATIONS = ("v_f", "α_f", "α_r")
 
+TermConfidence = dict[str, dict[str, list[float]]]
+"""By equation and term: the share of resamples that keep the term, and the 95 % interval of its coefficient."""
 
-class Products(NamedTuple):
-    """Sums over the samples of each block: of terms with terms, and of terms with the target."""
+
+class BlockProducts(NamedTuple):
+    """Sums over the samples of each of K blocks: of terms with terms, and of terms with the target."""
 
     gram: Floats  # (K, n, n)
     moment: Floats  # (K, n)
@@ -42,8 +44,8 @@ class Products(NamedTuple):
     rows: Floats  # (K,)
 
     @classmethod
-    def of(cls, terms: Floats, target: Floats, block: int) -> Products:
-        """Of `terms` (N, n) and `target` (N,) in blocks of so many samples."""
+    def from_samples(cls, terms: Floats, target: Floats, block: int) -> BlockProducts:
+        """Sums of `terms` (N, n) and `target` (N,) over blocks of `block` samples."""
         edges = np.arange(0, len(terms), block)
         parts = np.split(terms, edges[1:]), np.split(target, edges[1:])
         return cls(
@@ -51,9 +53,9 @@ class Products(NamedTuple):
             np.array([y @ y for y in parts[1]]), np.array([float(len(y)) for y in parts[1]]),
         )  # fmt: skip
 
-    def coefficients(self, threshold: float, ridge: float, times: Floats | None = None) -> Floats:
-        """Sparse coefficients, each block counted so many `times` (once)."""
-        w = np.ones(len(self.rows)) if times is None else times
+    def sparse_coefficients(self, threshold: float, ridge: float, block_counts: Floats | None = None) -> Floats:
+        """Sparse coefficients (n,) of one equation; `block_counts` (K,) says how often each block counts, else once."""
+        w = np.ones(len(self.rows)) if block_counts is None else block_counts
         n = w @ self.rows
         gram, moment = np.tensordot(w, self.gram, axes=1) / n, w @ self.moment / n
         rms, size = np.sqrt(np.diag(gram)), float(np.sqrt(w @ self.square / n))
@@ -62,20 +64,21 @@ class Products(NamedTuple):
         return np.asarray(scaled * size / rms)
 
 
-Equations = tuple[Products, Products, Products]  # of v_f, alpha_f, alpha_r
+EquationProducts = tuple[BlockProducts, BlockProducts, BlockProducts]  # of v_f, alpha_f, alpha_r
 
 
 def stlsq(gram: Floats, moment: Floats, threshold: float, ridge: float) -> Floats:
-    """Sequentially thresholded least squares (Brunton and others, 2016) from mean products of terms and target.
+    """Sparse coefficients (n,) by sequentially thresholded least squares (Brunton and others, 2016).
 
-    What falls below `threshold` is left out and the rest solved anew, until nothing falls; the ridge only steers that.
+    Solves gram (n, n) xi = moment (n,), mean products of terms with terms and with the target, and leaves out what
+    falls below `threshold`, until nothing does; the ridge only steers that.
     """
     kept = np.ones(len(gram), dtype=bool)
-    for _ in range(MOST):
-        found = np.zeros(len(gram))
-        own = gram[np.ix_(kept, kept)]
-        found[kept] = np.linalg.solve(own + ridge * np.eye(len(own)), moment[kept])
-        still = kept & (np.abs(found) >= threshold)
+    for _ in range(MAX_ROUNDS):
+        xi = np.zeros(len(gram))
+        kept_gram = gram[np.ix_(kept, kept)]
+        xi[kept] = np.linalg.solve(kept_gram + ridge * np.eye(len(kept_gram)), moment[kept])
+        still = kept & (np.abs(xi) >= threshold)
         if (still == kept).all() or not still.any():
             break
         kept = still
@@ -84,133 +87,139 @@ def stlsq(gram: Floats, moment: Floats, threshold: float, ridge: float) -> Float
     return np.where(np.abs(out) >= threshold, out, 0.0)
 
 
-def fit_sparse(task: FitTask, frame: Frame) -> tuple[Sparse, dict[str, Any]]:
-    """The three equations' coefficients, and how they were found."""
+def fit_sparse_equations(task: FitTask, car: KinematicCar) -> tuple[SparseEquations, dict[str, Any]]:
+    """The sparse equations that fit the takes best, and the facts of the fit: threshold, errors, term confidence."""
     settings = SparseSettings.model_validate(task.settings)
-    speed = library.SPEED_PUBLISHED if settings.library == "published" else library.SPEED
+    speed = library.SPEED_TERMS_PUBLISHED if settings.library == "published" else library.SPEED_TERMS
     threshold, tried = settings.threshold, dict[str, float]()
     if threshold is None:
-        threshold, tried = _chosen(task, settings, speed, frame)
-    products = _products(task.estimates, speed, frame)
-    sparse = _sparse(products, threshold, settings.ridge, speed)
+        threshold, tried = _choose_threshold(task, settings, speed, car)
+    products = _equation_products(task.estimates, speed, car)
+    sparse = _solve_equations(products, threshold, settings.ridge, speed)
     facts: dict[str, Any] = {
         "threshold": threshold, "ridge": settings.ridge, "library": settings.library, "loss": settings.loss,
-        "thresholds": tried, "sure": _sure(products, threshold, settings, speed, task.seed),
+        "thresholds": tried, "term_confidence": _bootstrap_terms(products, threshold, settings, speed, task.seed),
     }  # fmt: skip
     if settings.loss == "rollout":
-        sparse, errors = _on_rollouts(sparse, frame, _stretches(task.estimates, settings))
-        _restate(facts["sure"], sparse, errors)
+        steps = loss_steps("rollout", settings.horizon_s, task.period_s)
+        sparse, errors = _refine_on_rollouts(sparse, car, cut_windows(task.estimates, steps, steps))
+        _replace_intervals(facts["term_confidence"], sparse, errors)
     return sparse, facts
 
 
-def _products(estimates: Sequence[Estimate], speed: Ints, frame: Frame) -> Equations:
-    """Of the three equations; v_f changes little within a period, so sparsity is asked of its change."""
-    s = transitions(estimates)
-    x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
-    of_speed, of_slip = theta_table(x, speed, frame), theta_table(x, library.SLIP, frame)
-    block, after = max(1, round(BLOCK_S / frame.period)), s.next_kinematic
+def _equation_products(estimates: Sequence[Estimate], speed: Ints, car: KinematicCar) -> EquationProducts:
+    """Products of candidate terms and targets, summed by blocks of samples, for the equations of v_f, alpha_f, alpha_r.
+
+    The target of the first is the change of v_f, as v_f itself changes little in a period.
+    """
+    s = single_steps(estimates)
+    x, after = s.kinematic_inputs, s.next_kinematic
+    block = max(1, round(BLOCK_S / car.period))
+    speed_terms, slip_terms = theta_matrix(x, speed, car), theta_matrix(x, library.SLIP_TERMS, car)
     return (
-        Products.of(of_speed, after[:, 0] - s.kinematic[:, 0], block), Products.of(of_slip, after[:, 1], block),
-        Products.of(of_slip, after[:, 2], block),
-    )  # fmt: skip
+        BlockProducts.from_samples(speed_terms, after[:, 0] - s.kinematic[:, 0], block),
+        BlockProducts.from_samples(slip_terms, after[:, 1], block),
+        BlockProducts.from_samples(slip_terms, after[:, 2], block),
+    )
 
 
-def _sparse(
-    products: Equations,
-    threshold: float,
-    ridge: float,
-    speed: Ints,
-    times: Floats | None = None,
-) -> Sparse:
-    xi_v, xi_f, xi_r = (p.coefficients(threshold, ridge, times) for p in products)
-    return Sparse(xi_v + library.is_speed(speed), xi_f, xi_r, speed, library.SLIP)
+def _solve_equations(
+    products: EquationProducts, threshold: float, ridge: float, speed: Ints, block_counts: Floats | None = None
+) -> SparseEquations:
+    """Solve for the sparse equations from block products; `block_counts` (K,) says how often each block counts."""
+    xi_v, xi_f, xi_r = (p.sparse_coefficients(threshold, ridge, block_counts) for p in products)
+    persistence = (speed == library.SPEED_ALONE).all(axis=1)
+    return SparseEquations(xi_v + persistence, xi_f, xi_r, speed, library.SLIP_TERMS)
 
 
-def _stretches(estimates: Sequence[Estimate], settings: SparseSettings) -> Windows:
-    steps = steps_of("rollout", settings.horizon_s, estimates[0].period_s)
-    return windows(estimates, steps, steps)
+def _choose_threshold(
+    task: FitTask, settings: SparseSettings, speed: Ints, car: KinematicCar
+) -> tuple[float, dict[str, float]]:
+    """The largest threshold whose rollouts are within a standard error of the best, and the error of each threshold.
 
-
-def _chosen(task: FitTask, settings: SparseSettings, speed: Ints, frame: Frame) -> tuple[float, dict[str, float]]:
-    """The largest threshold whose rollouts on the takes' ends are as good as the best's within its standard error."""
-    steps = steps_of("rollout", settings.horizon_s, task.period_s)
-    early, late = divided(task.estimates, LEAST_HELD * steps, HELD_OUT)
-    products, judged = _products(early, speed, frame), _stretches(late, settings)
-    weight = scale(judged.twist[:, 0])
+    Rollouts are compared with the takes' ends, which the regression leaves out.
+    """
+    steps = loss_steps("rollout", settings.horizon_s, task.period_s)
+    beginnings, ends = split_off_ends(task.estimates, LIMITS.min_threshold_horizons * steps, LIMITS.threshold_share)
+    products, stretches = _equation_products(beginnings, speed, car), cut_windows(ends, steps, steps)
+    weight = inverse_spread(stretches.twist[:, 0])
     errors = {}
-    for threshold in THRESHOLDS:
-        predicted = _predicted(_sparse(products, threshold, settings.ridge, speed), frame, judged)
-        off = weight * (predicted - judged.twist[:, 1:])
-        errors[threshold] = np.minimum(np.nan_to_num(off, nan=LOST) ** 2, LOST**2).mean(axis=(1, 2))
-    best = min(THRESHOLDS, key=lambda t: errors[t].mean())
+    for threshold in CANDIDATE_THRESHOLDS:
+        predicted = _predict_stretches(_solve_equations(products, threshold, settings.ridge, speed), car, stretches)
+        squares = np.nan_to_num(weight * (predicted - stretches.twist[:, 1:]), nan=MAX_WEIGHTED_ERROR) ** 2
+        errors[threshold] = np.minimum(squares, MAX_WEIGHTED_ERROR**2).mean(axis=(1, 2))
+    best = min(CANDIDATE_THRESHOLDS, key=lambda t: errors[t].mean())
     several = len(errors[best]) > 1
     good = errors[best].mean() + (errors[best].std(ddof=1) / np.sqrt(len(errors[best])) if several else 0.0)
-    chosen = max(t for t in THRESHOLDS if errors[t].mean() <= good)
+    chosen = max(t for t in CANDIDATE_THRESHOLDS if errors[t].mean() <= good)
     return chosen, {f"{t:g}": float(e.mean()) for t, e in errors.items()}
 
 
-def _predicted(s: Sparse, c: Frame, of: Windows) -> Floats:
-    """Twists (B, S, 3) that the equations predict over the stretches."""
-    start, command = np.ascontiguousarray(of.kinematic[:, 0]), np.ascontiguousarray(of.command[:, :-1])
-    return np.asarray(scan_many(start, command, s, c))
+def _predict_stretches(s: SparseEquations, c: KinematicCar, stretches: Windows) -> Floats:
+    """Twists (B, S, 3) that the equations `s` predict over the stretches."""
+    start, command = np.ascontiguousarray(stretches.kinematic[:, 0]), np.ascontiguousarray(stretches.command[:, :-1])
+    return np.asarray(K_SINDY_KERNELS.scan_many(start, command, s, c))
 
 
-def _sure(
-    products: Equations, threshold: float, settings: SparseSettings, speed: Ints, seed: int
-) -> dict[str, dict[str, list[float]]]:
-    """Per equation and term: the share of resamples that keep it, and the 95 % interval of its coefficient."""
-    rng, count = np.random.default_rng(seed), len(products[0].rows)
-    times = np.asarray(rng.multinomial(count, np.full(count, 1.0 / count), settings.resamples), dtype=float)
-    draws = [_sparse(products, threshold, settings.ridge, speed, each) for each in times]
-    found = {}
+def _bootstrap_terms(
+    products: EquationProducts, threshold: float, settings: SparseSettings, speed: Ints, seed: int
+) -> TermConfidence:
+    """The share of resamples of the blocks that keep each term, and the 95 % interval of its coefficient."""
+    block_counts = draw_block_counts(len(products[0].rows), settings.resamples, seed)
+    draws = [_solve_equations(products, threshold, settings.ridge, speed, counts) for counts in block_counts]
+    confidence = {}
     for i, name in enumerate(EQUATIONS):
-        each = np.stack([d[i] for d in draws])
-        terms = speed if i == 0 else library.SLIP
-        low, high = np.quantile(each, [0.025, 0.975], axis=0)
-        kept = (each != 0.0).mean(axis=0)
-        found[name] = {
-            library.name_of(e): [float(k), float(a), float(b)]
+        xi = np.stack([d[i] for d in draws])
+        terms = speed if i == 0 else library.SLIP_TERMS
+        low, high = quantile_interval(xi)
+        kept = (xi != 0.0).mean(axis=0)
+        confidence[name] = {
+            library.term_name(e): [float(k), float(a), float(b)]
             for e, k, a, b in zip(terms, kept, low, high, strict=True) if k > 0.0
         }  # fmt: skip
-    return found
+    return confidence
 
 
-def _restate(sure: dict[str, dict[str, list[float]]], sparse: Sparse, errors: Sparse) -> None:
-    """Intervals of the coefficients that were refitted, in place of those that resamples of single steps gave."""
+def _replace_intervals(term_confidence: TermConfidence, sparse: SparseEquations, errors: SparseEquations) -> None:
+    """Replace the intervals of coefficients that were refitted on rollouts by value +- 1.96 standard errors."""
     for i, name in enumerate(EQUATIONS):
         terms = sparse.speed if i == 0 else sparse.slip
         for e, value, se in zip(terms, sparse[i], errors[i], strict=True):
-            term = library.name_of(e)
+            term = library.term_name(e)
             if value != 0.0:
-                kept = sure[name][term][0] if term in sure[name] else 0.0
-                sure[name][term] = [kept, float(value - TWO_SIDED * se), float(value + TWO_SIDED * se)]
+                kept = term_confidence[name][term][0] if term in term_confidence[name] else 0.0
+                term_confidence[name][term] = [kept, float(value - Z_95 * se), float(value + Z_95 * se)]
 
 
-def _on_rollouts(sparse: Sparse, frame: Frame, taken: Windows) -> tuple[Sparse, Sparse]:
-    """The same terms with the coefficients whose rollouts are nearest to the twist, and their standard errors."""
+def _refine_on_rollouts(
+    sparse: SparseEquations, car: KinematicCar, stretches: Windows
+) -> tuple[SparseEquations, SparseEquations]:
+    """Refit the coefficients of the same terms on rollouts of the twist: the equations, and their standard errors."""
     from scipy.optimize import least_squares
 
-    weight = scale(taken.twist[:, 0])
+    weight = inverse_spread(stretches.twist[:, 0])
     kept = [np.flatnonzero(xi) for xi in sparse[:3]]
     start = np.concatenate([xi[k] for xi, k in zip(sparse[:3], kept, strict=True)])
 
-    def at(x: Floats) -> Sparse:
+    def equations_at(x: Floats) -> SparseEquations:
         parts = np.split(x, np.cumsum([len(k) for k in kept])[:-1])
         filled = [np.zeros_like(xi) for xi in sparse[:3]]
         for xi, k, values in zip(filled, kept, parts, strict=True):
             xi[k] = values
-        return Sparse(filled[0], filled[1], filled[2], sparse.speed, sparse.slip)
+        return SparseEquations(filled[0], filled[1], filled[2], sparse.speed, sparse.slip)
 
-    def misses(x: Floats) -> Floats:
-        off = weight * (_predicted(at(x), frame, taken) - taken.twist[:, 1:])
-        return np.asarray(np.clip(np.nan_to_num(off, nan=LOST), -LOST, LOST).ravel() / np.sqrt(off.size))
+    def residuals(x: Floats) -> Floats:
+        errors = weight * (_predict_stretches(equations_at(x), car, stretches) - stretches.twist[:, 1:])
+        finite = np.nan_to_num(errors, nan=MAX_WEIGHTED_ERROR)
+        return np.asarray(np.clip(finite, -MAX_WEIGHTED_ERROR, MAX_WEIGHTED_ERROR).ravel() / np.sqrt(errors.size))
 
-    def slopes(x: Floats) -> Floats:
-        before, steps = misses(x), NUDGE * np.maximum(np.abs(x), 1e-3)
-        return np.column_stack([(misses(x + h * e) - before) / h for h, e in zip(steps, np.eye(len(x)), strict=True)])
+    def jacobian(x: Floats) -> Floats:
+        r, steps = residuals(x), DIFFERENCE_STEP * np.maximum(np.abs(x), 1e-3)
+        return np.column_stack([(residuals(x + h * e) - r) / h for h, e in zip(steps, np.eye(len(x)), strict=True)])
 
-    x = least_squares(misses, start, slopes, x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=SLOPES).x
-    J = slopes(x)
-    each = (J * misses(x)[:, None]).reshape(taken.number, -1, len(x)).sum(axis=1)
-    block = max(1, round(BLOCK_S / (frame.period * taken.steps)))
-    return at(x), at(np.sqrt(np.diag(covariance(J, blocks_of(each, block)))))
+    x = least_squares(residuals, start, jacobian, x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=MAX_JACOBIANS).x
+    J = jacobian(x)
+    gradients = (J * residuals(x)[:, None]).reshape(stretches.stretch_count, -1, len(x)).sum(axis=1)
+    block = max(1, round(BLOCK_S / (car.period * stretches.steps)))
+    errors = np.sqrt(np.diag(sandwich_covariance(J, sum_blocks(gradients, block))))
+    return equations_at(x), equations_at(errors)

@@ -6,66 +6,52 @@ The dissipative variant (the paper's future work) is guaranteed not to gain kine
 zero or brakes: v_f is lowered where the sum would.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Self
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats
-from bcid.compiled.njit import njit, njit_inline, njit_parallel
-from bcid.models.fitting.windows import transitions
-from bcid.models.interface import Arrays, FitTask, History, Kernels, Scanned
-from bcid.models.kinematic.frame import INPUTS, Frame, State, fill, moved, twist_of, without_gain
+from bcid.compiled.njit import njit
+from bcid.models.fitting.windows import SingleSteps
+from bcid.models.interface import Arrays, FitTask, ScanKernels, build_scan_kernels
+from bcid.models.kinematic import state as kinematics
 from bcid.models.kinematic.k_sindy import KSindy
-from bcid.models.kinematic.sparse_sum import Sparse, Terms, f_sindy, terms_of
-from bcid.models.kinematic.torch_rollout import sparse_sums, unrolled, with_servo
+from bcid.models.kinematic.sparse_sum import SparseEquations, active_terms, f_sindy
+from bcid.models.kinematic.torch_rollout import build_f_sindy, build_kinematic_rollout, simulate_steering
 from bcid.models.network import mlp
-from bcid.models.network.mlp import Buffers, Weights, buffers, evaluate
-from bcid.models.network.training import parts_of, stretches_of, train
-from bcid.models.settings import ResidualTrainingSettings
-
-
-@njit_inline
-def advance(
-    state: State, u_s: float, u_m: float, t: Terms, w: Weights, c: Frame, dissipative: bool, at: Buffers
-) -> State:
-    """[v_f, alpha_f, alpha_r, delta] one period later."""
-    f_sindy(state, u_s, u_m, t, c)
-    fill(at.x, state, u_s, u_m)
-    evaluate(at, w)
-    for i in range(3):
-        t.after[i] += at.y[i]
-    after = moved(t.after, state[3], u_s, c)
-    return without_gain(state, after, c) if dissipative and u_m <= 0.0 else after
+from bcid.models.network.mlp import MlpWeights, allocate_buffers, evaluate_mlp
+from bcid.models.network.training import train_perceptron
+from bcid.models.settings import ResidualSettings
 
 
 @njit
-def _scan(carry: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame, dissipative: bool) -> Floats:
-    twists, terms, at = np.empty((len(commands), 3)), terms_of(s), buffers(w)
+def _scan_k_sindy_mlp(
+    carry: Floats, commands: Floats, s: SparseEquations, w: MlpWeights, c: kinematics.KinematicCar, dissipative: bool
+) -> Floats:
+    """Twists (N, 3) of one K-SINDy-MLP after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    twists, terms, buffers = np.empty((len(commands), 3)), active_terms(s), allocate_buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k, 0], commands[k, 1], terms, w, c, dissipative, at)
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
+        u_s, u_m = commands[k, 0], commands[k, 1]
+        f_sindy(state, u_s, u_m, terms, c)
+        kinematics.fill_input(buffers.x, state, u_s, u_m)
+        evaluate_mlp(buffers, w)
+        for i in range(3):
+            terms.after[i] += buffers.y[i]
+        after = kinematics.next_state(terms.after, state[3], u_s, c)
+        state = kinematics.cap_energy(state, after, c) if dissipative and u_m <= 0.0 else after
+        twists[k, 0], twists[k, 1], twists[k, 2] = kinematics.kinematic_twist(state, c)
     carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
-@njit_parallel
-def _scan_many(carries: Floats, commands: Floats, s: Sparse, w: Weights, c: Frame, dissipative: bool) -> Floats:
-    twists = np.empty((len(carries), commands.shape[1], 3))
-    for b in numba.prange(len(carries)):
-        twists[b] = _scan(carries[b], commands[b], s, w, c, dissipative)
-    return twists
-
-
 @njit
-def _sindy_table(x: Floats, s: Sparse, c: Frame) -> Floats:
-    out, terms = np.empty((len(x), 3)), terms_of(s)
+def _predict_by_f_sindy(x: Floats, s: SparseEquations, c: kinematics.KinematicCar) -> Floats:
+    """[v_f, alpha_f, alpha_r] (N, 3) one period after each sample x (N, 6), by the sparse sum alone."""
+    out, terms = np.empty((len(x), 3)), active_terms(s)
     for k in range(len(x)):
         f_sindy((x[k, 0], x[k, 1], x[k, 2], x[k, 3]), x[k, 4], x[k, 5], terms, c)
         out[k] = terms.after
@@ -73,75 +59,64 @@ def _sindy_table(x: Floats, s: Sparse, c: Frame) -> Floats:
 
 
 @dataclass(frozen=True)
-class KSindyMlp(Scanned):
-    """A fitted K-SINDy-MLP: its sparse part is the fitted K-SINDy."""
+class KSindyMlp(kinematics.KinematicModel):
+    """A fitted K-SINDy-MLP, whose sparse part is the fitted K-SINDy."""
 
     sindy: KSindy
-    weights: Weights
+    weights: MlpWeights
     facts: Mapping[str, Any]
     dissipative: bool = False
-    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
+    kernels: ClassVar[ScanKernels] = build_scan_kernels(_scan_k_sindy_mlp)
     name: ClassVar[str] = "k-sindy-mlp"
-    lags: ClassVar[int] = 0
 
     @property
-    def period_s(self) -> float:
-        """The time a step advances (s)."""
-        return self.sindy.period_s
+    def car(self) -> kinematics.KinematicCar:  # type: ignore[override]  # never written
+        """The car of the sparse part."""
+        return self.sindy.car
 
     @property
     def parameter_count(self) -> int:
-        """Coefficients, weights and biases."""
-        return self.sindy.parameter_count + mlp.count(self.weights)
+        """How many coefficients are not zero, plus the number of weights and biases."""
+        return self.sindy.parameter_count + mlp.count_weights(self.weights)
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Train the perceptron on the one-step residual of the fitted K-SINDy, or over rollouts as well."""
+        """Train the perceptron on what the fitted K-SINDy leaves of a step, and on rollouts if the settings say so."""
         if not isinstance(task.base, KSindy):
             raise TypeError("k-sindy-mlp is derived from a fitted k-sindy model")
-        sindy, settings = task.base, ResidualTrainingSettings.model_validate(task.settings)
-        used, held = parts_of(task, settings)
-        s = transitions(used)
-        x = np.ascontiguousarray(np.column_stack([s.kinematic, s.command[:, 0]]))
-        residual = s.next_kinematic[:, :3] - _sindy_table(x, sindy.sparse, sindy.frame)
+        sindy, settings = task.base, ResidualSettings.model_validate(task.settings)
+
+        def mapping(s: SingleSteps) -> tuple[Floats, Floats]:
+            x = s.kinematic_inputs
+            return x, s.next_kinematic[:, :3] - _predict_by_f_sindy(x, sindy.sparse, sindy.car)
+
         dissipative = settings.residual == "dissipative"
-        sparse = sparse_sums(sindy.sparse, sindy.frame)
-        ahead = unrolled(sindy.frame, lambda network, at: sparse(at) + network(at), dissipative)
-        stretches = stretches_of(used, held, settings, ahead, prepared=lambda taken: with_servo(taken, sindy.frame))
-        weights, facts = train(x, residual, settings, task.seed, task.progress, stretches)
+        f_sindy_in_torch = build_f_sindy(sindy.sparse, sindy.car)
+        rollout = build_kinematic_rollout(sindy.car, lambda network, x: f_sindy_in_torch(x) + network(x), dissipative)
+        steer = partial(simulate_steering, c=sindy.car)
+        weights, facts = train_perceptron(task, settings, mapping, rollout, prepare=steer)
         return cls(sindy, weights, facts, dissipative)
 
-    def init(self, history: History) -> Floats:
-        """[v_f, alpha_f, alpha_r, delta]."""
-        return np.array(history.kinematic[-1])
-
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """See `Scanned`."""
-        return (self.sindy.sparse, self.weights, self.sindy.frame, self.dissipative)
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """The equations, the weights, the car and whether it is dissipative, as the compiled scan takes them."""
+        return (self.sindy.sparse, self.weights, self.sindy.car, self.dissipative)
 
     def describe(self) -> str:
-        """The sparse equations and the perceptron's structure."""
-        a, b = self.weights.W2.shape
-        residual = f"plus MLP(v_f, α_f, α_r, δ, u_s, u_m): hidden {a} and {b}, ReLU, {mlp.count(self.weights)} weights"
-        lines = [self.sindy.describe(), residual]
+        """The sparse equations and the structure of the perceptron."""
+        lines = [self.sindy.describe(), f"plus MLP(v_f, α_f, α_r, δ, u_s, u_m): {mlp.describe_layers(self.weights)}"]
         if self.dissipative:
             lines.append("v_f lowered where v_x² + v_y² + l_f l_r w² would grow while u_m ≤ 0 (as if I_z = m l_f l_r)")
         return "\n".join(lines)
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """See `Model.state`."""
-        data, arrays = self.sindy.state()
-        return {"sindy": data, "facts": dict(self.facts), "dissipative": self.dissipative}, arrays | mlp.to_arrays(
-            self.weights
-        )
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """The JSON object, the coefficients and the weights from which `from_saved` restores the model."""
+        data, arrays = self.sindy.to_saved()
+        about = {"sindy": data, "facts": dict(self.facts), "dissipative": self.dissipative}
+        return about, arrays | mlp.weights_to_arrays(self.weights)
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """See `Model.from_state`."""
-        return cls(
-            KSindy.from_state(data["sindy"], arrays),
-            mlp.from_arrays(arrays, INPUTS),
-            data["facts"],
-            bool(data.get("dissipative", False)),
-        )
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model whose `to_saved` gave `data` and `arrays`."""
+        sindy, weights = KSindy.from_saved(data["sindy"], arrays), mlp.weights_from_arrays(arrays, cls.input_count)
+        return cls(sindy, weights, data["facts"], bool(data.get("dissipative", False)))

@@ -1,42 +1,40 @@
-"""The sparse sum of K-SINDy: its terms, compiled, and its rollouts."""
-
-from __future__ import annotations
+"""The sparse sum of K-SINDy, compiled: its active terms, one period, and its rollouts."""
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
-from bcid.compiled.njit import njit, njit_parallel
-from bcid.models.kinematic.frame import Frame, State, moved, twist_of
+from bcid.aliases import Floats, Ints
+from bcid.compiled.njit import njit
+from bcid.models.interface import build_scan_kernels
 from bcid.models.kinematic.library import ONE, fill_factors
+from bcid.models.kinematic.state import KinematicCar, KinematicState, kinematic_twist, next_state
 
 
-class Sparse(NamedTuple):
-    """Coefficients and exponents of the three equations."""
+class SparseEquations(NamedTuple):
+    """Coefficients and exponents of the equations of v_f, alpha_f and alpha_r."""
 
-    xi_v: Floats  # (n,)
-    xi_f: Floats  # (m,)
-    xi_r: Floats  # (m,)
-    speed: npt.NDArray[np.int64]  # (n, 10)
-    slip: npt.NDArray[np.int64]  # (m, 10)
+    xi_v: Floats  # (n,) coefficients of v_f
+    xi_f: Floats  # (m,) of alpha_f
+    xi_r: Floats  # (m,) of alpha_r
+    speed: Ints  # (n, 10) exponents of the terms of v_f
+    slip: Ints  # (m, 10) of both slip angles
 
 
-class Terms(NamedTuple):
-    """The terms whose coefficient is not zero, as a rollout takes them."""
+class ActiveTerms(NamedTuple):
+    """The terms whose coefficient is not zero, laid out for a rollout."""
 
     xi: Floats  # (T,)
-    equation: npt.NDArray[np.int64]  # (T,) 0, 1, 2: of v_f, alpha_f, alpha_r
-    factors: npt.NDArray[np.int64]  # (T, most) whose product a term is, filled up with ones
-    q: Floats  # (11,) to work on: the values of the factors
-    after: Floats  # (3,) and of the sums
+    equation: Ints  # (T,) 0, 1, 2: of v_f, alpha_f, alpha_r
+    factors: Ints  # (T, most) whose product a term is, filled up with ones
+    # What a step works on: the values of the factors, (11,), and of the three sums, (3,).
+    q: Floats
+    after: Floats
 
 
 @njit
-def terms_of(s: Sparse) -> Terms:
-    """The terms of the three equations."""
+def active_terms(s: SparseEquations) -> ActiveTerms:
+    """Collect the terms of the three equations whose coefficient is not zero."""
     most, count = 1, 0
     equations = ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))
     for xi, exponents in equations:
@@ -44,7 +42,9 @@ def terms_of(s: Sparse) -> Terms:
             if xi[i] != 0.0:
                 count += 1
                 most = max(most, exponents[i].sum())
-    out = Terms(np.empty(count), np.empty(count, np.int64), np.full((count, most), ONE), np.empty(ONE + 1), np.empty(3))
+    out = ActiveTerms(
+        np.empty(count), np.empty(count, np.int64), np.full((count, most), ONE), np.empty(ONE + 1), np.empty(3)
+    )
     n = 0
     for e in range(3):
         xi, exponents = equations[e]
@@ -60,8 +60,8 @@ def terms_of(s: Sparse) -> Terms:
 
 
 @njit
-def f_sindy(state: State, u_s: float, u_m: float, t: Terms, c: Frame) -> None:
-    """Fills `t.after` with [v_f, alpha_f, alpha_r] one period later."""
+def f_sindy(state: KinematicState, u_s: float, u_m: float, t: ActiveTerms, c: KinematicCar) -> None:
+    """Fill `t.after` with [v_f, alpha_f, alpha_r] one period later, the sum of the active terms (paper, f_SINDy)."""
     fill_factors(t.q, state, u_s, u_m, c)
     for n in range(len(t.after)):
         t.after[n] = 0.0
@@ -73,27 +73,17 @@ def f_sindy(state: State, u_s: float, u_m: float, t: Terms, c: Frame) -> None:
 
 
 @njit
-def advance(state: State, u_s: float, u_m: float, t: Terms, c: Frame) -> State:
-    """[v_f, alpha_f, alpha_r, delta] one period later."""
-    f_sindy(state, u_s, u_m, t, c)
-    return moved(t.after, state[3], u_s, c)
-
-
-@njit
-def _scan(carry: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
-    twists, terms = np.empty((len(commands), 3)), terms_of(s)
+def scan_k_sindy(carry: Floats, commands: Floats, s: SparseEquations, c: KinematicCar) -> Floats:
+    """Twists (N, 3) of one K-SINDy after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    twists, terms = np.empty((len(commands), 3)), active_terms(s)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k, 0], commands[k, 1], terms, c)
-        twists[k, 0], twists[k, 1], twists[k, 2] = twist_of(*state, c)
+        u_s, u_m = commands[k, 0], commands[k, 1]
+        f_sindy(state, u_s, u_m, terms, c)
+        state = next_state(terms.after, state[3], u_s, c)
+        twists[k, 0], twists[k, 1], twists[k, 2] = kinematic_twist(state, c)
     carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
-@njit_parallel
-def scan_many(carries: Floats, commands: Floats, s: Sparse, c: Frame) -> Floats:
-    """See `Model.scan_many`."""
-    twists = np.empty((len(carries), commands.shape[1], 3))
-    for b in numba.prange(len(carries)):
-        twists[b] = _scan(carries[b], commands[b], s, c)
-    return twists
+K_SINDY_KERNELS = build_scan_kernels(scan_k_sindy)

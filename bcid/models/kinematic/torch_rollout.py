@@ -1,4 +1,4 @@
-"""The kinematic models' rollouts in torch, for training: the same equations as `bcid.models.kinematic.frame`."""
+"""The kinematic models' rollouts in torch, for training: the same equations as `bcid.models.kinematic.state`."""
 
 from __future__ import annotations
 
@@ -6,73 +6,72 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Ints
+from bcid.aliases import Floats, Ints
 from bcid.models.fitting.windows import Windows
-from bcid.models.kinematic.frame import SLIP_LIMIT, Frame
 from bcid.models.kinematic.library import ABS_AF, ABS_DELTA, ABS_RATE, AF, AR, BRAKE, DELTA, FACTORS, RATE, THROTTLE, V
-from bcid.models.kinematic.sparse_sum import Sparse
-from bcid.models.network.training import Network, Unrolled
+from bcid.models.kinematic.sparse_sum import SparseEquations
+from bcid.models.kinematic.state import SLIP_LIMIT, KinematicCar
+from bcid.models.network.training import Network, RolloutFunction
 from bcid.physics.steering import steering_step
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 
-STILL = 1e-8  # m^2/s^2: below it an energy has no useful slope
+MIN_ENERGY = 1e-8  # m^2/s^2, below which the root of a doubled energy has no useful slope
 
 
-def with_servo(taken: Windows, c: Frame) -> Windows:
-    """The stretches with the steering angles that the servo gives from their starts on; it knows no other state."""
-    kinematic = taken.kinematic.copy()
-    for b in range(taken.number):
-        for k in range(taken.steps):
-            kinematic[b, k + 1, 3] = steering_step(kinematic[b, k, 3], taken.command[b, k, 0], c.T_s, c.d, c.period)
-    return taken._replace(kinematic=kinematic)
+def simulate_steering(stretches: Windows, c: KinematicCar) -> Windows:
+    """Replace the steering angles after each start by those that the servo's law gives, as in a rollout."""
+    kinematic = stretches.kinematic.copy()
+    for b in range(stretches.stretch_count):
+        for k in range(stretches.steps):
+            kinematic[b, k + 1, 3] = steering_step(kinematic[b, k, 3], stretches.command[b, k, 0], c.T_s, c.d, c.period)
+    return stretches._replace(kinematic=kinematic)
 
 
-def twist_of(v_f: Tensor, alpha_f: Tensor, alpha_r: Tensor, delta: Tensor, c: Frame) -> Tensor:
-    """Twists (B, 3): see `bcid.models.kinematic.frame.twist_of`."""
+def _kinematic_twist_in_torch(state: Tensor, delta: Tensor, c: KinematicCar) -> Tensor:
+    """Twists (B, 3) of the states [v_f, alpha_f, alpha_r] (B, 3) and delta (B,): `kinematic_twist` in torch."""
     import torch
 
+    v_f, alpha_f, alpha_r = state.unbind(1)
     beta_f, beta_r = delta + alpha_f, alpha_r.clamp(-SLIP_LIMIT, SLIP_LIMIT)
     v_x, v_fy = torch.cos(beta_f) * v_f, torch.sin(beta_f) * v_f
     v_ry, wheelbase = v_x * torch.tan(beta_r), c.l_f + c.l_r
     return torch.stack([v_x, (c.l_r * v_fy + c.l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase], dim=1)
 
 
-def unrolled(c: Frame, after: Callable[[Network, Tensor], Tensor], dissipative: bool = False) -> Unrolled:
-    """The rollout of a model: of [v_f, alpha_f, alpha_r, delta, u_s, u_m] `after` gives the first three a step on.
+def build_kinematic_rollout(
+    c: KinematicCar, next_kinematics: Callable[[Network, Tensor], Tensor], dissipative: bool = False
+) -> RolloutFunction:
+    """Build a kinematic model's rollout in torch, for the rollout loss; `dissipative` caps energy as `cap_energy` does.
 
-    A dissipative one gains no kinetic energy without throttle: see `bcid.models.kinematic.frame.without_gain`.
+    `next_kinematics` maps a network and [v_f, alpha_f, alpha_r, delta, u_s, u_m] (B, 6) to the next first three.
     """
     import torch
 
-    def run(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
+    def roll_out(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
         state, out = kinematic[:, 0, :3], []
-        moving = twist_of(state[:, 0], state[:, 1], state[:, 2], kinematic[:, 0, 3], c)
+        moving = _kinematic_twist_in_torch(state, kinematic[:, 0, 3], c)
         for k in range(kinematic.shape[1] - 1):
             x = torch.cat([state, kinematic[:, k, 3:], command[:, k]], dim=1)
-            following = after(network, x)
+            following = next_kinematics(network, x)
             state = torch.cat([following[:, :1].clamp(min=0.0), following[:, 1:]], dim=1)
-            before, moving = moving, twist_of(state[:, 0], state[:, 1], state[:, 2], kinematic[:, k + 1, 3], c)
+            before, moving = moving, _kinematic_twist_in_torch(state, kinematic[:, k + 1, 3], c)
             if dissipative:
-                had, has = (_doubled_energy(m, c).clamp(min=STILL) for m in (before, moving))
+                squares = [(m**2).unbind(1) for m in (before, moving)]
+                had, has = ((x + y + c.l_f * c.l_r * w).clamp(min=MIN_ENERGY) for x, y, w in squares)
                 kept = torch.where((command[:, k, 1] <= 0.0) & (has > had), (had / has).sqrt(), 1.0)[:, None]
                 state, moving = torch.cat([kept * state[:, :1], state[:, 1:]], dim=1), kept * moving
             out.append(moving)
         return torch.stack(out, dim=1)
 
-    return run
+    return roll_out
 
 
-def _doubled_energy(twist: Tensor, c: Frame) -> Tensor:
-    return twist[:, 0] ** 2 + twist[:, 1] ** 2 + c.l_f * c.l_r * twist[:, 2] ** 2
-
-
-def sparse_sum(xi: npt.NDArray[np.float64], exponents: Ints, c: Frame) -> Callable[[Tensor], Tensor]:
-    """The sum of terms (B,) at x (B, 6): see `library.theta`; terms without a coefficient are left out."""
+def _build_sparse_sum(xi: Floats, exponents: Ints, c: KinematicCar) -> Callable[[Tensor], Tensor]:
+    """Build a function in torch that maps x (B, 6) to the sum (B,) of the terms whose coefficient `xi` is not zero."""
     import torch
 
     kept = np.flatnonzero(xi)
@@ -81,7 +80,7 @@ def sparse_sum(xi: npt.NDArray[np.float64], exponents: Ints, c: Frame) -> Callab
     at = torch.tensor([[*f, *[len(FACTORS)] * (most - len(f))] for f in factors], dtype=torch.long).reshape(-1, most)
     coefficients = torch.tensor(xi[kept], dtype=torch.float32)
 
-    def of(x: Tensor) -> Tensor:
+    def sum_terms(x: Tensor) -> Tensor:
         v, alpha_f, alpha_r, delta, u_s, u_m = x.unbind(1)
         rate = ((u_s - delta) / c.T_s).clamp(-c.d, c.d)
         named = {
@@ -92,12 +91,12 @@ def sparse_sum(xi: npt.NDArray[np.float64], exponents: Ints, c: Frame) -> Callab
         q = torch.stack([named[j] for j in range(len(FACTORS) + 1)], dim=1)
         return q[:, at].prod(dim=2) @ coefficients
 
-    return of
+    return sum_terms
 
 
-def sparse_sums(s: Sparse, c: Frame) -> Callable[[Tensor], Tensor]:
-    """[v_f, alpha_f, alpha_r] (B, 3) one period later: see `bcid.models.kinematic.k_sindy.f_sindy`."""
+def build_f_sindy(s: SparseEquations, c: KinematicCar) -> Callable[[Tensor], Tensor]:
+    """Build `f_sindy` in torch: a function that maps x (B, 6) to [v_f, alpha_f, alpha_r] (B, 3) one period later."""
     import torch
 
-    each = [sparse_sum(xi, e, c) for xi, e in ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))]
+    each = [_build_sparse_sum(xi, e, c) for xi, e in ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))]
     return lambda x: torch.stack([f(x) for f in each], dim=1)

@@ -1,12 +1,8 @@
 """A multilayer perceptron with two hidden ReLU layers, compiled; `bcid.models.network.training` trains it."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats, Singles
 from bcid.compiled.njit import njit, njit_inline, njit_sums
@@ -16,7 +12,7 @@ from bcid.models.network.sparse_product import add_product
 OUTPUTS = 3  # a twist, or [v_f, alpha_f, alpha_r]
 
 
-class Weights(NamedTuple):
+class MlpWeights(NamedTuple):
     """y = y_mean + y_sd * (W3 relu(W2 relu(W1 (x - x_mean)/x_sd + b1) + b2) + b3), W stored as (in, out)."""
 
     x_mean: Floats
@@ -31,41 +27,41 @@ class Weights(NamedTuple):
     y_sd: Floats
 
 
-class Buffers(NamedTuple):
-    """What an evaluation works on: made once for a whole rollout."""
+class MlpBuffers(NamedTuple):
+    """Arrays that an evaluation works on, allocated once for a whole rollout."""
 
     x: Floats  # (in,) the input, to be filled
-    z: Singles  # (in,) the same normalised
-    h1: Singles
+    z: Singles  # (in,) the input normalised
+    h1: Singles  # the outputs of the three layers
     h2: Singles
     h3: Singles
-    V3: Singles  # W3 turned, a row for each output
+    V3: Singles  # W3 transposed, a row for each output
     y: Floats  # (out,) the output
 
 
 @njit
-def buffers(w: Weights) -> Buffers:
-    """Of a network."""
+def allocate_buffers(w: MlpWeights) -> MlpBuffers:
+    """Buffers of the sizes of the network `w`."""
     n, a, b, m = len(w.x_mean), len(w.b1), len(w.b2), len(w.b3)
     single = np.float32
-    return Buffers(
+    return MlpBuffers(
         np.empty(n), np.empty(n, single), np.empty(a, single), np.empty(b, single), np.empty(m, single),
         np.ascontiguousarray(w.W3.T), np.empty(m),
     )  # fmt: skip
 
 
 @njit_inline
-def _copy(of: Singles, to: Singles) -> None:
-    """Fills `to`: `to[:] = of` takes fifty nanoseconds, as long as a layer of few inputs."""
-    for j in range(len(to)):
-        to[j] = of[j]
+def _copy_vector(source: Singles, target: Singles) -> None:
+    """Fill `target` from `source`: a slice assignment takes fifty nanoseconds, as long as a layer of few inputs."""
+    for j in range(len(target)):
+        target[j] = source[j]
 
 
 @njit_sums
-def _by_twos(x: Singles, W: Singles, b: Singles, y: Singles) -> None:
-    """Fills y with x W + b, two rows of W at a time: for few inputs."""
+def _multiply_by_row_pairs(x: Singles, W: Singles, b: Singles, y: Singles) -> None:
+    """Fill y (m,) with x W + b, two rows of W (n, m) at a time: fast for few inputs."""
     whole = len(x) - len(x) % 2
-    _copy(b, y)
+    _copy_vector(b, y)
     for i in range(0, whole, 2):
         for j in range(len(y)):
             y[j] += x[i] * W[i, j] + x[i + 1] * W[i + 1, j]
@@ -75,8 +71,8 @@ def _by_twos(x: Singles, W: Singles, b: Singles, y: Singles) -> None:
 
 
 @njit_sums
-def _by_dots(x: Singles, V: Singles, b: Singles, y: Singles) -> None:
-    """Fills y with V x + b: for few outputs."""
+def _multiply_by_dot_products(x: Singles, V: Singles, b: Singles, y: Singles) -> None:
+    """Fill y (m,) with V x + b, one row of V (m, n) after the other: fast for few outputs."""
     for j in range(len(y)):
         total = np.float32(0.0)
         for i in range(len(x)):
@@ -85,52 +81,57 @@ def _by_dots(x: Singles, V: Singles, b: Singles, y: Singles) -> None:
 
 
 @njit_inline
-def _relu(x: Singles) -> None:
+def _apply_relu(x: Singles) -> None:
+    """Replace each x_j (n,) by max(x_j, 0)."""
     for j in range(len(x)):
         x[j] = max(x[j], np.float32(0.0))
 
 
 @njit_inline
-def evaluate(at: Buffers, w: Weights) -> None:
-    """Fills `at.y` with the network's output at `at.x`; single precision but for the units of input and output.
+def evaluate_mlp(buffers: MlpBuffers, w: MlpWeights) -> None:
+    """Fill `buffers.y` with the network's output at `buffers.x`; single precision but for units of input and output.
 
     Rows of W2 that meet a zero, as half of them do behind a ReLU, are skipped.
     """
-    for i in range(len(at.x)):
-        at.z[i] = np.float32((at.x[i] - w.x_mean[i]) / w.x_sd[i])
-    _by_twos(at.z, w.W1, w.b1, at.h1)
-    _relu(at.h1)
-    _copy(w.b2, at.h2)
-    add_product(at.h1, w.W2, at.h2)
-    _relu(at.h2)
-    _by_dots(at.h2, at.V3, w.b3, at.h3)
-    for i in range(len(at.y)):
-        at.y[i] = w.y_mean[i] + w.y_sd[i] * at.h3[i]
+    for i in range(len(buffers.x)):
+        buffers.z[i] = np.float32((buffers.x[i] - w.x_mean[i]) / w.x_sd[i])
+    _multiply_by_row_pairs(buffers.z, w.W1, w.b1, buffers.h1)
+    _apply_relu(buffers.h1)
+    _copy_vector(w.b2, buffers.h2)
+    add_product(buffers.h1, w.W2, buffers.h2)
+    _apply_relu(buffers.h2)
+    _multiply_by_dot_products(buffers.h2, buffers.V3, w.b3, buffers.h3)
+    for i in range(len(buffers.y)):
+        buffers.y[i] = w.y_mean[i] + w.y_sd[i] * buffers.h3[i]
 
 
-def count(w: Weights) -> int:
-    """Weights and biases."""
+def count_weights(w: MlpWeights) -> int:
+    """The number of weights and biases of a network."""
     return sum(a.size for a in (w.W1, w.b1, w.W2, w.b2, w.W3, w.b3))
 
 
-def to_arrays(w: Weights) -> Arrays:
-    """For safetensors."""
+def describe_layers(w: MlpWeights) -> str:
+    """The sizes of a network's layers in words."""
+    return f"hidden {len(w.b1)} and {len(w.b2)}, ReLU, {count_weights(w)} weights"
+
+
+def weights_to_arrays(w: MlpWeights) -> Arrays:
+    """A network's weights as named arrays, for safetensors."""
     return {name: np.ascontiguousarray(value) for name, value in w._asdict().items()}
 
 
-def from_arrays(arrays: Mapping[str, npt.NDArray[Any]], inputs: int) -> Weights:
-    """The inverse of `to_arrays`, of a network with so many inputs and OUTPUTS outputs.
+def weights_from_arrays(arrays: Arrays, inputs: int) -> MlpWeights:
+    """The network with `inputs` inputs and `OUTPUTS` outputs whose `weights_to_arrays` gave `arrays`.
 
     Raises:
         KeyError: an array is missing.
-        ValueError: shapes that make no such network: the kernels look at none.
+        ValueError: the shapes make no such network; the compiled kernels check none.
     """
-    given = {name: np.asarray(arrays[name], order="C") for name in Weights._fields}
-    x_mean, x_sd, y_mean, y_sd = (given[name].astype(np.float64) for name in ("x_mean", "x_sd", "y_mean", "y_sd"))
-    W1, b1, W2, b2, W3, b3 = (given[name].astype(np.float32) for name in ("W1", "b1", "W2", "b2", "W3", "b3"))
-    a, b = b1.size, b2.size
+    given: dict[str, Any] = {name: np.array(arrays[name], np.float64) for name in ("x_mean", "x_sd", "y_mean", "y_sd")}
+    given |= {name: np.array(arrays[name], np.float32, order="C") for name in ("W1", "b1", "W2", "b2", "W3", "b3")}
+    a, b = given["b1"].size, given["b2"].size
     shapes = [(inputs,), (inputs,), (inputs, a), (a,), (a, b), (b,), (b, OUTPUTS), (OUTPUTS,), (OUTPUTS,), (OUTPUTS,)]
-    weights = Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd)
+    weights = MlpWeights(**given)
     if [array.shape for array in weights] != shapes:
         raise ValueError(f"its layers do not make a network of {inputs} inputs and {OUTPUTS} outputs")
     return weights

@@ -9,17 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats
-from bcid.compiled.njit import njit, njit_inline, njit_parallel
-from bcid.models.fitting.windows import transitions
-from bcid.models.interface import Arrays, FitTask, History, Kernels, Scanned
+from bcid.compiled.njit import njit
+from bcid.models.fitting.windows import SingleSteps
+from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
 from bcid.models.network import mlp
-from bcid.models.network.mlp import Buffers, Weights, buffers, evaluate
-from bcid.models.network.training import Network, parts_of, stretches_of, train
+from bcid.models.network.mlp import MlpWeights, allocate_buffers, evaluate_mlp
+from bcid.models.network.training import Network, train_perceptron
 from bcid.models.settings import TrainingSettings
 
 if TYPE_CHECKING:
@@ -30,38 +28,25 @@ N_TWIST = 3 * (LAGS + 1)
 INPUTS = N_TWIST + 2 * (LAGS + 1)
 
 
-@njit_inline
-def advance(carry: Floats, u_s: float, u_m: float, w: Weights, at: Buffers) -> None:
-    """The carry [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}] one period on, in place."""
-    at.x[N_TWIST], at.x[N_TWIST + 1] = u_s, u_m
-    for i in range(len(carry)):
-        at.x[i if i < N_TWIST else i + 2] = carry[i]
-    evaluate(at, w)
-    for i in range(N_TWIST):
-        carry[i] = at.y[i] if i < 3 else at.x[i - 3]
-    for i in range(N_TWIST, len(carry)):
-        carry[i] = at.x[i]
-
-
 @njit
-def _scan(carry: Floats, commands: Floats, w: Weights) -> Floats:
-    twists, at = np.empty((len(commands), 3)), buffers(w)
+def _scan_narx_mlp(carry: Floats, commands: Floats, w: MlpWeights) -> Floats:
+    """Twists (N, 3) of one NARX-MLP after each of `commands` (N, 2); leaves the last rows of both in `carry` (13,)."""
+    twists, buffers = np.empty((len(commands), 3)), allocate_buffers(w)
     for k in range(len(commands)):
-        advance(carry, commands[k, 0], commands[k, 1], w, at)
+        buffers.x[N_TWIST], buffers.x[N_TWIST + 1] = commands[k, 0], commands[k, 1]
+        for i in range(len(carry)):
+            buffers.x[i if i < N_TWIST else i + 2] = carry[i]
+        evaluate_mlp(buffers, w)
+        for i in range(N_TWIST):
+            carry[i] = buffers.y[i] if i < 3 else buffers.x[i - 3]
+        for i in range(N_TWIST, len(carry)):
+            carry[i] = buffers.x[i]
         twists[k] = carry[:3]
     return twists
 
 
-@njit_parallel
-def _scan_many(carries: Floats, commands: Floats, w: Weights) -> Floats:
-    twists = np.empty((len(carries), commands.shape[1], 3))
-    for b in numba.prange(len(carries)):
-        twists[b] = _scan(carries[b], commands[b], w)
-    return twists
-
-
-def _unrolled(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
-    """The rollout in torch, for training; rows newest first, as `advance` has them."""
+def _rollout_in_torch(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
+    """Twists (B, S, 3) of NARX-MLP rollouts over stretches, in torch for training: see `RolloutFunction`."""
     import torch
 
     past, out = twist[:, : LAGS + 1].flip(1).flatten(1), []
@@ -74,55 +59,54 @@ def _unrolled(network: Network, twist: Tensor, kinematic: Tensor, command: Tenso
 
 
 @dataclass(frozen=True)
-class NarxMlp(Scanned):
-    """A fitted NARX-MLP."""
+class NarxMlp(CompiledModel):
+    """A fitted NARX-MLP; its carry is [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}]."""
 
-    weights: Weights
+    weights: MlpWeights
     period_s: float
     facts: Mapping[str, Any]
-    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
+    kernels: ClassVar[ScanKernels] = build_scan_kernels(_scan_narx_mlp)
     name: ClassVar[str] = "narx-mlp"
     lags: ClassVar[int] = LAGS
 
     @property
     def parameter_count(self) -> int:
-        """Weights and biases."""
-        return mlp.count(self.weights)
+        """The number of weights and biases."""
+        return mlp.count_weights(self.weights)
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """Train on the one-step NMSE of the twist, or over rollouts as well."""
+        """Train the perceptron on the one-step error of the twist, and on its rollouts if the settings ask for it."""
         settings = TrainingSettings.model_validate(task.settings)
-        used, held = parts_of(task, settings, LAGS)
-        s = transitions(used, LAGS)
-        n = len(s.twist)
-        x = np.column_stack([s.twist.reshape(n, -1), s.command.reshape(n, -1)])
-        stretches = stretches_of(used, held, settings, _unrolled, LAGS)
-        weights, facts = train(x, s.next_twist, settings, task.seed, task.progress, stretches)
+
+        def mapping(s: SingleSteps) -> tuple[Floats, Floats]:
+            n = len(s.twist)
+            return np.column_stack([s.twist.reshape(n, -1), s.command.reshape(n, -1)]), s.next_twist
+
+        weights, facts = train_perceptron(task, settings, mapping, _rollout_in_torch, LAGS)
         return cls(weights, task.period_s, facts)
 
     def init(self, history: History) -> Floats:
-        """The last three twists, newest first, then the two commands before t_k."""
+        """The carry: the last three twists, newest first, then the two commands before t_k."""
         return np.concatenate([history.twist[::-1].ravel(), history.command[::-1].ravel()])
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """See `Scanned`."""
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """The weights, as the compiled scan takes them."""
         return (self.weights,)
 
     def describe(self) -> str:
-        """The structure."""
-        a, b = self.weights.W2.shape
+        """The structure of the model: inputs, outputs and layers."""
         return (
             "[v_x v_y w](k+1) = MLP(v(k), v(k-1), v(k-2), u(k), u(k-1), u(k-2))\n"
-            f"MLP: {len(self.weights.x_mean)} inputs, hidden {a} and {b}, ReLU, {self.parameter_count} weights"
+            f"MLP: {INPUTS} inputs, {mlp.describe_layers(self.weights)}"
         )
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """See `Model.state`."""
-        return {"period_s": self.period_s, "facts": dict(self.facts)}, mlp.to_arrays(self.weights)
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """The JSON object and the weights from which `from_saved` restores the model."""
+        return {"period_s": self.period_s, "facts": dict(self.facts)}, mlp.weights_to_arrays(self.weights)
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """See `Model.from_state`."""
-        return cls(mlp.from_arrays(arrays, INPUTS), data["period_s"], data["facts"])
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model whose `to_saved` gave `data` and `arrays`."""
+        return cls(mlp.weights_from_arrays(arrays, INPUTS), data["period_s"], data["facts"])

@@ -5,8 +5,6 @@ registers while the rows of what is not zero go by, found from a mask of x.  The
 width the machine has: numba has no word for them, hence the intermediate code written out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -24,10 +22,11 @@ LANES = 16  # of a vector
 MASKED = 64  # elements of x that are looked at together
 _SINGLE, _INT, _BIT, _INDEX = ir.FloatType(), ir.IntType(64), ir.IntType(1), ir.IntType(32)
 _VECTOR, _WIDE = ir.VectorType(_SINGLE, LANES), ir.VectorType(_SINGLE, MASKED)
+_NO_VECTOR = _VECTOR(ir.Undefined)
 
 
-def _rows(vectors: int) -> Any:
-    """The addition of rows for `vectors` times LANES columns, y[first:] += x W[:, first:]."""
+def _build_row_adder(vectors: int) -> Any:
+    """Build a numba intrinsic that adds x W[:, first:] to y[first:] for the next `vectors` times LANES columns."""
 
     @intrinsic
     def add(typing: Any, x: Any, W: Any, y: Any, first: Any) -> Any:
@@ -35,28 +34,29 @@ def _rows(vectors: int) -> Any:
             raise TypingError("rows are added of contiguous arrays of single precision only")
 
         def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            (px, (n,)), (pW, (_, m)), (py, _) = (
-                _parts(context, builder, kind, array) for kind, array in zip(signature.args[:3], given[:3], strict=True)
-            )
+            arrays = [context.make_array(signature.args[i])(context, builder, given[i]) for i in range(3)]
+            (px, pW, py), (n, m) = (a.data for a in arrays), cgutils.unpack_tuple(builder, arrays[1].shape, 2)
             columns = [builder.add(given[3], _INT(LANES * k)) for k in range(vectors)]
-            sums = [cgutils.alloca_once_value(builder, _load(builder, py, at)) for at in columns]
+            sums = [cgutils.alloca_once_value(builder, _load_vector(builder, py, at)) for at in columns]
 
             def add_row(i: Any) -> None:
-                all_x = _spread(builder, builder.load(builder.gep(px, [i])))
+                first_x = builder.insert_element(_NO_VECTOR, builder.load(builder.gep(px, [i])), _INDEX(0))
+                all_x = builder.shuffle_vector(first_x, _NO_VECTOR, ir.VectorType(_INDEX, LANES)([0] * LANES))
                 for total, at in zip(sums, columns, strict=True):
-                    w = _load(builder, pW, builder.add(builder.mul(i, m), at))
+                    w = _load_vector(builder, pW, builder.add(builder.mul(i, m), at))
                     product = builder.fmul(all_x, w, flags=["contract"])
                     builder.store(builder.fadd(builder.load(total), product, flags=["contract"]), total)
 
             masked = builder.mul(builder.udiv(n, _INT(MASKED)), _INT(MASKED))
             with cgutils.for_range_slice(builder, _INT(0), masked, _INT(MASKED), _INT) as (base, _):
-                mask = builder.fcmp_unordered("!=", _load(builder, px, base, _WIDE), _WIDE(None))
-                with _bits(builder, builder.bitcast(mask, _INT)) as bit:
+                mask = builder.fcmp_unordered("!=", _load_vector(builder, px, base, _WIDE), _WIDE(None))
+                with _loop_over_set_bits(builder, builder.bitcast(mask, _INT)) as bit:
                     add_row(builder.add(base, bit))
             with cgutils.for_range_slice(builder, masked, n, _INT(1), _INT) as (i, _):
                 add_row(i)
             for total, at in zip(sums, columns, strict=True):
-                _store(builder, builder.load(total), py, at)
+                pointer = builder.bitcast(builder.gep(py, [at]), _VECTOR.as_pointer())
+                builder.store(builder.load(total), pointer).align = 4
             return context.get_dummy_value()
 
         return types.void(x, W, y, first), code
@@ -64,31 +64,16 @@ def _rows(vectors: int) -> Any:
     return add
 
 
-def _parts(context: Any, builder: Any, kind: Any, array: Any) -> tuple[Any, Any]:
-    """Data and shape of an array."""
-    of = context.make_array(kind)(context, builder, array)
-    return of.data, cgutils.unpack_tuple(builder, of.shape, kind.ndim)
-
-
-def _load(builder: Any, data: Any, at: Any, kind: Any = _VECTOR) -> Any:
+def _load_vector(builder: Any, data: Any, at: Any, kind: Any = _VECTOR) -> Any:
+    """The vector that begins at element `at` of `data`."""
     loaded = builder.load(builder.bitcast(builder.gep(data, [at]), kind.as_pointer()))
     loaded.align = 4
     return loaded
 
 
-def _store(builder: Any, value: Any, data: Any, at: Any) -> None:
-    builder.store(value, builder.bitcast(builder.gep(data, [at]), _VECTOR.as_pointer())).align = 4
-
-
-def _spread(builder: Any, x: Any) -> Any:
-    """A vector of x alone."""
-    one = builder.insert_element(_VECTOR(ir.Undefined), x, _INDEX(0))
-    return builder.shuffle_vector(one, _VECTOR(ir.Undefined), ir.VectorType(_INDEX, LANES)([0] * LANES))
-
-
 @contextmanager
-def _bits(builder: Any, mask: Any) -> Iterator[Any]:
-    """A loop over the places of the mask's ones, lowest first."""
+def _loop_over_set_bits(builder: Any, mask: Any) -> Iterator[Any]:
+    """Emit a loop over the positions of the ones in `mask`, lowest first; the body sees each position."""
     left = cgutils.alloca_once_value(builder, mask)
     kind = ir.FunctionType(_INT, [_INT, _BIT])
     trailing_zeros = cgutils.get_or_insert_function(builder.module, kind, "llvm.cttz.i64")
@@ -105,12 +90,12 @@ def _bits(builder: Any, mask: Any) -> Iterator[Any]:
 
 
 _WIDTHS = (8 * LANES, 4 * LANES)
-_add_widest, _add_wide = (_rows(width // LANES) for width in _WIDTHS)
+_add_widest, _add_wide = (_build_row_adder(width // LANES) for width in _WIDTHS)
 
 
 @njit_inline
 def add_product(x: Singles, W: Singles, y: Singles) -> None:
-    """Y += x W, of contiguous arrays (n,), (n, m) and (m,); rows that meet zeros of x are skipped, but for the last.
+    """Add x W to y, of contiguous arrays (n,), (n, m) and (m,); rows that meet zeros of x are mostly skipped.
 
     Raises:
         ValueError: shapes that do not fit.

@@ -5,101 +5,76 @@ The rollout loss is what reports quote: the squared error of the twist, over man
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bcid.aliases import Floats, Progress
-from bcid.estimate.types import Estimate
-from bcid.models.fitting.windows import Windows, divided, scale, spread, steps_of, windows
+from bcid.aliases import Floats
+from bcid.models.fitting import windows
 from bcid.models.interface import FitTask
-from bcid.models.network.mlp import Weights
+from bcid.models.network.mlp import MlpWeights
 from bcid.models.settings import TrainingSettings
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-Network = Callable[["Tensor"], "Tensor"]  # inputs (B, n) in their units to outputs (B, m) in theirs
-Unrolled = Callable[[Network, "Tensor", "Tensor", "Tensor"], "Tensor"]
-"""A network, twists, kinematic states and commands of stretches as `Windows` has them, to the twists (B, S, 3) after
-each step; the kinematic states hold the steering angles as the servo alone determines them."""
+Network = Callable[["Tensor"], "Tensor"]
+"""Maps inputs (B, n) in their units to outputs (B, m) in theirs."""
 
-LOUDEST = 1.0  # norm of a gradient, above which it is shortened: a rollout near its limit has no useful slope
-EVERY = 4  # of a stretch's length, the distance of neighbouring starts
+RolloutFunction = Callable[[Network, "Tensor", "Tensor", "Tensor"], "Tensor"]
+"""Maps a network, twists, kinematic states and commands of stretches as `Windows` has them, to the twists (B, S, 3)
+after each step; the kinematic states hold the steering angles as the servo alone determines them."""
 
-
-class Stretches(NamedTuple):
-    """What the rollout loss is taken of."""
-
-    used: Windows
-    held: Windows  # on which the best epoch is chosen
-    unrolled: Unrolled
+MAX_GRADIENT_NORM = 1.0  # longer ones are shortened: a rollout near divergence has no useful slope
+STARTS_PER_STRETCH = 4  # stretches that begin within the length of one: every fourth of them holds each sample once
 
 
-def parts_of(task: FitTask, settings: TrainingSettings, lags: int = 0) -> tuple[list[Estimate], list[Estimate]]:
-    """The takes to train on, and their ends on which the best epoch is chosen; all and none with the one-step loss."""
-    if settings.loss == "one-step":
-        return list(task.estimates), []
-    return divided(task.estimates, lags + 1 + steps_of(settings.loss, settings.horizon_s, task.period_s))
+def train_perceptron(
+    task: FitTask, settings: TrainingSettings, mapping: Callable[[windows.SingleSteps], tuple[Floats, Floats]],
+    rollout: RolloutFunction, lags: int = 0, prepare: Callable[[windows.Windows], windows.Windows] = lambda w: w,
+) -> tuple[MlpWeights, dict[str, Any]]:  # fmt: skip
+    """Train a perceptron on the takes of `task`: its weights, and the losses of the epochs.
 
+    First on the mean squared error of the normalised output (paper, lossv with W = 1/sigma): Adam with weight decay, a
+    learning rate that falls by `decay_factor` every `decay_epochs`, dropout.  Then, for the loss "rollout", on the
+    error of the twist in the model's own rollouts; the takes' ends are left out, and choose the best epoch.
 
-def stretches_of(
-    used: Sequence[Estimate], held: Sequence[Estimate], settings: TrainingSettings, unrolled: Unrolled,
-    lags: int = 0, prepared: Callable[[Windows], Windows] = lambda taken: taken,
-) -> Stretches | None:  # fmt: skip
-    """Those of the parts, `prepared`; None with the one-step loss."""
-    if not held:
-        return None
-    steps = steps_of(settings.loss, settings.horizon_s, used[0].period_s)
-    first, second = (prepared(windows(part, steps, max(1, steps // EVERY), lags)) for part in (used, held))
-    return Stretches(first, second, unrolled)
-
-
-def _moments(values: Floats) -> tuple[Floats, Floats]:
-    return values.mean(axis=0), spread(values)
-
-
-def train(
-    x: Floats, y: Floats, settings: TrainingSettings, seed: int, progress: Progress,
-    rollouts: Stretches | None = None,
-) -> tuple[Weights, dict[str, Any]]:  # fmt: skip
-    """Weights that map `x` (N, n) to `y` (N, m), and the losses of the epochs.
-
-    First the mean squared error of the normalised output (paper, lossv with W = 1/sigma): Adam with weight decay, a
-    learning rate that falls by `decay_factor` every `decay_epochs`, dropout while training.  Then, where there are
-    stretches, that of their twists in the model's own rollouts.
+    `mapping` makes of single steps the inputs (N, n) and outputs (N, m) to be learned; `lags` counts the rows that the
+    model wants before a start; `prepare` changes stretches before rollouts are compared with them.
     """
     import torch
     from torch import nn
 
-    torch.set_num_threads(1)  # nets this small lose time on more
-    moments = _moments(x), _moments(y)
+    training, stretches = list(task.estimates), list[windows.Windows]()
+    if settings.loss == "rollout":
+        steps = windows.loss_steps(settings.loss, settings.horizon_s, task.period_s)
+        training, ends = windows.split_off_ends(task.estimates, lags + 1 + steps)
+        every = max(1, steps // STARTS_PER_STRETCH)
+        stretches = [prepare(windows.cut_windows(takes, steps, every, lags)) for takes in (training, ends)]
+    x, y = mapping(windows.single_steps(training, lags))
+    torch.set_num_threads(1)  # networks this small lose time on more
+    (x_mean, x_sd), (y_mean, y_sd) = moments = [(v.mean(axis=0), windows.column_spread(v)) for v in (x, y)]
     with torch.random.fork_rng():
-        torch.manual_seed(seed)
-        net = network(x.shape[1], settings, y.shape[1])
-        inputs, targets = (_normal(v, m) for v, m in zip((x, y), moments, strict=True))
-        losses = _on_single_steps(net, inputs, targets, settings, seed, progress)
+        torch.manual_seed(task.seed)
+        net = build_perceptron(x.shape[1], settings, y.shape[1])
+        normalised = (x - x_mean) / x_sd, (y - y_mean) / y_sd
+        inputs, targets = (torch.tensor(v, dtype=torch.float32) for v in normalised)
+        losses = _train_on_single_steps(net, inputs, targets, settings, task)
         facts: dict[str, Any] = {"loss": settings.loss, "epochs": settings.epochs, "losses": losses}
-        if rollouts is not None:
-            facts |= _on_rollouts(net, moments, rollouts, settings, seed, progress)
+        if stretches:
+            facts |= _train_on_rollouts(net, moments, rollout, stretches, settings, task)
     layers = [layer for layer in net if isinstance(layer, nn.Linear)]
     W1, b1, W2, b2, W3, b3 = (
         np.ascontiguousarray(a.detach().numpy().T) for layer in layers for a in (layer.weight, layer.bias)
     )
-    (x_mean, x_sd), (y_mean, y_sd) = moments
-    return Weights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd), facts
+    return MlpWeights(x_mean, x_sd, W1, b1, W2, b2, W3, b3, y_mean, y_sd), facts
 
 
-def _normal(values: Floats, moments: tuple[Floats, Floats]) -> Tensor:
-    import torch
-
-    return torch.tensor((values - moments[0]) / moments[1], dtype=torch.float32)
-
-
-def network(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
-    """A perceptron to be trained."""
+def build_perceptron(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
+    """An untrained perceptron with two hidden ReLU layers and dropout."""
     from torch import nn
 
     first, second = settings.hidden
@@ -110,33 +85,33 @@ def network(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
     )  # fmt: skip
 
 
-def _on_single_steps(
-    net: Any, inputs: Tensor, targets: Tensor, settings: TrainingSettings, seed: int, progress: Progress
+def _train_on_single_steps(
+    net: Any, inputs: Tensor, targets: Tensor, settings: TrainingSettings, task: FitTask
 ) -> list[float]:
-    """Trains `net`; the losses of at most a hundred epochs."""
+    """Train `net` on normalised single steps; the losses of at most a hundred epochs."""
     import torch
 
-    generator = torch.Generator().manual_seed(seed)
-    adam = optimiser(net, settings)
+    generator = torch.Generator().manual_seed(task.seed)
+    adam = build_adam(net, settings)
     schedule = torch.optim.lr_scheduler.StepLR(adam, settings.decay_epochs, settings.decay_factor)
     losses = []
     share = 1.0 if settings.loss == "one-step" else 0.5
     for k in range(settings.epochs):
-        losses.append(epoch(net, adam, inputs, targets, settings.batch_size, generator))
+        losses.append(train_epoch(net, adam, inputs, targets, settings.batch_size, generator))
         schedule.step()
-        progress(share * (k + 1) / settings.epochs, f"epoch {k + 1}, loss {losses[-1]:.2e}")
+        task.progress(share * (k + 1) / settings.epochs, f"epoch {k + 1}, loss {losses[-1]:.2e}")
     return losses[:: max(1, len(losses) // 100)]
 
 
-def optimiser(net: Any, settings: TrainingSettings) -> Any:
-    """Adam with weight decay, its steps fused."""
+def build_adam(net: Any, settings: TrainingSettings) -> Any:
+    """Adam with weight decay for the parameters of `net`."""
     import torch
 
     return torch.optim.Adam(net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
 
 
-def epoch(net: Any, adam: Any, inputs: Tensor, targets: Tensor, batch_size: int, generator: Any) -> float:
-    """One pass over all samples in an order of its own; the mean loss.
+def train_epoch(net: Any, optimiser: Any, inputs: Tensor, targets: Tensor, batch_size: int, generator: Any) -> float:
+    """Train `net` on all samples once, in a random order; the mean loss.
 
     Batches are rows of tensors that lie in memory: a DataLoader would gather them one by one.
     """
@@ -145,65 +120,62 @@ def epoch(net: Any, adam: Any, inputs: Tensor, targets: Tensor, batch_size: int,
     total = 0.0
     for rows in torch.randperm(len(inputs), generator=generator).split(batch_size):  # type: ignore[no-untyped-call]
         loss = torch.nn.functional.mse_loss(net(inputs[rows]), targets[rows])
-        adam.zero_grad()
+        optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
-        adam.step()
+        optimiser.step()
         total += float(loss.detach()) * len(rows)
     return total / len(inputs)
 
 
-def _on_rollouts(
-    net: Any, moments: Any, stretches: Stretches, settings: TrainingSettings, seed: int, progress: Progress
+def _train_on_rollouts(
+    net: Any, moments: Any, rollout: RolloutFunction, stretches: Sequence[windows.Windows], settings: TrainingSettings,
+    task: FitTask,
 ) -> dict[str, Any]:  # fmt: skip
-    """Trains `net` further, without dropout, at a rate that falls to nothing; it ends as it was at its best epoch.
+    """Train `net` further on rollouts, without dropout, and restore its best epoch; the losses.
 
-    An epoch goes once over as many steps as there are samples, from starts drawn anew.
+    `stretches` are those to train on and those that choose the epoch, `moments` means and standard deviations of inputs
+    and outputs.  The learning rate falls to zero; each epoch draws one in `STARTS_PER_STRETCH` of the stretches.
     """
     import torch
 
     (x_mean, x_sd), (y_mean, y_sd) = ((torch.tensor(v, dtype=torch.float32) for v in pair) for pair in moments)
 
-    def in_units(at: Tensor) -> Tensor:
-        return y_mean + y_sd * net((at - x_mean) / x_sd)  # type: ignore[no-any-return]
+    def network(x: Tensor) -> Tensor:
+        return y_mean + y_sd * net((x - x_mean) / x_sd)  # type: ignore[no-any-return]
 
-    weight = torch.tensor(scale(stretches.used.twist[:, 0]), dtype=torch.float32)
-    used, held = ([torch.tensor(c, dtype=torch.float32) for c in w[:3]] for w in stretches[:2])
-    steps = stretches.used.steps
+    weight = torch.tensor(windows.inverse_spread(stretches[0].twist[:, 0]), dtype=torch.float32)
+    training, validation = ([torch.tensor(c, dtype=torch.float32) for c in w[:3]] for w in stretches)
+    count, steps = stretches[0].stretch_count, stretches[0].steps
 
     def loss_of(twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
-        off = stretches.unrolled(in_units, twist, kinematic, command) - twist[:, -steps:]
-        return ((weight * off) ** 2).mean()
+        error = rollout(network, twist, kinematic, command) - twist[:, -steps:]
+        return ((weight * error) ** 2).mean()
 
-    generator = torch.Generator().manual_seed(seed + 1)
+    generator = torch.Generator().manual_seed(task.seed + 1)
     net.eval()
     adam = torch.optim.Adam(net.parameters(), lr=settings.rollout_learning_rate, fused=True)
-    count = stretches.used.number
-    per_epoch = max(1, count // EVERY)
+    per_epoch = max(1, count // STARTS_PER_STRETCH)
 
-    def judged() -> float:
+    def validation_loss() -> float:
         with torch.no_grad():
-            return float(loss_of(*(c[::EVERY] for c in held)))
+            return float(loss_of(*(c[::STARTS_PER_STRETCH] for c in validation)))
 
-    best, least, history = _copied(net), judged(), list[float]()
+    best, least, history = copy.deepcopy(net.state_dict()), validation_loss(), list[float]()
     for epoch in range(settings.rollout_epochs):
         for group in adam.param_groups:
-            group["lr"] = (
-                settings.rollout_learning_rate * 0.5 * (1 + math.cos(math.pi * epoch / settings.rollout_epochs))
-            )
+            fall = math.cos(math.pi * epoch / settings.rollout_epochs)
+            group["lr"] = settings.rollout_learning_rate * 0.5 * (1 + fall)
         drawn = torch.randperm(count, generator=generator)[:per_epoch]
         for rows in drawn.split(settings.rollout_batch):  # type: ignore[no-untyped-call]
-            loss = loss_of(*(c[rows] for c in used))
+            loss = loss_of(*(c[rows] for c in training))
             adam.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(net.parameters(), LOUDEST)
+            torch.nn.utils.clip_grad_norm_(net.parameters(), MAX_GRADIENT_NORM)
             adam.step()
-        history.append(judged())
+        history.append(validation_loss())
         if history[-1] < least:
-            best, least = _copied(net), history[-1]
-        progress(0.5 + 0.5 * (epoch + 1) / settings.rollout_epochs, f"rollouts {epoch + 1}, loss {history[-1]:.2e}")
+            best, least = copy.deepcopy(net.state_dict()), history[-1]
+        done = (epoch + 1) / settings.rollout_epochs
+        task.progress(0.5 + 0.5 * done, f"rollouts {epoch + 1}, loss {history[-1]:.2e}")
     net.load_state_dict(best)
     return {"rollout_epochs": settings.rollout_epochs, "held_out_rollout_loss": least, "rollout_losses": history}
-
-
-def _copied(net: Any) -> dict[str, Tensor]:
-    return {name: value.detach().clone() for name, value in net.state_dict().items()}

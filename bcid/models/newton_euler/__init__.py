@@ -1,4 +1,4 @@
-"""Newton-Euler models of the twist.
+"""Newton-Euler models of the twist: fitted constants, their linearisation, and the car augmented by effects."""
 
-Equations with fitted constants, their linearisation, and those augmented by effects.
-"""
+CARS_PER_CHUNK = 256
+"""Cars whose states advance together: few enough for them to stay in the nearest cache."""

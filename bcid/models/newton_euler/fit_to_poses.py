@@ -1,11 +1,9 @@
 """Fitting the Newton-Euler model's constants to recorded poses: output error, with nothing smoothed in between.
 
-A one-step fit takes the smoother's velocities for the truth; their errors are alike from row to row, so that it is
-biased by more than it says.  Here poses are predicted over stretches of 1.5 s from free initial states, with forces of
-unknown size on the body, and the likelihood weighs both (`bcid.likelihood`).
+A one-step fit takes the smoother's velocities for the truth; their errors are correlated from row to row, so that it is
+biased by more than its standard errors say.  Here poses are predicted over stretches of 1.5 s from free initial
+states, with forces of unknown size on the body, and the likelihood weighs both (`bcid.likelihood`).
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -13,110 +11,104 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bcid.aliases import Floats
-from bcid.errors import InputRefused
+from bcid.errors import PredictionDiverged
+from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG, PRIOR_SD
-from bcid.likelihood.marginal import log_likelihood, moments, rescaled
-from bcid.likelihood.nuisance import deviations
-from bcid.likelihood.prepare import base_from, base_of, suited
+from bcid.likelihood.marginal import estimate_scales, segment_moments, student_log_densities
+from bcid.likelihood.nuisance import residuals_without_pushes
+from bcid.likelihood.prepare import base_hypothesis, needs_pushes, prepare_and_fit_base, refit_base_with_pushes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.models.interface import FitTask
-from bcid.models.newton_euler.initial_guess import started_car
-from bcid.models.newton_euler.parameters import LIMITS, correlated, parameters
+from bcid.models.limits import LIMITS
+from bcid.models.newton_euler.initial_guess import guess_car
+from bcid.models.newton_euler.parameters import SATURATIONS, TOP_SPEED_QUANTILE, constant_facts, constants_to_fit
 from bcid.models.settings import NewtonEulerSettings
 from bcid.physics.car import Car
 
-OF_THE_PRIOR = 0.5  # of its standard deviation: who knows no more has learnt little from the poses
-TINY = 1e-12
-SHOWN = 6.0  # nats that a limit must gain, all other constants held, which takes part of it for nothing
-STEERING = {"T_s": ("s", "steering time constant"), "d": ("rad/s", "steering rate limit")}
+MIN_DRAG = 1e-12  # SI units, in relative errors
+STEERING_CONSTANTS = {
+    "T_s": {"unit": "s", "meaning": "steering time constant"},
+    "d": {"unit": "rad/s", "meaning": "steering rate limit"},
+}
 
 
 def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
-    """The likeliest car, and how it was found; a throttle's dead zone is held as one-step predictions give it.
+    """The likeliest car given the recorded poses, and facts of the fit; a throttle's dead zone stays as guessed.
 
     Raises:
-        InputRefused: when too little of the recordings can be used, or the model cannot follow them.
+        InputRefused: too little of the recordings can be used, or the model cannot follow them.
     """
     settings = NewtonEulerSettings.model_validate(task.settings)
-    known, estimates = task.estimates[0].facts, list(task.estimates)
-    task.progress(0.02, "a first car")
-    start = started_car(estimates, task.vehicle, known["T_s"], known["d"], settings.v_0_mps)
-    hypothesis = base_of(task.vehicle, start, estimates)
+    estimates = list(task.estimates)
+    task.progress(0.02, "initial guess")
+    start = guess_car(estimates, task.vehicle, *estimates[0].steering_constants(), settings.v_0_mps)
+    hypothesis = base_hypothesis(task.vehicle, start, estimates)
     with threadpool_limits(1, "blas"):
-        try:
+        with refuse_divergence(task.recordings):
             task.progress(0.1, "likelihood of the poses")
-            take, _, fit = base_from(task.recordings, estimates, hypothesis, ())
-            take, fit = suited(take, fit)
-        except (FloatingPointError, np.linalg.LinAlgError) as error:
-            raise InputRefused(
-                task.recordings[0].sources[0].path, "poses and commands", f"the model cannot follow them: {error}",
-                "check the vehicle file's mass, distances and limits, and the recording's units",
-            ) from error  # fmt: skip
-        unreached = _unreached(fit, take)
-    top = float(np.quantile(np.concatenate([e.kinematic[:, 0] for e in estimates]), 0.999))
-    return fit.car(), _facts(fit, take.segments, unreached, task, top)
-
-
-def _facts(fit: Fit, stretches: int, unreached: list[str], task: FitTask, top: float) -> dict[str, Any]:
-    about = {p.symbol: (p.unit, p.meaning) for p in parameters(task.vehicle, top)} | STEERING
-    symbols, covariance = stated(fit, top)
-    hidden = [symbols.index(s) for s in unreached]
-    covariance[hidden], covariance[:, hidden] = np.nan, np.nan
-    errors = np.sqrt(np.diag(covariance))
-    hypothesis = fit.hypothesis
+            take, _, fit = prepare_and_fit_base(task.recordings, estimates, hypothesis, ())
+            if needs_pushes(fit, take):
+                take, fit = refit_base_with_pushes(take, fit)
+        unreached = _find_unreached_saturations(fit, take)
+    top_speed = float(np.quantile(np.concatenate([e.kinematic[:, 0] for e in estimates]), TOP_SPEED_QUANTILE))
+    searched = constants_to_fit(task.vehicle, top_speed)
+    known = {p.symbol: {"unit": p.unit, "meaning": p.meaning} for p in searched} | STEERING_CONSTANTS
+    symbols, covariance = relative_error_covariance(fit, top_speed)
+    unstated = [symbols.index(s) for s in unreached]
+    covariance[unstated], covariance[:, unstated] = np.nan, np.nan
+    ends = fit.hypothesis.is_at_bound(fit.phi)
+    at_bound = [s for s, at_end in zip(fit.hypothesis.log_parameters, ends, strict=False) if at_end]
     x, y, yaw = 1e3 * fit.scales.r
-    return {
-        "optimiser": f"likelihood of the poses in {stretches} stretches of 1.5 s",
+    facts = {
+        "optimiser": f"likelihood of the poses in {take.segments} stretches of 1.5 s",
         "loss": "poses",
-        "reached": f"noise of {x:.2g} and {y:.2g} mm, {yaw:.2g} mrad; ± as far as the model lacks nothing",
+        "fit_quality": f"noise of {x:.2g} and {y:.2g} mm, {yaw:.2g} mrad; ± as far as the model lacks nothing",
         "log_likelihood": fit.log_likelihood,
-        "fitted": {
-            symbol: {
-                "unit": about[symbol][0], "meaning": about[symbol][1],
-                "relative_se": float(se) if np.isfinite(se) else None,
-            }
-            for symbol, se in zip(symbols, errors, strict=True)
-        },
-        "correlated": correlated(covariance, symbols),
-        "at_bound": [s for s, at_end in zip(hypothesis.logs, hypothesis.at_bound(fit.phi), strict=False) if at_end],
-        "top_speed_mps": top,
+        **constant_facts({s: known[s] for s in symbols}, covariance, np.sqrt(np.diag(covariance)), at_bound),
+        "top_speed_mps": top_speed,
         "mass_given": task.vehicle.body.mass_kg is not None,
-    }  # fmt: skip
+    }
+    return fit.car(), facts
 
 
-def stated(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
-    """The constants that a fit states, and the covariance of their relative errors.
+def relative_error_covariance(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
+    """Symbols of the n constants that a fit to poses reports, and the covariance (n, n) of their relative errors.
 
-    Of the drag, R_1 and the drag per speed R_v at the top speed.  NaN where the poses say less than the prior does.
+    Drag is reported as R_1 and as R_v, the drag per speed at `top_speed` (m/s).  Rows and columns are NaN where the
+    poses teach too little beyond the prior.
     """
-    car, logs = fit.car(), list(fit.hypothesis.logs)
-    n, (of_1, of_2) = len(logs), fit.hypothesis.drag_units
+    car, logs = fit.car(), list(fit.hypothesis.log_parameters)
+    n, (unit_1, unit_2) = len(logs), fit.hypothesis.drag_units
     R_v = car.R_1 + car.R_2 * top_speed
-    to = np.zeros((n + 2, n + len(DRAG)))  # relative errors of what is stated, per unit of phi
-    to[:n, :n] = np.eye(n)
-    to[n, n], to[n + 1, n:] = of_1 / max(abs(car.R_1), TINY), np.array([of_1, of_2 * top_speed]) / max(abs(R_v), TINY)
+    # D (relative error of a constant) / D phi.
+    J = np.zeros((n + 2, n + len(DRAG)))
+    J[:n, :n] = np.eye(n)
+    J[n, n] = unit_1 / max(abs(car.R_1), MIN_DRAG)
+    J[n + 1, n:] = np.array([unit_1, unit_2 * top_speed]) / max(abs(R_v), MIN_DRAG)
     base = fit.covariance[: n + len(DRAG), : n + len(DRAG)]
-    covariance: Floats = to @ base @ to.T
-    unshown = np.sqrt(np.diag(base)) > OF_THE_PRIOR * PRIOR_SD
-    unshown = np.r_[unshown[:n], unshown[n], unshown[n:].any()]
-    covariance[unshown], covariance[:, unshown] = np.nan, np.nan
+    covariance: Floats = J @ base @ J.T
+    unknown = np.sqrt(np.diag(base)) > LIMITS.max_prior_sd_share * PRIOR_SD
+    unknown = np.r_[unknown[:n], unknown[n], unknown[n:].any()]
+    covariance[unknown], covariance[:, unknown] = np.nan, np.nan
     return [*logs, "R_1", "R_v"], covariance
 
 
-def _unreached(fit: Fit, take: Take) -> list[str]:
-    """Limits without which the poses are as likely: they do not show them, whatever the slope at a few samples says."""
+def _find_unreached_saturations(fit: Fit, take: Take) -> list[str]:
+    """Symbols of the saturation forces without which the poses are about as likely: the takes do not reach them."""
     hypothesis, found = fit.hypothesis, list[str]()
-    for j, symbol in enumerate(hypothesis.logs):
-        if symbol not in LIMITS:
+    for j, symbol in enumerate(hypothesis.log_parameters):
+        if symbol not in SATURATIONS:
             continue
         phi = fit.phi.copy()
         phi[j] = np.inf
         try:
-            r = deviations(take, hypothesis.setting(phi, take), fit.start, fit.tangent.A)
-            free = log_likelihood(rescaled(moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]).sum()
-        except FloatingPointError:  # without it the car leaves the finite numbers
+            r = residuals_without_pushes(take, hypothesis.prediction_inputs(phi, take), fit.start, fit.tangent.A)
+            free = student_log_densities(
+                estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]
+            ).sum()
+        except PredictionDiverged:  # without the force the car diverges, so it is reached
             continue
-        if fit.log_likelihood - free < SHOWN:
+        if fit.log_likelihood - free < LIMITS.min_saturation_nats:
             found.append(symbol)
     return found

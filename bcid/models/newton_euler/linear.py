@@ -9,27 +9,23 @@ that rest stays rest.  Below zero u_m brakes: v_x' = (u_m K_b - R) v_x/m.  The c
 fitted Newton-Euler model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Self
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats
-from bcid.compiled.njit import njit, njit_parallel
-from bcid.models.fitting.windows import transitions
-from bcid.models.interface import Arrays, FitTask, History, Kernels, Scanned
+from bcid.compiled.njit import njit
+from bcid.models.fitting.windows import single_steps
+from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
 
 
-class Linear(NamedTuple):
-    """[v_y, w]' = A [v_y, w] + b delta, and the constants of v_x'."""
+class LinearCar(NamedTuple):
+    """A linearised car: [v_y, w]' = A [v_y, w] + b delta, and the constants of v_x'."""
 
     A: Floats  # (2, 2)
     b: Floats  # (2,)
@@ -42,20 +38,22 @@ class Linear(NamedTuple):
     d: float
 
 
-def linearise(p: Car, v: float) -> Linear:
-    """The linear model of car `p` about straight driving at `v` (m/s)."""
+def linearise(p: Car, v: float) -> LinearCar:
+    """Linearise the car `p` about straight driving at `v` (m/s)."""
     s = max(v, p.v_0)
     C, moment = p.C_f + p.C_r, p.C_r * p.l_r - p.C_f * p.l_f
     damping = p.C_f * p.l_f**2 + p.C_r * p.l_r**2
     A = np.array([[-C / (p.m * s), moment / (p.m * s) - v], [moment / (p.I_z * s), -damping / (p.I_z * s)]])
     b = p.C_f * v / s * np.array([1.0 / p.m, p.l_f / p.I_z])
     follow = p.K_v if p.sets_force else p.K_t
-    return Linear(A, b, p.K_t / p.m, follow / p.m, p.K_b / p.m, (p.R_1 + p.R_2 * v) / p.m, p.u_0, p.T_s, p.d)
+    return LinearCar(A, b, p.K_t / p.m, follow / p.m, p.K_b / p.m, (p.R_1 + p.R_2 * v) / p.m, p.u_0, p.T_s, p.d)
 
 
 @njit
-def advance(x: Floats, delta: float, u_s: float, u_m: float, lin: Linear, period: float) -> tuple[Floats, float]:
-    """Twist and steering angle one period later: RK4 in two substeps, as the full model."""
+def advance_linear(
+    x: Floats, delta: float, u_s: float, u_m: float, lin: LinearCar, period: float
+) -> tuple[Floats, float]:
+    """Twist x = [v_x, v_y, w] and steering angle of the linearised car one `period` (s) later: RK4 in two substeps."""
     after = steering_step(delta, u_s, lin.T_s, lin.d, period)
     gain, push = lin.brake * min(u_m, 0.0) - lin.drag, 0.0
     if u_m > lin.u_0 or (u_m >= 0.0 and lin.u_0 == 0.0):
@@ -76,84 +74,70 @@ def advance(x: Floats, delta: float, u_s: float, u_m: float, lin: Linear, period
 
 
 @njit
-def _scan(carry: Floats, commands: Floats, lin: Linear, period: float) -> Floats:
+def _scan_linear(carry: Floats, commands: Floats, lin: LinearCar, period: float) -> Floats:
+    """Twists (N, 3) of one linearised car after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
     twists = np.empty((len(commands), 3))
     x, delta = carry[:3].copy(), carry[3]
     for k in range(len(commands)):
-        x, delta = advance(x, delta, commands[k, 0], commands[k, 1], lin, period)
+        x, delta = advance_linear(x, delta, commands[k, 0], commands[k, 1], lin, period)
         twists[k] = x
     carry[:3], carry[3] = x, delta
     return twists
 
 
-@njit_parallel
-def _scan_many(carries: Floats, commands: Floats, lin: Linear, period: float) -> Floats:
-    twists = np.empty((len(carries), commands.shape[1], 3))
-    for b in numba.prange(len(carries)):
-        twists[b] = _scan(carries[b], commands[b], lin, period)
-    return twists
-
-
 @dataclass(frozen=True)
-class NewtonEulerLinear(Scanned):
-    """The linearisation of a fitted Newton-Euler model."""
+class NewtonEulerLinear(CompiledModel):
+    """The linearisation of a fitted Newton-Euler model; its carry is [v_x, v_y, w, delta]."""
 
     car: Car
     speed_mps: float
     period_s: float
-    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
+    kernels: ClassVar[ScanKernels] = build_scan_kernels(_scan_linear)
     name: ClassVar[str] = "newton-euler-linear"
-    lags: ClassVar[int] = 0
 
     @property
     def parameter_count(self) -> int:
-        """Constants that enter: I_z, C_f, C_r, K_t, K_b, R and the speed."""
+        """How many constants enter: I_z, C_f, C_r, K_t, K_b, R and the speed."""
         return 7
-
-    @property
-    def linear(self) -> Linear:
-        """The matrices."""
-        return linearise(self.car, self.speed_mps)
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
         """Linearise the fitted Newton-Euler model at the mean forward speed of the training takes."""
         if not isinstance(task.base, NewtonEuler):
             raise TypeError("newton-euler-linear is derived from a fitted newton-euler model")
-        forward = transitions(task.estimates).twist[:, 0, 0]
+        forward = single_steps(task.estimates).twist[:, 0, 0]
         speed = float(forward[forward > 0.0].mean()) if np.any(forward > 0.0) else 0.0
         return cls(task.base.car, max(speed, 0.1), task.period_s)
 
     def init(self, history: History) -> Floats:
-        """[v_x, v_y, w, delta]."""
+        """The carry [v_x, v_y, w, delta] at the history's last row."""
         return np.append(history.twist[-1], history.kinematic[-1, 3])
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """See `Scanned`."""
-        return (self.linear, self.period_s)
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """The linearised car and the period, as the compiled scan takes them."""
+        return (linearise(self.car, self.speed_mps), self.period_s)
 
     def describe(self) -> str:
-        """The equations with their values (SI)."""
-        lin = self.linear
+        """The linear equations with their values (SI)."""
+        lin = linearise(self.car, self.speed_mps)
         (a, b), (c, d) = lin.A
         start = f" - {lin.u_0:.3g}" if lin.u_0 else ""
-        return "\n".join(
-            [
-                f"about straight driving at {self.speed_mps:.3f} m/s (v in m/s, w in rad/s, delta in rad, rates per s)",
-                f"v_x' = {lin.throttle:.4g} (u_m{start}) - {lin.follow + lin.drag:.4g} v_x   throttle on",
-                f"v_x' = ({lin.brake:.4g} min(0, u_m) - {lin.drag:.4g}) v_x   otherwise",
-                f"v_y' = {a:.4g} v_y {b:+.4g} w {lin.b[0]:+.4g} delta",
-                f"w'   = {c:.4g} v_y {d:+.4g} w {lin.b[1]:+.4g} delta",
-                f"delta' = sat((u_s - delta)/{lin.T_s:g} s) within +-{lin.d:g} rad/s",
-            ]
-        )
+        lines = [
+            f"about straight driving at {self.speed_mps:.3f} m/s (v in m/s, w in rad/s, delta in rad, rates per s)",
+            f"v_x' = {lin.throttle:.4g} (u_m{start}) - {lin.follow + lin.drag:.4g} v_x   throttle on",
+            f"v_x' = ({lin.brake:.4g} min(0, u_m) - {lin.drag:.4g}) v_x   otherwise",
+            f"v_y' = {a:.4g} v_y {b:+.4g} w {lin.b[0]:+.4g} delta",
+            f"w'   = {c:.4g} v_y {d:+.4g} w {lin.b[1]:+.4g} delta",
+            f"delta' = sat((u_s - delta)/{lin.T_s:g} s) within +-{lin.d:g} rad/s",
+        ]
+        return "\n".join(lines)
 
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """See `Model.state`."""
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """The JSON object from which `from_saved` restores the model; no arrays."""
         return {"car": self.car._asdict(), "speed_mps": self.speed_mps, "period_s": self.period_s}, {}
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """See `Model.from_state`."""
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model that `to_saved` gave `data` of."""
         return cls(Car(**data["car"]), data["speed_mps"], data["period_s"])

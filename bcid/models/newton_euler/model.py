@@ -1,51 +1,53 @@
 """Newton-Euler, fitted: the car of `bcid.physics.car` with the constants that predict best."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_parallel
-from bcid.models.interface import Arrays, FitTask, History, Kernels, Scanned
-from bcid.physics.car import Car, advance, advance_all
-
-ABREAST = 256  # vehicles whose states advance together: few enough to stay in the nearest cache
+from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels
+from bcid.models.newton_euler import CARS_PER_CHUNK
+from bcid.models.newton_euler.parameters import constant_lines
+from bcid.physics.car import Car, advance_cars, advance_period
 
 
 @njit
-def _scan(carry: Floats, commands: Floats, p: Car, period: float) -> Floats:
+def _scan_newton_euler(carry: Floats, commands: Floats, p: Car, period: float) -> Floats:
+    """Twists (N, 3) of one Newton-Euler car after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
     twists = np.empty((len(commands), 3))
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
-        state = advance(state, commands[k, 0], commands[k, 1], p, period)
+        state = advance_period(state, commands[k, 0], commands[k, 1], p, period)
         twists[k, 0], twists[k, 1], twists[k, 2] = state[0], state[1], state[2]
     carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
 @njit_parallel
-def _scan_many(carries: Floats, commands: Floats, p: Car, period: float) -> Floats:
+def _scan_newton_euler_batch(carries: Floats, commands: Floats, p: Car, period: float) -> Floats:
+    """Twists (B, N, 3) of B Newton-Euler cars under `commands` (B, N, 2), chunk by chunk on all cores.
+
+    Leaves their last states in `carries` (B, 4).
+    """
     B, N = commands.shape[:2]
     twists = np.empty((B, N, 3))
-    for chunk in numba.prange((B + ABREAST - 1) // ABREAST):
-        rows = slice(chunk * ABREAST, min((chunk + 1) * ABREAST, B))
-        state, driven = carries[rows].T.copy(), np.empty((2, rows.stop - rows.start))
+    for chunk in numba.prange((B + CARS_PER_CHUNK - 1) // CARS_PER_CHUNK):
+        rows = slice(chunk * CARS_PER_CHUNK, min((chunk + 1) * CARS_PER_CHUNK, B))
+        state, command = carries[rows].T.copy(), np.empty((2, rows.stop - rows.start))
         for k in range(N):
-            driven[:] = commands[rows, k].T
-            advance_all(state, driven, p, period)
+            command[:] = commands[rows, k].T
+            advance_cars(state, command, p, period)
             twists[rows, k] = state[:3].T
         carries[rows] = state.T
     return twists
 
 
 def equation_lines(p: Car) -> list[str]:
-    """The equations of the car."""
+    """The equations of the car in print, one per line, by the law of its motor."""
     motor = (
         "F_m = K_t (u_m - u_0) - K_v v_w for u_m > u_0, u_m K_b v_w for u_m < 0"
         if p.sets_force
@@ -64,54 +66,51 @@ def equation_lines(p: Car) -> list[str]:
 
 
 @dataclass(frozen=True)
-class NewtonEuler(Scanned):
-    """The fitted Newton-Euler model."""
+class NewtonEuler(CompiledModel):
+    """The fitted Newton-Euler model; its carry is [v_x, v_y, w, delta]."""
 
     car: Car
     period_s: float
     facts: Mapping[str, Any]  # how it was fitted: optimiser, objective, parameters at a bound
-    kernels: ClassVar[Kernels] = Kernels(_scan, _scan_many)
+    kernels: ClassVar[ScanKernels] = ScanKernels(_scan_newton_euler, _scan_newton_euler_batch)
     name: ClassVar[str] = "newton-euler"
-    lags: ClassVar[int] = 0
 
     @property
     def parameter_count(self) -> int:
-        """The fitted parameters; the vehicle file's are not counted."""
+        """How many constants were fitted; those of the vehicle file do not count."""
         return len(self.facts.get("fitted", {}))
 
     @classmethod
     def fit(cls, task: FitTask) -> Self:
-        """The constants whose predictions of the twist are best (paper, App. parameters, and `NewtonEulerSettings`)."""
+        """The car whose predictions of the twist are best, or for the loss "poses" the likeliest (App. parameters)."""
         from bcid.models.newton_euler.fit_to_poses import fit_car_to_poses
-        from bcid.models.newton_euler.fit_to_twists import fit_car
+        from bcid.models.newton_euler.fit_to_twists import fit_car_to_twists
 
-        car, facts = (fit_car_to_poses if task.settings.get("loss") == "poses" else fit_car)(task)
+        car, facts = (fit_car_to_poses if task.settings.get("loss") == "poses" else fit_car_to_twists)(task)
         return cls(car, task.period_s, facts)
 
-    def in_steps_of(self, period_s: float) -> Self:
-        """See `Continuous`."""
+    def with_period(self, period_s: float) -> Self:
+        """This car advancing by `period_s` (s) a step."""
         return replace(self, period_s=period_s)
 
     def init(self, history: History) -> Floats:
-        """[v_x, v_y, w, delta]."""
+        """The carry [v_x, v_y, w, delta] at the history's last row."""
         return np.append(history.twist[-1], history.kinematic[-1, 3])
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """See `Scanned`."""
+    def kernel_arguments(self) -> tuple[Any, ...]:
+        """The car and the period, as the compiled scans take them."""
         return (self.car, self.period_s)
 
     def describe(self) -> str:
         """The equations and the table of constants, fitted ones marked with *."""
-        from bcid.models.newton_euler.parameters import parameter_lines
+        return "\n".join([*equation_lines(self.car), *constant_lines(self.car, self.facts)])
 
-        return "\n".join([*equation_lines(self.car), *parameter_lines(self.car, self.facts)])
-
-    def state(self) -> tuple[dict[str, Any], Arrays]:
-        """See `Model.state`."""
+    def to_saved(self) -> tuple[dict[str, Any], Arrays]:
+        """The JSON object from which `from_saved` restores the model; no arrays."""
         return {"car": self.car._asdict(), "period_s": self.period_s, "facts": dict(self.facts)}, {}
 
     @classmethod
-    def from_state(cls, data: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> Self:
-        """See `Model.from_state`."""
+    def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
+        """The model that `to_saved` gave `data` of."""
         return cls(Car(**data["car"]), data["period_s"], data["facts"])

@@ -1,6 +1,6 @@
 """How well Newton-Euler cars predict: the multi-step error of the twist, for many cars at once (paper, lossv).
 
-The state of all stretches advances together, step after step; the inner loop over the stretches holds nothing but
+The states of all stretches advance together, step after step; the inner loop over the stretches holds nothing but
 arithmetic, so that the compiler makes vector instructions of the equations in `bcid.physics.car`.
 """
 
@@ -11,60 +11,53 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_parallel, njit_sums
-from bcid.models.fitting.levenberg_marquardt import Normal
 from bcid.models.fitting.windows import Windows
-from bcid.physics.car import Car, advance_all
+from bcid.models.newton_euler import CARS_PER_CHUNK
+from bcid.physics.car import Car, advance_cars
 
-ABREAST = 256  # stretches that are worked on together: few enough to stay in the nearest cache
 
-
-class Stretches(NamedTuple):
-    """`Windows` turned so that the stretches lie side by side in memory; S steps, B stretches."""
+class TransposedWindows(NamedTuple):
+    """`Windows` without lags, transposed so that the B stretches of S steps lie side by side in memory."""
 
     start: Floats  # (4, B) v_x, v_y, yaw rate, delta
     command: Floats  # (S, 2, B)
     after: Floats  # (S, 3, B) the twist measured after each step
 
     @classmethod
-    def of(cls, w: Windows) -> Stretches:
-        """Those of `w`, which has no lags."""
+    def from_windows(cls, w: Windows) -> TransposedWindows:
+        """Transpose the stretches `w`, which have no lags."""
         start = np.vstack([w.twist[:, 0].T, w.kinematic[:, 0, 3]])
         command, after = (np.ascontiguousarray(a.transpose(1, 2, 0)) for a in (w.command[:, :-1], w.twist[:, 1:]))
         return cls(np.ascontiguousarray(start), command, after)
 
-    def part(self, chosen: npt.NDArray[np.intp]) -> Stretches:
-        """Some of the stretches."""
-        return Stretches(*(np.ascontiguousarray(a[..., chosen]) for a in self))
-
 
 @njit_sums
-def _squares(state: Floats, after: Floats, weight: Floats) -> float:
-    """Sum of squared weighted misses of all stretches at one step."""
+def _sum_weighted_squares(state: Floats, after: Floats, weight: Floats) -> float:
+    """Sum of squared weighted errors of the predicted `state` (4, B) against the twists `after` (3, B) at one step."""
     total = 0.0
     for c in range(3):
         predicted, measured = state[c], after[c]
         for b in range(len(predicted)):
-            miss = weight[c] * (predicted[b] - measured[b])
-            total += miss * miss
+            error = weight[c] * (predicted[b] - measured[b])
+            total += error * error
     return total
 
 
 @njit
-def _predict(p: Car, s: Stretches, period: float, out: Floats) -> None:
-    """Fills `out` (S, 3, B) with the predicted twists."""
+def _fill_twists(p: Car, s: TransposedWindows, period: float, out: Floats) -> None:
+    """Fill `out` (S, 3, B) with the twists that the car `p` predicts over the stretches `s`."""
     state = s.start.copy()
     for k in range(len(s.command)):
-        advance_all(state, s.command[k], p, period)
+        advance_cars(state, s.command[k], p, period)
         out[k] = state[:3]
 
 
 @njit
-def _car(row: Floats) -> Car:
-    """The car whose constants stand in a row, in the order of its fields."""
+def _car_from_row(row: Floats) -> Car:
+    """The car whose constants stand in `row` (20,), in the order of its fields."""
     return Car(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
         row[13], row[14], row[15], row[16], row[17], row[18], row[19],
@@ -72,35 +65,44 @@ def _car(row: Floats) -> Car:
 
 
 @njit_parallel
-def _predict_each(cars: Floats, s: Stretches, period: float, out: Floats) -> None:
+def _fill_twists_of_cars(cars: Floats, s: TransposedWindows, period: float, out: Floats) -> None:
+    """Fill `out` (P, S, 3, B) with the twists that each of `cars` (P, 20) predicts, on all cores."""
     for i in numba.prange(len(cars)):
-        _predict(_car(cars[i]), s, period, out[i])
+        _fill_twists(_car_from_row(cars[i]), s, period, out[i])
 
 
 @njit_parallel
-def _costs(cars: Floats, s: Stretches, weight: Floats, period: float) -> Floats:
+def twist_nmse(cars: Floats, s: TransposedWindows, weight: Floats, period: float) -> Floats:
+    """Mean squared weighted error (P,) of the twists that each of `cars` (P, 20) predicts: the NMSE (errata 12)."""
     out = np.empty(len(cars))
     for i in numba.prange(len(cars)):
-        car, state, total = _car(cars[i]), s.start.copy(), 0.0
+        car, state, total = _car_from_row(cars[i]), s.start.copy(), 0.0
         for k in range(len(s.command)):
-            advance_all(state, s.command[k], car, period)
-            total += _squares(state, s.after[k], weight)
+            advance_cars(state, s.command[k], car, period)
+            total += _sum_weighted_squares(state, s.after[k], weight)
         out[i] = total / s.after.size
     return out
 
 
 @njit_parallel
-def _normal(cars: Floats, steps: Floats, s: Stretches, weight: Floats, period: float) -> tuple[Floats, Floats, Floats]:
+def chunk_normal_equations(
+    cars: Floats, steps: Floats, s: TransposedWindows, weight: Floats, period: float
+) -> tuple[Floats, Floats, Floats]:
+    """J^T J (C, n, n), J^T r (C, n) and r^T r (C,) of the weighted errors of C chunks of stretches.
+
+    Differences are taken from the first of `cars` (n + 1, 20) to the others, which are `steps` (n,) away.  The Jacobian
+    of an hour, a hundred thousand rows, is never put together.
+    """
     n, (S, _, B) = len(steps), s.after.shape
-    chunks = (B + ABREAST - 1) // ABREAST
+    chunks = (B + CARS_PER_CHUNK - 1) // CARS_PER_CHUNK
     JJ, Jr, rr = np.empty((chunks, n, n)), np.empty((chunks, n)), np.empty(chunks)
     for chunk in numba.prange(chunks):
-        a, b = chunk * ABREAST, min((chunk + 1) * ABREAST, B)
+        a, b = chunk * CARS_PER_CHUNK, min((chunk + 1) * CARS_PER_CHUNK, B)
         r, J, out = np.empty((S, 3, b - a)), np.empty((n, S * 3 * (b - a))), np.empty((S, 3, b - a))
-        own = Stretches(s.start[:, a:b].copy(), s.command[:, :, a:b].copy(), s.after[:, :, a:b].copy())
-        _predict(_car(cars[0]), own, period, r)
+        own = TransposedWindows(s.start[:, a:b].copy(), s.command[:, :, a:b].copy(), s.after[:, :, a:b].copy())
+        _fill_twists(_car_from_row(cars[0]), own, period, r)
         for i in range(n):
-            _predict(_car(cars[i + 1]), own, period, out)
+            _fill_twists(_car_from_row(cars[i + 1]), own, period, out)
             for c in range(3):
                 out[:, c] = (weight[c] / steps[i]) * (out[:, c] - r[:, c])
             J[i] = out.ravel()
@@ -110,23 +112,8 @@ def _normal(cars: Floats, steps: Floats, s: Stretches, weight: Floats, period: f
     return JJ, Jr, rr
 
 
-def normal_equations(cars: Floats, steps: Floats, s: Stretches, weight: Floats, period: float) -> Normal:
-    """Of the mean squared weighted miss about the first of `cars`, by differences to the others, each a step away.
-
-    Summed stretch by stretch: the Jacobian of an hour, a hundred thousand rows, is never put together.
-    """
-    JJ, Jr, rr = _normal(cars, steps, s, weight, period)
-    size = s.after.size
-    return Normal(JJ.sum(axis=0) / size, Jr.sum(axis=0) / size, float(rr.sum()) / size)
-
-
-def costs(cars: Sequence[Car] | Floats, s: Stretches, weight: Floats, period: float) -> Floats:
-    """Mean squared weighted miss of each car (P,): the NMSE of its predictions (errata 12)."""
-    return np.asarray(_costs(np.array(cars, dtype=float), s, weight, period))
-
-
-def predictions(cars: Sequence[Car] | Floats, s: Stretches, period: float) -> Floats:
-    """The twists (P, S, 3, B) that each car predicts; cars may be rows of their constants."""
+def predict_twists(cars: Sequence[Car], s: TransposedWindows, period: float) -> Floats:
+    """The twists (P, S, 3, B) that P cars predict at each of S steps over B stretches, in m/s and rad/s."""
     out = np.empty((len(cars), *s.after.shape))
-    _predict_each(np.array(cars, dtype=float), s, period, out)
+    _fill_twists_of_cars(np.array(cars, dtype=float), s, period, out)
     return out

@@ -1,9 +1,7 @@
-"""The Newton-Euler model's constants that a fit chooses: their ranges, how they make a car, how they are told."""
-
-from __future__ import annotations
+"""The Newton-Euler constants that a fit chooses: their ranges, the car they make, and how they are described."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -11,17 +9,29 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.models.limits import LIMITS
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
 
-GRAVITY = 9.81
-UNIDENTIFIED = 0.5  # relative standard error
-LIMITS = ("F_m_max", "F_f_max", "F_r_max")  # where a force is cut off: a take that never reaches one has no slope there
-TIED = 0.95  # correlation from which two constants are told to go together
-NEAR_BOUND = 0.01  # share of the (logarithmic) range
+GRAVITY = 9.81  # m/s^2
+
+TOP_SPEED_QUANTILE = 0.999  # of the speeds driven
+# Constants at which a force is cut off: predictions of a take that never reaches one do not depend on it.
+SATURATIONS = ("F_m_max", "F_f_max", "F_r_max")
+UNITS = {
+    "m": "kg", "I_z": "kg m²", "l_f": "m", "l_r": "m", "T_s": "s", "d": "rad/s", "F_m_max": "N", "K_t": "N s/m",
+    "K_b": "N s/m", "C_f": "N/rad", "C_r": "N/rad", "F_f_max": "N", "F_r_max": "N", "R_1": "N s/m", "R_2": "N s²/m²",
+    "v_0": "m/s",
+}  # fmt: skip
+FORCE_UNITS = {k: v for k, v in UNITS.items() if k != "F_m_max"} | {"K_t": "N", "u_0": "-", "K_v": "N s/m"}
 
 
-class Parameter(NamedTuple):
+def constant_units(car: Car) -> dict[str, str]:
+    """Units by symbol of the constants that a car has, in the order in which they are listed."""
+    return FORCE_UNITS if car.sets_force else UNITS
+
+
+class FittedConstant(NamedTuple):
     """One constant to be fitted, searched between `low` and `high` on a logarithmic scale."""
 
     symbol: str
@@ -31,52 +41,38 @@ class Parameter(NamedTuple):
     meaning: str
 
 
-def parameters(vehicle: Vehicle, top_speed_mps: float) -> tuple[Parameter, ...]:
-    """The fitted constants and their ranges, which scale with the vehicle's mass and size.
+def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedConstant, ...]:
+    """The constants that a fit chooses, with ranges in SI units that scale with the vehicle's mass and size.
 
-    Drag is searched as R_1 and as the slope R_v = R_1 + R_2 v at the fastest speed driven: both are
-    positive, so the fitted drag dissipates at every speed that was driven (errata 6).
+    Drag is searched as R_1 and R_v = R_1 + R_2 v at the top speed: with both positive it dissipates (errata 6).
     """
     m = vehicle.mass_kg
     arm = vehicle.body.cog_to_front_m * vehicle.body.cog_to_rear_m
     speed = (
-        Parameter("F_m_max", "N", 0.05 * m, 1.0 * m * GRAVITY, "maximum motor force"),
-        Parameter("K_t", "N s/m", 0.05 * m, 30.0 * m, "throttle gain"),
+        FittedConstant("F_m_max", "N", 0.05 * m, 1.0 * m * GRAVITY, "maximum motor force"),
+        FittedConstant("K_t", "N s/m", 0.05 * m, 30.0 * m, "throttle gain"),
     )
     force = (
-        Parameter("K_t", "N", 0.1 * m, 50.0 * m, "throttle gain"),
-        Parameter("u_0", "-", 1e-3, 0.5, "throttle dead zone"),
-        Parameter("K_v", "N s/m", 1e-3 * m, 10.0 * m, "loss of motor force with speed"),
+        FittedConstant("K_t", "N", 0.1 * m, 50.0 * m, "throttle gain"),
+        FittedConstant("u_0", "-", 1e-3, 0.5, "throttle dead zone"),
+        FittedConstant("K_v", "N s/m", 1e-3 * m, 10.0 * m, "loss of motor force with speed"),
     )
     return (
         *(speed if vehicle.motor.law == "speed" else force),
-        Parameter("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain"),
-        Parameter("I_z", "kg m²", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
-        Parameter("C_f", "N/rad", 0.5 * m, 200.0 * m, "front cornering stiffness"),
-        Parameter("C_r", "N/rad", 0.5 * m, 200.0 * m, "rear cornering stiffness"),
-        Parameter("F_f_max", "N", 0.02 * m * GRAVITY, 1.0 * m * GRAVITY, "maximum front side force"),
-        Parameter("F_r_max", "N", 0.02 * m * GRAVITY, 1.0 * m * GRAVITY, "maximum rear side force"),
-        Parameter("R_1", "N s/m", 1e-3 * m, 5.0 * m, "linear drag"),
-        Parameter("R_v", "N s/m", 1e-3 * m, 5.0 * m, f"drag per speed at {top_speed_mps:.2f} m/s"),
+        FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain"),
+        FittedConstant("I_z", "kg m²", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
+        FittedConstant("C_f", "N/rad", 0.5 * m, 200.0 * m, "front cornering stiffness"),
+        FittedConstant("C_r", "N/rad", 0.5 * m, 200.0 * m, "rear cornering stiffness"),
+        FittedConstant("F_f_max", "N", 0.02 * m * GRAVITY, 1.0 * m * GRAVITY, "maximum front side force"),
+        FittedConstant("F_r_max", "N", 0.02 * m * GRAVITY, 1.0 * m * GRAVITY, "maximum rear side force"),
+        FittedConstant("R_1", "N s/m", 1e-3 * m, 5.0 * m, "linear drag"),
+        FittedConstant("R_v", "N s/m", 1e-3 * m, 5.0 * m, f"drag per speed at {top_speed_mps:.2f} m/s"),
     )
 
 
-def car_from(values: Mapping[str, float], vehicle: Vehicle, T_s: float, d: float, v_0: float, top_speed: float) -> Car:
-    """All constants from the fitted ones (`parameters`) and the vehicle file's."""
-    body = vehicle.body
-    fitted = dict(values)
-    R_v = fitted.pop("R_v")
-    fitted.setdefault("F_m_max", 1e3 * vehicle.mass_kg * GRAVITY)  # law "force" has no limit of its own
-    return Car(
-        m=vehicle.mass_kg, l_f=body.cog_to_front_m, l_r=body.cog_to_rear_m, T_s=T_s, d=d, v_0=v_0,
-        R_2=(R_v - fitted["R_1"]) / top_speed, front_share=vehicle.front_share,
-        sets_force=1.0 if vehicle.motor.law == "force" else 0.0, **fitted,
-    )  # fmt: skip
-
-
 @dataclass(frozen=True)
-class Box:
-    """The ranges as the unit box: a point x in it is a car."""
+class ConstantBox:
+    """The ranges of the fitted constants as the unit box: a point x in it is a car."""
 
     vehicle: Vehicle
     T_s: float
@@ -85,69 +81,82 @@ class Box:
     top_speed: float  # m/s, the fastest driven
 
     @cached_property
-    def table(self) -> tuple[Parameter, ...]:
-        """The constants, one for each coordinate."""
-        return parameters(self.vehicle, self.top_speed)
+    def constants(self) -> tuple[FittedConstant, ...]:
+        """The fitted constants, one for each coordinate."""
+        return constants_to_fit(self.vehicle, self.top_speed)
 
     @cached_property
     def log_range(self) -> Floats:
-        """By how much each constant's logarithm grows across the box."""
-        return np.log([p.high / p.low for p in self.table])
+        """Growth of each constant's logarithm across the box, ln(high / low)."""
+        return np.log([p.high / p.low for p in self.constants])
 
     def car(self, x: Floats) -> Car:
-        """The car at a point of the box."""
-        values = [p.low * np.exp(g * r) for p, g, r in zip(self.table, x, self.log_range, strict=True)]
-        named = {p.symbol: float(v) for p, v in zip(self.table, values, strict=True)}
-        return car_from(named, self.vehicle, self.T_s, self.d, self.v_0, self.top_speed)
+        """The car at the point `x` (n,) of the box, with the vehicle file's constants."""
+        vehicle, body = self.vehicle, self.vehicle.body
+        values = [p.low * np.exp(g * r) for p, g, r in zip(self.constants, x, self.log_range, strict=True)]
+        fitted = {p.symbol: float(v) for p, v in zip(self.constants, values, strict=True)}
+        R_v = fitted.pop("R_v")
+        fitted.setdefault("F_m_max", 1e3 * vehicle.mass_kg * GRAVITY)  # law "force" has no limit of its own
+        return Car(
+            m=vehicle.mass_kg, l_f=body.cog_to_front_m, l_r=body.cog_to_rear_m, T_s=self.T_s, d=self.d, v_0=self.v_0,
+            R_2=(R_v - fitted["R_1"]) / self.top_speed, front_share=vehicle.front_share,
+            sets_force=1.0 if vehicle.motor.law == "force" else 0.0, **fitted,
+        )  # fmt: skip
 
-    def at_bound(self, x: Floats) -> list[str]:
-        """The constants that stand at an end of their ranges."""
-        return [p.symbol for p, g in zip(self.table, x, strict=True) if min(g, 1.0 - g) < NEAR_BOUND]
 
+def constant_facts(
+    constants: Mapping[str, Mapping[str, Any]], covariance: Floats, relative_se: Floats, at_bound: list[str]
+) -> dict[str, Any]:
+    """What a saved model states of its n fitted constants: standard errors, correlated pairs, those at a bound.
 
-def correlated(covariance: Floats, symbols: Sequence[str]) -> list[tuple[str, str, float]]:
-    """Pairs of constants whose errors go together."""
-    sd = np.sqrt(np.diag(covariance))
+    `constants` describes them by symbol; `relative_se` (n,) are standard errors over values, NaN where not
+    identified, and `covariance` (n, n) that of the errors in any units.
+    """
+    sd, symbols = np.sqrt(np.diag(covariance)), list(constants)
     rho = covariance / np.outer(sd, sd)
-    return [
-        (symbols[i], symbols[j], float(rho[i, j]))
-        for i, j in itertools.combinations(range(len(symbols)), 2)
-        if abs(rho[i, j]) > TIED
-    ]
+    return {
+        "fitted": {
+            symbol: {**about, "relative_se": float(se) if np.isfinite(se) else None}
+            for (symbol, about), se in zip(constants.items(), relative_se, strict=True)
+        },
+        "correlated": [
+            (symbols[i], symbols[j], float(rho[i, j]))
+            for i, j in itertools.combinations(range(len(symbols)), 2)
+            if abs(rho[i, j]) > LIMITS.min_correlation
+        ],
+        "at_bound": at_bound,
+    }
 
 
-def identified(symbol: str, facts: Mapping[str, Any]) -> bool:
-    """Whether the takes show a fitted constant, or leave it at its bound or unknown to half of itself."""
+def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
+    """Whether the takes identify a fitted constant: it is known well enough, and not at its bound."""
     error = facts["fitted"][symbol]["relative_se"]
-    return error is not None and error <= UNIDENTIFIED and symbol not in facts["at_bound"]
+    return error is not None and error <= LIMITS.max_relative_se and symbol not in facts["at_bound"]
 
 
-def _told(name: str, value: float, facts: Mapping[str, Any]) -> str:
-    """One line of the table of constants."""
-    fitted = facts["fitted"][name]
-    error = fitted["relative_se"]
-    if not identified(name, facts):
-        why = "at its bound" if name in facts["at_bound"] else "the takes do not show it"
-        return f"  {name:10}* not identified       {fitted['unit']:7} {fitted['meaning']} ({why})"
-    return f"  {name:10}* = {value:<10.4g} ±{100 * error:<5.2g}% {fitted['unit']:7} {fitted['meaning']}"
-
-
-def parameter_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
-    """The table of constants, one per line: value, standard error, unit, meaning; fitted ones carry a *."""
+def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
+    """The table of constants, one per line: value, standard error, unit, meaning; fitted ones are marked with *."""
     fitted = facts.get("fitted", {})
     values = car._asdict() | {"R_v": car.R_1 + car.R_2 * facts.get("top_speed_mps", 0.0)}
-    lines = [_told(s, values[s], facts) for s in fitted]
+    lines = list[str]()
+    for symbol, about in fitted.items():
+        if is_identified(symbol, facts):
+            value, meaning = f"= {values[symbol]:<10.4g} ±{100 * about['relative_se']:<5.2g}%", about["meaning"]
+        else:
+            why = "at its bound" if symbol in facts["at_bound"] else "not excited by the takes"
+            value, meaning = "not identified      ", f"{about['meaning']} ({why})"
+        lines.append(f"  {symbol:10}* {value} {about['unit']:7} {meaning}")
     lines.append(f"  {'R_2':11} = {car.R_2:<10.4g}        N s²/m² from R_1 and R_v, so that the drag dissipates")
-    given = {"m": "kg", "l_f": "m", "l_r": "m", "T_s": "s", "d": "rad/s", "v_0": "m/s", "front_share": "-"}
-    given |= {"u_0": "-"} if car.sets_force else {}
-    lines += [f"  {s:11} = {values[s]:<10.4g}        {unit:7} held" for s, unit in given.items() if s not in fitted]
+    units = constant_units(car) | {"front_share": "-"}
+    fixed = ["m", "l_f", "l_r", "T_s", "d", "v_0", "front_share", *(["u_0"] if car.sets_force else [])]
+    lines += [f"  {s:11} = {values[s]:<10.4g}        {units[s]:7} fixed" for s in fixed if s not in fitted]
     lines += [
-        f"  {a} and {b} go together (correlation {rho:+.2f}): one is known as far as the other is"
+        f"  {a} and {b} are correlated ({rho:+.2f}): one is known only as well as the other"
         for a, b, rho in facts.get("correlated", ())
     ]
-    lines.append("  m, I_z and all forces scale together: m is held")
+    lines.append("  m, I_z and all forces scale together: m is fixed")
     if not facts.get("mass_given", True):
         lines.append("  the mass is not given: m = 1 kg, forces read as accelerations")
     if "optimiser" in facts and fitted:
-        lines.append(f"  {facts['optimiser']}; {facts['reached']}")
+        lines.append(f"  {facts['optimiser']}; {facts['fit_quality']}")
     return lines

@@ -1,1 +1,1 @@
-"""One module per stage, each with a `make(folder, ...)`; its import closure is the code its cache key covers."""
+"""The stages of the pipeline, one module each, so that a change of code makes only those stages anew that run it."""

@@ -1,8 +1,5 @@
 """Stage `check`: the estimator against a simulated take's truth.  No fit depends on it."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 
 from bcid.estimate.run import check_against_truth
@@ -12,11 +9,11 @@ from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
 
-def make(
+def run_check_stage(
     folder: Path, recording: Path, tuning: Path, vehicle: Vehicle, period_s: float, max_gap_s: float, truth: Path
 ) -> None:
-    """RMSE and NEES of one take."""
-    tuned = Tuning.from_json(json.loads((tuning / "tuning.json").read_text()))
+    """Save RMSE and NEES of the estimator on one simulated recording, whose truth is known."""
+    tuned = Tuning.read(tuning / "tuning.json")
     known = read_truth(truth, vehicle)
-    facts = check_against_truth(load_recording(recording), vehicle, tuned, period_s, max_gap_s, known)
-    (folder / "check.json").write_text(json.dumps(facts, indent=1))
+    check = check_against_truth(load_recording(recording), vehicle, tuned, period_s, max_gap_s, known)
+    check.write(folder / "check.json")

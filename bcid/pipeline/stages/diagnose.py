@@ -1,27 +1,22 @@
 """Stage `diagnose`: what physics recordings show that the model lacks, with its proof and the augmented model."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bcid.aliases import Progress
-from bcid.diagnosis.compared import Compared
-from bcid.diagnosis.diagnose import Diagnosis, diagnosed
-from bcid.diagnosis.document import KNOT_UNITS, TRACK_UNITS, as_json, knot_columns, track_columns
-from bcid.diagnosis.judge.prediction_error import as_model, compared
-from bcid.diagnosis.reference import driven_by, of_model, of_parameters, of_recordings, user_model
+from bcid.diagnosis import reference
+from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
+from bcid.diagnosis.judge.prediction_error import compare_predictions, model_from_fit
+from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.summary import KNOT_UNITS, TRACK_UNITS, knot_columns, summarise_diagnosis, track_columns
+from bcid.documents.diagnosis import NextManoeuvre, Start
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.data_range import DataRange
-from bcid.evaluation.limits import Limits
+from bcid.evaluation.validity import DataRange, ModelValidity
 from bcid.files.parquet import write_columns
 from bcid.models.saving import save_model
 from bcid.recording.saving import load_recording
@@ -29,89 +24,98 @@ from bcid.recording.types import Recording
 from bcid.report.diagnosis_page import write_diagnosis_page
 from bcid.vehicle import Vehicle
 
+# quantile of the driven throttles that the next manoeuvre may reach
+TOP_THROTTLE_QUANTILE = 0.99
 
-def make(
+
+def run_diagnose_stage(
     folder: Path, recordings: Sequence[Path], estimates: Sequence[Path], tuning: Path, vehicle: Vehicle,
     simulation: str | None, simulated: Sequence[tuple[Path, Path]], progress: Progress,
 ) -> None:  # fmt: skip
-    """Diagnose ingested and estimated recordings together.
+    """Diagnose ingested and estimated recordings together; write the document, page, augmented model and next drive.
 
-    `simulation` is a saved model's folder, a TOML file of parameters, or module:function; `simulated` are the ingest
-    and estimate folders of a simulator's recordings; with neither, the base model is refitted on the recordings.
+    `simulation` is a saved model's folder, a TOML file of parameters, or module:function; `simulated` are folders of
+    ingest and estimate of a simulator's recordings; with neither, the base model is refitted on the recordings.
     """
     takes, motions = [load_recording(f) for f in recordings], [load_estimate(f) for f in estimates]
-    tuned = Tuning.from_json(json.loads((tuning / "tuning.json").read_text()))
-    against = _simulation(simulation, simulated, takes, motions, vehicle, tuned)
-    found = diagnosed(takes, motions, vehicle, against, progress)
+    tuned = Tuning.read(tuning / "tuning.json")
+    against = _reference_model(simulation, simulated, takes, motions, vehicle, tuned)
+    found = diagnose_recordings(takes, motions, vehicle, against, progress)
     progress(0.85, "held-out proof")
-    horizons, tracks = compared(
+    horizons, tracks = compare_predictions(
         found.search.base, found.judgement.fit, found.take, takes[0], motions[0], vehicle, tuned, against
     )  # fmt: skip
-    about = {
-        "vehicle": vehicle.name,
-        "recordings": [t.name for t in takes],
-        "duration_s": found.take.T,
-        "simulation": _words(simulation, simulated),
-    }
-    content = as_json(found, horizons, about)
-    _manoeuvre(folder, found, content)
-    (folder / "diagnosis.json").write_text(json.dumps(content, indent=1, ensure_ascii=False), encoding="utf-8")
+    document = summarise_diagnosis(
+        found, horizons, vehicle=vehicle.name, recordings=tuple(t.name for t in takes), duration_s=found.take.T,
+        simulation=_describe_reference(simulation, simulated),
+    )  # fmt: skip
+    document = document.model_copy(update={"next_manoeuvre": _write_next_manoeuvre(folder, found)})
+    document.write(folder / "diagnosis.json")
     knots, lines = knot_columns(found), track_columns(tracks)
     write_columns(folder / "knots.parquet", knots, KNOT_UNITS)
     write_columns(folder / "tracks.parquet", lines, TRACK_UNITS)
     (folder / "model").mkdir()
-    save_model(as_model(found.judgement.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model")
-    Limits(None, DataRange.of(motions)).save(folder / "model")
+    save_model(
+        model_from_fit(found.judgement.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model"
+    )
+    ModelValidity(None, DataRange.from_estimates(motions)).save(folder / "model")
     write_diagnosis_page(
-        content, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
+        document, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
         folder / "diagnosis.html",
     )  # fmt: skip
 
 
-def _simulation(
+def _reference_model(
     simulation: str | None, simulated: Sequence[tuple[Path, Path]], takes: Sequence[Recording],
     motions: Sequence[Estimate], vehicle: Vehicle, tuned: Tuning,
-) -> Compared | None:  # fmt: skip
+) -> ReferenceModel | None:  # fmt: skip
+    """Return the simulation that recordings are compared with; None where the base model is to be refitted instead."""
     if simulated:
-        return of_recordings(
+        return reference.identify_reference(
             [load_recording(r) for r, _ in simulated], [load_estimate(e) for _, e in simulated], vehicle
         )
     if simulation is None:
         return None
     if Path(simulation).is_dir():
-        return of_model(Path(simulation))
+        return reference.reference_from_model(Path(simulation))
     if simulation.endswith(".toml"):
-        return of_parameters(Path(simulation), motions, vehicle)
-    model = user_model(simulation)
-    driven = [driven_by(model, t, m) for t, m in zip(takes, motions, strict=True)]
-    return of_recordings(driven, [estimate_motion(d, vehicle, tuned) for d in driven], vehicle)
+        return reference.reference_from_parameters(Path(simulation), motions, vehicle)
+    model = reference.load_user_model(simulation)
+    driven = [reference.simulate_with_model(model, t, m) for t, m in zip(takes, motions, strict=True)]
+    return reference.identify_reference(driven, [estimate_motion(d, vehicle, tuned) for d in driven], vehicle)
 
 
-def _words(simulation: str | None, simulated: Sequence[tuple[Path, Path]]) -> str:
+def _describe_reference(simulation: str | None, simulated: Sequence[tuple[Path, Path]]) -> str:
+    """The simulation that recordings are compared with, in words."""
     if simulated:
         names = ", ".join(load_recording(r).name for r, _ in simulated)
         return f"the simulator of {names}, identified first"
     return "newton-euler, refitted on this recording" if simulation is None else simulation
 
 
-def _manoeuvre(folder: Path, found: Diagnosis, content: dict[str, Any]) -> None:
-    """The manoeuvre that separates what was found from its nearest rival, on the floor that was driven."""
-    from bcid.experiment.discrimination import best_manoeuvre
+def _write_next_manoeuvre(folder: Path, diagnosis: Diagnosis) -> NextManoeuvre | None:
+    """Write the commands of the drive that best tells the fitted model from its best rival, inside the area driven.
+
+    None without findings, without a rival, or where no drive in that area does.
+    """
+    from bcid.experiment.discrimination import find_discriminating_drive
     from bcid.experiment.manoeuvres import Arena, write_commands
 
-    best, others = found.judgement.fit, found.judgement.search.others
-    if not others or not found.judgement.findings:
-        return
-    low, high = found.take.pose[:, :2].min(axis=0), found.take.pose[:, :2].max(axis=0)
+    best, others = diagnosis.judgement.fit, diagnosis.judgement.search.rivals
+    if not others or not diagnosis.judgement.findings:
+        return None
+    low, high = diagnosis.take.pose[:, :2].min(axis=0), diagnosis.take.pose[:, :2].max(axis=0)
     middle = 0.5 * (low + high)
     floor = Arena(float(high[0] - low[0]), float(high[1] - low[1]), 0.0, float(middle[0]), float(middle[1]))
-    top = float(np.quantile(found.take.command[:, 1], 0.99))
-    chosen = best_manoeuvre(best, others[0], best.scales, floor, top)
+    top = float(np.quantile(diagnosis.take.command[:, 1], TOP_THROTTLE_QUANTILE))
+    chosen = find_discriminating_drive(best, others[0], top, floor)
     if chosen is None:
-        return
+        return None
     name = "next_manoeuvre.commands.csv"
-    write_commands(folder / name, chosen)
-    facts = {k: v for k, v in asdict(chosen).items() if isinstance(v, str | float | int)}
-    separates = sorted(set(best.hypothesis.effects) ^ set(others[0].hypothesis.effects))
-    start = dict(zip(("x_m", "y_m", "yaw_rad"), (float(v) for v in chosen.start), strict=True))
-    content["next_manoeuvre"] = {**facts, "start": start, "separates": separates, "file": name}
+    write_commands(folder / name, chosen.command_s, chosen.command)
+    x_m, y_m, yaw_rad = (float(v) for v in chosen.start)
+    return NextManoeuvre(
+        name=chosen.name, purpose=chosen.purpose, why=chosen.why, score=chosen.score, repeats=chosen.repeats,
+        start=Start(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad), file=name,
+        separates=tuple(sorted(set(best.hypothesis.effects) ^ set(others[0].hypothesis.effects))),
+    )  # fmt: skip

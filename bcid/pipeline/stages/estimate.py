@@ -1,8 +1,5 @@
 """Stage `estimate`: the smoothed motion of one recording."""
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +10,7 @@ from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
 
-def make(
+def run_estimate_stage(
     folder: Path,
     recording: Path,
     tuning: Path,
@@ -22,7 +19,7 @@ def make(
     max_gap_s: float,
     engine: Literal["compiled", "filterpy"],
 ) -> None:
-    """Filter and smooth one ingested recording."""
-    tuned = Tuning.from_json(json.loads((tuning / "tuning.json").read_text()))
+    """Filter and smooth one ingested recording and save the motion."""
+    tuned = Tuning.read(tuning / "tuning.json")
     estimate = estimate_motion(load_recording(recording), vehicle, tuned, period_s, max_gap_s, engine)
     save_estimate(estimate, folder)

@@ -1,6 +1,4 @@
-"""Stage `ingest`: a recording in any format becomes poses, commands and what was odd about them."""
-
-from __future__ import annotations
+"""Stage `ingest`: a recording in any format becomes poses, commands and a list of its irregularities."""
 
 from pathlib import Path
 
@@ -9,6 +7,8 @@ from bcid.recording.saving import save_recording
 from bcid.vehicle import Vehicle
 
 
-def make(folder: Path, recording: Path, commands: Path | None, vehicle: Vehicle, allow_partial: bool) -> None:
-    """Read, judge and write one recording."""
+def run_ingest_stage(
+    folder: Path, recording: Path, commands: Path | None, vehicle: Vehicle, allow_partial: bool
+) -> None:
+    """Read, check and save one recording."""
     save_recording(read_recording(recording, vehicle, commands, allow_partial), folder)

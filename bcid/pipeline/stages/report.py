@@ -1,21 +1,22 @@
 """Stage `report`: the comparison as one offline page and one JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bcid.estimate.saving import load_estimate
-from bcid.evaluation.closed_loop import rollout_ms
+from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.report import EvaluationDocument, LossScore
+from bcid.estimate.consistency import TruthCheck
+from bcid.estimate.saving import EstimateSummary, load_estimate
+from bcid.evaluation.closed_loop import time_rollout_ms
 from bcid.models.saving import load_model
-from bcid.report.content import Content, ModelResult, TakeFacts, report_json
-from bcid.report.page import write_page
+from bcid.report.content import ModelResult, ReportContent, TakeSummary, build_report
+from bcid.report.page import write_report_page
 
 
-class Judged(NamedTuple):
-    """A model of the comparison."""
+class EvaluatedModel(NamedTuple):
+    """A compared model: its label, the settings of its fit, and the folders of its artifact and of its evaluation."""
 
     label: str  # its name there
     settings: Mapping[str, Any]  # of its fit
@@ -23,50 +24,54 @@ class Judged(NamedTuple):
     evaluation: Path
 
 
-class ByLoss(NamedTuple):
-    """A model fitted by one of the losses that are compared."""
+class LossEvaluation(NamedTuple):
+    """A model fitted by one of the losses that are compared, and the folder of its evaluation."""
 
     model: str
     loss: str
     evaluation: Path
 
 
-def make(
+def run_report_stage(
     folder: Path,
-    models: Sequence[Judged],
+    models: Sequence[EvaluatedModel],
     validation: Path,
-    takes: Sequence[tuple[Path | None, ...]],
+    takes: Sequence[tuple[Path, Path, Path | None]],
     settings: Mapping[str, Any],
     vehicle_name: str,
     diagnosis: Path | None,
-    losses: Sequence[ByLoss] = (),
+    losses: Sequence[LossEvaluation] = (),
 ) -> None:
-    """`takes` are triples of ingest, estimate and check folders."""
+    """Write the comparison of models as index.html and report.json; all paths are folders of artifacts.
+
+    `takes` holds the folders of ingest, estimate and check of every recording; `settings` is the `[report]` table.
+    """
     take = load_estimate(validation)
     results = []
     for judged in models:
-        figures = json.loads((judged.evaluation / "evaluation.json").read_text(encoding="utf-8"))
+        evaluation = EvaluationDocument.read(judged.evaluation / "evaluation.json")
         repeats = int(settings["timing_repeats"])
-        ms = rollout_ms(load_model(judged.model), take, repeats) if repeats else None
-        known = figures | {"model": judged.label, "rollout_ms": ms}
-        results.append(ModelResult.read(known, judged.settings, judged.evaluation))
-    names = ("recording.json", "estimate.json", "check.json")
-    content = Content(
+        ms = time_rollout_ms(load_model(judged.model), take, repeats) if repeats else None
+        labelled = evaluation.model_copy(update={"model": judged.label, "rollout_ms": ms})
+        results.append(ModelResult.read(labelled, judged.settings, judged.evaluation))
+    content = ReportContent(
         vehicle=vehicle_name,
         validation=take,
         models=results,
-        takes=[TakeFacts(*(_facts(f, n) for f, n in zip(take, names, strict=True))) for take in takes],
+        takes=[
+            TakeSummary(
+                json.loads((recording / "recording.json").read_text(encoding="utf-8")),
+                EstimateSummary.read(estimate / "estimate.json"),
+                None if check is None else TruthCheck.read(check / "check.json"),
+            )
+            for recording, estimate, check in takes
+        ],
         restart_s=float(settings["restart_s"]),
-        diagnosis=_facts(diagnosis, "diagnosis.json"),
+        diagnosis=None if diagnosis is None else DiagnosisDocument.read(diagnosis / "diagnosis.json"),
         losses=[
-            {"model": b.model, "loss": b.loss} | {k: figures[k] for k in ("nmse", "nmse_ci95", "nmse_restarted")}
+            LossScore(**{**EvaluationDocument.read(b.evaluation / "evaluation.json").as_json(), **b._asdict()})
             for b in losses
-            for figures in [_facts(b.evaluation, "evaluation.json")]
         ],
     )
-    (folder / "report.json").write_text(json.dumps(report_json(content), indent=1), encoding="utf-8")
-    write_page(content, folder / "index.html")
-
-
-def _facts(folder: Path | None, name: str) -> Any:
-    return None if folder is None else json.loads((folder / name).read_text(encoding="utf-8"))
+    build_report(content).write(folder / "report.json")
+    write_report_page(content, folder / "index.html")

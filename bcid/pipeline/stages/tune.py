@@ -1,17 +1,14 @@
 """Stage `tune`: the estimator's noise, and the steering's constants where the vehicle file omits them."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bcid.estimate.tuning import tune
+from bcid.estimate.tune import tune_estimator
 from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
 
-def make(
+def run_tune_stage(
     folder: Path,
     recordings: Sequence[Path],
     vehicle: Vehicle,
@@ -19,6 +16,6 @@ def make(
     max_gap_s: float,
     noise: Mapping[str, float],
 ) -> None:
-    """Tune on the training recordings."""
-    tuning = tune([load_recording(f) for f in recordings], vehicle, period_s, max_gap_s, noise)
-    (folder / "tuning.json").write_text(json.dumps(tuning.as_json(), indent=1))
+    """Tune the estimator to the ingested training recordings and save the tuning; grid period and longest gap in s."""
+    tuning = tune_estimator([load_recording(f) for f in recordings], vehicle, period_s, max_gap_s, noise)
+    tuning.write(folder / "tuning.json")

@@ -1,1 +1,1 @@
-"""The blind test: takes that conceal effects, sealed answers, and what the diagnosis makes of them."""
+"""The blind test: takes that conceal effects, sealed answers, their diagnoses, and other methods on the same takes."""

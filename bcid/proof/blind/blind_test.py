@@ -1,7 +1,5 @@
 """A blind test from end to end: answers are sealed, takes are run, the seals are opened, all is counted."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable
@@ -10,82 +8,83 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bcid.proof.baselines import summary
-from bcid.proof.blind.cases import Case, quick_suite, subset, suite
-from bcid.proof.blind.run_cases import asked_before, code_of_rows, run_all
-from bcid.proof.blind.seal import answer_of, opened, seal_up
-from bcid.proof.rows import written
-from bcid.proof.scores.outcome import outcome
+from bcid.documents.prove import ProveDocument
+from bcid.proof.blind.cases import BlindCase, draw_quick_suite, draw_suite, thin_tiers
+from bcid.proof.blind.run_cases import case_code_digest, count_cases_with_rows, run_all_cases
+from bcid.proof.blind.seal import case_answer, open_seals, write_seals
+from bcid.proof.rows import count_written_rows
+from bcid.proof.scores.outcome import blind_outcome
 from bcid.simulation.samples import VEHICLE
-from bcid.simulation.writing import write_mcap
+from bcid.simulation.writing import write_mcap_take
 
 
 @dataclass(frozen=True)
-class Sizes:
-    """How much is concealed."""
+class SuiteSizes:
+    """Number of takes in the tiers of a suite."""
 
-    repeats: int = 3  # takes that conceal one effect, of every effect
-    nulls: int = 300
-    imperfect_nulls: int = 100
-    pairs: int = 50
-    every: int = 1  # one case in so many of each tier
+    repeats: int = 3  # takes of each effect that conceal it alone
+    nulls: int = 300  # takes that conceal nothing
+    imperfect_nulls: int = 100  # and in a car that the base model does not fit
+    pairs: int = 50  # takes that conceal two effects
+    every: int = 1  # only one case in so many of each tier
 
 
 @dataclass(frozen=True)
-class Blind:
-    """Which takes are asked, and whether their answers are sealed."""
+class BlindTest:
+    """A blind test: which takes are diagnosed, and whether their answers are sealed."""
 
     seed: int = 1
-    salt: str = ""  # nothing is sealed without
-    quick: bool = False  # a part of its own
-    sizes: Sizes = Sizes()
-    others: bool = False  # other methods as well
+    salt: str = ""  # without one nothing is sealed
+    quick: bool = False  # eighteen cases
+    sizes: SuiteSizes = SuiteSizes()
+    with_baselines: bool = False  # other methods run on the same takes
 
     @cached_property
-    def cases(self) -> list[Case]:
-        """What is concealed."""
-        of = self.sizes
-        whole = list(suite(self.seed, of.repeats, of.nulls, of.imperfect_nulls, of.pairs))
-        return quick_suite(whole, self.seed) if self.quick else subset(whole, of.every)
+    def cases(self) -> list[BlindCase]:
+        """The cases of this test: a quick suite, or every `sizes.every`-th case of each tier."""
+        sizes = self.sizes
+        whole = list(draw_suite(self.seed, sizes.repeats, sizes.nulls, sizes.imperfect_nulls, sizes.pairs))
+        return draw_quick_suite(whole, self.seed) if self.quick else thin_tiers(whole, sizes.every)
 
 
-def laid_out(case: Case, folder: Path) -> Path:
-    """A case's recording in `folder`, beside the vehicle file and its answer, for whoever wants to look at it."""
+def write_case_files(case: BlindCase, folder: Path) -> Path:
+    """Write a case's recording, its vehicle file and its answer into `folder`; return the recording's path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{case.name}.mcap"
-    write_mcap(path, case.driven(), case.rate_hz, case.seed)
+    write_mcap_take(path, case.simulate(), case.rate_hz, case.seed)
     (folder / "bumper_car.toml").write_text(VEHICLE, encoding="utf-8")
-    (folder / f"{case.name}.answer.json").write_text(json.dumps(answer_of(case), indent=1), encoding="utf-8")
+    (folder / f"{case.name}.answer.json").write_text(json.dumps(case_answer(case), indent=1), encoding="utf-8")
     return path
 
 
-def blind_test(
-    test: Blind, folder: Path, workers: int = 1, minutes: float | None = None,
-    sealed: Callable[[str | None], None] = lambda seal: None,
+def run_blind_test(
+    test: BlindTest, folder: Path, workers: int = 1, minutes: float | None = None,
+    announce_seal: Callable[[str | None], None] = lambda seal: None,
     progress: Callable[[int], None] = lambda done: None,
-) -> dict[str, Any]:  # fmt: skip
-    """The outcome of all that has run in `folder`, now or before; no case begins after so many `minutes`.
+) -> ProveDocument:  # fmt: skip
+    """Seal the answers, run the cases, open the seals; return the outcome (prove.json) of all rows in `folder`.
 
-    `sealed` is called with the seal before the first take, `progress` after each.
+    No case begins after so many `minutes`.  `announce_seal` is called with the seal (None without a salt) before the
+    first case, `progress` with the number of rows after each.
 
     Raises:
         UsageError: the folder holds the seals of other answers.
-        InputRefused: a seal that does not fit.
+        InputRefused: a seal does not fit its answer.
     """
-    cases, seal, before = test.cases, None, written(folder)
+    cases, seal, before = test.cases, None, count_written_rows(folder)
     if test.salt:
-        seal = seal_up(cases, test.salt, folder, asked_before(cases, folder))
-    sealed(seal)
+        seal = write_seals(cases, test.salt, folder, count_cases_with_rows(cases, folder))
+    announce_seal(seal)
     rows = list[dict[str, Any]]()
-    for row in run_all(cases, folder, workers, test.others, minutes):
+    for row in run_all_cases(cases, folder, workers, test.with_baselines, minutes):
         rows.append(row)
         progress(len(rows))
     ran = {row["case"] for row in rows}
     about = {
         "seed": test.seed, "salt": test.salt, "quick": test.quick, "sizes": asdict(test.sizes), "of": len(cases),
-        "tiers_of": dict(Counter(c.tier for c in cases)), "seal": seal, "code": code_of_rows(test.others),
+        "tiers_of": dict(Counter(c.tier for c in cases)), "seal": seal, "code": case_code_digest(test.with_baselines),
     }  # fmt: skip
-    unsealed = (
-        opened([c for c in cases if c.name in ran], test.salt, folder, written(folder) - before) if test.salt else {}
-    )
-    return outcome(rows, {**about, **unsealed}) | {"baselines": summary(rows)}
+    if test.salt:
+        opened = [case for case in cases if case.name in ran]
+        about |= open_seals(opened, test.salt, folder, count_written_rows(folder) - before)
+    return blind_outcome(rows, about)

@@ -1,22 +1,29 @@
-"""The suites: what is concealed where, from one seed."""
-
-from __future__ import annotations
+"""The suites of a blind test: cases of all tiers, drawn from one seed."""
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from bcid.proof.blind.concealed_effects import MEASUREMENT, MOST, OUTSIDE, SIZES, Concealed, conceal, flaws, outside
+from bcid.proof.blind.concealed_effects import (
+    BASE_FLAW_RANGES,
+    LARGEST_SIZES,
+    MEASUREMENT_EFFECTS,
+    OUTSIDE_EFFECTS,
+    SIZE_RANGES,
+    ConcealedEffect,
+    draw_concealed_effect,
+    draw_outside_effect,
+)
 from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.drive import Drive, drive, slow_circles
+from bcid.simulation.drive import Drive, simulate_drive, slow_circle_commands
 
 ROUGHNESS = {"rough_force": 3.0, "rough_moment": 1.5}
-"""Of the floor, N and N m, wherever the base is imperfect or the recording harder; a matched car has no extras."""
+"""Random force (N) and moment (N m) of the floor where the base model is imperfect or the recording is not a usual one.
+"""
 FAMILIES = {
     "fx": (
         "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag",
@@ -38,18 +45,19 @@ FAMILIES = {
     "time": ("pose_latency", "clock_drift"),
     "pose": ("marker_offset", "body_yaw_misalignment", "pose_scale"),
 }  # fmt: skip
-"""What is left out of the vocabulary where one of a family is concealed."""
+"""Effects by channel; the whole family may not be named in a "left-out" case that conceals one of them."""
 
-EQUALS = {"pose_latency": ("steering_delay", "motor_delay")}
-"""Left out with an effect that together they are exactly equal to."""
+EXACT_EQUIVALENTS = {"pose_latency": ("steering_delay", "motor_delay")}
+"""Effects that together equal another one exactly, and may not be named either in its "left-out" case."""
 
-FEWER = 4  # of the effects, one in so many is tried on harder recordings
-HARDER = (("two-minutes", 120.0, 60.0, 1.0), ("ten-hertz", 600.0, 10.0, 1.0), ("three-times-noise", 600.0, 60.0, 3.0))
-"""Tier, duration (s), poses per second, times the usual noise."""
-OTHERWISE = (("thirty-minutes", 1800.0, 60.0, 1.0, 8), ("hundred-twenty-hertz", 600.0, 120.0, 1.0, 4))
-"""The same, and one of how many effects is tried."""
+HARDER_RECORDINGS = (
+    ("two-minutes", 120.0, 60.0, 1.0, 4), ("ten-hertz", 600.0, 10.0, 1.0, 4),
+    ("three-times-noise", 600.0, 60.0, 3.0, 4),
+)  # fmt: skip
+UNUSUAL_RECORDINGS = (("thirty-minutes", 1800.0, 60.0, 1.0, 8), ("hundred-twenty-hertz", 600.0, 120.0, 1.0, 4))
+"""Tiers of other recordings: name, duration (s), poses per second, times the usual noise; one effect in so many."""
 
-QUIET = (
+UNEXCITED_BY_CIRCLES = (
     "motor_power_limit", "friction_circle", "tyre_soft_saturation", "load_transfer", "steering_rate_asymmetry",
     "motor_regeneration",
 )  # fmt: skip
@@ -57,12 +65,12 @@ QUIET = (
 
 
 @dataclass(frozen=True)
-class Case:
-    """One concealed recording and its answer."""
+class BlindCase:
+    """One simulated take with concealed effects, and its answer."""
 
     tier: str
     number: int
-    concealed: tuple[Concealed, ...]
+    concealed: tuple[ConcealedEffect, ...]
     imperfect: bool = False
     left_out: tuple[str, ...] = ()
     channel: str = ""  # of a left-out family
@@ -74,37 +82,38 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Unique within a suite."""
+        """The case's name, unique within a suite: its tier and number."""
         return f"{self.tier}-{self.number:04d}"
 
     @property
     def answer(self) -> tuple[str, ...]:
-        """What is there."""
+        """Ids of the concealed effects."""
         return tuple(c.effect for c in self.concealed)
 
     @property
-    def nameable(self) -> dict[str, dict[str, float]]:
-        """Of what is there all that the search may name, with its parameters."""
+    def nameable_effects(self) -> dict[str, dict[str, float]]:
+        """True parameters by symbol of each concealed effect that the diagnosis may name."""
         return {} if self.channel else {c.effect: dict(c.parameters) for c in self.concealed}
 
     def plant(self) -> Plant:
-        """The car with what is concealed."""
+        """The simulated car with the concealed effects, and with flaws that no effect describes if it is imperfect."""
         rng = np.random.default_rng([self.seed, self.number, 7])
-        base = {**ROUGHNESS, **flaws(rng)} if self.imperfect else {}
-        if (self.duration_s, self.rate_hz, self.noise) != (USUAL.duration_s, USUAL.rate_hz, USUAL.noise):
+        flaws = {name: float(rng.uniform(low, high)) for name, (low, high) in BASE_FLAW_RANGES.items()}
+        base = {**ROUGHNESS, **flaws} if self.imperfect else {}
+        if (self.duration_s, self.rate_hz, self.noise) != (USUAL_CASE.duration_s, USUAL_CASE.rate_hz, USUAL_CASE.noise):
             base |= ROUGHNESS
         more = {k: v for c in self.concealed for k, v in c.plant.items()}
         return Plant(**{**base, **more})
 
     def digest(self) -> str:
-        """Of what is driven and of what the diagnosis may not name; the tier's name and number do not count."""
+        """Digest (16 hex digits) of what is driven and of the names left out, whatever the case's tier and number."""
         made: list[object] = [self._drive_seed(), self.driver, self.duration_s, self.left_out]
         for values, usual in ((self.plant(), Plant()), (self.sensor(), Sensor())):
             made.append([(k, v) for k, v in values._asdict().items() if v != getattr(usual, k)])
         return hashlib.sha256(repr(made).encode()).hexdigest()[:16]
 
     def sensor(self) -> Sensor:
-        """The motion capture with what is concealed."""
+        """The simulated motion capture with the concealed effects."""
         more = {k: v for c in self.concealed for k, v in c.sensor.items()}
         usual = Sensor()
         return usual._replace(
@@ -112,131 +121,130 @@ class Case:
             yaw_noise=self.noise * usual.yaw_noise, **more,
         )  # fmt: skip
 
-    def driven(self) -> Drive:
-        """The drive."""
-        given = slow_circles(self.duration_s) if self.driver == "circles" else None
-        return drive(
-            self.plant(), self.sensor(), self.duration_s, self._drive_seed(), given=given,
-            pursues=self.driver == "pursuit",
+    def simulate(self) -> Drive:
+        """Simulate the case's drive: its car, driver and motion capture."""
+        given = slow_circle_commands(self.duration_s) if self.driver == "circles" else None
+        return simulate_drive(
+            self.plant(), self.sensor(), self.duration_s, self._drive_seed(), given_commands=given,
+            follows_path=self.driver == "pursuit",
         )  # fmt: skip
 
     def _drive_seed(self) -> int:
+        """Seed of the driver and of the noise."""
         return int(np.random.default_rng([self.seed, self.number, 11]).integers(2**31))
 
 
-USUAL = Case("usual", 0, ())
+USUAL_CASE = BlindCase("usual", 0, ())
 
 
-Conceals = Callable[[np.random.Generator], tuple[Concealed, ...]]
+EffectDraw = Callable[[np.random.Generator], tuple[ConcealedEffect, ...]]
+"""Draws the concealed effects of a case with a random generator."""
 
 
-class _Draft(NamedTuple):
-    """A case before its number, of which its seed draws what is concealed how large and where."""
+class _CaseDraft(NamedTuple):
+    """A case that has neither a number nor drawn effects yet."""
 
     tier: str
-    conceals: Conceals
-    more: Mapping[str, Any] = MappingProxyType({})
+    draw_effects: EffectDraw
+    fields: Mapping[str, Any] = MappingProxyType({})
 
 
-def suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int, more: bool = True) -> Iterator[Case]:
-    """All tiers, from one seed; without `more` those that have goals, and harder recordings."""
-    drafts = _with_goals(repeats, nulls, imperfect_nulls, pairs)
-    for number, draft in enumerate(chain(drafts, _others(repeats, pairs) if more else ())):
-        hidden = draft.conceals(np.random.default_rng([seed, number, 3]))
-        yield Case(draft.tier, number, hidden, seed=seed, **draft.more)
+def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[BlindCase]:
+    """Draw the cases of all tiers from one seed, each with a random generator of its own.
+
+    There are `repeats` cases of each effect alone, `nulls` of nothing, `imperfect_nulls` of nothing in a car that the
+    base model does not fit, and `pairs` of two effects.
+    """
+    for number, draft in enumerate(_draft_cases(repeats, nulls, imperfect_nulls, pairs)):
+        hidden = draft.draw_effects(np.random.default_rng([seed, number, 3]))
+        yield BlindCase(draft.tier, number, hidden, seed=seed, **draft.fields)
 
 
-def _with_goals(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_Draft]:
-    """One effect, nothing, what may not be named, two; harder recordings."""
+def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_CaseDraft]:
+    """Draft the cases of all tiers in the order of their numbers, so many of each as in `draw_suite`."""
     for imperfect, tier in ((False, "single"), (True, "single-imperfect")):
-        for effect in repeats * [*SIZES]:
-            yield _Draft(tier, _one(effect), {"imperfect": imperfect})
-    yield from nulls * [_Draft("null", _nothing)]
-    yield from imperfect_nulls * [_Draft("null-imperfect", _nothing, {"imperfect": True})]
+        for effect in repeats * [*SIZE_RANGES]:
+            yield _CaseDraft(tier, _one_effect_draw(effect), {"imperfect": imperfect})
+    yield from nulls * [_CaseDraft("null", _several_effects_draw(0))]
+    yield from imperfect_nulls * [_CaseDraft("null-imperfect", _several_effects_draw(0), {"imperfect": True})]
     for channel, family in FAMILIES.items():
         for effect in family:
-            left_out = (*family, *EQUALS.get(effect, ()))
-            yield _Draft("left-out", _one(effect), {"left_out": left_out, "channel": channel})
-    yield from pairs * [_Draft("pair", _several(2))]
-    for tier, duration, rate, noise in HARDER:
-        for effect in [*SIZES][::FEWER]:
-            yield _recorded(tier, effect, duration, rate, noise)
+            left_out = (*family, *EXACT_EQUIVALENTS.get(effect, ()))
+            yield _CaseDraft("left-out", _one_effect_draw(effect), {"left_out": left_out, "channel": channel})
+    yield from pairs * [_CaseDraft("pair", _several_effects_draw(2))]
+    yield from _draft_recordings(HARDER_RECORDINGS, first=0)
+    for effect in SIZE_RANGES:
+        yield _CaseDraft("half-size", _one_effect_draw(effect, factor=0.5))
+    for effect in SIZE_RANGES:
+        if effect not in LARGEST_SIZES:
+            yield _CaseDraft("double-size", _one_effect_draw(effect, factor=2.0))
+    yield from (2 * pairs // 5) * [_CaseDraft("triple", _several_effects_draw(3))]
+    yield from (2 * pairs // 5) * [_CaseDraft("measurement-and-vehicle", _draw_measurement_and_vehicle)]
+    for effect, (channel, _) in repeats * [*OUTSIDE_EFFECTS.items()]:
+        yield _CaseDraft("outside", _outside_effect_draw(effect), {"channel": channel})
+    for effect in UNEXCITED_BY_CIRCLES:
+        yield _CaseDraft("unexcited", _one_effect_draw(effect), {"driver": "circles"})
+    for effect in [*SIZE_RANGES][1::2]:
+        yield _CaseDraft("closed-loop", _one_effect_draw(effect), {"driver": "pursuit"})
+    yield from _draft_recordings(UNUSUAL_RECORDINGS, first=2)
 
 
-def _others(repeats: int, pairs: int) -> Iterator[_Draft]:
-    """Other sizes, several at once, what has no name, what is not excited, other drivers and recordings."""
-    for effect in SIZES:
-        yield _Draft("half-size", _one(effect, times=0.5))
-    for effect in SIZES:
-        if effect not in MOST:
-            yield _Draft("double-size", _one(effect, times=2.0))
-    yield from (2 * pairs // 5) * [_Draft("triple", _several(3))]
-    yield from (2 * pairs // 5) * [_Draft("measurement-and-vehicle", _measurement_and_vehicle)]
-    for effect, (channel, _) in repeats * [*OUTSIDE.items()]:
-        yield _Draft("outside", _nameless(effect), {"channel": channel})
-    for effect in QUIET:
-        yield _Draft("unexcited", _one(effect), {"driver": "circles"})
-    for effect in [*SIZES][1::2]:
-        yield _Draft("closed-loop", _one(effect), {"driver": "pursuit"})
-    for tier, duration, rate, noise, fewer in OTHERWISE:
-        for effect in [*SIZES][2::fewer]:
-            yield _recorded(tier, effect, duration, rate, noise)
+def _draft_recordings(recordings: Sequence[tuple[str, float, float, float, int]], first: int) -> Iterator[_CaseDraft]:
+    """Draft one tier for each of `recordings`, with every so many-th effect alone, from the one at index `first` on."""
+    for tier, duration, rate, noise, stride in recordings:
+        for effect in [*SIZE_RANGES][first::stride]:
+            fields = {"duration_s": duration, "rate_hz": rate, "noise": noise}
+            yield _CaseDraft(tier, _one_effect_draw(effect, duration), fields)
 
 
-def _recorded(tier: str, effect: str, duration: float, rate: float, noise: float) -> _Draft:
-    """One effect in a recording that is not the usual one."""
-    return _Draft(tier, _one(effect, duration), {"duration_s": duration, "rate_hz": rate, "noise": noise})
+def _one_effect_draw(effect: str, duration: float = USUAL_CASE.duration_s, factor: float = 1.0) -> EffectDraw:
+    """Return a draw of one effect at `factor` times its usual size in a drive of `duration` (s)."""
+    return lambda rng: (draw_concealed_effect(effect, rng, duration, factor),)
 
 
-def _nothing(_: np.random.Generator) -> tuple[Concealed, ...]:
-    return ()
+def _outside_effect_draw(effect: str) -> EffectDraw:
+    """Return a draw of an effect that the diagnosis has no name for."""
+    return lambda rng: (draw_outside_effect(effect, rng),)
 
 
-def _one(effect: str, duration: float = USUAL.duration_s, times: float = 1.0) -> Conceals:
-    """An effect, so many times its size."""
-    return lambda draw: (conceal(effect, draw, duration, times),)
-
-
-def _nameless(effect: str) -> Conceals:
-    """An effect that has no id."""
-    return lambda draw: (outside(effect, draw),)
-
-
-def _several(count: int) -> Conceals:
-    """Different effects at their sizes."""
-    names = list(SIZES)
-    return lambda draw: tuple(
-        conceal(names[i], draw, USUAL.duration_s) for i in draw.choice(len(names), count, replace=False)
+def _several_effects_draw(count: int) -> EffectDraw:
+    """Return a draw of `count` different effects at their usual sizes."""
+    names = list(SIZE_RANGES)
+    return lambda rng: tuple(
+        draw_concealed_effect(names[i], rng, USUAL_CASE.duration_s)
+        for i in rng.choice(len(names), count, replace=False)
     )
 
 
-def _measurement_and_vehicle(draw: np.random.Generator) -> tuple[Concealed, ...]:
-    names = [str(draw.choice(MEASUREMENT)), str(draw.choice([n for n in SIZES if n not in MEASUREMENT]))]
-    return tuple(conceal(name, draw, USUAL.duration_s) for name in names)
+def _draw_measurement_and_vehicle(rng: np.random.Generator) -> tuple[ConcealedEffect, ...]:
+    """Draw one effect of the measurement and one of the vehicle or floor."""
+    vehicle_effects = [n for n in SIZE_RANGES if n not in MEASUREMENT_EFFECTS]
+    names = [str(rng.choice(group)) for group in (MEASUREMENT_EFFECTS, vehicle_effects)]
+    return tuple(draw_concealed_effect(name, rng, USUAL_CASE.duration_s) for name in names)
 
 
-def subset(cases: list[Case], every: int) -> list[Case]:
-    """A fixed part of every tier: work on this, run all at the end."""
+def thin_tiers(cases: list[BlindCase], every: int) -> list[BlindCase]:
+    """Keep every `every`-th case of each tier, the first included: always the same part of a suite."""
     chosen = []
     for tier in dict.fromkeys(c.tier for c in cases):
         chosen += [c for c in cases if c.tier == tier][::every]
     return chosen
 
 
-QUICK_EVERY = {
+QUICK_STRIDES = {
     "single": 30, "single-imperfect": 60, "null": 100, "null-imperfect": 100, "left-out": 20, "pair": 50, "outside": 14,
     "unexcited": 6, "closed-loop": 20, "two-minutes": 11,
 }  # fmt: skip
-"""Of each tier, one in so many makes eighteen cases."""
+"""A quick suite has about one case in so many of each tier, eighteen in all."""
 
 
-def quick_suite(cases: Sequence[Case], seed: int) -> list[Case]:
-    """Eighteen of the cases, drawn from the tiers in which most is at stake."""
-    drawn = list[Case]()
-    for k, (tier, every) in enumerate(QUICK_EVERY.items()):
-        of = [c for c in cases if c.tier == tier]
-        shuffled = [of[i] for i in np.random.default_rng([seed, k, 5]).permutation(len(of))]
+def draw_quick_suite(cases: Sequence[BlindCase], seed: int) -> list[BlindCase]:
+    """Draw some eighteen of the cases from the tiers with QUICK_STRIDES, if possible with different answers."""
+    drawn = list[BlindCase]()
+    for k, (tier, every) in enumerate(QUICK_STRIDES.items()):
+        members = [c for c in cases if c.tier == tier]
+        shuffled = [members[i] for i in np.random.default_rng([seed, k, 5]).permutation(len(members))]
         different = list({c.answer: c for c in shuffled}.values())
-        few = max(len(of[every // 2 :: every]), min(len(of), 1))
+        few = max(len(members[every // 2 :: every]), min(len(members), 1))
         drawn += (different if len(different) >= few else shuffled)[:few]
     return drawn

@@ -1,1 +1,1 @@
-"""Questions to real recordings: a published model less one effect, controls, and edits with exact truth."""
+"""Questions to real recordings: a published model without one of its effects, controls, and edits of known size."""

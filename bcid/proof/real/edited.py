@@ -1,112 +1,118 @@
-"""Edited recordings: whether an effect that is made in a real drive is found, and as large as it was made."""
+"""Questions about edited recordings: an effect made in a real drive must be found, and as large as it was made."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.compared import Compared
-from bcid.diagnosis.diagnose import Diagnosis, diagnosed
-from bcid.diagnosis.judge.verdict import values_of
-from bcid.diagnosis.reference import of_parameters
-from bcid.effects.table import effects_of
+from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
+from bcid.diagnosis.reference import reference_from_parameters
+from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.search.refits import estimates_by_symbol
+from bcid.effects.table import effect_ids
+from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
+from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import refit
 from bcid.physics.car import Car
 from bcid.proof.real.edits import EDITS
-from bcid.proof.real.question_files import Asked
-from bcid.proof.real.questions import Edited
-from bcid.proof.rows import said
+from bcid.proof.real.limits import LIMITS
+from bcid.proof.real.question_files import QuestionInputs
+from bcid.proof.real.questions import EditedQuestion
+from bcid.proof.rows import diagnosis_row
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-AS_IT_WAS = 0.02  # relative trust in what a recording shows without the edit
 
-
-class Before(NamedTuple):
+class UneditedDrive(NamedTuple):
     """What a drive shows before anything is edited in it."""
 
-    known: Compared  # a simulation of it that is to be trusted
-    of: dict[str, dict[str, tuple[float, float]]]  # by effect, of its parameters: values with standard errors
+    simulation: ReferenceModel  # the drive's own model, trusted to `LIMITS.unedited_relative_sd`
+    effect_values: dict[str, dict[str, tuple[float, float]]]  # value and standard error by effect and symbol
 
-    def row(self) -> dict[str, Any]:
-        """As it is kept."""
-        return {"car": self.known.car._asdict(), "effects": self.known.effects, "of": self.of}
+    def as_row(self) -> dict[str, Any]:
+        """This drive's row, which is stored for the edits of the drive."""
+        return {"car": self.simulation.car._asdict(), "effects": self.simulation.effects, "of": self.effect_values}
 
     @classmethod
-    def from_row(cls, row: Mapping[str, Any]) -> Before:
-        """As it was kept."""
-        return cls(Compared(Car(**row["car"]), row["effects"], AS_IT_WAS), row["of"])
+    def from_row(cls, row: Mapping[str, Any]) -> UneditedDrive:
+        """The unedited drive of a stored row."""
+        return cls(ReferenceModel(Car(**row["car"]), row["effects"], LIMITS.unedited_relative_sd), row["of"])
 
 
-def as_it_was(name: str, effects: Iterable[str], asked: Asked) -> Before:
-    """What a recording shows before any of these effects is edited in it, whether or not it has a name.
+def diagnose_unedited_drive(name: str, effects: Iterable[str], inputs: QuestionInputs) -> UneditedDrive:
+    """Diagnose a recording before it is edited, and fit each of `effects` to it, whether or not it is named.
 
-    It is asked freely first, and then as the edited one will be, beside what was found: what that adds is no edit's.
+    It is diagnosed a second time against the first diagnosis's best fit, as the edited recording will be, so that what
+    only a second diagnosis adds is not mistaken for the edit.  An effect whose fit diverges is left out.
     """
-    vehicle, start = asked.vehicle_of(name), None
-    recording, estimate, _ = asked.moved(name, vehicle)
-    if asked.simulation is not None:
-        start = of_parameters(asked.simulation, [estimate], vehicle)._replace(trust=None)
-    freely = diagnosed([recording], [estimate], vehicle, start)
-    unedited = diagnosed([recording], [estimate], vehicle, _trusted(freely))
-    found = Before(_trusted(unedited), {})
+    vehicle, start = inputs.vehicle_for(name), None
+    recording, estimate, _ = inputs.estimate_recording(name, vehicle)
+    if inputs.simulation is not None:
+        start = reference_from_parameters(inputs.simulation, [estimate], vehicle)._replace(relative_sd=None)
+    freely = diagnose_recordings([recording], [estimate], vehicle, start)
+    unedited = diagnose_recordings([recording], [estimate], vehicle, _trusted_simulation(freely))
+    found = UneditedDrive(_trusted_simulation(unedited), {})
     for effect in effects:
-        with suppress(FloatingPointError):  # that is of this edit alone
-            found.of[effect] = _before(effect, unedited)
+        before = none_if_diverged(_unedited_values, effect, unedited)  # a divergence concerns this edit alone
+        if before is not None:
+            found.effect_values[effect] = before
     return found
 
 
-def _trusted(found: Diagnosis) -> Compared:
-    """What a drive showed, as a simulation of it that is to be trusted."""
-    return Compared.of(found.search.best)._replace(trust=AS_IT_WAS)
+def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
+    """The best fit of a diagnosis as a simulation whose parameters are trusted to `LIMITS.unedited_relative_sd`."""
+    return ReferenceModel.from_fit(diagnosis.search.best)._replace(relative_sd=LIMITS.unedited_relative_sd)
 
 
-def answered(case: Edited, unedited: Before, asked: Asked) -> dict[str, Any]:
-    """What is made of an edited recording, of which all else is known; the effect itself is looked for anew.
+def answer_edited_question(question: EditedQuestion, unedited: UneditedDrive, inputs: QuestionInputs) -> dict[str, Any]:
+    """Diagnose an edited recording against what the unedited drive shows, less the edited effect; return the row.
 
-    And what of its parameters the drive showed `before`, with standard errors.
+    The row has the edit's size ("truth"), and the effect's values and standard errors "before".
 
     Raises:
-        FloatingPointError: where the drive, edited or not, cannot be followed.
+        PredictionDiverged: the effect could not be fitted to the unedited drive.
     """
-    if case.effect not in unedited.of:
-        raise FloatingPointError(f"what the drive shows of {case.effect} before it is edited leaves the finite numbers")
-    known = unedited.known
-    changed, estimate, vehicle = _changed(case, known, asked)
-    found = diagnosed([changed], [estimate], vehicle, known.without(case.effect))
-    return {"truth": case.value, "before": unedited.of[case.effect], **said(found)}
+    if question.effect not in unedited.effect_values:
+        raise PredictionDiverged(f"a fit of {question.effect} to the unedited drive leaves the finite numbers")
+    recording, estimate, vehicle = _edit_recording(question, unedited.simulation, inputs)
+    reference = unedited.simulation.without(question.effect)
+    row = diagnosis_row(diagnose_recordings([recording], [estimate], vehicle, reference))
+    return {"truth": question.value, "before": unedited.effect_values[question.effect], **row}
 
 
-def _changed(case: Edited, known: Compared, asked: Asked) -> tuple[Recording, Estimate, Vehicle]:
-    """The edited recording and its motion, and the vehicle with a lock that does not cut the edit off."""
-    vehicle = asked.vehicle_of(case.recording)
-    recording, _, tuning = asked.moved(case.recording, vehicle)
-    # an offset is the wheel's, and the log's by as much less as the drive shows that a logged angle moves the wheel
-    gain = 1.0 + known.effects.get("steering_scale__g", 0.0) if case.effect == "steering_offset" else 1.0
-    changed = EDITS[case.effect](recording, case.value / gain)
+def _edit_recording(
+    question: EditedQuestion, simulation: ReferenceModel, inputs: QuestionInputs
+) -> tuple[Recording, Estimate, Vehicle]:
+    """The edited recording, its estimated motion, and the vehicle with a steering limit that does not clip the edit."""
+    vehicle = inputs.vehicle_for(question.recording)
+    recording, _, tuning = inputs.estimate_recording(question.recording, vehicle)
+    # the offset is meant at the wheel; where the drive shows that the wheel turns by 1 + g times the logged angle,
+    # the log's offset is smaller by that factor
+    gain = 1.0 + simulation.effects.get("steering_scale__g", 0.0) if question.effect == "steering_offset" else 1.0
+    changed = EDITS[question.effect](recording, question.value / gain)
     reach = float(np.nanmax(np.abs(changed.commands.values[:, 0])))
     lock = {"max_angle_rad": max(vehicle.steering.max_angle_rad, reach)}
     vehicle = vehicle.model_copy(update={"steering": vehicle.steering.model_copy(update=lock)})
     return changed, estimate_motion(changed, vehicle, tuning), vehicle
 
 
-def _before(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
-    """What an unedited drive shows of an effect's parameters beside all else that it shows, with standard errors.
+def _unedited_values(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
+    """Values and standard errors by symbol of an effect's parameters, fitted to a drive before it is edited.
 
-    The effect's own are as free as they are in an edited drive, from where they were found or from nothing.  As much
-    as nothing where an effect is of one sign only and the drive would rather have the other.
+    All other effects that the drive shows are trusted as in an edited drive; the effect itself is free, and starts
+    where it was found or off.  An effect of one sign only is about zero where the drive shows the other sign.
     """
     best = unedited.search.best
-    values, entry = best.hypothesis.values(best.phi), best.hypothesis.entries[effect]
+    values, entry = best.hypothesis.effect_values(best.phi), best.hypothesis.entries[effect]
     rest = {field: v for field, v in values.items() if field not in entry.fields}
-    known = replace(best.hypothesis, nominal=best.car(), assumed=effects_of(rest)).trusting([*rest.values()], AS_IT_WAS)
-    phi = known.holding().start(best.car(), [*rest.values()])
+    known = replace(best.hypothesis, nominal=best.car(), assumed=effect_ids(rest))
+    known = known.trust_simulation([*rest.values()], LIMITS.unedited_relative_sd).with_effects()
+    phi = known.phi_of(best.car(), [*rest.values()])
     own = [values.get(field, p.off) for field, p in zip(entry.fields, entry.parameters, strict=True)]
-    more, start = known.holding().with_effect(effect, phi, own)
-    return values_of(refit(unedited.take, more, start, best.start, best.scales), effect)
+    more, start = known.add_effect(effect, phi, own)
+    return estimates_by_symbol(refit(unedited.take, more, start, best.start, best.scales), effect)

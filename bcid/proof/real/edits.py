@@ -1,6 +1,4 @@
-"""Effects made in a real recording: what is done to its poses or commands can be undone, so their size is known."""
-
-from __future__ import annotations
+"""Edits that make an effect of known size in a real recording, by changing its poses or commands."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -11,48 +9,51 @@ from bcid.aliases import Floats
 from bcid.recording.types import Recording, Stream
 
 
-def _stamped(of: Recording, stamp: Callable[[Floats], Floats]) -> Recording:
-    """With poses stamped otherwise."""
-    breaks = tuple(stamp(np.array(of.breaks_s, dtype=float)).tolist())
-    return replace(of, poses=Stream(stamp(of.poses.time_s), of.poses.values), breaks_s=breaks)
+def _restamp_poses(recording: Recording, stamp: Callable[[Floats], Floats]) -> Recording:
+    """The recording with pose times (s), and the times of breaks, mapped by `stamp`."""
+    breaks = tuple(stamp(np.array(recording.breaks_s, dtype=float)).tolist())
+    return replace(recording, poses=Stream(stamp(recording.poses.time_s), recording.poses.values), breaks_s=breaks)
 
 
-def _posed(of: Recording, factor: float = 1.0, turned: float = 0.0) -> Recording:
-    return replace(of, poses=Stream(of.poses.time_s, of.poses.values * [factor, factor, 1.0] + [0.0, 0.0, turned]))
+def _scale_and_turn_poses(recording: Recording, factor: float = 1.0, turn: float = 0.0) -> Recording:
+    """The recording with positions times `factor` and yaw plus `turn` (rad)."""
+    values = recording.poses.values * [factor, factor, 1.0] + [0.0, 0.0, turn]
+    return replace(recording, poses=Stream(recording.poses.time_s, values))
 
 
-def _shifted(of: Recording, d: float) -> Recording:
-    x, y, yaw = of.poses.values.T
+def _move_tracked_point(recording: Recording, d: float) -> Recording:
+    """The recording with the tracked point `d` (m) farther ahead on the car."""
+    x, y, yaw = recording.poses.values.T
     values = np.column_stack([x + d * np.cos(yaw), y + d * np.sin(yaw), yaw])
-    return replace(of, poses=Stream(of.poses.time_s, values))
+    return replace(recording, poses=Stream(recording.poses.time_s, values))
 
 
-def _commanded(of: Recording, angle: Callable[[Floats], Floats]) -> Recording:
-    """With other logged steering commands."""
-    values = of.commands.values.copy()
+def _map_steering_commands(recording: Recording, angle: Callable[[Floats], Floats]) -> Recording:
+    """The recording with logged steering angles (rad) mapped by `angle`."""
+    values = recording.commands.values.copy()
     values[:, 0] = angle(values[:, 0])
-    return replace(of, commands=Stream(of.commands.time_s, values))
+    return replace(recording, commands=Stream(recording.commands.time_s, values))
 
 
-def _earlier(of: Recording, tau: float, which: int) -> Recording:
-    """One of the commands logged `tau` before it came: as if it acted that much later."""
-    t, values = of.commands.time_s, of.commands.values
+def _advance_command(recording: Recording, tau: float, column: int) -> Recording:
+    """The recording with one column of the commands logged `tau` (s) early, as if the car acted that much later."""
+    t, values = recording.commands.time_s, recording.commands.values
     times = np.union1d(t, t - tau)
     times = times[(times >= t[0]) & (times <= t[-1] - tau)]
     now = values[np.searchsorted(t, times, side="right") - 1].copy()
-    now[:, which] = values[np.searchsorted(t, times + tau, side="right") - 1, which]
-    return replace(of, commands=Stream(times, now))
+    now[:, column] = values[np.searchsorted(t, times + tau, side="right") - 1, column]
+    return replace(recording, commands=Stream(times, now))
 
 
 EDITS: Mapping[str, Callable[[Recording, float], Recording]] = {
-    "pose_latency": lambda of, tau: _stamped(of, lambda t: t + tau),
-    "clock_drift": lambda of, drift: _stamped(of, lambda t: t + drift * (t - of.poses.time_s[0])),
-    "marker_offset": _shifted,
-    "body_yaw_misalignment": lambda of, psi: _posed(of, turned=psi),
-    "pose_scale": lambda of, kappa: _posed(of, factor=1.0 + kappa),
-    "steering_offset": lambda of, o: _commanded(of, lambda u: u - o),
-    "steering_side_gain": lambda of, a: _commanded(of, lambda u: u / (1.0 + a * np.sign(u))),
-    "steering_delay": lambda of, tau: _earlier(of, tau, 0),
-    "motor_delay": lambda of, tau: _earlier(of, tau, 1),
+    "pose_latency": lambda take, tau: _restamp_poses(take, lambda t: t + tau),
+    "clock_drift": lambda take, drift: _restamp_poses(take, lambda t: t + drift * (t - take.poses.time_s[0])),
+    "marker_offset": _move_tracked_point,
+    "body_yaw_misalignment": lambda take, psi: _scale_and_turn_poses(take, turn=psi),
+    "pose_scale": lambda take, kappa: _scale_and_turn_poses(take, factor=1.0 + kappa),
+    "steering_offset": lambda take, o: _map_steering_commands(take, lambda u: u - o),
+    "steering_side_gain": lambda take, a: _map_steering_commands(take, lambda u: u / (1.0 + a * np.sign(u))),
+    "steering_delay": lambda take, tau: _advance_command(take, tau, 0),
+    "motor_delay": lambda take, tau: _advance_command(take, tau, 1),
 }
-"""What is done to a recording so that the car in it has the effect of this size."""
+"""By effect, the edit after which the car in a recording has the effect of the given size."""

@@ -1,103 +1,97 @@
-"""Whether what was said of a real recording is right, by what its question accepts; a row outlives a change of either.
+"""Scores of the answers to questions about real recordings; rows outlive a change of what is accepted.
 
-`beside` are the names that are none of what was asked for, `first` whether what was asked for stands first.
+A scored row adds "right", "beside" (names that were not asked for) and, where something is withheld, "first" (whether
+an accepted name stands first).
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 from bcid.effects.table import EFFECTS
-from bcid.proof.real.questions import NOT_ASKED, VEHICLE, Edited, Withheld
-from bcid.proof.scores.tiers import LARGEST_SET
+from bcid.proof.limits import LIMITS
+from bcid.proof.real.questions import ANY_VEHICLE_EFFECT, NOT_ASKED, EditedQuestion, WithheldQuestion
 
-NEAR, SURE = 0.25, 3.0  # of an edit's size, or standard errors, within which its value must be found,
-FARTHEST = 0.5  # of its size, however large they are
+SCHEMA = "bcid.prove-real/1"
+REAL_TIERS = ("withheld", "control", "edited")
 
 
-def judged(case: Withheld | Edited, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row with what of its answer is right."""
+def score_answer(question: WithheldQuestion | EditedQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of an answer about a real recording, with whether it is right ("right") and further scores."""
     if "error" in row:
         return {**row, "right": False}
     if row["verdict"] == NOT_ASKED:
         return {**row, "right": True}
-    return _edited(case, row) if isinstance(case, Edited) else _withheld(case, row)
+    return _score_edited(question, row) if isinstance(question, EditedQuestion) else _score_withheld(question, row)
 
 
-def _withheld(case: Withheld, row: Mapping[str, Any]) -> dict[str, Any]:
-    """An accepted name, of no more names for one effect than tell something; of a control, none of them."""
+def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Score a row where something is withheld: an accepted name in a short set is right; in a control it is wrong."""
     sets = [{f["effect"], *f["twins"]} for f in row["findings"]]
-    few = len(set().union(*sets)) < LARGEST_SET + max(len(sets), 1)
-    met = [few and _accepted(names, case.accepted) for names in sets]
+    few = len(set().union(*sets)) < LIMITS.max_names_per_effect + max(len(sets), 1)
+    met = [few and _is_any_accepted(names, question.accepted) for names in sets]
     beside = [f["effect"] for f, is_met in zip(row["findings"], met, strict=True) if not is_met]
-    if case.control:
-        told = _parts(set().union(*sets, _nameless(row)))
-        right = not _with_kinds(told - set(case.known)) & set(case.accepted)
+    if question.control:
+        names = _split_joint_names(set().union(*sets, _unknown_label(row)))
+        right = not _add_vehicle_kind(names - set(question.known)) & set(question.accepted)
     else:
-        right = any(met) or _accepted(_nameless(row), case.accepted)
+        right = any(met) or _is_any_accepted(_unknown_label(row), question.accepted)
     return {**row, "first": right and (not met or met[0]), "beside": beside, "right": right}
 
 
-def _edited(case: Edited, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The effect, with nothing else beside it: its first parameter as large as the edit, a second one nothing.
-
-    Both beyond what the drive showed of them `before`.
-    """
-    told = next((f["values"] for f in row["findings"] if f["effect"] == case.effect), None)
-    beside = [f["effect"] for f in row["findings"] if f["effect"] != case.effect]
+def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Score a row of an edited recording: its effect alone, the first parameter raised by the edit, the others not."""
+    values = next((f["values"] for f in row["findings"] if f["effect"] == question.effect), None)
+    beside = [f["effect"] for f in row["findings"] if f["effect"] != question.effect]
     first, *others = row["before"]
-    made = {first: case.value, **dict.fromkeys(others, 0.0)}
-    right = told is not None and all(_near(told[s], row["before"][s], made[s], abs(case.value)) for s in made)
-    return {**row, "value": told[first][0] if told else None, "beside": beside, "right": right and not beside}
+    true = {first: question.value, **dict.fromkeys(others, 0.0)}
+    size = abs(question.value)
+    right = values is not None and all(_is_near(values[s], row["before"][s], true[s], size) for s in true)
+    return {**row, "value": values[first][0] if values else None, "beside": beside, "right": right and not beside}
 
 
-def _near(value: Sequence[float], before: Sequence[float], made: float, size: float) -> bool:
-    """Whether a parameter is what was made of it beyond what it was before, for an edit of such a size."""
-    off, se = value[0] - before[0] - made, math.hypot(value[1], before[1])
-    return abs(off) < min(max(NEAR * size, SURE * se), FARTHEST * size)
+def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size: float) -> bool:
+    """Whether a parameter exceeds its value `before` by the `edit`, within the limits for an edit of that `size`.
+
+    Values are pairs of value and standard error.
+    """
+    off, se = value[0] - before[0] - edit, math.hypot(value[1], before[1])
+    near = max(LIMITS.edit_error_share * size, LIMITS.edit_error_se * se)
+    return abs(off) < min(near, LIMITS.max_edit_error_share * size)
 
 
-def _accepted(names: Set[str], accepted: Sequence[str]) -> bool:
-    """Whether one of the names is accepted; several that are alike only together, if all of them are."""
+def _is_any_accepted(names: Set[str], accepted: Sequence[str]) -> bool:
+    """Whether one of the names is accepted; of a joint name "a+b" all parts must be."""
     return any(set(name.split("+")) <= set(accepted) for name in names)
 
 
-def _nameless(answer: Mapping[str, Any]) -> set[str]:
-    """What the answer says of what has no name."""
+def _unknown_label(answer: Mapping[str, Any]) -> set[str]:
+    """The label "unknown in CHANNEL" of an answer with the verdict "unknown", as a set; empty otherwise."""
     return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
 
 
-def _parts(names: Set[str]) -> set[str]:
-    """Every effect that the names may mean."""
+def _split_joint_names(names: Set[str]) -> set[str]:
+    """The names with each joint name "a+b" split into its parts."""
     return {part for name in names for part in name.split("+")}
 
 
-def _with_kinds(named: Set[str]) -> set[str]:
-    """The names, and VEHICLE where one of them is the vehicle's."""
-    return {*named, *(EFFECTS[e].kind for e in named if e in EFFECTS and EFFECTS[e].kind == VEHICLE)}
+def _add_vehicle_kind(names: Set[str]) -> set[str]:
+    """The names, and ANY_VEHICLE_EFFECT if one of them is an effect of the vehicle."""
+    return {*names, *(EFFECTS[e].kind for e in names if e in EFFECTS and EFFECTS[e].kind == ANY_VEHICLE_EFFECT)}
 
 
-SCHEMA = "bcid.prove-real/1"
+def real_outcome(rows: Sequence[Mapping[str, Any]], code: str) -> dict[str, Any]:
+    """The outcome of all questions (real.json): scored rows in order, and counts of right answers by tier.
 
-
-TIERS = ("withheld", "control", "edited")
-
-
-def outcome(rows: Sequence[Mapping[str, Any]], code: str) -> dict[str, Any]:
-    """All rows in order, and right answers of how many, tier by tier; `code` is the digest of what made them.
-
-    Of what was withheld also how many are right by a name, how many of these stand first, how many have no other beside
-    them, and of all names how many are accepted.  What makes no difference to the error where it is withheld does not
-    count.
+    Withheld questions are also counted as right by a name, of these first and alone, and their names as accepted or
+    not.  Rows with the verdict NOT_ASKED do not count.  `code` is the digest of the code that made the rows.
     """
-    rows = sorted(rows, key=lambda r: (TIERS.index(r["tier"]), r["recording"], r["case"]))
+    rows = sorted(rows, key=lambda r: (REAL_TIERS.index(r["tier"]), r["recording"], r["case"]))
     counted = [r for r in rows if r["verdict"] != NOT_ASKED]
     tiers = {
-        tier: {"right": sum(r["right"] for r in of), "n": len(of)}
+        tier: {"right": sum(r["right"] for r in members), "n": len(members)}
         for tier in dict.fromkeys(r["tier"] for r in rows)
-        for of in [[r for r in counted if r["tier"] == tier]]
+        for members in [[r for r in counted if r["tier"] == tier]]
     }
     if "withheld" in tiers:
         asked = [r for r in counted if r["tier"] == "withheld" and "error" not in r]

@@ -1,74 +1,75 @@
-"""A published model less one of its effects, or of what its vehicle file knows, must be told which one."""
-
-from __future__ import annotations
+"""Questions that withhold something from a published model, which the diagnosis must then name."""
 
 from typing import Any
 
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.diagnosis.compared import Compared
-from bcid.diagnosis.diagnose import based, diagnosed
-from bcid.diagnosis.judge.prediction_error import compared_model
-from bcid.diagnosis.reference import of_parameters
+from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
+from bcid.diagnosis.judge.prediction_error import model_from_reference
+from bcid.diagnosis.reference import reference_from_parameters
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
-from bcid.evaluation.closed_loop import restarted
-from bcid.proof.real.question_files import Asked
-from bcid.proof.real.questions import NOT_ASKED, Withheld
-from bcid.proof.rows import said
+from bcid.evaluation.closed_loop import predict_with_restarts
+from bcid.proof.real.limits import LIMITS
+from bcid.proof.real.question_files import QuestionInputs
+from bcid.proof.real.questions import NOT_ASKED, WithheldQuestion
+from bcid.proof.rows import diagnosis_row
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-HORIZON_S = 1.0
-MOVING = 0.3  # m/s: slower predictions are not compared
-MATTERS = 1.3  # times the error with everything, from which what is withheld must be named
 
+def answer_withheld_question(question: WithheldQuestion, inputs: QuestionInputs) -> dict[str, Any]:
+    """Diagnose a recording against the simulation from which something is withheld; return the row.
 
-def answered(case: Withheld, asked: Asked) -> dict[str, Any]:
-    """What is made of a recording where something is withheld; not asked where that makes no difference."""
-    vehicle = asked.vehicle_of(case.recording, case.vehicle)
-    recording, estimate, _ = asked.moved(case.recording, vehicle)
+    The row has the "ratio" of prediction errors and the "published" values of what is withheld.  There is no diagnosis
+    (verdict NOT_ASKED) where that ratio is small, unless the question is a control.
+    """
+    vehicle = inputs.vehicle_for(question.recording, question.vehicle)
+    recording, estimate, _ = inputs.estimate_recording(question.recording, vehicle)
     less, published, ratio = None, dict[str, float](), 1.0
-    if asked.simulation is not None:
-        whole = of_parameters(asked.simulation, [estimate], vehicle)
-        less = whole.without(case.effect)._replace(car=whole.car._replace(**case.parameters))
+    if inputs.simulation is not None:
+        whole = reference_from_parameters(inputs.simulation, [estimate], vehicle)
+        less = whole.without(question.effect)._replace(car=whole.car._replace(**question.parameters))
         published = {field: value for field, value in whole.effects.items() if field not in less.effects}
-    if case.withholds:
-        ratio = float((_errors(less, vehicle, recording, estimate) / _errors_of_the_whole(case, asked)).max())
+    if question.effect or question.parameters or question.vehicle:
+        rmse = prediction_rmse(less, vehicle, recording, estimate)
+        ratio = float((rmse / _complete_model_rmse(question, inputs)).max())
     row = {"ratio": round(ratio, 3) if np.isfinite(ratio) else None, "published": published}
-    if not (case.control or ratio > MATTERS):
+    if not (question.control or ratio > LIMITS.min_error_ratio):
         return {**row, "verdict": NOT_ASKED, "findings": []}
-    return {**row, **said(diagnosed([recording], [estimate], vehicle, less))}
+    return {**row, **diagnosis_row(diagnose_recordings([recording], [estimate], vehicle, less))}
 
 
-def _errors_of_the_whole(case: Withheld, asked: Asked) -> Floats:
-    """`errors` with nothing withheld.
+def _complete_model_rmse(question: WithheldQuestion, inputs: QuestionInputs) -> Floats:
+    """RMSE of v_x (m/s) and yaw rate (rad/s), shape (2,), as predicted by the simulation with nothing withheld.
 
     Raises:
-        InputRefused: where they are endless.
+        InputRefused: its predictions leave the finite numbers.
     """
-    vehicle = asked.vehicle_of(case.recording)
-    recording, estimate, _ = asked.moved(case.recording, vehicle)
-    published = None if asked.simulation is None else of_parameters(asked.simulation, [estimate], vehicle)
-    found = _errors(published, vehicle, recording, estimate)
-    if not np.isfinite(found).all():
-        nowhere = "with nothing withheld the simulation leaves the finite numbers"
-        raise InputRefused(asked.recordings / case.recording, case.name, nowhere, "ask of a drive that it can follow")
-    return found
+    vehicle = inputs.vehicle_for(question.recording)
+    recording, estimate, _ = inputs.estimate_recording(question.recording, vehicle)
+    published = None if inputs.simulation is None else reference_from_parameters(inputs.simulation, [estimate], vehicle)
+    rmse = prediction_rmse(published, vehicle, recording, estimate)
+    if not np.isfinite(rmse).all():
+        cause = "with nothing withheld the simulation leaves the finite numbers"
+        path = inputs.recordings / question.recording
+        raise InputRefused(path, question.name, cause, "ask about a drive that it can follow")
+    return rmse
 
 
-def _errors(simulation: Compared | None, vehicle: Vehicle, recording: Recording, estimate: Estimate) -> Floats:
-    """`errors` of the simulation; without one, of the base model refitted, without pushes: it is to predict alone."""
-    return errors(simulation or Compared.of(based([recording], [estimate], vehicle).fit), vehicle, estimate)
+def prediction_rmse(
+    simulation: ReferenceModel | None, vehicle: Vehicle, recording: Recording, estimate: Estimate
+) -> Floats:
+    """RMSE of v_x (m/s) and yaw rate (rad/s), shape (2,), predicted anew every `LIMITS.rmse_horizon_s` by a simulation.
 
-
-def errors(simulation: Compared, vehicle: Vehicle, estimate: Estimate) -> Floats:
-    """RMSE of v_x (m/s) and yaw rate (rad/s) of the simulation as it is, started anew every HORIZON_S.
-
-    Endless where it leaves the finite numbers.
+    Without a simulation the base model, refitted to the recording, predicts.  The error is infinite where predictions
+    leave the finite numbers; rows slower than `LIMITS.min_speed_mps` do not count.
     """
-    model = compared_model(simulation, vehicle, float(np.ptp(estimate.time_s)), estimate.period_s)
-    off = (restarted(model, estimate, HORIZON_S).twist - estimate.twist)[:, [0, 2]]
-    known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > MOVING)
-    return np.asarray(np.sqrt(np.mean(np.nan_to_num(off[known], nan=np.inf) ** 2, axis=0)))
+    # without pushes: the base model is to predict alone
+    simulation = simulation or ReferenceModel.from_fit(fit_base_model([recording], [estimate], vehicle).fit)
+    model = model_from_reference(simulation, vehicle, float(np.ptp(estimate.time_s)), estimate.period_s)
+    error = (predict_with_restarts(model, estimate, LIMITS.rmse_horizon_s).twist - estimate.twist)[:, [0, 2]]
+    known = np.isfinite(estimate.twist).all(axis=1) & (np.abs(estimate.twist[:, 0]) > LIMITS.min_speed_mps)
+    return np.asarray(np.sqrt(np.mean(np.nan_to_num(error[known], nan=np.inf) ** 2, axis=0)))

@@ -1,1 +1,1 @@
-"""The figures of a blind test: right answers by tier, places and channels, intervals and stated probabilities."""
+"""Figures of a blind test: right answers by tier, places and channels, intervals and probabilities, other methods."""

@@ -1,78 +1,78 @@
-"""A run's outcome as one JSON: the seal, the tiers beside their goals, who was taken for whom, the baselines."""
-
-from __future__ import annotations
+"""The outcome of a blind test (prove.json): tiers beside their goals, calibration, confusions and wrong answers."""
 
 import importlib.metadata
 import platform
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bcid import __version__
-from bcid.proof.scores.calibration import calibration, of_nothing
-from bcid.proof.scores.tiers import each_pooled, pooled, right, tiers
+from bcid.documents.prove import ProveDocument, WrongAnswer
+from bcid.proof.limits import LIMITS
+from bcid.proof.scores.calibration import calibration, null_p_values
+from bcid.proof.scores.compare_methods import compare_methods
+from bcid.proof.scores.tiers import is_right, pool_each_tier, pool_right_answers, score_tiers
 
-SCHEMA = "bcid.prove/1"
 NOTHING, UNKNOWN, ERROR = "nothing", "unknown", "error"
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "pysindy")
-REFUTED = 0.01  # of a quick run: right answers as few are rarer, were the goals met
 
 
-def outcome(rows: Sequence[dict[str, Any]], about: dict[str, Any]) -> dict[str, Any]:
-    """All figures of `rows`; `about` holds seed, salt, seal and code of the run, and whether it is a quick one."""
-    found = {
-        "schema": SCHEMA,
+def blind_outcome(rows: Sequence[dict[str, Any]], about: Mapping[str, Any]) -> ProveDocument:
+    """All figures of a blind test's rows; `about` (seed, salt, seal, code ...) is taken over as it is."""
+    document = ProveDocument(
         **about,
-        "cases": len(rows),
-        "versions": {"bcid": __version__, "python": platform.python_version()}
-        | {name: importlib.metadata.version(name) for name in LIBRARIES},
-        "tiers": [{**asdict(t), "goal": t.goal, "missed": list(t.missed)} for t in tiers(rows)],
-        "pooled": pooled(rows),
-        "pooled_by_tier": each_pooled(rows),
-        "calibration": asdict(calibration(rows)),
-        "p_values": of_nothing(rows),
-        "confusion": confusion(rows),
-        "wrong": [wrong(row) for row in rows if not right(row)],
-    }
-    return {**found, "missed": missed(found)}
+        cases=len(rows),
+        versions={
+            "bcid": __version__, "python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in LIBRARIES},
+        },
+        tiers=tuple(score_tiers(rows)),
+        pooled=pool_right_answers(rows),
+        pooled_by_tier=pool_each_tier(rows),
+        calibration=calibration(rows),
+        p_values=null_p_values(rows),
+        confusion=count_confusions(rows),
+        wrong=tuple(describe_wrong_answer(row) for row in rows if not is_right(row)),
+        baselines=tuple(compare_methods(rows)),
+    )  # fmt: skip
+    return document.model_copy(update={"missed": tuple(missed_goals(document))})
 
 
-def wrong(row: dict[str, Any]) -> dict[str, Any]:
-    """What was concealed in a case that was not answered as it should be, and what was said: enough to look for it."""
+def describe_wrong_answer(row: dict[str, Any]) -> WrongAnswer:
+    """A wrongly answered case in words: its name, which effects are there, and what was said."""
     there = ", ".join(row["answer"]) or NOTHING
     if "error" in row:
-        return {"case": row["case"], "there": there, "said": row["error"]}
+        return WrongAnswer(case=row["case"], there=there, said=row["error"])
     names = ", ".join(f["effect"] for f in row["findings"])
     place = f" in {row['remainder']['channel']}" if row["verdict"] == "unknown" else ""
     there += f" ({row['channel']})" * bool(row["channel"])
-    return {"case": row["case"], "there": there, "said": (names or row["verdict"]) + place}
+    return WrongAnswer(case=row["case"], there=there, said=(names or row["verdict"]) + place)
 
 
-def missed(found: dict[str, Any]) -> list[str]:
-    """The goals that an outcome misses, tier by tier where all of a tier's takes have run.
+def missed_goals(document: ProveDocument) -> list[str]:
+    """Goals that a blind test misses, in words: every score of a complete tier, the right answers of all other tiers.
 
-    In a few takes, those of a quick run or of a tier that has not ended, single figures are chance: their right
-    answers are judged all together, and every such tier as if any of them had been looked at alone (Bonferroni).
+    In the few takes of a quick run or of an unfinished tier single scores are chance.  Such tiers are judged by the
+    number of right answers, all together and each alone, with a level divided by their number (Bonferroni).
     """
-    of = found.get("tiers_of", {})
-    ended = [t for t in found["tiers"] if not found.get("quick") and t["n"] >= of.get(t["tier"], 0)]
-    few = [t["tier"] for t in found["tiers"] if t not in ended]
-    judged = {"all": (found["pooled"], REFUTED)} if few else {}
-    judged |= {tier: (found["pooled_by_tier"][tier], REFUTED / len(few)) for tier in few}
+    sizes = document.tiers_of
+    ended = [t for t in document.tiers if not document.quick and t.n >= sizes.get(t.tier, 0)]
+    few = [t.tier for t in document.tiers if t not in ended]
+    judged = {"all": (document.pooled, LIMITS.refuting_p)} if few else {}
+    judged |= {tier: (document.pooled_by_tier[tier], LIMITS.refuting_p / len(few)) for tier in few}
     return [
-        *(f"{t['tier']}: {t['errors']} errors" for t in found["tiers"] if t["errors"]),
-        *(f"{t['tier']}: {field}" for t in ended for field in t["missed"]),
+        *(f"{t.tier}: {t.errors} errors" for t in document.tiers if t.errors),
+        *(f"{t.tier}: {field}" for t in ended for field in t.missed),
         *(
-            f"{tier}: {told['right']} of {told['n']} right where {told['expected']:.1f} are wanted"
-            for tier, (told, least) in judged.items()
-            if told["p"] < least
+            f"{tier}: {pool.right} of {pool.n} right where {pool.expected:.1f} are wanted"
+            for tier, (pool, level) in judged.items()
+            if pool.p < level
         ),
     ]
 
 
-def confusion(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
-    """How often an effect concealed alone (or nothing) was answered by which first name, nothing, or unknown."""
+def count_confusions(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """Count what was named first, or said without a name, for each effect concealed alone and for takes of nothing."""
     counted: dict[str, Counter[str]] = {}
     for row in rows:
         if len(row["answer"]) > 1 or row.get("left_out"):

@@ -1,1 +1,1 @@
-"""What of a recording to believe: poses, clocks, channels and mounting, checked and told as a health report."""
+"""Checks of streams and recordings: samples, attitude, tracking, plausibility, clock, mounting, contacts, health."""

@@ -1,218 +1,173 @@
-"""Recorded quaternions, judged before they become a yaw: of unit length, in order, and of a car on its wheels."""
-
-from __future__ import annotations
+"""Attitude and height of the tracked body: rotations, and which quaternions and heights a car on wheels can have."""
 
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused
-from bcid.recording.checks.samples import LARGEST
+from bcid.recording.checks.samples import note_rows
+from bcid.recording.limits import POSE, STREAM
 from bcid.recording.types import Irregularity
 
-UNIT, MANY = 1e-3, 0.01  # off a length of one, and a share of the samples
-ROUNDED = 2e-5  # what the digits of an export leave
-UPRIGHT, TIPPED = 0.94, 0.7  # cosines of 20 and 45 degrees, to where a car's up usually points
-STEADY, UNSTEADY = 0.8, 0.5  # share of the samples that are upright
+MIN_NORM = 1e-6  # of a quaternion that can be brought to unit length
+PLANE_ITERATIONS = 20  # of reweighted least squares
+MIN_DISTANCE_M = 1e-4  # off the plane, by which a sample is weighted
+EDGE_SAMPLES = 30  # before and after the end of an excursion, over which its climb is taken
+SPREAD_QUANTILES = (0.15, 0.85)  # of positions: carried for a while, a car still drove for most of the time
 
 
-def judged_yaw(
-    xyzw: Floats, up_axis: Literal["Y", "Z"], time_s: Floats, path: Path
-) -> tuple[Floats, list[Irregularity]]:
-    """Yaw (N,) of the quaternions (N, 4), NaN where one is none or the car is off its wheels; and what was odd.
-
-    Raises:
-        InputRefused: too many that are not of unit length, or all of them written w first.
-    """
-    blank = ~np.isfinite(xyzw).all(axis=1)
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(xyzw, axis=1)
-    off = ~blank & ~(np.abs(length - 1.0) <= UNIT)
-    if off.sum() > MANY * len(xyzw):
-        cause = f"{off.mean():.0%} of the quaternions are not of unit length (one has {length[off][0]:.3g})"
-        raise InputRefused(path, "orientation", cause, "export or record the orientation again")
-    good = ~blank & ~off
-    up = turned_up(xyzw[good])
-    _check_order(xyzw[good], up, path)
-    tipped = np.zeros(len(xyzw), dtype=bool)
-    tipped[good] = _tipped(up)
-    yaw, odd = yaw_of_quaternions(xyzw, up_axis), list[Irregularity]()
-    yaw[off | tipped] = np.nan
-    flips = int((np.einsum("ij,ij->i", xyzw[1:], xyzw[:-1]) < 0.0).sum())
-    grown = good & (np.abs(length - 1.0) > ROUNDED)
-    for rows, kind, action, text in (
-        (off, "quaternion", "excluded", "not of unit length"),
-        (grown, "quaternion length", "fixed", "brought to unit length"),
-        (tipped, "tipped over", "excluded", "the body leans by more than 45 degrees: carried, or on its side"),
-    ):
-        if rows.any():
-            hit = time_s[rows]
-            where = f"{np.nanmin(hit):.3f} to {np.nanmax(hit):.3f} s"
-            odd.append(Irregularity(kind, action, int(rows.sum()), where, text))  # type: ignore[arg-type]
-    if flips:
-        odd.append(Irregularity("quaternion sign", "fixed", flips, path.name, "q and -q are the same turn"))
-    return yaw, odd
+def project_to_floor(vectors: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
+    """Floor vectors (N, 2) of world vectors (N, 3): (X, -Z) where Y points up, (X, Y) where Z does."""
+    x, y, z = vectors.T
+    return np.column_stack([x, -z] if up_axis == "Y" else [x, y])
 
 
-def _steady(up: Floats) -> float:
-    """The share of the samples in which the body's up points where it usually does."""
-    usual = np.median(up, axis=0)
-    size = float(np.linalg.norm(usual))
-    return float((up @ usual > UPRIGHT * size).mean()) if size > UPRIGHT else 0.0
-
-
-def _check_order(xyzw: Floats, up: Floats, path: Path) -> None:
-    """Raise `InputRefused` where only w first is a car that keeps its wheels on one floor."""
-    if len(up) and _steady(up) < UNSTEADY and _steady(turned_up(np.roll(xyzw, -1, axis=1))) > STEADY:
-        cause = "the quaternions are those of a car on its wheels only if they are written w first"
-        raise InputRefused(path, "orientation", cause, "write them x, y, z, w, or map the fields")
-
-
-def _tipped(up: Floats) -> npt.NDArray[np.bool_]:
-    """Samples that lean far from the rest; none where the body leans all the time, as on a hand."""
-    if not len(up) or _steady(up) <= STEADY:
-        return np.zeros(len(up), dtype=bool)
-    return np.asarray(up @ np.median(up, axis=0) < TIPPED)
-
-
-MIN_NORM = 1e-6
-
-
-_UP = {"Y": ((0, 1.0), (2, -1.0)), "Z": ((0, 1.0), (1, 1.0))}  # floor x, y as (world axis, sign)
-
-
-def on_floor(vectors: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
-    """World vectors (N, 3) as floor vectors (N, 2): Y up (X, -Z), Z up (X, Y)."""
-    (ax, sx), (ay, sy) = _UP[up_axis]
-    return np.column_stack([sx * vectors[:, ax], sy * vectors[:, ay]])
-
-
-def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Yaw (rad) of the body's X axis on the floor; NaN rows stay NaN, and zero quaternions become it.
-
-    The first column of the rotation matrix is the X axis; q and -q give the same.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):  # what is no number has no yaw
-        norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
-        x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
-    forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
-    floor = on_floor(forward, up_axis)
-    return np.arctan2(floor[:, 1], floor[:, 0])
-
-
-def turned_up(xyzw: Floats) -> Floats:
-    """Where the axis of the world that a body turns about least points in it (N, 3): Z, or Y where that is up.
-
-    The row of the rotation matrix that changes least is the world's vertical in the body's axes.
-    """
-    if not len(xyzw):
-        return np.empty((0, 3))
-    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
-    of_y = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
-    of_z = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-    return min((of_y, of_z), key=lambda rows: float(np.var(rows, axis=0).sum()))
-
-
-def quaternions_of_euler(degrees: Floats, order: str) -> Floats:
-    """Quaternions x, y, z, w (N, 4) of intrinsic Euler angles; NaN rows stay NaN.
-
-    The columns of `degrees` (N, 3) are the turns about X, Y, Z; `order` (such as "YXZ") says which comes first.
-    """
-    from scipy.spatial.transform import Rotation
-
-    found = np.full((len(degrees), 4), np.nan)
-    good = np.isfinite(degrees).all(axis=1)
-    turns = degrees[good][:, ["XYZ".index(axis) for axis in order]]
-    found[good] = np.atleast_2d(Rotation.from_euler(order, turns, degrees=True).as_quat())
-    return found
-
-
-def rotated(vectors: Floats, angle: Floats) -> Floats:
-    """Vectors (N, 2) or (2,) turned by `angle` (N,), counter-clockwise."""
+def rotate_vectors(vectors: Floats, angle: Floats) -> Floats:
+    """Vectors (N, 2) or (2,) turned counter-clockwise by the angles (N,) in rad."""
     x, y = np.asarray(vectors, dtype=float).T
     cos_a, sin_a = np.cos(angle), np.sin(angle)
     return np.column_stack([cos_a * x - sin_a * y, sin_a * x + cos_a * y])
 
 
-LIFTED_M, LIFTED_FACTOR = 0.05, 10.0  # above the floor, and of how far the height usually lies off it
+def quaternions_of_euler(degrees: Floats, order: str) -> Floats:
+    """Quaternions x, y, z, w (N, 4) of intrinsic turns (N, 3) about X, Y, Z in degrees, in an order such as "YXZ"."""
+    from scipy.spatial.transform import Rotation
+
+    quaternions = np.full((len(degrees), 4), np.nan)
+    good = np.isfinite(degrees).all(axis=1)
+    turns = degrees[good][:, ["XYZ".index(axis) for axis in order]]
+    quaternions[good] = np.atleast_2d(Rotation.from_euler(order, turns, degrees=True).as_quat())
+    return quaternions
 
 
-MOST_LIFTED = 0.5  # of the samples; more is no floor
+def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
+    """Yaw (N,) in rad of the body's X axis on the floor, by quaternions (N, 4); NaN where one is NaN or zero."""
+    # what is no number has no yaw
+    with np.errstate(over="ignore", invalid="ignore"):
+        norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
+        x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
+    # the first column of the rotation matrix, which q and -q have in common
+    forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    floor = project_to_floor(forward, up_axis)
+    return np.arctan2(floor[:, 1], floor[:, 0])
 
 
-FLAT = 0.25  # the true floor's normal varies so much less than what the vehicle file calls up
+def vertical_in_body(xyzw: Floats) -> Floats:
+    """The world's vertical in body axes (N, 3), by quaternions (N, 4): its Y or its Z, whichever varies less."""
+    if not len(xyzw):
+        return np.empty((0, 3))
+    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
+    # rows of the rotation matrix
+    of_y = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
+    of_z = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    return min((of_y, of_z), key=lambda rows: float(np.var(rows, axis=0).sum()))
 
 
-ROUNDS, SMALL_M = 20, 1e-4
+def checked_yaw(
+    xyzw: Floats, up_axis: Literal["Y", "Z"], time_s: Floats, path: Path
+) -> tuple[Floats, list[Irregularity]]:
+    """Yaw (N,) in rad of quaternions (N, 4), NaN where one is invalid or the car is off its wheels; and irregularities.
+
+    Raises:
+        InputRefused: too many quaternions are not of unit length, or all are written w first.
+    """
+    blank = ~np.isfinite(xyzw).all(axis=1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(xyzw, axis=1)
+    off = ~blank & ~(np.abs(length - 1.0) <= POSE.max_length_error)
+    if off.sum() > POSE.max_non_unit_share * len(xyzw):
+        cause = f"{off.mean():.0%} of the quaternions are not of unit length (one has {length[off][0]:.3g})"
+        raise InputRefused(path, "orientation", cause, "export or record the orientation again")
+    good = ~blank & ~off
+    vertical = vertical_in_body(xyzw[good])
+    _check_component_order(xyzw[good], vertical, path)
+    tipped = np.zeros(len(xyzw), dtype=bool)
+    # a body that leans all the time is mounted so
+    if _upright_share(vertical) > POSE.min_upright_share:
+        tipped[good] = vertical @ np.median(vertical, axis=0) < POSE.tipped_cosine
+    yaw = yaw_of_quaternions(xyzw, up_axis)
+    yaw[off | tipped] = np.nan
+    mended = good & (np.abs(length - 1.0) > POSE.rounding_length_error)
+    text = "the body leans by more than 45 degrees: carried, or on its side"
+    odd = [
+        *note_rows(time_s, off, "quaternion", "excluded", "not of unit length"),
+        *note_rows(time_s, mended, "quaternion length", "fixed", "brought to unit length"),
+        *note_rows(time_s, tipped, "tipped over", "excluded", text),
+    ]
+    flips = int((np.einsum("ij,ij->i", xyzw[1:], xyzw[:-1]) < 0.0).sum())
+    if flips:
+        odd.append(Irregularity("quaternion sign", "fixed", flips, path.name, "q and -q are the same turn"))
+    return yaw, odd
 
 
-EDGE, CLIMB = 30, 0.7  # samples about the end of an excursion, and height by way that no car climbs
+def _upright_share(vertical: Floats) -> float:
+    """The share of a body's verticals (N, 3) that are near their median; 0 where there are none, or all directions."""
+    if not len(vertical):
+        return 0.0
+    usual = np.median(vertical, axis=0)
+    size = float(np.linalg.norm(usual))
+    return float((vertical @ usual > POSE.upright_cosine * size).mean()) if size > POSE.upright_cosine else 0.0
 
 
-LEAST_DRIVE_M = 0.5  # of motion, below which no axis can be told from the others
+def _check_component_order(xyzw: Floats, vertical: Floats, path: Path) -> None:
+    """Raise `InputRefused` where quaternions (N, 4) are those of a car on its wheels only if written w first."""
+    if _upright_share(vertical) >= POSE.max_leaning_share:
+        return
+    if _upright_share(vertical_in_body(np.roll(xyzw, -1, axis=1))) > POSE.min_upright_share:
+        cause = "the quaternions are those of a car on its wheels only if they are written w first"
+        raise InputRefused(path, "orientation", cause, "write them x, y, z, w, or map the fields")
 
 
 def check_up_axis(world: Floats, up_axis: str, path: Path) -> None:
-    """Raise `InputRefused` where the body moves along the axis that should point up, and not along another.
-
-    `world` holds positions (N, 3) in metres.
-    """
-    known = world[(np.abs(world) < LARGEST).all(axis=1)]
+    """Raise `InputRefused` where positions (N, 3) in m vary along the stated vertical, and hardly along Y or Z."""
+    known = world[(np.abs(world) < STREAM.max_value).all(axis=1)]
     if len(known) < 2:
         return
-    low, high = np.quantile(known, (0.15, 0.85), axis=0)  # carried for a while, it still drove for most of the time
+    low, high = np.quantile(known, SPREAD_QUANTILES, axis=0)
     spread = dict(zip("XYZ", high - low, strict=True))
     flat = min(spread, key=lambda axis: float(spread[axis]))
-    if flat in "YZ" and flat != up_axis and spread[up_axis] > LEAST_DRIVE_M and spread[flat] < FLAT * spread[up_axis]:
-        cause = (
-            f"the body moves by {spread[up_axis]:.2f} m along {up_axis}, which is up by the vehicle file, and by "
-            f"{spread[flat]:.2f} m along {flat}"
-        )
+    drives = spread[up_axis] > POSE.min_drive_m and spread[flat] < POSE.max_vertical_share * spread[up_axis]
+    if flat in "YZ" and flat != up_axis and drives:
+        stated = f"the body moves by {spread[up_axis]:.2f} m along {up_axis}, which is up by the vehicle file"
+        cause = f"{stated}, and by {spread[flat]:.2f} m along {flat}"
         raise InputRefused(path, "position", cause, f'set mocap.up_axis = "{flat}" in the vehicle file')
 
 
-def lifted(floor: Floats, height: Floats) -> npt.NDArray[np.bool_]:
-    """The samples (N,) in which the body is off the floor: far from the plane that most heights (m) lie on.
+def find_lifted_samples(floor: Floats, height: Floats, time_s: Floats) -> tuple[Bools, list[Irregularity]]:
+    """The samples (N,) whose heights (N,) are far from the floor's plane over positions (N, 2), and their irregularity.
 
-    The plane may lean: cameras are seldom level.  No sample is lifted where most would be.
+    The plane may lean, since cameras are seldom level. It is that of least absolute deviations, by reweighting, so that
+    lifted samples bear no weight. No sample is lifted where most would be.
     """
-    good = (np.abs(np.column_stack([floor, height])) < LARGEST).all(axis=1)
+    good = (np.abs(np.column_stack([floor, height])) < STREAM.max_value).all(axis=1)
     if good.sum() < 3:
-        return np.zeros(len(height), dtype=bool)
+        return np.zeros(len(height), dtype=bool), []
     plane = np.column_stack([np.ones(len(floor)), floor])
     off = np.where(good, height - float(np.median(height[good])), 0.0)
-    for _ in range(ROUNDS):  # least absolute deviations by reweighting: what is lifted bears no weight
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(off[good]), SMALL_M))
+    for _ in range(PLANE_ITERATIONS):
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(off[good]), MIN_DISTANCE_M))
         coefficients = np.linalg.lstsq(plane[good] * weight[:, None], height[good] * weight, rcond=None)[0]
         off[good] = height[good] - plane[good] @ coefficients
     usual = 1.4826 * float(np.median(np.abs(off[good])))
-    up = good & (np.abs(off) > max(LIFTED_M, LIFTED_FACTOR * usual))
-    up = _steeply(up, floor, off)
-    return up if up.sum() < MOST_LIFTED * good.sum() else np.zeros(len(height), dtype=bool)
+    up = good & (np.abs(off) > max(POSE.lifted_m, POSE.lifted_factor * usual))
+    up = _keep_steep_excursions(up, floor, off)
+    if not up.any() or up.sum() >= POSE.max_lifted_share * good.sum():
+        return np.zeros(len(height), dtype=bool), []
+    text = f"up to {np.abs(height[up] - np.nanmedian(height)).max():.2f} m off the floor: carried, or tipped over"
+    return up, note_rows(time_s, up, "lifted", "excluded", text)
 
 
-def _steeply(up: npt.NDArray[np.bool_], floor: Floats, off: Floats) -> npt.NDArray[np.bool_]:
-    """Those excursions that begin or end steeper than a car can climb: hills and ramps are driven over."""
+def _keep_steep_excursions(up: Bools, floor: Floats, off: Floats) -> Bools:
+    """The marked samples `up` (N,) without runs that begin and end as gently as a car climbs: those are hills."""
     edges = np.flatnonzero(np.diff(np.r_[False, up, False].astype(int))).reshape(-1, 2)
-    found = np.zeros(len(up), dtype=bool)
+    steep = np.zeros(len(up), dtype=bool)
     for a, b in edges:
         for edge in (a, b):
-            i, j = max(0, edge - EDGE), min(len(up) - 1, edge + EDGE)
+            i, j = max(0, edge - EDGE_SAMPLES), min(len(up) - 1, edge + EDGE_SAMPLES)
             part = slice(i, j + 1)
             path = np.nansum(np.hypot(*np.diff(floor[part], axis=0).T))
-            if np.ptp(off[part]) > CLIMB * path:
-                found[a:b] = True
-    return found
-
-
-def off_the_floor(floor: Floats, height: Floats, time_s: Floats) -> tuple[npt.NDArray[np.bool_], list[Irregularity]]:
-    """The samples (N,) in which the body is off the floor, and word of them."""
-    up = lifted(floor, height)
-    if not up.any():
-        return up, []
-    where = f"{np.nanmin(time_s[up]):.3f} to {np.nanmax(time_s[up]):.3f} s"
-    text = f"up to {np.abs(height[up] - np.nanmedian(height)).max():.2f} m off the floor: carried, or tipped over"
-    return up, [Irregularity("lifted", "excluded", int(up.sum()), where, text)]
+            if np.ptp(off[part]) > POSE.max_climb * path:
+                steep[a:b] = True
+    return steep

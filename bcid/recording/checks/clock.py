@@ -1,113 +1,107 @@
 """Offset and drift of the pose clock against the command clock, estimated and reported, never applied.
 
-The commanded steering angle is shifted by a trial delay; in each block of the take the delay at which
-it explains the yaw acceleration best is found, and a robust line through the blocks gives offset and
-drift.  A delay of the actuator that the vehicle file does not know looks the same: what is reported
-is the sum.
+The commanded steering angle is shifted by trial delays. In each block of the take, the delay is found with which a
+regression on the angle explains the yaw acceleration best; a robust line through the blocks' delays gives offset and
+drift. An unknown delay of the actuator looks the same, so that the sum of both is reported.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import savgol_filter
 
-from bcid.aliases import Floats
-from bcid.recording.checks.raw_motion import Course, commanded_angle, course
+from bcid.aliases import Floats, Ints
+from bcid.bootstrap import bootstrap_interval
+from bcid.documents.health import ClockEstimate
+from bcid.recording.checks.raw_motion import RawMotion, commanded_steering_angle, differentiate_poses
+from bcid.recording.limits import MOTION as LIMITS
 from bcid.recording.types import Irregularity, Recording
 from bcid.vehicle import Vehicle
 
-SYSTEMATIC_PER_S2 = 0.7  # on simulated takes of known offset the answer is 10 ms early at 0.14 s, 42 ms at 0.4 s
-BLOCK_S = 10.0
-MAX_DELAY_S = 0.3
-MIN_BLOCKS = 4
-MIN_EXPLAINED = 0.5
-RESIDUAL_S = 0.005  # apart by more is told
-
-
-class Delays(NamedTuple):
-    """One best delay per block, seconds."""
-
-    middle_s: Floats
-    delay_s: Floats
+WINDOW_S = 0.14  # of the differentiating filter: narrower ones let noise bias the delay, wider ones smear it
+SYSTEMATIC_PER_S2 = 0.7  # on simulated takes the offset is 10 ms early with a window of 0.14 s, 42 ms with 0.4 s
+SATURATION_RAD = (0.08, 0.2)  # slip angles at which tyres may saturate, weighted by the regression
+SLIP_SPEED_MPS = 1.0  # least longitudinal speed in a slip angle
 
 
 def estimate_clock(recording: Recording, vehicle: Vehicle) -> Recording:
-    """The recording with `clock`: offset_s, offset_ci95, drift, drift_ci95, or the reason for none.
+    """The recording with its clock's offset and drift estimated, and warnings where they are surely large.
 
-    The offset is what would have to be added to the command times.
+    No warning is given where the tracked body has a yaw offset, which looks like a clock offset.
     """
-    applied = vehicle.clock.offset_s if vehicle.clock else 0.0
-    facts: dict[str, Any] = {"applied_s": applied, "offset_s": None}
-    motion = course(recording, vehicle, WINDOW_S)
+    clock = _estimate_offset_and_drift(recording, vehicle)
+    misaligned = any(i.kind == "yaw offset" for i in recording.irregularities)
+    warnings = () if misaligned else _clock_warnings(clock, recording)
+    return replace(recording, clock=clock, irregularities=(*recording.irregularities, *warnings))
+
+
+def _estimate_offset_and_drift(recording: Recording, vehicle: Vehicle) -> ClockEstimate:
+    """The median and the Theil-Sen slope of the blocks' delays with their 95 % intervals, or the reason for none."""
+    applied_s = vehicle.clock.offset_s if vehicle.clock else 0.0
+    motion = differentiate_poses(recording, vehicle, WINDOW_S)
     if len(motion.time_s) < 2:
-        return replace(recording, clock=facts | {"reason": "the take is too short"})
-    delays, explained = _block_delays(motion, recording, vehicle)
-    facts |= {"blocks": len(delays.delay_s), "explained": explained}
-    if explained < MIN_EXPLAINED:
-        reason = f"the commands explain only {explained:.0%} of the yaw acceleration"
-        return replace(recording, clock=facts | {"reason": reason})
-    if len(delays.delay_s) < MIN_BLOCKS:
-        reason = f"only {len(delays.delay_s)} blocks of {BLOCK_S:g} s show a clear delay"
-        return replace(recording, clock=facts | {"reason": reason})
-    from scipy.stats import bootstrap, theilslopes
+        return ClockEstimate(applied_s=applied_s, reason="the take is too short")
+    middle_s, delay_s, explained = _block_delays(motion, recording, vehicle)
+    clock = ClockEstimate(applied_s=applied_s, blocks=len(delay_s), explained=explained)
+    if explained < LIMITS.min_explained_share:
+        return clock.model_copy(update={"reason": f"the commands explain only {explained:.0%} of the yaw acceleration"})
+    if clock.blocks < LIMITS.min_clock_blocks:
+        few = f"only {clock.blocks} blocks of {LIMITS.clock_block_s:g} s show a clear delay"
+        return clock.model_copy(update={"reason": few})
+    from scipy.stats import theilslopes
 
-    line = theilslopes(delays.delay_s, delays.middle_s)
-    middle = bootstrap(
-        (delays.delay_s,), np.median, n_resamples=999, rng=np.random.default_rng(0), method="percentile"
-    ).confidence_interval
+    line = theilslopes(delay_s, middle_s)
+    low, high = bootstrap_interval(delay_s, np.median)
     systematic = SYSTEMATIC_PER_S2 * motion.window_s**2
-    facts |= {
-        "offset_s": float(np.median(delays.delay_s)),
-        "offset_ci95": [float(middle.low - systematic), float(middle.high + systematic)],
-        "drift": float(line[0]),
-        "drift_ci95": [float(line[2]), float(line[3])],
-        "includes": "delays of the steering actuator beyond the vehicle file's; systematic error of the method",
-    }
-    askew = any(i.kind == "yaw offset" for i in recording.irregularities)  # and looks like a clock that is off
-    told = () if askew else _apart(facts, recording)
-    return replace(recording, clock=facts, irregularities=(*recording.irregularities, *told))
+    return ClockEstimate(
+        applied_s=applied_s, blocks=clock.blocks, explained=explained, offset_s=float(np.median(delay_s)),
+        offset_ci95=(low - systematic, high + systematic), drift=float(line[0]),
+        drift_ci95=(float(line[2]), float(line[3])),
+    )  # fmt: skip
 
 
-def _apart(facts: dict[str, Any], recording: Recording) -> list[Irregularity]:
-    """Word of clocks that are surely apart by more than `RESIDUAL_S`, at once or by the end of the take."""
-    grown = [recording.duration_s * d for d in facts["drift_ci95"]]
-    told = []
-    for what, (low, high) in (("offset", facts["offset_ci95"]), ("drift", grown)):
-        if low > RESIDUAL_S or high < -RESIDUAL_S:
-            when = " by the end" if what == "drift" else ""
+def _clock_warnings(clock: ClockEstimate, recording: Recording) -> list[Irregularity]:
+    """Warnings of clocks that surely differ by more than the limit, from the start or by the end of the take."""
+    if clock.offset_ci95 is None or clock.drift_ci95 is None:
+        return []
+    by_the_end = (recording.duration_s * clock.drift_ci95[0], recording.duration_s * clock.drift_ci95[1])
+    warnings = []
+    for kind, (low, high) in (("offset", clock.offset_ci95), ("drift", by_the_end)):
+        if low > LIMITS.max_clock_offset_s or high < -LIMITS.max_clock_offset_s:
+            when = " by the end" if kind == "drift" else ""
             text = f"commands are {1e3 * low:.0f} to {1e3 * high:.0f} ms early{when}: [clock] offset_s, or one clock"
-            told.append(Irregularity(f"clock {what}", "warning", 1, recording.name, text))
-    return told
+            warnings.append(Irregularity(f"clock {kind}", "warning", 1, recording.name, text))
+    return warnings
 
 
-def _block_delays(motion: Course, recording: Recording, vehicle: Vehicle) -> tuple[Delays, float]:
-    step_s = float(motion.time_s[1] - motion.time_s[0])
-    reach = max(2, round(MAX_DELAY_S / step_s))
+def _block_delays(motion: RawMotion, recording: Recording, vehicle: Vehicle) -> tuple[Floats, Floats, float]:
+    """Middle times and best delays (B,) in s of the take's blocks, and the variance share that one delay explains."""
+    step_s, block_s = motion.step_s, LIMITS.clock_block_s
+    reach = max(2, round(LIMITS.max_clock_delay_s / step_s))
     rows = usable_rows(motion, recording, 2 * reach)
     y = yaw_acceleration(motion)
-    if len(rows) < BLOCK_S / step_s or y[rows].var() == 0.0:
-        return Delays(np.empty(0), np.empty(0)), 0.0
-    angle, throttle = commanded_angle(recording, vehicle, motion.time_s), held_throttle(motion, recording)
+    if len(rows) < block_s / step_s or y[rows].var() == 0.0:
+        return np.empty(0), np.empty(0), 0.0
+    angle = commanded_steering_angle(recording, vehicle, motion.time_s)
+    throttle = recording.commands.held_at(motion.time_s)[:, 1]
     shifts = np.arange(-reach, reach + 1)
-    residuals = [unexplained(motion, np.roll(angle, s), np.roll(throttle, s), y, rows, vehicle) for s in shifts]
+    residuals = [
+        yaw_acceleration_residuals(motion, np.roll(angle, s), np.roll(throttle, s), y, rows, vehicle) for s in shifts
+    ]
     squares = np.array(residuals) ** 2
     explained = 1.0 - float(squares.mean(axis=1).min() / y[rows].var())
-    block = (motion.time_s[rows] // BLOCK_S).astype(int)
+    block = (motion.time_s[rows] // block_s).astype(int)
     found = [
         (float(motion.time_s[rows][block == b].mean()), step_s * best)
         for b in np.unique(block)
-        if (best := _vertex(shifts, squares[:, block == b].sum(axis=1))) is not None
+        if (best := _parabola_minimum(shifts, squares[:, block == b].sum(axis=1))) is not None
     ]
     middle, delay = np.array(found).reshape(len(found), 2).T
-    return Delays(middle, delay), explained
+    return middle, delay, explained
 
 
-def _vertex(shifts: npt.NDArray[np.int64], cost: Floats) -> float | None:
-    """Where a parabola through the smallest cost and its neighbours is lowest; None at the search's edge."""
+def _parabola_minimum(shifts: Ints, cost: Floats) -> float | None:
+    """The shift at which a parabola through the least `cost` and its neighbours is lowest; None at the range's edge."""
     k = int(np.argmin(cost))
     if k in (0, len(shifts) - 1):
         return None
@@ -115,60 +109,44 @@ def _vertex(shifts: npt.NDArray[np.int64], cost: Floats) -> float | None:
     return float(shifts[k] + 0.5 * (left - right) / (left - 2.0 * middle + right))
 
 
-WINDOW_S = 0.14  # of the differentiating filter: narrower ones let noise bias the answer, wider ones smear it
-
-
-MIN_SPEED_MPS = 0.3
-
-
-SATURATION_RAD = (0.08, 0.2)  # slip angles at which tyres may saturate; the regression weighs them
-
-
-SLIP_SPEED_MPS = 1.0
-
-
-def usable_rows(motion: Course, recording: Recording, margin: int) -> npt.NDArray[np.int64]:
-    """Rows that are fast enough, far from holes and edges, and under a held command."""
-    held = np.searchsorted(recording.commands.time_s, motion.time_s, side="right") - 1
-    covered = (held >= 0) & (motion.time_s < recording.commands.time_s[-1] + recording.hold_s)
-    use = motion.good & covered & (motion.v_f > MIN_SPEED_MPS)
+def usable_rows(motion: RawMotion, recording: Recording, margin: int) -> Ints:
+    """Rows of the motion for a regression: fast, far from gaps, under a command, and `margin` rows from its ends."""
+    t, commands = motion.time_s, recording.commands
+    commanded = (t >= commands.time_s[0]) & (t < commands.time_s[-1] + recording.hold_s)
+    use = motion.good & commanded & (motion.v_f > LIMITS.min_clock_speed_mps)
     use[:margin] = use[len(use) - margin :] = False
     return np.flatnonzero(use)
 
 
-def held_throttle(motion: Course, recording: Recording) -> Floats:
-    """u_m held at the motion's times."""
-    held = np.searchsorted(recording.commands.time_s, motion.time_s, side="right") - 1
-    values: Floats = recording.commands.values[np.maximum(held, 0), 1]
-    return values
-
-
-def yaw_acceleration(motion: Course) -> Floats:
-    """rad/s^2, by the filter that the motion has gone through, once more."""
+def yaw_acceleration(motion: RawMotion) -> Floats:
+    """Yaw acceleration (N,) in rad/s²: the yaw rate differentiated by the filter that made the motion."""
     return _smooth(motion.yaw_rate, motion, derivative=1)
 
 
-def unexplained(
-    motion: Course, delta: Floats, u_m: Floats, y: Floats, rows: npt.NDArray[np.int64], vehicle: Vehicle
+def yaw_acceleration_residuals(
+    motion: RawMotion, delta: Floats, u_m: Floats, y: Floats, rows: Ints, vehicle: Vehicle
 ) -> Floats:
-    """Residuals at `rows` of the yaw acceleration `y` after a regression on the wheel forces' causes."""
-    wheelbase = vehicle.body.cog_to_front_m + vehicle.body.cog_to_rear_m
+    """Residuals y - X w (M,) in rad/s² at M `rows` of the yaw acceleration y (N,), after a regression on wheel forces.
+
+    These act by the steering angle delta (N,) in rad and the throttle u_m (N,) in m/s, a brake share below 0. The
+    columns of X, smoothed as y is, are cos(delta) alpha_f, plain and clipped as tyres saturate; alpha_r; what the
+    wheel's speed lacks of u_m, the brake, and the wheel's speed v_fx, each times sin(delta); the yaw rate; and one.
+    """
     v_f, beta_f, omega = motion.v_f, motion.beta_f, motion.yaw_rate
     v_fx, v_fy = v_f * np.cos(beta_f - delta), v_f * np.sin(beta_f - delta)
     alpha_f = np.arctan(v_fy / np.maximum(np.abs(v_fx), SLIP_SPEED_MPS))
-    v_x = v_f * np.cos(beta_f)
-    alpha_r = np.arctan((v_f * np.sin(beta_f) - wheelbase * omega) / np.maximum(np.abs(v_x), SLIP_SPEED_MPS))
+    v_x, v_ry = v_f * np.cos(beta_f), v_f * np.sin(beta_f) - vehicle.body.wheelbase_m * omega
+    alpha_r = np.arctan(v_ry / np.maximum(np.abs(v_x), SLIP_SPEED_MPS))
     cos_d, sin_d = np.cos(delta), np.sin(delta)
     causes = [cos_d * alpha_f, *(cos_d * np.clip(alpha_f, -s, s) for s in SATURATION_RAD)]
     causes += [alpha_r, sin_d * np.maximum(u_m - v_fx, 0), sin_d * np.minimum(u_m, 0) * v_fx, sin_d * v_fx, omega]
-    # both sides are smeared alike
     X = _smooth(np.column_stack([*causes, np.ones(len(y))]), motion)[rows]
     weights, *_ = np.linalg.lstsq(X, y[rows], rcond=None)
     residual: Floats = y[rows] - X @ weights
     return residual
 
 
-def _smooth(values: Floats, motion: Course, derivative: int = 0) -> Floats:
-    step_s = float(motion.time_s[1] - motion.time_s[0])
-    width = 2 * max(2, round(motion.window_s / (2 * step_s))) + 1
-    return np.asarray(savgol_filter(values, width, 2, deriv=derivative, delta=step_s, axis=0))
+def _smooth(values: Floats, motion: RawMotion, derivative: int = 0) -> Floats:
+    """The values (N,) or (N, n), or their derivative in time, by a quadratic filter of the motion's window."""
+    width = 2 * max(2, round(motion.window_s / (2 * motion.step_s))) + 1
+    return np.asarray(savgol_filter(values, width, 2, deriv=derivative, delta=motion.step_s, axis=0))

@@ -1,39 +1,46 @@
-"""Bumper contacts and crashes: accelerations that no tyre and no motor gives."""
+"""Bumper contacts and crashes: accelerations that no tyre and no motor can give."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats, Ints
-from bcid.recording.types import Recording
+from bcid.recording.limits import MOTION as LIMITS
+from bcid.recording.types import Irregularity, Recording
 
-HALF_WINDOW_S = 0.05
-BUMP_MPS = 0.4  # a change of velocity at once
-STRONGEST = 3.0  # m/s^2: what small cars' tyres give at most,
-TIMES_USUAL = 2.0  # and so many times what the take shows elsewhere
-MERGED_S = 0.5
-CRASH_S = 1.0  # after it the car stands: a crash
-STANDS_M = 0.05  # further than this it does not come in that time
+HALF_WINDOW_S = 0.05  # over which velocity is taken, before an instant and after it
 
 
 class Contact(NamedTuple):
-    """One contact."""
+    """One contact: when (s from the first pose), where, of which kind, and how strong."""
 
     begin_s: float
     end_s: float
     x_m: float
     y_m: float
     kind: str  # contact, or crash where the car stands afterwards
-    acceleration: float  # m/s^2, the largest
+    acceleration: float  # m/s², the largest
 
 
-def contacts(recording: Recording) -> list[Contact]:
-    """The contacts of a recording, in order.
+def split_at_contacts(recording: Recording) -> Recording:
+    """The recording with breaks before and after every contact, so that no segment of an estimate goes across one."""
+    first, odd, breaks = recording.poses.time_s[0], list[Irregularity](), set(recording.breaks_s)
+    for c in find_contacts(recording):
+        begin_s, end_s = float(first + c.begin_s), float(first + c.end_s)
+        # where the track jumps, the acceleration is not the car's
+        if any(begin_s <= at <= end_s for at in recording.breaks_s):
+            continue
+        text = f"at ({c.x_m:.2f}, {c.y_m:.2f}) m, {c.acceleration:.0f} m/s² that no tyre gives: a separate segment"
+        odd.append(Irregularity(c.kind, "excluded", 1, f"{begin_s:.3f} to {end_s:.3f} s", text))
+        breaks |= {begin_s, end_s}
+    return replace(recording, breaks_s=tuple(sorted(breaks)), irregularities=(*recording.irregularities, *odd))
 
-    Velocity before and after each instant is that of straight lines through the poses within HALF_WINDOW_S (at
-    least three poses); the step between the two, over the window, is the acceleration.
+
+def find_contacts(recording: Recording) -> list[Contact]:
+    """The bumper contacts and crashes of a recording, in order of time.
+
+    Velocities before and after each instant are those of straight lines through the poses within HALF_WINDOW_S (at
+    least three poses); the acceleration is their difference by the time between the two windows' middles.
     """
     time = recording.poses.time_s - recording.poses.time_s[0]
     place = recording.poses.values[:, :2]
@@ -48,22 +55,15 @@ def contacts(recording: Recording) -> list[Contact]:
     lasting = t[n:].mean(axis=1) - t[:-n].mean(axis=1)
     whole = (t[n:, -1] - t[:-n, 0]) < 3.0 * n / recording.rate_hz  # not across a gap
     acceleration = np.where(whole, np.hypot(*step.T) / lasting, 0.0)
-    limit = np.maximum(BUMP_MPS / lasting, max(STRONGEST, TIMES_USUAL * float(np.quantile(acceleration, 0.99))))
-    return _merged(time, place, velocity, acceleration, np.flatnonzero(acceleration > limit), n)
-
-
-def _merged(time: Floats, place: Floats, velocity: Floats, acceleration: Floats, hits: Ints, n: int) -> list[Contact]:
-    found = []
-    groups = np.split(hits, np.flatnonzero(np.diff(time[hits]) > MERGED_S) + 1) if len(hits) else []
-    for group in groups:
+    usual = LIMITS.contact_usual_factor * float(np.quantile(acceleration, 0.99))
+    limit = np.maximum(LIMITS.contact_velocity_mps / lasting, max(LIMITS.max_tyre_mps2, usual))
+    hits, found = np.flatnonzero(acceleration > limit), []
+    # hits that follow each other closely are one contact
+    for group in np.split(hits, np.flatnonzero(np.diff(time[hits]) > LIMITS.contact_merge_s) + 1) if len(hits) else []:
         a, b = group[0], min(group[-1] + 2 * n, len(time) - 1)
         k = group[int(np.argmax(acceleration[group]))] + n
-        after = place[(time > time[b]) & (time < time[b] + CRASH_S)]
-        stands = len(after) > 1 and float(np.hypot(*np.ptp(after, axis=0))) < STANDS_M
-        found.append(
-            Contact(
-                float(time[a]), float(time[b]), float(place[k, 0]), float(place[k, 1]),
-                "crash" if stands else "contact", float(acceleration[group].max()),
-            )
-        )  # fmt: skip
+        after = place[(time > time[b]) & (time < time[b] + LIMITS.crash_stop_s)]
+        stands = len(after) > 1 and float(np.hypot(*np.ptp(after, axis=0))) < LIMITS.crash_stop_m
+        kind, (x_m, y_m) = "crash" if stands else "contact", map(float, place[k])
+        found.append(Contact(float(time[a]), float(time[b]), x_m, y_m, kind, float(acceleration[group].max())))
     return found

@@ -1,95 +1,83 @@
 """Values that no such car can have: units, signs and ranges judged by the motion itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
-from bcid.errors import InputRefused, Problems
-from bcid.recording.checks.channels import check_channels
-from bcid.recording.checks.raw_motion import commanded_angle, course
-from bcid.recording.types import Irregularity, Recording, Stream
+from bcid.aliases import Bools, Floats
+from bcid.errors import InputRefused, Problem, Problems
+from bcid.recording.checks.raw_motion import commanded_steering_angle, differentiate_poses
+from bcid.recording.limits import MOTION as LIMITS
+from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
 
-DEGREES_FACTOR = 3.0
-WHEELBASE_FACTOR = 4.0
-MIN_CORRELATION = 0.5
-MOST = 0.5  # of the commands
-THROTTLE_FACTOR = 3.0
-SPEED_FACTOR = 1.2
-SLOW_SHARE = 0.1  # of the take's top speed
-MIN_YAW_RATE = 1e-3
-MIN_TURN = 0.02  # of the top speed, that commanded turning comes to
-GENTLE_MPS2 = 3.0  # lateral acceleration
-MIN_HEADING, CLEAR_HEADING = 0.6, 0.8
-MIN_SAMPLES = 100
 MISREADINGS = {
     "an axis is mirrored (x)": (-1.0, 1.0, 1.0),
     "an axis is mirrored (y)": (1.0, -1.0, 1.0),
     "yaw is clockwise": (1.0, 1.0, -1.0),
 }
 """Other ways in which the pose may have been written: factors of x, y, yaw."""
+SET_UNIT = "set the unit (mocap.length_unit, or a gain in [columns]) or correct the vehicle file"
+N_CHANNEL_LAGS = 21  # tried between the largest delays of a channel
+CHANNEL_REFERENCES = {
+    "measured_steering_rad": ("the commanded angle", "log it in rad, positive to the left"),
+    "wheel_speed_mps": ("the speed of the front axle", "log it in m/s, positive forward"),
+    "yaw_rate_radps": ("the yaw rate of the poses", "log it in rad/s, positive counter-clockwise"),
+}
+"""What each channel is compared with, and how it should be logged."""
 
 
-def check_plausible(recording: Recording, vehicle: Vehicle) -> Recording:
-    """The recording, with what looked odd noted.
+def check_plausibility(recording: Recording, vehicle: Vehicle) -> Recording:
+    """The recording with warnings of units, signs and channels that may be wrong.
 
     Raises:
-        InputRefused: inverted steering, lengths or yaw in other units, channels likewise.
+        InputRefused: inverted steering, mirrored axes, lengths or yaw in other units; channels likewise.
     """
     problems, odd = Problems(), list[Irregularity]()
-    with problems.gathered():
+    with problems.gather_refusals():
         odd += _check_turning(recording, vehicle)
         odd += _check_speed(recording, vehicle)
-    with problems.gathered():
-        odd += check_channels(recording, vehicle)
-    problems.refuse(recording.sources[0].path)
+    with problems.gather_refusals():
+        odd += _check_channels(recording, vehicle)
+    problems.raise_if_any(recording.sources[0].path)
     return replace(recording, irregularities=(*recording.irregularities, *odd))
 
 
 def check_commands(commands: Floats, vehicle: Vehicle, source: str) -> list[Irregularity]:
-    """What is odd about the commands (M, 2) of the file `source`.
-
-    Raises:
-        InputRefused: steering in degrees, a throttle in percent, brake shares below -1.
-    """
+    """Warnings of steering and throttle commands (M, 2) beyond the car's; `InputRefused` where units seem wrong."""
     problems, odd = Problems(), list[Irregularity]()
-    with problems.gathered():
+    with problems.gather_refusals():
         odd = _check_steering(commands[:, 0], vehicle.steering.max_angle_rad, source)
-    with problems.gathered():
+    with problems.gather_refusals():
         _check_throttle(commands[:, 1], vehicle, source)
-    problems.refuse(source)
+    problems.raise_if_any(source)
     return odd
 
 
 def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
+    """Raise `InputRefused` where a throttle (M,) of the law "speed" is no reference speed in m/s or brake share."""
     if vehicle.motor.law != "speed":
         return
     top = vehicle.motor.reference_speed_mps
-    if top is not None and u_m.max() > THROTTLE_FACTOR * top:
-        raise InputRefused(
-            source, "throttle_mps", f"reaches {u_m.max():.3g}, the largest reference speed is {top:g} m/s: percent?",
-            "log the throttle in m/s, or map it with a gain",
-        )  # fmt: skip
-    if u_m.min() < -1.05:
-        raise InputRefused(
-            source, "throttle_mps", f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant",
-            "log it so, or map a table's or MCAP's field with gain, offset and low",
-        )  # fmt: skip
+    if top is not None and u_m.max() > LIMITS.max_throttle_factor * top:
+        cause = f"reaches {u_m.max():.3g}, the largest reference speed is {top:g} m/s: percent?"
+        raise InputRefused(source, "throttle_mps", cause, "log the throttle in m/s, or map it with a gain")
+    if u_m.min() < LIMITS.min_brake_share:
+        cause = f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant"
+        step = "log it so, or map a table's or MCAP's field with gain, offset and low"
+        raise InputRefused(source, "throttle_mps", cause, step)
 
 
 def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity]:
+    """A warning where steering commands (M,) exceed the car's limit (rad); `InputRefused` where they are in degrees."""
     high = float(np.quantile(np.abs(u_s), 0.95))
-    if high > DEGREES_FACTOR * limit:
-        raise InputRefused(
-            source, "steering_rad", f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?",
-            "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)",
-        )  # fmt: skip
+    if high > LIMITS.max_steering_factor * limit:
+        cause = f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?"
+        step = "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)"
+        raise InputRefused(source, "steering_rad", cause, step)
     beyond = np.abs(u_s) > limit * (1 + 1e-9)
-    if beyond.mean() > MOST:
+    if beyond.mean() > LIMITS.max_clipped_share:
         cause = f"{beyond.mean():.0%} of the commands are beyond the limit of {limit:g} rad: degrees?"
         raise InputRefused(source, "steering_rad", cause, "log the command in rad, or correct steering.max_angle_rad")
     if not beyond.any():
@@ -98,101 +86,143 @@ def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity
     return [Irregularity("steering command", "warning", int(beyond.sum()), source, text)]
 
 
-class _Turning(NamedTuple):
+class _TurningResponse(NamedTuple):
+    """How a car turns as it is steered: omega L is about v sin(delta)."""
+
     correlation: float  # of yaw rate and commanded turning, about zero
-    heading: float  # 1 where the front wheel heads where it is steered up to a constant, 0 where it does not
+    heading: float  # 1 where the front wheel moves where it is steered but for a constant angle, 0 where it does not
     wheelbase_m: float | None  # as the motion shows it
 
 
-def _turning(recording: Recording, vehicle: Vehicle) -> _Turning | None:
-    """Yaw rate * wheelbase is about speed * sin(delta); None where too little moves to tell."""
-    motion = course(recording, vehicle)
+def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningResponse | None:
+    """How yaw rate and direction of motion follow the commanded steering; None where the car turns too little."""
+    motion = differentiate_poses(recording, vehicle)
     if len(motion.time_s) < 2:
         return None
-    angle = commanded_angle(recording, vehicle, motion.time_s)
+    angle = commanded_steering_angle(recording, vehicle, motion.time_s)
     # the CoG's speed: the front axle's holds yaw rate * l_f, whatever the unit of lengths
     v_x = motion.v_f * np.cos(motion.beta_f)
     speed = np.hypot(v_x, motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate)
-    use = motion.good & (speed > SLOW_SHARE * np.quantile(speed, 0.95))
+    use = motion.good & (speed > LIMITS.min_speed_share * np.quantile(speed, 0.95))
     turn, yaw_rate = speed[use] * np.sin(angle[use]), motion.yaw_rate[use]
     size, rate = (float(np.sqrt(np.mean(x**2))) for x in (turn, yaw_rate)) if use.any() else (0.0, 0.0)
-    if use.sum() < MIN_SAMPLES or size < MIN_TURN * np.max(speed) or rate < MIN_YAW_RATE:
+    turns = size >= LIMITS.min_commanded_turn * np.max(speed) and rate >= LIMITS.min_yaw_rate_radps
+    if use.sum() < LIMITS.min_turning_rows or not turns:
         return None
     heading = abs(np.mean(np.exp(1j * (motion.beta_f - angle)[use])))
     correlation = float(turn @ yaw_rate) / (size * rate * len(turn))
-    return _Turning(correlation, float(heading), _wheelbase(turn, yaw_rate, speed[use], vehicle))
+    return _TurningResponse(correlation, float(heading), _apparent_wheelbase(turn, yaw_rate, speed[use], vehicle))
 
 
-def _wheelbase(turn: Floats, yaw_rate: Floats, speed: Floats, vehicle: Vehicle) -> float | None:
-    """That with which turning is as strong as commanded (m), of all the motion or of the gentle part.
+def _apparent_wheelbase(turn: Floats, yaw_rate: Floats, speed: Floats, vehicle: Vehicle) -> float | None:
+    """The wheelbase (m) at which turning is as strong as commanded: |v sin(delta)| / |omega| over the rows (N,).
 
-    Strength, not slope: a servo that is slower than the vehicle file says makes the slope what it likes.  A car that
-    slips turns as if it were longer, and where it turns little for a while as if it were endless; of the two, the one
-    nearer to what is stated.
+    Norms, not a regression's slope, which a servo slower than stated makes arbitrary. A car that slips turns as if it
+    were longer, and where it turns little for a while as if it were endless: of the figure from all rows and that from
+    gentle ones, the one nearer to the stated wheelbase is returned.
     """
-    stated = vehicle.body.cog_to_front_m + vehicle.body.cog_to_rear_m
+    stated = vehicle.body.wheelbase_m
     found = []
-    for part in (np.ones(len(turn), dtype=bool), np.abs(speed * yaw_rate) < GENTLE_MPS2):
+    for part in (np.ones(len(turn), dtype=bool), np.abs(speed * yaw_rate) < LIMITS.gentle_lateral_mps2):
         size, rate = np.linalg.norm(turn[part]), np.linalg.norm(yaw_rate[part])
-        if part.sum() > MIN_SAMPLES and size > 0.0 and rate > 0.0:
+        if part.sum() > LIMITS.min_turning_rows and size > 0.0 and rate > 0.0:
             found.append(float(size / rate))
     return min(found, key=lambda length: abs(np.log(length / stated)), default=None)
 
 
-def _misread(recording: Recording, scale: tuple[float, float, float]) -> Recording:
-    """The recording as if x, y and yaw had been written with other units or axes."""
-    return replace(recording, poses=Stream(recording.poses.time_s, recording.poses.values * np.array(scale)))
-
-
 def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
-    """The slope shows units, the sign the steering's; what explains the motion only when misread is refused."""
-    seen = _turning(recording, vehicle)
+    """A warning where the steering explains little of the motion; `InputRefused` where a sign or unit is wrong."""
+    seen, source = _turning_response(recording, vehicle), recording.sources[0].path
     if seen is None:
         return []
-    source = recording.sources[0].path
-    if seen.correlation < -MIN_CORRELATION:
+    if seen.correlation < -LIMITS.min_turning_correlation:
         raise InputRefused(
             source, "steering", f"the car turns right where the command says left (correlation {seen.correlation:.2f})",
             "positive steering turns left: log or map the command with the other sign, or correct up_axis or the order "
             "of the quaternions (x, y, z, w)",
         )  # fmt: skip
-    if seen.heading < MIN_HEADING:
-        for name, scale in MISREADINGS.items():
-            other = _turning(_misread(recording, scale), vehicle)
-            if other is not None and other.heading > CLEAR_HEADING:
-                raise InputRefused(
-                    source, "pose", f"the car moves where it is steered only if {name} (agreement {seen.heading:.2f}, "
-                    f"then {other.heading:.2f})", "correct up_axis, or the axes of the pose",
-                )  # fmt: skip
-    if seen.correlation < MIN_CORRELATION or seen.heading < MIN_HEADING:
-        text = (
-            f"the commands explain little of the motion (turning {seen.correlation:.2f}, heading {seen.heading:.2f}): "
-            "check axes and units"
-        )
+    if seen.heading < LIMITS.min_heading_agreement:
+        for name, factors in MISREADINGS.items():
+            poses = Stream(recording.poses.time_s, recording.poses.values * np.array(factors))
+            mirrored = _turning_response(replace(recording, poses=poses), vehicle)
+            if mirrored is not None and mirrored.heading > LIMITS.min_mirrored_agreement:
+                agreement = f"(agreement {seen.heading:.2f}, then {mirrored.heading:.2f})"
+                cause = f"the car moves where it is steered only if {name} {agreement}"
+                raise InputRefused(source, "pose", cause, "correct up_axis, or the axes of the pose")
+    if seen.correlation < LIMITS.min_turning_correlation or seen.heading < LIMITS.min_heading_agreement:
+        figures = f"(turning {seen.correlation:.2f}, heading {seen.heading:.2f})"
+        text = f"the commands explain little of the motion {figures}: check axes and units"
         return [Irregularity("steering response", "warning", 1, source, text)]
-    stated = vehicle.body.cog_to_front_m + vehicle.body.cog_to_rear_m
-    if seen.wheelbase_m and not stated / WHEELBASE_FACTOR < seen.wheelbase_m < stated * WHEELBASE_FACTOR:
-        raise InputRefused(
-            source, "pose", f"the car turns as if its wheelbase were {seen.wheelbase_m:.3g} m, the vehicle file says "
-            f"{stated:.3g} m: lengths in mm or cm, or yaw in degrees?",
-            "set the unit (mocap.length_unit, or a gain in [columns]) or correct the vehicle file",
-        )  # fmt: skip
+    stated, factor = vehicle.body.wheelbase_m, LIMITS.max_scale_factor
+    if seen.wheelbase_m and not stated / factor < seen.wheelbase_m < stated * factor:
+        shown = f"the car turns as if its wheelbase were {seen.wheelbase_m:.3g} m"
+        cause = f"{shown}, the vehicle file says {stated:.3g} m: lengths in mm or cm, or yaw in degrees?"
+        raise InputRefused(source, "pose", cause, SET_UNIT)
     return []
 
 
 def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
-    """Word of a car that is faster than its motor: a scale set on export, or another car's file."""
-    top, motion = vehicle.motor.reference_speed_mps, course(recording, vehicle)
+    """A warning where the car is faster than its motor; `InputRefused` where it is so by far, as with another unit."""
+    top, motion = vehicle.motor.reference_speed_mps, differentiate_poses(recording, vehicle)
     if top is None or vehicle.motor.law != "speed" or not motion.good.any():
         return []
     fast = float(np.quantile(motion.v_f[motion.good], 0.99))
-    if fast < SPEED_FACTOR * top:
+    if fast < LIMITS.max_speed_factor * top:
         return []
-    source, text = (
-        recording.sources[0].path,
-        f"the front wheel reaches {fast:.3g} m/s, the motor's largest is {top:g} m/s",
-    )
-    if fast > WHEELBASE_FACTOR * top:
-        step = "set the unit (mocap.length_unit, or a gain in [columns]) or correct the vehicle file"
-        raise InputRefused(source, "pose", f"{text}: lengths in mm or cm?", step)
+    source = recording.sources[0].path
+    text = f"the front wheel reaches {fast:.3g} m/s, the motor's largest is {top:g} m/s"
+    if fast > LIMITS.max_scale_factor * top:
+        raise InputRefused(source, "pose", f"{text}: lengths in mm or cm?", SET_UNIT)
     return [Irregularity("scale", "warning", 1, source, f"{text}: a scale set on export?")]
+
+
+def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
+    """Warnings of channels that do not follow the motion; `InputRefused` where a unit or a sign seems wrong."""
+    if not recording.channels:
+        return []
+    motion, odd = differentiate_poses(recording, vehicle), list[Irregularity]()
+    if len(motion.time_s) < LIMITS.min_channel_rows:
+        return []
+    problems, unit_factor = Problems(), LIMITS.max_channel_factor
+    for name, stream in recording.channels.items():
+        what, hint = CHANNEL_REFERENCES[name]
+        if name == "measured_steering_rad":
+            expected = commanded_steering_angle(recording, vehicle, motion.time_s)
+        else:
+            expected = motion.yaw_rate if name == "yaw_rate_radps" else motion.v_f
+        seen = np.interp(motion.time_s, stream.time_s, stream.values[:, 0])
+        inside = (motion.time_s >= stream.time_s[0]) & (motion.time_s <= stream.time_s[-1])
+        if name == "wheel_speed_mps":
+            seen = np.abs(seen)  # what the poses say has no sign
+        use = motion.good & inside
+        x, y = expected[use], seen[use]
+        if len(x) < LIMITS.min_channel_rows or x.std() < 1e-6:
+            continue
+        if y.std() < 1e-12:
+            odd.append(Irregularity("channel", "warning", 1, name, f"does not change, {what} does"))
+            continue
+        max_lag = round(LIMITS.max_channel_delay_s / motion.step_s)
+        correlation = _strongest_lagged_correlation(expected, seen, use, max_lag)
+        times = float(np.sqrt((y @ y) / (x @ x)))
+        if correlation < -LIMITS.min_channel_correlation:
+            cause = f"runs against {what} (correlation {correlation:.2f}): its sign is inverted"
+            problems.append(Problem(name, cause, hint))
+        elif correlation < LIMITS.min_channel_correlation:
+            text = f"does not follow {what} (correlation {correlation:.2f})"
+            odd.append(Irregularity("channel", "warning", 1, name, text))
+        elif correlation > LIMITS.min_channel_correlation and not 1.0 / unit_factor < times < unit_factor:
+            problems.append(Problem(name, f"is {times:.3g} times {what}: degrees, or mm?", hint))
+    problems.raise_if_any(command_source_path(recording.sources))
+    return odd
+
+
+def _strongest_lagged_correlation(x: Floats, y: Floats, use: Bools, max_lag: int) -> float:
+    """The correlation of largest size between x (N,) and y (N,) in the rows `use`, y later or earlier by <= max_lag."""
+    found = []
+    for shift in np.unique(np.linspace(-max_lag, max_lag, N_CHANNEL_LAGS).round().astype(int)):
+        late = np.roll(y, -shift)
+        kept = use.copy()
+        kept[len(kept) - shift if shift > 0 else 0 : len(kept) if shift > 0 else -shift] = False
+        if kept.sum() >= LIMITS.min_channel_rows and late[kept].std() > 0.0:
+            found.append(float(np.corrcoef(x[kept], late[kept])[0, 1]))
+    return max(found, key=abs, default=0.0)

@@ -1,127 +1,181 @@
-"""A stream's rows put in order: finite, one a stamp, in strictly increasing time; whatever was done is counted."""
+"""The samples of the pose and command streams: put in order of time, their times checked, and their gaps found."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused
-from bcid.recording.types import Irregularity
-
-MAX_NON_FINITE = 0.05
-LARGEST = 1e9  # m or rad: beyond the Earth, or no number at all
-LONGEST_S = 1e11  # beyond any clock's zero
-MAX_SHARED = 0.2  # of the samples may share a stamp with another one
-LATE_SAMPLES = 10  # that arrive out of order; more is a clock that was set back
+from bcid.recording.limits import POSE, STREAM
+from bcid.recording.types import Action, Irregularity
 
 
 class Samples(NamedTuple):
-    """A stream's samples, and what was odd about them."""
+    """Samples of a stream: times (N,) in s, values (N, n), and the irregularities found so far."""
 
     time_s: Floats
     values: Floats
-    odd: list[Irregularity]
+    irregularities: list[Irregularity]
+
+    def without(self, rows: Bools, kind: str, action: Action, detail: str) -> Samples:
+        """The samples outside the marked `rows` (N,), which are noted as one irregularity of this kind."""
+        noted = [*self.irregularities, *note_rows(self.time_s, rows, kind, action, detail)]
+        return Samples(self.time_s[~rows], self.values[~rows], noted)
 
 
-def where(time_s: Floats, rows: npt.NDArray[np.bool_]) -> str:
-    """From when to when these rows are."""
-    hit = time_s[rows]
-    first, last = float(np.nanmin(hit)), float(np.nanmax(hit))
-    return f"{first:.3f} s" if len(hit) == 1 else f"{first:.3f} to {last:.3f} s"
+def note_rows(time_s: Floats, rows: Bools, kind: str, action: Action, detail: str) -> list[Irregularity]:
+    """One irregularity that counts and locates the marked `rows` (N,); none where no row is marked."""
+    if not rows.any():
+        return []
+    hit = time_s[rows & np.isfinite(time_s)]
+    where = f"{hit[0]:.3f} s" if len(hit) == 1 else f"row {int(np.argmax(rows)) + 1}"
+    if len(hit) > 1:
+        where = f"{hit.min():.3f} to {hit.max():.3f} s"
+    return [Irregularity(kind, action, int(rows.sum()), where, detail)]
 
 
-def _rows(time_s: Floats, rows: npt.NDArray[np.bool_]) -> str:
-    """When these rows are, by their number where they have no time."""
-    hit = rows & np.isfinite(time_s)
-    return where(time_s, hit) if hit.any() else f"row {int(np.argmax(rows)) + 1}"
-
-
-def cleaned(time_s: Floats, values: Floats, what: str, source: str) -> Samples:
-    """Rows with finite cells in strictly increasing time; what was dropped is counted.
-
-    Blank cells are NaN, those that hold no finite number infinite.
+def clean_samples(time_s: Floats, values: Floats, stream_name: str, source: str) -> Samples:
+    """The samples of times (N,) in s and values (N, n) that are finite, each once, in strictly increasing time.
 
     Raises:
         InputRefused: no samples, many that are no numbers, or a clock that steps back.
     """
-    odd: list[Irregularity] = []
     if len(time_s) == 0:
-        raise InputRefused(source, what, "holds no samples", "record the take again")
+        raise InputRefused(source, stream_name, "holds no samples", "record the take again")
     largest = float(np.abs(time_s[np.isfinite(time_s)]).max(initial=0.0))
-    if largest > LONGEST_S:
+    if largest > STREAM.max_time_s:
         cause = f"times reach {largest:.3g}: are they in seconds?"
-        raise InputRefused(source, f"{what} times", cause, "write or map them in seconds")
-    infinite = (np.abs(values) > LARGEST).any(axis=1) | ~np.isfinite(time_s)
-    if infinite.mean() > MAX_NON_FINITE:
-        raise InputRefused(
-            source, what, f"{infinite.mean():.0%} of the rows are not finite numbers", "export the take again"
-        )
+        raise InputRefused(source, f"{stream_name} times", cause, "write or map them in seconds")
+    infinite = (np.abs(values) > STREAM.max_value).any(axis=1) | ~np.isfinite(time_s)
+    if infinite.mean() > STREAM.max_non_finite_share:
+        cause = f"{infinite.mean():.0%} of the rows are not finite numbers"
+        raise InputRefused(source, stream_name, cause, "export the take again")
     blank = ~np.isfinite(values).all(axis=1) & ~infinite
-    if infinite.any():
-        text = "not finite numbers (nan, inf, or too large)"
-        odd.append(Irregularity(f"{what} numbers", "excluded", int(infinite.sum()), _rows(time_s, infinite), text))
     if (blank | infinite).all():
-        raise InputRefused(source, what, "holds no finite sample", "export the take again")
-    if blank.any():
-        text = f"blank samples in {int(np.sum(np.diff(np.r_[0, blank]) == 1))} runs: gaps"
-        odd.append(Irregularity(f"{what} dropout", "excluded", int(blank.sum()), where(time_s, blank), text))
-    time_s, values = time_s[~blank & ~infinite], values[~blank & ~infinite]
-    time_s, values, again = _without_repeats(time_s, values, what)
-    odd += again
-    if np.any(np.diff(time_s) < 0):
-        late = np.r_[False, np.diff(time_s) < 0]
-        _check_overlap(time_s, late, what, source)
-        order = np.argsort(time_s, kind="stable")
-        odd.append(
-            Irregularity(
-                f"{what} order", "fixed", int(late.sum()), where(time_s, late), "samples put in the order of time"
-            )
-        )
-        time_s, values = time_s[order], values[order]
-    time_s, values, duplicates = _without_contradictions(time_s, values, what, source)
-    return Samples(time_s, values, odd + duplicates)
+        raise InputRefused(source, stream_name, "holds no finite sample", "export the take again")
+    text = "not finite numbers (nan, inf, or too large)"
+    samples = Samples(time_s, values, []).without(infinite, f"{stream_name} numbers", "excluded", text)
+    text = f"blank samples in {int(np.sum(np.diff(np.r_[0, blank]) == 1))} runs: gaps"
+    samples = samples.without(blank[~infinite], f"{stream_name} dropout", "excluded", text)
+    _, first = np.unique(np.column_stack([samples.time_s, samples.values]), axis=0, return_index=True)
+    again = ~np.isin(np.arange(len(samples.time_s)), first)
+    samples = samples.without(again, f"{stream_name} duplicate", "fixed", "same stamp, same value: once")
+    return _drop_contradictions(_sort_by_time(samples, stream_name, source), stream_name, source)
 
 
-def _check_overlap(time_s: Floats, late: npt.NDArray[np.bool_], what: str, source: str) -> None:
-    """Raise `InputRefused` where the clock steps back: two stretches of the same times cannot be put in order."""
-    step = float(np.median(np.abs(np.diff(time_s))))
-    far = np.r_[0.0, -np.diff(time_s)] > 0.5 * LATE_SAMPLES * step
-    for row in np.flatnonzero(late & far):
+def _sort_by_time(samples: Samples, stream_name: str, source: str) -> Samples:
+    """The samples in the order of their times; `InputRefused` where the clock was set back, so that times repeat."""
+    time_s = samples.time_s
+    back = np.r_[0.0, -np.diff(time_s)]
+    if not (back > 0.0).any():
+        return samples
+    far = back > 0.5 * STREAM.max_late_samples * float(np.median(np.abs(np.diff(time_s))))
+    for row in np.flatnonzero((back > 0.0) & far):
         again = int((time_s[:row] > time_s[row]).sum())
         ahead = int((time_s[row:] < time_s[row - 1]).sum())
-        if min(again, ahead) > LATE_SAMPLES:
-            back = time_s[row - 1] - time_s[row]
-            cause = f"the clock steps back by {back:.3f} s at {time_s[row - 1]:.3f} s: {again} samples have times twice"
-            raise InputRefused(source, f"{what} times", cause, "cut the recording there, or use the other time base")
+        if min(again, ahead) > STREAM.max_late_samples:
+            where = f"by {back[row]:.3f} s at {time_s[row - 1]:.3f} s"
+            cause = f"the clock steps back {where}: {again} samples have times twice"
+            step = "cut the recording there, or use the other time base"
+            raise InputRefused(source, f"{stream_name} times", cause, step)
+    noted = note_rows(time_s, back > 0.0, f"{stream_name} order", "fixed", "samples put in the order of time")
+    order = np.argsort(time_s, kind="stable")
+    return Samples(time_s[order], samples.values[order], [*samples.irregularities, *noted])
 
 
-def _without_contradictions(
-    time_s: Floats, values: Floats, what: str, source: str
-) -> tuple[Floats, Floats, list[Irregularity]]:
-    """Without rows that share a stamp: they say different things, and none can be chosen."""
-    _, inverse, counts = np.unique(time_s, return_inverse=True, return_counts=True)
-    contradicting = counts[inverse] > 1
-    if not contradicting.any():
-        return time_s, values, []
-    if contradicting.mean() > MAX_SHARED:
-        cause = f"{contradicting.mean():.0%} of the samples share a stamp with another: are the stamps rounded?"
-        raise InputRefused(source, f"{what} times", cause, "log them with more digits, or use the other time base")
-    text = "same stamp, other value: all dropped"
-    odd = Irregularity(f"{what} duplicate", "excluded", int(contradicting.sum()), where(time_s, contradicting), text)
-    return time_s[~contradicting], values[~contradicting], [odd]
+def _drop_contradictions(samples: Samples, stream_name: str, source: str) -> Samples:
+    """The samples without those of equal time but different values, of which none can be chosen."""
+    _, inverse, counts = np.unique(samples.time_s, return_inverse=True, return_counts=True)
+    shared = counts[inverse] > 1
+    if shared.mean() > STREAM.max_shared_stamp_share:
+        cause = f"{shared.mean():.0%} of the samples share a stamp with another: are the stamps rounded?"
+        step = "log them with more digits, or use the other time base"
+        raise InputRefused(source, f"{stream_name} times", cause, step)
+    return samples.without(shared, f"{stream_name} duplicate", "excluded", "same stamp, other value: all dropped")
 
 
-def _without_repeats(time_s: Floats, values: Floats, what: str) -> tuple[Floats, Floats, list[Irregularity]]:
-    """Without rows that were there before, to the last digit, wherever they stand."""
-    _, first = np.unique(np.column_stack([time_s, values]), axis=0, return_index=True)
-    if len(first) == len(time_s):
-        return time_s, values, []
-    again = np.ones(len(time_s), dtype=bool)
-    again[first] = False
-    odd = Irregularity(
-        f"{what} duplicate", "fixed", int(again.sum()), where(time_s, again), "same stamp, same value: once"
-    )
-    return time_s[~again], values[~again], [odd]
+def check_pose_times(pose_s: Floats, source: str) -> None:
+    """Raise `InputRefused` where the pose times (N,) cannot be seconds of one take."""
+    if len(pose_s) < STREAM.min_poses:
+        raise InputRefused(source, "pose", f"only {len(pose_s)} poses remain", "record a longer take")
+    step = float(np.median(np.diff(pose_s)))
+    if not STREAM.min_rate_hz < 1.0 / step < STREAM.max_rate_hz:
+        cause = f"poses come every {step:.3g} s: are the times in seconds?"
+        raise InputRefused(source, "time", cause, "map the time column in seconds")
+    span = float(pose_s[-1] - pose_s[0])
+    if span > STREAM.max_span_excess_s + STREAM.max_span_factor * step * len(pose_s):
+        near = f"near {pose_s[int(np.argmax(np.diff(pose_s)))]:.3f} s"
+        cause = f"{len(pose_s)} poses spread over {span:.3g} s: a clock jump or a zero stamp {near}"
+        raise InputRefused(source, "time", cause, "cut the take there, or correct its stamps")
+
+
+def check_command_times(commands: Samples, hold_s: float, source: str) -> None:
+    """Raise `InputRefused` where commands are farther apart than `hold_s`, or two sources send them by turns."""
+    step = float(np.median(np.diff(commands.time_s))) if len(commands.time_s) > 1 else 0.0
+    if step > hold_s:
+        cause = f"commands come every {step:.3g} s, but hold for {hold_s:g} s only"
+        raise InputRefused(source, "command times", cause, "log them in seconds, or set command.max_hold_s")
+    # faster than a driver, and between more levels
+    levels = len(np.unique(np.round(commands.values, 6), axis=0))
+    unlike_driver = 0.0 < step < POSE.min_driver_step_s and levels > POSE.max_driver_levels
+    if unlike_driver and sources_alternate(commands.values):
+        cause = "two sources of commands alternate: several publishers on the topic, or two stretches mixed"
+        raise InputRefused(source, "command", cause, "record the one that the car obeys")
+
+
+def check_streams_overlap(pose_s: Floats, command_s: Floats, source: str) -> None:
+    """Raise `InputRefused` where the times of poses (N,) and of commands (M,) do not overlap."""
+    (first, last), (begin, end) = ((t[0], t[-1]) for t in (pose_s, command_s))
+    if min(last, end) <= max(first, begin):
+        spans = f"poses ({first:.3f} to {last:.3f} s) and commands ({begin:.3f} to {end:.3f} s)"
+        cause = f"{spans} do not overlap in time: two takes, or simulated time and a wall clock"
+        step = 'check that both belong to one take; for MCAP, name the time base: topics.time = "log"'
+        raise InputRefused(source, "time", cause, step)
+
+
+def longest_command_step(command_s: Floats, hold_s: float) -> float:
+    """The step (s) between commands (M,) beyond which one is missing: 1.5 usual steps, or `hold_s` if less."""
+    if len(command_s) < 2:
+        return hold_s
+    steps = np.diff(command_s)
+    limit = STREAM.gap_steps * float(np.median(steps))
+    return min(limit, hold_s) if (steps <= limit).mean() > STREAM.min_regular_share else hold_s
+
+
+def find_gaps(time_s: Floats, longest_s: float, stream_name: str) -> list[Irregularity]:
+    """A warning of the gaps in a stream: steps between its times (N,) that are longer than `longest_s`."""
+    steps = np.diff(time_s)
+    wide = steps > longest_s
+    text = f"{steps[wide].sum():.2f} s in all, the longest {steps.max(initial=0.0):.3f} s"
+    return note_rows(time_s, np.r_[False, wide], f"{stream_name} gap", "warning", text)
+
+
+def find_uncovered_ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s: float) -> list[Irregularity]:
+    """Warnings of a beginning or an end of the take at which only poses (N,) or only commands (M,) are there.
+
+    Poses may begin and end within `hold_s` of the commands, and commands within `step_s` of the poses: where they come
+    later or stop earlier, their log may be cut.
+    """
+    spans = {"command": (command_s[0], command_s[-1], step_s), "pose": (pose_s[0], pose_s[-1], hold_s)}
+    warnings = []
+    for name, partner in (("command", "pose"), ("pose", "command")):
+        (first, last, slack_s), (begin, end, _) = spans[name], spans[partner]
+        for edge, at, apart in (("begin", first, first - begin), ("end", last, end - last)):
+            if apart > slack_s:
+                where = f"after the first {partner}" if edge == "begin" else f"before the last {partner}"
+                text = f"the {name}s {edge} {apart:.2f} s {where}"
+                warnings.append(Irregularity(f"{name} {edge}", "warning", 1, f"{at:.3f} s", text))
+    return warnings
+
+
+def sources_alternate(values: Floats) -> bool:
+    """Whether two sources write one stream (N, n) by turns: every second sample is mostly nearer than the next."""
+    if len(values) < 3:
+        return False
+    to_next, to_second = (np.linalg.norm(values[k:] - values[:-k], axis=1) for k in (1, 2))
+    to_next = to_next[:-1]
+    moved = (to_next > 0.0) & (to_next >= np.median(to_next))
+    nearer = to_second[moved] < POSE.alternating_distance * to_next[moved]
+    return bool(moved.mean() > POSE.min_moving_share and nearer.mean() > POSE.min_alternating_share)

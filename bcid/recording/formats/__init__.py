@@ -1,1 +1,1 @@
-"""What stands in a file, format by format, handed on unjudged as a `RawTake`."""
+"""Readers, one `read_<format>` for each file format, which return a `RawTake` without judging it."""

@@ -4,8 +4,6 @@ The mcap library's own reader follows the index, which a file may have or not, a
 here the file is read from its first byte to its last, and only the layout of records is the library's.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib
@@ -18,90 +16,98 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
 from bcid.recording.formats.detect import MCAP_MAGIC
+from bcid.recording.limits import MCAP as LIMITS
 
-MAX_RECORD = 1 << 28  # bytes, of a record and of a chunk's content
-SMALL, RATIO = 1 << 24, 300  # bytes that chunks may always unpack to, and by how much larger ones may grow
-BLOCK = 1 << 20
-HEAD = struct.Struct("<BQ")  # opcode and length
-CHUNK_HEAD = struct.Struct("<QQQ")  # of a chunk: from, to, and how many bytes it unpacks to
-KINDS = {
+SKIP_BLOCK_BYTES = 1 << 20
+RECORD_HEAD = struct.Struct("<BQ")  # opcode and length
+CHUNK_HEAD = struct.Struct("<QQQ")  # first time, last time, and bytes of the unpacked content
+RECORD_TYPES = {
     1: kinds.Header, 2: kinds.Footer, 3: kinds.Schema, 4: kinds.Channel, 5: kinds.Message, 6: kinds.Chunk,
     7: kinds.MessageIndex, 8: kinds.ChunkIndex, 9: kinds.Attachment, 10: kinds.AttachmentIndex, 11: kinds.Statistics,
     12: kinds.Metadata, 13: kinds.MetadataIndex, 14: kinds.SummaryOffset, 15: kinds.DataEnd,
 }  # fmt: skip
 FOOTER, CHUNK, ATTACHMENT = 2, 6, 9
-IN_CHUNK = (3, 4, 5)
-EMPTY = (1, 11)  # kinds that may have no content
+CHUNK_OPCODES = (3, 4, 5)
 
 
-class Broken(Exception):
-    """What is wrong at a byte of the file; `chunk` is the one that cannot be read, where the file goes on behind it."""
+class DamagedRecord(Exception):
+    """Damage at a byte of an MCAP file, and its cause; `chunk` is set where the file can be read on after it."""
 
     def __init__(self, offset: int, cause: str, chunk: kinds.Chunk | None = None) -> None:
+        """Damage at the byte `offset`."""
         super().__init__(f"byte {offset}: {cause}")
         self.offset, self.cause, self.chunk = offset, cause, chunk
 
 
-class Read(NamedTuple):
-    """A record, or in its place a chunk that cannot be read; and whether a checksum covers it."""
+class McapEntry(NamedTuple):
+    """A record of an MCAP file, or the damage of a chunk in its place; and whether a chunk's checksum covers it."""
 
-    record: kinds.McapRecord | Broken
-    checked: bool
+    record: kinds.McapRecord | DamagedRecord
+    checksummed: bool
 
 
-class _Body(ReadDataStream):
-    """A record's body: the library's stream returns short reads as if they were whole."""
+class _ExactStream(ReadDataStream):
+    """The body of a record, which raises `EOFError` where the library's stream returns fewer bytes than asked for."""
 
     def read(self, length: int) -> bytes:
+        """The next `length` bytes."""
         data: bytes = super().read(length)
         if len(data) != length:
             raise EOFError
         return data
 
 
-def _record(opcode: int, body: bytes, offset: int) -> kinds.McapRecord:
-    """The record in `body`; bytes behind its last field are allowed."""
-    kind: Any = KINDS[opcode]
+def _parse_record(opcode: int, body: bytes, offset: int) -> kinds.McapRecord:
+    """The record of this kind in `body`, after whose last field more bytes are allowed; else `DamagedRecord`."""
+    kind: Any = RECORD_TYPES[opcode]
     try:
-        stream = _Body(io.BytesIO(body))
+        stream = _ExactStream(io.BytesIO(body))
         record: kinds.McapRecord = kind.read(stream, len(body)) if kind is kinds.Message else kind.read(stream)
         return record
     except (McapError, EOFError, struct.error, ValueError, OverflowError) as error:
-        raise Broken(offset, f"a {kind.__name__} record cannot be read: {type(error).__name__}") from None
+        raise DamagedRecord(offset, f"a {kind.__name__} record cannot be read: {type(error).__name__}") from None
 
 
-def _unpacked(chunk: kinds.Chunk, offset: int) -> bytes:
-    """The chunk's content, never more than it declares and one byte."""
-    size = chunk.uncompressed_size
-    most = min(MAX_RECORD, max(SMALL, RATIO * len(chunk.data)))
+def _unpack_chunk(chunk: kinds.Chunk, offset: int) -> bytes:
+    """The content of the chunk at the byte `offset`, checked against its declared size and checksum."""
+    size, packed = chunk.uncompressed_size, len(chunk.data)
+    most = min(LIMITS.max_record_bytes, _largest_expansion(packed))
     if size > most:
-        raise Broken(offset, f"a chunk of {len(chunk.data)} bytes declares {size}: {most} are the most of so few")
+        raise DamagedRecord(offset, f"a chunk of {packed} bytes declares {size}: {most} are the most of so few")
+    # one byte more than declared shows a chunk that holds more; lz4 raises RuntimeError
     try:
-        data = _decompressed(chunk, size + 1, offset)
-    except (RuntimeError, EOFError, ValueError) as error:  # lz4 knows no better than RuntimeError
-        raise Broken(offset, f"a chunk cannot be decompressed: {error}", chunk) from None
+        data = _decompress(chunk, size + 1, offset)
+    except (RuntimeError, EOFError, ValueError) as error:
+        raise DamagedRecord(offset, f"a chunk cannot be decompressed: {error}", chunk) from None
     if len(data) != size:
         holds = "more" if len(data) > size else str(len(data))
-        raise Broken(offset, f"a chunk declares {size} bytes and holds {holds}", chunk)
+        raise DamagedRecord(offset, f"a chunk declares {size} bytes and holds {holds}", chunk)
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise Broken(offset, "a chunk's checksum does not match", chunk)
+        raise DamagedRecord(offset, "a chunk's checksum does not match", chunk)
     return data
 
 
-def _check_expansion(file: IO[bytes], end: int) -> None:
-    """Raise `Broken` where chunks that may be small each declare more together than so short a file may hold."""
-    most, total, offset = max(SMALL, RATIO * end), 0, len(MCAP_MAGIC)
-    while offset + HEAD.size <= end:
+def _largest_expansion(size: int) -> int:
+    """The most bytes of content that `size` packed bytes may hold."""
+    return max(LIMITS.free_expansion_bytes, LIMITS.max_expansion_factor * size)
+
+
+def _check_declared_sizes(file: IO[bytes], end: int) -> None:
+    """Raise `DamagedRecord` where the chunks together declare more content than a file of `end` bytes may hold."""
+    most, total, offset = _largest_expansion(end), 0, len(MCAP_MAGIC)
+    while offset + RECORD_HEAD.size <= end:
         file.seek(offset)
-        opcode, length = HEAD.unpack(file.read(HEAD.size))
-        if opcode == CHUNK and length >= CHUNK_HEAD.size and offset + HEAD.size + length <= end:
+        opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
+        if opcode == CHUNK and length >= CHUNK_HEAD.size and offset + RECORD_HEAD.size + length <= end:
             total += CHUNK_HEAD.unpack(file.read(CHUNK_HEAD.size))[2]
         if total > most:
-            raise Broken(offset, f"chunks up to here declare {total} bytes: {most} are the most of a file of {end}")
-        offset += HEAD.size + length
+            cause = f"chunks up to here declare {total} bytes: {most} are the most of a file of {end}"
+            raise DamagedRecord(offset, cause)
+        offset += RECORD_HEAD.size + length
 
 
-def _decompressed(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
+def _decompress(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
+    """At most `most` bytes of the chunk's content; `DamagedRecord` where its compression is not known."""
     if chunk.compression == "":
         return bytes(chunk.data)
     if chunk.compression == "lz4":
@@ -112,102 +118,101 @@ def _decompressed(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
         import zstandard
 
         try:
-            with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD).stream_reader(chunk.data) as reader:
+            unpacker = zstandard.ZstdDecompressor(max_window_size=LIMITS.max_record_bytes)
+            with unpacker.stream_reader(chunk.data) as reader:
                 return bytes(reader.read(most))
         except zstandard.ZstdError as error:
             raise ValueError(error) from None
-    raise Broken(offset, f"chunk compression {chunk.compression!r} is not known: zstd, lz4 or none are read")
+    raise DamagedRecord(offset, f"chunk compression {chunk.compression!r} is not known: zstd, lz4 or none are read")
 
 
-def _inside(data: bytes, offset: int) -> Iterator[kinds.McapRecord]:
-    """The records in a chunk's content."""
+def _parse_chunk_content(data: bytes, offset: int) -> Iterator[kinds.McapRecord]:
+    """The schemas, channels and messages in the content of the chunk at the byte `offset`."""
     at = 0
     while at < len(data):
-        opcode, length = HEAD.unpack_from(data, at) if at + HEAD.size <= len(data) else (0, len(data))
-        body = data[at + HEAD.size : at + HEAD.size + length]
+        opcode, length = RECORD_HEAD.unpack_from(data, at) if at + RECORD_HEAD.size <= len(data) else (0, len(data))
+        body = data[at + RECORD_HEAD.size : at + RECORD_HEAD.size + length]
         if len(body) != length:
-            raise Broken(offset, "a chunk ends inside a record")
+            raise DamagedRecord(offset, "a chunk ends inside a record")
         if opcode == 0:
-            raise Broken(offset, "a chunk holds a record of kind 0")
-        if opcode in IN_CHUNK:
-            yield _record(opcode, body, offset)
-        at += HEAD.size + length
+            raise DamagedRecord(offset, "a chunk holds a record of kind 0")
+        if opcode in CHUNK_OPCODES:
+            yield _parse_record(opcode, body, offset)
+        at += RECORD_HEAD.size + length
 
 
-def _exactly(file: IO[bytes], n: int, offset: int) -> bytes:
+def _read_exactly(file: IO[bytes], n: int, offset: int) -> bytes:
+    """The next `n` bytes of the record at the byte `offset`; `DamagedRecord` where the file ends before."""
     data = file.read(n)
     if len(data) != n:
-        raise Broken(offset, "the file ends inside a record")
+        raise DamagedRecord(offset, "the file ends inside a record")
     return data
 
 
-def _skipped(file: IO[bytes], length: int, offset: int, crc: int) -> int:
-    """The checksum behind `length` bytes that nobody keeps."""
-    for n in [BLOCK] * (length // BLOCK) + [length % BLOCK]:
-        crc = zlib.crc32(_exactly(file, n, offset), crc)
+def _skip_with_checksum(file: IO[bytes], length: int, offset: int, crc: int) -> int:
+    """The checksum `crc` continued over the next `length` bytes, which are not kept."""
+    for n in [SKIP_BLOCK_BYTES] * (length // SKIP_BLOCK_BYTES) + [length % SKIP_BLOCK_BYTES]:
+        crc = zlib.crc32(_read_exactly(file, n, offset), crc)
     return crc
 
 
-def _check_attachment(record: kinds.Attachment, body: bytes, offset: int) -> None:
-    n = 24 + len(record.name.encode()) + len(record.media_type.encode()) + 8 + len(record.data)
-    (stated,) = struct.unpack_from("<I", body, n)
-    if stated not in (0, zlib.crc32(body[:n])):
-        raise Broken(offset, "an attachment's checksum does not match")
+def iterate_records(path: Path, attachments: bool = False) -> Iterator[McapEntry]:
+    """The records of an MCAP file in file order, also those in chunks; for an unreadable chunk its `DamagedRecord`.
 
-
-def records(path: Path, attachments: bool = False) -> Iterator[Read]:
-    """Each record in turn, chunks opened; attachments are skipped unless wanted.
-
-    A chunk that cannot be read comes as what is wrong with it, and the file goes on behind it.
+    Attachments, which may be large, are skipped unless wanted.
 
     Raises:
-        Broken: where the file cannot be followed any further; what came before stands.
+        DamagedRecord: the file cannot be read any further; the records before are good.
     """
     end = path.stat().st_size
     with path.open("rb") as file:
         if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
-            raise Broken(0, "is no MCAP file")
-        _check_expansion(file, end)
+            raise DamagedRecord(0, "is no MCAP file")
+        _check_declared_sizes(file, end)
         file.seek(len(MCAP_MAGIC))
         running, offset, footer = zlib.crc32(MCAP_MAGIC), len(MCAP_MAGIC), False
         while not footer:
-            head = _exactly(file, HEAD.size, offset)
-            opcode, length = HEAD.unpack(head)
-            if offset + HEAD.size + length > end - len(MCAP_MAGIC):
-                raise Broken(offset, "is cut: a record reaches beyond the file's end")
+            head = _read_exactly(file, RECORD_HEAD.size, offset)
+            opcode, length = RECORD_HEAD.unpack(head)
+            if offset + RECORD_HEAD.size + length > end - len(MCAP_MAGIC):
+                raise DamagedRecord(offset, "is cut: a record reaches beyond the file's end")
             before, crc = running, zlib.crc32(head, running)
-            if opcode not in KINDS or (opcode == ATTACHMENT and not attachments):
-                running, body = _skipped(file, length, offset, crc), b""
-            elif length > MAX_RECORD:
-                raise Broken(offset, f"a record of {length} bytes is longer than {MAX_RECORD}")
+            if opcode not in RECORD_TYPES or (opcode == ATTACHMENT and not attachments):
+                running, body = _skip_with_checksum(file, length, offset, crc), b""
+            elif length > LIMITS.max_record_bytes:
+                raise DamagedRecord(offset, f"a record of {length} bytes is longer than {LIMITS.max_record_bytes}")
             else:
-                body = _exactly(file, length, offset)
+                body = _read_exactly(file, length, offset)
                 running = zlib.crc32(body, crc)
                 stated = zlib.crc32(body[:16], crc) if opcode == FOOTER else before
-                for read in _opened(opcode, body, offset, stated):
+                for read in _open_record(opcode, body, offset, stated):
                     yield read
                     footer = footer or isinstance(read.record, kinds.Footer)
-                running = 0 if KINDS[opcode] is kinds.DataEnd else running  # from here on, of the summary
-            offset += HEAD.size + length
+                # after the data section, the summary has a checksum of its own
+                running = 0 if RECORD_TYPES[opcode] is kinds.DataEnd else running
+            offset += RECORD_HEAD.size + length
         if file.read() != MCAP_MAGIC:
-            raise Broken(offset, "is cut, or something follows its end: the closing magic is not the last")
+            raise DamagedRecord(offset, "is cut, or something follows its end: the closing magic is not the last")
 
 
-def _opened(opcode: int, body: bytes, offset: int, crc: int) -> Iterator[Read]:
-    """A record of the file's own level: itself or, of a chunk, what is in it; `crc` is of all that it vouches for."""
-    record = _record(opcode, body, offset)
+def _open_record(opcode: int, body: bytes, offset: int, crc: int) -> Iterator[McapEntry]:
+    """The record in `body`, or the records of the chunk in it; `crc` is the checksum of the section before it."""
+    record = _parse_record(opcode, body, offset)
     if isinstance(record, kinds.Chunk):
         try:
-            inside = list(_inside(_unpacked(record, offset), offset))
-        except Broken as error:
-            yield Read(Broken(offset, error.cause, record), bool(record.uncompressed_crc))
+            inside = list(_parse_chunk_content(_unpack_chunk(record, offset), offset))
+        except DamagedRecord as error:
+            yield McapEntry(DamagedRecord(offset, error.cause, record), bool(record.uncompressed_crc))
             return
-        yield from (Read(r, bool(record.uncompressed_crc)) for r in inside)
+        yield from (McapEntry(r, bool(record.uncompressed_crc)) for r in inside)
         return
     if isinstance(record, kinds.Attachment):
-        _check_attachment(record, body, offset)
+        n = 24 + len(record.name.encode()) + len(record.media_type.encode()) + 8 + len(record.data)
+        (stated,) = struct.unpack_from("<I", body, n)
+        if stated not in (0, zlib.crc32(body[:n])):
+            raise DamagedRecord(offset, "an attachment's checksum does not match")
     if isinstance(record, kinds.DataEnd) and record.data_section_crc not in (0, crc):
-        raise Broken(offset, "the data section's checksum does not match")
+        raise DamagedRecord(offset, "the data section's checksum does not match")
     if isinstance(record, kinds.Footer) and record.summary_crc not in (0, crc):
-        raise Broken(offset, "the summary's checksum does not match")
-    yield Read(record, False)
+        raise DamagedRecord(offset, "the summary's checksum does not match")
+    yield McapEntry(record, False)

@@ -1,148 +1,121 @@
-"""One time base for the topics of an MCAP file: header stamps for all of them, or log times for all."""
-
-from __future__ import annotations
+"""One time base for the topics of an MCAP file: header stamps for both of them, or log times for both."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats, Ints
 from bcid.errors import InputRefused
+from bcid.recording.limits import MCAP as LIMITS
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Topics
 
-LAST_STAMP = float(1 << 62)  # ns: a century beyond
-UNUSED_NS = 1e10  # a clock that starts at zero comes to other stamps within seconds
-CLOCK_STEP_S = 0.1  # of stamps against log times, between two messages
-BURST, BURST_SHARE = 0.2, 0.1  # of the mean step; of the steps
-GAP = 1.5  # times as long as nearly all steps
-EVEN_S = 0.1  # how far an even grid may lie off the times of arrival
 
-
-class Track(NamedTuple):
-    """The messages of one topic, in file order."""
+class MessageTrack(NamedTuple):
+    """The values and times of one topic's messages, in file order; a stamp is None where a message has none."""
 
     log_ns: list[int]
     stamp_ns: list[int | None]
     values: Floats  # (N, n)
-    odd: Sequence[Irregularity] = ()
+    irregularities: Sequence[Irregularity] = ()
 
 
-def _no_times(ns: Floats, lasts_ns: float) -> npt.NDArray[np.bool_]:
-    """Which of a topic's times are none: negative, beyond all, all the same, or zero among others."""
-    wrong = (ns < 0.0) | (ns >= LAST_STAMP)
+def _find_invalid_times(ns: Floats, duration_ns: float) -> Bools:
+    """Those of a topic's times (N,) in ns that are invalid: negative, far too late, all the same, or an unset zero."""
+    wrong = (ns < 0.0) | (ns >= LIMITS.max_stamp_ns)
     if len(ns) > 1 and np.ptp(ns) == 0.0:
         wrong[:] = True
     later = ns[~wrong & (ns > 0.0)]
-    if len(later) and later.min() > lasts_ns + UNUSED_NS:
+    if len(later) and later.min() > duration_ns + LIMITS.min_unused_stamp_ns:
         wrong |= ns == 0.0
     return wrong
 
 
-def _check_stamps(track: Track, topic: str, path: Path) -> None:
-    """Raise `InputRefused` where header stamps are no times."""
-    stamps = np.array([float(s) for s in track.stamp_ns if s is not None])
-    first, last = min(track.log_ns), max(track.log_ns)
-    wrong = _no_times(stamps, last - first)
-    if wrong.any():
-        raise InputRefused(
-            path, f"topic {topic}", f"{wrong.sum()} of {len(stamps)} stamps are no times ({stamps[wrong][0]:.0f} ns; "
-            f"logged {first / 1e9:.3f} to {last / 1e9:.3f} s)", 'correct the stamps, or set topics.time = "log"',
-        )  # fmt: skip
-
-
-def _check_logged(track: Track, topic: str, path: Path) -> None:
-    """Raise `InputRefused` where log times, which stand for stamps, are no times."""
-    logged = np.array(track.log_ns, dtype=float)
-    usual = np.quantile(logged, [0.1, 0.9])  # whatever a few of them are
-    wrong = _no_times(logged, usual[1] - usual[0])
+def _check_times(track: MessageTrack, stamped: bool, topic: str, path: Path) -> None:
+    """Raise `InputRefused` where header stamps (if `stamped`) or log times of the topic's messages are invalid."""
+    if stamped:
+        times = np.array([float(s) for s in track.stamp_ns if s is not None])
+        first, last = min(track.log_ns), max(track.log_ns)
+        kind, step = "stamps", 'correct the stamps, or set topics.time = "log"'
+    else:
+        times = np.array(track.log_ns, dtype=float)
+        # whatever a few of them are
+        first, last = np.quantile(times, [0.1, 0.9])
+        kind, step = "log times", "record again, or stamp the messages in their headers"
+    wrong = _find_invalid_times(times, last - first)
     if wrong.any():
         k = int(np.argmax(wrong))
-        cause = f"{wrong.sum()} of {len(logged)} log times are no times (message {k + 1}: {track.log_ns[k]} ns)"
-        raise InputRefused(path, f"topic {topic}", cause, "record again, or stamp the messages in their headers")
+        example = f"message {k + 1}: {track.log_ns[k]} ns"
+        if stamped:
+            example = f"{times[k]:.0f} ns; logged {first / 1e9:.3f} to {last / 1e9:.3f} s"
+        cause = f"{wrong.sum()} of {len(times)} {kind} are no times ({example})"
+        raise InputRefused(path, f"topic {topic}", cause, step)
 
 
-class Times(NamedTuple):
-    """Both streams in seconds from the first pose."""
+class CommonTimes(NamedTuple):
+    """The times of poses (N,) and of commands (M,) in s from the first pose, on one clock."""
 
     pose_s: Floats
     command_s: Floats
-    splits_s: tuple[float, ...]  # the pose clock steps there
-    odd: tuple[Irregularity, ...]
+    splits_s: tuple[float, ...]  # pose times at which the clock of the stamps jumps
+    irregularities: tuple[Irregularity, ...]
 
 
-def common_times(pose: Track, command: Track, topics: Topics, path: Path) -> Times:
-    """Header stamps for both topics or log times for both, and what was odd about them.
+def common_times(pose: MessageTrack, command: MessageTrack, topics: Topics, path: Path) -> CommonTimes:
+    """The times of both topics on one clock: header stamps where all messages carry them, or else log times.
 
     Raises:
-        InputRefused: stamps that are none, or missing where the vehicle file names them.
+        InputRefused: times are invalid, or stamps are missing where the vehicle file names them.
     """
     stamped = all(s is not None for s in (*pose.stamp_ns, *command.stamp_ns))
     if topics.time == "header" and not stamped:
         cause = "topics.time is header, but a message carries none"
         raise InputRefused(path, "stamps", cause, 'set topics.time = "log"')
-    if stamped and topics.time != "log":
-        return _of_stamps(pose, command, topics, path)
+    stamped &= topics.time != "log"
     for track, topic in ((pose, topics.pose), (command, topics.command)):
-        _check_logged(track, topic, path)
-    pose_ns, command_ns = (np.array(t.log_ns, dtype=np.int64) for t in (pose, command))
+        _check_times(track, stamped, topic, path)
+    pose_ns, command_ns = (np.array(t.stamp_ns if stamped else t.log_ns, dtype=np.int64) for t in (pose, command))
     zero = pose_ns.min()
-    text = "log times stand for both streams: a topic has no stamps, or the vehicle file says so"
-    odd = [Irregularity("time base", "warning", 1, path.name, text)]
-    pose_s, bursts = _evened((pose_ns - zero) / 1e9, topics.pose)
-    return Times(pose_s, (command_ns - zero) / 1e9, (), (*odd, *bursts))
+    pose_s, command_s = (pose_ns - zero) / 1e9, (command_ns - zero) / 1e9
+    if not stamped:
+        text = "log times stand for both streams: a topic has no stamps, or the vehicle file says so"
+        pose_s, bursts = _even_out_bursts(pose_s, topics.pose)
+        return CommonTimes(pose_s, command_s, (), (Irregularity("time base", "warning", 1, path.name, text), *bursts))
+    logged_s, odd = np.array(pose.log_ns, dtype=float) / 1e9, []
+    rows = _find_clock_jumps(pose_s, logged_s)
+    for k in rows:
+        step_s, logged_step_s = pose_s[k] - pose_s[k - 1], logged_s[k] - logged_s[k - 1]
+        text = f"stamps step by {step_s:.3f} s in {logged_step_s:.3f} s: split there"
+        odd.append(Irregularity("clock jump", "excluded", 1, f"{pose_s[k]:.3f} s", text))
+    return CommonTimes(pose_s, command_s, tuple(float(pose_s[k]) for k in rows), tuple(odd))
 
 
-def _of_stamps(pose: Track, command: Track, topics: Topics, path: Path) -> Times:
-    for track, topic in ((pose, topics.pose), (command, topics.command)):
-        _check_stamps(track, topic, path)
-    pose_ns, command_ns = (np.array(t.stamp_ns, dtype=np.int64) for t in (pose, command))
-    zero = pose_ns.min()
-    pose_s, logged_s = (pose_ns - zero) / 1e9, np.array(pose.log_ns, dtype=float) / 1e9
-    rows = _clock_jumps(pose_s, logged_s)
-    odd = [
-        Irregularity(
-            "clock jump", "excluded", 1, f"{pose_s[k]:.3f} s",
-            f"stamps step by {pose_s[k] - pose_s[k - 1]:.3f} s in {logged_s[k] - logged_s[k - 1]:.3f} s: split there",
-        )
-        for k in rows
-    ]  # fmt: skip
-    return Times(pose_s, (command_ns - zero) / 1e9, tuple(float(pose_s[k]) for k in rows), tuple(odd))
+def _find_clock_jumps(stamp_s: Floats, logged_s: Floats) -> Ints:
+    """Rows before which the stamps (N,) step against the log times for good, not for one late message only."""
+    behind, limit = logged_s - stamp_s, LIMITS.max_clock_step_s
+    rows = np.flatnonzero(np.abs(np.diff(behind)) > limit) + 1
+    stays = np.abs(behind[np.minimum(rows + 1, len(behind) - 1)] - behind[rows - 1]) > limit
+    return rows[stays & (np.abs(stamp_s[rows] - stamp_s[rows - 1]) > limit)]
 
 
-def _clock_jumps(stamp_s: Floats, logged_s: Floats) -> list[int]:
-    """Rows before which the stamps, not their arrival, step, and stay stepped: a late message comes back."""
-    behind = logged_s - stamp_s
-    steps = [int(k) + 1 for k in np.flatnonzero(np.abs(np.diff(behind)) > CLOCK_STEP_S)]
-    return [
-        k for k in steps
-        if abs(stamp_s[k] - stamp_s[k - 1]) > CLOCK_STEP_S
-        and abs(behind[min(k + 1, len(behind) - 1)] - behind[k - 1]) > CLOCK_STEP_S
-    ]  # fmt: skip
-
-
-def _evened(time_s: Floats, topic: str) -> tuple[Floats, list[Irregularity]]:
-    """Times of arrival, put on an even grid where they come in bursts and an even grid lies close to them.
-
-    A grid of its own for each part between gaps.
-    """
+def _even_out_bursts(time_s: Floats, topic: str) -> tuple[Floats, list[Irregularity]]:
+    """Arrival times (N,), on an even grid between gaps where they come in bursts and lie close to it; and a warning."""
     if len(time_s) < 3:
         return time_s, []
     step = np.diff(time_s)
-    crowded = step < BURST * step.mean()
-    if crowded.mean() < BURST_SHARE:
+    crowded = step < LIMITS.crowded_step * step.mean()
+    if crowded.mean() < LIMITS.min_crowded_share:
         return time_s, []
     even = time_s.copy()
-    gaps = np.flatnonzero(step > GAP * np.quantile(step, 0.99)) + 1
+    gaps = np.flatnonzero(step > LIMITS.burst_gap_factor * np.quantile(step, 0.99)) + 1
     for part in np.split(np.arange(len(time_s)), gaps):
         if len(part) > 2:
             slope, start = np.polyfit(part, time_s[part], 1)
             even[part] = start + slope * part
     off = float(np.abs(even - time_s).max())
-    close = off < EVEN_S and bool((np.diff(even) > 0.0).all())
+    close = off < LIMITS.max_grid_error_s and bool((np.diff(even) > 0.0).all())
     text = f"messages arrive in bursts, up to {off:.3f} s off an even grid"
     text += ": put on it" if close else ": times of arrival stand"
     odd = Irregularity("bursts", "warning", int(crowded.sum()), f"topic {topic}", text)

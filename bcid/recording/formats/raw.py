@@ -1,23 +1,25 @@
-"""What a reader hands on: streams as they stand in the file, before anything is judged or mended."""
+"""What all readers share: the raw take that they return, the identity of files, and the mapping of fields to SI."""
 
-from __future__ import annotations
-
+import difflib
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from bcid.aliases import Floats
-from bcid.recording.formats.detect import check_file
-from bcid.recording.types import Irregularity, Source
+from bcid.recording.formats.detect import check_nonempty_file
+from bcid.recording.types import Irregularity, SourceFile
+from bcid.vehicle import FieldMapping
 
 
 @dataclass(frozen=True)
 class RawTake:
-    """Unjudged streams in SI on the floor's axes; blank samples are NaN rows."""
+    """Streams in SI units on the floor's axes as they stand in the files, unchecked; blank samples are NaN rows."""
 
     name: str
-    sources: tuple[Source, ...]
+    sources: tuple[SourceFile, ...]
     pose_time_s: Floats  # (N,)
     pose: Floats  # (N, 3) of the tracked body
     command_time_s: Floats  # (M,)
@@ -25,15 +27,45 @@ class RawTake:
     rate_hz: float | None = None  # where the file states one
     channels: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
     irregularities: tuple[Irregularity, ...] = ()
-    splits_s: tuple[float, ...] = ()  # pose times at which a new stretch begins, whatever the poses show
+    splits_s: tuple[float, ...] = ()  # pose times at which a new segment begins, whatever the poses show
 
 
-def source_of(path: Path, kind: str) -> Source:
-    """The file's identity.
-
-    Raises:
-        InputRefused: when there is no such file or it is none.
-    """
-    check_file(path)
+def identify_file(path: Path, format_name: str) -> SourceFile:
+    """Path, digest and format of the file at `path`; `InputRefused` where it is no file or empty."""
+    check_nonempty_file(path)
     with path.open("rb") as file:
-        return Source(str(path), hashlib.file_digest(file, "sha256").hexdigest(), kind)
+        return SourceFile(str(path), hashlib.file_digest(file, "sha256").hexdigest(), format_name)
+
+
+def nearest_hint(name: str, names: Iterable[str]) -> str:
+    """The part "; nearest: ..." of a message about an unknown `name`; empty where none of `names` resembles it."""
+    near = difflib.get_close_matches(name, list(names), n=1)
+    return f"; nearest: {near[0]}" if near else ""
+
+
+def map_field(field: FieldMapping, column: Callable[[str], Floats]) -> Floats:
+    """SI values (N,) of a logged field: gain * dead_zone(raw) + offset within [low, high], or by the field's points.
+
+    Args:
+        field: the mapping; its dead zone makes |raw| < dead_zone zero, its points are joined by straight lines.
+        column: looks up the raw values (N,) of a field by its name; NaN and infinite ones stay as they are.
+    """
+    raw = column(field.source)
+    known = np.isfinite(raw)
+    if field.points is not None:
+        mapped = np.interp(raw[known], *np.transpose(field.points))
+    else:
+        beyond = np.sign(raw[known]) * np.maximum(np.abs(raw[known]) - field.dead_zone, 0.0)
+        gain_negative = field.gain if field.gain_negative is None else field.gain_negative
+        mapped = np.where(beyond < 0.0, gain_negative, field.gain) * beyond
+    values = np.array(raw, dtype=float)
+    values[known] = np.clip(mapped + field.offset, field.low, field.high)
+    if field.zero_where is not None:
+        values = np.where(column(field.zero_where.field) == field.zero_where.equals, 0.0, values)
+    return values
+
+
+def raw_field_names(fields: Iterable[FieldMapping]) -> list[str]:
+    """The names of the raw fields that the mappings look up, each once."""
+    names = [name for f in fields for name in (f.source, f.zero_where.field if f.zero_where else None) if name]
+    return list(dict.fromkeys(names))

@@ -1,0 +1,54 @@
+"""Goals of the benchmarks: what falls short of one is listed as missed, and `bcid bench --check` ends with code 5."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SpeedGoals:
+    """Lowest ratios of a peer's time to ours; docs/results/bench.json reaches 1.03 to 9.4 times as much."""
+
+    # A Newton-Euler rollout against a loop in numpy.
+    numpy_rollout: float = 100.0
+    # The same rollout against casadi's virtual machine.
+    casadi_rollout: float = 3.0
+    # A thousand Newton-Euler rollouts against torch.
+    torch_many_rollouts: float = 10.0
+    # A K-MLP rollout with hidden layers of 256 and 128 units against torch.
+    torch_network_256: float = 30.0
+    # A K-MLP rollout with hidden layers of 128 and 64 units against torch.
+    torch_network_128: float = 80.0
+    # A K-MLP rollout of either size against onnxruntime.
+    onnxruntime_network: float = 5.0
+    # A K-SINDy rollout against pysindy's.
+    pysindy_rollout: float = 10_000.0
+    # The EKF's forward pass against filterpy's.
+    filterpy_filter: float = 50.0
+    # The smoother against filterpy's.
+    filterpy_smoother: float = 20.0
+    # A training epoch against torch's DataLoader.
+    data_loader_epoch: float = 1.5
+    # A Newton-Euler fit against deap's genetic algorithm.
+    deap_fit: float = 30.0
+    # Largest share by which least squares may end at a higher NMSE than the genetic algorithm.
+    max_nmse_excess: float = 0.0
+
+
+@dataclass(frozen=True)
+class AccuracyGoals:
+    """Goals of the comparison of models; docs/results/accuracy.json shows what is reached."""
+
+    # Largest difference between seeds, as a share of the median NMSE through a whole take.
+    max_seed_change: float = 0.1
+    # NMSE through a whole take after the simulated hour, which the models in `accuracy.SMALLEST` must stay below.
+    max_hour_nmse: float = 5e-3
+
+
+@dataclass(frozen=True)
+class RecoveryGoals:
+    """Goals of fits to simulated cars; docs/results/parameters.json shows what is reached."""
+
+    # Share of constants that must lie in the 95 % intervals of a fit to poses.
+    coverage: tuple[float, float] = (0.90, 0.98)
+
+
+SPEED, ACCURACY, RECOVERY = SpeedGoals(), AccuracyGoals(), RecoveryGoals()

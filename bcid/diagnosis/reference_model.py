@@ -1,0 +1,29 @@
+"""The simulation that a recording is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from bcid.effects.table import effect_ids
+from bcid.likelihood.refit import Fit
+from bcid.physics.car import Car
+
+
+class ReferenceModel(NamedTuple):
+    """The simulation that a recording is compared with, as a car and the effects that it has."""
+
+    car: Car
+    effects: dict[str, float]  # effect parameters by field of the switches
+    relative_sd: float | None = None  # how well all of it is known; None to refit it freely
+    relative_sd_of: Mapping[str, float] = MappingProxyType({})  # of parameters and effects that are known otherwise
+
+    @classmethod
+    def from_fit(cls, fit: Fit) -> ReferenceModel:
+        """The fitted car with the effects that the fit holds, to be refitted freely."""
+        return cls(fit.car(), fit.hypothesis.effect_values(fit.phi))
+
+    def without(self, effect: str) -> ReferenceModel:
+        """The reference model less one effect, if it has that."""
+        return self._replace(effects={f: v for f, v in self.effects.items() if effect_ids([f]) != (effect,)})

@@ -1,0 +1,209 @@
+"""A diagnosis as its document (`bcid.documents.diagnosis`), and the columns that its page draws from."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.diagnosis.diagnose import Diagnosis
+from bcid.diagnosis.judge.prediction_error import PredictedTracks
+from bcid.diagnosis.judge.verdict import Finding, are_indistinguishable
+from bcid.diagnosis.limits import LOCATE_LIMITS, SUMMARY_LIMITS
+from bcid.diagnosis.locate.pushes import WRENCH_CHANNELS
+from bcid.diagnosis.search.refits import estimates_by_symbol, fitted_corrections, named_effects
+from bcid.documents import diagnosis as written
+from bcid.effects.entry import Effect, Parameter
+from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
+from bcid.likelihood.hypothesis import DRAG
+from bcid.models.newton_euler.parameters import constant_units
+
+SUMMARY_S = 2.0  # the horizon that stands for all in `fit`
+THROTTLE = "m/s; 1 where it sets a force"
+KNOT_UNITS = {
+    "time_s": "s", "segment": "1", "x": "m", "y": "m", "heading": "rad", "v_x": "m/s", "v_y": "m/s",
+    "yaw_rate": "rad/s", "steering": "rad", "steering_rate": "rad/s", "throttle": THROTTLE, "alpha_f": "rad",
+    "alpha_r": "rad", "before_fx": "m/s^2", "before_fy": "m/s^2", "before_mz": "rad/s^2", "after_fx": "m/s^2",
+    "after_fy": "m/s^2", "after_mz": "rad/s^2",
+}  # fmt: skip
+TRACK_UNITS = {
+    "time_s": "s", "x": "m", "y": "m", "before_x": "m", "before_y": "m", "after_x": "m", "after_y": "m", "start": "1"
+}  # fmt: skip
+
+
+def summarise_diagnosis(
+    diagnosis: Diagnosis, horizons: Sequence[written.HorizonError] = (), **about: Any
+) -> written.DiagnosisDocument:
+    """Summarise a diagnosis as the document diagnosis.json.
+
+    `horizons` are prediction errors on held-out blocks, empty where they were not computed; `about` holds what the
+    document says of its input: vehicle, recordings, duration_s, simulation.
+    """
+    judgement, location, unexplained = diagnosis.judgement, diagnosis.location, diagnosis.judgement.unexplained
+    significant = diagnosis.p_value < LOCATE_LIMITS.significant_p_value
+    detected = bool(judgement.findings) or judgement.verdict == "unknown" or significant
+    place, window = location.place, location.window
+    return written.DiagnosisDocument(
+        **about,
+        verdict=judgement.verdict,
+        mismatch=written.Mismatch(
+            detected=detected, p_value=diagnosis.p_value, where=_describe_location(diagnosis) if detected else None
+        ),
+        channels={channel: round(nats, 1) for channel, nats in location.remaining.channel_gains.items()},
+        findings=tuple(_describe_finding(f, judgement.fit.hypothesis.entries[f.effect]) for f in judgement.findings),
+        unknown=_describe_unknown(diagnosis) if judgement.verdict == "unknown" or judgement.more_is_missing else None,
+        fit=next((written.FitSummary(**h.as_json()) for h in horizons if h.horizon_s == SUMMARY_S), None),
+        horizons=tuple(horizons),
+        not_excited=diagnosis.not_excited,
+        contacts=tuple(written.ContactSeen(**c._asdict()) for c in diagnosis.contacts),
+        corrections=tuple(
+            written.Correction(
+                correction=name, equation=ENTRIES[name].equation,
+                parameters=_quote_parameters(ENTRIES[name].parameters, estimates_by_symbol(judgement.fit, name)),
+            )
+            for name in fitted_corrections(judgement.fit)
+        ),
+        base=written.BaseModel(parameters=tuple(_base_parameters(diagnosis))),
+        rivals=tuple(_describe_rivals(diagnosis)),
+        placebos=tuple(
+            written.Placebo(name=f"{c.effect}, carried half a take away", gain_nats=c.score)
+            for c in diagnosis.search.nulls.placebos[: SUMMARY_LIMITS.max_placebos]
+        ),
+        dropped=judgement.dropped,
+        located=written.Located(
+            channel=location.remaining.channel,
+            place=(place.x, place.y, place.radius) if place else None,
+            window_s=(window.begin_s, window.end_s) if window else None,
+        ),
+        unexplained=written.Unexplained(
+            channel=unexplained.channel, channel_gains=dict(unexplained.channel_gains),
+            correlations=dict(unexplained.regression.correlations), heldout_gain=unexplained.regression.gain_nats,
+            gain_nats=judgement.unexplained_nats,
+            direction_gains={d.channel: d.gain_nats for d in unexplained.direction_gains},
+        ),
+    )  # fmt: skip
+
+
+def _describe_location(diagnosis: Diagnosis) -> written.Where:
+    """Channel, dependence, regime, time and place of the mismatch: by the findings, or as located before the search."""
+    location, findings = diagnosis.location, diagnosis.judgement.findings
+    channel, depends = location.remaining.channel, location.depends_on
+    times: tuple[tuple[float, float], ...] = ((0.0, diagnosis.take.T),)
+    place: written.Circle | None = None
+    if findings:
+        effect = EFFECTS[findings[0].effect]
+        depends = effect.depends_on
+        # a change of mass acts on all channels
+        channel = channel if effect.channel == "any" else effect.channel
+        values = [{s: v for s, (v, _) in f.values.items()} for f in findings]
+        circles = (written.Circle(x_m=v["x"], y_m=v["y"], radius_m=v["radius"]) for v in values if "radius" in v)
+        place = next(circles, None)
+        end = float(diagnosis.take.length_s.max())  # a time counts from where its recording begins
+        times = tuple((v["t_s"], end) for v in values if "t_s" in v) or times
+    else:
+        if location.window is not None and "time" in depends:
+            times = ((location.window.begin_s, location.window.end_s),)
+        if location.place is not None and "place" in depends:
+            place = written.Circle(x_m=location.place.x, y_m=location.place.y, radius_m=location.place.radius)
+    return written.Where(
+        channel=channel, depends_on=tuple(depends), regime=location.regime, time_s=times, place=place
+    )  # fmt: skip
+
+
+def _quote_parameters(
+    parameters: Sequence[Parameter], values: dict[str, tuple[float, float]]
+) -> dict[str, written.Quantity]:
+    """Values, standard errors and units, by symbol, of those of an effect's parameters that `values` (SI) holds."""
+    quoted = [
+        (p.quote(*values[p.symbol]), p.is_at_bound(values[p.symbol][0])) for p in parameters if p.symbol in values
+    ]
+    return {q.symbol: written.Quantity(value=q.value, se=q.se, unit=q.unit, at_bound=stuck) for q, stuck in quoted}
+
+
+def _describe_finding(f: Finding, effect: Effect) -> written.NamedEffect:
+    """Describe a finding by the effect's equation, the fitted sizes, the gains and a sentence."""
+    quoted = [(p.meaning, p.quote(*f.values[p.symbol])) for p in effect.parameters if p.symbol in f.values]
+    words = ", ".join(f"{m} {q.symbol} = {q.value:.3g} ± {q.se:.1g} {q.unit}".removesuffix(" –") for m, q in quoted)
+    return written.NamedEffect(
+        effect=f.effect, kind=effect.kind, twins=f.twins, probability=f.probability, equation=effect.equation,
+        parameters=_quote_parameters(effect.parameters, f.values), heldout_gain=f.held_out.nats,
+        heldout_gain_ci95=f.held_out.ci95, gain_nats=f.gain_nats, sentence=f"{f.effect.replace('_', ' ')}: {words}",
+        held=effect.confounded_with or None,
+    )  # fmt: skip
+
+
+def _describe_unknown(diagnosis: Diagnosis) -> written.UnknownPart:
+    """Describe the predictable mismatch that has no name: the unexplained one, else what the corrections take up."""
+    judgement, unexplained = diagnosis.judgement, diagnosis.judgement.unexplained
+    regression = unexplained.regression
+    if judgement.unexplained_nats > 0.0:
+        push = unexplained.significant_direction(judgement.gate_nats)
+        return written.UnknownPart(
+            channel=unexplained.channel, depends_on=regression.depends_on if regression.predictable else (),
+            form=regression.form if regression.channel == unexplained.channel else None,
+            heldout_gain=regression.gain_nats, gain_nats=judgement.unexplained_nats,
+            direction=push.description if push else None,
+        )  # fmt: skip
+    entries = [ENTRIES[name] for name in fitted_corrections(judgement.fit)]
+    return written.UnknownPart(
+        channel=diagnosis.location.remaining.channel,
+        depends_on=tuple(dict.fromkeys(d for entry in entries for d in entry.depends_on)),
+        form="; ".join(entry.equation for entry in entries) or None,
+        heldout_gain=judgement.corrections.nats if judgement.corrections else 0.0,
+    )
+
+
+def _base_parameters(diagnosis: Diagnosis) -> list[written.BaseParameter]:
+    """The refitted parameters of the base model and of the effects that it assumes.
+
+    `shown` is false for those with a large standard error; `at_bound` is true for those that ended at their bounds.
+    """
+    fit = diagnosis.judgement.fit
+    car, hypothesis, values = fit.car(), fit.hypothesis, fit.effect_estimates()
+    se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    units = constant_units(car)
+    scales = [*(getattr(car, s) for s in hypothesis.log_parameters), *hypothesis.drag_units]
+    stuck = hypothesis.is_at_bound(fit.phi).tolist()
+    own = [
+        written.BaseParameter(
+            symbol=s, value=getattr(car, s), se=float(abs(scale) * e), unit=units[s],
+            shown=bool(e < SUMMARY_LIMITS.max_relative_se or s in DRAG), at_bound=at_end,
+        )
+        for s, scale, e, at_end in zip((*hypothesis.log_parameters, *DRAG), scales, se, stuck, strict=False)
+    ]  # fmt: skip
+    return own + [
+        written.BaseParameter(
+            symbol=field.replace("__", "."), value=values[field][0], se=values[field][1], unit=p.unit, at_bound=at_end
+        )
+        for (field, p), at_end in zip(hypothesis.effect_parameters, stuck[hypothesis.base_size :], strict=True)
+        if effect_ids([field])[0] in hypothesis.assumed
+    ]
+
+
+def _describe_rivals(diagnosis: Diagnosis) -> list[written.Rival]:
+    """Describe the next best explanations, and why they were not preferred."""
+    search = diagnosis.judgement.search
+    best, rows = search.best, []
+    for other in search.rivals[: SUMMARY_LIMITS.max_rivals]:
+        behind = best.penalised_log_likelihood - other.penalised_log_likelihood
+        alone = are_indistinguishable(best, other, diagnosis.take)
+        why = "cannot be told apart on this recording" if alone else f"explains {behind:.0f} nats less"
+        rows.append(written.Rival(effects=named_effects(other), behind_nats=behind, why_not=why))
+    return rows
+
+
+def knot_columns(diagnosis: Diagnosis) -> Floats:
+    """Columns (K, len(KNOT_UNITS)) at the K knots: time, states, and the pushes before and after naming effects."""
+    b, m = diagnosis.pushes_before, diagnosis.pushes_before.states
+    columns = [
+        b.time_s, b.segment, m["p_x"], m["p_y"], m["theta"], m["v_x"], m["v_y"], m["omega"], m["delta"],
+        m["delta_rate"], m["u_m"], m["alpha_f"], m["alpha_r"], *b.push.T, *diagnosis.pushes_after.push.T,
+    ]  # fmt: skip
+    assert len(WRENCH_CHANNELS) == b.push.shape[1]  # noqa: S101
+    return np.column_stack(columns)
+
+
+def track_columns(tracks: PredictedTracks) -> Floats:
+    """Columns (K, len(TRACK_UNITS)): measured and predicted positions; measured ones where predictions diverge."""
+    filled = [np.where(np.isfinite(p), p, tracks.measured) for p in (tracks.before, tracks.after)]
+    return np.column_stack([tracks.time_s, tracks.measured, *filled, tracks.starts])

@@ -1,0 +1,229 @@
+"""diagnosis.json: what a recording shows that a simulation lacks, with its proof."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from bcid.documents.document import Document, Interval, Number, Part
+
+Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
+
+
+class Quantity(Part):
+    """A number with its standard error and its unit."""
+
+    value: Number = None
+    se: Number = None
+    unit: str = ""
+    at_bound: bool = False  # whether the search ended at a bound of its range
+
+
+class Circle(Part):
+    """A circle on the floor in which an effect acts."""
+
+    x_m: float
+    y_m: float
+    radius_m: float
+
+
+class Where(Part):
+    """Where a mismatch shows: in which channel, on what it depends, in which regime, when, and at which place."""
+
+    channel: str | None = None
+    depends_on: tuple[str, ...] = ()
+    regime: str | None = None
+    time_s: tuple[Interval, ...] = ()
+    place: Circle | None = None
+
+
+class Mismatch(Part):
+    """Whether simulation and recording differ by more than chance."""
+
+    detected: bool = False
+    p_value: Number = None
+    where: Where | None = None
+
+
+class NamedEffect(Part):
+    """One finding: an effect of the vocabulary, its size, how certain it is, and how much it explains."""
+
+    effect: str
+    kind: str = ""
+    twins: tuple[str, ...] = ()  # effects that explain the recording as well
+    probability: Number = None
+    equation: str = ""
+    parameters: dict[str, Quantity] = Field(default_factory=dict)
+    heldout_gain: Number = None  # nats, on blocks that the refit has not seen
+    heldout_gain_ci95: Interval | None = None
+    gain_nats: Number = None  # nats, on the whole recording
+    sentence: str = ""
+    held: str | None = None  # the entry of the vehicle file of which a wrong value would look the same
+
+
+class UnknownPart(Part):
+    """A predictable difference between recording and simulation that matches no effect of the vocabulary."""
+
+    channel: str | None = None
+    depends_on: tuple[str, ...] = ()
+    form: str | None = None  # a short formula that fits it
+    heldout_gain: Number = None
+    gain_nats: Number = None
+    direction: str | None = None  # of its pushes, in words
+
+
+class FitSummary(Part):
+    """The held-out closed-loop error (NMSE) at one horizon, before and after the findings are added."""
+
+    horizon_s: float
+    nmse_before: Number = None
+    nmse_after: Number = None
+    nmse_floor: Number = None
+    ratio_ci95: Interval | None = None  # of after over before
+
+
+class HorizonError(FitSummary):
+    """The held-out closed-loop error (NMSE) at one horizon: simulation as given, base model, findings added, noise."""
+
+    lost: Number = None  # share of the time at which predictions leave the finite numbers
+    nmse_given: Number = None
+    given_lost: Number = None
+    before_ci95: Interval | None = None
+    after_ci95: Interval | None = None
+    ratio: Number = None
+
+
+class Detectable(Part):
+    """The smallest size at which an effect would have been seen; null where no size would."""
+
+    value: Number = None
+    unit: str = ""
+
+
+class NotExcited(Part):
+    """An effect that the recording would not have shown, since the drive excites it too little."""
+
+    effect: str
+    parameter: str = ""
+    smallest_detectable: Detectable | None = None
+
+
+class Start(Part):
+    """The pose from which a manoeuvre begins."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+class NextManoeuvre(Part):
+    """What to drive next, and which rival explanations it tells apart."""
+
+    name: str = ""
+    purpose: str = ""
+    why: str = ""
+    score: Number = None  # expected difference of the rivals' log-likelihoods in one drive, nats
+    repeats: int = 1  # drives until the rivals are told apart
+    start: Start | None = None
+    separates: tuple[str, ...] = ()
+    file: str | None = None  # of its commands, beside the document
+
+
+class ContactSeen(Part):
+    """A bump or crash, whose time is left out of the diagnosis."""
+
+    begin_s: float
+    end_s: float
+    x_m: float
+    y_m: float
+    kind: str
+
+
+class Correction(Part):
+    """One of the base model's own simplifications (such as a hard tyre limit), refitted beside the findings."""
+
+    correction: str
+    equation: str
+    parameters: dict[str, Quantity] = Field(default_factory=dict)
+
+
+class BaseParameter(Quantity):
+    """A refitted parameter of the base model."""
+
+    symbol: str
+    shown: bool = True  # whether the recording says enough of it
+
+
+class BaseModel(Part):
+    """The base model that was refitted beside the findings."""
+
+    parameters: tuple[BaseParameter, ...] = ()
+
+
+class Rival(Part):
+    """Another combination of effects, how far its log-likelihood lies behind, and why it was not named."""
+
+    effects: tuple[str, ...]
+    behind_nats: float
+    why_not: str | None = None
+
+
+class Placebo(Part):
+    """The log-likelihood gain (nats) of an effect that cannot be there: how much chance alone explains."""
+
+    name: str
+    gain_nats: float
+
+
+class Located(Part):
+    """Where the mismatch was found before any effect was named."""
+
+    channel: str
+    place: tuple[float, float, float] | None = None  # x, y, radius (m)
+    window_s: Interval | None = None
+
+
+class Unexplained(Part):
+    """What free functions still predict of the recording beside the findings, by channel and direction."""
+
+    channel: str
+    channel_gains: dict[str, float] = Field(default_factory=dict)  # nats that free functions in one channel explain
+    correlations: dict[str, float] = Field(
+        default_factory=dict
+    )  # of held-out predictions with what is left, by channel
+    heldout_gain: float = 0.0
+    gain_nats: float = 0.0
+    direction_gains: dict[str, float] = Field(default_factory=dict)  # nats that pushes of one direction explain
+
+
+class DiagnosisDocument(Document):
+    """The whole of diagnosis.json (`bcid.diagnosis/1`)."""
+
+    kind: Literal["bcid.diagnosis/1"] = Field("bcid.diagnosis/1", alias="schema")
+    vehicle: str = ""
+    recordings: tuple[str, ...] = ()
+    duration_s: Number = None
+    simulation: str = ""
+    verdict: Verdict
+    mismatch: Mismatch = Mismatch()
+    channels: dict[str, float] = Field(
+        default_factory=dict
+    )  # nats that free functions in one channel explain before any hypothesis
+    findings: tuple[NamedEffect, ...] = ()
+    unknown: UnknownPart | None = None
+    fit: FitSummary | None = None
+    horizons: tuple[HorizonError, ...] = ()
+    not_excited: tuple[NotExcited, ...] = ()
+    next_manoeuvre: NextManoeuvre | None = None
+    contacts: tuple[ContactSeen, ...] = ()
+    corrections: tuple[Correction, ...] = ()
+    base: BaseModel = BaseModel()
+    rivals: tuple[Rival, ...] = ()
+    placebos: tuple[Placebo, ...] = ()
+    dropped: tuple[str, ...] = ()  # names that were found and only stood in for something else
+    located: Located | None = None
+    unexplained: Unexplained | None = None
+
+    @property
+    def where(self) -> Where:
+        """Where the mismatch shows; empty where none was detected."""
+        return self.mismatch.where or Where()

@@ -1,0 +1,33 @@
+"""The JSON schemas of all documents, as docs/schemas publishes them."""
+
+import json
+from pathlib import Path
+
+from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.document import Document
+from bcid.documents.health import HealthDocument
+from bcid.documents.manifest import ManifestDocument
+from bcid.documents.prove import ProveDocument
+from bcid.documents.report import EvaluationDocument, ReportDocument
+
+DOCUMENTS: dict[str, type[Document]] = {
+    "diagnosis": DiagnosisDocument,
+    "evaluation": EvaluationDocument,
+    "health": HealthDocument,
+    "manifest": ManifestDocument,
+    "prove": ProveDocument,
+    "report": ReportDocument,
+}
+"""Every document by the name of its schema."""
+
+
+def schema_text(name: str) -> str:
+    """The JSON schema (draft 2020-12) of the document `name` of DOCUMENTS, as it is published."""
+    return json.dumps(DOCUMENTS[name].model_json_schema(), indent=1, ensure_ascii=False) + "\n"
+
+
+def write_schemas(folder: Path) -> None:
+    """Write the schema of every document to `folder`/NAME.schema.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in DOCUMENTS:
+        (folder / f"{name}.schema.json").write_text(schema_text(name), encoding="utf-8")

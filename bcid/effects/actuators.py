@@ -1,0 +1,128 @@
+"""The actuator chain from commands to wheel angle and throttle: delays, the servo with its effects, lag and play.
+
+It needs the commands alone and so runs ahead of the body; the angle is known at every half step, as RK4 asks for it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit, njit_inline
+from bcid.effects import motor, steering
+from bcid.effects.car import Actuation
+from bcid.physics.car import Car
+from bcid.physics.steering import steering_step
+
+SAME_TIME_S = 1e-9
+
+
+class ActuatorChain(NamedTuple):
+    """Steering angles (rad) and throttles that reach the car over n steps of h seconds from t_0 (s) on."""
+
+    t_0: float
+    h: float
+    delta: Floats  # (2 n + 1,)
+    u_m: Floats  # (n + 1,) as each step begins
+    u_next: Floats  # (n + 1,) mean after the first change within the step
+    late: Floats  # (n + 1,) share of the step after that change, 0 where there is none
+
+
+class SteeringState(NamedTuple):
+    """Angles of the steering on its way to the wheel, rad."""
+
+    angle: float  # of the servo
+    lagged: float  # behind its further lag
+    behind: float  # behind its play
+
+
+@njit_inline
+def actuation_at(k: int, chain: ActuatorChain, T: float) -> Actuation:
+    """Steering angle (rad) and throttle as step `k` of an actuator chain begins, in a recording of length T (s)."""
+    return Actuation(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], chain.late[k])
+
+
+@njit
+def mean_held_command(times: Floats, values: Floats, integral: Floats, a: float, b: float) -> float:
+    """Mean over [a, b] (s) of commands `values` that hold from their `times` (s) on; the first holds before them, too.
+
+    `integral` is the commands' running integral at `times`.  The mean is continuous in a and b: a delay has a gradient.
+    """
+    return (_command_integral(times, values, integral, b) - _command_integral(times, values, integral, a)) / (b - a)
+
+
+@njit
+def _command_integral(times: Floats, values: Floats, integral: Floats, t: float) -> float:
+    """Integral of held commands from their first row to the time `t`."""
+    k = max(int(np.searchsorted(times, t, side="right")) - 1, 0)
+    return float(integral[k] + (t - times[k]) * values[k])
+
+
+@njit
+def servo_step(delta: float, u_s: float, p: Car, e: Any, h: float) -> float:
+    """Servo angle (rad) after `h` seconds of the command `u_s` (rad), with the dead band and rate asymmetry of `e`."""
+    rate_limit = steering.steering_rate_asymmetry(p.d, u_s - delta, e.steering_rate_asymmetry__a)
+    after = steering_step(delta, u_s, p.T_s, rate_limit, h)
+    return steering.steering_dead_band(delta, after, u_s, e.steering_dead_band__b)
+
+
+@njit
+def actuator_chain(
+    times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
+) -> ActuatorChain:
+    """Steering angles and throttles after delay, servo, lag and play over `n` steps of `h` seconds from `t_0` (s).
+
+    `commands` (m, 2), steering (rad) and throttle (m/s, brake share or share), are given at `times` (m,) (s) and hold
+    until the next; angles are limited to +-`limit` (rad).  The steering starts at rest at the first command.
+    """
+    first = min(max(commands[0, 0], -limit), limit)
+    return continue_actuator_chain(SteeringState(first, first, first), times, commands, t_0, n, h, p, limit, e)[0]
+
+
+@njit
+def continue_actuator_chain(
+    servo: SteeringState, times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
+) -> tuple[ActuatorChain, SteeringState]:
+    """Steering angles and throttles as of `actuator_chain`, with the steering at `servo` at `t_0`, and at their end.
+
+    Half steps are divided where the delayed command changes: a servo at its rate limit answers to when a command
+    came, not to its mean.
+    """
+    u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
+    half, tau = 0.5 * h, e.steering_delay__tau
+    delta_out = np.empty(2 * n + 1)
+    throttle, throttle_next, late = _throttle_per_step(motor.motor_delay(times, e.motor_delay__tau), u_m, t_0, n, h)
+    angle, lagged, behind = servo.angle, servo.lagged, servo.behind
+    row = 0
+    for k in range(2 * n + 1):
+        t = t_0 + k * half
+        behind = steering.steering_backlash(behind, lagged, e.steering_backlash__b)
+        delta_out[k] = behind
+        now, end = t, t + half
+        while k < 2 * n and now < end:
+            while row + 1 < len(times) and steering.steering_delay(times[row + 1], tau) <= now:
+                row += 1
+            until = min(steering.steering_delay(times[row + 1], tau), end) if row + 1 < len(times) else end
+            after = servo_step(angle, u_s[row], p, e, until - now)
+            lagged = steering.steering_lag(lagged, angle, after, until - now, e.steering_lag__tau)
+            angle, now = after, until
+    return ActuatorChain(t_0, h, delta_out, throttle, throttle_next, late), SteeringState(angle, lagged, behind)
+
+
+@njit
+def _throttle_per_step(times: Floats, u_m: Floats, t_0: float, n: int, h: float) -> tuple[Floats, Floats, Floats]:
+    """Throttle as a step begins, its mean after its first change within the step, and the share of the step after that.
+
+    Each (n + 1,), from commands `u_m` (m,) that act from `times` (m,) (s) on and hold until the next.
+    """
+    area = np.zeros(len(times))
+    area[1:] = np.cumsum(u_m[:-1] * np.diff(times))
+    now, after, late = np.empty(n + 1), np.empty(n + 1), np.zeros(n + 1)
+    for k in range(n + 1):
+        t = t_0 + k * h
+        row = int(np.searchsorted(times, t + SAME_TIME_S, side="right"))  # the next to come
+        now[k] = after[k] = u_m[max(row - 1, 0)]
+        if 0 < row < len(times) and times[row] < t + h - SAME_TIME_S:
+            late[k] = (t + h - times[row]) / h
+            after[k] = mean_held_command(times, u_m, area, times[row], t + h)
+    return now, after, late

@@ -1,0 +1,176 @@
+"""Process noise that explains a model's prediction errors.
+
+What a model lacks pushes its motion state (the first of the carry that move, `Model.motion`) at every step.  The pushes
+of a component have a spectral density q^2 and are correlated over a time tau:
+
+    push_k = h sigma z_k,   z_{k+1} = a z_k + sqrt(1 - a^2) xi_k,   a = exp(-h/tau),   sigma^2 = q^2 (1 - a)/((1 + a) h)
+
+so that over times far beyond tau a push's integral has the variance q^2 t, whatever tau is.  Small pushes add up
+linearly: the variance of a prediction is the sum over the components of q^2 times what pushes of unit density make.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bcid.aliases import Floats
+from bcid.estimate.types import Estimate
+from bcid.evaluation.limits import LIMITS
+from bcid.models.fitting.windows import split_off_ends
+from bcid.models.interface import Model, history_at
+
+# Times (s) after a start at which prediction errors are taken, and values of tau (s) that are tried.
+CALIBRATION_TIMES_S, CORRELATION_TIMES_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.0, 1.0, 4.0)
+# Starts that the end of each take is long enough for, the most starts of all takes, and pushed rollouts from each.
+STARTS_PER_TAKE, MAX_STARTS, SAMPLES = 8, 24, 16
+# Pushes per root second that still add up linearly, as a share of the spread of the motion state.
+PROBE_SHARE = 0.02
+# Added to every variance, so that a model without errors has a likelihood.
+MIN_VARIANCE = 1e-12
+INTERVAL_LEVEL = 0.95
+
+# A take and the row at which a prediction starts.
+PredictionStart = tuple[Estimate, int]
+
+
+class ProcessNoise(NamedTuple):
+    """Pushes that explain a model's prediction errors, and the factor on their standard deviation that covers 95 %."""
+
+    q: tuple[float, float, float]  # unit of the component per root second
+    tau_s: float
+    factor: float  # 1.96 where misses are normal
+
+
+class _PredictionErrors(NamedTuple):
+    """Errors of predictions from W starts at K times after each, and how process noise of J components widens them."""
+
+    error: Floats  # (W, K, 3)
+    measured_variance: Floats  # (W, K, 3) variance of what is compared with
+    gain: Floats  # (J, W, K, 3) variance per q^2 of each of J components
+
+
+def draw_pushes(count: int, steps: int, q: Floats, tau: float, h: float, rng: np.random.Generator) -> Iterator[Floats]:
+    """Yield correlated random changes (count, 3) to add to `count` motion states before each of `steps` steps of `h` s.
+
+    `q` (3,) is the root spectral density of each component per root second, `tau` (s) the correlation time.
+    """
+    a = math.exp(-h / tau) if tau > 0.0 else 0.0
+    sigma = np.asarray(q) * math.sqrt((1.0 - a) / ((1.0 + a) * h))
+    z = rng.standard_normal((count, 3))
+    for _ in range(steps):
+        yield h * sigma * z
+        z = a * z + math.sqrt(1.0 - a * a) * rng.standard_normal((count, 3))
+
+
+def sample_rollouts(
+    model: Model, carries: Floats, commands: Floats, samples: int, q: Floats, tau: float, rng: np.random.Generator
+) -> Floats:
+    """Twists (B, S, N, 3) of S = `samples` rollouts with random pushes from each of `carries` (B, n).
+
+    `commands` are (B, N, 2); `q` (3,) is the pushes' root spectral density per root second, `tau` (s) their
+    correlation time.
+    """
+    now, commands = np.repeat(carries, samples, axis=0), np.repeat(commands, samples, axis=0)
+    out = np.empty((*commands.shape[:2], 3))
+    for k, push in enumerate(draw_pushes(len(now), commands.shape[1], q, tau, model.period_s, rng)):
+        now[:, model.motion] += push
+        now, twists = model.scan_many(now, commands[:, k : k + 1])
+        out[:, k] = twists[:, 0]
+    return out.reshape(len(carries), samples, *out.shape[1:])
+
+
+def list_prediction_starts(
+    estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0
+) -> list[PredictionStart]:
+    """Every `every`-th row of each segment that has `steps` rows after it and `lags` rows before it in the segment."""
+    return [(e, k) for e in estimates for s in e.segments() for k in range(s.start + lags, s.stop - steps, every)]
+
+
+def _select_moving_starts(starts: list[PredictionStart], steps: int) -> list[PredictionStart]:
+    """Starts from which the car moves over `steps` rows: a car at rest cannot be predicted wrongly."""
+    v = [float(np.abs(e.kinematic[k : k + steps + 1, 0]).mean()) for e, k in starts]
+    return [start for start, speed in zip(starts, v, strict=True) if speed > LIMITS.min_speed_share * max(v)]
+
+
+def calibrate_process_noise(model: Model, estimates: Sequence[Estimate], seed: int = 0) -> ProcessNoise | None:
+    """The process noise under which a model's prediction errors at the ends of the takes are likeliest.
+
+    None where no segment is long enough, or where the model diverges, which no noise explains.  The factor that covers
+    95 % is counted, not taken from the normal law, because errors of a model that lacks something have heavy tails.
+    """
+    longest = max((s.stop - s.start for e in estimates for s in e.segments()), default=0) - 1 - model.lags
+    at = np.unique([max(1, round(t / model.period_s)) for t in CALIBRATION_TIMES_S])
+    at = at[at <= longest]
+    if len(at) == 0:
+        return None
+    steps = int(at[-1])
+    _, ends = split_off_ends(estimates, STARTS_PER_TAKE * steps // 4)
+    every = max(1, steps // 4)
+    starts = list_prediction_starts(ends, steps, every, model.lags)
+    starts = starts or list_prediction_starts(estimates, steps, every, model.lags)
+    starts = _select_moving_starts(starts, steps)
+    chosen = starts[:: math.ceil(len(starts) / MAX_STARTS)]
+    fits = []
+    for tau in CORRELATION_TIMES_S if chosen else ():
+        errors = _measure_errors(model, chosen, at, tau, np.random.default_rng(seed))
+        if errors is None:
+            return None
+        fits.append((*_fit_densities(errors), tau, errors))
+    if not fits:
+        return None
+    _, q2, tau, errors = min(fits, key=lambda row: row[0])
+    ratio = np.abs(errors.error) / np.sqrt(_error_variance(errors, q2))
+    x, y, z = np.sqrt(q2).tolist()
+    factor = float(np.quantile(ratio, INTERVAL_LEVEL))
+    return ProcessNoise((x, y, z), tau, factor) if factor < LIMITS.max_interval_factor else None
+
+
+def _measure_errors(
+    model: Model, starts: Sequence[PredictionStart], at: npt.NDArray[np.intp], tau: float, rng: np.random.Generator
+) -> _PredictionErrors | None:
+    """Errors of rollouts from `starts` after each of `at` steps, and their response to pushes correlated over `tau` s.
+
+    None where a rollout leaves the range of the measured motion by far.
+    """
+    steps = int(at[-1])
+    carries = np.stack([model.init(history_at(e, k, model.lags)) for e, k in starts])
+    commands = np.stack([e.command[k : k + steps] for e, k in starts])
+    plain = model.scan_many(carries, commands)[1][:, at - 1]
+    rows = [k + at for _, k in starts]
+    measured = np.stack([e.twist[r] for (e, _), r in zip(starts, rows, strict=True)])
+    known = np.stack([e.twist_sd[r] ** 2 for (e, _), r in zip(starts, rows, strict=True)])
+    far = LIMITS.runaway_factor * (np.abs(measured).max(axis=(0, 1)) + np.ptp(measured))
+    if not (np.abs(plain - measured) <= far).all():
+        return None
+    unit = PROBE_SHARE * np.maximum(carries[:, model.motion].std(axis=0), 1e-3)
+    answer = []
+    for j in range(3):
+        q = np.where(np.arange(3) == j, unit, 0.0)
+        many = sample_rollouts(model, carries, commands, SAMPLES, q, tau, rng)
+        off = many[:, :, at - 1] - plain[:, None]
+        answer.append((off**2).mean(axis=1) / unit[j] ** 2)
+    return _PredictionErrors(plain - measured, known, np.array(answer)) if np.isfinite(answer).all() else None
+
+
+def _error_variance(errors: _PredictionErrors, q2: Floats) -> Floats:
+    """Variance (W, K, 3) of prediction errors under densities q^2 (3,): sum_j q_j^2 gain_j + measured variance."""
+    return np.asarray(np.tensordot(q2, errors.gain, axes=1) + errors.measured_variance + MIN_VARIANCE)
+
+
+def _fit_densities(errors: _PredictionErrors) -> tuple[float, Floats]:
+    """Minus the log-likelihood at its maximum, and the squared densities q^2 (3,) there, for normal errors."""
+    from scipy.optimize import minimize
+
+    def cost(logs: Floats) -> tuple[float, Floats]:
+        q2 = np.exp(logs)
+        variance = _error_variance(errors, q2)
+        slope = 0.5 * (1.0 / variance - errors.error**2 / variance**2)
+        value = float(0.5 * np.sum(np.log(variance) + errors.error**2 / variance))
+        return value, q2 * np.tensordot(errors.gain, slope, axes=3)
+
+    typical = np.maximum((errors.error**2).mean(), 1e-12) / np.maximum(errors.gain.mean(axis=(1, 2, 3)), 1e-12)
+    best = minimize(cost, np.log(typical / 3.0), jac=True, method="L-BFGS-B", bounds=[(-30.0, 10.0)] * 3)
+    return float(best.fun), np.exp(best.x)

@@ -1,0 +1,129 @@
+"""What is known of a fitted model's validity, saved beside it: its process noise and the range of its training data.
+
+Beyond the range of motion and commands that a model was fitted on, a rollout extrapolates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from bcid.aliases import Bools, Floats
+from bcid.documents.document import Interval, Part
+from bcid.documents.report import ProcessNoiseFigures
+from bcid.errors import InputRefused
+from bcid.estimate.types import Estimate
+from bcid.evaluation.limits import LIMITS
+from bcid.evaluation.process_noise import ProcessNoise, calibrate_process_noise
+from bcid.files.json import read_json, write_json
+from bcid.models.interface import Model
+
+FILE_NAME = "limits.json"
+QUANTITIES = {
+    "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "v_x yaw_rate": "m/s²", "u_s": "rad", "u_m": ""
+}  # fmt: skip
+
+
+class RangeExit(NamedTuple):
+    """Where a rollout first leaves the range of one quantity."""
+
+    step: int
+    quantity: str
+    value: float
+    limit: float
+
+    def describe(self, period_s: float) -> str:
+        """The exit in words, with its time for steps of `period_s`."""
+        unit, side = QUANTITIES[self.quantity], "up to" if self.value > self.limit else "down to"
+        value, limit = (f"{v:.3g} {unit}".strip() for v in (self.value, self.limit))
+        return f"{self.quantity} is {value} at {self.step * period_s:.1f} s, the takes go {side} {limit}"
+
+
+class DataRange(NamedTuple):
+    """Lowest and highest value of each of QUANTITIES."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    @classmethod
+    def from_estimates(cls, estimates: Sequence[Estimate]) -> DataRange:
+        """The range that the takes cover together."""
+        table = np.concatenate([_quantity_table(e.twist, e.command) for e in estimates])
+        return cls(tuple(table.min(axis=0).tolist()), tuple(table.max(axis=0).tolist()))
+
+    def first_exits(self, twist: Floats, command: Floats) -> list[RangeExit]:
+        """Where a rollout first leaves the range, by quantity in order of time; twist (N, 3), command (N, 2)."""
+        table, low, high = _quantity_table(twist, command), np.array(self.low), np.array(self.high)
+        outside, exits = self._is_outside(table), []
+        for c in np.flatnonzero(outside.any(axis=0)):
+            k = int(np.argmax(outside[:, c]))
+            value = float(table[k, c])
+            exits.append(RangeExit(k, list(QUANTITIES)[c], value, float(high[c] if value > high[c] else low[c])))
+        return sorted(exits)
+
+    def share_outside(self, twist: Floats, command: Floats) -> float:
+        """The share of rows of a motion at which any quantity is outside the range; twist (N, 3), command (N, 2)."""
+        return float(self._is_outside(_quantity_table(twist, command)).any(axis=1).mean())
+
+    def _is_outside(self, table: Floats) -> Bools:
+        """Which values of a table (N, 6) of QUANTITIES lie outside the range by more than the margin."""
+        low, high = np.array(self.low), np.array(self.high)
+        margin = LIMITS.range_margin * (high - low)
+        return np.asarray((table < low - margin) | (table > high + margin))
+
+
+def _quantity_table(twist: Floats, command: Floats) -> Floats:
+    """The values (N, 6) of v_x, v_y, yaw rate, v_x yaw rate, u_s and u_m for a twist (N, 3) and command (N, 2)."""
+    return np.column_stack([twist, twist[:, 0] * twist[:, 2], command])
+
+
+class _ValidityDocument(Part):
+    """The whole of limits.json."""
+
+    kind: Literal["bcid.limits/1"] = Field("bcid.limits/1", alias="schema")
+    process_noise: ProcessNoiseFigures | None = None
+    range: dict[str, Interval]  # lowest and highest value of each of QUANTITIES
+
+
+class ModelValidity(NamedTuple):
+    """How far the predictions of one fitted model can be trusted, and over which motion and commands."""
+
+    noise: ProcessNoise | None  # None where no take was long enough, or the model runs away
+    range: DataRange
+
+    @classmethod
+    def measure(cls, model: Model, estimates: Sequence[Estimate], seed: int) -> ModelValidity:
+        """The validity of a model that was fitted to `estimates`; `seed` is that of the noise samples."""
+        return cls(calibrate_process_noise(model, estimates, seed), DataRange.from_estimates(estimates))
+
+    def save(self, folder: Path) -> None:
+        """Write limits.json beside the model in `folder`."""
+        noise = self.noise and ProcessNoiseFigures(**self.noise._asdict())
+        ranges = dict(zip(QUANTITIES, zip(*self.range, strict=True), strict=True))
+        write_json(folder / FILE_NAME, _ValidityDocument(process_noise=noise, range=ranges).as_json())
+
+
+def load_validity(folder: Path) -> ModelValidity | None:
+    """The validity saved beside the model in `folder`; None where that folder has no limits.json.
+
+    Raises:
+        InputRefused: limits.json cannot be read.
+    """
+    path = folder / FILE_NAME
+    if not path.exists():
+        return None
+    try:
+        document = _ValidityDocument.model_validate(read_json(path))
+        low, high = zip(*(document.range[name] for name in QUANTITIES), strict=True)
+        noise = document.process_noise
+        if noise is None:
+            return ModelValidity(None, DataRange(low, high))
+        x, y, z = noise.q
+        return ModelValidity(ProcessNoise((x, y, z), noise.tau_s, noise.factor), DataRange(low, high))
+    except (OSError, ValueError, KeyError) as error:
+        cause = f"cannot be read: {error!r}"
+        raise InputRefused(path, FILE_NAME, cause, "fit the model again, or remove the file") from None

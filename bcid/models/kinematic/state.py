@@ -1,0 +1,99 @@
+"""What the kinematic models share: the state [v_f, alpha_f, alpha_r, delta], its step, and the twist it gives.
+
+The slip angles and the front wheel's speed evolve by a fitted map, delta by the steering's own law,
+and the twist follows from the extended kinematic model (paper, fkin; errata 1).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit_inline
+from bcid.models.interface import CompiledModel, FitTask, History
+from bcid.physics.elementary import clip
+from bcid.physics.kinematics import body_twist
+from bcid.physics.steering import steering_step
+
+# Factor on a capped speed, so that rounding gains no energy either.
+ROUNDING_MARGIN = 1.0 - 1e-12
+# Bound of |alpha_r| (rad) that keeps its tangent finite in a rollout.
+SLIP_LIMIT = 0.49 * math.pi
+
+
+class KinematicCar(NamedTuple):
+    """What the kinematic models know of the car: levers, steering and period."""
+
+    l_f: float  # m
+    l_r: float  # m
+    T_s: float  # s, steering time constant
+    d: float  # rad/s, steering rate limit
+    period: float  # s
+    follow: float = 1.0  # 1 where the throttle is a reference speed, 0 where it sets a force
+
+    @classmethod
+    def from_task(cls, task: FitTask) -> KinematicCar:
+        """The vehicle's levers, with the steering constants that the estimates were made with."""
+        (T_s, d), body = task.estimates[0].steering_constants(), task.vehicle.body
+        follow = 1.0 if task.vehicle.motor.law == "speed" else 0.0
+        return cls(body.cog_to_front_m, body.cog_to_rear_m, T_s, d, task.period_s, follow)
+
+
+KinematicState = tuple[float, float, float, float]
+"""[v_f, alpha_f, alpha_r, delta], in m/s and rad."""
+
+
+class KinematicModel(CompiledModel):
+    """Base class of models of the kinematic state; their carry is [v_f, alpha_f, alpha_r, delta]."""
+
+    car: KinematicCar
+    input_count: ClassVar[int] = 6  # of the fitted map, see `fill_input`
+
+    @property
+    def period_s(self) -> float:
+        """The time (s) by which a step advances."""
+        return self.car.period
+
+    def init(self, history: History) -> Floats:
+        """The carry [v_f, alpha_f, alpha_r, delta] at the history's last row."""
+        return np.array(history.kinematic[-1])
+
+
+@njit_inline
+def kinematic_twist(state: KinematicState, c: KinematicCar) -> tuple[float, float, float]:
+    """v_x, v_y (m/s) and yaw rate (rad/s) of a kinematic state: beta_f = delta + alpha_f, beta_r = alpha_r."""
+    v_f, alpha_f, alpha_r, delta = state
+    return body_twist(v_f, delta + alpha_f, clip(alpha_r, -SLIP_LIMIT, SLIP_LIMIT), c.l_f, c.l_r)
+
+
+@njit_inline
+def next_state(after: Floats, delta: float, u_s: float, c: KinematicCar) -> KinematicState:
+    """The state a period later: v_f, alpha_f, alpha_r from a fitted map's `after`, delta by the servo's law."""
+    return max(after[0], 0.0), after[1], after[2], steering_step(delta, u_s, c.T_s, c.d, c.period)
+
+
+@njit_inline
+def doubled_energy(state: KinematicState, c: KinematicCar) -> float:
+    """Twice the kinetic energy per mass (m^2/s^2): v_x^2 + v_y^2 + l_f l_r w^2.
+
+    A kinematic model knows no inertia; with I_z = m l_f l_r the masses on the axles move as if by themselves.
+    """
+    v_x, v_y, yaw_rate = kinematic_twist(state, c)
+    return v_x * v_x + v_y * v_y + c.l_f * c.l_r * yaw_rate * yaw_rate
+
+
+@njit_inline
+def cap_energy(before: KinematicState, after: KinematicState, c: KinematicCar) -> KinematicState:
+    """The state `after` with v_f, to which the twist is proportional, lowered until no kinetic energy is gained."""
+    energy_before, energy_after = doubled_energy(before, c), doubled_energy(after, c)
+    factor = ROUNDING_MARGIN * math.sqrt(energy_before / energy_after) if energy_after > energy_before else 1.0
+    return factor * after[0], after[1], after[2], after[3]
+
+
+@njit_inline
+def fill_input(x: Floats, state: KinematicState, u_s: float, u_m: float) -> None:
+    """Fill x (6,) with the input of the fitted maps, [v_f, alpha_f, alpha_r, delta, u_s, u_m]."""
+    x[0], x[1], x[2], x[3], x[4], x[5] = state[0], state[1], state[2], state[3], u_s, u_m

@@ -1,0 +1,52 @@
+"""Every number of the models that decides which data a fit uses, what it states, and which rollouts are refused.
+
+A limit without a figure is not yet justified.  "Fits to known cars" stands for docs/results/parameters.json.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ModelLimits:
+    """Which takes are refused, held out or left out, which constants are stated, and which models are refused."""
+
+    # Quantile of all speeds and yaw rates, and the values there (m/s, rad/s) below which takes are refused: a car that
+    # stands identifies no constant, one that drives straight no constant of its tyres.
+    excitation_quantile: float = 0.95
+    min_speed_mps: float = 0.05
+    min_yaw_rate_radps: float = 0.02
+    # Share of every take, its end, where networks choose their epoch and process noise is found.
+    validation_share: float = 0.1
+    # Share of every take, its end, where K-SINDy chooses its threshold, and its least horizons.
+    threshold_share: float = 0.2
+    min_threshold_horizons: int = 3
+    # Length of a take over that of its end, below which nothing of it is held out.
+    min_ends_per_take: int = 4
+    # Change of the twist in a period over its 0.9 quantile, beyond which the initial guess leaves out a sample.
+    max_relative_change: float = 20.0
+    # Standard error over the value, above which a constant is not identified.  Fits to known cars: of the rear grip,
+    # which those takes never reach, 2 of 300 fits state a value all the same.
+    max_relative_se: float = 0.5
+    # Standard error over the prior's, above which poses have taught too little of a constant.
+    max_prior_sd_share: float = 0.5
+    # Norm of a column of the Jacobian (root NMSE per width of the range) below which a constant does not act.
+    min_sensitivity: float = 1e-6
+    # Gain (nats) over a car without a saturation force, all other constants fixed, below which the force is not stated:
+    # chance made one worth two nats in one of sixteen takes.
+    min_saturation_nats: float = 6.0
+    # Standard errors by which twists must be predicted worse without a saturation force: 95 % on one side.
+    saturation_z: float = 1.645
+    # Correlation of two constants' errors above which the pair is reported.
+    min_correlation: float = 0.95
+    # Share of the logarithmic range within which a constant is at its bound.
+    bound_margin: float = 0.01
+    # |v_x|, |v_y| (m/s) and |yaw rate| (rad/s) beyond which a rollout has diverged: no ground vehicle is as fast, and
+    # polynomials that run away pass it long before they overflow.
+    fastest_twist: tuple[float, float, float] = (150.0, 150.0, 100.0)
+    # Delay (s) of commands in a saved model, twenty times the bound of such an effect, and size of its arrays, thousand
+    # times that of the default networks: a damaged file could ask for anything.
+    max_delay_s: float = 10.0
+    max_array_bytes: int = 1 << 28
+
+
+LIMITS = ModelLimits()

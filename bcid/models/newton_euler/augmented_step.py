@@ -1,0 +1,139 @@
+"""The Newton-Euler car with effects, one period after the other, compiled.
+
+The carry holds pose and twist, lagging quantities, the steering on its way to the wheel, time, and delayed commands.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.compiled.njit import njit
+from bcid.effects.actuators import SteeringState, actuation_at, continue_actuator_chain
+from bcid.effects.car import BodyState, LagState, unpack_body, unpack_lags
+from bcid.effects.constants import Constants
+from bcid.effects.measurement import to_pose_clock
+from bcid.effects.motion import integrate_body, steady_lags
+from bcid.physics.car import Car
+
+N_MOTION = 13  # numbers of the carry before the commands: body, lags, steering and time
+
+
+class AugmentedSetup(NamedTuple):
+    """All that a step needs beside the carry: the car, its effects and the grid of time."""
+
+    car: Car
+    switches: Any
+    constants: Constants
+    limit: float  # of the steering command, rad
+    T: float  # length of the recording in the equations of the effects, s
+    period: float  # s
+    steps: int  # integration steps in a period
+    kept: int  # earlier commands in the carry
+
+
+class AugmentedState(NamedTuple):
+    """The carry unpacked: body, lags and steering of the car, the time, and the commands held back."""
+
+    body: BodyState
+    lagged: LagState
+    servo: SteeringState
+    t: float  # s since the take began
+    commands: Floats  # (kept, 2) of the periods before
+
+
+@njit
+def pack_carry(state: AugmentedState) -> Floats:
+    """The carry (13 + 2 kept,) that holds the numbers of `state`."""
+    b, l, s = state.body, state.lagged, state.servo  # noqa: E741  # beside b and s
+    x = np.empty(N_MOTION + state.commands.size)
+    x[0], x[1], x[2], x[3], x[4], x[5] = b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega
+    x[6], x[7], x[8], x[9], x[10], x[11], x[12] = l.alpha_f, l.F_mf, l.F_mr, s.angle, s.lagged, s.behind, state.t
+    x[N_MOTION:] = state.commands.ravel()
+    return x
+
+
+@njit
+def unpack_carry(x: Floats) -> AugmentedState:
+    """The state that the carry `x` (13 + 2 kept,) holds: the inverse of `pack_carry`."""
+    return AugmentedState(
+        unpack_body(x), unpack_lags(x), SteeringState(x[9], x[10], x[11]), x[12], x[N_MOTION:].copy().reshape(-1, 2)
+    )
+
+
+@njit
+def tracked_twist(b: BodyState, e: Any) -> tuple[float, float, float]:
+    """Twist of the tracked body in its own axes: v_seen = (1 + kappa) R(-psi) (v + w x d), w_seen = w."""
+    v_x, v_y = b.v_x - b.omega * e.marker_offset__d_y, b.v_y + b.omega * e.marker_offset__d_x
+    grown, psi = 1.0 + e.pose_scale__kappa, e.body_yaw_misalignment__psi
+    sin_p, cos_p = math.sin(psi), math.cos(psi)
+    return grown * (cos_p * v_x + sin_p * v_y), grown * (cos_p * v_y - sin_p * v_x), b.omega
+
+
+@njit
+def body_from_tracked(pose: Floats, twist: Floats, e: Any) -> BodyState:
+    """Pose and twist of the centre of gravity, from the tracked body's: undoes `tracked_pose` and `tracked_twist`."""
+    grown, psi = 1.0 + e.pose_scale__kappa, e.body_yaw_misalignment__psi
+    d_x, d_y = e.marker_offset__d_x, e.marker_offset__d_y
+    theta, omega = pose[2] - psi, twist[2]
+    sin_t, cos_t, sin_p, cos_p = math.sin(theta), math.cos(theta), math.sin(psi), math.cos(psi)
+    return BodyState(
+        pose[0] / grown - cos_t * d_x + sin_t * d_y, pose[1] / grown - sin_t * d_x - cos_t * d_y, theta,
+        (cos_p * twist[0] - sin_p * twist[1]) / grown + omega * d_y,
+        (sin_p * twist[0] + cos_p * twist[1]) / grown - omega * d_x, omega,
+    )  # fmt: skip
+
+
+@njit
+def _command_arrivals(t: float, count: int, s: AugmentedSetup) -> Floats:
+    """Times on the poses' clock at which the commands of `count` periods arrive, of which the last begins at `t`."""
+    given = t - s.period * np.arange(count - 1, -1, -1).astype(np.float64)
+    return to_pose_clock(given, s.switches)
+
+
+@njit
+def initial_state(
+    b: BodyState, delta: float, commands: Floats, periods: int, t: float, s: AugmentedSetup
+) -> AugmentedState:
+    """The car's state at time `t` (s) with body `b` and steady lags, its steering run through the commands before `t`.
+
+    At `t` less so many `periods` the steering stood at `delta` (rad); `commands` (n, 2) begin there or earlier.
+    """
+    n, h, e = periods * s.steps, s.period / s.steps, s.switches
+    arrivals, begin = _command_arrivals(t - s.period, len(commands), s), t - periods * s.period
+    still = SteeringState(delta, delta, delta)
+    chain, servo = continue_actuator_chain(still, arrivals, commands, begin, n, h, s.car, s.limit, e)
+    lagged = steady_lags(b, actuation_at(n, chain, s.T), s.car, e, s.constants)
+    kept = np.empty((s.kept, 2))
+    for i in range(s.kept):
+        kept[i] = commands[max(len(commands) - s.kept + i, 0)]
+    return AugmentedState(b, lagged, servo, t, kept)
+
+
+@njit
+def advance_augmented(state: AugmentedState, u_s: float, u_m: float, s: AugmentedSetup) -> AugmentedState:
+    """The car's state one period later under the command [u_s, u_m]."""
+    commands = np.empty((s.kept + 1, 2))
+    commands[:-1] = state.commands
+    commands[-1, 0], commands[-1, 1] = u_s, u_m
+    arrivals = _command_arrivals(state.t, s.kept + 1, s)
+    h, e = s.period / s.steps, s.switches
+    chain, servo = continue_actuator_chain(state.servo, arrivals, commands, state.t, s.steps, h, s.car, s.limit, e)
+    no_pushes = np.zeros((1, 3))
+    end = integrate_body(
+        state.body, state.lagged, 0, s.steps, chain, s.T, no_pushes, s.steps, s.car, e, s.constants
+    )[s.steps]  # fmt: skip
+    return AugmentedState(unpack_body(end), unpack_lags(end), servo, state.t + s.period, commands[1:].copy())
+
+
+@njit
+def scan_augmented(carry: Floats, commands: Floats, s: AugmentedSetup) -> Floats:
+    """Twists (N, 3) of the tracked body after each of `commands` (N, 2); leaves the last state in `carry`."""
+    twists = np.empty((len(commands), 3))
+    state = unpack_carry(carry)
+    for k in range(len(commands)):
+        state = advance_augmented(state, commands[k, 0], commands[k, 1], s)
+        twists[k, 0], twists[k, 1], twists[k, 2] = tracked_twist(state.body, s.switches)
+    carry[:] = pack_carry(state)
+    return twists

@@ -1,0 +1,124 @@
+"""The pipeline file: which recordings and models, with which settings."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, create_model
+
+from bcid.errors import InputRefused
+from bcid.files.toml import PathText, Settings, read_toml
+from bcid.models.settings import CarLoss
+from bcid.models.table import FITTABLE
+
+DEFAULT_PIPELINE_FILE = Path("pipelines/bumper_car.toml")
+
+
+class NoiseTable(Settings):
+    """Square roots of spectral densities and standard deviations of sensors; those that are absent are identified."""
+
+    q_v_f: Annotated[float, Field(gt=0)] | None = None
+    q_beta_f: Annotated[float, Field(gt=0)] | None = None
+    q_beta_r: Annotated[float, Field(gt=0)] | None = None
+    q_delta: Annotated[float, Field(gt=0)] | None = None
+    r_position: Annotated[float, Field(gt=0)] | None = None
+    r_yaw: Annotated[float, Field(gt=0)] | None = None
+    r_steering: Annotated[float, Field(gt=0)] | None = None
+    r_yaw_rate: Annotated[float, Field(gt=0)] | None = None
+    r_wheel_speed: Annotated[float, Field(gt=0)] | None = None
+
+
+class EstimateTable(Settings):
+    """Settings of the estimator: the table `[estimate]` of a pipeline file."""
+
+    period_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+    max_gap_s: Annotated[float, Field(gt=0)] = 0.3
+    engine: Literal["compiled", "filterpy"] = "compiled"
+    noise: NoiseTable = NoiseTable()
+
+
+class ReportTable(Settings):
+    """Settings of the report: the table `[report]` of a pipeline file."""
+
+    restart_s: Annotated[float, Field(gt=0)] = 2.0
+    timing_repeats: Annotated[int, Field(ge=0)] = 21  # 0: not timed; equal runs on one machine have equal reports
+    losses: list[CarLoss] = Field(default_factory=list)  # that are compared, beside the comparison of models
+
+
+def _field_name(model: str) -> str:
+    """Name of the field of `FitTables` that holds a model's settings."""
+    return model.replace("-", "_")
+
+
+_FIELDS: dict[str, Any] = {
+    _field_name(name): (row.settings, Field(default_factory=row.settings, alias=name)) for name, row in FITTABLE.items()
+}
+FitTables = create_model("FitTables", __base__=Settings, **_FIELDS)
+"""One table of settings for each model, `[fit.NAME]`."""
+
+
+def _check_model_name(name: str) -> str:
+    """Return `name` if a model that can be fitted has it; raise `ValueError` for any other."""
+    if name not in FITTABLE:
+        raise ValueError(f"there is no model {name!r} to fit; choose from {', '.join(FITTABLE)}")
+    return name
+
+
+class PipelineFile(Settings):
+    """A pipeline file as it stands; its paths count from the file's folder."""
+
+    vehicle: PathText
+    training: Annotated[list[PathText], Field(min_length=1)]
+    validation: PathText | None = None
+    truth: PathText | None = None  # folder of NAME.parquet, simulated takes only
+    workspace: PathText = Path("workspace")
+    seed: int = 1
+    models: list[Annotated[str, AfterValidator(_check_model_name)]] = Field(default_factory=lambda: list(FITTABLE))
+    estimate: EstimateTable = EstimateTable()
+    diagnose: list[PathText] = Field(default_factory=list)  # recordings; empty: those named above
+    fit: FitTables = Field(default_factory=FitTables)
+    report: ReportTable = ReportTable()
+
+
+class PipelineConfig(PipelineFile):
+    """A checked pipeline file, or what the command line says in its place, with paths as they are to be opened."""
+
+    source: str  # where this configuration stands, for messages
+    commands: PathText | None = None  # of a single recording named on the command line
+    allow_partial: bool = False  # recordings of which a part cannot be read are used without it
+
+    def recordings(self) -> list[Path]:
+        """The training recordings, then the validation recording if there is one."""
+        return [*self.training, *([self.validation] if self.validation else [])]
+
+    def with_loss(self, loss: CarLoss) -> PipelineConfig:
+        """This configuration with `loss` for every model that can be fitted by it."""
+        names = [_field_name(model) for model, row in FITTABLE.items() if loss in row.losses]
+        tables = {name: getattr(self.fit, name).model_copy(update={"loss": loss}) for name in names}
+        return self.model_copy(update={"fit": self.fit.model_copy(update=tables)})
+
+    def fit_settings(self, model: str) -> dict[str, Any]:
+        """Settings of a model's fit, the model's defaults among them, as JSON data."""
+        return dict(getattr(self.fit, _field_name(model)).model_dump(mode="json", by_alias=True))
+
+
+def read_pipeline_file(path: Path) -> PipelineConfig:
+    """Read and check the pipeline file at `path`.
+
+    Raises:
+        InputRefused: the file is absent, or holds problems; all of them are told.
+    """
+    if not path.exists():
+        next_step = "write one with `bcid init`, or name one with -p"
+        raise InputRefused(path, "pipeline file", "there is none here", next_step)
+    file = read_toml(path, PipelineFile, "pipeline file")
+
+    def at(named: Path) -> Path:
+        return Path(os.path.normpath(path.parent / named))
+
+    paths: dict[str, Any] = {name: getattr(file, name) for name in ("vehicle", "validation", "truth", "workspace")}
+    opened = {name: named and at(named) for name, named in paths.items()}
+    opened |= {"training": [at(p) for p in file.training], "diagnose": [at(p) for p in file.diagnose]}
+    return PipelineConfig(**{**dict(file), **opened, "source": str(path)})

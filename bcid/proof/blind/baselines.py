@@ -1,0 +1,231 @@
+"""Other methods on the takes of a blind test, so that the figures of the diagnosis can be compared.
+
+Each is given the base model's fit and the pushes that the recorded motion needs beside it; none refits the base
+model.  The first two may name an effect, the others fit a function and cannot.
+"""
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from bcid.aliases import Floats, Ints
+from bcid.diagnosis.diagnose import Diagnosis
+from bcid.diagnosis.locate.pushes import Disturbances
+from bcid.diagnosis.locate.regression import blocked_folds, regressor_columns
+from bcid.diagnosis.search.screen import simulate_trials
+from bcid.effects.table import EFFECTS
+from bcid.likelihood.marginal import estimate_scales, robust_weights, score_and_information, segment_moments
+from bcid.likelihood.nuisance import residuals_without_pushes
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.take import Take
+from bcid.proof.blind.limits import LIMITS
+
+# coefficients below it are dropped by STLSQ; in standard deviations of a push
+STLSQ_THRESHOLD = 0.05
+WHITENESS_LAGS = 10
+# columns that stepwise selection takes at most
+MAX_COLUMNS = 4
+
+Regression = Callable[[Floats, Floats, Floats], Floats]
+"""Fits X (N, n) and y (N,) or (N, m), and predicts y at unseen rows of X."""
+
+
+class MethodAnswer(NamedTuple):
+    """What a method says of a take."""
+
+    effect: str | None  # named first
+    detected: bool
+    explained: float | None  # share of the pushes' squares on blocks not seen
+
+
+class ResidualData(NamedTuple):
+    """What every method is given: the take, the fit of the base model, and the pushes beside it."""
+
+    take: Take
+    base: Fit
+    pushed: Disturbances
+
+    @property
+    def features(self) -> Floats:
+        """State and time at every knot (K, n), standardised."""
+        X = np.hstack(list(regressor_columns(self.pushed).values()))
+        return np.asarray((X - X.mean(axis=0)) / np.maximum(X.std(axis=0), 1e-9))
+
+    @property
+    def knot_fold(self) -> Ints:
+        """Number of each knot's cross-validation fold (K,), in blocks of time."""
+        return blocked_folds(len(self.pushed.time_s))
+
+    @property
+    def targets(self) -> Floats:
+        """Pushes at the knots (K, 3) in their standard deviations, centred, outliers cut at 5."""
+        y = np.clip(self.pushed.strength, -5.0, 5.0)
+        return np.asarray(y - y.mean(axis=0))
+
+
+def regress_sparsely(residual: ResidualData) -> MethodAnswer:
+    """SINDy on the residual (pysindy's STLSQ) with one term per mechanism that is a force; names the largest term."""
+    import pysindy
+
+    names, terms = _mechanism_accelerations(residual)
+    y = residual.targets.T.ravel()
+    scale = np.maximum(np.sqrt((terms**2).mean(axis=1)), 1e-12)
+    theta = (terms / scale[:, None]).T
+
+    def coefficients(X: Floats, target: Floats) -> Floats:
+        return np.asarray(pysindy.STLSQ(threshold=STLSQ_THRESHOLD, alpha=1e-3).fit(X, target).coef_).ravel()
+
+    def linear(train: Floats, target: Floats, test: Floats) -> Floats:
+        return np.asarray(test @ coefficients(train, target))
+
+    found = np.abs(coefficients(theta, y))
+    explained = _explained_share(theta, y, linear, np.tile(residual.knot_fold, 3))
+    best = int(np.argmax(found))
+    return MethodAnswer(names[best] if found[best] > 0.0 else None, bool(found[best] > 0.0), explained)
+
+
+def _mechanism_accelerations(residual: ResidualData) -> tuple[list[str], Floats]:
+    """Names of n candidate mechanisms, and their accelerations (n, 3 K) at K knots in standard deviations of a push.
+
+    Each row holds the K values in x, those in y, and those in yaw, each without its mean.
+    """
+    m, car, c = residual.pushed.states, residual.base.car(), residual.base.hypothesis.constants
+    v_x, v_y, omega, delta = m["v_x"], m["v_y"], m["omega"], m["delta"]
+    v_fx = np.cos(delta) * v_x + np.sin(delta) * (v_y + car.l_f * omega)
+    speed, nothing = np.hypot(v_x, v_y), np.zeros_like(v_x)
+
+    def at_front(along: Floats, across: Floats = nothing) -> tuple[Floats, Floats, Floats]:
+        x, y = np.cos(delta) * along - np.sin(delta) * across, np.sin(delta) * along + np.cos(delta) * across
+        return x, y, car.l_f * y
+
+    wrenches = {
+        "rear_rolling_coulomb": (-np.tanh(v_x / c.v_c), nothing, nothing),
+        "rear_rolling_viscous": (-v_x, nothing, nothing),
+        "front_coulomb_friction": at_front(-np.tanh(v_fx / c.v_c)),
+        "quadratic_drag": (-speed * v_x, -speed * v_y, nothing),
+        "steering_drag": at_front(-np.abs(delta) * v_fx),
+        "floor_slope": (np.cos(m["theta"]), -np.sin(m["theta"]), nothing),
+        "yaw_scrub": (nothing, nothing, -omega),
+        "yaw_coulomb": (nothing, nothing, -np.tanh(omega / c.w_c)),
+        "drive_lateral_offset": (nothing, nothing, m["F_m"] * np.cos(delta)),
+        "front_ply_steer": at_front(nothing, np.tanh(v_fx / c.v_c)),
+        "rear_toe": (nothing, np.sign(v_x), -car.l_r * np.sign(v_x)),
+        "motor_sag": at_front(-m["F_m"] * residual.pushed.time_s),
+        "motor_power_limit": at_front(-np.maximum(m["F_m"], 0.0) * np.abs(v_fx)),
+        "steering_offset": at_front(nothing, np.abs(v_fx)),
+    }
+    q = residual.base.scales.q * [car.m, car.m, car.I_z]
+    terms = np.array([[w / s for w, s in zip(three, q, strict=True)] for three in wrenches.values()])
+    terms -= terms.mean(axis=2, keepdims=True)  # as the targets are
+    return list(wrenches), terms.reshape(len(terms), -1)
+
+
+def select_stepwise(residual: ResidualData) -> MethodAnswer:
+    """Forward selection of effects by BIC without refitting the base model: names the first one taken."""
+    take, fit = residual.take, residual.base
+    r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start, fit.tangent.A)
+    _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    tried = simulate_trials(fit, take)
+    g, G = score_and_information(r, fit.tangent.A, tried.columns, take.first, fit.scales.r, e.V)
+    w = robust_weights(e)
+    slope, information = w @ g, np.tensordot(w, G, axes=1)
+    taken: list[int] = []
+    first, explained = None, 0.0
+    while len(taken) < MAX_COLUMNS:
+        # of the vocabulary's trials; a trial of one sign counts at either sign
+        scored = [
+            (_joint_gain(slope, information, [*taken, *range(t.own.start, t.own.stop)]), t)
+            for t in tried.trials
+            if t.effect in EFFECTS and t.own.start not in taken
+        ]
+        gain, best = max(scored, key=lambda pair: pair[0])
+        if gain - explained < 0.5 * (best.own.stop - best.own.start) * np.log(take.segments):
+            break
+        first, explained = first or best.effect, gain
+        taken += range(best.own.start, best.own.stop)
+    return MethodAnswer(first, first is not None, None)
+
+
+def _joint_gain(slope: Floats, information: Floats, columns: Sequence[int]) -> float:
+    """Gain in log-likelihood (nats) of the `columns` together, g' G^-1 g / 2, with their score g and information G."""
+    g, G = slope[list(columns)], information[np.ix_(columns, columns)]
+    scale = np.sqrt(np.maximum(np.diag(G), 1e-12))
+    return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
+
+
+def _predict_by_perceptron(train: Floats, target: Floats, test: Floats) -> Floats:
+    """Predictions (M, m) at inputs `test` (M, n) of a multilayer perceptron fitted to inputs (N, n), targets (N, m)."""
+    from sklearn.neural_network import MLPRegressor
+
+    model = MLPRegressor(hidden_layer_sizes=(32, 32), alpha=1e-2, early_stopping=True, max_iter=300, random_state=0)
+    return np.asarray(model.fit(train, target).predict(test))
+
+
+def _predict_by_trees(train: Floats, target: Floats, test: Floats) -> Floats:
+    """Predictions (M, m) at inputs `test` (M, n) of gradient-boosted trees fitted to inputs (N, n), targets (N, m)."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    models = [HistGradientBoostingRegressor(max_iter=80, random_state=0).fit(train, y) for y in target.T]
+    return np.column_stack([model.predict(test) for model in models])
+
+
+def _judge_regression(fit_and_predict: Regression, residual: ResidualData) -> MethodAnswer:
+    """Answer of a regression of the pushes on the state: detected if it explains enough of them on unseen blocks."""
+    explained = _explained_share(residual.features, residual.targets, fit_and_predict, residual.knot_fold)
+    return MethodAnswer(None, explained > LIMITS.min_explained_share, explained)
+
+
+def detect_residual_structure(residual: ResidualData) -> MethodAnswer:
+    """Test the residual for whiteness (Ljung and Box 1978) and for correlation with the state."""
+    from scipy.stats import chi2, pearsonr
+
+    y, X = residual.targets, residual.features
+    n, smallest, tests = len(y), 1.0, 0
+    for channel in y.T:
+        rho = np.array([np.corrcoef(channel[k:], channel[:-k])[0, 1] for k in range(1, WHITENESS_LAGS + 1)])
+        statistic = n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, WHITENESS_LAGS + 1)))
+        p_values = [float(chi2.sf(statistic, WHITENESS_LAGS))]
+        p_values += [float(pearsonr(channel, x).pvalue) for x in X.T if x.std() > 0.0]
+        smallest, tests = min(smallest, *p_values), tests + len(p_values)
+    return MethodAnswer(None, bool(smallest * tests < LIMITS.residual_test_level), None)
+
+
+METHODS: dict[str, Callable[[ResidualData], MethodAnswer]] = {
+    "SINDy on the residual (pysindy)": regress_sparsely,
+    "stepwise BIC, base not refitted": select_stepwise,
+    "residual MLP": partial(_judge_regression, _predict_by_perceptron),
+    "residual gradient boosting": partial(_judge_regression, _predict_by_trees),
+    "residual tests (whiteness, correlation)": detect_residual_structure,
+}
+
+
+def _explained_share(X: Floats, y: Floats, fit_and_predict: Regression, fold: Ints) -> float:
+    """Share of the squares of `y` that `fit_and_predict(X, y, X_unseen)` explains on folds it has not seen."""
+    predicted = np.zeros_like(y)
+    for f in np.unique(fold):
+        predicted[fold == f] = fit_and_predict(X[fold != f], y[fold != f], X[fold == f])
+    return float(1.0 - np.sum((y - predicted) ** 2) / np.sum(y**2))
+
+
+def run_baselines(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
+    """Run every method on a diagnosed take; return the answers by method, with seconds and errors.
+
+    Of the diagnosis only the base model's fit and its pushes are used.
+    """
+    residual, answers = ResidualData(diagnosis.take, diagnosis.search.base, diagnosis.pushes_before), {}
+    # a suite's workers share the cores; warnings are of sparse fits that keep no term, and of nets that stop early
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        for method, run_method in METHODS.items():
+            begin = time.perf_counter()
+            try:
+                answer, failed = run_method(residual), ""
+            except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+                answer, failed = MethodAnswer(None, False, None), repr(error)
+            answers[method] = {**answer._asdict(), "failed": failed, "seconds": round(time.perf_counter() - begin, 2)}
+    return answers

@@ -1,0 +1,62 @@
+"""One blind case: its drive is recorded and diagnosed, and the answer compared with what the true effect would gain."""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
+from bcid.diagnosis.judge.held_out import held_out_log_likelihoods
+from bcid.effects.table import EFFECTS
+from bcid.estimate.run import estimate_motion
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.refit import refit
+from bcid.proof.rows import diagnosis_row
+from bcid.simulation.drive import Drive
+from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
+
+
+def diagnose_concealed_drive(
+    drive: Drive, rate_hz: float, left_out: tuple[str, ...], truth: Mapping[str, Mapping[str, float]]
+) -> tuple[dict[str, Any], Diagnosis]:
+    """Record and diagnose a simulated drive; return the row that is scored, and the whole diagnosis.
+
+    The diagnosis sees the recording, the vehicle file and the names in `left_out`.  The `truth`, parameters by effect
+    and symbol, is compared with its answer afterwards; how cases are drawn and scored is not known here.
+    """
+    vehicle = simulated_vehicle()
+    recording = record_drive(drive, rate_hz, vehicle, "concealed")
+    begin = time.perf_counter()
+    estimate = estimate_motion(recording, vehicle, TUNING)
+    diagnosis = diagnose_recordings([recording], [estimate], vehicle, excluded=left_out)
+    seconds = time.perf_counter() - begin
+    row = {**diagnosis_row(diagnosis), "seconds": round(seconds, 2), **_oracle_gain_share(truth, diagnosis)}
+    return row, diagnosis
+
+
+def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diagnosis) -> dict[str, Any]:
+    """Fields "oracle_share" and "shown" of a case's row, by the true effect refitted from its true parameters.
+
+    "oracle_share" is the diagnosis's held-out gain over that of the true effect: None unless exactly one effect is
+    there and is shown, or where its predictions diverge.  "shown" is whether the true effect gains more than chance.
+    """
+    if len(truth) != 1:
+        return {"oracle_share": None}
+    corrected, fit, take = diagnosis.search.corrected, diagnosis.judgement.fit, diagnosis.take
+    ((effect, parameters),) = truth.items()
+    held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), effect)
+    hypothesis, old = corrected.hypothesis.with_effects(*held), fit.effect_estimates()
+    values = [
+        parameters[p.symbol] if name == effect else old[field][0]
+        for name in held
+        for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
+    ]
+    near = fit if hypothesis.effects == fit.hypothesis.effects else corrected
+    start = hypothesis.phi_of(near.car(), values)
+    oracle = none_if_diverged(refit, take, hypothesis, start, near.start, near.scales)
+    if oracle is None:
+        return {"oracle_share": None}
+    nothing = held_out_log_likelihoods(corrected, take).sum()
+    best = held_out_log_likelihoods(oracle, take).sum() - nothing
+    reached = held_out_log_likelihoods(fit, take).sum() - nothing if fit is not corrected else 0.0
+    shown = bool(best > diagnosis.judgement.gate_nats)
+    return {"oracle_share": float(reached / best) if shown else None, "shown": shown}

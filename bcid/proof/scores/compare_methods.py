@@ -1,0 +1,52 @@
+"""The diagnosis beside other methods on the same takes of a blind test."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from bcid.documents.prove import MethodScores
+from bcid.proof.scores.tiers import shows_effect
+
+NAMING_METHODS = ("bcid diagnose", "SINDy on the residual (pysindy)", "stepwise BIC, base not refitted")
+"""Methods that can name an effect; SINDy has terms for 14 of the 41."""
+
+
+def compare_methods(rows: Iterable[dict[str, Any]]) -> list[MethodScores]:
+    """Count right first names, false alarms and detections of the diagnosis and of other methods on the same takes.
+
+    Takes whose effect does not show are left out.  A take on which the diagnosis failed has no answers of the others,
+    and counts against the diagnosis.
+    """
+    by_method: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        others = row.get("others", {})
+        if not (others or "error" in row) or not shows_effect(row):  # where naming is wrong
+            continue
+        first = row["findings"][0]["effect"] if row.get("findings") else None
+        ours = {
+            "effect": first, "detected": bool(first) or row.get("verdict") == "unknown", "explained": None,
+            "seconds": row.get("seconds"), "failed": row.get("error", ""),
+        }  # fmt: skip
+        for method, said in {"bcid diagnose": ours, **others}.items():
+            by_method.setdefault(method, []).append(
+                {**said, "answer": row["answer"], "hidden": row["channel"], "tier": row["tier"]}
+            )
+    return [_count_method(method, members) for method, members in by_method.items()]
+
+
+def _count_method(method: str, rows: list[dict[str, Any]]) -> MethodScores:
+    """Figures of one method: pairs of hits and takes, medians of the explained share and of the seconds."""
+    there, nothing = [r for r in rows if r["answer"]], [r for r in rows if r["tier"] == "null"]
+    nameable = [r["effect"] in r["answer"] for r in there if not r["hidden"]]
+    explained = [r["explained"] for r in there if r["explained"] is not None]
+    seconds = [r["seconds"] for r in rows if r["seconds"] is not None]
+    return MethodScores(
+        method=method, n=len(rows),
+        top1=(sum(nameable), len(nameable)) if nameable and method in NAMING_METHODS else None,
+        false=(sum(r["detected"] for r in nothing), len(nothing)) if nothing else None,
+        detected=(sum(r["detected"] for r in there), len(there)) if there else None,
+        explained=float(np.median(explained)) if explained else None,
+        failed=sum(bool(r.get("failed")) for r in rows),
+        seconds=float(np.median(seconds)) if seconds else None,
+    )  # fmt: skip

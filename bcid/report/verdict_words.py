@@ -1,0 +1,103 @@
+"""The verdict of a diagnosis in a sentence."""
+
+from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, UnknownPart
+from bcid.report import formats
+from bcid.report.formats import plain_name, with_minus_sign
+
+CHANNELS = {
+    "fx": "forward force (fx)", "fy": "side force (fy)", "mz": "yaw moment (mz)", "steering": "steering",
+    "motor": "motor", "pose": "tracked pose", "time": "timing of poses and commands",
+}  # fmt: skip
+
+
+def verdict_sentence(d: DiagnosisDocument) -> str:
+    """The verdict of a diagnosis in a sentence: what was found, how large, and how much it helps on held-out data."""
+    wordings = {"named": _word_named_effects, "ambiguous": _word_ambiguous_effects, "unknown": _word_unknown_effect}
+    return wordings.get(d.verdict, _word_absence_of_effects)(d)
+
+
+def _word_named_effects(d: DiagnosisDocument) -> str:
+    """The sentence of the verdict "named": all effects found, the improvement, and what remains unexplained."""
+    kinds = {f.kind for f in d.findings}
+    lead = "The recording is off, not the vehicle" if kinds == {"measurement"} else "Missing in the simulation"
+    items = "; ".join(_describe_finding(f, kinds) for f in d.findings)
+    return f"{lead}: {items}. {_describe_improvement(d, 'With it' if len(d.findings) == 1 else 'With them')}".rstrip()
+
+
+def _word_ambiguous_effects(d: DiagnosisDocument) -> str:
+    """The sentence of the verdict "ambiguous": effects found, each with others that explain the recording as well."""
+    kinds = {f.kind for f in d.findings}
+    alone = [_describe_finding(f, kinds) for f in d.findings if not f.twins]
+    unclear = [
+        f"{_describe_finding(f, kinds)}, or instead {formats.join_words(list(map(plain_name, f.twins)), 'or')}"
+        for f in d.findings if f.twins
+    ]  # fmt: skip
+    certain = f"Missing in the simulation: {'; '.join(alone)}. " if alone else ""
+    more = "Something more" if alone else "Something"
+    missing = f"{more} is missing, and this recording cannot tell which"
+    if kinds == {"measurement"} and not alone:
+        missing = "The recording is off, not the vehicle, though two causes would look the same"
+    improvement = _describe_improvement(d, "With the first named" if len(d.findings) == 1 else "With those named first")
+    return f"{certain}{missing}: {'; and: '.join(unclear)}. {improvement}".rstrip()
+
+
+def _word_unknown_effect(d: DiagnosisDocument) -> str:
+    """The sentence of the verdict "unknown": something is missing that no named effect explains."""
+    if d.unknown:
+        return f"Something is missing that no named effect explains: {_describe_unknown(d.unknown)}."
+    names = ", ".join(plain_name(c.correction) for c in d.corrections)
+    adjusted = f"; adjusting the base model's own simplifications ({names}) takes up part of it" if names else ""
+    return f"Something is missing that no named effect explains{adjusted}."
+
+
+def _word_absence_of_effects(d: DiagnosisDocument) -> str:
+    """The sentence of the verdict "nothing-found": how far the held-out error is above the noise floor."""
+    p = formats.format_p_value(d.mismatch.p_value)
+    if d.mismatch.detected:
+        return f"A mismatch is seen ({p}), but nothing that was tried explains it well enough to be named."
+    figures = ""
+    if d.fit and d.fit.nmse_before is not None and d.fit.nmse_floor:
+        times = d.fit.nmse_before / d.fit.nmse_floor
+        figures = f": {d.fit.horizon_s:g} s ahead the held-out error is {times:.2f} times what noise alone leaves"
+    stands_out = f", and no place or time stands out ({p})" if p else ""
+    return f"Nothing is missing beyond the noise floor{figures}{stands_out}."
+
+
+def _describe_finding(finding: NamedEffect, kinds: set[str]) -> str:
+    """An effect with its parameters, and its kind unless it is the vehicle's or all `kinds` are "measurement"."""
+    kind = finding.kind
+    kind_text = f" ({kind})" if kind in ("measurement", "environment") and kinds != {"measurement"} else ""
+    values = ", ".join(
+        f"{formats.symbol_text(symbol)} = {formats.format_with_error(p.value, p.se, p.unit)}"
+        f"{' (at its bound)' if p.at_bound else ''}"
+        for symbol, p in finding.parameters.items()
+    )
+    return f"{plain_name(finding.effect)}{kind_text}{', ' if values else ''}{values}"
+
+
+def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
+    """Change of the held-out error with the findings, in a sentence that begins with `lead`, and what they leave."""
+    more = f"Something more is left that no named effect explains: {_describe_unknown(d.unknown)}." if d.unknown else ""
+    fit = d.fit
+    if fit is None or not fit.nmse_before or fit.nmse_after is None:
+        return more
+    before, after = fit.nmse_before, fit.nmse_after
+    sign, verb = (1.0, "falls") if after <= before else (-1.0, "rises")
+    share = sign * 100.0 * (1.0 - after / before)
+    text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) {verb} by {share:.{0 if share < 99 else 1}f} %"
+    if fit.ratio_ci95:
+        low, high = sorted(sign * 100.0 * (1.0 - r) for r in fit.ratio_ci95)
+        text += f" (95 % interval {with_minus_sign(f'{low:.0f}')} to {with_minus_sign(f'{high:.0f}')} %)"
+    if fit.nmse_floor:
+        text += f", to {after / fit.nmse_floor:.2f} times the noise floor"
+    return f"{text}. {more}"
+
+
+def _describe_unknown(unknown: UnknownPart) -> str:
+    """Channel, dependence, direction and fitted formula of an unexplained disturbance, as text."""
+    channel = unknown.channel
+    depends = formats.join_words([plain_name(n) for n in unknown.depends_on])
+    text = f"it acts on the {CHANNELS.get(channel, channel)}" if channel else "its channel is not clear"
+    text += f" and depends on {depends}" if depends else ""
+    text += f"; the pushes lie {unknown.direction}" if unknown.direction else ""
+    return text + (f"; a short form fits it: {unknown.form}" if unknown.form else "; no short form fits it")
