@@ -17,18 +17,18 @@ TAILS = (0.025, 0.975)
 
 
 def draw_blocks(blocks: int, resamples: int = RESAMPLES, seed: int = 0) -> Ints:
-    """Indices (resamples, blocks) of the blocks drawn with replacement for each bootstrap resample."""
+    """Indices (resamples, blocks) of the blocks, out of `blocks` in a recording, that each bootstrap resample draws."""
     return np.random.default_rng(seed).integers(0, blocks, (resamples, blocks))
 
 
 def draw_block_counts(blocks: int, resamples: int, seed: int) -> Floats:
-    """How often each bootstrap resample holds each block, (resamples, blocks), for statistics of weighted blocks."""
+    """How often each bootstrap resample of `blocks` draws with replacement holds each block: (resamples, blocks)."""
     counts = np.random.default_rng(seed).multinomial(blocks, np.full(blocks, 1.0 / blocks), resamples)
     return np.asarray(counts, dtype=float)
 
 
 def quantile_interval(statistics: npt.NDArray[Any]) -> Floats:
-    """Ends (2, ...) of the 95 % interval of a statistic, given its values (resamples, ...)."""
+    """The 2.5 % and 97.5 % quantiles (2, ...) of a statistic's bootstrap values (resamples, ...): its 95 % interval."""
     return np.asarray(np.quantile(statistics, TAILS, axis=0))
 
 

@@ -78,7 +78,10 @@ class PredictionDiverged(ArithmeticError):
 
 
 def is_disk_full(error: BaseException) -> bool:
-    """Whether `error`, or what caused it, says that the disk is full; libraries say so in words only."""
+    """Whether `error`, or an error that caused it, says that the disk, quota or file size is exhausted.
+
+    Some libraries say so in words only, so messages are searched for the operating system's texts, too.
+    """
     codes = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     by_code = isinstance(error, OSError) and error.errno in codes
     by_words = any(os.strerror(code) in str(error) for code in codes)

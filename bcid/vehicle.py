@@ -188,5 +188,5 @@ class Vehicle(Settings):
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """The checked settings in the vehicle file at `path`; raises `InputRefused` with every problem in it."""
+    """The checked settings in the vehicle file (TOML) at `path`; raises `InputRefused` that names all wrong entries."""
     return read_toml(path, Vehicle, "vehicle file")

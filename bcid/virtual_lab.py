@@ -17,12 +17,12 @@ TUNING = Tuning(
 
 
 def simulated_vehicle() -> Vehicle:
-    """The vehicle file of the simulated bumper car as checked settings."""
+    """The checked settings of the vehicle file that belongs to the simulated bumper car."""
     return Vehicle.model_validate(tomllib.loads(VEHICLE))
 
 
 def record_drive(drive: Drive, rate_hz: float, vehicle: Vehicle, name: str = "simulated") -> Recording:
-    """The recording that a lab's log of a simulated drive gives, with poses at `rate_hz` (Hz)."""
+    """The recording that a lab's log of a simulated drive would give, checked and mended; frames come at `rate_hz`."""
     source, stamps = SourceFile(name, "", "mcap"), drive.frame / rate_hz
     raw = RawTake(name, (source,), stamps, drive.pose, drive.command_time, drive.command, rate_hz)
     return assemble_recording(raw, vehicle)

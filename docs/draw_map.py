@@ -55,12 +55,6 @@ def summary(part: Path) -> str:
     return (doc or "").split("\n\n")[0].replace("\n", " ")
 
 
-def lines(part: Path) -> int:
-    """How many lines of Python a part has."""
-    files = part.rglob("*.py") if part.is_dir() else [part]
-    return sum(len(f.read_text(encoding="utf-8").splitlines()) for f in files)
-
-
 def svg() -> str:
     """The picture."""
     parts = packages()

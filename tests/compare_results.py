@@ -1,7 +1,8 @@
 """`python tests/compare_results.py BEFORE AFTER`: are the figures of two runs the same to the last digit?
 
 BEFORE and AFTER are folders with any of report.json, diagnosis.json and rows.jsonl (of a blind test).  Times, versions
-and digests are left out; fields that only AFTER has are named.  Ends with exit code 1 where a figure differs.
+and digests are left out, by the names of their fields; fields that only AFTER has are named.  Ends with exit code 1
+where a figure differs or a file is missing in AFTER.
 """
 
 from __future__ import annotations
@@ -34,12 +35,15 @@ def read(path: Path) -> Any:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".json":
         return json.loads(text)
-    rows = [json.loads(line)["row"] for line in text.splitlines()]
-    return {row["case"]: row for row in rows}
+    entries = [json.loads(line) for line in text.splitlines()]
+    return {entry["key"].partition(".")[0]: entry["row"] for entry in entries}  # less the code that made it
 
 
 def compare(before: Path, after: Path) -> bool:
     """Print how two files compare; whether every figure of the first is in the second."""
+    if not after.is_file():
+        print(f"{before.name}: missing in {after.parent}")  # noqa: T201
+        return False
     old, new = dict(leaves(read(before))), dict(leaves(read(after)))
     differ = [(k, v, new.get(k, "absent")) for k, v in old.items() if k not in new or new[k] != v]
     added = sorted({k.split("/")[1] if "/" in k else k for k in new.keys() - old.keys() if new[k] is not None})

@@ -118,7 +118,7 @@ def test_nothing_enters_where_nothing_is_missing(null: tuple[Fit, Take]) -> None
     fit, take = null
     ways = direction_gains(estimate_disturbances(fit, take), fit.car())
     assert ways[0].gain_nats < LOCATE_LIMITS.min_gain_nats
-    none = DisturbanceRegression("fy", 0.1, {"fy": 0.1}, (), 0.0, None)
+    none = DisturbanceRegression("fy", 0.1, {"fy": 0.1}, (), 0.0, None, 0.25)
     assert RemainingMismatch(none, gains, ways).channel == "fy"  # where most would be predictable
 
 

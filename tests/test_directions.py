@@ -122,7 +122,7 @@ def test_the_slope_is_the_likelihood_s() -> None:
         assert slope[j] == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
 
 
-NOTHING = DisturbanceRegression("mz", 0.1, {"mz": 0.1}, (), 0.0, None)
+NOTHING = DisturbanceRegression("mz", 0.1, {"mz": 0.1}, (), 0.0, None, 0.25)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_what_explains_most_says_where_it_enters(entering: dict[str, float], nat
 
 def test_what_explains_next_to_nothing_of_what_trees_predict_says_nothing() -> None:
     """A moment against the servo's rate: no function has it, and it is not a floor's either."""
-    predictable = DisturbanceRegression("mz", 0.9, {"mz": 0.9}, (), 1000.0, None)
+    predictable = DisturbanceRegression("mz", 0.9, {"mz": 0.9}, (), 1000.0, None, 0.25)
     left = RemainingMismatch(predictable, {"steering": 11.0}, (DirectionGain("fy", "across the front wheel", 40.0),))
     assert left.channel == "mz"
     assert left._replace(regression=NOTHING).channel == "fy"

@@ -69,7 +69,7 @@ def accuracy_table(found: dict[str, object]) -> str:
 
 def parameters_table(found: dict[str, object]) -> str:
     """How often a car's constants lie in the stated intervals, by what was minimised."""
-    rows = ["| fitted on | constants told | within 95 % | median error | bias, standard errors |"]
+    rows = ["| fitted on | constants stated | within 95 % | median error | bias, standard errors |"]
     rows.append("|---|---|---|---|---|")
     for r in found["rows"]:  # type: ignore[attr-defined]
         if r["symbol"] == "all":

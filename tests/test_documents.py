@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.document import Document
+from bcid.documents.prove import ProveDocument
 from bcid.documents.report import ModelScore, ReportDocument
 from bcid.documents.schemas import DOCUMENTS, schema_text
 from bcid.errors import InputRefused
@@ -22,7 +26,9 @@ def test_the_published_schema_is_that_of_the_code(name: str) -> None:
     assert (DOCS / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8") == schema_text(name)
 
 
-@pytest.mark.parametrize(("kind", "name"), [(DiagnosisDocument, "diagnosis"), (ReportDocument, "report")])
+@pytest.mark.parametrize(
+    ("kind", "name"), [(DiagnosisDocument, "diagnosis"), (ProveDocument, "prove"), (ReportDocument, "report")]
+)
 def test_committed_documents_are_read_and_written_alike(kind: type[Document], name: str, tmp_path: Path) -> None:
     path = DOCS / "results" / f"{name}.json"
     kind.read(path).write(tmp_path / "again.json")
@@ -35,6 +41,30 @@ def test_what_is_not_a_number_is_null() -> None:
     assert ModelScore(model="k-mlp", parameters=3, nmse=float("nan")).as_json()["nmse"] is None
 
 
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ('{"verdict": "named"}', "schema"),
+        ('{"schema": "bcid.diagnosis/1", "verdict": "named", "duration_s": "600"}', "duration_s"),
+        ('{"schema": "bcid.diagnosis/1", "verdict": "named", "duration_s": true}', "duration_s"),
+        ('{"schema": "bcid.diagnosis/2", "verdict": "named"}', "schema"),
+    ],
+)
+def test_nothing_is_read_into_what_is_written(text: str, place: str, tmp_path: Path) -> None:
+    """No default for what a document is, no text or truth value for a number."""
+    (tmp_path / "diagnosis.json").write_text(text)
+    with pytest.raises(InputRefused, match=place):
+        DiagnosisDocument.read(tmp_path / "diagnosis.json")
+
+
+def test_what_is_not_a_number_is_written_and_read_as_null(tmp_path: Path) -> None:
+    document = DiagnosisDocument(verdict="unknown", channels={"fx": float("nan")}, duration_s=float("inf"))
+    document.write(tmp_path / "diagnosis.json")
+    again = DiagnosisDocument.read(tmp_path / "diagnosis.json")
+    assert math.isnan(again.channels["fx"])
+    assert again.duration_s is None
+
+
 def test_a_damaged_document_is_refused_by_field(tmp_path: Path) -> None:
     path = tmp_path / "diagnosis.json"
     path.write_text('{"schema": "bcid.diagnosis/1", "verdict": "perhaps", "horizons": [{"lost": 1}]}')
@@ -45,3 +75,23 @@ def test_a_damaged_document_is_refused_by_field(tmp_path: Path) -> None:
         DiagnosisDocument.read(path)
     with pytest.raises(InputRefused, match="cannot be read"):
         DiagnosisDocument.read(tmp_path / "absent.json")
+
+
+@pytest.mark.parametrize(
+    ("after", "code", "said"),
+    [
+        ({"nmse": 0.123, "seconds": 2.0, "added": 1}, 0, "0 differ; added: added"),
+        ({"nmse": 0.124, "seconds": 1.0}, 1, "/nmse: 0.123 -> 0.124"),
+        ({}, 1, "report.json: missing in"),
+    ],
+    ids=["same", "one digit", "no file"],
+)
+def test_two_runs_are_compared_to_the_last_digit(after: dict[str, float], code: int, said: str, tmp_path: Path) -> None:
+    for name, content in (("before", {"nmse": 0.123, "seconds": 1.0}), ("after", after)):
+        (tmp_path / name).mkdir()
+        if content:
+            (tmp_path / name / "report.json").write_text(json.dumps(content), encoding="utf-8")
+    command = [sys.executable, str(Path(__file__).parent / "compare_results.py"), "before", "after"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert said in done.stdout
+    assert done.returncode == code, done.stderr

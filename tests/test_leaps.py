@@ -27,7 +27,7 @@ class Valley:
         self.calls, self._objective = 0, objective
         self.asked: list[float] = []  # where it was asked how predictions answer
         monkeypatch.setattr(refit_with_pushes, "_evaluate_twice", self._standing)
-        monkeypatch.setattr(newton, "tangent_at", lambda of, now: self.asked.append(float(now.phi[0])))
+        monkeypatch.setattr(newton, "tangent_at", lambda problem, now: self.asked.append(float(now.phi[0])))
         monkeypatch.setattr(newton, "slope_and_curvature", self._slope)
 
     hypothesis = property(lambda self: self)
@@ -35,21 +35,21 @@ class Valley:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.bound])
 
-    def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> RefitState:
+    def _standing(self, problem: Any, phi: np.ndarray, start: Any, scales: Any) -> RefitState:
         self.calls += 1
-        found = self._objective(float(phi[0]), self.calls)
-        if np.isnan(found):
+        objective = self._objective(float(phi[0]), self.calls)
+        if np.isnan(objective):
             raise PredictionDiverged
         nothing: Any = None
-        return RefitState(phi, start, scales, nothing, nothing, nothing, found)
+        return RefitState(phi, start, scales, nothing, nothing, nothing, objective)
 
-    def _slope(self, of: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
+    def _slope(self, problem: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
         return np.clip([FAR - now.phi[0]], -STEP, STEP), np.eye(1)
 
 
 def leap(valley: Valley) -> float:
-    of: Any = valley
-    return float(refit_by_leaps(of, np.zeros(1), *(None, None), 24)[1].phi[0])  # type: ignore[arg-type]
+    problem: Any = valley
+    return float(refit_by_leaps(problem, np.zeros(1), *(None, None), 24)[1].phi[0])  # type: ignore[arg-type]
 
 
 def test_a_straight_valley_is_crossed_in_ever_longer_leaps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,10 +85,10 @@ def test_where_predictions_have_no_slope_no_refit_ends(monkeypatch: pytest.Monke
     valley = Valley(monkeypatch, lambda phi, n: phi)
     slope = valley._slope
 
-    def edge(of: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
+    def edge(problem: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
         if now.phi[0] > 5.0:
             raise PredictionDiverged
-        return slope(of, tangent, now)
+        return slope(problem, tangent, now)
 
     monkeypatch.setattr(newton, "slope_and_curvature", edge)
     assert 3.0 < leap(valley) <= 5.0
@@ -122,20 +122,20 @@ def test_over_an_edge_all_else_goes_on_without_the_place(monkeypatch: pytest.Mon
         def bounds(self) -> tuple[np.ndarray, np.ndarray]:
             return np.array([-np.inf, -10.0]), np.array([np.inf, 10.0])
 
-        def _standing(self, of: Any, phi: np.ndarray, start: Any, scales: Any) -> RefitState:
-            state = super()._standing(of, phi, start, scales)
+        def _standing(self, problem: Any, phi: np.ndarray, start: Any, scales: Any) -> RefitState:
+            state = super()._standing(problem, phi, start, scales)
             return state._replace(objective=state.objective - (100.0 if phi[1] > self.edge else -phi[1]))
 
-        def _slope(self, of: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
-            slope, _ = super()._slope(of, tangent, now)
+        def _slope(self, problem: Any, tangent: Any, now: RefitState) -> tuple[np.ndarray, np.ndarray]:
+            slope, _ = super()._slope(problem, tangent, now)
             return np.array([slope[0], 0.1]), np.eye(2)
 
-    of: Any = Floor(monkeypatch, lambda phi, n: -abs(phi - FAR))
-    end = refit_by_leaps(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
+    problem: Any = Floor(monkeypatch, lambda phi, n: -abs(phi - FAR))
+    end = refit_by_leaps(problem, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
     assert end[0] == pytest.approx(FAR, abs=STEP)
     assert end[1] == 0.0
     monkeypatch.setattr(Floor, "edge", 1.0)  # before which the place gains by moving too
-    end = refit_by_leaps(of, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
+    end = refit_by_leaps(problem, np.zeros(2), *(None, None), 24)[1].phi  # type: ignore[arg-type]
     assert end[0] == pytest.approx(FAR, abs=STEP)
     assert 0.0 < end[1] <= 1.0
 
@@ -153,17 +153,17 @@ def test_free_parts_settle_anew_for_the_scales_found_with_them_where_that_gains(
 ) -> None:
     given: list[Any] = []
 
-    def standing_at(of: Any, phi: Any, start: Any, scales: Any, em: int) -> RefitState:
+    def standing_at(problem: Any, phi: Any, start: Any, scales: Any, em: int) -> RefitState:
         given.append((start, scales))
         n, objective = len(given), (0.0, then)[len(given) - 1]
         if np.isnan(objective):
             raise PredictionDiverged
         nothing: Any = None
-        return RefitState(phi, n, n, nothing, n, nothing, objective)  # type: ignore[arg-type]
+        return RefitState(phi, n, n, nothing, ("tangent", n), nothing, objective)  # type: ignore[arg-type]
 
     monkeypatch.setattr(newton, "evaluate_at", standing_at)
     anything: Any = None
     now = refit_with_pushes._evaluate_twice(anything, np.zeros(1), *(0, 0))  # type: ignore[arg-type]
     assert now.objective == settled
-    assert now.start == now.A  # the tangent belongs to it
+    assert ("tangent", now.start) == now.A  # the tangent belongs to it
     assert given == [(0, 0), (1, 1)]  # from what was found first

@@ -26,7 +26,7 @@ from bcid.experiment.simulate import observe_states
 from bcid.likelihood import nuisance
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.lane_rollout import segment_layout
-from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import (
     NU,
     MarginalTerms,
@@ -39,8 +39,8 @@ from bcid.likelihood.marginal import (
     segment_moments,
     student_log_densities,
 )
-from bcid.likelihood.newton import MAX_SEGMENT_LOSS, evaluate_at, move_initial_states, parameter_jacobian
 from bcid.likelihood.newton import RefitProblem as Fitted
+from bcid.likelihood.newton import evaluate_at, move_initial_states, parameter_jacobian
 from bcid.likelihood.nuisance import (
     NuisanceSolution,
     _damped_step,
@@ -671,14 +671,13 @@ def test_segments_that_are_lost_settle_under_what_pushes_the_others(
     take = part._replace(pose=pose, pushed=True)
 
     def lost(start: np.ndarray, r: np.ndarray) -> int:
-        return int(
-            (~(nuisance.segment_misfit(take, start, r, LOUD) < nuisance.LOST_MISFIT * 3.0 * np.diff(take.first))).sum()
-        )
+        misfit = nuisance.segment_misfit(take, start, r, LOUD)
+        return int((~(misfit < SEGMENT_LIMITS.lost_misfit * 3.0 * np.diff(take.first))).sum())
 
     found = solve_nuisance(take, setting, take.start, LOUD)
     assert lost(found.start, found.r) == 0
     np.testing.assert_allclose(found.start[:, N_START:], true[:, N_START:], atol=0.05)
-    monkeypatch.setattr(nuisance, "MAX_MEDIAN_SHARE", 0.0)
+    monkeypatch.setattr(nuisance, "SEGMENT_LIMITS", replace(SEGMENT_LIMITS, max_median_share=0.0))
     without = solve_nuisance(take, setting, take.start, LOUD)
     assert lost(without.start, without.r) > 0
 
@@ -687,9 +686,9 @@ def test_the_segments_that_are_not_lost_say_what_usually_pushes(part: Take) -> N
     """Their median, on beginnings as the recording has them; nothing, where all are lost."""
     start, lost = shoved(part) + 0.5, np.ones(part.segments, dtype=bool)
     start[0, N_START:] = 100.0  # of three, no matter how far off
-    np.testing.assert_array_equal(nuisance._retry_starts(part, start, lost)[2], part.start)
+    np.testing.assert_array_equal(nuisance._median_pushes(part, start, lost), part.start)
     lost[:3] = False
-    begin = nuisance._retry_starts(part, start, lost)[2]
+    begin = nuisance._median_pushes(part, start, lost)
     np.testing.assert_array_equal(begin[:, :N_START], part.start[:, :N_START])
     np.testing.assert_array_equal(begin[:, N_START:], [np.maximum(*start[1:3, N_START:])] * part.segments)
 
@@ -742,7 +741,7 @@ def test_a_segment_that_is_thrown_off_holds_no_other_where_it_is(part: Take) -> 
     others = np.arange(take.segments) != 3
     np.testing.assert_array_equal(there.start[3], start[3])
     np.testing.assert_allclose(there.start[others, :N_START], (start + now.terms.z)[others, :N_START])
-    assert (student_log_densities(there.terms) > student_log_densities(now.terms) - MAX_SEGMENT_LOSS).all()
+    assert (student_log_densities(there.terms) > student_log_densities(now.terms) - SEGMENT_LIMITS.max_loss_nats).all()
     np.testing.assert_allclose(there.r, of.residuals(phi, there.start), atol=1e-12)
 
 

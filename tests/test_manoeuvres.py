@@ -36,7 +36,7 @@ from bcid.experiment.manoeuvres import (
 from bcid.experiment.patterns import COMMAND_HZ, PATTERNS
 from bcid.experiment.plan import NOMINAL_SCALES, REST_S, largest_throttle, nominal_car, plan_drives
 from bcid.experiment.simulate import NO_NOISE, commands_only_take, simulate_states, simulate_take
-from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import parameter_jacobian
@@ -105,7 +105,7 @@ def holding(name: str, *values: float) -> tuple[Hypothesis, np.ndarray]:
 
 def unfitted(hypothesis: Hypothesis, phi: np.ndarray) -> Any:
     """An explanation of which nothing but the base parameters is refitted, and they are known by their prior alone."""
-    known = PRIOR_SD**2 * np.eye(hypothesis.base_size)
+    known = LIKELIHOOD_LIMITS.base_prior_sd**2 * np.eye(hypothesis.base_size)
     return SimpleNamespace(hypothesis=hypothesis, phi=phi, scales=SCALES, covariance=known)
 
 
@@ -229,7 +229,7 @@ def test_a_score_is_what_base_parameters_leave() -> None:
     assert 0.0 <= moved.score() < 0.05 * 0.5 * moved.square
     apart = measure_separation(drive, one, unfitted(BASE, BASE.phi_of(CAR)))
     assert 0.0 < apart.score(1) < apart.score(2) < 2.5 * apart.score(1)
-    np.testing.assert_allclose(apart.known, np.eye(BASE.base_size) / PRIOR_SD**2)
+    np.testing.assert_allclose(apart.known, np.eye(BASE.base_size) / LIKELIHOOD_LIMITS.base_prior_sd**2)
     assert find_discriminating_drive(one, one, TOP) is None
 
 
@@ -407,10 +407,19 @@ def test_the_nominal_car_is_the_vehicle_file_s() -> None:
     assert (bumper.d, bumper.T_s, bumper.front_share, bumper.sets_force) == (1.418, 0.15, 1.0, 0.0)
     assert (fast.m, fast.front_share, fast.l_f) == (3.5, 0.4, 0.16)
     assert (force.m, force.front_share, force.T_s, force.sets_force) == (1.0, 0.0, 0.1, 1.0)
+    assert (fast.T_s, fast.d) == (0.15, 2.0)  # which its file omits
+    slow = VEHICLES["fast"].model_copy(update={"steering": Steering(max_angle_rad=0.42, time_constant_s=0.2)})
+    assert (nominal_car(slow).T_s, nominal_car(slow).d) == (0.2, 2.0)
     assert top_speed(force, largest_throttle(VEHICLES["force"])) > 1.0
     assert (
         top_speed(force._replace(K_t=30.0, K_v=1e-3, R_1=0.0, R_2=0.0), 1.0) == MAX_SPEED_MPS
     )  # nothing holds it back
+
+
+def test_a_plan_s_largest_throttle_is_the_vehicle_file_s_or_the_usual_one() -> None:
+    unstated = VEHICLES["bumper"].model_copy(update={"motor": Motor()})
+    throttles = [largest_throttle(vehicle) for vehicle in (*VEHICLES.values(), unstated)]
+    assert throttles == [TOP, 7.0, 1.0, 2.0]  # m/s, but 1 where the throttle sets a force
 
 
 def test_sizes_are_asked_for_as_they_suit_the_vehicle() -> None:

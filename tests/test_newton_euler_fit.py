@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from cars import CAR
 
-from bcid.errors import PredictionDiverged
+from bcid.errors import InputRefused, PredictionDiverged
 from bcid.estimate.types import Estimate
 from bcid.models.fitting import levenberg_marquardt
 from bcid.models.fitting.levenberg_marquardt import NormalEquations
 from bcid.models.fitting.windows import Windows, cut_windows, inverse_spread, loss_steps
+from bcid.models.interface import FitTask
+from bcid.models.newton_euler import fit_to_twists
 from bcid.models.newton_euler.fit_to_twists import TwistObjective
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.objective import TransposedWindows, predict_twists, twist_nmse
@@ -123,6 +125,17 @@ def test_a_start_that_leaves_the_numbers_is_no_start() -> None:
     assert found.x == pytest.approx([0.2])
     with pytest.raises(PredictionDiverged):
         levenberg_marquardt.minimise_squares(at, at, [np.array([0.9])], lambda share, text: None)
+
+
+def test_takes_that_no_car_follows_are_refused(
+    estimates: list[Estimate], vehicle: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def diverge(*_: object) -> None:
+        raise PredictionDiverged("no start of the fit stays within the finite numbers")
+
+    monkeypatch.setattr(fit_to_twists, "minimise_squares", diverge)
+    with pytest.raises(InputRefused, match="cannot follow them: no start"):
+        NewtonEuler.fit(FitTask(estimates, vehicle, {}, 1))
 
 
 def test_the_description_says_what_is_tied_and_what_is_held(estimates: list[Estimate], tmp_path: Path) -> None:

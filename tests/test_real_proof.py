@@ -14,7 +14,8 @@ import pytest
 from cars import CAR
 
 from bcid.cli.app import main
-from bcid.diagnosis.judge.held_out import LONGEST_BLOCK_S, block_length_s
+from bcid.diagnosis.judge.held_out import block_length_s
+from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference import reference_from_parameters
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.constants import Constants
@@ -23,7 +24,8 @@ from bcid.effects.measurement import tracked_pose
 from bcid.effects.table import ENTRIES, effect_switches
 from bcid.errors import InputRefused, PredictionDiverged
 from bcid.estimate.types import Estimate
-from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.proof.real import edited, run_questions, scoring, withheld
 from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
@@ -194,7 +196,7 @@ def test_what_matters_is_asked_and_a_control_is_anyway(
 
 def test_blocks_are_short_in_a_short_take_and_never_long() -> None:
     lengths = [block_length_s(SimpleNamespace(T=T)) for T in (60.0, 120.0, 600.0, 3600.0)]  # type: ignore[arg-type]
-    assert lengths == [5.0, 10.0, LONGEST_BLOCK_S, LONGEST_BLOCK_S]
+    assert lengths == [5.0, 10.0, JUDGE_LIMITS.max_block_s, JUDGE_LIMITS.max_block_s]
 
 
 def test_a_published_motor_may_fade(estimates: list[Estimate]) -> None:
@@ -212,7 +214,7 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     start = free.with_effects().phi_of(CAR._replace(K_t=300.0), values)
     centre, stiffness = free.with_effects().prior(start)
     np.testing.assert_array_equal(centre, start)  # weak, about where the refit starts
-    assert set(stiffness) == {0.0, PRIOR_SD**-2}
+    assert set(stiffness) == {0.0, LIKELIHOOD_LIMITS.base_prior_sd**-2}
     trusting = free.trust_simulation(values, 0.02).with_effects("yaw_scrub")
     more = trusting.phi_of(CAR._replace(K_t=300.0), [*values, 13.0])
     centre, stiffness = trusting.prior(more)
@@ -227,7 +229,8 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     changed = np.flatnonzero(otherwise != stiffness)
     np.testing.assert_array_equal(changed, [trusting.log_parameters.index("K_t"), lag])
     assert otherwise[changed] == pytest.approx([0.1**-2, (0.5 * max(centre[lag], 1.0)) ** -2])
-    assert stiffness[lag + 1] == pytest.approx(PRIOR_SD**-2)  # a gain of raw commands belongs to no simulation
+    # a gain of raw commands belongs to no simulation
+    assert stiffness[lag + 1] == pytest.approx(LIKELIHOOD_LIMITS.base_prior_sd**-2)
     assert stiffness[-1] == 0.0  # nor does what may be missing
     measured = free.trust_simulation(values, 0.02, {"steering_scale": 0.04}).with_effects(
         "yaw_scrub"

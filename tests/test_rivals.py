@@ -25,7 +25,7 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.score_test import Trial, TrialChanges
 
 TAKE: Any = None
-NOTHING_LEFT = DisturbanceRegression("fx", 0.0, {}, (), 0.0, None)
+NOTHING_LEFT = DisturbanceRegression("fx", 0.0, {}, (), 0.0, None, 0.25)
 
 
 def fit(penalised_log_likelihood: float, *effects: str) -> Any:
@@ -151,7 +151,7 @@ def test_under_pushes_an_effect_is_exchanged_for_others_at_their_sizes(monkeypat
 @pytest.mark.parametrize(("gained", "enough"), [(30.0, True), (20.0, False), (11.0, False)])
 def test_a_further_effect_explains_a_fair_share_of_what_is_left(gained: float, enough: bool) -> None:
     """A quarter of what trees predict; where they predict nothing, a gain beyond chance is enough."""
-    left = DisturbanceRegression("fy", 0.9, {}, (), 100.0, None)
+    left = DisturbanceRegression("fy", 0.9, {}, (), 100.0, None, 0.25)
     assert forward_backward._explains_enough(fit(0.0), fit(gained), left, 14.0) is enough
     assert forward_backward._explains_enough(fit(0.0), fit(gained), NOTHING_LEFT, 14.0) is (gained > 14.0)
 
@@ -175,7 +175,7 @@ def test_beside_what_was_found_all_others_are_tried_where_much_is_left(
     monkeypatch.setattr(forward_backward.refits, "refit_from_large_sizes", lambda *_: [])
     monkeypatch.setattr(forward_backward, "effects_without_place", lambda fit, others: ("rear_drag_asymmetry",))
     monkeypatch.setattr(forward_backward, "refit_from_sizes", lambda fit, take, names, least: ([found], names))
-    left, take = DisturbanceRegression("fx", 0.9, {}, (), 100.0, None), SimpleNamespace(pushed=pushed)
+    left, take = DisturbanceRegression("fx", 0.9, {}, (), 100.0, None, 0.25), SimpleNamespace(pushed=pushed)
     problem: Any = SimpleNamespace(take=take, excluded=("motor_lag",))
     state: Any = SimpleNamespace(best=best, from_sizes=(), nulls=SimpleNamespace(gate=14.0))
     fits, names = forward_backward._widen_refits(problem, state, [first], left, 14.0)
@@ -236,7 +236,7 @@ def test_only_what_pushes_where_something_is_left_stands_in_for_it(
 ) -> None:
     seen = {"best": shoved(1.0, 1.0, 1.0), "no lag": shoved(3.0, 1.0, 1.0), "no scrub": shoved(1.0, 1.1, 3.0)}
     monkeypatch.setattr(proxies, "estimate_disturbances", lambda fit, take: seen[fit])
-    left = DisturbanceRegression("fy", max(standing.values()), standing, (), 50.0, None)
+    left = DisturbanceRegression("fy", max(standing.values()), standing, (), 50.0, None, 0.25)
     shown: Any = proxies._Evidence(
         "best", {"motor_lag": "no lag", "yaw_scrub": "no scrub"}, RemainingMismatch(left, {}, ())
     )  # type: ignore[arg-type,dict-item]
@@ -304,7 +304,7 @@ def test_half_as_much_may_be_left_beside_pushes_as_is_explained(
         {"front_coulomb_friction": SimpleNamespace(penalised_log_likelihood=0.0)},
     )
     pushed: Any = SimpleNamespace(pushed=True)
-    predicted = DisturbanceRegression("fx", 0.9, {"fx": 0.9}, (), 210.0, None)
+    predicted = DisturbanceRegression("fx", 0.9, {"fx": 0.9}, (), 210.0, None, 0.25)
     for left, entering in ((NOTHING_LEFT, {"motor": 210.0}), (predicted, {})):
         found = proxies._select_proxies(
             proxies._Evidence(*fits, RemainingMismatch(left, entering, ())), pushed, None, 100.0

@@ -28,7 +28,8 @@ from bcid.errors import InputRefused, UsageError
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.likelihood.hypothesis import DRAG, PRIOR_SD, SPEED_LAW, TYRES, Hypothesis
+from bcid.likelihood.hypothesis import DRAG, SPEED_LAW, TYRES, Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import Tangent
 from bcid.likelihood.prepare import base_hypothesis
@@ -169,8 +170,8 @@ def test_only_what_is_published_is_trusted(tmp_path: Path, estimates: list[Estim
         )
         assert hypothesis.trusted_simulation is not None
         sd = dict(zip(hypothesis.log_parameters, hypothesis.trusted_simulation.sd, strict=False))
-        assert (sd["K_t"], sd["C_f"], sd["d"]) == (0.05, 0.02, PRIOR_SD)
-        assert sd["T_s"] == (0.02 if said else PRIOR_SD)
+        assert (sd["K_t"], sd["C_f"], sd["d"]) == (0.05, 0.02, LIKELIHOOD_LIMITS.base_prior_sd)
+        assert sd["T_s"] == (0.02 if said else LIKELIHOOD_LIMITS.base_prior_sd)
 
 
 def test_an_effect_beyond_its_bounds_is_refused_not_clipped(

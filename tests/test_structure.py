@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import importlib.util
 from collections import Counter
 from collections.abc import Iterator
@@ -28,6 +29,16 @@ def test_no_module_imports_itself_through_others() -> None:
         for m in ends:
             del below[m]
     assert sorted(below) == []
+
+
+PACKAGES = [p for p in MODULES if p.name == "__init__.py" and p.parent.name not in ("bcid", "stages")]
+
+
+@pytest.mark.parametrize("path", PACKAGES, ids=lambda path: path.parent.relative_to(ROOT).as_posix())
+def test_a_package_s_docstring_names_all_that_is_in_it(path: Path) -> None:
+    parts = [p for p in path.parent.iterdir() if p.suffix == ".py" or (p / "__init__.py").is_file()]
+    doc = ast.get_docstring(MODULES[path]) or ""
+    assert [p.stem for p in sorted(parts) if p.stem[0] != "_" and f"`{p.stem}`" not in doc] == []
 
 
 def functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
@@ -67,26 +78,42 @@ def test_docstrings_stand_alone() -> None:
     assert leaning == []
 
 
-@pytest.mark.parametrize("path", LIMITS, ids=lambda path: path.parent.name)
+def used_limits() -> set[tuple[str, str, str]]:
+    """Module and name of a dataclass in a limits.py, and a field that another module reads from an instance of it."""
+    used = set()
+    for path, tree in MODULES.items():
+        nodes = [] if path in LIMITS else list(ast.walk(tree))
+        kinds = {
+            alias.asname or alias.name: type(getattr(importlib.import_module(node.module), alias.name))
+            for node in nodes
+            if isinstance(node, ast.ImportFrom) and node.module and node.module.endswith(".limits")
+            for alias in node.names
+        }
+        used |= {
+            (kinds[node.value.id].__module__, kinds[node.value.id].__name__, node.attr)
+            for node in nodes
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in kinds
+        }
+    return used
+
+
+USED_LIMITS = used_limits()
+
+
+@pytest.mark.parametrize("path", LIMITS, ids=lambda path: ".".join(path.relative_to(ROOT).parts[1:-1]))
 def test_every_limit_gives_its_reason_and_is_used(path: Path) -> None:
-    """A limit is a field of a frozen dataclass with a reason (a string or a comment above it), read by some module."""
+    """A limit is a field of a frozen dataclass, read by some module, with its own reason: a comment or a string."""
     lines = path.read_text(encoding="utf-8").splitlines()
-    used = {
-        node.attr
-        for other, tree in MODULES.items()
-        if other not in LIMITS
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute)
-    }
+    module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
     for kind in (n for n in MODULES[path].body if isinstance(n, ast.ClassDef)):
         assert "frozen=True" in ast.unparse(kind.decorator_list[0]), kind.name
         for i, field in enumerate(kind.body):
             if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
                 name, after = f"{kind.name}.{field.target.id}", kind.body[i + 1 : i + 2]
-                above = next(line for line in lines[field.lineno - 2 :: -1] if ": " not in line or "#" in line)
-                told = after and isinstance(after[0], ast.Expr) and isinstance(after[0].value, ast.Constant)
-                assert told or above.lstrip().startswith("#") or " #" in lines[field.lineno - 1], name
-                assert field.target.id in used, f"{name} is not used"
+                below = after and isinstance(after[0], ast.Expr) and isinstance(after[0].value, ast.Constant)
+                above = lines[field.lineno - 2].lstrip().startswith("#")
+                assert above or below or " #" in lines[field.lineno - 1], f"{name} has no reason of its own"
+                assert (module, kind.name, field.target.id) in USED_LIMITS, f"{name} is not used"
 
 
 def test_the_map_is_drawn_from_the_imports_as_they_are() -> None:

@@ -52,9 +52,10 @@ class AccuracyFile(Settings):
 
 
 def read_accuracy_file(path: Path, recordings: Path | None, out: Path) -> Iterator[tuple[str, PipelineConfig]]:
-    """Yield the name and pipeline configuration of each data set in an accuracy file; artifacts are kept under `out`.
+    """Yield (name, pipeline configuration) of each data set in an accuracy benchmark's TOML file `path`.
 
-    Data sets of real recordings are skipped where their folder `recordings` is not given.
+    Simulated drives are written, and the artifacts of the pipeline kept, under `out`.  Data sets of real recordings are
+    skipped where `recordings`, the folder that holds them, is None.
     """
     file = read_toml(path, AccuracyFile, "accuracy file", "pipelines/accuracy.toml is one")
     usual = read_pipeline_file(path.parent / file.pipeline)
@@ -73,7 +74,10 @@ def read_accuracy_file(path: Path, recordings: Path | None, out: Path) -> Iterat
 
 
 def _write_simulated_takes(data: DataSet, folder: Path) -> tuple[Path, tuple[Path, ...], Path]:
-    """Write a simulated car's vehicle file, its training take and its validation take; returns their paths."""
+    """Write a simulated car's vehicle file, training and validation recordings (MCAP) to `folder`; return the paths.
+
+    A recording that an earlier run wrote with the same seed, length and simulation code is kept.
+    """
     vehicle, paths = folder / "bumper_car.toml", []
     code = stage_code("bcid.simulation.samples").digest[:8]  # takes of another simulation are others
     for k, (name, seconds) in enumerate((("training", data.simulated_s or 0.0), ("validation", data.validation_s))):
@@ -88,9 +92,10 @@ def _write_simulated_takes(data: DataSet, folder: Path) -> tuple[Path, tuple[Pat
 
 
 def compare_models(name: str, config: PipelineConfig, seeds: Sequence[int]) -> Iterator[dict[str, Any]]:
-    """Yield a row with the NMSE by horizon for each seed and each model: ours as configured, and those of the peers.
+    """Yield a row for each seed and model with the normalised mean square error (NMSE) of its twists by horizon.
 
-    Peers that are not installed are skipped; one that raises gives a row with its error.
+    Models are those that `config` fits ("ours": True) and those of the PEERS that are installed.  All are fitted to
+    the training recordings and scored on the validation recording.  A peer whose fit raises gives a row with "error".
     """
     work = Pipeline(config)
     training = [load_estimate(work.estimate(p).folder) for p in config.training]
@@ -116,9 +121,10 @@ def compare_models(name: str, config: PipelineConfig, seeds: Sequence[int]) -> I
 
 
 def _score_horizons(model: SupportsRollout, take: Estimate, weights: Any) -> dict[str, Any]:
-    """NMSE of a model's twists on a take by horizon: rollouts restarted every horizon, then one through the whole take.
+    """NMSE of the twists that a model predicts on a take: {"horizons": {name: {"nmse", "ci95"}}} by HORIZON_NAMES.
 
-    A row at which a rollout restarts is not scored; a horizon at which the model diverges has None.
+    Predictions restart from the estimate every 0.5, 2 or 10 s, or run through the whole take ("end").  Rows at which
+    one restarts are not scored; a horizon at which one diverges has None.  `weights` (3,) are 1/sd of the twist.
     """
     scores = {}
     for name, horizon in zip(HORIZON_NAMES, (*HORIZONS_S, None), strict=True):
@@ -134,7 +140,11 @@ def _score_horizons(model: SupportsRollout, take: Estimate, weights: Any) -> dic
 
 
 def summarise_accuracy(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> dict[str, Any]:
-    """The benchmark's JSON: median NMSE and spread over seeds for each data set and model, and the goals missed."""
+    """The accuracy benchmark's JSON: a table of median NMSE and spread over seeds, the goals missed, and all `rows`.
+
+    `rows` are those of `compare_models`.  The table has a line for each data set and model; its "spread" is (largest -
+    smallest NMSE) / median.  The fields of `about` are taken over as they are.
+    """
     table = []
     for data in dict.fromkeys(r["data"] for r in rows):
         mine = [r for r in rows if r["data"] == data]
@@ -157,9 +167,10 @@ def summarise_accuracy(rows: Sequence[Mapping[str, Any]], about: Mapping[str, An
 
 
 def _missed_goals(table: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Sentences that say where a model of ours diverges, depends on its seed, or has a higher NMSE than a peer's.
+    """Sentences on where a model of ours diverges, changes with the seed, or has a higher NMSE than a peer's model.
 
-    On the simulated hour each model in SMALLEST has to beat every peer; elsewhere the best of ours has to.
+    `table` is that of `summarise_accuracy`.  On the data set HOUR each model in SMALLEST must beat every peer, stay
+    below `ACCURACY.max_hour_nmse` and, unless it is Newton-Euler, beat that; elsewhere our best must beat the peers.
     """
     missed, horizons = [], [k for k in table[0] if isinstance(table[0][k], Mapping)]
     for data in dict.fromkeys(line["data"] for line in table):

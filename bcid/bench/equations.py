@@ -22,9 +22,10 @@ class ElementaryFunctions(NamedTuple):
 
 
 def state_rate(state: Any, u_s: Any, u_m: Any, p: Car, f: ElementaryFunctions) -> tuple[Any, Any, Any, Any]:
-    """Time derivative of [v_x, v_y, omega, delta] of the Newton-Euler car `p` under u_s (rad) and u_m (m/s).
+    """Time derivative of the state [v_x, v_y, omega, delta] (SI, body frame) of the Newton-Euler car `p`.
 
-    The state may be numbers, arrays or symbols of any library whose elementary functions are given as `f`.
+    u_s is the steering command (rad); u_m is the reference speed (m/s) where positive and the share of braking where
+    negative.  All may be numbers, arrays or symbols of any library whose elementary functions are given as `f`.
     """
     v_x, v_y, omega, delta = state
     s, c = f.sin(delta), f.cos(delta)
@@ -50,7 +51,10 @@ def state_rate(state: Any, u_s: Any, u_m: Any, p: Car, f: ElementaryFunctions) -
 def advance_period(
     state: tuple[Any, ...], u_s: Any, u_m: Any, p: Car, period: float, f: ElementaryFunctions
 ) -> tuple[Any, ...]:
-    """The state [v_x, v_y, omega, delta] of the car `p` after `period` (s), by two RK4 steps of `state_rate`."""
+    """State [v_x, v_y, omega, delta] of the Newton-Euler car `p` after `period` (s), by two RK4 steps of `state_rate`.
+
+    The commands u_s (rad) and u_m (m/s) are constant over the period; `f` has the library's elementary functions.
+    """
     h = 0.5 * period
     for _ in range(2):
         k1 = state_rate(state, u_s, u_m, p, f)

@@ -26,15 +26,19 @@ SAMPLES = 36_000  # of an hour at 10 Hz
 
 
 def simulate_motion(seed: int = 1, seconds: float = HOUR_S) -> Estimate:
-    """The smoothed motion of a simulated drive of `seconds`, estimated at 10 Hz."""
+    """Smoothed motion (twists and states at 10 Hz) of a simulated drive of `seconds`, estimated from poses at 60 Hz.
+
+    The simulated car has REAL_EXTRAS: bearing drag, soft tyres, a rough floor and a rear axle that no model describes.
+    """
     vehicle, drive = simulated_vehicle(), simulate_drive(Plant(**REAL_EXTRAS), Sensor(), seconds, seed)
     return estimate_motion(record_drive(drive, 60.0, vehicle), vehicle, TUNING)
 
 
 def time_white_box_fit(repeats: int) -> Iterator[Timing]:
-    """Time a Newton-Euler fit by least squares against one by deap's genetic algorithm, once each whatever `repeats`.
+    """Yield one timing: a Newton-Euler fit to a simulated hour by Levenberg-Marquardt against deap's genetic algorithm.
 
-    The timing's `difference` is NMSE of least squares / NMSE of the genetic algorithm - 1.
+    Each fit is timed once, whatever `repeats`.  The timing's `difference` is NMSE of Levenberg-Marquardt / NMSE of the
+    genetic algorithm - 1.
     """
     take, vehicle = simulate_motion(), simulated_vehicle()
     settings = NewtonEulerSettings().model_dump()
@@ -54,7 +58,10 @@ def time_white_box_fit(repeats: int) -> Iterator[Timing]:
 
 
 def time_filters(repeats: int) -> Iterator[Timing]:
-    """Time the compiled extended Kalman filter and its smoother against filterpy's on the same poses."""
+    """Yield timings of our compiled extended Kalman filter and RTS smoother against filterpy's, on 20 s of poses.
+
+    Times are medians of `repeats` turns; `difference` is the largest between the two results, over all states.
+    """
     from bcid.estimate import reference
 
     vehicle = simulated_vehicle()
@@ -75,7 +82,10 @@ def time_filters(repeats: int) -> Iterator[Timing]:
 
 
 def time_training_epoch(repeats: int) -> Iterator[Timing]:
-    """Time an epoch of training a perceptron on an hour's samples at 10 Hz against a loop over torch's DataLoader."""
+    """Yield the timing of an epoch of training a perceptron in torch: batches of tensors against torch's DataLoader.
+
+    Both train on 36 000 random samples, as many as an hour has at 10 Hz, in max(3, repeats // 3) turns each.
+    """
     import torch
     from torch.utils.data import DataLoader, TensorDataset
 

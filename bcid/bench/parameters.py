@@ -28,9 +28,10 @@ PLANT_FIELDS = {
 
 
 def fit_simulated_take(seed: int, seconds: float, losses: Sequence[str] = LOSSES) -> list[dict[str, Any]]:
-    """Fit a Newton-Euler car by each loss to one simulated take of the paper's car, whose constants are known.
+    """Fit a Newton-Euler car by each of `losses` to a simulated drive of `seconds`, whose car has known constants.
 
-    Returns a row for each loss and constant, with its relative error `off` and the relative standard error stated.
+    Returns a row for each loss and identified constant: "loss", "seed", "symbol", "off" (fitted / true - 1) and
+    "relative_se" (the standard error that the fit states / the fitted value).
     """
     plant, vehicle = Plant(), simulated_vehicle()
     recording = record_drive(simulate_drive(plant, Sensor(), seconds, seed), 60.0, vehicle)
@@ -48,13 +49,20 @@ def fit_simulated_take(seed: int, seconds: float, losses: Sequence[str] = LOSSES
 
 
 def fit_simulated_takes(fits: int, seconds: float, seed: int, cores: int) -> Iterator[list[dict[str, Any]]]:
-    """Yield the rows of `fit_simulated_take` for `fits` takes with consecutive seeds, computed by `cores` processes."""
+    """Yield, drive by drive, the rows of `fit_simulated_take` for `fits` simulated drives of `seconds` each.
+
+    Their seeds are `seed`, `seed` + 1 and so on; the fits run in `cores` processes.
+    """
     with ProcessPoolExecutor(cores, get_context("spawn"), numba.set_num_threads, (1,)) as pool:
         yield from pool.map(fit_simulated_take, range(seed, seed + fits), [seconds] * fits)
 
 
 def summarise_recovery(rows: Sequence[Mapping[str, Any]], about: Mapping[str, Any]) -> dict[str, Any]:
-    """The benchmark's JSON: for each loss and constant the coverage of its 95 % intervals, its bias and its error."""
+    """The parameter benchmark's JSON: how well fits recover known constants, for each loss and constant and for "all".
+
+    From `rows` of `fit_simulated_take`: the share of 95 % intervals that hold the true constant, the median relative
+    error, the median (bias) and RMS of errors in standard errors, the goal missed.  `about` is taken over as it is.
+    """
     table = []
     for loss in dict.fromkeys(r["loss"] for r in rows):
         mine = [r for r in rows if r["loss"] == loss]

@@ -34,7 +34,10 @@ class Peer(SupportsRollout, Protocol):
 
 
 def _states_and_commands(estimates: Sequence[Estimate]) -> list[tuple[Floats, Floats]]:
-    """States [v_x, v_y, yaw rate, delta] (n, 4) and commands (n, 2) of each segment that is long enough to train on."""
+    """States [v_x, v_y, yaw rate, delta] (n, 4) and commands [u_s, u_m] (n, 2) of each segment of the estimates.
+
+    Segments of at most PAST + AHEAD samples, too short to train deepSI's encoder on, are left out.
+    """
     return [
         (np.column_stack([e.twist[s], e.kinematic[s, 3]]), e.command[s])
         for e in estimates for s in e.segments() if s.stop - s.start > PAST + AHEAD

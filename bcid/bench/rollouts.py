@@ -35,14 +35,20 @@ NUMPY = ElementaryFunctions(np.sin, np.cos, np.arctan, np.minimum, np.maximum, n
 
 
 def draw_commands(count: int, seed: int = 0) -> Floats:
-    """Random commands (count, 2), steering angle (rad) and throttle (m/s), each held for 1.2 s."""
+    """Random commands [u_s, u_m] (count, 2), each held for 12 samples (1.2 s).
+
+    u_s is the steering angle (rad); u_m is the reference speed (m/s), or where it is negative the share of braking.
+    """
     rng, pieces = np.random.default_rng(seed), -(-count // 12)
     u_s, u_m = rng.normal(0.0, 0.8, pieces).clip(-2.0, 2.0), rng.choice([2.033, 2.033, 1.2, -0.4], pieces)
     return np.ascontiguousarray(np.repeat(np.column_stack([u_s, u_m]), 12, axis=0)[:count])
 
 
 def time_newton_euler_rollout(repeats: int) -> Iterator[Timing]:
-    """Time a compiled Newton-Euler rollout against the same car in numpy and in casadi."""
+    """Yield timings of our compiled Newton-Euler rollout of 110 s against the same car written in numpy and in casadi.
+
+    Times are medians of `repeats` turns; `difference` is the largest between the twists (m/s, rad/s).
+    """
     car = published.newton_euler().car._replace(R_2=4.0)
     model, commands = NewtonEuler(car, PERIOD_S, {}), draw_commands(STEPS)
     rollout = model.scan(START, commands)[1]
@@ -63,7 +69,10 @@ def time_newton_euler_rollout(repeats: int) -> Iterator[Timing]:
 
 
 def _casadi_rollout(car: Car, commands: Floats) -> Callable[[], Floats]:
-    """Compile the car into one casadi function; the function returned rolls it out under `commands` (N, 2)."""
+    """Compile the Newton-Euler `car` in casadi; return a call that rolls it out under `commands` (STEPS, 2) from START.
+
+    The call returns the states [v_x, v_y, omega, delta] (STEPS, 4), one after each period of 0.1 s.
+    """
     import casadi as ca
 
     f = ElementaryFunctions(ca.sin, ca.cos, ca.atan, ca.fmin, ca.fmax, ca.fabs, ca.if_else)
@@ -77,7 +86,10 @@ def _casadi_rollout(car: Car, commands: Floats) -> Callable[[], Floats]:
 
 
 def time_many_newton_euler_rollouts(repeats: int) -> Iterator[Timing]:
-    """Time simultaneous Newton-Euler rollouts of a thousand cars, as a sampling controller needs, against torch."""
+    """Yield the timing of rollouts of 1000 Newton-Euler cars over 50 periods at once against torch, batched over cars.
+
+    Model-predictive controllers that sample commands need such rollouts.  Times are medians of `repeats` turns.
+    """
     import torch
 
     car = published.newton_euler().car._replace(R_2=4.0)
@@ -104,7 +116,11 @@ def time_many_newton_euler_rollouts(repeats: int) -> Iterator[Timing]:
 
 
 def time_k_mlp_rollout(repeats: int) -> Iterator[Timing]:
-    """Time K-MLP rollouts with the paper's two network sizes against peers that evaluate the network step by step."""
+    """Yield timings of our compiled K-MLP rollout (a perceptron on the kinematic state) against torch and onnxruntime.
+
+    The peers evaluate the network once a period in a Python loop.  Networks have the paper's two sizes, with random
+    weights; times are medians of `repeats` turns.
+    """
     for hidden, torch_goal in NETWORKS:
         weights, car = _draw_network_weights(hidden), published.k_sindy().car
         model, commands = KMlp(weights, car, {}), draw_commands(STEPS)
@@ -121,7 +137,11 @@ def time_k_mlp_rollout(repeats: int) -> Iterator[Timing]:
 
 
 def _roll_out_network(network: Any, commands: Floats, c: KinematicCar) -> Floats:
-    """Twists (N, 3) of a K-MLP under commands (N, 2), with a network that a library evaluates step by step."""
+    """Twists (N, 3) of a K-MLP under commands [u_s, u_m] (N, 2) from START, its `network` evaluated once a period.
+
+    `network` maps [v_f, alpha_f, alpha_r, delta, u_s, u_m] (1, 6) to the next [v_f, alpha_f, alpha_r] (3,); `c` has the
+    car's axle distances (m) and steering constants.
+    """
     state, out, x = START.copy(), np.empty((len(commands), 3)), np.empty((1, 6), dtype=np.float32)
     for k, (u_s, u_m) in enumerate(commands):
         x[0, :4], x[0, 4], x[0, 5] = state, u_s, u_m
@@ -133,7 +153,10 @@ def _roll_out_network(network: Any, commands: Floats, c: KinematicCar) -> Floats
 
 
 def _draw_network_weights(hidden: tuple[int, int]) -> MlpWeights:
-    """Random weights of a K-MLP with two hidden layers of these widths, scaled so that rollouts stay bounded."""
+    """Random weights of a K-MLP's perceptron, 6 inputs to 3 outputs, with two hidden layers of the widths `hidden`.
+
+    Outputs are scaled to plausible means and standard deviations, so that rollouts stay bounded.
+    """
     rng, sizes = np.random.default_rng(0), (6, *hidden, 3)
     W1, W2, W3 = (rng.normal(0.0, n**-0.5, (n, m)).astype(np.float32) for n, m in itertools.pairwise(sizes))
     b1, b2, b3 = (rng.normal(0.0, 0.1, m).astype(np.float32) for m in sizes[1:])
@@ -142,7 +165,7 @@ def _draw_network_weights(hidden: tuple[int, int]) -> MlpWeights:
 
 
 def _torch_network(w: MlpWeights) -> Callable[[npt.NDArray[np.float32]], Any]:
-    """A function that evaluates the network in torch: inputs (1, 6) to outputs (3,)."""
+    """Build the perceptron with weights `w` in torch; return the function from inputs (1, 6) to outputs (3,)."""
     import torch
     from torch import nn
 
@@ -162,7 +185,7 @@ def _torch_network(w: MlpWeights) -> Callable[[npt.NDArray[np.float32]], Any]:
 
 
 def _onnx_network(w: MlpWeights) -> Callable[[npt.NDArray[np.float32]], Any]:
-    """A function that evaluates the network in onnxruntime: inputs (1, 6) to outputs (3,)."""
+    """Build the perceptron with weights `w` for onnxruntime; return the function from inputs (1, 6) to outputs (3,)."""
     import onnxruntime
     from onnx import TensorProto, helper, numpy_helper
 
@@ -187,7 +210,11 @@ def _onnx_network(w: MlpWeights) -> Callable[[npt.NDArray[np.float32]], Any]:
 
 
 def time_k_sindy_rollout(repeats: int) -> Iterator[Timing]:
-    """Time a K-SINDy rollout against pysindy's `predict` in a loop, with as many polynomial terms."""
+    """Yield the timing of our compiled K-SINDy rollout (sparse sums on the kinematic state) against pysindy's.
+
+    pysindy's `predict` is called once a period with polynomials of degree 2, fitted to random data.  Both roll out
+    SINDY_STEPS periods in `repeats` turns; times are extrapolated to STEPS periods.
+    """
     import pysindy
 
     model, commands, rng = published.k_sindy(), draw_commands(STEPS)[:SINDY_STEPS], np.random.default_rng(0)

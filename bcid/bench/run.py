@@ -23,7 +23,10 @@ HOT_PATHS: dict[str, Callable[[int], Iterator[Timing]]] = {
 
 
 def summarise_timings(rows: Sequence[Timing], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
-    """The benchmark's JSON (`bcid.bench/1`): timings, the versions of all libraries, and the goals missed."""
+    """The speed benchmark's JSON (`bcid.bench/1`): timings, versions of all libraries, and hot paths that miss a goal.
+
+    `repeats` is the number of turns that were timed, `machine` describes the computer; both are taken over as they are.
+    """
     return {
         "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": library_versions(),
         "rows": [row.as_json() for row in rows], "missed": [f"{r.path} against {r.peer}" for r in rows if r.missed],

@@ -43,9 +43,10 @@ class Timing:
 def time_against_peers(
     hot_path: str, ours: Work, peers: Mapping[str, tuple[Work, float | None, float | None]], repeats: int
 ) -> list[Timing]:
-    """Time our implementation `ours` of a hot path and each peer's in turns; returns one timing for each peer.
+    """Time our implementation `ours` of a hot path and those of `peers` alternately, in `repeats` turns each.
 
-    A peer is (work, lowest ratio of times wanted, largest difference of its result from ours).
+    Returns one timing for each peer, with medians over the turns.  A peer is given by its name as (work, lowest wanted
+    ratio of its time to ours, largest difference of its result from ours), with None for no goal or no comparison.
     """
     works = {"": ours} | {name: work for name, (work, _, _) in peers.items()}
     times: dict[str, list[float]] = {name: [] for name in works}
@@ -61,7 +62,10 @@ def time_against_peers(
 
 
 def _repeats_per_turn(work: Work) -> int:
-    """How often the work is called in one timed turn, so that a turn lasts MIN_TURN_S; the first call only warms up."""
+    """Number of calls of `work`, at least 1, with which one timed turn lasts some MIN_TURN_S (s).
+
+    It is estimated from the second of two calls; the first only warms up.
+    """
     work()
     begin = time.perf_counter()
     work()

@@ -12,6 +12,7 @@ from bcid import __version__
 from bcid.cli import diagnosing, options
 from bcid.cli.benching import bench
 from bcid.cli.checking import check_recordings
+from bcid.cli.limits import LIMITS
 from bcid.cli.sink import Format, Sink, plain_table
 from bcid.errors import BcidError, DiskFull, Problems, UsageError, is_disk_full
 from bcid.models.settings import LOSSES
@@ -61,7 +62,7 @@ def report(
     allow_partial: options.AllowPartialOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Compare the fitted models on the validation recording: a page, a JSON, a table."""
+    """Compare the fitted models in closed loop on the validation recording: a page, a JSON, a table."""
     from bcid.cli import show
     from bcid.documents.report import ReportDocument
 
@@ -90,7 +91,7 @@ def ingest(
     allow_partial: options.AllowPartialOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Read recordings and report what is irregular about them."""
+    """Read recordings, check and mend them, and report what is irregular: gaps, jumps, wrong units, clocks."""
     from bcid.cli import show
 
     if check:
@@ -121,7 +122,7 @@ def estimate(
     allow_partial: options.AllowPartialOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Estimate velocities and slip angles with an extended Kalman filter and smoother."""
+    """Estimate velocities and slip angles from recorded poses with an extended Kalman filter and smoother."""
     from bcid.cli import show
     from bcid.estimate.consistency import TruthCheck
     from bcid.estimate.saving import EstimateSummary
@@ -201,7 +202,7 @@ def list_effects(
     markdown: Annotated[bool, typer.Option("--markdown", help="Write the page docs/effects.md to stdout.")] = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """List the effects that a diagnosis can name, or look up one of them."""
+    """List the effects (terms of physics beyond the base model) that a diagnosis can name, or look up one of them."""
     from bcid.effects.listing import describe_effect, effect_json, effects_page
     from bcid.effects.table import EFFECTS, find_effect
 
@@ -223,12 +224,17 @@ def simulate(
     duration: Annotated[
         float | None,
         typer.Option(
-            min=1.0, max=options.LONGEST_DRIVE_S, help="Length in seconds.", show_default="300, or as --commands"
+            min=LIMITS.min_drive_s,
+            max=LIMITS.max_drive_s,
+            help="Length in seconds.",
+            show_default="300, or as --commands",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Random seed of driver, floor and noise.")] = 1,
     recorder: Annotated[str, typer.Option(help="Format of the recording: motive or mcap.")] = "motive",
-    rate: Annotated[float, typer.Option(min=5.0, max=240.0, help="Poses per second.")] = 60.0,
+    rate: Annotated[
+        float, typer.Option(min=LIMITS.min_rate_hz, max=LIMITS.max_rate_hz, help="Poses per second.")
+    ] = 60.0,
     ideal: Annotated[bool, typer.Option("--ideal", help="Drive the paper's car without a real car's extras.")] = False,
     change: Annotated[
         list[str] | None,
@@ -243,7 +249,7 @@ def simulate(
     commands: Annotated[Path | None, typer.Option("--commands", help="The commands file that --model drives.")] = None,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Drive the simulated car, or a saved model, and write logs as a lab would; beside the car's logs, the truth."""
+    """Drive the simulated car, or a saved model, and write logs as a lab would; for the car its true motion, too."""
     from bcid.simulation.car import configure_simulation
     from bcid.simulation.samples import SampleTake, write_sample_logs, write_sample_take
 
@@ -305,7 +311,7 @@ for name, command in COMMANDS.items():
 
 
 def main() -> None:
-    """Run the command line; every error becomes one message and an exit code."""
+    """Run the command line; an error is printed on stderr as one message, and its exit code ends the process."""
     try:
         # ends by SystemExit, with 2 after wrong words
         app()

@@ -52,7 +52,7 @@ def bench(
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file as well.")] = None,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Measure speed and accuracy beside peers, or how often stated intervals hold."""
+    """Compare speed or accuracy with other libraries (peers), or count how often 95 % intervals of constants hold."""
     from bcid.cli import show
 
     sink = Sink(format)
@@ -73,7 +73,10 @@ def bench(
 
 
 def _measure_speed(only: list[str], repeats: int, progress: Progress) -> dict[str, Any]:
-    """Time the hot paths called `only`, or all of them, beside their peers."""
+    """Time the hot paths (rollouts, filters, fits) named in `only`, or all, in turns with other libraries.
+
+    Returns the benchmark's JSON (`bcid.bench/1`): medians of `repeats` turns, their ratios, and the goals missed.
+    """
     from bcid.bench.run import HOT_PATHS, summarise_timings
     from bcid.bench.timing import Timing
     from bcid.report.content import describe_machine
@@ -91,7 +94,11 @@ def _measure_speed(only: list[str], repeats: int, progress: Progress) -> dict[st
 def _measure_accuracy(
     data: Path, recordings: Path | None, workspace: Path | None, seeds: int, progress: Progress
 ) -> dict[str, Any]:
-    """Fit our models and their peers to the data of a file, and score predictions of takes they have not seen."""
+    """Fit our models and other libraries' to each data set of the TOML file `data`, once for each of `seeds` seeds.
+
+    Returns the benchmark's JSON, with the closed-loop NMSE of each model on a validation take.  The folder
+    `recordings` holds real takes, `workspace` keeps simulated takes and fits.
+    """
     from bcid.bench.accuracy import compare_models, read_accuracy_file, summarise_accuracy
     from bcid.bench.run import library_versions
     from bcid.report.content import describe_machine
@@ -109,7 +116,7 @@ def _measure_accuracy(
 
 
 def _measure_coverage(fits: int, seconds: float, progress: Progress) -> dict[str, Any]:
-    """Fit simulated takes, and count how often stated intervals hold the true constants."""
+    """Fit the car's constants to `fits` takes, each simulated for `seconds`; count how often 95 % intervals hold."""
     from bcid.bench.parameters import fit_simulated_takes, summarise_recovery
     from bcid.report.content import describe_machine
 

@@ -7,7 +7,7 @@ from bcid.vehicle import read_vehicle
 
 
 def check_recordings(config: PipelineConfig, sink: Sink) -> None:
-    """Read the recordings of a configuration, print the health of each, and raise what is wrong with them.
+    """Read the recordings of a configuration, print whether each is worth fitting and why, and raise what is wrong.
 
     Raises:
         InputRefused: recordings are refused, with all their problems.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bcid.cli import options
+from bcid.cli.limits import LIMITS
 from bcid.cli.sink import Format, Sink, plain_table
 from bcid.errors import GoalMissed, UsageError
 from bcid.pipeline.run import Pipeline
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from bcid.proof.blind.blind_test import BlindTest
 
 DEFAULT_SEED = 1
-# takes of a blind test above which a note says that they need hours
-LONG_TEST_TAKES = 100
 DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
 
 
@@ -41,7 +40,7 @@ def diagnose(
     allow_partial: options.AllowPartialOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Name the physics that recordings show and the model lacks, and prove it on held-out blocks."""
+    """Name the physics that recordings show and the model lacks, and prove it by predicting held-out blocks of them."""
     from bcid.cli import show
     from bcid.documents.diagnosis import DiagnosisDocument
 
@@ -64,7 +63,7 @@ def write_plan(
     arena: Annotated[tuple[float, float], typer.Option(help="Length and width of the arena in metres.")] = (12.0, 7.0),
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """Plan a drive in which the given effects become detectable, and write its commands."""
+    """Plan a drive in which the given effects become detectable, and write its steering and throttle as a file."""
     from bcid.effects.table import EFFECTS, find_effect
     from bcid.experiment.manoeuvres import Arena, write_commands
     from bcid.experiment.plan import largest_throttle, nominal_car, plan_drives
@@ -172,7 +171,7 @@ def prove(
 
 
 def _check_blind_options(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
-    """Raise `UsageError` where options of a blind test do not go together."""
+    """Raise `UsageError` where options of a blind test (simulated takes that conceal effects) contradict."""
     if recordings is not None:
         raise UsageError("--recordings goes with --real\n  next: name a file of questions with --real")
     if quick and every != 1:
@@ -185,7 +184,7 @@ def _check_blind_options(quick: bool, seed: int | None, salt: str, every: int, r
 
 
 def _write_case(test: BlindTest, name: str, out: Path, sink: Sink) -> None:
-    """Write the recording, vehicle file and answer of the case called `name` into `out`."""
+    """Write the simulated take `name` of a blind test into `out`: recording, vehicle file and concealed effects."""
     from bcid.proof.blind.blind_test import write_case_files
 
     chosen = next((c for c in test.cases if c.name == name), None)
@@ -201,7 +200,7 @@ def _write_case(test: BlindTest, name: str, out: Path, sink: Sink) -> None:
 
 
 def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:
-    """Run a blind test; write its outcome as prove.json and prove.html, and print it."""
+    """Diagnose a blind test's simulated takes, which conceal effects; write the scores as prove.json and prove.html."""
     from bcid.cli import show
     from bcid.proof.blind.blind_test import run_blind_test
     from bcid.report.proof_page import write_proof_page
@@ -213,7 +212,7 @@ def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | N
             sink.note(
                 f"not sealed: anybody can draw the answers from seed {test.seed}; --salt and a secret --seed seal them"
             )
-        if not test.quick and minutes is None and len(test.cases) > LONG_TEST_TAKES:
+        if not test.quick and minutes is None and len(test.cases) > LIMITS.max_quiet_takes:
             sink.note(f"{len(test.cases)} takes need some hours; a second run continues, and --minutes limits this one")
 
     with sink.stage("prove") as progress:
@@ -231,7 +230,10 @@ def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | N
 
 
 def _ask_real_questions(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
-    """Ask all questions to real recordings; write the outcome as real.json, and print it."""
+    """Diagnose real recordings whose missing effect is known: withheld from the model, or added by editing the data.
+
+    The questions stand in the TOML `file`; the scored answers are written as real.json into `out`, and printed.
+    """
     from bcid.cli import show
     from bcid.proof.real.run_questions import question_code_digest, run_real_questions
     from bcid.proof.real.scoring import real_outcome

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.cli.options import LONGEST_DRIVE_S
+from bcid.cli.limits import LIMITS
 from bcid.errors import InputRefused, UsageError
 from bcid.evaluation.closed_loop import integrate_poses
 from bcid.evaluation.intervals import predict_with_interval
@@ -33,7 +33,7 @@ _TIME_DECIMALS = 7
 
 
 def check_only_noise_is_set(changes: Sequence[str]) -> None:
-    """Raise `UsageError` where a NAME=VALUE would change more than the noise of the motion capture."""
+    """Raise `UsageError` unless each change NAME=VALUE sets `position_noise` or `yaw_noise` of the motion capture."""
     others = [c for c in changes if c.partition("=")[0] not in NOISE_FIELDS]
     if others:
         raise UsageError(
@@ -44,9 +44,9 @@ def check_only_noise_is_set(changes: Sequence[str]) -> None:
 def write_model_drive(
     folder: Path, take: SampleTake, model: Path, commands: Path, sensor: Sensor, seed: int
 ) -> tuple[list[Path], list[str]]:
-    """Drive the model saved in the folder `model`; write its recording, and its predicted twist with 95 % intervals.
+    """Drive the saved model in the folder `model`; write its recording, and its predicted twists with 95 % intervals.
 
-    Returns the paths written, and warnings for people.  A take of 0 s lasts as long as the commands.
+    Returns the paths written into `folder`, and warnings for people.  A take of 0 s lasts as long as the commands.
 
     Raises:
         UsageError: the commands file would be written over.
@@ -63,9 +63,10 @@ def write_model_drive(
         raise InputRefused(commands, "commands file", cause, "write a time and two numbers in every row")
     usual = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     duration_s = take.duration_s or float(time_s[-1]) + usual
-    if not 1.0 <= duration_s <= LONGEST_DRIVE_S:
+    if not LIMITS.min_drive_s <= duration_s <= LIMITS.max_drive_s:
         cause = f"lasts {duration_s:g} s"
-        raise InputRefused(commands, "time_s", cause, f"drive 1 to {LONGEST_DRIVE_S:g} s, or give --duration")
+        allowed = f"{LIMITS.min_drive_s:g} to {LIMITS.max_drive_s:g} s"
+        raise InputRefused(commands, "time_s", cause, f"drive {allowed}, or give --duration")
     given = _commands_per_step(time_s, command, duration_s, saved.period_s)
     try:
         run = drive_model(saved, time_s, command, duration_s, sensor, seed)
@@ -84,7 +85,10 @@ def write_model_drive(
 def _write_prediction(
     path: Path, model: Model, validity: ModelValidity, commands: Floats, twist: Floats, seed: int
 ) -> list[str]:
-    """Write predicted twists (N + 1, 3) under commands (N, 2) with 95 % intervals to `path`; return the warnings."""
+    """Write predicted twists [v_x, v_y, yaw rate] (N + 1, 3) with 95 % intervals as Parquet; returns warnings.
+
+    The intervals come from samples of the model's process noise under the `commands` [steering, throttle] (N, 2).
+    """
     warnings, half_width = [], np.full((len(commands), 3), np.nan)
     if validity.noise is not None:
         rest = history_at_rest(model.lags)
@@ -103,16 +107,20 @@ def _write_prediction(
 
 
 def _commands_per_step(time_s: Floats, command: Floats, duration_s: float, h: float) -> Floats:
-    """Commands (N, 2) in force when each step of `h` (s) begins; zero before the first."""
+    """Commands [steering, throttle] (N, 2) in force when each step of `h` (s) begins; zero before the first command.
+
+    Each row of `command` (M, 2) holds from its time in `time_s` (M,) to the next one.
+    """
     begin = np.round(np.arange(math.ceil(duration_s / h - 1e-6)) * h, _TIME_DECIMALS)
     rows = np.searchsorted(np.round(time_s, _TIME_DECIMALS), begin, side="right") - 1
     return np.where(rows[:, None] >= 0, command[np.maximum(rows, 0)], 0.0)
 
 
 def drive_model(model: Model, time_s: Floats, command: Floats, duration_s: float, sensor: Sensor, seed: int) -> Drive:
-    """Drive a model from rest under commands (M, 2), held from their times (M,) on; the poses have the sensor's noise.
+    """Drive a model from rest under commands [steering, throttle] (M, 2), each held from its time in `time_s` (M,) on.
 
-    The logged commands are those that the model was given: each counts from the next step on, zero before the first.
+    Poses are sampled at the sensor's rate, with its noise.  Logged are the commands that the model was given: each
+    counts from the model's next step on, zero before the first.
     """
     if isinstance(model, ContinuousTimeModel):
         model = model.with_period(STEP_S)

@@ -9,9 +9,6 @@ from bcid.cli.sink import Format
 from bcid.errors import UsageError
 from bcid.pipeline.config import DEFAULT_PIPELINE_FILE, PipelineConfig, read_pipeline_file
 
-# longest simulated drive (s)
-LONGEST_DRIVE_S = 7200.0
-
 PipelineOption = Annotated[
     Path | None,
     typer.Option(

@@ -19,7 +19,7 @@ from bcid.report.formats import format_number, format_thousandths, format_with_e
 
 
 def comparison_table(report: ReportDocument) -> Table:
-    """Table of the compared models and their closed-loop errors, best first."""
+    """Table of the compared models, lowest closed-loop NMSE first, with rollout time and number of parameters."""
     take = report.validation
     rows = [
         [
@@ -57,7 +57,7 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
         for f in document.findings
     ]  # fmt: skip
     if rows:
-        columns = ["found", "equation", "fitted", "probability", "held-out gain (nats)", "indistinguishable from"]
+        columns = ["effect", "equation", "fitted", "probability", "held-out gain (nats)", "indistinguishable from"]
         parts.append(plain_table("findings", columns, rows))
     judged = [
         [
@@ -86,12 +86,12 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
 
 
 def _format_decimals(value: float | None, places: int) -> str:
-    """A number rounded to `places` decimals; a dash for None."""
+    """A number rounded to `places` decimals, as text; a dash for None."""
     return "–" if value is None else f"{value:.{places}f}"
 
 
 def recording_tables(summaries: Sequence[Mapping[str, Any]]) -> Group:
-    """Tables of ingested recordings, and of what is irregular about them."""
+    """Tables of ingested recordings (contents of recording.json): length, rate, clock offset, and what is irregular."""
     rows = [
         [
             r["name"], r["sources"][0]["format"], f"{r['duration_s']:.1f} s", f"{r['rate_hz']:.4g} Hz",
@@ -111,7 +111,7 @@ def recording_tables(summaries: Sequence[Mapping[str, Any]]) -> Group:
 
 
 def _clock_text(clock: ClockEstimate) -> str:
-    """The clock offset (ms) with its 95 % interval, or why there is none."""
+    """The command clock's offset from the pose clock (ms) with its 95 % interval as text, or why there is none."""
     if clock.offset_s is None or clock.offset_ci95 is None:
         return f"none: {clock.reason or 'not estimated'}"
     low, high = clock.offset_ci95
@@ -132,7 +132,7 @@ class EstimatedTake(NamedTuple):
 
 
 def estimate_tables(takes: Sequence[EstimatedTake]) -> Group:
-    """Tables of the estimator's constants and consistency, and of its errors where a truth is known."""
+    """Tables of estimated takes: the filter's NIS, steering constants T_s and d, errors where true motion is known."""
     rows, notes = [], list[str]()
     for summary, folder, _ in takes:
         nis, (T_s, d, *_) = summary.filter.nis, [value for _, value in summary.tuning.describe_steering()]
@@ -159,7 +159,7 @@ def estimate_tables(takes: Sequence[EstimatedTake]) -> Group:
 
 
 def proof_tables(outcome: ProveDocument) -> Group:
-    """Tables of a blind test: scores by tier, wrong answers, and other methods on the same takes."""
+    """Tables of a blind test: scores by tier (kind of simulated take), wrong answers, and other methods' scores."""
     from bcid.report import proof_page
 
     def plain(text: str) -> str:
@@ -189,7 +189,10 @@ def proof_tables(outcome: ProveDocument) -> Group:
 
 
 def real_proof_table(outcome: dict[str, Any]) -> Table:
-    """Table of questions to real recordings and their answers, with counts of right answers by tier."""
+    """Table of real.json: diagnoses of real recordings whose missing effect is known, and counts of right ones.
+
+    Tiers are the kinds of question: effects withheld from the model, controls, and effects edited into the data.
+    """
     from bcid.report.proof_page import error_ratio_text
 
     rows = [
@@ -214,7 +217,7 @@ def real_proof_table(outcome: dict[str, Any]) -> Table:
 
 
 def speed_table(outcome: Mapping[str, Any]) -> Table:
-    """Table of the hot paths' times beside those of their peers."""
+    """Table of `bcid bench speed`: each hot path's time beside that of other libraries, ratio, goal and difference."""
     rows = [
         [
             r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.3g}", f"{r['ratio']:.3g} ×",
@@ -234,7 +237,10 @@ def speed_table(outcome: Mapping[str, Any]) -> Table:
 
 
 def accuracy_tables(outcome: Mapping[str, Any]) -> Group:
-    """Tables of our models and their peers, one for each set of data, sorted by the error at the end of a take."""
+    """Tables of `bcid bench accuracy`: closed-loop NMSE of our models and other libraries', one table a data set.
+
+    Rows are sorted by the NMSE over a whole take; goals that are missed follow as text.
+    """
     parts: list[Any] = []
     for data in dict.fromkeys(line["data"] for line in outcome["table"]):
         lines = [line for line in outcome["table"] if line["data"] == data]
@@ -251,13 +257,13 @@ def accuracy_tables(outcome: Mapping[str, Any]) -> Group:
 
 
 def _nmse_with_interval(figure: Mapping[str, Any]) -> str:
-    """An NMSE in thousandths with its 95 % interval, or "diverged"."""
+    """The NMSE of a figure {"nmse", "ci95"} in thousandths with its 95 % interval as text, or "diverged"."""
     low, high = (format_thousandths(v) for v in figure["ci95"] or (None, None))
     return "diverged" if figure["nmse"] is None else f"{format_thousandths(figure['nmse'])} ({low} – {high})"
 
 
 def coverage_table(outcome: Mapping[str, Any]) -> Table:
-    """Table of how often stated intervals of a simulated car's constants hold, with errors and bias."""
+    """Table of `bcid bench parameters`: how often 95 % intervals hold a simulated car's constants; errors and bias."""
     rows = [
         [r["loss"], r["symbol"], str(r["n"]),
          *(("–",) * 3 if not r["n"] else (
@@ -270,7 +276,7 @@ def coverage_table(outcome: Mapping[str, Any]) -> Table:
 
 
 def health_text(health: HealthDocument) -> str:
-    """The health of recordings in words, a paragraph each."""
+    """Whether each recording is worth fitting and why, its clock offset and its findings, as text: a paragraph each."""
     lines = []
     for take in health.recordings:
         lines += [take.recording, f"  {take.sentence}"]

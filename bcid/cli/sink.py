@@ -32,7 +32,7 @@ class Format(StrEnum):
 
 
 def _nonfinite_to_none(value: Any) -> Any:
-    """JSON data with None in place of NaN and infinities."""
+    """A copy of nested JSON data with None in place of NaN and infinities."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -41,7 +41,7 @@ def _nonfinite_to_none(value: Any) -> Any:
 
 
 def _without_control_characters(text: str) -> str:
-    """The text with a replacement sign for control characters, which a terminal might obey."""
+    """The text with a replacement sign for each control character, which a terminal might obey; line ends stay."""
     return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
 
 

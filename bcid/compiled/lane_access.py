@@ -20,7 +20,7 @@ def _require_doubles(numbers: Any) -> None:
 
 @numba_intrinsic
 def load_lanes(_typing: Any, numbers: Any, at: Any) -> Any:
-    """Numba intrinsic: the vector of `numbers[at : at + LANES]` from a contiguous array (n,) of doubles."""
+    """Numba intrinsic: load `numbers[at : at + LANES]`, of a contiguous array (n,) of doubles, as one vector."""
 
     def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, given[0]).data
@@ -47,7 +47,10 @@ def store_lanes(_typing: Any, x: Any, numbers: Any, at: Any) -> Any:
 
 @numba_intrinsic
 def gather_lanes(_typing: Any, numbers: Any, places: Any, ahead: Any) -> Any:
-    """Numba intrinsic: the vector whose lane i is `numbers[places[i] + ahead]`, from arrays (n,) and (LANES,)."""
+    """Numba intrinsic: the vector of LANES doubles whose number i is `numbers[places[i] + ahead]`.
+
+    `numbers` (n,) are doubles, `places` (LANES,) int64, both contiguous; `ahead` is one offset for all.
+    """
 
     def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         data, at = (

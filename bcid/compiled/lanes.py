@@ -58,7 +58,7 @@ register_model(_Mask)(partial(models.PrimitiveModel, be_type=_BITS))
 
 
 def _broadcast(context: Any, builder: Any, kind: Any, _to: Any, value: Any) -> Any:
-    """LLVM code that casts a number to a double and copies it into all lanes of a vector."""
+    """Emit LLVM code for numba's cast of a number of type `kind` to a vector: the number as a double, LANES times."""
     x = context.cast(builder, value, kind, types.float64)
     one = builder.insert_element(VECTOR(ir.Undefined), x, INDEX(0))
     return builder.shuffle_vector(one, VECTOR(ir.Undefined), ir.VectorType(INDEX, LANES)([0] * LANES))
@@ -69,7 +69,7 @@ for _kind in (types.Float, types.Integer):
 
 
 def _intrinsic_of_arity(typed: Any, arity: int) -> Any:
-    """A numba intrinsic of `arity` arguments from `typed(typing, *arguments)`: numba accepts no starred arguments."""
+    """Numba intrinsic of `arity` (1 to 3) arguments from `typed(typing, *arguments)`: numba takes no starred ones."""
     one, two, three = (
         lambda typing, a: typed(typing, a),  # noqa: PLW0108
         lambda typing, a, b: typed(typing, a, b),  # noqa: PLW0108
@@ -88,7 +88,7 @@ def _make_operation(result: Any, operands: tuple[Any, ...], code: Callable[..., 
 
 
 def _call_vector_function(name: str) -> Callable[..., Any]:
-    """LLVM code that calls LLVM's own vector function `name`, such as "floor", on lanes."""
+    """Emitter of LLVM code that applies LLVM's own vector function `name`, such as "floor", to vectors of doubles."""
 
     def code(builder: Any, *given: Any) -> Any:
         kind = ir.FunctionType(VECTOR, [VECTOR] * len(given))
@@ -99,7 +99,10 @@ def _call_vector_function(name: str) -> Callable[..., Any]:
 
 
 def _compare(relation: str) -> Callable[..., Any]:
-    """LLVM code that compares lanes by `relation`, such as "<"; NaN is unequal to all and in no other relation."""
+    """Emitter of LLVM code that compares two vectors of doubles, number by number, by `relation`, such as "<".
+
+    As for single numbers, NaN is unequal to everything and in no other relation.
+    """
     return lambda builder, a, b: (builder.fcmp_unordered if relation == "!=" else builder.fcmp_ordered)(relation, a, b)
 
 
@@ -113,15 +116,15 @@ _floor, _abs, _sqrt = (_make_operation(lanes, _one, _call_vector_function(name))
 
 
 def _has_lanes(*kinds: Any) -> bool:
-    """Whether lanes or a mask are among the types `kinds`."""
+    """Whether any of the numba types `kinds` is a vector of LANES doubles or a vector of LANES truth values (mask)."""
     return any(isinstance(kind, LanesType | _Mask) for kind in kinds)
 
 
 def _overload_for_lanes(function: Any, implementation: Any, arity: int, for_number: Any = None) -> None:
-    """Let compiled code call `implementation` for `function` of `arity` arguments where they are lanes or masks.
+    """Let compiled code call `implementation` for `function` where arguments are vectors of LANES doubles or masks.
 
-    For single numbers it calls `for_number`, or what numba itself has for the function; of three arguments, the first
-    alone decides.
+    `arity` is the number of arguments; of three, the first alone decides.  For single numbers compiled code calls
+    `for_number`, or what numba itself has for `function`.
     """
     # written out for numba, which compares names and annotations of the two
     call: Any = (
@@ -158,17 +161,17 @@ _overload_for_lanes(operator.and_, _make_operation(_mask, (_mask, _mask), lambda
 
 
 def where(condition: bool, a: float, b: float) -> float:
-    """`a` where the condition holds, else `b`; on vectors lane by lane.  Both are computed: there is no branch."""
+    """`a` where the condition holds, else `b`; on vectors number by number.  Both are computed: there is no branch."""
     return a if condition else b
 
 
 def any_lane(condition: bool) -> bool:
-    """Whether the condition holds in any lane of a vector; of a single truth value, the value itself."""
+    """Whether the condition holds for any number of a vector (lane); a single truth value is returned as it is."""
     return condition
 
 
 def floor(x: float) -> float:
-    """The largest whole number not above x, as a float; on vectors lane by lane."""
+    """The largest whole number not above x, as a float; on vectors number by number."""
     return float(np.floor(x))
 
 
@@ -182,7 +185,7 @@ _overload_for_lanes(max, _inlined(lambda a, b: where(b > a, b, a)), 2)
 
 
 def _call_per_lane(function: Any, arity: int) -> Any:
-    """A numba intrinsic that calls the C library's `function` of `arity` arguments for one lane after the other."""
+    """Numba intrinsic on vectors that calls the C library's `function` of `arity` arguments number by number."""
 
     def typed(typing: Any, *_given: Any) -> Any:
         kind = typing.resolve_value_type(function)

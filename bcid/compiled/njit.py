@@ -25,7 +25,9 @@ class _ImportsLocator(UserProvidedCacheLocator):
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         super().__init__(function, file)  # type: ignore[no-untyped-call]  # numba is not typed
         base = os.environ.get("NUMBA_CACHE_DIR") or str(PACKAGE / "__pycache__" / "numba")
-        self._stamp = digest_with_imports(function.__module__)
+        # a function made of another module's code depends on both
+        written_in = ".".join(Path(file).relative_to(PACKAGE.parent).with_suffix("").parts)
+        self._stamp = digest_with_imports(function.__module__, written_in)
         self._cache_path = str(Path(base) / f"{function.__module__}-{self._stamp[:16]}")
 
     @classmethod
@@ -53,7 +55,10 @@ CacheImpl._locator_classes.insert(0, _ImportsLocator)
 
 
 def _cached_compiler(**options: Any) -> Callable[[F], F]:
-    """Decorator that compiles a function to machine code with numba's `options`; `.py_func` stays plain Python."""
+    """Decorator that compiles a function with numba's `options` and caches the machine code on disk.
+
+    The cache holds until the function's module, or one that it imports, changes; `.py_func` stays plain Python.
+    """
     return cast(Callable[[F], F], numba.njit(cache=True, error_model="numpy", **options))
 
 

@@ -85,11 +85,12 @@ def diagnose_recordings(
 ) -> Diagnosis:  # fmt: skip
     """Diagnose recordings of one vehicle: locate what a base model leaves unexplained, and name the effects behind it.
 
-    The base model is the Newton-Euler model, or the reference model, refitted.  Its predictions are linearised, first
-    without pushes on the body.  Where they are too nonlinear for that even with the best explanation, all is repeated
-    under the likeliest pushes, at several times the work.  Effects dropped as proxies stay out then, since pushes would
-    hide that they are proxies.  A trusted reference model that is too nonlinear is diagnosed under pushes at once: it
-    seldom differs from the car by a single effect.
+    The base model is the Newton-Euler model, or `reference`, refitted.  Its pose predictions are linearised about
+    motions without pushes (disturbance forces and moments on the body, constant over 0.5 s).  Where the predictions are
+    too nonlinear for that (`needs_pushes`), even with the named effects, the diagnosis is repeated with predictions
+    linearised about motions under the most likely pushes, at several times the work; effects that the first search
+    dropped as proxies (they only stood in for something without a name) are excluded from the second.  A `reference`
+    with a prior (`relative_sd`) whose predictions are too nonlinear is diagnosed under pushes at once.
 
     `progress` is called with the share done and a text; effects with an id in `excluded` are not considered.
 
@@ -115,7 +116,11 @@ def fit_base_model(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle,
     reference: ReferenceModel | None = None, progress: Progress = lambda share, text: None,
 ) -> BaseFit:  # fmt: skip
-    """Refit the Newton-Euler model, or the reference model with its effects, to the recordings without pushes.
+    """Refit the Newton-Euler model, or the `reference` model with its effects, to the recordings.
+
+    The result also holds the take (the recordings cut into 1.5 s segments, each predicted from its own initial state),
+    the bumps and crashes found, which are left out of it, and the vehicle's mass, length and time at full speed over
+    those of the bumper car.
 
     Raises:
         InputRefused: too little of the recordings can be used, or the model cannot follow them.
@@ -141,9 +146,10 @@ def fit_base_model(
 def _diagnose_take(
     base: BaseFit, progress: Progress, excluded: Sequence[str], dropped: tuple[str, ...] = ()
 ) -> Diagnosis:
-    """Locate the mismatch of a base fit, search the effects that explain it, and judge them.
+    """Locate what a base model's fit leaves unexplained, search the effects that explain it, and judge them.
 
-    Effects `dropped` by an earlier search are not considered either, and are reported as dropped.
+    Effects with an id in `excluded` are not considered; nor are those in `dropped`, proxies of an earlier search (they
+    only stood in for something without a name), which are reported as dropped.
     """
     take, fit = base.take, base.fit
     progress(0.15, "where the mismatch is")

@@ -23,7 +23,8 @@ from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses
 from bcid.files.toml import Settings, read_toml
-from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, PRIOR_SD, SPEED_LAW, TYRES
+from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prepare import base_hypothesis
 from bcid.models.interface import History, history_at, rollout
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
@@ -40,10 +41,10 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 def reference_from_model(folder: Path) -> ReferenceModel:
-    """The reference model in the folder of a saved Newton-Euler model, plain or augmented.
+    """The reference model (a car and its effects) in the folder of a saved Newton-Euler model, plain or with effects.
 
     Raises:
-        InputRefused: it holds no such model.
+        InputRefused: the folder holds no such model.
     """
     model = load_model(folder)
     if isinstance(model, AugmentedNewtonEuler):
@@ -63,15 +64,16 @@ class ParameterFile(Settings):
 
 
 def read_parameter_file(path: Path) -> ParameterFile:
-    """Read a car's parameters from a TOML file; refuse what is no such file (InputRefused)."""
+    """Read a car's parameters and effects from a TOML file; a file of other content is refused (InputRefused)."""
     return read_toml(path, ParameterFile, "simulation file", "pipelines/dart/simulation.toml is one")
 
 
 def reference_from_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> ReferenceModel:
     """The reference model whose Newton-Euler parameters and effects a TOML file gives.
 
-    With `relative_sd` every parameter has a prior of this standard deviation, as a share of its value, or of that in
-    `relative_sd_of`, and is refitted within three of them; without, the refit only starts from the values.
+    With `relative_sd` in the file every parameter has a normal prior, whose standard deviation is that share of its
+    value (or the share in `relative_sd_of`), and is refitted within three of them.  Without, the refit only starts
+    from the values.  `estimates` give the servo's time constant and rate limit where both files omit them.
 
     Raises:
         InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.
@@ -100,12 +102,16 @@ def reference_from_parameters(path: Path, estimates: Sequence[Estimate], vehicle
                 raise InputRefused(path, f"effects.{name}", bounds, "check its unit; see bcid effects")
             fields[field] = values[p.symbol]
     # the take's own servo, which nobody has published
-    unpublished = {s: PRIOR_SD for s in optional if s not in file.parameters}
+    unpublished = {s: LIKELIHOOD_LIMITS.base_prior_sd for s in optional if s not in file.parameters}
     return ReferenceModel(car, fields, file.relative_sd, {**unpublished, **file.relative_sd_of})
 
 
 def _check_parameters(path: Path, file: ParameterFile, vehicle: Vehicle, optional: Mapping[str, float | None]) -> None:
-    """Refuse base parameters that are missing, unknown, not positive, or given by the vehicle file (`optional`) too."""
+    """Refuse (InputRefused) base parameters in `file` that are missing, unknown, not positive, or given twice.
+
+    `optional` holds the vehicle file's value of each servo constant that the file may give instead; None where it has
+    none.
+    """
     required = {*(FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW), *TYRES, *DRAG}
     given = file.parameters
     wrong = {
@@ -123,7 +129,10 @@ def _check_parameters(path: Path, file: ParameterFile, vehicle: Vehicle, optiona
 def identify_reference(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], vehicle: Vehicle
 ) -> ReferenceModel:
-    """Identify a reference model, a car with effects, by diagnosing other recordings, such as a simulator's."""
+    """Identify a reference model from recordings, such as a simulator's: diagnose them and take the fit.
+
+    It is the fitted car with the effects that the diagnosis names and the corrections that it makes to the base model.
+    """
     return ReferenceModel.from_fit(diagnose_recordings(recordings, estimates, vehicle).judgement.fit)
 
 
@@ -149,10 +158,12 @@ class UserModel:
 
 
 def load_user_model(name: str) -> UserModel:
-    """Load the model that a user's function, named as `module:function`, returns (`bcid.models.interface.Model`).
+    """The vehicle model returned by a user's function, which is imported by its name `module:function` and called.
+
+    The model follows `bcid.models.interface.Model`.
 
     Raises:
-        UsageError: there is no such function, or what it returns has no `init`, `step` or `period_s`.
+        UsageError: there is no such function, it fails, or what it returns has no `init`, `step` or `period_s`.
     """
     module, _, function = name.partition(":")
     next_step = "name module:function, importable from here, or a file or folder that exists"
@@ -175,7 +186,9 @@ def load_user_model(name: str) -> UserModel:
 
 
 def simulate_with_model(model: UserModel, recording: Recording, estimate: Estimate) -> Recording:
-    """Simulate a recording by a user's model, set to the estimate every USER_MODEL_RESTART_S and after each gap.
+    """The recording with its poses replaced by those that a user's model predicts from the estimate's commands.
+
+    Predictions restart from the estimated motion every USER_MODEL_RESTART_S and after each gap.
 
     Raises:
         UsageError: the model steps by another period than the estimate.

@@ -36,8 +36,8 @@ def summarise_diagnosis(
 ) -> written.DiagnosisDocument:
     """Summarise a diagnosis as the document diagnosis.json.
 
-    `horizons` are prediction errors on held-out blocks, empty where they were not computed; `about` holds what the
-    document says of its input: vehicle, recordings, duration_s, simulation.
+    `horizons` are prediction errors on held-out blocks, empty where they were not computed; `about` holds fields of
+    the document that describe its input: vehicle, recordings, duration_s, simulation.
     """
     judgement, location, unexplained = diagnosis.judgement, diagnosis.location, diagnosis.judgement.unexplained
     significant = diagnosis.p_value < LOCATE_LIMITS.significant_p_value
@@ -85,7 +85,11 @@ def summarise_diagnosis(
 
 
 def _describe_location(diagnosis: Diagnosis) -> written.Where:
-    """Channel, dependence, regime, time and place of the mismatch: by the findings, or as located before the search."""
+    """Channel, dependence, regime, time and place of the mismatch between model and recording, for diagnosis.json.
+
+    Channel, dependence, time and place are those of the named effects, channel and dependence of the first; without
+    any, all are as located by the disturbances before the search.
+    """
     location, findings = diagnosis.location, diagnosis.judgement.findings
     channel, depends = location.remaining.channel, location.depends_on
     times: tuple[tuple[float, float], ...] = ((0.0, diagnosis.take.T),)
@@ -113,7 +117,10 @@ def _describe_location(diagnosis: Diagnosis) -> written.Where:
 def _quote_parameters(
     parameters: Sequence[Parameter], values: dict[str, tuple[float, float]]
 ) -> dict[str, written.Quantity]:
-    """Values, standard errors and units, by symbol, of those of an effect's parameters that `values` (SI) holds."""
+    """Values, standard errors, units and whether at a bound, by symbol as printed, of an effect's `parameters`.
+
+    `values` holds value and standard error (SI) by symbol; parameters that it lacks are left out.
+    """
     quoted = [
         (p.quote(*values[p.symbol]), p.is_at_bound(values[p.symbol][0])) for p in parameters if p.symbol in values
     ]
@@ -121,7 +128,7 @@ def _quote_parameters(
 
 
 def _describe_finding(f: Finding, effect: Effect) -> written.NamedEffect:
-    """Describe a finding by the effect's equation, the fitted sizes, the gains and a sentence."""
+    """Describe a named effect for diagnosis.json: equation, fitted parameters, gains, probability and a sentence."""
     quoted = [(p.meaning, p.quote(*f.values[p.symbol])) for p in effect.parameters if p.symbol in f.values]
     words = ", ".join(f"{m} {q.symbol} = {q.value:.3g} ± {q.se:.1g} {q.unit}".removesuffix(" –") for m, q in quoted)
     return written.NamedEffect(
@@ -133,7 +140,11 @@ def _describe_finding(f: Finding, effect: Effect) -> written.NamedEffect:
 
 
 def _describe_unknown(diagnosis: Diagnosis) -> written.UnknownPart:
-    """Describe the predictable mismatch that has no name: the unexplained one, else what the corrections take up."""
+    """Describe the predictable disturbance that no effect of the table explains, for diagnosis.json.
+
+    It is what remains beside the best fit; if that is nothing beyond chance, what corrections of the base model's own
+    simplifications explain.
+    """
     judgement, unexplained = diagnosis.judgement, diagnosis.judgement.unexplained
     regression = unexplained.regression
     if judgement.unexplained_nats > 0.0:
@@ -154,9 +165,10 @@ def _describe_unknown(diagnosis: Diagnosis) -> written.UnknownPart:
 
 
 def _base_parameters(diagnosis: Diagnosis) -> list[written.BaseParameter]:
-    """The refitted parameters of the base model and of the effects that it assumes.
+    """The refitted parameters of the base model, and of the effects that it assumes, with standard errors.
 
-    `shown` is false for those with a large standard error; `at_bound` is true for those that ended at their bounds.
+    `shown` is false for base parameters with a relative standard error of `SUMMARY_LIMITS.max_relative_se` or more,
+    except drag R_1 and R_2; `at_bound` is true for parameters that ended at a bound.
     """
     fit = diagnosis.judgement.fit
     car, hypothesis, values = fit.car(), fit.hypothesis, fit.effect_estimates()
@@ -181,7 +193,10 @@ def _base_parameters(diagnosis: Diagnosis) -> list[written.BaseParameter]:
 
 
 def _describe_rivals(diagnosis: Diagnosis) -> list[written.Rival]:
-    """Describe the next best explanations, and why they were not preferred."""
+    """Describe the next best fits: their effects, how many nats of penalised log-likelihood they lie behind, and why.
+
+    Why a fit was not preferred is that it explains less, or that it cannot be told apart on this recording.
+    """
     search = diagnosis.judgement.search
     best, rows = search.best, []
     for other in search.rivals[: SUMMARY_LIMITS.max_rivals]:
@@ -193,7 +208,11 @@ def _describe_rivals(diagnosis: Diagnosis) -> list[written.Rival]:
 
 
 def knot_columns(diagnosis: Diagnosis) -> Floats:
-    """Columns (K, len(KNOT_UNITS)) at the K knots: time, states, and the pushes before and after naming effects."""
+    """Columns (K, len(KNOT_UNITS)) at the K knots (0.5 s parts of the take): time, states, disturbances of the body.
+
+    Disturbances are accelerations that the base model leaves unexplained ("before"), then those that the fit with the
+    named effects leaves ("after").  KNOT_UNITS gives names and units of the columns.
+    """
     b, m = diagnosis.pushes_before, diagnosis.pushes_before.states
     columns = [
         b.time_s, b.segment, m["p_x"], m["p_y"], m["theta"], m["v_x"], m["v_y"], m["omega"], m["delta"],
@@ -204,6 +223,10 @@ def knot_columns(diagnosis: Diagnosis) -> Floats:
 
 
 def track_columns(tracks: PredictedTracks) -> Floats:
-    """Columns (K, len(TRACK_UNITS)): measured and predicted positions; measured ones where predictions diverge."""
+    """Columns (K, len(TRACK_UNITS)) of measured and predicted positions; measured ones where predictions diverge.
+
+    TRACK_UNITS gives their names and units: time, measured x and y, those predicted before and after effects are
+    named, and 1 where a prediction starts.
+    """
     filled = [np.where(np.isfinite(p), p, tracks.measured) for p in (tracks.before, tracks.after)]
     return np.column_stack([tracks.time_s, tracks.measured, *filled, tracks.starts])

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from bcid.documents.document import Document, Interval, Number, Part
+from bcid.documents.document import Document, Figure, Interval, Number, Part
 
 Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 
@@ -163,7 +163,7 @@ class Rival(Part):
     """Another combination of effects, how far its log-likelihood lies behind, and why it was not named."""
 
     effects: tuple[str, ...]
-    behind_nats: float
+    behind_nats: Figure
     why_not: str | None = None
 
 
@@ -171,7 +171,7 @@ class Placebo(Part):
     """The log-likelihood gain (nats) of an effect that cannot be there: how much chance alone explains."""
 
     name: str
-    gain_nats: float
+    gain_nats: Figure
 
 
 class Located(Part):
@@ -186,13 +186,13 @@ class Unexplained(Part):
     """What free functions still predict of the recording beside the findings, by channel and direction."""
 
     channel: str
-    channel_gains: dict[str, float] = Field(default_factory=dict)  # nats that free functions in one channel explain
-    correlations: dict[str, float] = Field(
+    channel_gains: dict[str, Figure] = Field(default_factory=dict)  # nats that free functions in one channel explain
+    correlations: dict[str, Figure] = Field(
         default_factory=dict
     )  # of held-out predictions with what is left, by channel
-    heldout_gain: float = 0.0
-    gain_nats: float = 0.0
-    direction_gains: dict[str, float] = Field(default_factory=dict)  # nats that pushes of one direction explain
+    heldout_gain: Figure = 0.0
+    gain_nats: Figure = 0.0
+    direction_gains: dict[str, Figure] = Field(default_factory=dict)  # nats that pushes of one direction explain
 
 
 class DiagnosisDocument(Document):
@@ -205,7 +205,7 @@ class DiagnosisDocument(Document):
     simulation: str = ""
     verdict: Verdict
     mismatch: Mismatch = Mismatch()
-    channels: dict[str, float] = Field(
+    channels: dict[str, Figure] = Field(
         default_factory=dict
     )  # nats that free functions in one channel explain before any hypothesis
     findings: tuple[NamedEffect, ...] = ()

@@ -5,7 +5,8 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from pydantic_core import InitErrorDetails
 
 from bcid.errors import InputRefused
 
@@ -15,35 +16,53 @@ class Part(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True, allow_inf_nan=False)
 
-    @model_validator(mode="before")
-    @classmethod
-    def _pass_over_nulls(cls, data: Any) -> Any:
-        """What is null was not told: the field has its default, or is missing."""
-        return {k: v for k, v in data.items() if v is not None} if isinstance(data, dict) else data
-
     def as_json(self) -> dict[str, Any]:
         """The part as JSON holds it, under its published keys."""
         return self.model_dump(by_alias=True)
 
 
 def _null_for_nan(value: object) -> object:
-    """Replace a number that is not finite by null."""
+    """`value`, but None (null in JSON) in place of a float that is NaN or infinite."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 Number = Annotated[float | None, BeforeValidator(_null_for_nan)]
 """A figure that may be missing: what is not a finite number is null."""
 
-Interval = tuple[float, float]
+
+def _nan_for_null(value: object) -> object:
+    """`value`, but NaN in place of None (null in JSON)."""
+    return math.nan if value is None else value
+
+
+Figure = Annotated[
+    float, Field(allow_inf_nan=True), BeforeValidator(_nan_for_null), PlainSerializer(_null_for_nan, float | None)
+]
+"""A figure that is always there: NaN in memory is null in JSON, either way."""
+
+Interval = tuple[Figure, Figure]
 """The low and the high end of an interval."""
 
 
 class Document(Part):
-    """A whole document; its `schema` key, defined by each, names its kind and version."""
+    """A whole document; the `schema` key of one that leaves the workspace names its kind and version."""
 
     def write(self, path: Path) -> None:
         """Write the document to `path` as indented JSON."""
         path.write_text(json.dumps(self.as_json(), indent=1, ensure_ascii=False, allow_nan=False), encoding="utf-8")
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Self:
+        """Parse a document: no type is converted, and its schema key, where it has one, must be there.
+
+        Raises:
+            ValidationError: `text` is not JSON, or is no such document.
+        """
+        document = cls.model_validate_json(text, strict=True)
+        if "kind" in cls.model_fields and "kind" not in document.model_fields_set:
+            missing = InitErrorDetails(type="missing", loc=("schema",), input=None)
+            raise ValidationError.from_exception_data(cls.__name__, [missing])
+        return document
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -53,7 +72,7 @@ class Document(Part):
             InputRefused: it cannot be read, is not JSON, or is no such document; with every field that is wrong.
         """
         try:
-            return cls.model_validate_json(path.read_bytes())
+            return cls.from_json(path.read_bytes())
         except OSError as error:
             raise InputRefused(path, "document", f"cannot be read: {error.strerror}", "check the path") from None
         except ValidationError as error:

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from bcid.documents.document import Document, Interval, Number, Part
+from bcid.documents.document import Document, Figure, Interval, Number, Part
 
 
 class ClockEstimate(Part):
@@ -20,7 +20,7 @@ class ClockEstimate(Part):
     drift: Number = None  # s/s
     drift_ci95: Interval | None = None  # s/s
     blocks: int = 0  # of the take, that show a delay each
-    explained: float = 0.0  # share of the yaw acceleration's variance that the commands explain
+    explained: Figure = 0.0  # share of the yaw acceleration's variance that the commands explain
     reason: str | None = None
 
 
@@ -36,10 +36,10 @@ class HealthFigures(Part):
     """The figures of a take by which its health is judged."""
 
     duration_s: float
-    moving_s: float  # for which the car moves and its pose is known
-    pose_coverage: float  # share of the frames whose pose is known
-    command_coverage: float  # share of the poses at which a command holds
-    top_speed_mps: float
+    moving_s: Figure  # for which the car moves and its pose is known
+    pose_coverage: Figure  # share of the frames whose pose is known
+    command_coverage: Figure  # share of the poses at which a command holds
+    top_speed_mps: Figure
     yaw_offset_rad: YawOffset | None = None
 
 

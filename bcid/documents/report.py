@@ -10,7 +10,7 @@ from bcid.documents.document import Document, Interval, Number, Part
 class ProcessNoiseFigures(Part):
     """The process noise of a fitted model."""
 
-    q: tuple[float, ...]  # root spectral density of each component of the twist, per root second
+    q: tuple[float, float, float]  # root spectral density of each component of the twist, per root second
     tau_s: float  # time over which the noise stays alike; 0 for one step
     factor: float  # by which the intervals are widened for what is not normally distributed
 

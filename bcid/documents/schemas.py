@@ -22,7 +22,7 @@ DOCUMENTS: dict[str, type[Document]] = {
 
 
 def schema_text(name: str) -> str:
-    """The JSON schema (draft 2020-12) of the document `name` of DOCUMENTS, as it is published."""
+    """The published JSON schema (draft 2020-12) of a document such as "diagnosis", a key of DOCUMENTS, as text."""
     return json.dumps(DOCUMENTS[name].model_json_schema(), indent=1, ensure_ascii=False) + "\n"
 
 

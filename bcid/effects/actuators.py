@@ -3,11 +3,11 @@
 It needs the commands alone and so runs ahead of the body; the angle is known at every half step, as RK4 asks for it.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, steering
 from bcid.effects.car import Actuation
@@ -38,29 +38,41 @@ class SteeringState(NamedTuple):
 
 @njit_inline
 def actuation_at(k: int, chain: ActuatorChain, T: float) -> Actuation:
-    """Steering angle (rad) and throttle as step `k` of an actuator chain begins, in a recording of length T (s)."""
+    """What the actuators give at the start of step `k` of `chain`: time (s), steering angle (rad) and throttle.
+
+    The throttle comes with its change within the step.  `T` is the recording's length (s), for effects that grow
+    with time.
+    """
     return Actuation(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], chain.late[k])
 
 
 @njit
 def mean_held_command(times: Floats, values: Floats, integral: Floats, a: float, b: float) -> float:
-    """Mean over [a, b] (s) of commands `values` that hold from their `times` (s) on; the first holds before them, too.
+    """Mean over [a, b] (s) of commands `values` (m,) that hold from their `times` (m,) (s) until the next.
 
-    `integral` is the commands' running integral at `times`.  The mean is continuous in a and b: a delay has a gradient.
+    The first holds before its time, too.  `integral` (m,) is the commands' integral from the first time to each.
+    The mean is continuous in a and b, so that predictions have a gradient with respect to a delay.
     """
     return (_command_integral(times, values, integral, b) - _command_integral(times, values, integral, a)) / (b - a)
 
 
 @njit
 def _command_integral(times: Floats, values: Floats, integral: Floats, t: float) -> float:
-    """Integral of held commands from their first row to the time `t`."""
+    """Integral from times[0] to `t` (s) of commands `values` (m,) that each hold from their time until the next.
+
+    `integral` (m,) is its value at each of `times` (m,) (s).
+    """
     k = max(int(np.searchsorted(times, t, side="right")) - 1, 0)
     return float(integral[k] + (t - times[k]) * values[k])
 
 
 @njit
-def servo_step(delta: float, u_s: float, p: Car, e: Any, h: float) -> float:
-    """Servo angle (rad) after `h` seconds of the command `u_s` (rad), with the dead band and rate asymmetry of `e`."""
+def servo_step(delta: float, u_s: float, p: Car, e: Switches, h: float) -> float:
+    """Servo angle (rad), from `delta` (rad), after `h` seconds of the command `u_s` (rad).
+
+    First order with the rate limit of `p`, and with the dead band and the rate asymmetry among the effects'
+    parameters `e`.
+    """
     rate_limit = steering.steering_rate_asymmetry(p.d, u_s - delta, e.steering_rate_asymmetry__a)
     after = steering_step(delta, u_s, p.T_s, rate_limit, h)
     return steering.steering_dead_band(delta, after, u_s, e.steering_dead_band__b)
@@ -68,12 +80,14 @@ def servo_step(delta: float, u_s: float, p: Car, e: Any, h: float) -> float:
 
 @njit
 def actuator_chain(
-    times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
+    times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Switches
 ) -> ActuatorChain:
-    """Steering angles and throttles after delay, servo, lag and play over `n` steps of `h` seconds from `t_0` (s).
+    """Steering angles and throttles that reach the car over `n` steps of `h` seconds from `t_0` (s) on.
 
-    `commands` (m, 2), steering (rad) and throttle (m/s, brake share or share), are given at `times` (m,) (s) and hold
-    until the next; angles are limited to +-`limit` (rad).  The steering starts at rest at the first command.
+    They result from delays, servo, lag and play of `p` and the effects' parameters `e`.  `commands` (m, 2) are
+    steering (rad), limited to +-`limit`, and throttle (reference speed in m/s or share of full force; below 0 the
+    brake share); each holds from its time in `times` (m,) (s) until the next.  The steering starts at rest at the
+    first command.
     """
     first = min(max(commands[0, 0], -limit), limit)
     return continue_actuator_chain(SteeringState(first, first, first), times, commands, t_0, n, h, p, limit, e)[0]
@@ -81,12 +95,21 @@ def actuator_chain(
 
 @njit
 def continue_actuator_chain(
-    servo: SteeringState, times: Floats, commands: Floats, t_0: float, n: int, h: float, p: Car, limit: float, e: Any
+    servo: SteeringState,
+    times: Floats,
+    commands: Floats,
+    t_0: float,
+    n: int,
+    h: float,
+    p: Car,
+    limit: float,
+    e: Switches,
 ) -> tuple[ActuatorChain, SteeringState]:
-    """Steering angles and throttles as of `actuator_chain`, with the steering at `servo` at `t_0`, and at their end.
+    """Steering angles and throttles over `n` steps of `h` seconds from `t_0` (s) on, and the steering's last state.
 
-    Half steps are divided where the delayed command changes: a servo at its rate limit answers to when a command
-    came, not to its mean.
+    It differs from `actuator_chain` in two points: the angles (rad) of servo, lag and play start from `servo`, so
+    that a simulation can be continued; and half steps are divided at the exact times at which the delayed command
+    changes, since a servo at its rate limit depends on these times and not only on the command's mean over the step.
     """
     u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
     half, tau = 0.5 * h, e.steering_delay__tau
@@ -111,9 +134,10 @@ def continue_actuator_chain(
 
 @njit
 def _throttle_per_step(times: Floats, u_m: Floats, t_0: float, n: int, h: float) -> tuple[Floats, Floats, Floats]:
-    """Throttle as a step begins, its mean after its first change within the step, and the share of the step after that.
+    """Throttle as each step begins, its mean after the first change in the step, and the share of the step after it.
 
-    Each (n + 1,), from commands `u_m` (m,) that act from `times` (m,) (s) on and hold until the next.
+    Each has shape (n + 1,); the share is 0 where nothing changes.  Commands `u_m` (m,) act from `times` (m,) (s)
+    until the next; the `n` steps of `h` seconds begin at `t_0` (s).
     """
     area = np.zeros(len(times))
     area[1:] = np.cumsum(u_m[:-1] * np.diff(times))

@@ -4,9 +4,9 @@ Delays, servo, steering lag and play need the commands alone and run ahead of th
 Here follow, at the body's speed: linkage, compliance, tyres, motor, drag, floor.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
@@ -74,19 +74,23 @@ class _FrontWheel(NamedTuple):
 
 @njit
 def unpack_body(x: Floats) -> BodyState:
-    """Pose and twist in the first six numbers of a row `x` of `integrate_body`."""
+    """Pose [p_x, p_y, theta] (world) and twist [v_x, v_y, omega] (body) in a row `x` (9,) of `integrate_body`."""
     return BodyState(x[0], x[1], x[2], x[3], x[4], x[5])
 
 
 @njit
 def unpack_lags(x: Floats) -> LagState:
-    """Lagging quantities in the numbers 6 to 8 of a row `x` of `integrate_body`."""
+    """Lagging front slip angle alpha_f (rad), motor forces F_mf, F_mr (N) in a row `x` (9,) of `integrate_body`."""
     return LagState(x[6], x[7], x[8])
 
 
 @njit_inline
-def _motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Any, c: Constants) -> float:
-    """Motor force F_m (N) under one throttle `u_m` at the wheel speed `v_w` (m/s), with the motor's effects."""
+def _motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Switches, c: Constants) -> float:
+    """Motor force F_m (N) under the throttle `u_m` at the wheel speed `v_w` (m/s), before any lag.
+
+    The motor's effects in `e` act on the law of `p`: dead zone, fade, power limit, sag, regeneration; time comes
+    from `act`.
+    """
     u_m = motor.motor_dead_zone(u_m, e.motor_dead_zone__width)
     F = corrections.motor_fade(motor_force(u_m, v_w, p), u_m, v_w, p.u_0, e.motor_fade__k)
     supplied = motor.motor_power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
@@ -96,8 +100,8 @@ def _motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Any, c: C
 
 
 @njit_inline
-def motor_force_with_effects(v_w: float, act: Actuation, p: Car, e: Any, c: Constants) -> float:
-    """Motor force F_m (N) at the wheel speed `v_w` (m/s), with the motor's effects.
+def motor_force_with_effects(v_w: float, act: Actuation, p: Car, e: Switches, c: Constants) -> float:
+    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle of `act`, with the motor's effects in `e`.
 
     Where the throttle changes within a step, the forces under both throttles are averaged: F_m is not linear in u_m.
     """
@@ -109,9 +113,22 @@ def motor_force_with_effects(v_w: float, act: Actuation, p: Car, e: Any, c: Cons
 
 @njit_inline
 def _front_wheel_forces(
-    delta_w: float, b: BodyState, act: Actuation, lags: LagState, grip: float, F_lr: float, p: Car, e: Any, c: Constants
+    delta_w: float,
+    b: BodyState,
+    act: Actuation,
+    lags: LagState,
+    grip: float,
+    F_lr: float,
+    p: Car,
+    e: Switches,
+    c: Constants,
 ) -> _FrontWheel:
-    """Forces of the front wheel at angle `delta_w` (rad): `grip` is its share of F_f_max, F_lr the rear drive (N)."""
+    """Forces along and across the front wheel (N) at its angle `delta_w` (rad), with the effects that act on it.
+
+    `grip` multiplies the largest side force F_f_max (a slippery patch's factor); `F_lr` is the rear axle's drive
+    force (N); `lags` holds the lagging slip angle and motor force, used instead of the steady ones while their effect
+    is on.
+    """
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta_w)
     F_m = motor_force_with_effects(v_fx, act, p, e, c)
     pull = lags.F_mf if e.motor_lag__tau > 0.0 else F_m
@@ -136,18 +153,26 @@ def _front_wheel_forces(
 @njit
 def _compliance_residual(
     delta_w: float, delta: float, b: BodyState, act: Actuation, lags: LagState, grip: float, F_lr: float, p: Car,
-    e: Any, c: Constants,
+    e: Switches, c: Constants,
 ) -> float:  # fmt: skip
-    """Residual (rad) of the wheel angle `delta_w` under its side force; not inlined, since a step calls it often."""
+    """Residual delta_w - delta - k F_af(delta_w) (rad) of the compliant front wheel's angle, 0 at the balance.
+
+    `delta` is the angle without compliance, `F_af` the side force (N) under the forces of `_front_wheel_forces`,
+    whose other arguments these are.  Not inlined, since a step calls it often.
+    """
     F_af = _front_wheel_forces(delta_w, b, act, lags, grip, F_lr, p, e, c).F_a
     return steering.steering_compliance(delta_w, delta, F_af, e.steering_compliance__k)
 
 
 @njit_inline
 def _solve_wheel_angle(
-    b: BodyState, act: Actuation, lags: LagState, grip: float, F_lr: float, p: Car, e: Any, c: Constants
+    b: BodyState, act: Actuation, lags: LagState, grip: float, F_lr: float, p: Car, e: Switches, c: Constants
 ) -> float:
-    """Angle delta_w of the front wheel (rad): linkage, then compliance with its side force, solved by regula falsi."""
+    """Angle delta_w (rad) of the front wheel: the steering's angle after the effects of linkage and compliance.
+
+    The compliance depends on the side force at the angle sought, and is solved by regula falsi; the arguments are
+    those of `_front_wheel_forces`.
+    """
     delta = steering.steering_nonlinearity(
         corrections.steering_scale(act.delta, e.steering_scale__g), e.steering_nonlinearity__k
     )
@@ -178,8 +203,12 @@ def _solve_wheel_angle(
 
 
 @njit_inline
-def _rear_tyre_force(v_along: float, v_across: float, F_max: float, p: Car, e: Any) -> float:
-    """Side force (N) of a rear tyre with all of the axle's C_r that rolls at v_along and slides at v_across (m/s)."""
+def _rear_tyre_force(v_along: float, v_across: float, F_max: float, p: Car, e: Switches) -> float:
+    """Side force (N), limited by `F_max` (N), of a rear tyre that rolls at `v_along` and slides at `v_across` (m/s).
+
+    The force is -C_r alpha with the whole axle's cornering stiffness C_r, changed by the effects in `e` on toe angle,
+    slip angle and saturation.
+    """
     v_0 = corrections.slip_speed(p.v_0, e.slip_speed__d)
     alpha = slip_angle(v_along, v_across, v_0) + tyres.rear_toe(v_along, e.rear_toe__epsilon, v_0)
     F_max = corrections.tyre_fall(-p.C_r * alpha, F_max, e.tyre_fall__f)
@@ -187,8 +216,12 @@ def _rear_tyre_force(v_along: float, v_across: float, F_max: float, p: Car, e: A
 
 
 @njit_inline
-def _rear_side_force(b: BodyState, v_rx: float, v_ry: float, grip: float, p: Car, e: Any) -> float:
-    """Side force F_ar (N) of the rear axle, as of one wheel in its middle, or as the mean of two a track apart."""
+def _rear_side_force(b: BodyState, v_rx: float, v_ry: float, grip: float, p: Car, e: Switches) -> float:
+    """Side force F_ar (N) of the rear axle, by one wheel in its middle or as the mean of two wheels a track apart.
+
+    Two wheels are computed where the effect two_rear_wheels is on in `e`.  `v_rx`, `v_ry` are the velocity (m/s) of
+    the axle's middle in the body frame; `grip` multiplies F_r_max (a slippery patch's factor).
+    """
     if e.two_rear_wheels__t == 0.0:
         return _rear_tyre_force(v_rx, v_ry, p.F_r_max * grip, p, e)
     total = 0.0
@@ -199,11 +232,13 @@ def _rear_side_force(b: BodyState, v_rx: float, v_ry: float, grip: float, p: Car
 
 
 @njit_inline
-def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e: Any, c: Constants) -> Wrench:
-    """Force F_x, F_y (N) and moment M_z (N m) on the body with every effect in its place.
+def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants) -> Wrench:
+    """Force F_x, F_y (N) and moment M_z (N m) on the body: the base model's, with every effect that is on in `e`.
 
-    Paper, second equation, with errata 2; with all switches `e` off bit for bit `bcid.physics.car.wrench`.  Of `lags`
-    only those are read whose effect is on.
+    Equation: paper, section Physics Based Models, 2nd equation, with the sign in F_x of docs/errata.md row 2.  With
+    all effects off, the result equals `bcid.physics.car.wrench` to the last bit.  The wrench also carries the mass
+    factor and the steady values of the lagging quantities; of `lags`, their present values, only those are read whose
+    lag is on.
     """
     grip = tyres.slippery_patch(
         b.p_x, b.p_y, e.slippery_patch__D, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius
@@ -242,7 +277,7 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
 
 
 @njit
-def is_pose_independent(e: Any) -> bool:
-    """Whether the car's motion is independent of place and heading: no patch, cable or slope is on in `e`."""
+def is_pose_independent(e: Switches) -> bool:
+    """Whether forces on the car depend on neither place nor heading: no patch, cable or slope is switched on in `e`."""
     here = e.slippery_patch__D != 0.0 or e.rough_patch__b != 0.0 or e.tether_pull__k != 0.0
     return not (here or e.floor_slope__g_x != 0.0 or e.floor_slope__g_y != 0.0)

@@ -11,9 +11,10 @@ from bcid.effects.entry import Effect, Parameter
 
 @njit
 def tyre_fall(linear: float, F_max: float, f: float) -> float:
-    """Grip (N) past saturation F_max (1 - f o/(1 + o)), where o = |linear|/F_max - 1 is the excess, at least 0.
+    """Largest side force (N) of a tyre whose grip falls past saturation: F_max (1 - f o/(1 + o)).
 
-    `linear` is the tyre's side force (N) without a limit; far past saturation the grip is (1 - f) F_max.
+    o = max(|linear|/F_max - 1, 0) is the relative excess over F_max of `linear` (N), the side force without a limit;
+    f is the share of F_max that is lost at very large slip.
     """
     if f == 0.0:
         return F_max
@@ -23,7 +24,7 @@ def tyre_fall(linear: float, F_max: float, f: float) -> float:
 
 @njit
 def slip_speed(v_0: float, d: float) -> float:
-    """Speed v_0 (1 + d) (m/s) that bounds the rolling speed in the slip angles."""
+    """Speed v_0 (1 + d) (m/s): lower limit v_0 of |v_x| in the slip angle atan(v_y/max(|v_x|, v_0)), changed by d."""
     return v_0 * (1.0 + d)
 
 
@@ -35,15 +36,16 @@ def two_rear_wheels(v_x: float, omega: float, t: float, side: float) -> float:
 
 @njit
 def steering_scale(delta: float, g: float) -> float:
-    """Steering angle (1 + g) delta (rad), where the vehicle file's gain from raw commands is off by g."""
+    """Steering angle (1 + g) delta (rad), where the vehicle file's gain from raw commands to rad is off by g."""
     return (1.0 + g) * delta
 
 
 @njit
 def motor_fade(F: float, u_m: float, v_w: float, u_0: float, k: float) -> float:
-    """Motor force F - k (u_m - u_0) v_w (N) at a throttle u_m above u_0, at the wheel speed v_w (m/s).
+    """Motor force F - k (u_m - u_0) v_w (N) at a throttle u_m above its dead zone u_0; F itself at or below it.
 
-    A pulsed bridge that is on for a share of the time lets the motor brake for as long.
+    `v_w` is the wheel speed (m/s).  A pulsed bridge conducts for a share of the time that grows with the throttle,
+    and only then does the motor's back EMF, which is proportional to the speed, reduce the current.
     """
     return where(u_m > u_0, F - k * (u_m - u_0) * v_w, F) if k != 0.0 else F
 

@@ -69,7 +69,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def parse_unit(unit: str) -> list[tuple[str, int]]:
-    """Base units and their exponents in a product of powers.
+    """Base units and their exponents in a unit that is written as a product of powers.
 
     >>> parse_unit("kg m^-2")
     [('kg', 1), ('m', -2)]
@@ -78,7 +78,7 @@ def parse_unit(unit: str) -> list[tuple[str, int]]:
 
 
 def unit_in_words(unit: str) -> str:
-    """A unit, given as a product of powers, as an engineer writes it.
+    """A unit, given as a product of powers, as an engineer writes it: a derived unit such as "N", where there is one.
 
     >>> unit_in_words("kg s^-1"), unit_in_words("kg m^4")
     ('N s/m', 'kg m⁴')
@@ -142,10 +142,11 @@ class VehicleScale(NamedTuple):
 
 
 def resize_effect(effect: Effect, units: VehicleScale) -> Effect:
-    """The effect with starting sizes and bounds for a vehicle that is larger, heavier or slower than the bumper car.
+    """The effect with bounds and starting sizes scaled from the bumper car to a vehicle of other mass or size.
 
-    Numbers grow with `units`; places and times stay free, circles are wider for what is larger or faster; delays and
-    lags stay: electronics and servos are no faster in a small car.
+    `units` holds the ratios of the vehicle's mass, length and time to the bumper car's; a parameter is scaled by the
+    ratio of its unit.  Places, times, delays and lags are not scaled (electronics are no faster in a small car);
+    radii are scaled by the vehicle's length, or by how far it drives in its time if that is more.
     """
 
     def scaled(p: Parameter) -> Parameter:

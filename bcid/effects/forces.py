@@ -16,7 +16,7 @@ N_S_PER_M = "kg s^-1"
 
 @njit
 def rear_rolling_coulomb(v_x: float, c: float, v_c: float) -> float:
-    """Force along the body -c tanh(v_x/v_c) (N): dry friction c (N) of the rear wheels at the speed v_x (m/s)."""
+    """Force along the body -c tanh(v_x/v_c) (N): dry friction c (N) of the rear wheels, full well above v_c (m/s)."""
     return -c * math.tanh(v_x / v_c) if c != 0.0 else 0.0
 
 
@@ -28,13 +28,13 @@ def rear_rolling_viscous(v_x: float, b: float) -> float:
 
 @njit
 def front_coulomb_friction(v_fx: float, c: float, v_c: float) -> float:
-    """Drag of the front wheel c tanh(v_fx/v_c) (N): dry friction c (N) at the rolling speed v_fx (m/s)."""
+    """Drag of the front wheel c tanh(v_fx/v_c) (N): dry friction c (N), full at rolling speeds well above v_c (m/s)."""
     return c * math.tanh(v_fx / v_c) if c != 0.0 else 0.0
 
 
 @njit
 def quadratic_drag(v_x: float, v_y: float, k: float) -> tuple[float, float]:
-    """Force on the body -k |V| V (N), along and across it, at the velocity V = (v_x, v_y) (m/s): air drag."""
+    """Air drag -k |V| V (N), along and across the body, at the velocity V = (v_x, v_y) (m/s) in the body frame."""
     if k == 0.0:
         return 0.0, 0.0
     drag = -k * math.hypot(v_x, v_y)
@@ -54,7 +54,7 @@ def rear_drag_asymmetry(v_x: float, omega: float, b: float, track: float) -> tup
 
 @njit
 def steering_drag(delta_w: float, v_fx: float, k: float) -> float:
-    """Drag of the front wheel k |delta_w| v_fx (N) at the angle delta_w (rad) and rolling speed v_fx (m/s)."""
+    """Drag of the front wheel k |delta_w| v_fx (N) at its angle delta_w (rad) and rolling speed v_fx (m/s)."""
     return k * abs(delta_w) * v_fx
 
 
@@ -66,21 +66,25 @@ def is_in_circle(p_x: float, p_y: float, x: float, y: float, radius: float) -> b
 
 @njit
 def rough_patch(p_x: float, p_y: float, v_fx: float, b: float, x: float, y: float, radius: float) -> float:
-    """Drag of the front wheel b v_fx (N) while the CoG (p_x, p_y) is in the circle about (x, y), else 0."""
+    """Drag of the front wheel b v_fx (N) while the CoG (p_x, p_y) is within `radius` of (x, y) (all in m), else 0.
+
+    `v_fx` is the wheel's rolling speed (m/s), `b` the drag per speed (N s/m) of the rough floor.
+    """
     return where(is_in_circle(p_x, p_y, x, y, radius), b * v_fx, 0.0) if b != 0.0 else 0.0
 
 
 @njit
 def floor_slope(m: float, g_x: float, g_y: float) -> tuple[float, float]:
-    """Force (m g_x, m g_y) (N) in the world frame on a car of mass m (kg): gravity along an inclined floor."""
+    """Force (m g_x, m g_y) (N, world) on a mass m (kg): gravity along an inclined floor, g_x, g_y in m/s^2."""
     return m * g_x, m * g_y
 
 
 @njit
 def tether_pull(p_x: float, p_y: float, k: float, x: float, y: float, r_0: float) -> tuple[float, float]:
-    """Force (N) in the world frame of a cable of stiffness k (N/m) from the CoG (p_x, p_y) to (x, y).
+    """Force (N) in the world frame on the CoG at (p_x, p_y) from a cable that is fixed at (x, y) (all in m).
 
-    It pulls with k (r - r_0) at the distance r (m) beyond its slack length r_0, and does nothing within it.
+    Its size is k (r - r_0) towards (x, y) at a distance r (m) beyond the slack length r_0, and 0 within; k is in
+    N/m.
     """
     if k == 0.0:
         return 0.0, 0.0
@@ -92,13 +96,13 @@ def tether_pull(p_x: float, p_y: float, k: float, x: float, y: float, r_0: float
 
 @njit
 def yaw_scrub(omega: float, c: float) -> float:
-    """Moment -c omega (N m): viscous friction c (N m s) of wheels that turn on the spot at omega (rad/s)."""
+    """Moment -c omega (N m): viscous friction c (N m s) of scrubbing wheels at the yaw rate omega (rad/s)."""
     return -c * omega
 
 
 @njit
 def yaw_coulomb(omega: float, c: float, w_c: float) -> float:
-    """Moment -c tanh(omega/w_c) (N m): dry friction c (N m) of wheels that turn on the spot at omega (rad/s)."""
+    """Moment -c tanh(omega/w_c) (N m): dry friction c (N m) of scrubbing wheels, full well above w_c (rad/s)."""
     return -c * math.tanh(omega / w_c) if c != 0.0 else 0.0
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bcid.effects.entry import Effect, unit_in_words
+from bcid.effects.entry import Effect, Parameter, unit_in_words
 from bcid.files.source_code import PACKAGE
 
 INTRODUCTION = """\
@@ -31,7 +31,7 @@ def locate_law(effect: Effect) -> tuple[str, int]:
 
 
 def effect_json(effect: Effect) -> dict[str, Any]:
-    """One effect as an element of `bcid effects --format json`, with the file and line of its law."""
+    """One effect as an element of `bcid effects --format json`, with the file and line of its compiled equation."""
     file, line = locate_law(effect)
     return {
         "effect": effect.id,
@@ -42,13 +42,21 @@ def effect_json(effect: Effect) -> dict[str, Any]:
         "depends_on": list(effect.depends_on),
         "held": effect.confounded_with or None,
         "source": effect.source,
-        "parameters": [{k.replace("is_place", "places"): v for k, v in p._asdict().items()} for p in effect.parameters],
+        "parameters": [_parameter_json(p) for p in effect.parameters],
         "law": {"function": f"{effect.law.__module__}.{effect.id}", "file": file, "line": line},
     }
 
 
+def _parameter_json(p: Parameter) -> dict[str, Any]:
+    """One parameter of an effect as an element of its "parameters" in JSON; "places" marks a place or a time."""
+    return {
+        "symbol": p.symbol, "unit": p.unit, "low": p.low, "high": p.high, "size": p.size, "meaning": p.meaning,
+        "off": p.off, "places": p.is_place, "inverse_of": p.inverse_of,
+    }  # fmt: skip
+
+
 def describe_effect(effect: Effect) -> str:
-    """One effect in words for the terminal: equation, parameters, look-alikes, source, file and line of its law."""
+    """One effect as text for the terminal: equation, parameters, similar effects, source, and where its code is."""
     lines = [f"{effect.id}: {effect.equation}", f"  {effect.kind}, channel {effect.channel}"]
     for p in effect.parameters:
         size = "" if p.is_place else f", size about {p.size:g}"

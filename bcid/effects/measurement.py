@@ -1,9 +1,8 @@
 """How the recorded pose and its time differ from the car's; and the car's mass, which may change on the way."""
 
 import math
-from typing import Any
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
@@ -11,25 +10,25 @@ from bcid.effects.entry import Effect, Parameter
 
 @njit
 def mass_change(t: float, d: float, t_s: float) -> float:
-    """Factor of m and I_z at the time t (s): 1 + d from t_s on, before it 1."""
+    """Factor on mass and moment of inertia at the time t (s) of a recording: 1 before t_s (s), 1 + d from then on."""
     return where(t >= t_s, 1.0 + d, 1.0) if d != 0.0 else 1.0
 
 
 @njit
 def pose_latency(time: Floats, tau: float) -> Floats:
-    """Times t + tau (s) of commands given at t: poses stamped tau late are the same as commands that act tau later."""
+    """Times t + tau (n,) (s) of commands given at the times t; poses stamped tau late are equivalent to this."""
     return time + tau
 
 
 @njit
 def clock_drift(time: Floats, rho: float) -> Floats:
-    """Times t (1 + rho) (s) that the pose clock shows at the times t of the command clock."""
+    """Times t (1 + rho) (n,) (s) on the pose clock, which drifts by rho, at the times t (n,) of the command clock."""
     return time * (1.0 + rho)
 
 
 @njit
 def marker_offset(p_x: float, p_y: float, theta: float, d_x: float, d_y: float) -> tuple[float, float]:
-    """World position (m) of the tracked point, (d_x, d_y) ahead and left of the CoG (p_x, p_y) at heading theta."""
+    """World position (m) of the tracked point, d_x ahead and d_y left of the CoG (p_x, p_y), at yaw theta (rad)."""
     cos_t, sin_t = math.cos(theta), math.sin(theta)
     return p_x + cos_t * d_x - sin_t * d_y, p_y + sin_t * d_x + cos_t * d_y
 
@@ -47,18 +46,21 @@ def pose_scale(x: float, y: float, kappa: float) -> tuple[float, float]:
 
 
 @njit
-def tracked_pose(p_x: float, p_y: float, theta: float, e: Any) -> tuple[float, float, float]:
-    """Tracked pose (m, m, rad) of a car at (p_x, p_y), theta: with the marker offset, scale and yaw error of `e`."""
+def tracked_pose(p_x: float, p_y: float, theta: float, e: Switches) -> tuple[float, float, float]:
+    """Tracked pose x, y (m), yaw (rad) in the world of a car whose CoG is at (p_x, p_y) (m) with heading theta (rad).
+
+    The marker offset, length scale and yaw misalignment are read from the effects' parameters `e`.
+    """
     x, y = marker_offset(p_x, p_y, theta, e.marker_offset__d_x, e.marker_offset__d_y)
     x, y = pose_scale(x, y, e.pose_scale__kappa)
     return x, y, body_yaw_misalignment(theta, e.body_yaw_misalignment__psi)
 
 
 @njit
-def to_pose_clock(time: Floats, e: Any) -> Floats:
+def to_pose_clock(time: Floats, e: Switches) -> Floats:
     """Times (n,) (s) on the pose clock, (t + tau)(1 + rho), of commands given at `time` (n,) on the command clock.
 
-    The pose latency tau and the clock drift rho are read from the switches `e`.
+    The pose latency tau and the relative clock drift rho are read from the effects' parameters `e`.
     """
     return clock_drift(pose_latency(time, e.pose_latency__tau), e.clock_drift__rho)
 

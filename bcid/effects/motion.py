@@ -1,10 +1,10 @@
 """The body in motion under all effects: RK4 with exact lags, from what the actuators give."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, tyres
 from bcid.effects.actuators import ActuatorChain
@@ -28,8 +28,13 @@ class StepInputs(NamedTuple):
 
 
 @njit
-def _advance_lags(start: LagState, first: Wrench, now: Wrench, ahead: float, e: Any) -> LagState:
-    """Lagging quantities `ahead` seconds into a step from `start`; steady values run linearly from `first` to `now`."""
+def _advance_lags(start: LagState, first: Wrench, now: Wrench, ahead: float, e: Switches) -> LagState:
+    """Lagging slip angle (rad) and motor forces (N) `ahead` seconds into a step that begins with the values `start`.
+
+    Each follows its steady value by a first-order lag, the slip angle over the distance rolled, the forces over
+    time.  The steady values run linearly from those of `first`, the wrench at the step's start, to those of `now`.  A
+    quantity whose lag is off in `e` equals its steady value.
+    """
     rolled = 0.5 * (abs(first.v_fx) + abs(now.v_fx)) * ahead
     a, b, sigma, tau = first.steady, now.steady, e.tyre_relaxation__sigma, e.motor_lag__tau
     return LagState(
@@ -40,11 +45,12 @@ def _advance_lags(start: LagState, first: Wrench, now: Wrench, ahead: float, e: 
 
 
 @njit
-def _lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h: float, e: Any) -> LagState:
-    """Lagging quantities (slip angle, motor forces) for the RK4 stage `ahead` seconds into a step of `h` seconds.
+def _lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h: float, e: Switches) -> LagState:
+    """Lagging slip angle (rad) and motor forces (N) for the RK4 stage `ahead` seconds into a step of `h` seconds.
 
-    The error at the start decays over the step; its mean stands for it at every stage.  So a step's impulse is right
-    however short the lag is: RK4's stages would miss what decays between them.
+    `start` holds their values as the step begins, `first` and `now` the wrenches there and at the stage.  The initial
+    deviation from the steady value decays exponentially; every stage uses the deviation's mean over the step, so that
+    the step's impulse is right even for time constants far below `h`, which RK4's stages would not resolve.
     """
     steady = first.steady
     at = _advance_lags(steady, first, now, ahead, e)
@@ -59,7 +65,11 @@ def _lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h:
 
 @njit
 def _body_rates(b: BodyState, w: Wrench, push: tuple[float, float, float], p: Car) -> BodyState:
-    """Time derivatives of pose and twist under the wrench `w` and a further `push` (N, N, N m)."""
+    """Time derivatives of pose (world) and twist (body) of a car `p` under the wrench `w` and a disturbance `push`.
+
+    `push` is a force and moment (N, N, N m) in the body frame that is added to `w`; mass and inertia are multiplied
+    by the wrench's mass factor.
+    """
     sin_t, cos_t = sincos(b.theta)
     return BodyState(
         cos_t * b.v_x - sin_t * b.v_y, sin_t * b.v_x + cos_t * b.v_y, b.omega,
@@ -79,14 +89,20 @@ def _add_rates(b: BodyState, r: BodyState, h: float) -> BodyState:
 
 
 @njit
-def _wrench_not_inlined(b: BodyState, act: Actuation, lags: LagState, p: Car, e: Any, c: Constants) -> Wrench:
-    """Wrench as of `wrench_with_effects`, not inlined: a step that computes it twice would hold its code twice."""
+def _wrench_not_inlined(b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants) -> Wrench:
+    """Forces on the car by `wrench_with_effects`, compiled as a function call instead of being inlined.
+
+    An integration step evaluates them twice; inlined, it would contain their machine code twice.
+    """
     return wrench_with_effects(b, act, lags, p, e, c)
 
 
 @njit
 def step_inputs(k: int, chain: ActuatorChain, T: float, push: Floats) -> StepInputs:
-    """What acts on the body in step `k` of the chain, in a recording of T seconds, under a `push` (3,) (N, N, N m)."""
+    """Time, steering angles, throttle and disturbance that act in step `k` of the actuator chain.
+
+    `T` is the recording's length (s), `push` (3,) a constant disturbance force and moment on the body (N, N, N m).
+    """
     return StepInputs(
         chain.t_0 + k * chain.h, T, (chain.delta[2 * k], chain.delta[2 * k + 1], chain.delta[2 * k + 2]),
         chain.u_m[k], chain.u_next[k], chain.late[k], (push[0], push[1], push[2]),
@@ -95,9 +111,13 @@ def step_inputs(k: int, chain: ActuatorChain, T: float, push: Floats) -> StepInp
 
 @njit_inline
 def rk4_body_step(
-    b: BodyState, lags: LagState, inputs: StepInputs, h: float, p: Car, e: Any, c: Constants
+    b: BodyState, lags: LagState, inputs: StepInputs, h: float, p: Car, e: Switches, c: Constants
 ) -> tuple[BodyState, LagState]:
-    """Pose, twist and lags after one RK4 step of `h` seconds under `inputs`, of one car or of one per lane."""
+    """Pose, twist and lagging quantities after one RK4 step of `h` seconds under `inputs`, with the effects on in `e`.
+
+    `b` and `lags` hold as the step begins.  Their fields are numbers, or vectors of numbers for as many cars side by
+    side.
+    """
     t, T, u_m, u_next, s, push = inputs.t, inputs.T, inputs.u_m, inputs.u_next, inputs.late, inputs.push
     # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
     at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)
@@ -134,8 +154,8 @@ def rk4_body_step(
 
 
 @njit
-def steady_lags(b: BodyState, act: Actuation, p: Car, e: Any, c: Constants) -> LagState:
-    """Lagging slip angle (rad) and motor forces (N) in their steady state at pose and twist `b` and actuation `act`."""
+def steady_lags(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
+    """Front slip angle (rad) and motor forces (N) in steady state at pose and twist `b`, at an unchanging throttle."""
     unchanged = Actuation(act.t, act.T, act.delta, act.u_m, act.u_next, 0.0)
     return wrench_with_effects(b, unchanged, LagState(0.0, 0.0, 0.0), p, e, c).steady
 
@@ -143,13 +163,14 @@ def steady_lags(b: BodyState, act: Actuation, p: Car, e: Any, c: Constants) -> L
 @njit
 def integrate_body(
     b: BodyState, lags: LagState, k: int, n: int, chain: ActuatorChain, T: float, pushes: Floats, steps_per_push: int,
-    p: Car, e: Any, c: Constants,
+    p: Car, e: Switches, c: Constants,
 ) -> Floats:  # fmt: skip
-    """Rows (n + 1, 9) of pose, twist and lags from step `k` of the actuator chain to step k + n, by RK4.
+    """Pose, twist and lagging quantities from step `k` of the actuator chain to step k + n, by RK4: rows (n + 1, 9).
 
-    A row [p_x, p_y, theta, v_x, v_y, omega, alpha_f, F_mf, F_mr] is read by `unpack_body` and `unpack_lags`.  `b` and
-    `lags` hold as step `k` begins; each of the `pushes` (q, 3), further wrenches (N, N, N m), acts for
-    `steps_per_push` steps, the last until the end; T is the length of the recording (s).
+    A row is [p_x, p_y, theta (world), v_x, v_y, omega (body), alpha_f (rad), F_mf, F_mr (N)]; `unpack_body` and
+    `unpack_lags` read it.  `b` and `lags` hold as step `k` begins.  Each of the `pushes` (q, 3), disturbance forces
+    and moments on the body (N, N, N m), acts for `steps_per_push` steps, the last until the end.  `T` is the
+    recording's length (s).
     """
     out = np.empty((n + 1, 9))
     for i in range(n + 1):

@@ -9,7 +9,7 @@ from bcid.effects.lags import first_order_lag
 
 @njit
 def motor_delay(times: Floats, tau: float) -> Floats:
-    """Times t + tau (s) at which throttle commands act that were given at the times t (s)."""
+    """Times t + tau (n,) (s) at which throttle commands act that were given at the times t (n,)."""
     return times + tau
 
 
@@ -21,25 +21,31 @@ def motor_lag(F_m: float, steady_0: float, steady_1: float, h: float, tau: float
 
 @njit
 def motor_dead_zone(u_m: float, w: float) -> float:
-    """Throttle max(u_m - w, 0): a reference (m/s) reduced by the width w; a brake share u_m < 0 stays."""
+    """Throttle max(u_m - w, 0): a reference speed (m/s) less the dead zone's width w; a brake share u_m < 0 stays."""
     return where(u_m < 0.0, u_m, max(u_m - w, 0.0)) if w != 0.0 else u_m
 
 
 @njit
 def motor_sag(F: float, t: float, T: float, s: float) -> float:
-    """Motor force F (1 - s t/T) (N) at the time t (s) of a recording of length T (s): the battery runs down."""
+    """Motor force F (1 - s t/T) (N) at t (s) of a recording of T (s), at whose end a battery has lost the share s."""
     return F * (1.0 - s * t / T)
 
 
 @njit
 def motor_power_limit(F: float, v_w: float, inverse_P: float, v_p: float) -> float:
-    """Motor force (N) at most P/max(|v_w|, v_p) at the wheel speed v_w (m/s); inverse_P = 1/P, 0 for no limit."""
+    """Motor force F (N), but at most P/max(|v_w|, v_p), the power limit P (W) at the wheel speed v_w (m/s).
+
+    inverse_P = 1/P (1/W) is 0 for no limit; `v_p` (m/s) keeps the limit finite at standstill.
+    """
     return F if inverse_P == 0.0 else min(F, 1.0 / (inverse_P * max(abs(v_w), v_p)))
 
 
 @njit
 def motor_regeneration(u_m: float, v_w: float, K_t: float, F_max: float, r: float) -> float:
-    """Braking force max(r K_t (u_m - v_w), -F_max) (N) of a wheel faster than its reference u_m (m/s), else 0."""
+    """Braking force max(r K_t (u_m - v_w), -F_max) (N) of a wheel faster than its reference speed u_m (m/s), else 0.
+
+    `r` is the share of the controller's gain K_t (N s/m) with which it brakes; 0 too where u_m < 0 is a brake share.
+    """
     if r == 0.0:
         return 0.0
     return where((u_m < 0.0) | (v_w <= u_m), 0.0, max(r * K_t * (u_m - v_w), -F_max))

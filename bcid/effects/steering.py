@@ -9,7 +9,7 @@ from bcid.effects.lags import first_order_lag
 
 @njit
 def steering_offset(delta: float, o: float) -> float:
-    """Wheel angle delta + o (rad): a servo horn that is mounted askew by o (rad)."""
+    """Wheel angle delta + o (rad): a servo horn that is mounted at a wrong angle o (rad)."""
     return delta + o
 
 
@@ -21,9 +21,10 @@ def steering_backlash(delta_w: float, delta: float, b: float) -> float:
 
 @njit
 def steering_dead_band(delta: float, after: float, u_s: float, b: float) -> float:
-    """Servo angle (rad) at the end of a step from delta to `after` without a dead band of half width b about u_s.
+    """Servo angle (rad) at the end of a step in which a servo without a dead band would turn from delta to `after`.
 
-    The servo rests while |u_s - delta| <= b, and stops where the band begins.
+    The servo does not move while its command u_s (rad) is within the half width b (rad) of delta, and stops as soon
+    as its angle is within b of the command.
     """
     if b == 0.0:
         return after
@@ -35,7 +36,7 @@ def steering_dead_band(delta: float, after: float, u_s: float, b: float) -> floa
 
 @njit
 def steering_delay(time: float, tau: float) -> float:
-    """Time (s) at which a steering command acts that was given at `time`: time + tau."""
+    """Time + tau (s): when a steering command acts that was given at `time` (s)."""
     return time + tau
 
 
@@ -59,13 +60,16 @@ def steering_side_gain(delta: float, a: float) -> float:
 
 @njit
 def steering_speed_gain(delta: float, v_x: float, v_y: float, k: float) -> float:
-    """Wheel angle delta (1 - k |V|) (rad) at the velocity V = (v_x, v_y) (m/s): the steering gives way."""
+    """Wheel angle delta (1 - k |V|) (rad): steering that gives way with the speed |V| of (v_x, v_y) (m/s), k in s/m."""
     return delta * (1.0 - k * math.hypot(v_x, v_y)) if k != 0.0 else delta
 
 
 @njit
 def steering_rate_asymmetry(d: float, miss: float, a: float) -> float:
-    """Rate limit of the servo (rad/s): d (1 + a) to the left, where miss = u_s - delta > 0, else d (1 - a)."""
+    """Rate limit of the servo (rad/s): d (1 + a) while it turns left, d (1 - a) while it turns right.
+
+    `miss` = u_s - delta (rad) is the command minus the angle; the servo turns left where it is positive.
+    """
     return d * (1.0 + a) if miss > 0.0 else d * (1.0 - a)
 
 

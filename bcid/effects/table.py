@@ -26,21 +26,22 @@ _LAYOUT = np.dtype((np.record, [(name, np.float64) for name in OFF]))
 
 
 def effect_switches(on: Mapping[str, float] | None = None) -> Any:
-    """Parameters of all effects, by field, as the numpy record that kernels take; those not in `on` are off.
+    """Parameters of all effects as one numpy record with fields such as "rough_patch__b", for the compiled functions.
 
-    With all of them off the car is the base model to the last bit.  A record, not a tuple: kernels take it by its
-    address, and sixty numbers copied at every call cost them a third.
+    Values come from `on`, by field; parameters not in `on` have the value at which their effect is off, and with all
+    off the car is the base model to the last bit.  A record is passed by its address: copying some sixty numbers at
+    every call would cost a third of the computing time.
     """
     return np.array(tuple((OFF | dict(on or {})).values()), dtype=_LAYOUT)[()]
 
 
 def effect_ids(fields: Iterable[str]) -> tuple[str, ...]:
-    """Ids of the effects to which `fields` such as "rough_patch__b" belong, each once, in their order."""
+    """Ids of the effects to which parameter fields such as "rough_patch__b" belong, each once, in their order."""
     return tuple(dict.fromkeys(field.partition("__")[0] for field in fields))
 
 
 def find_effect(name: str) -> Effect:
-    """The effect of the vocabulary with the id `name`; raises `UsageError`, with near ids, for an unknown one."""
+    """The effect with the id `name` in the table of 41 effects; raises `UsageError`, with similar ids, for others."""
     if name not in EFFECTS:
         near = ", ".join(difflib.get_close_matches(name, EFFECTS, n=3)) or "see `bcid effects`"
         raise UsageError(f"there is no effect {name!r}\n  next: {near}")

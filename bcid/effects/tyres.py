@@ -12,16 +12,17 @@ from bcid.physics.elementary import sincos
 
 @njit
 def tyre_relaxation(alpha: float, steady_0: float, steady_1: float, rolled: float, sigma: float) -> float:
-    """Front slip angle (rad) after a rolled way (m) of alpha' = |v_fx| (alpha_s - alpha)/sigma, sigma in m.
+    """Front slip angle (rad) after `rolled` metres of tyre relaxation, alpha' = |v_fx| (alpha_s - alpha)/sigma.
 
-    The steady slip angle alpha_s runs linearly from steady_0 to steady_1 over that way.
+    The steady slip angle alpha_s runs linearly from steady_0 to steady_1 over that way; sigma (m) is the relaxation
+    length.
     """
     return first_order_lag(alpha, steady_0, steady_1, rolled / sigma) if sigma > 0.0 else steady_1
 
 
 @njit
 def friction_circle(F_max: float, F_m: float, kappa: float) -> float:
-    """Side force that is left to a tyre (N) beside the motor force F_m: F_max sqrt(1 - kappa (F_m/F_max)^2)."""
+    """Side force (N) left to a tyre by the motor force F_m (N): F_max sqrt(1 - kappa (F_m/F_max)^2), at least 0."""
     if kappa == 0.0:
         return F_max
     share = F_m / where(F_max > 0.0, F_max, 1.0)
@@ -30,9 +31,9 @@ def friction_circle(F_max: float, F_m: float, kappa: float) -> float:
 
 @njit
 def tyre_soft_saturation(linear: float, F_max: float, s: float) -> float:
-    """Side force of a tyre (N): (1 - s) clip(linear, +-F_max) + s F_max tanh(linear/F_max).
+    """Side force of a tyre (N): (1 - s) clip(linear, +-F_max) + s F_max tanh(linear/F_max), s from 0 (clipped) to 1.
 
-    `linear` is the force without a limit, -C alpha and what is added to it before saturation.
+    `linear` (N) is the force without a limit: -C alpha, and what is added to it before saturation.
     """
     clipped = min(max(linear, -F_max), F_max)
     if s == 0.0:
@@ -44,25 +45,35 @@ def tyre_soft_saturation(linear: float, F_max: float, s: float) -> float:
 
 @njit
 def load_transfer(F_l: float, delta_w: float, F_lr: float, m: float, k: float) -> float:
-    """Factor 1 - k a_x of the front tyre's C_f and F_max, which unloads under a_x = (F_l cos(delta_w) + F_lr)/m."""
+    """Factor 1 - k a_x of the front tyre's stiffness and largest side force, unloaded by the forward acceleration a_x.
+
+    a_x = (F_l cos(delta_w) + F_lr)/m (m/s^2) from the drive forces (N) along the front wheel, at the angle delta_w
+    (rad), and of the rear axle, for the mass m (kg).
+    """
     return 1.0 - k * (F_l * sincos(delta_w)[1] + F_lr) / m if k != 0.0 else 1.0
 
 
 @njit
 def front_ply_steer(v_fx: float, f: float, v_c: float) -> float:
-    """Side force f tanh(v_fx/v_c) (N) of a front tyre that rolls without slip, to be added before saturation."""
+    """Side force f tanh(v_fx/v_c) (N), added before saturation, of a front tyre rolling without slip at v_fx (m/s)."""
     return f * math.tanh(v_fx / v_c) if f != 0.0 else 0.0
 
 
 @njit
 def rear_toe(v_x: float, epsilon: float, v_0: float) -> float:
-    """Slip angle -epsilon v_x/max(|v_x|, v_0) (rad) to be added at rear wheels of the thrust angle epsilon (rad)."""
+    """Slip angle -epsilon v_x/max(|v_x|, v_0) (rad) to be added at rear wheels that point aside by epsilon (rad).
+
+    `v_0` is the least rolling speed (m/s) in slip angles.
+    """
     return -epsilon * v_x / max(abs(v_x), v_0) if epsilon != 0.0 else 0.0
 
 
 @njit
 def slippery_patch(p_x: float, p_y: float, D: float, x: float, y: float, radius: float) -> float:
-    """Factor of both axles' F_max: 1 - D while the CoG (p_x, p_y) is in the circle about (x, y), else 1."""
+    """Factor of both axles' largest side force: 1 - D while the CoG is on a slippery circle of the floor, else 1.
+
+    The CoG is at (p_x, p_y), the circle has the centre (x, y) and the `radius`, all in m.
+    """
     return where(is_in_circle(p_x, p_y, x, y, radius), 1.0 - D, 1.0) if D != 0.0 else 1.0
 
 

@@ -71,16 +71,18 @@ class Truth(NamedTuple):
 
 
 def _mean_band(dof: float, count: float) -> tuple[float, float]:
-    """95 % band of the mean of `count` terms whose sum is chi-squared with `dof` degrees of freedom."""
+    """95 % band (low, high) of S / count, where S is chi-squared distributed with `dof` degrees of freedom."""
     from scipy.stats import chi2
 
     return float(chi2.ppf(0.025, dof)) / count, float(chi2.ppf(0.975, dof)) / count
 
 
 def summarise_nis(nis: Floats, dof: Floats) -> NisSummary:
-    """Normalised innovation squared (NIS) of a filter's updates beside its chi-squared law: mean per quantity, bands.
+    """The normalised innovation squared (NIS) of a filter's updates, compared with its chi-squared distribution.
 
-    `nis` (M,) and the numbers of measured quantities `dof` (M,) are by event; events with dof = 0 are left out.
+    `nis` (M,) and `dof` (M,), the number of quantities measured, are by event; events that measured nothing (dof = 0)
+    are left out.  The summary holds the NIS per measured quantity (1 is ideal), the 95 % band of that mean, and the
+    share of updates inside their own 95 % bands.
     """
     from scipy.stats import chi2
 
@@ -96,9 +98,11 @@ def summarise_nis(nis: Floats, dof: Floats) -> NisSummary:
 
 
 def rmse_by_state(twist: Floats, kinematic: Floats, truth: Truth) -> RmseByState:
-    """RMSE of an estimated twist (K, 3) and kinematic state (K, 4) at the rows of `truth`, by quantity.
+    """Root mean square errors (RMSE) of an estimated motion against a simulation's true one, by quantity, in SI units.
 
-    Slip angles are compared modulo 2 pi, and only where |v_x| is not near zero (errata 15).
+    `twist` (K, 3) holds v_x, v_y, yaw rate and `kinematic` (K, 4) v_f, alpha_f, alpha_r, delta (not scored), row by row
+    as in `truth`.  Slip-angle errors are wrapped to +-pi and taken where the true |v_x| exceeds
+    `LIMITS.min_slip_speed_mps` only (docs/errata.md row 15).
     """
     error, slip = twist - truth.twist, kinematic - truth.kinematic
     v_x, v_y, yaw_rate = np.sqrt((error**2).mean(axis=0)).tolist()
@@ -109,14 +113,15 @@ def rmse_by_state(twist: Floats, kinematic: Floats, truth: Truth) -> RmseByState
 
 
 def _mark_rolling_rows(truth: Truth) -> Bools:
-    """Rows (K,) at which the true |v_x| is far enough from zero for slip angles to be defined."""
+    """Mask (K,) of rows where the true |v_x| exceeds `LIMITS.min_slip_speed_mps`, so that slip angles are defined."""
     return np.asarray(np.abs(truth.twist[:, 0]) > LIMITS.min_slip_speed_mps)
 
 
 def summarise_nees(twist: Floats, covariance: Floats, truth: Truth) -> NeesSummary:
-    """Mean and median of e^T P^-1 e for the error e of the twist (K, 3) under its covariance P (K, 3, 3).
+    """Mean, 95 % band and median of the normalised estimation error squared (NEES) e^T P^-1 e; 3 is its ideal mean.
 
-    Rows near v_x = 0, where slip angles are not observable and P is singular, are left out and counted.
+    e is the error of the twist (K, 3) v_x, v_y, yaw rate against `truth`, and P (K, 3, 3) its stated `covariance`.
+    Rows with a true |v_x| up to `LIMITS.min_slip_speed_mps`, where P is singular, are left out and counted.
     """
     error, rolling = twist - truth.twist, _mark_rolling_rows(truth)
     solved = np.linalg.solve(covariance[rolling], error[rolling][:, :, None])[:, :, 0]

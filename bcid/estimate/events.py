@@ -25,7 +25,7 @@ TIME_DECIMALS = 7
 
 
 def build_chassis(vehicle: Vehicle, T_s: float, d: float) -> Chassis:
-    """The process model's constants for a vehicle whose steering has time constant T_s (s) and rate limit d (rad/s)."""
+    """The EKF's constants: l_f, l_r (m) and driven axle of the vehicle; T_s (s), d (rad/s) of its steering."""
     body, front_driven = vehicle.body, vehicle.front_share >= LIMITS.front_driven_share
     return Chassis(body.cog_to_front_m, body.cog_to_rear_m, T_s, d, front_driven)
 
@@ -40,7 +40,7 @@ class Timeline(NamedTuple):
 
 
 def hold_commands(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
-    """The last command (N, 2) given before or at each of `time_s` (N,), and its age (N,) in s.
+    """The latest command [u_s, u_m] (N, 2) at or before each of the times `time_s` (N,), and its age (N,) in s.
 
     Times before the first command get the first command, with an infinite age.
     """
@@ -53,10 +53,11 @@ def hold_commands(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
 def build_timeline(
     recording: Recording, vehicle: Vehicle, period_s: float, max_gap_s: float, T_s: float, d: float
 ) -> Timeline:
-    """The filter's events of a recording, and an output grid of `period_s` from the recording's time zero.
+    """The filter's events (all times of poses, commands, other channels and grid rows), and the grid for its output.
 
-    Grid rows inside pose gaps longer than `max_gap_s`, or where the last command is too old, are left out and end a
-    segment; the filter predicts through gaps all the same.  `T_s` (s) and `d` (rad/s) are the steering's.
+    The grid has a row every `period_s` from the recording's time zero.  Rows inside pose gaps longer than `max_gap_s`,
+    or where the last command is older than `recording.hold_s`, are left out and end a segment; the filter predicts
+    through gaps all the same.  `T_s` (s) and `d` (rad/s) are the steering's time constant and rate limit.
     """
     pose_s = np.round(recording.poses.time_s, TIME_DECIMALS)
     first, last = pose_s[0], pose_s[-1]
@@ -91,7 +92,10 @@ def build_timeline(
 
 
 def _measurement_table(recording: Recording, time_s: Floats, pose_s: Floats) -> Floats:
-    """Measured quantities (M, 6) at the events `time_s` (M,), in the order of MEASURED; NaN where none is measured."""
+    """Measurements (M, 6) x, y, yaw, steering, yaw rate, wheel speed at the event times `time_s`; NaN where none is.
+
+    The poses enter at the events of their times `pose_s`, which are among `time_s` (M,).
+    """
     z = np.full((len(time_s), N_MEASURED), np.nan)
     z[np.searchsorted(time_s, pose_s), :3] = recording.poses.values
     for name, stream in recording.channels.items():
@@ -103,7 +107,7 @@ def _measurement_table(recording: Recording, time_s: Floats, pose_s: Floats) -> 
 
 
 def _mark_pose_gaps(recording: Recording, time_s: Floats, max_gap_s: float) -> npt.NDArray[np.bool_]:
-    """Which of `time_s` (K,) lie strictly between two poses that are over `max_gap_s` apart or in two stretches."""
+    """Mask (K,) of the times `time_s` (K,) that lie inside a gap: two poses over `max_gap_s` apart, or a break."""
     t = recording.poses.time_s
     after = np.clip(np.searchsorted(t, time_s - 1e-7), 1, len(t) - 1)
     width = t[after] - t[after - 1]
@@ -113,7 +117,7 @@ def _mark_pose_gaps(recording: Recording, time_s: Floats, max_gap_s: float) -> n
 
 
 def _steering_angle_at(recording: Recording, vehicle: Vehicle, start_s: float, T_s: float, d: float) -> float:
-    """The steering angle (rad) at `start_s` under the earlier commands, if it was steady at the first of them."""
+    """Steering angle (rad) at `start_s` after the commands before it, by time constant T_s (s) and rate limit d."""
     stamps, limit = recording.commands.time_s, vehicle.steering.max_angle_rad
     u_s = np.clip(recording.commands.values[:, 0], -limit, limit)
     before = stamps < start_s
@@ -125,7 +129,11 @@ def _steering_angle_at(recording: Recording, vehicle: Vehicle, start_s: float, T
 
 
 def _initial_state(recording: Recording, vehicle: Vehicle, start_s: float) -> Floats:
-    """The filter's state (7,) at `start_s` from a line through the first poses of that stretch, with delta = 0."""
+    """The EKF's state (7,) [p_x, p_y, theta, v_f, beta_f, beta_r, delta] at `start_s`, the time of a pose.
+
+    Position and yaw are that pose's; v_f and beta_f come from a line through the poses of the next INITIAL_VELOCITY_S,
+    and are 0 where these are slower than MIN_COURSE_SPEED_MPS; beta_r and delta are 0.
+    """
     t, pose = recording.poses.time_s, recording.poses.values
     first = int(np.searchsorted(t, start_s - 1e-6))
     stop = max(int(np.searchsorted(t, start_s + INITIAL_VELOCITY_S)), first + 2)

@@ -47,7 +47,7 @@ class FilterPass(NamedTuple):
 
 @njit_inline
 def _add_products(A: Floats, B: Floats, C: Floats, AB: Floats, AC: Floats) -> None:
-    """Add the products A B to `AB` and A C to `AC` (7, 7), skipping the zeros of A, most of the process Jacobian."""
+    """Add the matrix products A B to `AB` and A C to `AC` in place (all 7x7), skipping the many zeros of A."""
     for i in range(N_STATE):
         for k in range(N_STATE):
             a = A[i, k]
@@ -79,7 +79,7 @@ class Workspace(NamedTuple):
 
 @njit
 def _allocate_workspace() -> Workspace:
-    """Allocate the arrays of a Workspace, filled with zeros."""
+    """A new `Workspace`, the scratch arrays of the filter's steps, filled with zeros."""
     n, square = N_STATE, (N_STATE, N_STATE)
     return Workspace(
         np.zeros(n), np.zeros(square), np.zeros(square), np.zeros(square), np.zeros((3, 3)),
@@ -90,7 +90,7 @@ def _allocate_workspace() -> Workspace:
 
 @njit_inline
 def _copy_matrix(source: Floats, target: Floats) -> None:
-    """Copy `source` (7, 7) into `target` element by element, which is faster than an assignment to a slice."""
+    """Copy `source` (7, 7) into `target` element by element, which compiles to faster code than a slice assignment."""
     for i in range(N_STATE):
         for j in range(N_STATE):
             target[i, j] = source[i, j]
@@ -98,7 +98,11 @@ def _copy_matrix(source: Floats, target: Floats) -> None:
 
 @njit_inline
 def _rk4_step(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, step: float, w: Workspace) -> None:
-    """Advance mean, covariance and transition matrix in place by one RK4 step of `step` seconds."""
+    """Advance mean x (7,), covariance P and transition matrix Phi (7, 7) of the EKF in place by one RK4 step.
+
+    x' = f(x, u_s), P' = F P + P F^T + Q, Phi' = F Phi over `step` seconds, under the steering command `u_s` (rad) and
+    the process noise's spectral density `Q` (7, 7); `w` holds scratch arrays.
+    """
     _copy_matrix(P, w.P_0)
     _copy_matrix(Phi, w.Phi_0)
     for i in range(N_STATE):
@@ -127,7 +131,11 @@ def _rk4_step(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floa
 
 @njit_inline
 def _predict(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Floats, dt: float, w: Workspace) -> None:
-    """Advance mean, covariance and transition matrix in place by `dt` seconds, in steps of at most MAX_STEP_S."""
+    """EKF prediction over `dt` seconds: advance mean x (7,) and covariance P (7, 7) in place, and fill in Phi (7, 7).
+
+    Phi is set to the transition matrix over dt.  RK4 steps are at most MAX_STEP_S long; `u_s` (rad) is the steering
+    command, `Q` (7, 7) the process noise's spectral density, and `w` holds scratch arrays.
+    """
     for i in range(N_STATE):
         for j in range(N_STATE):
             Phi[i, j] = 1.0 if i == j else 0.0
@@ -138,10 +146,11 @@ def _predict(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, Q: Float
 
 @njit_inline
 def _update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis, w: Workspace) -> tuple[float, int, float]:
-    """EKF measurement update of mean and covariance in place by `z` (6,), which is NaN where nothing was measured.
+    """EKF measurement update of mean x (7,) and covariance P (7, 7) in place by `z` (6,): NIS, count, log-likelihood.
 
-    h and H are evaluated once at the prior; `R` (6,) holds the variances.  Returns the NIS, the number of measured
-    quantities and their log-likelihood.
+    `z` holds x, y, yaw, steering, yaw rate, wheel speed, NaN where nothing was measured, and `R` (6,) their variances;
+    h and H are evaluated once at the prior.  Returns the normalised innovation squared (NIS), the number of quantities
+    measured and their log-likelihood; `w` holds scratch arrays.
     """
     fill_measurement(x, c, w.z, w.C, w.J)
     for j in range(N_STATE):
@@ -177,7 +186,11 @@ def _update(x: Floats, P: Floats, z: Floats, R: Floats, c: Chassis, w: Workspace
 
 @njit
 def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
-    """The EKF's forward pass over events, with process noise density `Q` (7, 7) and sensor variances `R` (6,)."""
+    """The EKF's forward pass over M events: states, covariances, innovations and log-likelihood.
+
+    `Q` (7, 7) is the process noise's spectral density, `R` (6,) the variances of x, y, yaw, steering, yaw rate and
+    wheel speed.  At events marked `restart` the state begins anew from `events.x_0`, but for the steering angle.
+    """
     M = len(events.time_s)
     x_prior, x_post = np.zeros((M, N_STATE)), np.zeros((M, N_STATE))
     P_prior, P_post = np.zeros((M, N_STATE, N_STATE)), np.zeros((M, N_STATE, N_STATE))
@@ -211,7 +224,10 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
 
 @njit_inline
 def _solve_by_cholesky(A: Floats, X: Floats, L: Floats) -> bool:
-    """Replace X by A^-1 X for 7x7 matrices, faster than LAPACK's call; false where A is not positive definite."""
+    """Replace X by A^-1 X (7x7), faster than LAPACK's call; false, X unchanged, where A is not positive definite.
+
+    `L` (7, 7) is overwritten by the Cholesky factor of A, with its diagonal inverted.
+    """
     for i in range(N_STATE):
         for j in range(i + 1):
             s = A[i, j]
@@ -237,9 +253,10 @@ def _solve_by_cholesky(A: Floats, X: Floats, L: Floats) -> bool:
 
 @njit
 def run_smoother(filtered: FilterPass, restart: Floats) -> tuple[Floats, Floats]:
-    """Smoothed means (M, 7) and covariances (M, 7, 7) by the Rauch-Tung-Striebel recursion from each stretch's end.
+    """Smoothed means (M, 7) and covariances (M, 7, 7): the Rauch-Tung-Striebel recursion backward over a filter's pass.
 
-    `restart` (M,) is 1 at events that begin a new stretch; nothing is carried back over them.
+    `restart` (M,) is 1 at events where the filter began anew; nothing is carried back over them, nor over events whose
+    prior covariance is not positive definite.
     """
     x, P = filtered.x.copy(), filtered.P.copy()
     square = (N_STATE, N_STATE)

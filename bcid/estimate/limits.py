@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class EstimateLimits:
-    """Limits of the estimator.  None of the values is justified by committed figures yet, where none are named."""
+    """Limits of the estimator.  A value is not yet justified where its comment names no reason."""
 
     # Restarts of a filter that loses the car, beyond which the recording is refused.
     max_restarts: int = 20

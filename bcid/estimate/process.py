@@ -38,13 +38,16 @@ class Chassis(NamedTuple):
 
 @njit
 def standstill_weight(v_f: float) -> float:
-    """1 - gamma(v_f), gamma = (tanh(10 v_f - 1) + 1)/2: 0.88 at standstill, 0 while rolling (errata 10)."""
+    """1 - gamma(v_f), gamma = (tanh(10 v_f - 1) + 1)/2, v_f in m/s: 0.88 at rest, 0 rolling (docs/errata.md row 10)."""
     return 1.0 - 0.5 * (math.tanh(10.0 * v_f - 1.0) + 1.0)
 
 
 @njit_inline
 def fill_twist_jacobian(x: Floats, c: Chassis, J: Floats) -> None:
-    """Write d[v_x, v_y, omega]/d[v_f, beta_f, beta_r] (errata 1) at the state `x` (7,) into the zeroed `J` (3, 3)."""
+    """Write the Jacobian d[v_x, v_y, omega]/d[v_f, beta_f, beta_r] into the zeroed `J` (3, 3) (docs/errata.md row 1).
+
+    `x` (7,) is the EKF's state [p_x, p_y, theta, v_f, beta_f, beta_r, delta].
+    """
     (sin_f, cos_f), (sin_r, cos_r) = sincos(x[BETAF]), sincos(x[BETAR])
     tan_r = sin_r / cos_r
     v_f, wheelbase = x[VF], c.l_f + c.l_r
@@ -61,9 +64,11 @@ def fill_twist_jacobian(x: Floats, c: Chassis, J: Floats) -> None:
 
 @njit_inline
 def fill_state_rate(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, J: Floats) -> None:
-    """Write x' without noise (paper, f_kalman_rewrite; errata 1, 4, 5) into `rate` (7,) and F = dx'/dx into `A` (7, 7).
+    """Write the EKF's state rate x' without noise into `rate` (7,) and its Jacobian F = dx'/dx into `A` (7, 7).
 
-    `A` and `J` (3, 3; `fill_twist_jacobian`) must come zeroed: their elements that are always zero are not written.
+    `x` is [p_x, p_y, theta, v_f, beta_f, beta_r, delta], `u_s` the steering command (rad) (paper, App. F, 2nd equation;
+    docs/errata.md rows 1, 4, 5).  `A` and `J` (3, 3; scratch for `fill_twist_jacobian`) must come zeroed: elements that
+    are always zero are not written.
     """
     v_x, v_y, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
     fill_twist_jacobian(x, c, J)
@@ -91,7 +96,10 @@ def fill_state_rate(x: Floats, u_s: float, c: Chassis, rate: Floats, A: Floats, 
 
 @njit
 def f(x: Floats, u_s: float, c: Chassis) -> Floats:
-    """Time derivative x' (7,) of the EKF's state x (7,) under the steering command u_s (rad), without noise."""
+    """Process model of the EKF: the rate x' (7,) of x = [p_x, p_y, theta, v_f, beta_f, beta_r, delta], without noise.
+
+    `u_s` (rad) is the steering command, `c` the car's constants (paper, App. F State Estimation, 2nd equation).
+    """
     rate = np.zeros(N_STATE)
     fill_state_rate(x, u_s, c, rate, np.zeros((N_STATE, N_STATE)), np.zeros((3, 3)))
     return rate
@@ -99,7 +107,7 @@ def f(x: Floats, u_s: float, c: Chassis) -> Floats:
 
 @njit
 def F(x: Floats, u_s: float, c: Chassis) -> Floats:
-    """Jacobian dx'/dx (7, 7) of the EKF's process model `f`."""
+    """Jacobian dx'/dx (7, 7) of the EKF's process model `f` at the state `x` (7,) and steering command u_s (rad)."""
     A = np.zeros((N_STATE, N_STATE))
     fill_state_rate(x, u_s, c, np.zeros(N_STATE), A, np.zeros((3, 3)))
     return A
@@ -107,9 +115,10 @@ def F(x: Floats, u_s: float, c: Chassis) -> Floats:
 
 @njit_inline
 def fill_measurement(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> None:
-    """Write the measurable quantities h(x) into `z` (6,), in the order of MEASURED, and H = dz/dx into `C` (6, 7).
+    """Write the measurements h(x) expected at the EKF's state `x` (7,) into `z` (6,), and H = dh/dx into `C` (6, 7).
 
-    `C` and `J` (3, 3; `fill_twist_jacobian`) must come zeroed: their elements that are always zero are not written.
+    `z` holds x, y, yaw, steering angle, yaw rate, wheel speed.  `C` and `J` (3, 3; scratch for `fill_twist_jacobian`)
+    must come zeroed: elements that are always zero are not written.
     """
     v_x, _, omega = body_twist(x[VF], x[BETAF], x[BETAR], c.l_f, c.l_r)
     fill_twist_jacobian(x, c, J)
@@ -128,7 +137,10 @@ def fill_measurement(x: Floats, c: Chassis, z: Floats, C: Floats, J: Floats) -> 
 
 @njit
 def h(x: Floats, c: Chassis) -> Floats:
-    """Measurement model (6,) at the state `x` (7,): x, y (m), yaw, steering (rad), yaw rate (rad/s), wheel (m/s)."""
+    """Measurement model of the EKF: the measurements (6,) expected at the state `x` (7,), in the order of MEASURED.
+
+    These are x, y (m), yaw, steering angle (rad), yaw rate (rad/s), and the speed (m/s) of the driven axle's wheel.
+    """
     z = np.zeros(N_MEASURED)
     fill_measurement(x, c, z, np.zeros((N_MEASURED, N_STATE)), np.zeros((3, 3)))
     return z
@@ -136,7 +148,7 @@ def h(x: Floats, c: Chassis) -> Floats:
 
 @njit
 def H(x: Floats, c: Chassis) -> Floats:
-    """Jacobian dh/dx (6, 7) of the EKF's measurement model `h`."""
+    """Jacobian dh/dx (6, 7) of the EKF's measurement model `h` at the state `x` (7,)."""
     C = np.zeros((N_MEASURED, N_STATE))
     fill_measurement(x, c, np.zeros(N_MEASURED), C, np.zeros((3, 3)))
     return C
@@ -144,7 +156,7 @@ def H(x: Floats, c: Chassis) -> Floats:
 
 @njit
 def twists(x: Floats, c: Chassis) -> Floats:
-    """v_x, v_y (m/s) and yaw rate (rad/s) (M, 3) of the filter's states (M, 7)."""
+    """Twists (M, 3), v_x, v_y (m/s, body frame) and yaw rate (rad/s), of the EKF's states x (M, 7)."""
     out = np.empty((len(x), 3))
     for k in range(len(x)):
         out[k, 0], out[k, 1], out[k, 2] = body_twist(x[k, VF], x[k, BETAF], x[k, BETAR], c.l_f, c.l_r)
@@ -153,7 +165,7 @@ def twists(x: Floats, c: Chassis) -> Floats:
 
 @njit
 def twist_covariances(x: Floats, P: Floats, c: Chassis) -> Floats:
-    """Covariances (M, 3, 3) of the twists of states (M, 7) with covariances P (M, 7, 7), to first order: J P J^T."""
+    """Covariances J P J^T (M, 3, 3) of v_x, v_y, yaw rate, to first order, of EKF states x (M, 7), P (M, 7, 7)."""
     out, J = np.empty((len(x), 3, 3)), np.zeros((3, 3))
     for k in range(len(x)):
         fill_twist_jacobian(x[k], c, J)
@@ -164,9 +176,10 @@ def twist_covariances(x: Floats, P: Floats, c: Chassis) -> Floats:
 
 @njit
 def kinematic_states(x: Floats) -> Floats:
-    """v_f >= 0 (m/s), alpha_f, alpha_r and delta (rad) (M, 4) of the filter's states (M, 7); errata 15.
+    """Kinematic states (M, 4) v_f >= 0 (m/s), alpha_f, alpha_r, delta (rad) of the EKF's states x (M, 7).
 
-    A negative v_f turns beta_f by pi, except at standstill, where the angles are not defined.
+    Where the car drives backward (v_f < -STANDSTILL_MPS), v_f is made positive and pi is added to the course angle
+    beta_f (docs/errata.md row 15).
     """
     out = np.empty((len(x), 4))
     for k in range(len(x)):
@@ -179,7 +192,7 @@ def kinematic_states(x: Floats) -> Floats:
 
 
 def kinematic_sd(P: Floats) -> Floats:
-    """Standard deviations (M, 4) of v_f, alpha_f, alpha_r and delta under the filter's covariances P (M, 7, 7)."""
+    """Standard deviations (M, 4) of v_f (m/s), alpha_f, alpha_r, delta (rad) under EKF covariances P (M, 7, 7)."""
     alpha_f = P[:, BETAF, BETAF] + P[:, DELTA, DELTA] - 2 * P[:, BETAF, DELTA]
     variances = np.column_stack([P[:, VF, VF], alpha_f, P[:, BETAR, BETAR], P[:, DELTA, DELTA]])
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)))

@@ -19,7 +19,10 @@ _Moments = tuple[Floats, Floats, Floats]
 
 
 def _predict(x: Floats, P: Floats, u_s: float, c: Chassis, Q: Floats, dt: float) -> _Moments:
-    """Mean, covariance and transition matrix `dt` s after (x, P), by RK4 under the steering command u_s (rad)."""
+    """EKF prediction: mean (7,), covariance and transition matrix (7, 7) after `dt` s, by RK4 in NumPy.
+
+    `u_s` (rad) is the steering command, `Q` (7, 7) the process noise's spectral density.
+    """
 
     def rate(moments: _Moments) -> _Moments:
         x, P, Phi = moments
@@ -43,9 +46,10 @@ def _predict(x: Floats, P: Floats, u_s: float, c: Chassis, Q: Floats, dt: float)
 
 
 def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
-    """The EKF's forward pass by filterpy, with process noise density `Q` (7, 7) and sensor variances `R` (6,).
+    """The EKF's forward pass by the package filterpy, slow, to check the compiled `kernel.run_filter` against.
 
-    It is what `kernel.run_filter` has to equal.  A measured yaw is first moved by turns to near its expectation.
+    `Q` (7, 7) is the process noise's spectral density, `R` (6,) holds the sensors' variances.  A measured yaw is first
+    shifted by multiples of 2 pi to within pi of its expectation.
     """
     ekf = ExtendedKalmanFilter(dim_x=N_STATE, dim_z=N_MEASURED)
     rows: list[tuple[Floats, Floats, Floats, Floats, Floats, float, int]] = []
@@ -77,7 +81,11 @@ def run_filter(events: Events, c: Chassis, Q: Floats, R: Floats) -> FilterPass:
 
 
 def run_smoother(filtered: FilterPass, restart: Floats) -> tuple[Floats, Floats]:
-    """Smoothed means (M, 7) and covariances (M, 7, 7) by the Rauch-Tung-Striebel recursion with explicit inverses."""
+    """Smoothed means (M, 7) and covariances (M, 7, 7) by the textbook Rauch-Tung-Striebel recursion, in NumPy.
+
+    It checks the compiled `kernel.run_smoother`.  `restart` (M,) is 1 at events where the filter began anew; nothing is
+    carried back over them.
+    """
     x, P = filtered.x.copy(), filtered.P.copy()
     for k in range(len(x) - 2, -1, -1):
         if restart[k + 1]:

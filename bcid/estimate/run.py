@@ -35,10 +35,13 @@ class _SmoothedPass(NamedTuple):
 def _filter_and_smooth(
     recording: Recording, vehicle: Vehicle, tuning: Tuning, period_s: float, max_gap_s: float, engine: Engine
 ) -> _SmoothedPass:
-    """Filter and smooth a recording; the filter is restarted where it diverges (a negative or undefined NIS).
+    """Run EKF and smoother over a recording, restarting the filter where it diverges (a negative or undefined NIS).
+
+    The result is kept at the rows of a grid of `period_s`, without pose gaps longer than `max_gap_s`; `engine` is the
+    compiled kernel or "filterpy", the slow reference.
 
     Raises:
-        InputRefused: poses and commands that cover no grid, or on which the filter diverges again and again.
+        InputRefused: poses and commands cover no two grid rows, or restarts exceed `LIMITS.max_restarts`.
     """
     chassis, restarts = build_chassis(vehicle, tuning.T_s, tuning.d), list[float]()
     run_filter, run_smoother = kernel.run_filter, kernel.run_smoother
@@ -76,12 +79,13 @@ def estimate_motion(
     max_gap_s: float = 0.3,
     engine: Engine = "compiled",
 ) -> Estimate:
-    """The smoothed motion of a recording on a grid of `period_s`; pose gaps over `max_gap_s` end a segment.
+    """The motion of a recording (pose, twist, slip angles, steering) by EKF and smoother, on a grid of `period_s`.
 
-    The `engine` "filterpy" replaces the compiled kernel by the reference; the two agree to 1e-9.
+    `tuning` holds the noise and the steering's constants; pose gaps longer than `max_gap_s` end a segment.  The
+    `engine` "filterpy" replaces the compiled kernel by a slow reference; the two agree to 1e-9.
 
     Raises:
-        InputRefused: no grid row is covered by poses and commands, or the filter cannot follow them.
+        InputRefused: poses and commands cover no two grid rows, or the filter diverges again and again.
     """
     smoothed = _filter_and_smooth(recording, vehicle, tuning, period_s, max_gap_s, engine)
     timeline, chassis, filtered, x, P, restarts_s = smoothed
@@ -109,13 +113,14 @@ def estimate_motion(
 def check_against_truth(
     recording: Recording, vehicle: Vehicle, tuning: Tuning, period_s: float, max_gap_s: float, truth: Truth
 ) -> TruthCheck:
-    """RMSE of the smoothed motion, and NEES of filter and smoother, on a simulated take.
+    """RMSE of the motion estimated from a simulated recording against the true one, and NEES of EKF and smoother.
 
-    The smoother's NEES lies below 3 where the process noise has to cover transients: its standard deviations are then
-    too large while the car drives steadily.
+    NEES is the normalised squared error e^T P^-1 e of the twist, 3 on average where its covariance P is right.  That
+    of the smoother lies below 3 where the process noise, identified to cover transients, is too large for steady
+    driving.
 
     Raises:
-        InputRefused: no row of the truth lies on the grid.
+        InputRefused: no row of the truth is at a time of the grid of `period_s`.
     """
     smoothed = _filter_and_smooth(recording, vehicle, tuning, period_s, max_gap_s, "compiled")
     timeline, chassis, filtered, x, P, _ = smoothed

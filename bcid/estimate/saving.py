@@ -33,10 +33,10 @@ class EstimateSummary(Document):
 
 
 def save_estimate(estimate: Estimate, folder: Path) -> None:
-    """Write estimate.parquet and estimate.json into `folder`.
+    """Write the estimated motion to estimate.parquet, and its tuning and filter summary to estimate.json, in `folder`.
 
     Raises:
-        ValueError: motion that no filter estimated.
+        ValueError: the motion has no tuning, since no filter estimated it.
     """
     e = estimate
     if e.tuning is None or e.filter is None:
@@ -48,7 +48,7 @@ def save_estimate(estimate: Estimate, folder: Path) -> None:
 
 
 def load_estimate(folder: Path) -> Estimate:
-    """The estimate in estimate.parquet and estimate.json of `folder`."""
+    """Read the estimated motion that `save_estimate` wrote as estimate.parquet and estimate.json into `folder`."""
     summary = EstimateSummary.read(folder / "estimate.json")
     table = read_columns(folder / "estimate.parquet", COLUMNS)
     time_s, segment, pose, twist, kinematic, command, twist_sd, kinematic_sd = np.split(
@@ -61,7 +61,7 @@ def load_estimate(folder: Path) -> Estimate:
 
 
 def read_truth(path: Path, vehicle: Vehicle) -> Truth:
-    """The true motion of a simulated take in the Parquet file `path`: twists, and kinematic states of the vehicle."""
+    """True times (K,), twists (K, 3) and kinematic states (K, 4) of a simulated recording, read from a Parquet file."""
     table = read_columns(path, TRUTH_COLUMNS)
     l_f, l_r = vehicle.body.cog_to_front_m, vehicle.body.cog_to_rear_m
     states = [(*kinematic_state(v_x, v_y, omega, delta, l_f, l_r), delta) for _, v_x, v_y, omega, delta in table]

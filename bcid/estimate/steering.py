@@ -22,9 +22,11 @@ EDGE_MARGIN_S = 1.0
 
 
 def identify_steering(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, SteeringOrigin]:
-    """Time constant T_s (s) and rate limit d (rad/s) of the steering; whether each is given, identified or a default.
+    """The steering's time constant T_s (s) and rate limit d (rad/s), and the origin of each.
 
-    What the vehicle file states is kept.  Where no recording is steered enough, the documented defaults are used.
+    A constant that the vehicle file states is kept ("given").  Others are "identified" by nonlinear least squares on
+    the residuals of the measured yaw acceleration.  Where no recording steers enough (`LIMITS.min_steering_sd_rad`,
+    `min_steering_rows`), default constants are returned ("default").
     """
     from scipy.optimize import least_squares
 
@@ -69,7 +71,12 @@ def identify_steering(recordings: Sequence[Recording], vehicle: Vehicle) -> tupl
 def _recording_residuals(
     recording: Recording, motion: raw_motion.RawMotion, vehicle: Vehicle, T_s: float, d: float
 ) -> Floats:
-    """Yaw acceleration (rad/s^2) at a recording's usable rows that steering under T_s and d leaves unexplained."""
+    """Residuals (rad/s^2) of the yaw acceleration's regression on wheel forces, for a steering with T_s (s), d (rad/s).
+
+    The steering angle comes from the commands by the time constant T_s and rate limit d.  There is one residual for
+    each row of `motion` (derivatives of the raw poses) that is fast, under a command, far from gaps, and EDGE_MARGIN_S
+    from either end.
+    """
     delta = raw_motion.commanded_steering_angle(recording, vehicle, motion.time_s, T_s, d)
     margin = round(EDGE_MARGIN_S / float(motion.time_s[1] - motion.time_s[0]))
     rows, throttle = usable_rows(motion, recording, margin), recording.commands.held_at(motion.time_s)[:, 1]
@@ -79,7 +86,7 @@ def _recording_residuals(
 def _reaches_rate_limit(
     recording: Recording, motion: raw_motion.RawMotion, vehicle: Vehicle, T_s: float, d: float
 ) -> bool:
-    """Whether the commands ever drive the steering at its rate limit d (rad/s); otherwise d is not identified."""
+    """Whether the commands ever turn the steering, simulated with T_s (s), as fast as its rate limit d (rad/s)."""
     delta = raw_motion.commanded_steering_angle(recording, vehicle, motion.time_s, T_s, d)
     rate = np.abs(np.diff(delta) / np.diff(motion.time_s))
     return bool(np.any(rate > LIMITS.rate_reached_share * d))

@@ -25,9 +25,10 @@ SMALLEST_NOISE = 1e-5
 
 
 def select_liveliest_excerpts(takes: Sequence[Events]) -> list[Events]:
-    """Excerpts of EXCERPT_S in which the car travels furthest: one of each take, of which MAX_EXCERPTS are kept.
+    """Excerpts of EXCERPT_S seconds: the part of each take in which the car travels furthest; longest distance first.
 
-    Noise identified on a car at rest would fit no other motion.
+    A take is the filter's events of one recording.  At most MAX_EXCERPTS are kept.  Parts with much motion are chosen
+    since noise constants identified on a car at rest would not hold while it drives.
     """
     excerpts: list[tuple[float, Events]] = []
     for events in takes:
@@ -44,7 +45,10 @@ def select_liveliest_excerpts(takes: Sequence[Events]) -> list[Events]:
 
 
 def _cut_excerpt(events: Events, a: int, b: int) -> Events:
-    """Events `a` to `b`, begun from the pose measured at `a` with the mean speed and course of FIRST_COURSE_S."""
+    """Filter events of the rows `a` to `b` (excluded), begun anew at `a` from the pose that was measured there.
+
+    The initial speed and course are the means over the first FIRST_COURSE_S seconds; delta is the command at `a`.
+    """
     restart, x_0 = events.restart[a:b].copy(), events.x_0[a:b].copy()
     if restart[0] == 0.0:
         restart[0] = 1.0
@@ -62,9 +66,11 @@ def _cut_excerpt(events: Events, a: int, b: int) -> Events:
 def identify_noise(
     takes: Sequence[Events], chassis: Chassis, start: Noise, fixed: Sequence[str]
 ) -> tuple[Noise, list[str]]:
-    """The noise of greatest likelihood on the liveliest excerpts of `takes`, and its fields that end at a search bound.
+    """Maximum a posteriori (MAP) estimate of the EKF's noise constants, and the names of those that end at a bound.
 
-    The search begins at `start`; the fields named in `fixed`, and those of sensors that the takes lack, are kept.
+    The filter's log-likelihood is summed over the excerpts of `takes` (each the filter events of one recording) in
+    which the car travels furthest; a weak normal prior (PRIOR_SD_LN) on the logarithms is centred on `start`.  Fields
+    named in `fixed`, q_delta, and those of sensors that the takes lack keep their values in `start`.
     """
     from scipy.optimize import minimize
 
@@ -103,9 +109,11 @@ def tune_estimator(
     max_gap_s: float,
     fixed_noise: Mapping[str, float],
 ) -> Tuning:
-    """Identify the steering's constants that the vehicle file omits, then the noise of greatest likelihood under them.
+    """Identify the EKF's constants from recordings: first the steering's that the vehicle file omits, then the noise.
 
-    `fixed_noise` holds fields of `Noise` that are kept as given; `period_s` and `max_gap_s` (s) are the output grid's.
+    The noise is the maximum a posteriori estimate of `identify_noise`; `fixed_noise` holds fields of `Noise` that
+    keep the values given.  The output grid has the period `period_s` (s) and ends segments at pose gaps over
+    `max_gap_s` (s).
     """
     T_s, d, origin = identify_steering(recordings, vehicle)
     start, chassis = Noise(**fixed_noise), build_chassis(vehicle, T_s, d)

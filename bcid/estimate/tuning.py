@@ -3,6 +3,7 @@
 from typing import Literal
 
 import numpy as np
+from pydantic import ConfigDict
 
 from bcid.aliases import Floats
 from bcid.documents.document import Document, Part
@@ -16,6 +17,8 @@ class Noise(Part):
 
     The paper states none of them (errata 18); the defaults are where their identification starts.
     """
+
+    model_config = ConfigDict(extra="forbid")
 
     q_v_f: float = 1.0  # m/s per sqrt(s)
     q_beta_f: float = 1.0  # rad per sqrt(s)
@@ -53,6 +56,8 @@ class SteeringOrigin(Part):
 
 class Tuning(Document):
     """The estimator's constants (tuning.json): noise, steering constants T_s (s) and d (rad/s), and their origin."""
+
+    model_config = ConfigDict(extra="forbid")
 
     noise: Noise
     T_s: float

@@ -1,1 +1,6 @@
-"""Fitted models compared, closed loop, with takes that they have not seen."""
+"""Fitted models compared, closed loop, with takes that they have not seen.
+
+`evaluate` (the scores of a model), from `closed_loop` (rollouts and their errors); `process_noise` (what explains the
+errors), `intervals` (of predictions, sampled from this noise), `validity` (process noise and range of the training
+data, saved beside a model), `limits` (all numbers that decide).
+"""

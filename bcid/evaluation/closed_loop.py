@@ -23,15 +23,20 @@ class RestartedPrediction(NamedTuple):
 
 
 def predict_whole_take(model: SupportsRollout, estimate: Estimate) -> Floats:
-    """Twists (K, 3) that a model predicts from the first sample of each segment of a take under the take's commands.
+    """Twists (K, 3), v_x, v_y, yaw rate, of a model's rollouts from each segment's first row under the take's commands.
 
-    A prediction that diverges is NaN after its first row.
+    A segment is a part of the estimated motion without gaps; only its first row (and the model's lagged rows) is
+    given to the model.  Where a rollout diverges, all later rows of its segment are NaN.
     """
     return _predict_from_starts(model, estimate, [s.start for s in estimate.segments()])
 
 
 def _predict_from_starts(model: SupportsRollout, estimate: Estimate, starts: list[int]) -> Floats:
-    """Twists (K, 3) of rollouts from the rows `starts`, each up to the next start; NaN after a start that diverges."""
+    """Twists (K, 3) of a model's rollouts under a take's commands, one from each row in `starts` until the next start.
+
+    Rows are those of the estimated motion.  Where a rollout diverges, its first row holds the estimated twist and all
+    others are NaN.
+    """
     twist = np.full((len(estimate), 3), np.nan)
     for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
         try:
@@ -42,7 +47,7 @@ def _predict_from_starts(model: SupportsRollout, estimate: Estimate, starts: lis
 
 
 def predict_with_restarts(model: SupportsRollout, estimate: Estimate, every_s: float) -> RestartedPrediction:
-    """Poses and twists that a model predicts when restarted from the estimate every `every_s` and at each segment."""
+    """Poses and twists of a model's rollouts through a take, restarted from the estimate every `every_s` seconds."""
     size = max(2, round(every_s / estimate.period_s))
     starts = [k for s in estimate.segments() for k in range(s.start, s.stop, size)]
     twist = _predict_from_starts(model, estimate, starts)
@@ -65,9 +70,11 @@ class Nmse(NamedTuple):
 
 
 def nmse(predicted: Floats, measured: Floats, weights: Floats, period_s: float) -> Nmse:
-    """||W (q_hat - q)||^2 / (n N) of predicted and measured twists (N, 3), W = diag(weights), by channel and overall.
+    """Normalised mean squared error ||W (q_hat - q)||^2 / (n N) of predicted q_hat against measured twists q (N, 3).
 
-    Paper, lossv; errata 12.  Blocks of BLOCK_S are resampled for the interval; `period_s` is the time between rows.
+    W = diag(`weights`), n = 3.  Returns it for each channel and overall, with a 95 % interval of the overall value by
+    block bootstrap, over blocks of BLOCK_S seconds of rows `period_s` apart (paper, section "Data-Driven modeling",
+    1st equation; docs/errata.md row 12).
     """
     squares = (weights * (predicted - measured)) ** 2
     channels = squares.mean(axis=0)
@@ -78,9 +85,9 @@ def nmse(predicted: Floats, measured: Floats, weights: Floats, period_s: float) 
 
 
 def position_errors(model: Model, estimate: Estimate, after_s: float) -> Floats:
-    """Distances (m) between predicted and measured position `after_s` after each start, for starts `after_s` apart.
+    """Distances (m) between a model's predicted and the estimated position `after_s` after each of several starts.
 
-    A prediction that diverges has an infinite distance.
+    Starts are estimate rows `after_s` apart in each segment.  A rollout that diverges has an infinite distance.
     """
     size = max(2, round(after_s / estimate.period_s))
     errors = []
@@ -97,7 +104,7 @@ def position_errors(model: Model, estimate: Estimate, after_s: float) -> Floats:
 
 
 def integrate_poses(start: Floats, twist: Floats, period_s: float) -> Floats:
-    """Poses (N, 3) along the twists `twist` (N, 3) from the pose `start` (3,), by the trapezoidal rule."""
+    """Poses (N, 3) x, y (m, world), yaw from the pose `start` (3,) along body-frame twists (N, 3), trapezoidal rule."""
     yaw = start[2] + np.r_[0.0, np.cumsum(0.5 * period_s * (twist[1:, 2] + twist[:-1, 2]))]
     cos_t, sin_t = np.cos(yaw), np.sin(yaw)
     world = np.column_stack([cos_t * twist[:, 0] - sin_t * twist[:, 1], sin_t * twist[:, 0] + cos_t * twist[:, 1]])
@@ -106,7 +113,7 @@ def integrate_poses(start: Floats, twist: Floats, period_s: float) -> Floats:
 
 
 def time_rollout_ms(model: Model, estimate: Estimate, repeats: int) -> float:
-    """Median wall time (ms) of a rollout through the whole take, compiled and warm."""
+    """Median wall time (ms) of `repeats` rollouts of a model through all of a take's commands, after one to compile."""
     history = history_at(estimate, 0, model.lags)
     commands = np.ascontiguousarray(estimate.command[:-1])
     model.scan(model.init(history), commands)

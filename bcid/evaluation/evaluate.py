@@ -28,10 +28,12 @@ def evaluate_model(
     model: Model, validation: Estimate, training: Sequence[Estimate], every_s: float, folder: Path,
     validity: ModelValidity | None,
 ) -> EvaluationDocument:  # fmt: skip
-    """Score a model's closed-loop predictions of a take, and write evaluation.json and rows.parquet into `folder`.
+    """Score a model's predictions of the validation take; write evaluation.json and rows.parquet into `folder`.
 
-    The NMSE compares with the smoothed estimate from its first sample on, W = 1/sigma of the training takes (errata
-    12); restarted predictions begin anew every `every_s`.  Without `validity` no intervals are scored.
+    The scores are the NMSE of rollouts from each segment's start and of those restarted every `every_s` seconds, with
+    weights 1/sigma of the `training` twists (docs/errata.md row 12), the position error after `every_s`, and the
+    coverage of 95 % intervals.  Intervals, and exits from the training range, need `validity`: the model's process
+    noise and data range.
     """
     weights = inverse_spread(np.concatenate([e.twist for e in training]))
     twist, again = predict_whole_take(model, validation), predict_with_restarts(model, validation, every_s)
@@ -62,7 +64,11 @@ def evaluate_model(
 
 
 def _uncertainty_figures(model: Model, take: Estimate, twist: Floats, validity: ModelValidity | None) -> dict[str, Any]:
-    """Fields of evaluation.json: process noise, coverage of its intervals on the take, exits from the data range."""
+    """Fields of evaluation.json: process noise, coverage of 95 % intervals, and exits from the training data's range.
+
+    The exits are those of the prediction `twist` (K, 3) of the take; the share outside the range is that of its
+    measured motion.  Empty where `validity` is None.
+    """
     if validity is None:
         return {}
     exits = validity.range.first_exits(twist, take.command) if np.isfinite(twist).all() else None

@@ -28,7 +28,10 @@ class PredictionInterval(NamedTuple):
 def predict_with_interval(
     model: Model, history: History, commands: Floats, noise: ProcessNoise, seed: int = 0
 ) -> PredictionInterval:
-    """The rollout of a model under `commands` (N, 2), and its 95 % interval from samples of its process noise."""
+    """Twists (N, 3) that a model predicts after each of `commands` (N, 2), with half widths of their 95 % intervals.
+
+    The half widths are Monte Carlo estimates, from rollouts with random samples of the model's process noise.
+    """
     prediction = _predict_many_with_intervals(model, model.init(history)[None], commands[None], noise, seed)
     return PredictionInterval(prediction.twist[0], prediction.half_width[0])
 
@@ -36,10 +39,12 @@ def predict_with_interval(
 def _predict_many_with_intervals(
     model: Model, carries: Floats, commands: Floats, noise: ProcessNoise, seed: int
 ) -> PredictionInterval:
-    """Twists and half widths (B, N, 3) of B rollouts from `carries` (B, n) under `commands` (B, N, 2).
+    """Twists and half widths of their 95 % intervals (both (B, N, 3)) of B rollouts under `commands` (B, N, 2).
 
-    The standard deviation is the ONE_SIGMA_SHARE quantile of the samples' deviations, which a few diverging samples
-    do not change; where a third of the samples diverges, the interval is infinite.
+    `carries` (B, n) are the model's states at the starts.  By Monte Carlo: SAMPLES rollouts of each start are
+    disturbed by process noise, and the half width is `noise.factor` times the ONE_SIGMA_SHARE (68 %) quantile of
+    their absolute deviations from the undisturbed rollout, a robust standard deviation.  It is infinite where a third
+    of them diverges.
     """
     plain = model.scan_many(carries, commands)[1]
     rng = np.random.default_rng(seed)
@@ -52,7 +57,11 @@ def _predict_many_with_intervals(
 
 
 def interval_half_widths(model: Model, estimate: Estimate, noise: ProcessNoise | None) -> Floats:
-    """Half widths (K, 3) of the 95 % intervals of a rollout from each segment's start; NaN where no noise is known."""
+    """Half widths (K, 3) of 95 % intervals of predicted twists v_x, v_y, yaw rate; NaN where `noise` is None.
+
+    They are Monte Carlo estimates, from rollouts with random process noise that start at each segment's first row (0
+    there).
+    """
     half = np.full_like(estimate.twist, np.nan)
     if noise is None:
         return half
@@ -65,10 +74,10 @@ def interval_half_widths(model: Model, estimate: Estimate, noise: ProcessNoise |
 
 
 def measure_coverage(model: Model, estimate: Estimate, noise: ProcessNoise) -> list[Coverage]:
-    """How often the take's twist lies within the model's 95 % interval, at each of HORIZONS_S after a start.
+    """Share of estimated twists that lie within the model's 95 % intervals, at each of HORIZONS_S after a start.
 
-    Starts are a horizon apart, so that no two rollouts share a row; the share's own interval (Wilson) counts each start
-    once, not each of its three channels.  The standard deviation of the smoothed twist widens the interval.
+    Rollouts start a horizon apart, so that no two share a row.  The share's own 95 % interval (Wilson) counts each
+    start once, not each of its three channels; intervals include the estimated twist's standard deviation.
     """
     from scipy.stats import binomtest
 

@@ -13,6 +13,8 @@ class EvaluationLimits:
     # Multiple of the largest motion driven plus its range beyond which a prediction error means that the model runs
     # away; it is then given no process noise.
     runaway_factor: float = 10.0
+    # Share of the errors that the reported intervals hold, as usual.
+    interval_level: float = 0.95
     # Standard deviations that hold 95 % of the errors, from which on a process noise is rejected (normal law: 1.96).
     max_interval_factor: float = 10.0
     # Share of a quantity's range in the training takes by which a rollout may leave it unreported.

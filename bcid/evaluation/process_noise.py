@@ -30,7 +30,6 @@ STARTS_PER_TAKE, MAX_STARTS, SAMPLES = 8, 24, 16
 PROBE_SHARE = 0.02
 # Added to every variance, so that a model without errors has a likelihood.
 MIN_VARIANCE = 1e-12
-INTERVAL_LEVEL = 0.95
 
 # A take and the row at which a prediction starts.
 PredictionStart = tuple[Estimate, int]
@@ -53,9 +52,11 @@ class _PredictionErrors(NamedTuple):
 
 
 def draw_pushes(count: int, steps: int, q: Floats, tau: float, h: float, rng: np.random.Generator) -> Iterator[Floats]:
-    """Yield correlated random changes (count, 3) to add to `count` motion states before each of `steps` steps of `h` s.
+    """Yield autoregressive AR(1) noise (count, 3) to add to `count` motion states before each of `steps` steps.
 
-    `q` (3,) is the root spectral density of each component per root second, `tau` (s) the correlation time.
+    The three components are those of a model's motion (a twist, or v_f, alpha_f, alpha_r); steps last `h` seconds.
+    `q` (3,) is the root spectral density, in the component's unit per root second, and `tau` (s) the correlation
+    time.
     """
     a = math.exp(-h / tau) if tau > 0.0 else 0.0
     sigma = np.asarray(q) * math.sqrt((1.0 - a) / ((1.0 + a) * h))
@@ -68,10 +69,10 @@ def draw_pushes(count: int, steps: int, q: Floats, tau: float, h: float, rng: np
 def sample_rollouts(
     model: Model, carries: Floats, commands: Floats, samples: int, q: Floats, tau: float, rng: np.random.Generator
 ) -> Floats:
-    """Twists (B, S, N, 3) of S = `samples` rollouts with random pushes from each of `carries` (B, n).
+    """Twists (B, S, N, 3) of S = `samples` rollouts, disturbed by random process noise, from each of B starts.
 
-    `commands` are (B, N, 2); `q` (3,) is the pushes' root spectral density per root second, `tau` (s) their
-    correlation time.
+    `carries` (B, n) are the model's states at the starts, `commands` (B, N, 2) the commands; the noise has the root
+    spectral density `q` (3,), in the motion component's unit per root second, and the correlation time `tau` (s).
     """
     now, commands = np.repeat(carries, samples, axis=0), np.repeat(commands, samples, axis=0)
     out = np.empty((*commands.shape[:2], 3))
@@ -85,21 +86,23 @@ def sample_rollouts(
 def list_prediction_starts(
     estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0
 ) -> list[PredictionStart]:
-    """Every `every`-th row of each segment that has `steps` rows after it and `lags` rows before it in the segment."""
+    """Pairs (estimate, row): every `every`-th row with `steps` rows after it and `lags` before it in its segment."""
     return [(e, k) for e in estimates for s in e.segments() for k in range(s.start + lags, s.stop - steps, every)]
 
 
 def _select_moving_starts(starts: list[PredictionStart], steps: int) -> list[PredictionStart]:
-    """Starts from which the car moves over `steps` rows: a car at rest cannot be predicted wrongly."""
+    """Starts whose mean speed over the next `steps` rows exceeds `LIMITS.min_speed_share` of the fastest start's."""
     v = [float(np.abs(e.kinematic[k : k + steps + 1, 0]).mean()) for e, k in starts]
     return [start for start, speed in zip(starts, v, strict=True) if speed > LIMITS.min_speed_share * max(v)]
 
 
 def calibrate_process_noise(model: Model, estimates: Sequence[Estimate], seed: int = 0) -> ProcessNoise | None:
-    """The process noise under which a model's prediction errors at the ends of the takes are likeliest.
+    """Process noise fitted to a model's prediction errors: root spectral densities q (3,), correlation time, factor.
 
-    None where no segment is long enough, or where the model diverges, which no noise explains.  The factor that covers
-    95 % is counted, not taken from the normal law, because errors of a model that lacks something have heavy tails.
+    Densities and time are the maximum-likelihood estimate, for normal errors of rollouts after each of
+    CALIBRATION_TIMES_S from starts in the ends of the takes.  The factor on the standard deviation for 95 % intervals
+    is an empirical quantile, since errors of an incomplete model have heavier tails than the normal law.  None where
+    no segment is long enough, a rollout runs away, or the factor reaches `LIMITS.max_interval_factor`.
     """
     longest = max((s.stop - s.start for e in estimates for s in e.segments()), default=0) - 1 - model.lags
     at = np.unique([max(1, round(t / model.period_s)) for t in CALIBRATION_TIMES_S])
@@ -124,16 +127,18 @@ def calibrate_process_noise(model: Model, estimates: Sequence[Estimate], seed: i
     _, q2, tau, errors = min(fits, key=lambda row: row[0])
     ratio = np.abs(errors.error) / np.sqrt(_error_variance(errors, q2))
     x, y, z = np.sqrt(q2).tolist()
-    factor = float(np.quantile(ratio, INTERVAL_LEVEL))
+    factor = float(np.quantile(ratio, LIMITS.interval_level))
     return ProcessNoise((x, y, z), tau, factor) if factor < LIMITS.max_interval_factor else None
 
 
 def _measure_errors(
     model: Model, starts: Sequence[PredictionStart], at: npt.NDArray[np.intp], tau: float, rng: np.random.Generator
 ) -> _PredictionErrors | None:
-    """Errors of rollouts from `starts` after each of `at` steps, and their response to pushes correlated over `tau` s.
+    """Errors (W, K, 3) of rollouts from W starts after `at` (K,) steps, and their variance per unit of noise density.
 
-    None where a rollout leaves the range of the measured motion by far.
+    The variance is found by Monte Carlo, with noise of correlation time `tau` (s) on one of the model's three motion
+    components at a time.  None where an error passes `LIMITS.runaway_factor` times the sum of the largest measured
+    motion and its range, or where a figure is not finite.
     """
     steps = int(at[-1])
     carries = np.stack([model.init(history_at(e, k, model.lags)) for e, k in starts])
@@ -156,12 +161,20 @@ def _measure_errors(
 
 
 def _error_variance(errors: _PredictionErrors, q2: Floats) -> Floats:
-    """Variance (W, K, 3) of prediction errors under densities q^2 (3,): sum_j q_j^2 gain_j + measured variance."""
+    """Variances (W, K, 3) of twist prediction errors of W starts after K times: process plus measurement noise.
+
+    The process noise contributes sum_j q2_j gain_j, with `q2` (3,) its spectral densities and gain_j the variance
+    that a unit density of motion component j causes.
+    """
     return np.asarray(np.tensordot(q2, errors.gain, axes=1) + errors.measured_variance + MIN_VARIANCE)
 
 
 def _fit_densities(errors: _PredictionErrors) -> tuple[float, Floats]:
-    """Minus the log-likelihood at its maximum, and the squared densities q^2 (3,) there, for normal errors."""
+    """Minimum of the negative log-likelihood of prediction errors, and the process noise q^2 (3,) at which it lies.
+
+    The prediction errors are taken as normal with mean zero and the variances of `_error_variance`; constants are
+    left out.
+    """
     from scipy.optimize import minimize
 
     def cost(logs: Floats) -> tuple[float, Floats]:

@@ -5,6 +5,7 @@ Beyond the range of motion and commands that a model was fitted on, a rollout ex
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -13,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from bcid.aliases import Bools, Floats
-from bcid.documents.document import Interval, Part
+from bcid.documents.document import Document, Interval
 from bcid.documents.report import ProcessNoiseFigures
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
@@ -77,15 +78,18 @@ class DataRange(NamedTuple):
 
 
 def _quantity_table(twist: Floats, command: Floats) -> Floats:
-    """The values (N, 6) of v_x, v_y, yaw rate, v_x yaw rate, u_s and u_m for a twist (N, 3) and command (N, 2)."""
+    """Table (N, 6) of the quantities whose range in the training data bounds a model's validity.
+
+    Its columns are v_x, v_y, yaw rate, v_x times yaw rate, u_s, u_m, from twists (N, 3) and commands (N, 2).
+    """
     return np.column_stack([twist, twist[:, 0] * twist[:, 2], command])
 
 
-class _ValidityDocument(Part):
+class _ValidityDocument(Document):
     """The whole of limits.json."""
 
     kind: Literal["bcid.limits/1"] = Field("bcid.limits/1", alias="schema")
-    process_noise: ProcessNoiseFigures | None = None
+    process_noise: ProcessNoiseFigures | None  # null where no take was long enough, or the model runs away
     range: dict[str, Interval]  # lowest and highest value of each of QUANTITIES
 
 
@@ -108,7 +112,7 @@ class ModelValidity(NamedTuple):
 
 
 def load_validity(folder: Path) -> ModelValidity | None:
-    """The validity saved beside the model in `folder`; None where that folder has no limits.json.
+    """Read a model's process noise and data range from limits.json in its `folder`; None where there is no such file.
 
     Raises:
         InputRefused: limits.json cannot be read.
@@ -117,7 +121,7 @@ def load_validity(folder: Path) -> ModelValidity | None:
     if not path.exists():
         return None
     try:
-        document = _ValidityDocument.model_validate(read_json(path))
+        document = _ValidityDocument.from_json(json.dumps(read_json(path)))
         low, high = zip(*(document.range[name] for name in QUANTITIES), strict=True)
         noise = document.process_noise
         if noise is None:

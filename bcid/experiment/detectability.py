@@ -49,7 +49,11 @@ class PlacedAmplitude(NamedTuple):
 
 
 def amplitudes_at_typical_places(names: Sequence[str], take: Take, hypothesis: Hypothesis) -> list[PlacedAmplitude]:
-    """Every amplitude of the effects `names` at its declared size, each at several typical places or times."""
+    """List every strength parameter of the effects `names` at its declared size, once for each typical place or time.
+
+    With each comes the full parameter vector of its effect: other strengths are off, and place or time parameters are
+    chosen over the floor and the duration of the take.
+    """
     entries = hypothesis.entries
     return [
         PlacedAmplitude(name, i, p, [place.get(q.symbol, q.off) for q in entries[name].parameters]).with_size(p.size)
@@ -61,9 +65,11 @@ def amplitudes_at_typical_places(names: Sequence[str], take: Take, hypothesis: H
 
 
 def _typical_places(effect: Effect, take: Take) -> list[dict[str, float]]:
-    """Places or times at which an effect may act in a take, as values of its parameters by symbol.
+    """Typical values of an effect's place or time parameters in a take, as a list of dicts by symbol.
 
-    Circles over the floor that was driven, a cable from each side of it, or three times; for other effects, {}.
+    A circle on the floor gets a grid of centres (x, y) with the default radius; a cable an anchor in the middle of
+    each side of the floor; a change in time t_s = 30, 50 and 70 % of the longest recording.  [{}] for an effect
+    without such parameters.
     """
     symbols = [p.symbol for p in effect.place_parameters]
     if not symbols:
@@ -82,12 +88,19 @@ def _typical_places(effect: Effect, take: Take) -> list[dict[str, float]]:
 
 
 def required_gain_nats(effect: Effect, segments: int) -> float:
-    """Expected gain (nats) from which an effect of k parameters shows: usual gate + k/2 ln(segments)."""
+    """Expected log-likelihood gain (nats) that an effect of k parameters needs to count as detectable.
+
+    It is `LIKELIHOOD_LIMITS.usual_gate_nats`, a gain that chance hardly reaches, plus k/2 ln(`segments`) as in BIC.
+    """
     return LIKELIHOOD_LIMITS.usual_gate_nats + 0.5 * len(effect.parameters) * math.log(max(segments, 1))
 
 
 def tangent_fit(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take) -> Fit:
-    """A fit at parameters `phi` that were not fitted: predictions linearised there, likelihood and covariance NaN."""
+    """A `Fit` whose parameters `phi` are given instead of fitted, with the predictions of `take` linearised there.
+
+    `phi` holds the logarithms of the base parameters, then the effects' parameters.  Log-likelihood and covariance are
+    NaN and each segment's log-likelihood is 0, as they are not computed.
+    """
     inputs = hypothesis.prediction_inputs(phi, take)
     r = pose_residuals(take, inputs, take.start)
     J = parameter_jacobian(take, hypothesis, phi, take.start, r, range(hypothesis.base_size))
@@ -99,10 +112,12 @@ def tangent_fit(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take)
 def detectable_sizes(
     hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take, effects: Sequence[str]
 ) -> dict[str, Sizes | None]:
-    """The smallest size of each effect that `take` would show, by symbol, with its unit.
+    """The smallest size at which each effect would be detected in `take`: value and unit of each strength parameter.
 
-    Effects that `hypothesis` holds are left out.  With a place or a time, the size is the median over several.  None
-    stands for an effect that shows within its bounds at no place, or at too few.
+    Nothing is fitted: detection means that the expected log-likelihood gain reaches `required_gain_nats`.  For an
+    effect at a place or time, the size is one that suffices at `min_share_of_places` of several typical ones.  None
+    stands for an effect that is not detected up to its bounds.  `phi` holds the parameters of `hypothesis`, whose
+    effects are left out.
     """
     fit = tangent_fit(hypothesis, phi, scales, take)
     names = [n for n in effects if n not in hypothesis.effects]
@@ -121,7 +136,12 @@ def detectable_sizes(
 
 
 def solve_smallest_sizes(fit: Fit, take: Take, amplitudes: list[PlacedAmplitude], required_nats: Floats) -> list[float]:
-    """Size of each of K amplitudes at which it is expected to gain `required_nats` (K,); inf if none in bounds does."""
+    """Solve for the size of each of K amplitudes at which the expected log-likelihood gain equals `required_nats` (K,).
+
+    The size is multiplied by sqrt(required / expected gain) and simulated anew, with bisection as a safeguard.  The
+    result is inf where the gain is not reached up to the amplitude's bound, or up to `max_size_multiple` times its
+    given size.
+    """
     sizes = np.array([a.values[a.parameter_index] for a in amplitudes])
     highest = np.minimum([a.parameter.high for a in amplitudes], EXPERIMENT_LIMITS.max_size_multiple * sizes)
     too_small, enough = np.zeros(len(amplitudes)), np.full(len(amplitudes), np.inf)
@@ -147,6 +167,10 @@ def solve_smallest_sizes(fit: Fit, take: Take, amplitudes: list[PlacedAmplitude]
 
 
 def expected_gains_nats(fit: Fit, take: Take, amplitudes: Sequence[PlacedAmplitude]) -> Floats:
-    """Expected gains a^2 G / 2 (K,) in nats of refits with each of the amplitudes alone, if its size is true."""
+    """Expected log-likelihood gains a^2 G / 2 (K,), in nats, of adding each of K effects of true amplitude a to a fit.
+
+    G is the Fisher information about an amplitude, with the parameters of `fit` and each segment's initial state and
+    disturbances projected out.
+    """
     changes = compute_trial_changes(fit, take, [(a.effect, [a.values]) for a in amplitudes])
     return np.asarray(0.5 * np.diag(project_out_fit(fit, take, changes.columns).G))

@@ -36,7 +36,10 @@ class DiscriminatingDrive(PlannedDrive):
 
 
 def _prediction_inputs(drive: PlannedDrive, hypothesis: Hypothesis, phi: Floats) -> PredictionInputs:
-    """Car, effects and actuator chain with which a drive is predicted at parameters `phi`."""
+    """Inputs of a prediction of a drive by the model `hypothesis`: car, effect parameters, actuator outputs.
+
+    Its parameters `phi` are the logarithms of the base parameters, then the effects' parameters.
+    """
     take = commands_only_take(drive.command_s, drive.command, drive.seconds, integration_step(hypothesis.nominal))
     return hypothesis.prediction_inputs(phi, take)
 
@@ -44,7 +47,11 @@ def _prediction_inputs(drive: PlannedDrive, hypothesis: Hypothesis, phi: Floats)
 def simulate_planned_drive(
     drive: PlannedDrive, hypothesis: Hypothesis, phi: Floats, scales: Scales = NO_NOISE, seed: int = 0
 ) -> tuple[Take, PredictionInputs]:
-    """Simulate a drive of the car with parameters `phi`: the take, and the inputs of its predictions."""
+    """Simulate a drive with the model `hypothesis`; return its poses as a take, and the inputs of the prediction.
+
+    The model's parameters `phi` are the logarithms of the base parameters, then the effects' parameters.  Measurement
+    noise and random disturbances have the standard deviations `scales`, by default zero.
+    """
     inputs = _prediction_inputs(drive, hypothesis, phi)
     return simulate_take(
         inputs, drive.command_s, drive.command, drive.seconds, scales, POSE_HZ, seed, drive.initial_state
@@ -52,12 +59,13 @@ def simulate_planned_drive(
 
 
 def segment_information(take: Take, inputs: PredictionInputs, scales: Scales, columns: Floats) -> Floats:
-    """Information C^T P C of every segment (S, n, n) about amplitudes of the prediction changes C, `columns` (N, 3, n).
+    """Fisher information C^T P C (S, n, n), for each segment, about n coefficients with derivatives C of the poses.
 
-    Initial states and pushes are eliminated.
+    C is the segment's part of `columns` (N, 3, n).  P is the precision of the measurement noise (standard deviations
+    `scales.r`) with each segment's initial state and disturbances, Gaussian with `scales.q`, marginalised.
 
     Raises:
-        PredictionDiverged: where rounding makes the elimination meaningless.
+        PredictionDiverged: where rounding errors make the marginalisation meaningless.
     """
     A, still = nuisance_sensitivities(take, inputs, take.start), np.zeros_like(take.pose)
     V = checked_marginal_terms(segment_moments(still, A, take.first), scales).V
@@ -80,7 +88,12 @@ class Separation(NamedTuple):
 
 
 def measure_separation(drive: PlannedDrive, truth: Fit, rival: Fit) -> Separation:
-    """Measure how far one drive separates a `rival` fit from the true one, both predicted from the same states."""
+    """Compute, for one drive, the terms of the expected log-likelihood difference of two fitted models.
+
+    They are d^T P d, J^T P d and J^T P J: d is the difference of both pose predictions, J the Jacobian of `truth` and
+    P the noise's precision with initial states and disturbances marginalised.  The drive is simulated with `truth`,
+    and both predict each segment from its simulated initial state.
+    """
     known = np.asarray(np.linalg.pinv(truth.covariance), dtype=float)
     take, inputs = simulate_planned_drive(drive, truth.hypothesis, truth.phi)
     r = pose_residuals(take, inputs, take.start)
@@ -93,11 +106,13 @@ def measure_separation(drive: PlannedDrive, truth: Fit, rival: Fit) -> Separatio
 def find_discriminating_drive(
     truth: Fit, rival: Fit, max_throttle: float, arena: Arena = ARENA
 ) -> DiscriminatingDrive | None:
-    """Find the drive in the arena that separates two rival fits best; None if none does.
+    """Find the catalogue's drive that discriminates best between two rival fits, in at most `max_repeats` repeats.
 
-    A drive scores the expected log-likelihood difference if `truth` is true: half of sum d^T P d over the segments,
-    d being the difference of both predictions from the same states.  Initial states and pushes are eliminated, and what
-    a refit of the truth would explain is projected out.  `max_throttle` is a speed (m/s), or 1 where it sets a force.
+    "Best" is by the expected log-likelihood difference if `truth` is true: half of d^T P d, summed over segments, d
+    being the difference of both pose predictions and P the noise's precision with initial states and disturbances
+    marginalised; the part of d that refitted parameters of `truth` could explain is projected out.  None if the
+    difference after all repeats is below `usual_gate_nats`.  `max_throttle` is a speed (m/s), or 1 where the throttle
+    sets a force.
     """
     hypothesis, phi = truth.hypothesis, truth.phi
     walls, found = arena._replace(margin=0.0), list[tuple[PlannedDrive, Separation]]()
@@ -119,7 +134,12 @@ def find_discriminating_drive(
 
 
 def _explain_choice(truth: Hypothesis, rival: Hypothesis, drive: PlannedDrive, phi: Floats) -> str:
-    """One sentence on a chosen drive: what the two explanations depend on, and its ranges of these quantities."""
+    """One sentence on why a drive discriminates between two hypotheses, for the user.
+
+    It says what the effects in only one of them depend on, and the drive's range in that, such as "yaw_scrub depends on
+    yaw_rate: this drive has yaw rate from -1.20 to 1.20 rad/s."  The drive is simulated with `truth` at its parameters
+    `phi`.
+    """
     ranges = _describe_ranges(drive, truth, phi)
     names = [n for n in (*truth.effects, *rival.effects) if (n in truth.effects) != (n in rival.effects)]
     reasons = [f"{n} depends on {' and '.join(ENTRIES[n].depends_on)}" for n in names]
@@ -129,7 +149,11 @@ def _explain_choice(truth: Hypothesis, rival: Hypothesis, drive: PlannedDrive, p
 
 
 def _describe_ranges(drive: PlannedDrive, hypothesis: Hypothesis, phi: Floats) -> dict[str, str]:
-    """Range of each quantity that an effect may depend on in a drive, in words, by the quantity's name."""
+    """Ranges of speed, steering, slip and so on in a drive, as texts such as "speed from 0.10 to 2.00 m/s".
+
+    They are by quantity, from the 1 % to the 99 % quantile, of the drive simulated by the `hypothesis` at its
+    parameters `phi` (logarithms of the base parameters, then the effects').
+    """
     inputs = _prediction_inputs(drive, hypothesis, phi)
     path = simulate_states(inputs, drive.seconds, NO_NOISE, 0, drive.initial_state)
     p, delta, u = inputs.car, inputs.chain.delta[::2], drive.command[:, 1]

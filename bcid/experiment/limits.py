@@ -10,8 +10,9 @@ from dataclasses import dataclass
 class ExperimentLimits:
     """Which drives are offered and chosen, and when they show an effect or discriminate two explanations."""
 
-    # Seconds of a drive without its stop: a pattern cut shorter would not show what it is for.  Not yet justified.
+    # Shortest drive (s) without its stop: cut shorter, a pattern would not show what it is for.  Not yet justified.
     min_drive_s: float = 18.0
+    # Longest drive (s) without its stop.  Not yet justified.
     max_drive_s: float = 38.0
     # Repeats that a drive may need to separate two explanations; beyond, none is offered.  Not yet justified.
     max_repeats: int = 50

@@ -82,7 +82,10 @@ class PlannedDrive:
 
 
 def top_speed(car: Car, throttle: float) -> float:
-    """The speed (m/s) that a constant throttle reaches straight on; MAX_SPEED_MPS at most."""
+    """Speed (m/s) of a car in straight, steady driving at constant `throttle`, where motor force equals drag.
+
+    The drag is at least LEAST_DRAG m v, and the speed at most MAX_SPEED_MPS.
+    """
     from scipy.optimize import brentq
 
     def excess(v: float) -> float:
@@ -97,9 +100,10 @@ def top_speed(car: Car, throttle: float) -> float:
 
 
 def feasible_drives(car: Car, angle_limit: float, max_throttle: float, arena: Arena = ARENA) -> list[PlannedDrive]:
-    """The drives of the catalogue that fit the arena when this car drives them.
+    """Adapt each command pattern of the catalogue (slalom, coast-down ...) to the car and the arena.
 
-    `max_throttle` is a speed (m/s), or 1 where the throttle sets a force; `angle_limit` is in rad.
+    A pattern is slowed down or shortened until the simulated car stays inside the arena, or else left out.
+    `max_throttle` is a speed (m/s), or 1 where the throttle sets a force; `angle_limit` is the steering limit (rad).
     """
     radius = CIRCLE_SHARE * float(arena.reach.min())
     if radius <= 0.0:
@@ -111,7 +115,12 @@ def feasible_drives(car: Car, angle_limit: float, max_throttle: float, arena: Ar
 
 
 def _fit_into_arena(pattern: Callable[[Envelope], Commands], e: Envelope, arena: Arena) -> PlannedDrive | None:
-    """The pattern as a drive, as fast as fits into the arena and then as long; None where none fits."""
+    """Slow down and shorten a command pattern until the simulated car stays inside the arena, ending with a stop.
+
+    The highest of SPEED_SHARES that fits at any of LENGTH_SHARES is taken, at the greatest of these that fits; None
+    if none does at a length of `min_drive_s` or more.  The start pose centres the path in the arena, or lies at the
+    first way point of the pattern's route.
+    """
     name, purpose = pattern.__name__.replace("_", "-"), (pattern.__doc__ or "").strip().rstrip(".")
     for share in SPEED_SHARES:
         whole = pattern(e._replace(speed=share * e.speed))
@@ -136,7 +145,11 @@ def _fit_into_arena(pattern: Callable[[Envelope], Commands], e: Envelope, arena:
 
 @njit
 def _steer_along_route(command: Floats, route: Floats, start: Floats, p: Car, limit: float) -> Floats:
-    """Commands (n, 2) with steering towards each way point in turn added; they end where the last one is reached."""
+    """Commands (n, 2), steering (rad) and throttle, with which a simulated car follows way points `route` (W, 2) in m.
+
+    The steering is the bearing of the next way point from the car, plus that in `command`, limited to +-`limit` (rad).
+    The car `p` starts from rest at the pose `start` (3,); the commands end where the last way point is reached.
+    """
     out = command.copy()
     x, y, theta = start
     state = (0.0, 0.0, 0.0, command[0, 0])
@@ -155,7 +168,10 @@ def _steer_along_route(command: Floats, route: Floats, start: Floats, p: Car, li
 
 
 def _base_car_path(command: Floats, start: Floats, e: Envelope) -> Floats:
-    """States (n + 1, 6) of the base model's car that drives the commands from rest at the pose `start`."""
+    """Simulate the base model (no effects, no noise) under commands (m, 2) at COMMAND_HZ, from rest at pose `start`.
+
+    Returns its states (n + 1, 6), p_x, p_y, theta (world), v_x, v_y (body), omega, at n integration steps.
+    """
     T, times, h = len(command) / COMMAND_HZ, np.arange(len(command)) / COMMAND_HZ, integration_step(e.car)
     chain = actuator_chain(times, command, 0.0, covering_steps(T, h), h, e.car, e.angle_limit, effect_switches())
     inputs = PredictionInputs(e.car, effect_switches(), chain, Constants())
@@ -163,12 +179,18 @@ def _base_car_path(command: Floats, start: Floats, e: Envelope) -> Floats:
 
 
 def stays_inside(path: Floats, arena: Arena) -> bool:
-    """Whether the CoG on a path (n, 2 or more) keeps the arena's margin to all walls."""
+    """Whether the car's CoG never comes nearer to a wall than `arena.margin`.
+
+    Columns 0 and 1 of `path` hold its world coordinates x and y (m).
+    """
     return bool((np.abs(path[:, :2] - arena.middle) <= arena.reach).all())
 
 
 def _find_start_pose(path: Floats, arena: Arena) -> Floats | None:
-    """Start pose (3,) that moves a path (n, 6) from the origin into the middle of the arena; None if it is too wide."""
+    """Start pose x, y (m), yaw (rad) from which a path lies centred within the arena's margins; None if too wide.
+
+    `path` (n, 6), x and y in columns 0 and 1, was driven from the origin; HEADINGS yaws over half a turn are tried.
+    """
     for yaw in np.linspace(0.0, np.pi, HEADINGS, endpoint=False):
         turned = path[:, :2] @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
         low, high = turned.min(axis=0), turned.max(axis=0)
@@ -178,7 +200,7 @@ def _find_start_pose(path: Floats, arena: Arena) -> Floats | None:
 
 
 def write_commands(path: Path, command_s: Floats, command: Floats) -> None:
-    """Write commands (n, 2) at times (n,) as a CSV file with columns time_s, steering_rad and throttle_mps."""
+    """Write commands (n, 2) at times (n,) (s) as a CSV file with columns time_s, steering_rad and throttle_mps."""
     rows = np.column_stack([command_s, command])
     lines = [f"{t:.3f},{steering:.5f},{throttle:.5f}" for t, steering, throttle in rows]
     path.write_text("\n".join(["time_s,steering_rad,throttle_mps", *lines, ""]), encoding="utf-8")

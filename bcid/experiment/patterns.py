@@ -57,7 +57,11 @@ class Commands(NamedTuple):
 
 
 def hold_commands(*pieces: tuple[float, float, float], route: Floats = NO_ROUTE) -> Commands:
-    """Commands that hold each (seconds, steering, throttle) in turn, along the `route` (W, 2) if there is one."""
+    """Piecewise constant commands at COMMAND_HZ: each piece (seconds, steering in rad, throttle) is held in turn.
+
+    `route` holds way points (W, 2), 0 at the arena's middle and +-1 at its margins in x and y; where given, a later
+    stage adds the steering that follows them.
+    """
     held = [np.tile([s, u], (max(round(t * COMMAND_HZ), 1), 1)) for t, s, u in pieces]
     return Commands(np.concatenate(held), route)
 
@@ -65,42 +69,46 @@ def hold_commands(*pieces: tuple[float, float, float], route: Floats = NO_ROUTE)
 def _steer_over_time(
     seconds: float, steer: Callable[[Floats], Floats], throttle: float, route: Floats = NO_ROUTE
 ) -> Commands:
-    """Commands of so many seconds whose steering is the function `steer` of time (s), at constant throttle."""
+    """Commands over `seconds` with the steering (rad) a function `steer` of time (s) and a constant throttle.
+
+    `route` holds way points (W, 2), 0 at the arena's middle and +-1 at its margins in x and y; where given, a later
+    stage adds the steering that follows them.
+    """
     t = np.arange(round(seconds * COMMAND_HZ)) / COMMAND_HZ
     return Commands(np.column_stack([steer(t), np.full(len(t), throttle)]), route)
 
 
 def coast_down(e: Envelope) -> Commands:
-    """Accelerate and coast: on a wide circle either way, then at a large steering angle."""
+    """Accelerate and coast at zero throttle: circling left, circling right, then at a large steering angle."""
     wide, far, up = e.circle(0.9), e.lock(0.7, 1.4), e.throttle(1.0)
     return hold_commands((4, wide, up), (8, wide, 0), (4, -wide, up), (8, -wide, 0), (5, -wide, up), (7, -far, 0))
 
 
 def steady_circles_slow(e: Envelope) -> Commands:
-    """A steady circle to the left, then one to the right, at half speed."""
+    """A steady circle to the left, then one to the right, at half of the top speed that car and floor allow."""
     return hold_commands((13, e.circle(0.9), e.throttle(0.5)), (13, -e.circle(0.9), e.throttle(0.5)))
 
 
 def steady_circles_fast(e: Envelope) -> Commands:
-    """A steady circle to the left, then one to the right, at full speed."""
+    """A steady circle to the left, then one to the right, at the top speed that car and floor allow."""
     return hold_commands((13, e.circle(0.9), e.throttle(1.0)), (13, -e.circle(0.9), e.throttle(1.0)))
 
 
 def small_steering_steps(e: Envelope) -> Commands:
-    """Steps of 0.1 rad about a circle either way."""
+    """Steering steps of at most +-0.1 rad about the angle of a steady circle, circling left, then right."""
     middle, step, up = e.circle(), e.lock(0.25, 0.1), e.throttle(0.8)
     left = [(1.5, middle + hand * step, up) for hand in (1, -1) * 5]
     return hold_commands(*left, *((t, -s, u) for t, s, u in left))
 
 
 def large_steering_steps(e: Envelope) -> Commands:
-    """Steps from side to side so large that the servo runs at its rate limit."""
+    """Steering steps from side to side at constant throttle, so large that the servo runs at its rate limit."""
     angle, up = e.lock(0.6, 1.3), e.throttle(0.7)
     return hold_commands(*((t, hand * angle, up) for k in (1, -1) for t, hand in ((2.8, k), (1.8, -k)) * 3))
 
 
 def steering_sweep(e: Envelope) -> Commands:
-    """Sines of growing frequency (0.2 to 2.5 Hz) about a circle."""
+    """A steering sine of growing frequency (0.2 to 2.5 Hz) about the angle of a steady circle, at constant throttle."""
     size, seconds, low, high = e.lock(0.4, 0.35), 30.0, 0.2, 2.5
     growth = math.log(high / low)
     return _steer_over_time(
@@ -111,13 +119,13 @@ def steering_sweep(e: Envelope) -> Commands:
 
 
 def throttle_steps(e: Envelope) -> Commands:
-    """Steps of the throttle up and down, on a circle either way."""
+    """Throttle steps up and down, each held for 2.7 s, circling left, then right."""
     shares = (0.4, 1.0, 0.6, 1.0, 0.2, 0.8)
     return hold_commands(*((2.7, hand * e.circle(), e.throttle(s)) for hand in (1, -1) for s in shares))
 
 
 def throttle_noise(e: Envelope) -> Commands:
-    """A binary random sequence of the throttle, on a circle either way."""
+    """A random binary sequence of a high and a low throttle, each held for 0.5 s or more, circling left, then right."""
     bits = np.random.default_rng(5).random(60) < 0.5
     return hold_commands(
         *((0.5, e.circle() * (1 if k < 30 else -1), e.throttle(1.0 if b else 0.3)) for k, b in enumerate(bits))
@@ -125,7 +133,7 @@ def throttle_noise(e: Envelope) -> Commands:
 
 
 def brake_pulses(e: Envelope) -> Commands:
-    """Accelerate, brake by a pulse, and again harder, on a circle either way."""
+    """Accelerate and brake by a short pulse, four times and harder each time, circling left, then right."""
     pulses = ((0.7, 0.2), (0.6, 0.4), (0.5, 0.7), (0.5, 1.0))
     return hold_commands(*(
         p for hand in (1, -1) for t, brake in pulses
@@ -134,7 +142,7 @@ def brake_pulses(e: Envelope) -> Commands:
 
 
 def slalom(e: Envelope) -> Commands:
-    """A sine of the steering on the way round an oval."""
+    """A steering sine (period 2.2 s) superposed on laps of an oval, at constant throttle."""
     corners = [(-0.5, -0.7), (0.5, -0.7), (0.95, 0.0), (0.5, 0.7), (-0.5, 0.7), (-0.95, 0.0)]
     return _steer_over_time(
         30.0, lambda t: e.lock(0.5, 0.4) * np.sin(2 * np.pi * t / 2.2), e.throttle(0.8), np.array(corners * 4)
@@ -142,20 +150,20 @@ def slalom(e: Envelope) -> Commands:
 
 
 def figure_of_eight(e: Envelope) -> Commands:
-    """Full turns to the left and to the right in alternation."""
+    """Full circles to the left and to the right in alternation, at constant throttle."""
     angle, up = e.circle(0.65), e.throttle(0.9)
     turn = e.turn_s(angle, 0.85, 1.0)
     return hold_commands(*((turn, hand * angle, up) for hand in (1, -1) * max(round(16.0 / turn), 1)))
 
 
 def full_lock(e: Envelope) -> Commands:
-    """Turns at full lock, slow and fast, either way."""
+    """Turns at nearly full steering lock, left and right in alternation, at three throttles."""
     angle = e.lock(0.98)
     return hold_commands(*((4.5, hand * angle, e.throttle(s)) for s in (0.5, 1.0, 0.7) for hand in (1, -1)))
 
 
 def steering_reversals(e: Envelope) -> Commands:
-    """The steering reversed at constant throttle, after half a turn, three quarters and a whole one."""
+    """Steering reversed in alternation at constant throttle, each angle held for 1, 3/4, 1/2, then 3/4 of a turn."""
     angle, up = e.lock(0.5, 0.9), e.throttle(1.0)
     turns = (1.0, 0.75, 0.5, 0.75) * 3
     whole = hold_commands(*((e.turn_s(angle, 0.8, n), (-1) ** k * angle, up) for k, n in enumerate(turns)))
@@ -163,21 +171,21 @@ def steering_reversals(e: Envelope) -> Commands:
 
 
 def four_headings(e: Envelope) -> Commands:
-    """Round the floor along its four walls one way, across, and the other way."""
+    """Along the floor's four walls one way round, across its middle, then along the walls the other way round."""
     a, b, c, d = (-0.75, -0.75), (0.75, -0.75), (0.75, 0.75), (-0.75, 0.75)
     across = [(0.0, 0.0), (-0.7, 0.1), (-0.4, 0.65)]
     return hold_commands((38, 0, e.throttle(0.9)), route=np.array([a, b, c, d, a, b, *across, c, b, a, d]))
 
 
 def lawn_mower(e: Envelope) -> Commands:
-    """To and fro over the whole floor in lanes."""
+    """To and fro along six parallel lanes that cover the whole floor."""
     lanes = np.repeat(np.linspace(-0.85, 0.85, 6), 2)
     ends = np.resize([-0.75, 0.75, 0.75, -0.75], len(lanes))
     return hold_commands((38, 0, e.throttle(0.95)), route=np.column_stack([ends, lanes]))
 
 
 def begin_and_end(e: Envelope) -> Commands:
-    """Equal starts and circles at the beginning and at the end, with a rest between."""
+    """The same starts and circles at the beginning and at the end, with a rest between, to show changes with time."""
     bend, fast, slow = e.circle(0.65), e.throttle(1.0), e.throttle(0.5)
     laps = ((4, bend, fast), (3, bend, slow), (4, -bend, fast), (2, -bend, -0.6))
     return hold_commands(*laps, (9, bend, 0), *laps)

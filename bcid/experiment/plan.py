@@ -15,7 +15,8 @@ from bcid.experiment.discrimination import segment_information, simulate_planned
 from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.experiment.manoeuvres import ARENA, Arena, PlannedDrive, feasible_drives, top_speed
 from bcid.experiment.patterns import COMMAND_HZ
-from bcid.likelihood.hypothesis import PRIOR_SD, Hypothesis
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.score_test import compute_trial_changes
@@ -59,11 +60,12 @@ def plan_drives(
     car: Car, constants: Constants, angle_limit: float, effects: Sequence[str], max_throttle: float,
     arena: Arena = ARENA, unknown_steering: tuple[str, ...] = (),
 ) -> DrivingPlan:  # fmt: skip
-    """Choose drives of the catalogue that make the effects detectable at their declared sizes.
+    """Plan a sequence of drives in which the given `effects` would be detected at their declared sizes.
 
-    They are chosen one by one, each time the drive with the most progress per second; all are repeated where only time
-    is lacking.  `max_throttle` is a speed (m/s), or 1 where the throttle sets a force; `unknown_steering` names those
-    of "T_s" and "d" that a diagnosis will refit.
+    Drives of the catalogue are chosen greedily by how much they raise the effects' expected log-likelihood gains
+    towards the required ones, per second; the whole is repeated while that may detect more.  `max_throttle` is a
+    speed (m/s), or 1 where the throttle sets a force, `angle_limit` the steering limit (rad); `unknown_steering`
+    names those of the servo's "T_s" and "d" that a diagnosis will estimate too.
     """
     units = scale_at_speed(car, top_speed(car, max_throttle))
     hypothesis = Hypothesis((), car, angle_limit, constants, unknown_steering, units)
@@ -93,14 +95,21 @@ def plan_drives(
 
 
 def _size_ratio(sizes: Sizes | None, effect: Effect) -> float:
-    """Smallest size that shows over the declared size, largest over the amplitudes; inf if one of them never shows."""
+    """Smallest detectable size of an effect over its declared size, the largest ratio among its strength parameters.
+
+    It is inf where a parameter is not detectable at any size (`sizes` lacks it or is None).
+    """
     if sizes is None or any(p.symbol not in sizes for p in effect.amplitude_parameters):
         return math.inf
     return max(sizes[p.symbol][0] / p.size for p in effect.amplitude_parameters)
 
 
 def _assemble_plan(drives: Sequence[PlannedDrive], hypothesis: Hypothesis, effects: Sequence[str]) -> DrivingPlan:
-    """The plan of the drives one after the other, with the sizes that they make detectable for the nominal car."""
+    """Join drives, with pauses of REST_S, to one plan, and compute the smallest effect sizes that it would detect.
+
+    The drives are simulated by the base model at its nominal parameters.  Effects that would not be detected at their
+    declared size are listed as missing, with the reason in words.
+    """
     phi = hypothesis.phi_of(hypothesis.nominal)
     takes = [simulate_planned_drive(d, hypothesis, phi, NOMINAL_SCALES, seed)[0] for seed, d in enumerate(drives)]
     whole = as_one_recording(concatenate_takes(takes))
@@ -124,9 +133,11 @@ def _assemble_plan(drives: Sequence[PlannedDrive], hypothesis: Hypothesis, effec
 def _choose_drives(
     drives: Sequence[PlannedDrive], hypothesis: Hypothesis, effects: Sequence[str]
 ) -> list[PlannedDrive]:
-    """Choose drives greedily by progress per second; repeated ones are spread over the plan.
+    """Choose drives greedily by progress per second, until no drive adds `min_progress_per_s`.
 
-    All drives are simulated once, in one take, and the information of the chosen ones is summed over their segments.
+    Progress is the sum over `effects` of expected over required log-likelihood gain, each at most 1.  All drives are
+    simulated once; a choice's Fisher information is the sum over its drives.  A drive may be chosen several times,
+    and its repeats are spread over the plan.
     """
     phi = hypothesis.phi_of(hypothesis.nominal)
     takes = [simulate_planned_drive(drive, hypothesis, phi)[0] for drive in drives]
@@ -139,7 +150,7 @@ def _choose_drives(
     by_drive = [part.sum(axis=0) for part in np.split(by_segment, np.cumsum([take.segments for take in takes])[:-1])]
     n = hypothesis.base_size
     known = np.zeros_like(by_drive[0])
-    known[:n, :n] = np.eye(n) / PRIOR_SD**2
+    known[:n, :n] = np.eye(n) / LIKELIHOOD_LIMITS.base_prior_sd**2
     picked = list[int]()
 
     def progress(numbers: Sequence[int]) -> float:
@@ -166,7 +177,11 @@ def _choose_drives(
 def _progress_share(
     effect: str, amplitudes: Sequence[PlacedAmplitude], gains_nats: Floats, required_nats: float
 ) -> float:
-    """Share, at most 1, of its required gain that an effect has: median over places, least over its parameters."""
+    """Expected over required log-likelihood gain of one effect, at most 1.
+
+    For each strength parameter it is the median over typical places; the least over the parameters is returned.
+    `gains_nats` (K,) are the expected gains of the K `amplitudes`, of which those of other effects are ignored.
+    """
     shares = dict[int, list[float]]()
     for a, gain in zip(amplitudes, gains_nats.tolist(), strict=True):
         if a.effect == effect:
@@ -175,15 +190,19 @@ def _progress_share(
 
 
 def largest_throttle(vehicle: Vehicle) -> float:
-    """Largest throttle of a vehicle: its reference speed (m/s), or 1 where the throttle sets a force."""
+    """Largest throttle command of a vehicle: its reference speed (m/s), or 1 where the throttle sets a force.
+
+    A vehicle file without a reference speed is taken to reach DEFAULT_SPEED_MPS, if its throttle sets a speed.
+    """
     return vehicle.motor.reference_speed_mps or (1.0 if vehicle.motor.law == "force" else DEFAULT_SPEED_MPS)
 
 
 def nominal_car(vehicle: Vehicle) -> Car:
-    """The car that a vehicle file describes, with what it does not say in proportion to mass and size.
+    """Typical base parameters for a vehicle file, for planning before anything has been driven.
 
-    Rear wheels are stiffer and grip more than the front one, as in the bumper car; the steering has T_s = 0.15 s and
-    d = 2 rad/s where the file omits them.
+    Mass, CoG and driven axle are as in the file; motor and drag are proportional to the mass, tyres and inertia
+    typical of mass and size.  Rear wheels are stiffer and grip more than the front one, as in the bumper car; the
+    servo has T_s = 0.15 s and d = 2 rad/s where the file omits them.
     """
     m, l_f, l_r = vehicle.mass_kg, vehicle.body.cog_to_front_m, vehicle.body.cog_to_rear_m
     steering = vehicle.steering

@@ -4,11 +4,9 @@ For takes of nothing, noise floors and manoeuvres: the actuators and the body of
 piece.
 """
 
-from typing import Any
-
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit
 from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import unpack_body
@@ -29,9 +27,13 @@ NO_NOISE = Scales(np.zeros(3), np.zeros(3))
 
 @njit
 def _integrate_states(
-    start: Floats, pushes: Floats, chain: ActuatorChain, T: float, p: Car, e: Any, c: Constants
+    start: Floats, pushes: Floats, chain: ActuatorChain, T: float, p: Car, e: Switches, c: Constants
 ) -> Floats:
-    """States (n + 1, 6) at the chain's n steps from the state `start` (6,), under wrenches `pushes` (K, 3)."""
+    """Integrate the car's motion over an actuator chain's n steps: states (n + 1, 6) under given disturbances.
+
+    A state is p_x, p_y, theta (world), v_x, v_y (body), omega; `start` (6,) is the first.  `pushes` (K, 3) are
+    disturbance wrenches F_x, F_y (N), M_z (N m) in the body frame, each constant over KNOT_S.
+    """
     n = (len(chain.delta) - 1) // 2
     per_knot = round(KNOT_S / chain.h)
     b = unpack_body(start)
@@ -40,8 +42,11 @@ def _integrate_states(
 
 
 @njit
-def _apply_measurement(poses: Floats, e: Any) -> Floats:
-    """Tracked poses (P, 3) of true poses (P, 3), under the measurement effects in `e`."""
+def _apply_measurement(poses: Floats, e: Switches) -> Floats:
+    """Poses (P, 3) that tracking reports for true poses (P, 3), both x, y (m), yaw (rad), without noise.
+
+    The measurement effects in `e`, such as a marker offset or a yaw misalignment, are applied.
+    """
     out = np.empty_like(poses)
     for i in range(len(poses)):
         out[i] = tracked_pose(poses[i, 0], poses[i, 1], poses[i, 2], e)
@@ -49,7 +54,10 @@ def _apply_measurement(poses: Floats, e: Any) -> Floats:
 
 
 def commands_only_take(command_s: Floats, command: Floats, T: float, h: float = LONGEST_STEP_S) -> Take:
-    """A take of commands (M, 2) without poses, from which a hypothesis makes its prediction inputs."""
+    """A take with commands (M, 2), steering (rad) and throttle, but no poses, as input of a simulation of `T` seconds.
+
+    The times `command_s` (M,) and the integration step `h` are in s.
+    """
     none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
     return Take(
         command_s, command.copy(), nothing, none, nothing, np.zeros(1, dtype=np.int64), np.empty((0, 3)),
@@ -59,9 +67,10 @@ def commands_only_take(command_s: Floats, command: Floats, T: float, h: float = 
 
 
 def simulate_states(inputs: PredictionInputs, T: float, scales: Scales, seed: int, start: Floats) -> Floats:
-    """True states (n + 1, 6) of a car driven for T seconds from the state `start` (6,), under random pushes.
+    """Simulate a car for T seconds from the state `start` (6,) under random disturbances: states (n + 1, 6).
 
-    Pushes are constant over KNOT_S, with standard deviations `scales.q`; equal seeds give equal pushes.
+    A state is p_x, p_y, theta (world), v_x, v_y (body), omega.  Disturbances are Gaussian accelerations, constant over
+    KNOT_S, with standard deviations `scales.q`, drawn from the `seed`.
     """
     car = inputs.car
     knots = int(np.ceil(T / KNOT_S)) + KNOTS
@@ -70,10 +79,13 @@ def simulate_states(inputs: PredictionInputs, T: float, scales: Scales, seed: in
 
 
 def observe_states(stamp_s: Floats, states: Floats, inputs: PredictionInputs) -> Floats:
-    """Tracked poses (P, 3) at the times `stamp_s` (P,), from true states (n + 1, 6) at the steps of the chain.
+    """Poses (P, 3), x, y (m), yaw (rad), that tracking reports at times `stamp_s` (P,), without noise.
+
+    They follow from true states (n + 1, 6), p_x, p_y, theta (world), v_x, v_y (body), omega at the integration steps,
+    by cubic Hermite interpolation; the measurement effects in `inputs`, such as a marker offset, are applied.
 
     Raises:
-        PredictionDiverged: when a state is not finite.
+        PredictionDiverged: a state is not finite.
     """
     from scipy.interpolate import CubicHermiteSpline
 
@@ -89,10 +101,11 @@ def simulate_take(
     inputs: PredictionInputs, command_s: Floats, command: Floats, T: float, scales: Scales, rate_hz: float,
     seed: int, start: Floats,
 ) -> Take:  # fmt: skip
-    """Simulate a take of the commands (M, 2) with random pushes and noise: T seconds, `rate_hz` poses per second.
+    """Simulate a take of T seconds with `rate_hz` poses per second, under random disturbances and measurement noise.
 
-    `inputs.chain` belongs to these commands, `start` is the state (6,) at time zero.  Poses have white noise such that
-    a row's mean has the standard deviations `scales.r`.  Segments start at the true states.
+    `inputs.chain` must belong to the commands (M, 2), steering (rad) and throttle; `start` is the state (6,) at time
+    zero.  The white noise is scaled such that means of poses over GROUP_S have the standard deviations `scales.r` (m,
+    m, rad).  Each segment's initial state is the true one.
     """
     true = simulate_states(inputs, T, scales, seed, start)
     S, steps = int(T / SEGMENT_S + 1e-9), round(SEGMENT_S / inputs.chain.h)

@@ -1,1 +1,4 @@
-"""Files checked and written in one way: TOML settings, JSON with a digest, Parquet with units, source code."""
+"""Files checked and written in one way: TOML settings, JSON with a digest, Parquet with units, source code.
+
+`toml`, `json`, `parquet`, one for each format; `source_code` (digests of the code that a stage runs), `limits` (sizes).
+"""

@@ -11,13 +11,13 @@ DIGEST = "sha256"
 
 
 def _content_digest(data: dict[str, Any]) -> str:
-    """SHA-256 of `data` as canonical JSON, leaving out its own digest entry."""
+    """SHA-256 in hex digits of `data` as canonical JSON, without the entry that holds such a digest."""
     text = json.dumps({k: v for k, v in data.items() if k != DIGEST}, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def write_json(path: Path, data: dict[str, Any]) -> None:
-    """Write `data` as a JSON file with the digest of its content, which `read_json` checks."""
+    """Write `data` as a JSON file with a digest of its content as a further entry, which `read_json` checks."""
     # through JSON once, since what is read back (lists for tuples) is what the digest must be of
     whole = json.loads(json.dumps(data))
     text = json.dumps({**whole, DIGEST: _content_digest(whole)}, indent=1, ensure_ascii=False)
@@ -25,11 +25,11 @@ def write_json(path: Path, data: dict[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The JSON object in the file at `path`, its digest checked where it has one and taken out.
+    """The JSON object in the file at `path`; a digest of its content that it carries is checked and taken out.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: too large, no JSON object, or not as it was written.
+        OSError: the file cannot be read.
+        ValueError: the file has more than LIMITS.max_json_bytes, holds no JSON object, or differs from its digest.
     """
     if path.stat().st_size > LIMITS.max_json_bytes:
         raise ValueError(f"has {path.stat().st_size} bytes, {LIMITS.max_json_bytes} are the most")

@@ -13,7 +13,7 @@ from bcid.errors import InputRefused
 
 
 def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]) -> None:
-    """Write the columns of `values` (N, n) as a Parquet file of float64 with the names and units of `units`."""
+    """Write the columns of `values` (N, n) as a Parquet file of float64; `units` gives names, in order, and units."""
     fields = [pa.field(n, pa.float64(), metadata={"unit": u}) for n, u in units.items()]
     columns = [pa.array(np.ascontiguousarray(c, dtype=float)) for c in values.T]
     table = pa.Table.from_arrays(columns, schema=pa.schema(fields))
@@ -24,10 +24,11 @@ def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]
 
 
 def read_columns(path: Path, units: Mapping[str, str]) -> npt.NDArray[np.float64]:
-    """The columns named in `units` of the Parquet file at `path`, in that order, as (N, n).
+    """Columns (N, n) of the Parquet file at `path`: those that `units` names, in its order.
 
     Raises:
-        InputRefused: a page whose checksum does not match, or no such table.
+        FileNotFoundError: there is no such file.
+        InputRefused: the file is damaged (page checksums are verified) or lacks a column.
     """
     try:
         table = pq.read_table(path, columns=list(units), page_checksum_verification=True)

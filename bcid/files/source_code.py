@@ -31,14 +31,14 @@ class _ModuleCode(NamedTuple):
 
 
 def _module_path(module: str) -> Path | None:
-    """The file of a module of this package, None where there is none."""
+    """The file of this package's `module`, such as "bcid.effects.table"; None where there is none."""
     base = _ROOT.joinpath(*module.split("."))
     return next((p for p in (base.with_suffix(".py"), base / "__init__.py") if p.exists()), None)
 
 
 @cache
 def _read_module(name: str) -> _ModuleCode:
-    """Digest and imports of the module `name`, wherever in the file the imports stand."""
+    """Digest of the module `name`, and the modules that it imports anywhere in its file."""
     path = _module_path(name)
     if path is None:
         raise ModuleNotFoundError(name)
@@ -61,7 +61,10 @@ def _read_module(name: str) -> _ModuleCode:
 
 
 def _syntax_digest(tree: ast.Module, path: Path) -> str:
-    """SHA-256 of a module's syntax tree without docstrings, and of the templates beside a package's `__init__`."""
+    """SHA-256 of a module's syntax `tree` without docstrings, in hex digits.
+
+    For an `__init__` at `path`, the page templates (*.j2) in its folder are included.
+    """
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             node.body[0] = ast.Pass()
@@ -73,7 +76,7 @@ def _syntax_digest(tree: ast.Module, path: Path) -> str:
 
 
 def import_closure(roots: Iterable[str]) -> set[str]:
-    """Names of the modules `roots` and of all that they import in this package, directly or not."""
+    """Names of the modules `roots`, and of all modules of this package that they import, directly or through others."""
     seen: set[str] = set()
     waiting = list(roots)
     while waiting:
@@ -86,14 +89,20 @@ def import_closure(roots: Iterable[str]) -> set[str]:
 
 @cache
 def digest_with_imports(*roots: str) -> str:
-    """SHA-256 of the code of the modules `roots` and of all that they import in this package, directly or not."""
+    """SHA-256 of the code of the modules `roots` and of all that they import in this package, directly or not.
+
+    Docstrings and comments do not count.
+    """
     lines = "".join(f"{name} {_read_module(name).digest}\n" for name in sorted(import_closure(roots)))
     return hashlib.sha256(lines.encode()).hexdigest()
 
 
 @cache
 def stage_code(*roots: str) -> StageCode:
-    """Digest of the modules `roots` and all their imports, and the versions of the imported libraries."""
+    """Digest of the modules `roots` with all their imports, and the versions of Python and the imported libraries.
+
+    It tells a pipeline stage whether its results are still those of the present code.
+    """
     modules = import_closure(roots)
     outside = sorted(set().union(*(_read_module(name).outside for name in modules)))
     packages = {"python": platform.python_version()}

@@ -27,10 +27,10 @@ S = TypeVar("S", bound=Settings)
 def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` writes a commented one") -> S:
     """The TOML file at `path`, checked and read into settings of the class `kind`.
 
-    Messages name the file by `what` and say by `example` where a correct one is found.
+    Error messages call the file `what`, such as "vehicle file", and say by `example` where a correct one is found.
 
     Raises:
-        InputRefused: not found, not TOML, or with unknown, missing or impossible entries.
+        InputRefused: not found, too large, not TOML, or with unknown, missing or impossible entries.
     """
     if path.exists() and not path.is_file():  # a pipe would be waited for
         raise InputRefused(path, what, "is not a regular file", f"check the path; {example}")
@@ -48,7 +48,13 @@ def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` 
 
 
 def validate_settings(path: Path, kind: type[S], data: Mapping[str, Any], what: str, example: str) -> S:
-    """Settings of the class `kind` from the tables `data`; raises `InputRefused` with every wrong entry of the file."""
+    """Settings of the class `kind` from the tables `data` that were read from `path`.
+
+    Error messages call the file `what` and say by `example` where a correct one is found.
+
+    Raises:
+        InputRefused: there are wrong entries; the message names all of them.
+    """
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -58,7 +64,7 @@ def validate_settings(path: Path, kind: type[S], data: Mapping[str, Any], what: 
 
 
 def _describe_problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str, str]:
-    """Place and cause of one of pydantic's errors; for an unknown key a near or all known ones."""
+    """Place and cause, as text, of one of pydantic's errors on settings of `kind`; unknown keys get a suggestion."""
     place = ".".join(str(part) for part in error["loc"])
     if error["type"] != "extra_forbidden":
         return place, f"{place}: {error['msg']}"
@@ -69,7 +75,7 @@ def _describe_problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str
 
 
 def _known_keys(kind: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
-    """Names of the keys allowed in the table, within settings of the class `kind`, that holds the entry `loc`."""
+    """Names of the keys that settings of the class `kind` allow in the table that holds the entry at the path `loc`."""
     for part in loc[:-1]:
         field = next((f for n, f in kind.model_fields.items() if str(part) in (n, f.alias)), None)
         inner = [] if field is None else [field.annotation, *getattr(field.annotation, "__args__", ())]

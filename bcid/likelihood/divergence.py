@@ -15,13 +15,13 @@ T = TypeVar("T")
 
 
 def require_finite(what: str, *arrays: Floats) -> None:
-    """Raise `PredictionDiverged`, that `what` left the finite numbers, where an array has a NaN or an infinity."""
+    """Raise `PredictionDiverged` ("`what` left the finite numbers") if any of the arrays has a NaN or an infinity."""
     if not all(np.isfinite(array).all() for array in arrays):
         raise PredictionDiverged(f"{what} left the finite numbers")
 
 
 def none_if_diverged(compute: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | None:
-    """The result of `compute(*args, **kwargs)`, or None where a prediction in it diverges."""
+    """The result of `compute(*args, **kwargs)`, or None if it raises `PredictionDiverged` (not a finite prediction)."""
     try:
         return compute(*args, **kwargs)
     except PredictionDiverged:
@@ -31,10 +31,10 @@ def none_if_diverged(compute: Callable[P, T], *args: P.args, **kwargs: P.kwargs)
 def map_converged(
     compute: Callable[..., T], arguments: Iterable[tuple[Any, ...]], required: bool = False
 ) -> Iterator[T]:
-    """Yield `compute(*args)` for each tuple of `arguments`, leaving out those in which a prediction diverges.
+    """Yield `compute(*args)` for each tuple of `arguments`, skipping those for which it raises `PredictionDiverged`.
 
     Raises:
-        PredictionDiverged: the last of them, where a result is `required` and none converged.
+        PredictionDiverged: the last one skipped, if a result is `required` and no call gave one.
     """
     error: PredictionDiverged | None = None
     for args in arguments:
@@ -49,11 +49,15 @@ def map_converged(
 
 @contextmanager
 def refuse_divergence(recordings: Sequence[Recording]) -> Iterator[None]:
-    """Context that refuses the `recordings` (`InputRefused`) where a prediction diverges: no model can follow them."""
+    """Context manager: turns `PredictionDiverged` or failed linear algebra raised in its block into `InputRefused`.
+
+    The message names the first of the `recordings` and says that the model cannot follow their motion.
+    """
     try:
         yield
     except (PredictionDiverged, np.linalg.LinAlgError) as error:
+        source = recordings[0].sources[0].path if recordings else "recordings"
         raise InputRefused(
-            recordings[0].sources[0].path, "poses and commands", f"the model cannot follow them: {error}",
+            source, "poses and commands", f"the model cannot follow them: {error}",
             "check the vehicle file's mass, distances and limits, and the recording's units",
         ) from error  # fmt: skip

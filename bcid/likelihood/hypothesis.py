@@ -34,7 +34,6 @@ DRAG = ("R_1", "R_2")
 BUMPER_CAR_LOCK = 2.012  # full lock (rad) of the car for which a steering's cubic part is declared
 FORCE_DEAD_ZONE = 0.1  # declared size of `motor_dead_zone` as a share of a throttle that sets a force
 DRAG_UNIT = 0.1  # unit of R_1 and R_2 in phi: share of the bumper car's mass, per second and per metre
-PRIOR_SD = 1.5  # of the logarithms, and of the drag in its units: a weak prior for what a take does not show
 BUMPER_CAR_SCALE = VehicleScale()
 
 
@@ -165,7 +164,7 @@ class Hypothesis:
         """
         centre, stiffness, trusted = start.copy(), np.zeros(self.size), self.trusted_simulation
         if trusted is None:
-            stiffness[: self.base_size] = 1.0 / PRIOR_SD**2
+            stiffness[: self.base_size] = 1.0 / LIKELIHOOD_LIMITS.base_prior_sd**2
         else:
             n = len(trusted.phi)
             centre[:n], stiffness[:n] = trusted.phi, trusted.share / np.array(trusted.sd) ** 2
@@ -190,7 +189,11 @@ class Hypothesis:
         sd[len(self.log_parameters) :] *= np.maximum(np.abs(centre[len(self.log_parameters) :]), 1.0)
         free = tuple(name for name in RAW_COMMANDS if name not in known_sd)
         for name in np.intersect1d(RAW_COMMANDS, names).tolist():
-            sd[names == name] = known_sd[name] / self.entries[name].parameters[0].size if name in known_sd else PRIOR_SD
+            sd[names == name] = (
+                known_sd[name] / self.entries[name].parameters[0].size
+                if name in known_sd
+                else LIKELIHOOD_LIMITS.base_prior_sd
+            )
         return replace(self, trusted_simulation=TrustedSimulation(tuple(centre.tolist()), tuple(sd.tolist()), free))
 
     def scale_simulation_prior(self, share: float) -> Hypothesis:

@@ -1,10 +1,10 @@
 """Rollouts of LANES segments at a time, side by side in vector registers, and the tracked poses along them."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats, Ints
+from bcid.aliases import Floats, Ints, Switches
 from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
@@ -33,13 +33,16 @@ class SegmentLayout(NamedTuple):
 
 
 def segment_layout(take: Take) -> SegmentLayout:
-    """The stamps, rows and integration steps of the segments of `take`, as compiled predictions take them."""
+    """The fields of `take` that compiled predictions read: times (s) of poses, their rows, where segments begin.
+
+    A row is the mean of the poses within 0.05 s; a segment begins at a pose, a row and an integration step.
+    """
     return SegmentLayout(*(getattr(take, field) for field in SegmentLayout._fields))
 
 
 @njit
 def shift_chain_time(chain: ActuatorChain, zero: float) -> ActuatorChain:
-    """The actuator chain with its time counted from `zero` (s), when a recording began."""
+    """The actuator chain (steering angle, throttle at each integration step), `zero` (s) subtracted from its times."""
     return ActuatorChain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late)
 
 
@@ -66,7 +69,10 @@ PATH_SIZE, PATH_RATE = 6, 3  # a row of a path holds x, y, yaw, and from index 3
 
 @njit
 def segments_in_lanes(first: int, layout: SegmentLayout, chain: ActuatorChain) -> LaneSegments:
-    """Steps and times of the segments `first` to `first + LANES`, one in each lane."""
+    """Indices, first steps and times of segments `first` to `first + LANES - 1`, one in each lane of a vector register.
+
+    Past the end of the take, its last segment fills the lanes that are left.
+    """
     # a parallel loop counts without signs
     s = np.minimum(np.arange(LANES) + np.int64(first), len(layout.step) - 1)
     step = layout.step[s]
@@ -75,7 +81,7 @@ def segments_in_lanes(first: int, layout: SegmentLayout, chain: ActuatorChain) -
 
 @njit
 def segment_in_all_lanes(s: int, layout: SegmentLayout, chain: ActuatorChain) -> LaneSegments:
-    """Steps and times of segment `s`, repeated in all lanes."""
+    """Index, first step and times of segment `s`, repeated in all LANES lanes of a vector register."""
     here = segments_in_lanes(s, layout, chain)
     same = np.zeros(LANES, dtype=np.int64)
     return LaneSegments(here.s[same], here.step[same], here.half[same], here.begin[same], here.length[same])
@@ -83,13 +89,16 @@ def segment_in_all_lanes(s: int, layout: SegmentLayout, chain: ActuatorChain) ->
 
 @njit
 def allocate_path(steps: int) -> Floats:
-    """An empty array (steps + 1, PATH_SIZE, LANES) for the poses of LANES segments and their rates."""
+    """Uninitialised array (steps + 1, PATH_SIZE, LANES) for x, y, yaw and their time derivatives of LANES segments."""
     return np.empty((steps + 1, PATH_SIZE, LANES))
 
 
 @njit_inline
 def _step_inputs(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floats, at: int) -> StepInputs:
-    """Commands, times and pushes that act on the lanes in step `i`; their pushes begin at index `at` of `pushes`."""
+    """Time, steering angles, throttles and disturbance wrench that act on the body of each lane in step `i`.
+
+    The wrenches F_x, F_y, M_z (N, N, N m) begin at index `at` of the flat array `pushes`, LANES numbers each.
+    """
     return StepInputs(
         load_lanes(lanes.begin, 0) + i * chain.h, load_lanes(lanes.length, 0),
         (gather_lanes(chain.delta, lanes.half, 2 * i), gather_lanes(chain.delta, lanes.half, 2 * i + 1),
@@ -102,7 +111,7 @@ def _step_inputs(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floa
 
 @njit_inline
 def _store_pose(path: Floats, i: int, b: BodyState) -> None:
-    """Write the pose of every lane and its rates in the world to row `i` of `path`."""
+    """Write x, y (m), yaw (rad) of every lane and their time derivatives, all in the world, to row `i` of `path`."""
     flat, at = path.reshape(path.size), i * PATH_SIZE * LANES
     sin_t, cos_t = sincos(b.theta)
     store_lanes(b.p_x, flat, at)
@@ -114,8 +123,14 @@ def _store_pose(path: Floats, i: int, b: BodyState) -> None:
 
 
 @njit
-def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Any, c: Constants) -> Rollout:
-    """Rollouts that begin at the lanes' initial states `x` (6, LANES), with lags in their steady state."""
+def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Switches, c: Constants) -> Rollout:
+    """Body and lag states of LANES segments at step 0, from initial states `x` (6, LANES); lags are steady.
+
+    The lags are those of tyres and motor forces.
+
+    Rows of `x` are p_x, p_y, theta (world, m and rad), v_x, v_y (body, m/s), omega (rad/s).  `p` are the car's
+    constants, `e` the effects' parameters, `c` constants in the effects' equations that are not fitted.
+    """
     flat = x.reshape(x.size)
     b = BodyState(
         load_lanes(flat, 0), load_lanes(flat, LANES), load_lanes(flat, 2 * LANES), load_lanes(flat, 3 * LANES),
@@ -129,11 +144,12 @@ def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, 
 @njit
 def integrate_segments(
     path: Floats, rollout: Rollout, until: int, pushes: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car,
-    e: Any, c: Constants,
+    e: Switches, c: Constants,
 ) -> Rollout:  # fmt: skip
-    """Integrate the lanes from `rollout` to step `until`, write the pose of each step to `path`, and return the end.
+    """Integrate LANES segments by RK4 from `rollout` to step `until`, writing poses to `path`; return the last state.
 
-    Each of the n wrenches `pushes` (n, 3, LANES) acts for an nth of the path's steps.
+    `path` is (steps + 1, PATH_SIZE, LANES).  Each of the n wrenches F_x, F_y, M_z (N, N, N m; body frame) in `pushes`
+    (n, 3, LANES) acts for an nth of the path.  `p` are the car's constants, `e` the effects' parameters.
     """
     b, lagged = rollout.b, rollout.lagged
     each, flat = (len(path) - 1) // len(pushes), pushes.reshape(pushes.size)
@@ -147,7 +163,10 @@ def integrate_segments(
 
 @njit_inline
 def _interpolate_pose(path: Floats, i: int, j: int, lane: int, u: float, h: float) -> float:
-    """Coordinate `j` (x, y, yaw) at the share `u` of step `i`, h s long: the cubic through its values and rates."""
+    """Cubic Hermite interpolation in `path` of coordinate `j` (0: x, 1: y, 2: yaw) of a lane within step `i` of `h` s.
+
+    `u` is the fraction of the step, 0 to 1.
+    """
     a, b = path[i, j, lane], path[i + 1, j, lane]
     rate_a, rate_b = path[i, PATH_RATE + j, lane], path[i + 1, PATH_RATE + j, lane]
     between: float = (
@@ -159,9 +178,21 @@ def _interpolate_pose(path: Floats, i: int, j: int, lane: int, u: float, h: floa
 
 @njit
 def observe_poses(
-    out: Floats, path: Floats, lane: int, first_step: int, lanes: LaneSegments, layout: SegmentLayout, h: float, e: Any
+    out: Floats,
+    path: Floats,
+    lane: int,
+    first_step: int,
+    lanes: LaneSegments,
+    layout: SegmentLayout,
+    h: float,
+    e: Switches,
 ) -> None:
-    """Add a lane's tracked poses at stamps after `first_step` to its rows `out` (n, 3), as shares of their means."""
+    """Add a lane's predicted tracked poses to `out` (n, 3), the x, y (m), yaw (rad) of its segment's mean poses.
+
+    A mean pose averages the poses within 0.05 s: `path` is interpolated at each pose's time, changed by the marker
+    offset, scale and yaw misalignment in `e`, and added with weight 1 / (poses in the mean).  Poses in integration
+    steps before `first_step` are skipped.
+    """
     s, steps = lanes.s[lane], len(path) - 1
     begin, first = layout.zero_s[s] + lanes.begin[lane], layout.first[s]
     for j in range(layout.first_stamp[s], layout.first_stamp[s + 1]):

@@ -27,6 +27,9 @@ class LikelihoodLimits:
     measured_marker_share: float = 0.5
     # Distance in phi from a bound within which a parameter is at its bound: as near as refits end.
     near_bound: float = 1e-3
+    # Standard deviation in phi (logarithms; R_1 and R_2 in their units) of base parameters before a fit that trusts no
+    # simulation: weak, so that it decides only what a take does not show.  Not yet justified.
+    base_prior_sd: float = 1.5
     # Standard deviations by which a parameter may leave a trusted simulation's.  DART: set after rolling friction had
     # been explained by a motor 27 % off its published force.
     max_prior_sd: float = 3.0
@@ -46,4 +49,24 @@ class LikelihoodLimits:
     usual_gate_nats: float = 14.0
 
 
-LIKELIHOOD_LIMITS = LikelihoodLimits()
+@dataclass(frozen=True)
+class SegmentLimits:
+    """Which segments of 1.5 s are predicted badly, and when they are tried from other initial states."""
+
+    # Misfit per measured number (about 1 is expected) from which a segment is lost.  Not yet justified.
+    lost_misfit: float = 20.0
+    # Share of lost segments up to which they are tried with half their pushes: of more, the parameters are at fault.
+    # Not yet justified.
+    max_halved_share: float = 0.5
+    # Share of lost segments up to which they are tried under the median pushes of the others: fewer than a tenth do not
+    # tell what pushes.  Not yet justified.
+    max_median_share: float = 0.9
+    # chi^2 per measured number (about 1 is expected) from which a segment is begun anew.  Not yet justified.
+    restart_chi2: float = 4.0
+    # Share of the segments up to which they are begun anew: of more, the parameters are at fault.  Not yet justified.
+    max_restarted_share: float = 0.1
+    # Nats that a segment may lose by a step of its own: more, and its tangent has misled it.  Not yet justified.
+    max_loss_nats: float = 3.0
+
+
+LIKELIHOOD_LIMITS, SEGMENT_LIMITS = LikelihoodLimits(), SegmentLimits()

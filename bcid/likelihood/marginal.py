@@ -72,9 +72,10 @@ class MarginalTerms(NamedTuple):
 
 @njit_parallel
 def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
-    """Products A^T A, A^T r, r^T r in each segment, of the `residual` r (N, 3) and derivatives `A` (N, 3, N_NUISANCE).
+    """Products A^T A, A^T r, r^T r of each segment (rows `first[s]` to `first[s + 1]`) and channel (x, y, yaw).
 
-    Segment s has the rows `first[s]` to `first[s + 1]`.
+    The `residual` r (N, 3) is measured less predicted poses; `A` (N, 3, N_NUISANCE) are the derivatives of predicted
+    poses by the nuisance parameters: each segment's initial state and pushes (constant disturbances over 0.5 s).
     """
     S = len(first) - 1
     AA, Ar, rr = np.empty((S, 3, N_NUISANCE, N_NUISANCE)), np.empty((S, 3, N_NUISANCE)), np.empty((S, 3))
@@ -90,9 +91,9 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
 
 @njit
 def inverse_and_log_det(M: Floats) -> tuple[Floats, float]:
-    """M^-1 (n, n) and log|M| by Cholesky's factor L; NaN where M is not positive definite.
+    """M^-1 (n, n) and log|M| of a symmetric matrix `M` by Cholesky factorisation; NaN where M is not positive definite.
 
-    LAPACK would raise then, and an exception in a parallel loop would end the process.
+    Written out because LAPACK would raise in that case, and an exception in a parallel loop ends the process.
     """
     n, log_det = len(M), 0.0
     # L and its inverse, transposed
@@ -126,7 +127,13 @@ def inverse_and_log_det(M: Floats) -> tuple[Floats, float]:
 
 @njit_parallel
 def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> MarginalTerms:
-    """Likelihood terms of all segments at noise `r` (3,), nuisance parameters of prior `precisions` eliminated."""
+    """Marginal likelihood of each segment: chi^2, log-determinant, posterior mean and covariance of its nuisances.
+
+    Nuisance parameters (initial state, pushes: constant disturbances over 0.5 s) are integrated out in closed form,
+    the predictions being linear in them (restricted likelihood).  `moments` are the products of `segment_moments`,
+    `r` (3,) the noise's standard deviations (m, m, rad), `precisions` (N_NUISANCE,) prior precisions, 1/variance: 0
+    for initial states.
+    """
     S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
     zs, Vs = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
@@ -157,9 +164,13 @@ def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> Margi
 def score_and_information(
     residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: Floats
 ) -> tuple[Floats, Floats]:
-    """Score J^T P r (S, n) and information J^T P J (S, n, n) of each segment about the columns `J` (N, 3, n).
+    """Score J^T P r (S, n) and Fisher information J^T P J (S, n, n) of each segment for coefficients of `J` (N, 3, n).
 
-    `residual` (N, 3), `A` (N, 3, N_NUISANCE), noise `r` (3,) and the posterior covariance `V` as in `MarginalTerms`.
+    `J` holds derivatives or changes of predicted poses; P is the inverse covariance of the noise with the nuisance
+    parameters (initial state, pushes) projected out.  `residual` (N, 3) is measured less predicted poses, `A` (N, 3,
+    N_NUISANCE) the derivatives of predicted poses by nuisance parameters, `V` (S, N_NUISANCE, N_NUISANCE) the
+    posterior covariance of these, `r` (3,) the noise's standard deviations (m, m, rad); segment s has rows `first[s]`
+    to `first[s + 1]`.
     """
     S, n = len(first) - 1, J.shape[2]
     g, G = np.empty((S, n)), np.empty((S, n, n))
@@ -179,12 +190,16 @@ def score_and_information(
 
 
 def robust_weights(terms: MarginalTerms) -> Floats:
-    """Weights (nu + n)/(nu + chi^2) (S,) of the segments, by Student's t as a mixture of normals."""
+    """Iterative-reweighting weights (nu + n)/(nu + chi^2) (S,) of segments under Student's t.
+
+    nu = NU are the degrees of freedom; chi^2 is a segment's weighted sum of squared residuals, n its count of
+    measured numbers less 6 for its initial state.
+    """
     return (NU + terms.numbers) / (NU + terms.chi2)
 
 
 def student_log_densities(terms: MarginalTerms) -> Floats:
-    """Logarithm of Student's t density of each segment's residual (S,)."""
+    """Marginal log-likelihood (S,) in nats of each segment, by a multivariate Student's t, NU degrees of freedom."""
     from scipy.special import gammaln
 
     half = 0.5 * (NU + terms.numbers)
@@ -193,11 +208,12 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
 
 
 def em_update(terms: MarginalTerms, rows: Ints) -> Scales:
-    """Scales of noise and pushes after one step of expectation maximisation, from segments of `rows` (S,) rows.
+    """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
 
-    Each segment's squares count with its weight, the posterior's spread without: were it weighted as well, the scales
-    would drift, and every take with nothing to find would gain by it.  Division by the mean weight, which is 1 where EM
-    ends, takes it there in a few steps (parameter-expanded EM; Meng and van Dyk 1997).
+    `rows` (S,) counts the mean poses of each segment.  Squared residuals and pushes are multiplied by the segment's
+    robust weight, posterior variances are not: that would bias the scales, and raise the likelihood where nothing is
+    missing.  Variances are divided by the mean weight to converge in fewer steps (parameter-expanded EM; Meng and van
+    Dyk 1997).
     """
     w = robust_weights(terms)
     r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
@@ -208,7 +224,13 @@ def em_update(terms: MarginalTerms, rows: Ints) -> Scales:
 
 
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
-    """Likelihood terms of all segments at `scales`; raises `PredictionDiverged` where chi^2 is negative by rounding."""
+    """Marginal likelihood terms (chi^2, log-determinant, posterior) of each segment by `eliminate_nuisance`, checked.
+
+    `scales` are the standard deviations of noise and pushes, `moments` the products of `segment_moments`.
+
+    Raises:
+        PredictionDiverged: rounding makes a chi^2 less than -MAX_ROUNDING NU, which an unstable car can cause.
+    """
     terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
@@ -217,10 +239,14 @@ def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
 
 
 def estimate_scales(moments: Moments, scales: Scales, steps: int) -> tuple[Scales, MarginalTerms]:
-    """The likeliest scales of the noise and the pushes after at most `steps` of EM, and the likelihood terms there.
+    """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
+
+    Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
+    relative EM_TOLERANCE; `steps` = 0 only evaluates.  `moments` are the segments' products of residuals and
+    derivatives by nuisances (`segment_moments`).
 
     Raises:
-        PredictionDiverged: where a prediction or a scale is not finite, or terms are lost in rounding.
+        PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.
     """
     require_finite("a prediction", moments.rr, moments.AA)
     terms = checked_marginal_terms(moments, scales)

@@ -11,6 +11,7 @@ from bcid.aliases import Bools, Floats
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
+from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import move_to_posterior, pose_residuals, remove_pushes
 from bcid.likelihood.predict import wrap_yaw
@@ -21,10 +22,7 @@ BASE_STEP, EFFECT_STEP = 1e-3, 0.05
 MAX_STEP = 3.0  # of any component of phi
 EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 MIN_GAIN = 0.3  # nats, below which a step has gained nothing
-RESTART_CHI2 = 4.0  # chi^2 for each number measured (about 1 is expected) from which a segment begins anew
-MAX_RESTARTED_SHARE = 0.1  # of the segments, beyond which it is the parameters' fault
 RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
-MAX_SEGMENT_LOSS = 3.0  # nats that a segment may lose by a step of its own before its tangent has misled it
 
 
 class Tangent(NamedTuple):
@@ -65,10 +63,12 @@ class RefitState(NamedTuple):
 def parameter_jacobian(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, components: range
 ) -> Floats:
-    """Derivatives (N, 3, n) of the poses predicted from `start` by n `components` of phi.
+    """Derivatives (N, 3, n) of predicted poses by n `components` of phi, by one-sided finite differences.
 
-    They are differences from the residual `r` (N, 3) at phi, and may reach beyond a trusted simulation's bounds: a step
-    back from there could meet an effect that is off.
+    The parameter vector phi holds the logarithms of base parameters, drag, then effects' parameters.  Predictions
+    begin at the nuisance parameters `start` (S, N_NUISANCE), initial states and pushes; `r` (N, 3) is the residual at
+    phi.  A difference is taken downwards where an upward one would leave the plausible bounds; the narrower bounds of
+    a trusted simulation's prior are ignored.
     """
     _, high = hypothesis.plausible_bounds()
     columns = []
@@ -85,13 +85,22 @@ def parameter_jacobian(
 def linearise_at(
     problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int = EM_STEPS
 ) -> tuple[Tangent, RefitState]:
-    """The tangent of predictions at the parameters phi, and the refit's state there by `evaluate_at`."""
+    """Evaluate a refit at the parameter vector phi (`evaluate_at`), and differentiate its predicted poses there.
+
+    The derivatives are by base parameters and by nuisance parameters, the initial states and pushes `start` of
+    segments.
+    """
     state = evaluate_at(problem, phi, start, scales, em_steps)
     return tangent_at(problem, state), state
 
 
 def evaluate_at(problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int) -> RefitState:
-    """The refit's state at phi: nuisance parameters solved from `start`, scales after `em_steps` from `scales`."""
+    """The refit's state (residual, likelihood, nuisances, scales) at the parameter vector phi, which stays fixed.
+
+    If `take.pushed`, each segment's initial state and pushes are optimised from `start` (S, N_NUISANCE); otherwise
+    `start` stays, except in segments with a high chi^2, which restart from their measured poses.  The standard
+    deviations of noise and pushes are estimated from `scales` in at most `em_steps` of expectation maximisation.
+    """
     take = problem.take
     start, r, A = nuisance.solve_nuisance(take, problem.hypothesis.prediction_inputs(phi, take), start, scales)
     state = build_state(problem, phi, start, scales, r, A, em_steps)
@@ -99,28 +108,31 @@ def evaluate_at(problem: RefitProblem, phi: Floats, start: Floats, scales: Scale
 
 
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
-    """The refit's state with initial states at their posterior mean, save in segments that lose over MAX_SEGMENT_LOSS.
+    """The refit's state with segments' initial states, and pushes if `take.pushed`, moved to their posterior means.
 
-    Each segment is decided by itself: one of four hundred whose prediction a kink upsets would hold back all others.
-    Those that lose little are moved too: of two tangents the likelier one errs in its own favour.
+    Residuals are predicted anew, derivatives kept.  Each segment is decided by itself: it stays where it was if its
+    log-likelihood falls by SEGMENT_LIMITS.max_loss_nats or more, or is not finite.
     """
     start = move_to_posterior(problem.take, state.start, state.terms.z)
     r = problem.residuals(state.phi, start)
     terms = _terms_along_tangent(state.A, start, r, problem.take, state.scales)
-    moves = _segment_gains(terms, state.terms) > -MAX_SEGMENT_LOSS
+    moves = _segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats
     rows, terms = np.repeat(moves, np.diff(problem.take.first)), _select_terms(moves, terms, state.terms)
     start, r = np.where(moves[:, None], start, state.start), np.where(rows[:, None], r, state.r)
     return state._replace(start=start, r=r, terms=terms, objective=problem.objective(state.phi, terms))
 
 
 def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
-    """The refit's state with badly fitting segments begun anew from their recorded initial states, if much likelier.
+    """The refit's state with badly fitting segments restarted from initial states found in their measured poses.
 
-    Once a segment's initial state is far off, its tangent leads nowhere.
+    A segment fits badly if its chi^2 per measured number is SEGMENT_LIMITS.restart_chi2 or more.  From the restart,
+    it takes Gauss-Newton steps of its initial state; an end replaces the old one where log-likelihood grows by at
+    least SEGMENT_LIMITS.max_loss_nats.  Unchanged if more than SEGMENT_LIMITS.max_restarted_share of the segments fit
+    badly.
     """
     take = problem.take
-    misfits = np.flatnonzero(~(state.terms.chi2 < RESTART_CHI2 * state.terms.numbers))
-    if not 0 < len(misfits) <= MAX_RESTARTED_SHARE * take.segments:
+    misfits = np.flatnonzero(~(state.terms.chi2 < SEGMENT_LIMITS.restart_chi2 * state.terms.numbers))
+    if not 0 < len(misfits) <= SEGMENT_LIMITS.max_restarted_share * take.segments:
         return state
     part, rows, inputs = take.part(misfits), take.rows(misfits), problem.hypothesis.prediction_inputs(state.phi, take)
     start, all_starts, all_r, all_A = part.start, state.start.copy(), state.r.copy(), state.A.copy()
@@ -128,7 +140,7 @@ def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_st
     for _ in range(RESTART_TANGENTS):
         r, A = pose_residuals(part, inputs, start), nuisance.nuisance_sensitivities(part, inputs, start)
         terms = _terms_along_tangent(A, start, r, part, state.scales)
-        better = ~(_segment_gains(terms, best) < MAX_SEGMENT_LOSS) & np.isfinite(terms.chi2)
+        better = ~(_segment_gains(terms, best) < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(terms.chi2)
         to, of_part = rows[part.rows(np.flatnonzero(better))], part.rows(np.flatnonzero(better))
         all_starts[misfits[better]], all_r[to], all_A[to] = start[better], r[of_part], A[of_part]
         best = _select_terms(better, terms, best)
@@ -138,25 +150,33 @@ def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_st
 
 
 def _terms_along_tangent(A: Floats, start: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
-    """Likelihood terms of the residual `r` with the tangent `A`; NaN in segments whose predictions have diverged."""
+    """Marginal likelihood terms of segments, predictions being linearised in initial states and pushes at `start`.
+
+    `r` (N, 3) is measured less predicted poses at `start`, `A` (N, 3, N_NUISANCE) are the derivatives of predicted
+    poses there.  The terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
+    """
     moments = segment_moments(remove_pushes(r, A, start, take.first), A, take.first)
     return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
 
 
 def _segment_gains(new: MarginalTerms, old: MarginalTerms) -> Floats:
-    """Nats (S,) that each segment gains from `old` to `new` terms; NaN where either has diverged."""
+    """Log-likelihood gain (S,) in nats of each segment from `old` to `new` terms; NaN where either has diverged."""
     with np.errstate(invalid="ignore"):
         return student_log_densities(new) - student_log_densities(old)
 
 
 def _select_terms(mask: Bools, first: MarginalTerms, second: MarginalTerms) -> MarginalTerms:
-    """The terms of `first` in the segments of the `mask` (S,), of `second` in the others."""
+    """Marginal likelihood terms from `first` in segments where `mask` (S,) is True, from `second` in the others."""
     pairs = zip(first, second, strict=True)
     return MarginalTerms(*(np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs))
 
 
 def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
-    """Derivatives of the predicted poses at `state`, by nuisance parameters and by base parameters."""
+    """Linearisation of the predicted poses at a refit's `state`: their derivatives by nuisance and by base parameters.
+
+    Those by nuisance parameters (each segment's initial state and pushes) are `state.A`; those by base parameters are
+    computed by finite differences.
+    """
     hypothesis, base = problem.hypothesis, range(problem.hypothesis.base_size)
     return Tangent(state.A, parameter_jacobian(problem.take, hypothesis, state.phi, state.start, state.r, base))
 
@@ -164,7 +184,12 @@ def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
 def build_state(
     problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, r: Floats, A: Floats, em_steps: int = EM_STEPS
 ) -> RefitState:
-    """The refit's state at phi and `start`, from residual `r` and derivatives `A`; scales after `em_steps` of EM."""
+    """The refit's state (with its likelihood) at the parameter vector phi and nuisances `start`, from a known residual.
+
+    `r` (N, 3) is measured less predicted poses, `A` (N, 3, N_NUISANCE) the derivatives of predicted poses by the
+    nuisance parameters `start` (initial states and pushes).  The standard deviations of noise and pushes are
+    estimated from `scales` by at most `em_steps` of expectation maximisation.
+    """
     first = problem.take.first
     moments = segment_moments(remove_pushes(r, A, start, first), A, first)
     scales, terms = marginal.estimate_scales(moments, scales, em_steps)
@@ -172,9 +197,10 @@ def build_state(
 
 
 def with_actual_misfit(problem: RefitProblem, state: RefitState) -> RefitState:
-    """The refit's state with each segment's chi^2 as residual and pushes make it; unchanged unless `take.pushed`.
+    """The refit's state with each segment's chi^2 computed at its actual initial state and pushes, if `take.pushed`.
 
-    The tangent promises a chi^2 that a segment whose nuisance parameters converge slowly has not reached.
+    chi^2 = |r / noise|^2 + |pushes / q|^2 replaces its minimum under linearised predictions, which a segment whose
+    nuisance parameters have not converged does not reach.  Without `take.pushed`, the state is returned unchanged.
     """
     if not problem.take.pushed:
         return state
@@ -183,7 +209,12 @@ def with_actual_misfit(problem: RefitProblem, state: RefitState) -> RefitState:
 
 
 def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:
-    """Slope (n,) and Gauss-Newton curvature (n, n) of the objective by phi; effects' columns computed at `state`."""
+    """Gradient (n,) and Gauss-Newton curvature (n, n), about -Hessian, of log-likelihood plus log prior by phi.
+
+    phi is the parameter vector (log base parameters, drag, effects' parameters).  Derivatives of predicted poses by
+    base parameters are those of `tangent`; those by effects' parameters are computed at `state` by finite
+    differences.
+    """
     (take, hypothesis, prior), first = problem, problem.take.first
     own = range(hypothesis.base_size, hypothesis.size)
     effects = parameter_jacobian(take, hypothesis, state.phi, state.start, state.r, own)
@@ -196,9 +227,10 @@ def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitSta
 
 
 def bounded_newton_step(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:
-    """Parameters phi after a Newton step within `bounds`, by an active set: those that reach a bound stay there.
+    """Parameter vector phi + curvature^-1 slope after a Newton step within `bounds` (low, high), by an active set.
 
-    The step of the others is solved for again with these, and all whose bounds leave no room, held fixed.
+    Components that reach a bound, or whose two bounds are equal, are fixed, and the step is solved again for the
+    others; no component changes by more than MAX_STEP.
     """
     low, high = bounds
     free, after = low < high, phi.copy()

@@ -13,7 +13,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.lane_rollout import segment_layout
-from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moments
 from bcid.likelihood.predict import pose_sensitivities, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import PredictionInputs
@@ -23,9 +23,6 @@ SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the dia
 MIN_DAMPING = 1e-12  # without which a matrix may be singular
 MAX_SEGMENT_STEPS = 16
 MIN_SEGMENT_GAIN = 0.03  # nats, below which a segment has converged
-LOST_MISFIT = 20.0  # misfit for each number measured (about 1 is expected) from which a segment is in a lesser mode
-# shares of lost segments beyond which it is the parameters' fault, and beyond which the others do not say what pushes
-MAX_HALVED_SHARE, MAX_MEDIAN_SHARE = 0.5, 0.9
 
 
 class NuisanceSolution(NamedTuple):
@@ -37,14 +34,20 @@ class NuisanceSolution(NamedTuple):
 
 
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
-    """Measured less predicted poses (N, 3), predicted from the nuisance parameters `start` (S, N_NUISANCE)."""
+    """Measured less predicted poses (N, 3) x, y (m), yaw (rad), predicted from the nuisance parameters `start`.
+
+    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s); `inputs`
+    are the car, the effects' parameters and the commands after the actuators.
+    """
     return wrap_yaw(take.pose - np.asarray(predict_poses(segment_layout(take), start, *inputs.kernel_arguments)))
 
 
 def remove_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:
-    """The residual (N, 3) that predictions without the pushes in `start` leave, by the tangent `A` (N, 3, N_NUISANCE).
+    """Residual r + A p (N, 3) of predictions without the pushes p, to first order, by derivatives `A`.
 
-    The tangent runs from the residual `r` at `start`.  Segment s has the rows `first[s]` to `first[s + 1]`.
+    `r` (N, 3) is measured less predicted poses, `A` (N, 3, N_NUISANCE) the derivatives of predicted poses, both at
+    the nuisance parameters `start` (S, N_NUISANCE), which hold a segment's initial state, then its pushes (constant
+    disturbances over 0.5 s); segment s has the rows `first[s]` to `first[s + 1]`.
     """
     pushes = start[:, N_START:]
     if not pushes.any():
@@ -53,17 +56,28 @@ def remove_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:
 
 
 def residuals_without_pushes(take: Take, inputs: PredictionInputs, start: Floats, A: Floats) -> Floats:
-    """Measured less predicted poses (N, 3) from `start`, its pushes taken out by the tangent `A` (N, 3, N_NUISANCE)."""
+    """Measured less predicted poses (N, 3) from `start`, with the effect of its pushes subtracted to first order.
+
+    `start` (S, N_NUISANCE) holds segments' initial states and pushes (constant disturbances over 0.5 s), `A` (N, 3,
+    N_NUISANCE) the derivatives of predicted poses by both.
+    """
     return remove_pushes(pose_residuals(take, inputs, start), A, start, take.first)
 
 
 def nuisance_sensitivities(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
-    """Derivatives (N, 3, N_NUISANCE) of the predicted poses by the nuisance parameters at `start`."""
+    """Derivatives (N, 3, N_NUISANCE) of predicted poses by segments' initial states and pushes, at `start`.
+
+    By finite differences.  Pushes are disturbance accelerations, constant over 0.5 s each.
+    """
     return np.asarray(pose_sensitivities(segment_layout(take), start, *inputs.kernel_arguments))
 
 
 def move_to_posterior(take: Take, start: Floats, z: Floats) -> Floats:
-    """Nuisance parameters with initial states moved by the posterior mean `z`, and its pushes if `take.pushed`."""
+    """Initial states and pushes (S, N_NUISANCE) after a Gauss-Newton step from `start` to the posterior mean `z`.
+
+    `z` (S, N_NUISANCE) holds the change of the initial state, which is added, and the pushes (constant disturbances
+    over 0.5 s) themselves, which replace those of `start` if `take.pushed` and are ignored otherwise.
+    """
     there = start.copy()
     there[:, :N_START] += z[:, :N_START]
     if take.pushed:
@@ -72,50 +86,71 @@ def move_to_posterior(take: Take, start: Floats, z: Floats) -> Floats:
 
 
 def solve_nuisance(take: Take, inputs: PredictionInputs, start: Floats, scales: Scales) -> NuisanceSolution:
-    """The likeliest nuisance parameters near `start`, each segment for itself; `start` as it is unless `take.pushed`.
+    """Maximum-likelihood initial state and pushes of each segment, with residual and derivatives of poses there.
 
-    A segment is lost if its prediction diverges or its misfit exceeds LOST_MISFIT, in a lesser mode of the likelihood.
-    It is solved again from its recorded initial state without pushes, then from half the pushes, then from that state
-    under the median push of the other segments: a car that lacks a brake spins without it, and each segment that stays
-    lost costs hundreds of nats.
+    Pushes are disturbance accelerations, constant over 0.5 s.  If `take.pushed`, Levenberg-Marquardt steps begin at
+    `start` (S, N_NUISANCE); otherwise `start` is returned.  A segment counts as lost in a local minimum if its
+    prediction diverges or its chi^2 per measured number is SEGMENT_LIMITS.lost_misfit or more.  It is solved again
+    from its measured initial state without pushes, then with its pushes halved, then from the measured state with the
+    median pushes of the other segments; the solution of least chi^2 is kept.
 
     Raises:
-        PredictionDiverged: where a prediction is not finite all the same.
+        PredictionDiverged: where a prediction stays infinite or NaN all the same.
     """
     at = _solution_at(take, inputs, start.copy())
     if not take.pushed:  # one tangent does
         return at
     _descend_segments(take, inputs, at, scales)
-    for k, most in enumerate((1.0, MAX_HALVED_SHARE, MAX_MEDIAN_SHARE)):
-        are_lost = ~(segment_misfit(take, at.start, at.r, scales) < LOST_MISFIT * 3.0 * np.diff(take.first))
-        begin = _retry_starts(take, at.start, are_lost)[k]
+    retries = (
+        (1.0, _recorded_start),
+        (SEGMENT_LIMITS.max_halved_share, _halve_pushes),
+        (SEGMENT_LIMITS.max_median_share, _median_pushes),
+    )
+    for max_share, retry_start in retries:
+        are_lost = ~(
+            segment_misfit(take, at.start, at.r, scales) < SEGMENT_LIMITS.lost_misfit * 3.0 * np.diff(take.first)
+        )
+        begin = retry_start(take, at.start, are_lost)
         lost = np.flatnonzero(are_lost & (begin != start).any(axis=1))
-        if 0 < len(lost) <= most * take.segments:
+        if 0 < len(lost) <= max_share * take.segments:
             _retry_segments(take, inputs, at, lost, begin, scales)
     require_finite("a prediction", at.r)
     return at
 
 
 def _solution_at(take: Take, inputs: PredictionInputs, start: Floats) -> NuisanceSolution:
-    """The nuisance parameters `start`, and residual and derivatives of the predictions from them."""
+    """Initial states and pushes `start` (S, N_NUISANCE), unchanged, with residuals and derivatives of poses there."""
     return NuisanceSolution(start, pose_residuals(take, inputs, start), nuisance_sensitivities(take, inputs, start))
 
 
-def _retry_starts(take: Take, start: Floats, lost: Bools) -> tuple[Floats, Floats, Floats]:
-    """Three sets of nuisance parameters from which lost segments are tried again.
+def _recorded_start(take: Take, start: Floats, lost: Bools) -> Floats:
+    """Initial states by the measured poses, with zero pushes: (S, N_NUISANCE).  `start`, `lost` are unused."""
+    return take.start
 
-    Recorded initial states without pushes; `start` under half its pushes; recorded initial states under the median
-    pushes of the segments that are not `lost`.
+
+def _halve_pushes(take: Take, start: Floats, lost: Bools) -> Floats:
+    """Initial states of `start` (S, N_NUISANCE) with its pushes (accelerations) halved; `lost` is unused."""
+    return np.hstack([start[:, :N_START], 0.5 * start[:, N_START:]])
+
+
+def _median_pushes(take: Take, start: Floats, lost: Bools) -> Floats:
+    """Initial states estimated from measured poses, with the median pushes in `start` of segments not `lost` (S,).
+
+    Returns (S, N_NUISANCE), every segment with the same pushes (disturbance accelerations); zero ones if all are
+    lost.
     """
-    halved = np.hstack([start[:, :N_START], 0.5 * start[:, N_START:]])
     if lost.all():
-        return take.start, halved, take.start
+        return take.start
     median = np.broadcast_to(np.median(start[~lost, N_START:], axis=0), (len(start), start.shape[1] - N_START))
-    return take.start, halved, np.hstack([take.start[:, :N_START], median])
+    return np.hstack([take.start[:, :N_START], median])
 
 
 def _descend_segments(take: Take, inputs: PredictionInputs, at: NuisanceSolution, scales: Scales) -> None:
-    """Move the segments of `at` with finite predictions, in place, by damped steps until none gains by another."""
+    """Optimise initial states and pushes in `at`, in place, by Levenberg-Marquardt steps in each segment separately.
+
+    A segment stops when a step lowers its Student's t cost by MIN_SEGMENT_GAIN nats or less; one whose prediction is
+    not finite stays as it is.
+    """
     waiting = np.flatnonzero(np.isfinite(segment_misfit(take, at.start, at.r, scales)))
     for _ in range(MAX_SEGMENT_STEPS):
         if not len(waiting):
@@ -132,7 +167,10 @@ def _descend_segments(take: Take, inputs: PredictionInputs, at: NuisanceSolution
 def _retry_segments(
     take: Take, inputs: PredictionInputs, at: NuisanceSolution, lost: Ints, begin: Floats, scales: Scales
 ) -> None:
-    """Solve the segments `lost` of `at` again from `begin`; in place, where that ends better."""
+    """Optimise initial states and pushes of the segments `lost` (indices) again, from `begin` (S, N_NUISANCE).
+
+    The new solution overwrites that in `at` for each segment in which its weighted sum of squares is less.
+    """
     part = take.part(lost)
     there = _solution_at(part, inputs, begin[lost])
     _descend_segments(part, inputs, there, scales)
@@ -146,9 +184,12 @@ def _retry_segments(
 
 
 def nonlinearity(take: Take, inputs: PredictionInputs, start: Floats, scales: Scales, A: Floats) -> float:
-    """Mean nats per segment by which predictions at the posterior mean are worse than their tangent `A` promises.
+    """Mean cost (nats a segment) of linearising predictions in initial states and pushes: true less linearised misfit.
 
-    A segment counts `max_segment_nonlinearity_nats` at most: one in fifty that spins would outweigh all others.
+    The misfit is Student's t cost at the best-fitting initial states and pushes of the linear prediction, by
+    derivatives `A` (N, 3, N_NUISANCE) at `start`; the true one is predicted anew there.  The difference in one
+    segment is capped at `max_segment_nonlinearity_nats`, which also stands for a diverged one, so that no single
+    segment decides the mean.
     """
     e = estimate_scales(segment_moments(residuals_without_pushes(take, inputs, start, A), A, take.first), scales, 0)[1]
     there = move_to_posterior(take._replace(pushed=True), start, e.z)
@@ -159,21 +200,30 @@ def nonlinearity(take: Take, inputs: PredictionInputs, start: Floats, scales: Sc
 
 
 def segment_misfit(take: Take, start: Floats, r: Floats, scales: Scales) -> Floats:
-    """|r / noise|^2 + |pushes / q|^2 of every segment (S,): the likelihood's chi^2 where it has converged."""
+    """Weighted sum of squares |r / noise|^2 + |pushes / q|^2 (S,) of each segment: chi^2 at its minimum.
+
+    The minimum is over initial states and pushes, `start` (S, N_NUISANCE).  `r` (N, 3) is measured less predicted
+    poses, `scales` holds the standard deviations of noise and pushes.
+    """
     with np.errstate(over="ignore"):  # a diverged prediction is infinitely bad
         each = np.add.reduceat(((r / scales.r) ** 2).sum(axis=1), take.first[:-1])
     return np.asarray(each + start**2 @ scales.nuisance_precisions())
 
 
 def _student_cost(misfit: Floats, take: Take) -> Floats:
-    """Negative log-likelihood (S,) under Student's t of segments of a `misfit` (S,), less a constant (nats)."""
+    """Negative log-likelihood (nu + n)/2 log(1 + misfit/nu) (S,) in nats of segments by Student's t, less a constant.
+
+    `misfit` (S,) is a segment's weighted sum of squares, n its count of measured numbers less 6, nu = NU.
+    """
     return np.asarray(0.5 * (NU + 3.0 * np.diff(take.first) - N_START) * np.log1p(np.maximum(misfit, 0.0) / NU))
 
 
 def _damped_step(take: Take, inputs: PredictionInputs, at: NuisanceSolution, scales: Scales) -> tuple[Floats, Floats]:
-    """Nuisance parameters and residual after one step of Levenberg and Marquardt in each segment that gains by it.
+    """Initial states and pushes (S, N_NUISANCE), residual (N, 3) after a Levenberg-Marquardt step in each segment.
 
-    A segment stays where its derivatives are not finite, or zero by one of its nuisance parameters.
+    The step starts at `at`; its damping grows through SEGMENT_DAMPINGS until the segment's weighted sum of squares
+    falls.  A segment stays where no damping does it, where its derivatives are not finite, or where those by one of
+    its nuisances are all zero.
     """
     moments, known, weight = segment_moments(at.r, at.A, take.first), scales.nuisance_precisions(), scales.r**-2.0
     M = np.einsum("c,scij->sij", weight, moments.AA) + np.diag(known)

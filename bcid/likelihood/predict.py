@@ -1,11 +1,9 @@
 """Predicted poses of all segments, and their derivatives by initial states and by pushes on the body."""
 
-from typing import Any
-
 import numba
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_parallel
 from bcid.effects.actuators import ActuatorChain
@@ -31,13 +29,17 @@ N_POSE = 3  # leading components of an initial state: the pose in the world
 
 @njit
 def gather_nuisance(start: Floats, lanes: LaneSegments) -> Floats:
-    """The nuisance parameters (N_NUISANCE, LANES) of the segments in the lanes, out of `start` (S, N_NUISANCE)."""
+    """Initial states and pushes (N_NUISANCE, LANES) of the segments in the lanes, from `start` (S, N_NUISANCE)."""
     return np.ascontiguousarray(start[lanes.s].T)
 
 
 @njit
 def push_wrenches(nuisance: Floats, p: Car) -> Floats:
-    """The wrenches F_x, F_y, M_z (KNOTS, 3, ...) of nuisance parameters (N_NUISANCE, ...), which hold accelerations."""
+    """Disturbance wrenches F_x, F_y (N), M_z (N m) (KNOTS, 3, ...) of the pushes: m or I_z times accelerations.
+
+    `nuisance` (N_NUISANCE, ...) holds the initial state, then a_x, a_y (m/s^2, body frame), alpha_z (rad/s^2) in each
+    third of a segment.
+    """
     wrench = nuisance[N_START:].copy().reshape((KNOTS, 3, *nuisance.shape[1:]))
     wrench[:, :2] *= p.m
     wrench[:, 2] *= p.I_z
@@ -45,10 +47,14 @@ def push_wrenches(nuisance: Floats, p: Car) -> Floats:
 
 
 @njit_parallel
-def predict_poses(layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Any, c: Constants) -> Floats:
-    """Predicted mean poses (N, 3) of all rows, from the segments' initial states and pushes `start` (S, N_NUISANCE).
+def predict_poses(
+    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants
+) -> Floats:
+    """Predicted poses (N, 3) x, y (m), yaw (rad) of the tracked point, averaged over 0.05 s as the measured ones are.
 
-    `e` is an array of one record, since a parallel loop cannot be handed the record.
+    Every segment is integrated from its own initial state under its own pushes (constant disturbances over 0.5 s),
+    the rows of `start` (S, N_NUISANCE).  `p` are the car's constants, `c` those of the effects' equations, `e` the
+    effects' parameters as an array of one record, since a parallel loop cannot be handed the record.
     """
     out = np.zeros((layout.first[-1], 3))
     for group in numba.prange((len(layout.step) + LANES - 1) // LANES):
@@ -63,11 +69,12 @@ def predict_poses(layout: SegmentLayout, start: Floats, chain: ActuatorChain, p:
 
 @njit_parallel
 def pose_sensitivities(
-    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Any, c: Constants
+    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants
 ) -> Floats:
-    """Derivatives (N, 3, N_NUISANCE) of the predicted poses by `start` (S, N_NUISANCE), by forward differences.
+    """Derivatives (N, 3, N_NUISANCE) of predicted poses by initial states and pushes, by forward differences.
 
-    Where nothing depends on the pose, those by the initial pose are the motion of a rigid body.
+    `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s).
+    Derivatives by the initial pose are exact (a rigid motion of the whole path) where no force depends on the pose.
     """
     out, rigid = np.zeros((layout.first[-1], 3, N_NUISANCE)), is_pose_independent(e[0])
     for group in numba.prange((len(layout.step) + LANES - 1) // LANES):
@@ -109,7 +116,10 @@ def pose_sensitivities(
 
 @njit
 def _rigid_sensitivities(out: Floats, seen: Floats, pose: Floats, scale: float) -> None:
-    """Write to `out` the derivatives of poses `seen` (n, 3) by the initial `pose`, in whose frame they stay fixed."""
+    """Write to `out` (n, 3, N_NUISANCE) exact derivatives of tracked poses `seen` (n, 3) by the initial `pose` (3,).
+
+    The whole path moves with x, y, yaw of the initial pose as a rigid body; `scale` is the tracking's length scale.
+    """
     out[:, :, :N_POSE] = 0.0
     out[:, 0, 0] = scale
     out[:, 1, 1] = scale
@@ -120,7 +130,7 @@ def _rigid_sensitivities(out: Floats, seen: Floats, pose: Floats, scale: float) 
 
 @np.errstate(invalid="ignore")
 def wrap_yaw(residual: Floats) -> Floats:
-    """The residual (N, 3) with its yaw in (-pi, pi]; NaN and infinities stay."""
+    """A copy of the residual (N, 3) in x, y (m), yaw (rad), its yaw wrapped to [-pi, pi]; NaN and infinities stay."""
     residual = residual.copy()
     residual[:, 2] -= 2.0 * np.pi * np.round(residual[:, 2] / (2.0 * np.pi))
     return residual

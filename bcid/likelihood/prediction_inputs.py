@@ -3,7 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.effects.actuators import ActuatorChain, actuator_chain
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import to_pose_clock
@@ -24,7 +24,7 @@ class PredictionInputs(NamedTuple):
     """All that a prediction needs beside initial states and pushes."""
 
     car: Car
-    switches: Any  # record of the effects' parameters
+    switches: Switches  # record of the effects' parameters
     chain: ActuatorChain
     constants: Constants
 
@@ -35,14 +35,15 @@ class PredictionInputs(NamedTuple):
 
 
 def covering_steps(T: float, h: float) -> int:
-    """Number of integration steps of `h` s with which an actuator chain covers a recording of `T` s."""
+    """Number of integration steps of `h` s that cover a recording of `T` s, with two to spare: ceil(T/h) + 2."""
     return math.ceil(T / h) + 2
 
 
-def cached_actuator_chain(take: Take, car: Car, angle_limit: float, switches: Any) -> ActuatorChain:
-    """The commands of `take` after the actuators of `car`, taken from the last few chains if all inputs are the same.
+def cached_actuator_chain(take: Take, car: Car, angle_limit: float, switches: Switches) -> ActuatorChain:
+    """Steering angles and throttles of `car` at each integration step of `take`: commands after delays and servo.
 
-    A late pose, or one on a fast clock, is equivalent to commands that come later: the chain runs on the poses' clock.
+    Steering is limited to +-`angle_limit` (rad).  Commands are shifted onto the poses' clock by the pose latency and
+    clock drift in `switches` (the effects' parameters).  The last CHAIN_CACHE_SIZE results are cached by all inputs.
     """
     acting = tuple(getattr(switches, name) for name in CHAIN_SWITCHES)
     commands = take.command_s, take.command_zero_s, take.command

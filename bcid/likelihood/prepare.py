@@ -32,20 +32,29 @@ PART_SEGMENTS = 100  # on which starts of the base model are compared
 
 
 def effect_constants(vehicle: Vehicle) -> Constants:
-    """The effects' constants, which are not fitted; a missing rear track is the bumper car's, scaled by wheelbase."""
+    """Constants, not fitted, in the effects' equations for a vehicle: its rear track (m), and default values.
+
+    Where the vehicle file gives no rear track, that of the bumper car is scaled in proportion to the wheelbase.
+    """
     body = vehicle.body
     usual = Constants().track * (body.cog_to_front_m + body.cog_to_rear_m) / BUMPER_CAR_WHEELBASE_M
     return Constants(track=usual if body.rear_track_m is None else body.rear_track_m)
 
 
 def scale_at_speed(car: Car, speed_mps: float) -> VehicleScale:
-    """Mass, wheelbase, and time to drive a wheelbase at `speed_mps` (m/s), of `car` over those of the bumper car."""
+    """Mass, wheelbase, and time to drive a wheelbase at `speed_mps` (m/s) of `car`, divided by those of the bumper car.
+
+    The bumper car (319.6 kg, 0.87 m, at 1.9 m/s) is the one for which sizes of effects are declared.
+    """
     length = (car.l_f + car.l_r) / BUMPER_CAR_WHEELBASE_M
     return VehicleScale(car.m / BUMPER_CAR_MASS_KG, length, length * BUMPER_CAR_SPEED_MPS / max(speed_mps, 0.05))
 
 
 def scale_at_driven_speed(car: Car, estimates: Sequence[Estimate], min_speed_mps: float = 0.0) -> VehicleScale:
-    """Vehicle scale of `car` at the 90 % quantile of its speed in the `estimates`, or at `min_speed_mps` if faster."""
+    """Mass, wheelbase, and time to drive a wheelbase of `car`, divided by those of the bumper car (`scale_at_speed`).
+
+    The speed is the 90 % quantile of |v_f| in the `estimates`, or `min_speed_mps` (m/s) if that is greater.
+    """
     driven = np.quantile(np.abs(np.concatenate([e.kinematic[:, 0] for e in estimates])), 0.9)
     return scale_at_speed(car, max(float(driven), min_speed_mps))
 
@@ -53,7 +62,11 @@ def scale_at_driven_speed(car: Car, estimates: Sequence[Estimate], min_speed_mps
 def base_hypothesis(
     vehicle: Vehicle, car: Car, estimates: Sequence[Estimate], assumed: tuple[str, ...] = ()
 ) -> Hypothesis:
-    """The hypothesis of the base model alone, with the effects `assumed`: of a vehicle about the nominal `car`."""
+    """The hypothesis (which parameters a fit varies, in what bounds) of a vehicle's base model, no effect added yet.
+
+    The nominal `car` supplies what is not fitted.  The base model always holds the `assumed` effects; T_s and d are
+    fitted if the vehicle file omits them; the effects' typical sizes are scaled to the speed in the `estimates`.
+    """
     steering, units = vehicle.steering, scale_at_driven_speed(car, estimates)
     servo = ("T_s", steering.time_constant_s), ("d", steering.max_rate_radps)
     unknown = tuple(symbol for symbol, given in servo if given is None)
@@ -66,13 +79,15 @@ def base_hypothesis(
 def prepare_and_fit_base(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], hypothesis: Hypothesis, assumed: Sequence[float]
 ) -> tuple[Take, tuple[Contact, ...], Fit]:
-    """The take, the contacts, and the base model fitted without pushes, in steps that resolve the fitted car.
+    """Cut recordings into 1.5 s segments and fit the base model: the take, bumps and crashes found, and the fit.
 
-    The fit begins at the nominal car of the `hypothesis` and the parameters `assumed` (SI) of the effects it assumes.
+    The fit is without pushes (disturbances in the prediction); it begins at the nominal car of the `hypothesis`, with
+    the parameters `assumed` (SI) of effects that it always holds.  Where the fitted car needs a finer integration
+    step, take and fit are repeated with that.
 
     Raises:
         InputRefused: when too few segments can be used.
-        PredictionDiverged: when the base model cannot follow them.
+        PredictionDiverged: when the base model's predictions diverge from every start.
     """
     take, contacts = build_take(recordings, estimates, hypothesis.nominal, hypothesis.angle_limit)
     base = fit_base(take, hypothesis, initial_scales(take), assumed)
@@ -83,7 +98,11 @@ def prepare_and_fit_base(
 
 
 def needs_pushes(fit: Fit, take: Take) -> bool:
-    """Whether predictions of `take` miss the fit's tangent by so much that they have to be made under pushes."""
+    """Whether a take must be predicted under its fitted pushes, as predictions linear in these are too inaccurate.
+
+    Pushes are disturbance accelerations, constant over 0.5 s.  True if linearisation costs more than
+    `max_nonlinearity_nats` a segment (`nonlinearity`); False if `take.pushed` already.
+    """
     if take.pushed:
         return False
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
@@ -91,19 +110,26 @@ def needs_pushes(fit: Fit, take: Take) -> bool:
 
 
 def refit_base_with_pushes(take: Take, base: Fit) -> tuple[Take, Fit]:
-    """The take, to be predicted under the likeliest pushes, and the base model fitted anew from `base` under them."""
+    """The take marked `pushed`, and the base model fitted to it again from `base`, now predicted under fitted pushes.
+
+    Pushes are disturbance accelerations, constant over 0.5 s; they are optimised along with each segment's initial
+    state.
+    """
     take = take._replace(pushed=True)
     return take, _fit_base_again(take, base, base.scales)
 
 
 def _fit_base_again(take: Take, base: Fit, scales: Scales) -> Fit:
-    """The base model fitted to `take` from the car and the assumed effects of its fit `base`."""
+    """The base model fitted to `take` by `fit_base` from the car and the assumed effects of the earlier fit `base`."""
     h = base.hypothesis
     return fit_base(take, replace(h, nominal=base.car()), scales, list(h.effect_values(base.phi).values()))
 
 
 def initial_scales(take: Take) -> Scales:
-    """Scales to begin with: noise by the median second difference of poses within segments, and FIRST_PUSH."""
+    """First guess of the standard deviations of noise (m, m, rad) and pushes (FIRST_PUSH, in m/s^2 and rad/s^2).
+
+    Noise is 1.4826 median |second difference| / sqrt(6) of the measured poses x, y, yaw.
+    """
     spans = zip(take.first, take.first[1:], strict=False)
     second = np.concatenate([np.diff(take.pose[a:b], 2, axis=0) for a, b in spans])
     r = 1.4826 * np.median(np.abs(second), axis=0) / np.sqrt(6.0)
@@ -111,13 +137,14 @@ def initial_scales(take: Take) -> Scales:
 
 
 def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> Fit:
-    """The base model fitted to the take, from the parameters `assumed` (SI) of the effects that it assumes.
+    """The base model fitted to the take from several starts; effects that it always holds begin at `assumed` (SI).
 
-    It starts from the nominal car, which may be far off where it comes from one-step predictions, and from cars with
-    typical tyres that slide or do not: grip that is never reached has no slope.  A trusted simulation is its own only
-    start.  The best start on a part of the take is refitted to the whole; where that loses `max_whole_take_loss_nats`,
-    from other scales and from the next best, and the best of these is taken where all do.  Where the part is all of a
-    short take, the better of two fits is taken, or the only one.
+    Starts are the nominal car and cars with typical tyres of little and of much grip; only the nominal car where a
+    simulation is trusted.  All are fitted to about PART_SEGMENTS segments, and the fit of greatest penalised
+    log-likelihood is refitted to the whole take, with its own noise scales, then with the given `scales`, then from
+    the next best start.  The first refit is returned that loses less than `max_whole_take_loss_nats` of mean
+    log-likelihood per segment against its fit to the part; if none, that of greatest penalised log-likelihood.  If
+    the part is the whole take, the greater of the best fit and its refits is returned.
     """
     base, nominal = hypothesis.with_effects(), hypothesis.nominal
     chosen = np.arange(0, take.segments, max(1, take.segments // PART_SEGMENTS))

@@ -68,11 +68,14 @@ def refit(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
     tangent: Tangent | None = None, tangents: int = MAX_TANGENTS,
 ) -> Fit:  # fmt: skip
-    """The fit of likeliest parameters near `phi`, with nuisance parameters from `start` (S, N_NUISANCE) and scales.
+    """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
-    A refit takes at most so many `iterations` along each of at most so many `tangents`, or so many leaps under pushes.
-    With a neighbouring fit's `tangent`, that stands throughout, and only the effects' own columns are computed anew: a
-    tenth of the work, good enough to compare candidates, though parameters far from the neighbour come out biased.
+    phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes
+    (disturbances over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from
+    `scales`, are estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations
+    of the predictions, or `tangents` Newton steps if `take.pushed`.  A `tangent` (linearisation at a neighbouring
+    fit), if given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate
+    enough to rank candidates, but biased far from that fit.
     """
     phi = np.clip(phi, *hypothesis.bounds())
     problem = RefitProblem(take, hypothesis, hypothesis.prior(phi))
@@ -91,7 +94,7 @@ def refit(
 
 
 def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, covariance: Floats) -> Fit:
-    """The fit of `hypothesis` with the parameters and the likelihood of `state`."""
+    """Assemble a `Fit` from a refit's final `state`, its linearisation `tangent` and the `covariance` (n, n) of phi."""
     each = student_log_densities(state.terms)
     return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent)
 
@@ -99,7 +102,11 @@ def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, cova
 def _refit_by_tangents(
     problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, iterations: int, tangents: int
 ) -> tuple[Tangent, RefitState]:
-    """Tangent and state of the best point of a refit along at most `tangents` tangents, each where the last one led."""
+    """Linearisation and state of greatest log-likelihood plus log prior in a refit whose predictions contain no pushes.
+
+    Alternates at most `iterations` Gauss-Newton steps of phi, with the linearisation of the predictions held fixed,
+    and a new linearisation where they led; at most `tangents` times, or until this gains less than MIN_GAIN nats.
+    """
     tangent, state = best = linearise_at(problem, phi, start, scales)
     for _ in range(tangents):
         ahead = _descend_along_tangent(problem, tangent, state, iterations, FAR)
@@ -118,7 +125,11 @@ def _refit_by_tangents(
 def _descend_along_tangent(
     problem: RefitProblem, tangent: Tangent, state: RefitState, iterations: int, far: float
 ) -> RefitState:
-    """The state after Gauss-Newton steps along one tangent, until none helps or one changes phi by more than `far`."""
+    """The refit's state after at most `iterations` Gauss-Newton steps of phi, the linearisation `tangent` held fixed.
+
+    It stops after the first step that gains less than MIN_GAIN nats, or that changes a component of phi by more than
+    `far`; that step is kept.  Derivatives by effects' parameters are recomputed at every step.
+    """
     for _ in range(iterations):
         slope, curvature = newton.slope_and_curvature(problem, tangent, state)
         before, state = state, _step_parameters(problem, state, slope, curvature)
@@ -130,10 +141,11 @@ def _descend_along_tangent(
 def _relinearise_ahead(
     problem: RefitProblem, anchor: RefitState, ahead: RefitState
 ) -> tuple[Tangent, RefitState] | None:
-    """The tangent and state at `ahead`, or on the way to it, where they are likelier than `anchor`; None if nowhere.
+    """Linearise the predictions anew at `ahead`, or part of the way from `anchor` to it (backtracking line search).
 
-    Far from where it was computed a tangent promises what is not there, of initial states above all.  Where an edge on
-    the floor makes the likelihood rough, a state that is less likely is accepted too.
+    The first share of the way in STEP_SHARES at which log-likelihood plus log prior exceeds that of `anchor` is
+    taken; for an effect at a place on the floor, whose edge makes the likelihood rough, the first that does not
+    diverge.  None if there is no such share.
     """
     rough = problem.hypothesis.is_place.any()
     for share in STEP_SHARES:
@@ -147,27 +159,47 @@ def _relinearise_ahead(
 
 
 def _step_parameters(problem: RefitProblem, state: RefitState, slope: Floats, curvature: Floats) -> RefitState:
-    """The state after the first damped step of phi that raises the objective; `state` itself if none does."""
+    """The refit's state after a damped Newton step of phi, with the least of PHI_DAMPINGS that raises the objective.
+
+    The objective is log-likelihood plus log prior.  Afterwards initial states move to their posterior means, if the
+    objective then still exceeds that of `state`.  `state` itself is returned if no damping raises it.
+    """
     bounds = problem.hypothesis.bounds()
     for damping in PHI_DAMPINGS:
         phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
-        r = problem.residuals(phi, state.start)
-        trial = none_if_diverged(build_state, problem, phi, state.start, state.scales, r, state.A)
+        trial = none_if_diverged(_state_along_tangent, problem, phi, state)
         if trial and trial.objective > state.objective:
             moved = newton.move_initial_states(problem, trial)
             return moved if moved.objective > state.objective else trial
     return state
 
 
+def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) -> RefitState:
+    """The refit's state at another parameter vector phi, with residuals predicted anew.
+
+    Initial states, pushes, and derivatives by them stay those of `state`; noise and push scales are re-estimated from
+    its.
+    """
+    return build_state(problem, phi, state.start, state.scales, problem.residuals(phi, state.start), state.A)
+
+
 def segment_log_likelihoods(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales) -> Floats:
-    """Log-likelihood (S,) of every segment at a fixed phi; nuisance parameters and scales start from those given."""
+    """Log-likelihood (S,) in nats of each segment at a fixed parameter vector phi, which is clipped to its bounds.
+
+    Initial states and pushes are estimated from `start` (S, N_NUISANCE), the standard deviations of noise and pushes
+    from `scales`.
+    """
     phi = np.clip(phi, *hypothesis.bounds())
     problem = RefitProblem(take, hypothesis, GaussianPrior(phi, np.zeros_like(phi)))
     return student_log_densities(newton.evaluate_at(problem, phi, start, scales, MAX_EM_STEPS).terms)
 
 
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
-    """The fit whose parameters phi stay as they are: only nuisance parameters and scales are estimated."""
+    """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
+
+    Pushes are disturbances, constant over 0.5 s; `scales` (noise and pushes) is the start.  The covariance of phi is
+    zero.
+    """
     problem = RefitProblem(take, hypothesis, GaussianPrior(phi, np.zeros_like(phi)))
     start, inputs = take.start, hypothesis.prediction_inputs(phi, take)
     for _ in range(FIXED_ROUNDS):

@@ -36,9 +36,15 @@ class _LinearisedState(NamedTuple):
 def refit_by_leaps(
     problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, leaps: int
 ) -> tuple[Tangent, RefitState]:
-    """Tangent and state of the best point of a refit under pushes, after at most `leaps` damped Newton steps from phi.
+    """Linearisation and state of greatest log-likelihood plus log prior in a refit whose predictions include pushes.
 
-    A leap that goes straight on is stretched.  Raises `PredictionDiverged` where predictions diverge at phi.
+    Pushes are disturbance accelerations, constant over 0.5 s.  From the parameter vector phi, at most `leaps` damped
+    Newton steps of phi are taken; after each, segments' initial states and pushes are optimised again.  A step in
+    nearly the direction of the last (cosine above STRAIGHT_COSINE) is lengthened.  It stops after PATIENCE steps
+    without gain.
+
+    Raises:
+        PredictionDiverged: where predictions diverge at phi.
     """
     best = now = _linearise_state(problem, _evaluate_twice(problem, phi, start, scales))
     last, vain = np.zeros_like(phi), 0
@@ -57,7 +63,12 @@ def refit_by_leaps(
 
 
 def _try_leap(problem: RefitProblem, now: _LinearisedState) -> _LinearisedState | None:
-    """The linearised state after the first damped Newton step that costs less than SLACK; None if there is none."""
+    """The first damped Newton step of phi that does not lower the objective by SLACK nats or more; None if none.
+
+    The objective is log-likelihood plus log prior, initial states and pushes being optimised again.  Dampings grow;
+    if effects have places or times, all tries but the first hold these fixed.  A step that changes no component of
+    phi by MIN_LEAP ends the search.  The state is linearised where the step ends.
+    """
     phi, is_place, bounds = now.state.phi, problem.hypothesis.is_place, problem.hypothesis.bounds()
     steps = [(damping, bounds) for damping in LEAP_DAMPINGS]
     if is_place.any():  # over an edge on the floor no tangent holds: the next steps leave places where they are
@@ -74,7 +85,11 @@ def _try_leap(problem: RefitProblem, now: _LinearisedState) -> _LinearisedState 
 
 
 def _stretch_leap(problem: RefitProblem, before: RefitState, leap: _LinearisedState) -> _LinearisedState:
-    """The end of a leap from `before`, made twice, four times ... as long while that gains and the bounds allow it."""
+    """Lengthen the step of phi from `before` to `leap` 2, 4, 8 ... times while the objective gains (line search).
+
+    A doubling is kept if log-likelihood plus log prior gains more than MIN_GAIN nats.  It ends at the first that does
+    not, that diverges, or that the bounds of phi stop; the state is linearised there.
+    """
     step, times, bounds = leap.state.phi - before.phi, 2.0, problem.hypothesis.bounds()
     while True:
         ahead = np.clip(before.phi + times * step, *bounds)
@@ -90,18 +105,20 @@ def _stretch_leap(problem: RefitProblem, before: RefitState, leap: _LinearisedSt
 def _linearise_if_better(
     problem: RefitProblem, phi: Floats, near: RefitState, min_objective: float
 ) -> _LinearisedState | None:
-    """The linearised state at phi, from the nuisance parameters of `near`; None unless it exceeds `min_objective`.
+    """Evaluate a refit at the parameter vector phi, and linearise it; None if its objective is <= `min_objective`.
 
-    Derivatives by phi, half the work, come last.
+    The objective is log-likelihood plus log prior (nats).  Initial states, pushes and their scales are optimised from
+    those of `near`.  Derivatives by phi, half the work, are computed last.
     """
     state = _evaluate_twice(problem, phi, near.start, near.scales)
     return _linearise_state(problem, state) if state.objective > min_objective else None
 
 
 def _evaluate_twice(problem: RefitProblem, phi: Floats, start: Floats, scales: Scales) -> RefitState:
-    """The state at phi, its nuisance parameters solved once more for the scales found with them, if that gains.
+    """The refit's state at the parameter vector phi, with initial states, pushes, and noise and push scales optimised.
 
-    A third time gains little.
+    They are optimised by `evaluate_at` from `start` (S, N_NUISANCE) and `scales`, then once more from the result,
+    which is kept if log-likelihood plus log prior gains MIN_GAIN nats.
     """
     state = newton.evaluate_at(problem, phi, start, scales, MAX_EM_STEPS)
     again = none_if_diverged(newton.evaluate_at, problem, phi, state.start, state.scales, MAX_EM_STEPS)
@@ -109,6 +126,9 @@ def _evaluate_twice(problem: RefitProblem, phi: Floats, start: Floats, scales: S
 
 
 def _linearise_state(problem: RefitProblem, state: RefitState) -> _LinearisedState:
-    """The state with its tangent, and with the slope and curvature of the objective by phi."""
+    """The refit's `state`, derivatives of its predicted poses, gradient and Gauss-Newton curvature of its objective.
+
+    Gradient and curvature are by the parameter vector phi; the objective is log-likelihood plus log prior (nats).
+    """
     tangent = newton.tangent_at(problem, state)
     return _LinearisedState(tangent, state, *newton.slope_and_curvature(problem, tangent, state))

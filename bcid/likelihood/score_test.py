@@ -55,7 +55,11 @@ class ProjectedChanges(NamedTuple):
 
 
 def project_out_fit(fit: Fit, take: Take, columns: Floats) -> ProjectedChanges:
-    """The changes `columns` (N, 3, K) of a fit's predicted poses of `take`, with its own parameters projected out.
+    """Changes `columns` (N, 3, K) of predicted poses less their projection on the fit's parameters, for score tests.
+
+    The projection, a weighted least-squares fit, is what base parameters, present effects, initial states and pushes
+    can imitate.  Slope and information of the log-likelihood for multiples of the columns are given segment by
+    segment.
 
     Raises:
         PredictionDiverged: where a prediction or a change of it is not finite.
@@ -94,7 +98,11 @@ def project_out_fit(fit: Fit, take: Take, columns: Floats) -> ProjectedChanges:
 
 
 def _weighted_information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
-    """Sum (K, K) of X^T X - Y^T Y over the segments, each times its weight `w` (S,)."""
+    """Fisher information (K, K): sum over segments s of `w[s]` (X_s^T X_s - Y_s^T Y_s), for K columns of pose changes.
+
+    `X` (N, 3, K) holds the columns divided by the noise, `Y` (S, N_NUISANCE, K) their projections on initial states
+    and pushes, `w` (S,) robust weights; segment s has the rows `first[s]` to `first[s + 1]`.
+    """
     root = np.sqrt(w)
     of_rows = np.repeat(root, np.diff(first))
     weighted = (X * of_rows[:, None, None]).reshape(-1, X.shape[2])
@@ -103,9 +111,11 @@ def _weighted_information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Float
 
 
 def robust_amplitudes(changes: ProjectedChanges, own: slice) -> tuple[Floats, float]:
-    """The multiples (k,) of the columns `own` that gain most together, and the gain (nats) in the robust likelihood.
+    """Multiples (k,) of the pose changes in columns `own` that raise the log-likelihood most, and their gain (nats).
 
-    Reweighted steps from zero, and from the whole columns, which may explain segments that zero gives no weight.
+    The likelihood is Student's t, with the prior of a trusted simulation.  Iteratively reweighted least squares
+    (`best_amplitudes`) starts from multiples of 0 and of 1, as the latter may explain segments to which the former
+    gives no weight; the better end is returned.
     """
     columns = range(own.start, own.stop)
     if np.any(np.diag(changes.G)[own] <= LIKELIHOOD_LIMITS.min_information):
@@ -134,23 +144,32 @@ def robust_amplitudes(changes: ProjectedChanges, own: slice) -> tuple[Floats, fl
 
 
 def unlimited_gain(changes: ProjectedChanges, own: slice) -> float:
-    """Gain (nats) of the best multiples of the columns `own`, without bounds: g^T G^+ g / 2."""
+    """Score-test statistic g^T G^+ g / 2: the log-likelihood gain (nats) of the columns `own` at their best multiples.
+
+    Multiples may have any size and sign.  g (k,) is the slope of the log-likelihood by them, G (k, k) its
+    information, G^+ the pseudo-inverse.  A column is the change of predicted poses by an effect.
+    """
     g, G = changes.slope(own), changes.G[own, own]
     scale = np.sqrt(np.maximum(np.diag(G), LIKELIHOOD_LIMITS.min_information))
     return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
 
 
 def score_test_gain(changes: ProjectedChanges, own: slice) -> float:
-    """Gain (nats) of the `best_amplitudes` of the columns `own` by slope and information: g^T a - a^T G a / 2."""
+    """Log-likelihood gain (nats) g^T a - a^T G a / 2 of the columns `own` by a score test with limited multiples a.
+
+    a (k,) is `best_amplitudes`, g (k,) the slope of the log-likelihood by the multiples, G (k, k) its information.  A
+    column is the change of predicted poses by an effect.
+    """
     g, G = changes.slope(own), changes.G[own, own]
     return float(_quadratic_gain(best_amplitudes(g[None], G), g[None], G)[0])
 
 
 def null_maxima(changes: ProjectedChanges, groups: list[slice]) -> Floats:
-    """The greatest `score_test_gain` among all groups of columns, in each of NULL_DRAWS takes with nothing to find.
+    """Null distribution (NULL_DRAWS,) of the greatest score-test gain (nats) over all `groups`, by a wild bootstrap.
 
-    In each take every segment's residual has its sign drawn anew (a wild bootstrap: Liu 1988), which keeps the columns'
-    correlations and the segments' scatter.
+    A group is a slice of the columns of `changes`, an effect's changes of predicted poses.  In each draw, every
+    segment's residual gets a random sign (Liu 1988), which keeps correlations between columns and the scatter of
+    segments.
     """
     each = changes.weights[:, None] * changes.each_g
     rng = np.random.default_rng(0)
@@ -165,18 +184,20 @@ def null_maxima(changes: ProjectedChanges, groups: list[slice]) -> Floats:
 
 
 def null_quantile(maxima: Floats, p: float) -> float:
-    """Gain (nats) that the `maxima` of takes with nothing to find exceed with probability `p`, rarer than were drawn.
+    """Score-test gain (nats) that chance exceeds with probability `p`, extrapolated from the null draws `maxima` (D,).
 
-    Half of a chi-square falls off as exp(-x), and so does the greatest of many.
+    It is the 1 - DRAWN_P_VALUE quantile of `maxima` plus ln(DRAWN_P_VALUE / p): the tail falls as exp(-x), like that
+    of half a chi-square, where `p` is less than the draws can show.
     """
     return float(np.quantile(maxima, 1.0 - DRAWN_P_VALUE) + np.log(DRAWN_P_VALUE / p))
 
 
 def best_amplitudes(g: Floats, G: Floats) -> Floats:
-    """The multiples a (D, k) of k columns that gain most, G a = g, for D slopes `g` (D, k) and information `G` (k, k).
+    """Multiples a (D, k) of k columns of pose changes that raise the log-likelihood most: G a = g, then clipped.
 
-    None is larger than `max_trial_amplitude`; that of a single column is not negative; all are zero where a column is
-    not excited.
+    `g` (D, k) are the slopes of D cases, `G` (k, k) is the information.  A single column's multiple is clipped to [0,
+    `max_trial_amplitude`], those of several to +- that.  All are zero if the information about a column is at most
+    `min_information` (nats): the recording does not excite it.
     """
     if np.any(np.diag(G) <= LIKELIHOOD_LIMITS.min_information):
         return np.zeros_like(g)
@@ -187,7 +208,10 @@ def best_amplitudes(g: Floats, G: Floats) -> Floats:
 
 
 def _quadratic_gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
-    """Gain g^T a - a^T G a / 2 (D,) of amplitudes a (D, k) at slopes `g` (D, k)."""
+    """Log-likelihood gains (D,) in nats, g^T a - a^T G a / 2, of multiples a (D, k) of k columns, to second order.
+
+    Slopes `g` are (D, k), the information `G` is (k, k).
+    """
     return np.asarray(np.einsum("dk,dk->d", amplitude, g) - 0.5 * np.einsum("dk,kl,dl->d", amplitude, G, amplitude))
 
 
@@ -211,7 +235,11 @@ class TrialChanges(NamedTuple):
 
 
 def compute_trial_changes(fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]]]) -> TrialChanges:
-    """The changes of the fit's predicted poses of `take` by trials: `rows` of an effect and its trial vectors (SI)."""
+    """Changes of a fit's predicted poses by trials: an effect added at given parameter values, one trial at a time.
+
+    Each of the `rows` is an effect's id and a list of its parameter vectors (SI); each vector gives one column (N,
+    3).
+    """
     r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
     columns, trials = list[Floats](), []
     for name, vectors in rows:
@@ -221,7 +249,10 @@ def compute_trial_changes(fit: Fit, take: Take, rows: Sequence[tuple[str, list[l
 
 
 def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
-    """Change (N, 3) of the predicted poses by effect `name` at `values`, from residual `r`; zero where it diverges."""
+    """Change (N, 3) in x, y (m), yaw (rad) of a fit's predicted poses when effect `name` is added with `values` (SI).
+
+    All else stays as fitted; `r` (N, 3) is the fit's residual.  All zeros if a changed prediction is not finite.
+    """
     more, phi = fit.hypothesis.add_effect(name, fit.phi, values)
     at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
     chosen = affected_segments(take, take.pose - r, at)
@@ -232,15 +263,15 @@ def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: 
 
 
 def replace_value(values: list[float], i: int, value: float) -> list[float]:
-    """The `values` with `value` at index `i`."""
+    """A copy of the list `values` with `value` at index `i`."""
     return [*values[:i], value, *values[i + 1 :]]
 
 
 def affected_segments(take: Take, path: Floats, at: Mapping[str, float]) -> Ints:
-    """Indices of the segments whose predicted poses `path` (N, 3) an effect can change.
+    """Indices of the segments that an effect with parameters `at` can change, by their predicted poses `path` (N, 3).
 
-    `at` holds the effect's parameters by symbol: with x, y and radius (m), the segments near that circle; with t_s (s),
-    those that do not end before; otherwise all.
+    `at` maps symbols to values.  With x, y and radius (m), these are the segments near that circle on the floor; with
+    t_s (s), an onset time, those that end after t_s or less than a segment's length before; otherwise all.
     """
     if "radius" in at:
         steps = np.hypot(*np.diff(path[:, :2], axis=0).T)

@@ -84,7 +84,10 @@ class Take(NamedTuple):
 
 
 def _select_spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
-    """Indices in the `chosen` spans `first[s]` to `first[s + 1]`, and the bounds of these spans one after the other."""
+    """All indices in the `chosen` spans (index arrays), span s being `first[s]` to `first[s + 1]`, and the new bounds.
+
+    The bounds (len(chosen) + 1,) are those of the chosen spans laid one after the other from 0 on.
+    """
     begin = first[chosen]
     lengths, ends = first[chosen + 1] - begin, np.zeros(len(chosen) + 1, dtype=np.int64)
     np.cumsum(lengths, out=ends[1:])
@@ -94,13 +97,13 @@ def _select_spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
 def build_take(
     recordings: Sequence[Recording], estimates: Sequence[Estimate], car: Car, angle_limit: float
 ) -> tuple[Take, tuple[Contact, ...]]:
-    """One take of all segments of the recordings that can be predicted, in steps that resolve `car`; and the contacts.
+    """Cut recordings into one take of 1.5 s segments that can be predicted; with it, the bumps and crashes found.
 
-    Left out are segments with contacts, of a standing car, or before the wheel's angle (within +-`angle_limit`, rad) is
-    known.
+    Integration steps are short enough for `car`.  Left out are segments with such contacts, those in which the car
+    stands, and those before the steering angle (within +-`angle_limit`, rad) is determined by commands.
 
     Raises:
-        InputRefused: when too few segments can be used.
+        InputRefused: when fewer than `min_segments` segments remain.
     """
     parts, all_contacts = [], []
     for recording, estimate in zip(recordings, estimates, strict=True):
@@ -120,9 +123,11 @@ def build_take(
 
 
 def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_STEP_S) -> Take:
-    """The take of `recording`, cut into segments of SEGMENT_S, for integration steps of `h` s.
+    """Cut a recording into segments of SEGMENT_S (1.5 s), with poses averaged over 0.05 s: a take of all of them.
 
-    Each uninterrupted stretch of the `estimate`, which ends where poses are missing, holds as many segments as fit.
+    Predictions will be integrated in steps of `h` s.  Each uninterrupted stretch of the `estimate`, which ends where
+    poses are missing, gives as many segments as fit; those in which less than the share `min_coverage` of the poses
+    is present are left out.
     """
     zero = float(recording.poses.time_s[0])
     stamp, pose = recording.poses.time_s - zero, recording.poses.values
@@ -155,14 +160,15 @@ def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_ST
 
 
 def pad_with_zero_pushes(state: Floats) -> Floats:
-    """Nuisance parameters (S, N_NUISANCE) of initial states (S, N_START) without pushes."""
+    """Nuisance parameters (S, N_NUISANCE): initial states `state` (S, N_START), then pushes (disturbances) of zero."""
     return np.hstack([state, np.zeros((len(state), N_NUISANCE - N_START))])
 
 
 def _fit_initial_state(since: Floats, pose: Floats) -> Floats:
-    """Pose and twist (6,) at time 0, from parabolas through the first poses (P, 3) at the times `since` (s).
+    """State [x, y, yaw (world), v_x, v_y (body), omega] at a segment's beginning, by parabolas through its first poses.
 
-    The estimator's twist is better, except where a take breaks its assumptions; a refit needs neither.
+    Least squares on `pose` (P, 3), x, y (m), yaw (rad), at `since` (s) after the beginning; the poses of the first
+    START_S, at least START_POSES.  It is independent of the motion estimate's assumptions.
     """
     first = since < max(START_S, since[min(START_POSES, len(since)) - 1] + 1e-9)
     X = np.vander(since[first], 3, increasing=True)
@@ -173,10 +179,11 @@ def _fit_initial_state(since: Floats, pose: Floats) -> Floats:
 
 
 def drop_standing(take: Take, wheelbase: float) -> Take:
-    """The take without the segments in which a car of this `wheelbase` (m) stands.
+    """The take without segments in which the car stands still.
 
-    Nothing is predicted wrongly there, so that the noise would be that of a car at rest, and everything that moves an
-    outlier.  Lost with them is what a throttle too small to move the car shows.
+    It stands if its position ranges over at most `standing_extent` wheelbases and its yaw over as many rad;
+    `wheelbase` is in m.  Every model predicts such segments without error, so that they would make the estimated
+    noise too small.
     """
     x, y, yaw = take.pose.T
     at, limit = take.first[:-1], LIKELIHOOD_LIMITS.standing_extent
@@ -188,7 +195,7 @@ def drop_standing(take: Take, wheelbase: float) -> Take:
 
 
 def drop_contacts(take: Take, contacts: Sequence[Contact]) -> Take:
-    """The take without the segments during which one of the `contacts` happens."""
+    """The take without the segments during which one of the `contacts` (bumps, crashes in the recording) happens."""
     begin, end = take.begin_s, take.begin_s + SEGMENT_S + take.h
     free = np.ones(take.segments, dtype=bool)
     for contact in contacts:
@@ -197,9 +204,10 @@ def drop_contacts(take: Take, contacts: Sequence[Contact]) -> Take:
 
 
 def drop_unknown_beginning(take: Take, T_s: float, d: float, angle_limit: float) -> Take:
-    """The take without the segments that begin while the wheel's angle depends on its unknown angle before any command.
+    """The take without its first segments, in which the steering angle depends on the unknown one before any command.
 
-    The servo has the time constant `T_s` (s), the rate limit `d` (rad/s), and locks at +-`angle_limit` (rad).
+    The angle is known once two simulated servos, begun at either lock, +-`angle_limit` (rad), differ by no more than
+    `unknown_wheel_angle_rad`; the servo has the time constant `T_s` (s) and the rate limit `d` (rad/s).
     """
     # two servos, one that began at each lock, until they stand at the same angle
     left, right = angle_limit, -angle_limit
@@ -214,9 +222,10 @@ def drop_unknown_beginning(take: Take, T_s: float, d: float, angle_limit: float)
 
 
 def concatenate_takes(takes: Sequence[Take]) -> Take:
-    """The `takes`, one after the other in time, as one take.
+    """One take of all `takes`, each shifted in time to begin at least 1 s after the one before ends.
 
-    The steering runs on through all: segments at the beginnings of later takes must have been left out.
+    Commands run on from one take to the next, which falsifies steering at the beginning of all but the first: the
+    segments there must have been left out by `drop_unknown_beginning`.
     """
     whole = takes[0]
     for take in takes[1:]:
@@ -235,7 +244,7 @@ def concatenate_takes(takes: Sequence[Take]) -> Take:
 
 
 def as_one_recording(take: Take) -> Take:
-    """The take as a single recording from time 0 on: effects that grow with time run on through all its segments."""
+    """The take with all its segments counted as one recording: time in effects' equations runs on from 0."""
     return take._replace(
         zero_s=np.zeros(take.segments), length_s=np.full(take.segments, take.T),
         command_zero_s=np.zeros(len(take.command_s)),

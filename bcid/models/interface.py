@@ -41,7 +41,10 @@ class History:
 
 
 def history_at(estimate: Estimate, k: int, lags: int) -> History:
-    """The history of an estimate at row `k`, with `lags` rows before it; rows before its segment repeat the first."""
+    """The past motion that a model starts from at grid row `k` of an estimate: row k and the `lags` rows before it.
+
+    Rows before the beginning of k's segment (uninterrupted run of rows) are replaced by the segment's first row.
+    """
     start = next(s.start for s in estimate.segments() if s.start <= k < s.stop)
     rows = np.maximum(np.arange(k - lags, k + 1), start)
     return History(
@@ -51,7 +54,7 @@ def history_at(estimate: Estimate, k: int, lags: int) -> History:
 
 
 def history_at_rest(lags: int) -> History:
-    """The history, with `lags` rows before its last, of a car that always stood at the origin, nothing commanded."""
+    """The past motion, `lags` + 1 grid rows of zeros, of a car that has always stood at the origin without commands."""
     n = lags + 1
     return History(np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((lags, 2)), np.zeros((n, 3)), np.zeros(n))
 
@@ -144,10 +147,12 @@ class RolloutDiverged(ArithmeticError):
 
 
 def rollout(model: SupportsRollout, history: History, commands: Floats) -> Floats:
-    """Closed-loop twists (N + 1, 3): that of the history's last row, then one after each of `commands` (N, 2).
+    """Twists [v_x, v_y, yaw rate] (N + 1, 3) that a model predicts from its own predictions, without measured feedback.
+
+    The first is that of the last row of `history`, then one after each of `commands` (N, 2), [u_s (rad), u_m].
 
     Raises:
-        RolloutDiverged: a twist passes `fastest_twist`, or is not finite.
+        RolloutDiverged: a component passes LIMITS.fastest_twist (150 m/s, 100 rad/s), or is not finite.
     """
     carry = model.init(history)
     twists = np.vstack([history.twist[-1], model.scan(carry, commands)[1]])
@@ -165,7 +170,11 @@ class RolloutBatch(NamedTuple):
 
 
 def rollout_batch(model: Model, carries: Floats, commands: Floats) -> RolloutBatch:
-    """Roll out B vehicles from `carries` (B, n) under `commands` (B, N, 2); divergence is reported, never NaN."""
+    """Predict the twists of B vehicles under `commands` (B, N, 2), from the model's states `carries` (B, n).
+
+    From the step in which a vehicle's twist passes LIMITS.fastest_twist (150 m/s, 100 rad/s) or is NaN, its last
+    valid twist is repeated (zeros if there is none); the step's index is returned too, -1 where no such step occurs.
+    """
     _, twist = model.scan_many(carries, commands)
     diverged = np.asarray(~(np.abs(twist) <= LIMITS.fastest_twist).all(axis=-1))
     at = np.where(diverged.any(axis=1), np.argmax(diverged, axis=1), -1)
@@ -182,13 +191,20 @@ class ScanKernels(NamedTuple):
 
 
 def scan_one(carry: Floats, commands: Floats, *arguments: Any) -> Floats:
-    """Scan one vehicle: a placeholder, which `build_scan_kernels` replaces in the loops below by a model's kernel."""
+    """Placeholder in the loops over vehicles for a model's compiled `scan`: the twists (N, 3) of one vehicle.
+
+    `build_scan_kernels` copies these loops with the model's own function under this name; calling this one raises
+    `NotImplementedError`.
+    """
     raise NotImplementedError
 
 
 # A parallel loop takes no tuple of tuples, and so is written out for each number of arguments.
 def _scan_many_with_1(carries: Floats, commands: Floats, a: Any) -> Floats:
-    """Twists (B, N, 3) of B vehicles, by a `scan_one` that takes one argument beside carry and commands."""
+    """Twists (B, N, 3) of B vehicles in parallel, each by `scan_one(carry, commands, a)`, under `commands` (B, N, 2).
+
+    `carries` (B, n) are the models' states, updated in place to those after the last command.
+    """
     twists = np.empty((len(carries), commands.shape[1], 3))
     for i in numba.prange(len(carries)):
         twists[i] = scan_one(carries[i], commands[i], a)
@@ -196,7 +212,10 @@ def _scan_many_with_1(carries: Floats, commands: Floats, a: Any) -> Floats:
 
 
 def _scan_many_with_2(carries: Floats, commands: Floats, a: Any, b: Any) -> Floats:
-    """Twists (B, N, 3) of B vehicles, by a `scan_one` that takes two arguments beside carry and commands."""
+    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, commands, a, b)`, under `commands` (B, N, 2).
+
+    `carries` (B, n) are the models' states, updated in place to those after the last command.
+    """
     twists = np.empty((len(carries), commands.shape[1], 3))
     for i in numba.prange(len(carries)):
         twists[i] = scan_one(carries[i], commands[i], a, b)
@@ -204,7 +223,11 @@ def _scan_many_with_2(carries: Floats, commands: Floats, a: Any, b: Any) -> Floa
 
 
 def _scan_many_with_4(carries: Floats, commands: Floats, a: Any, b: Any, c: Any, d: Any) -> Floats:
-    """Twists (B, N, 3) of B vehicles, by a `scan_one` that takes four arguments beside carry and commands."""
+    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, commands, a, b, c, d)`.
+
+    `commands` are (B, N, 2), `carries` (B, n) are the models' states, updated in place to those after the last
+    command.
+    """
     twists = np.empty((len(carries), commands.shape[1], 3))
     for i in numba.prange(len(carries)):
         twists[i] = scan_one(carries[i], commands[i], a, b, c, d)
@@ -212,14 +235,18 @@ def _scan_many_with_4(carries: Floats, commands: Floats, a: Any, b: Any, c: Any,
 
 
 def build_scan_kernels(scan: Callable[..., Floats], parallel: bool = True) -> ScanKernels:
-    """Build a model's kernels from its compiled `scan` of one vehicle; if `parallel`, many vehicles run on all cores.
+    """Build a model's compiled kernels, for one vehicle and for B, from its `scan(carry, commands, *arguments)`.
 
-    The loop over vehicles finds `scan` among its globals: numba would compile a closure anew in every process.
+    `scan` is compiled and takes 1, 2 or 4 further arguments; it updates the state `carry` in place and returns
+    twists. If `parallel`, the loop over B vehicles runs on all cores.  The loop calls `scan` as a global, since numba
+    would compile a closure anew in every process.
     """
     count = len(inspect.signature(scan).parameters) - 2
     loop = {1: _scan_many_with_1, 2: _scan_many_with_2, 4: _scan_many_with_4}[count]
     names = {"np": np, "numba": numba, "scan_one": scan, "__name__": scan.__module__}
     many = FunctionType(loop.__code__, names)
+    # under which the compiled loop is cached
+    many.__qualname__ = f"{scan.__qualname__}_many"
     return ScanKernels(scan, njit_parallel(many) if parallel else njit(many))
 
 

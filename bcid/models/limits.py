@@ -10,15 +10,18 @@ from dataclasses import dataclass
 class ModelLimits:
     """Which takes are refused, held out or left out, which constants are stated, and which models are refused."""
 
-    # Quantile of all speeds and yaw rates, and the values there (m/s, rad/s) below which takes are refused: a car that
-    # stands identifies no constant, one that drives straight no constant of its tyres.
+    # Quantile of all speeds and yaw rates by which takes are judged to excite a fit.
     excitation_quantile: float = 0.95
+    # Speed (m/s) there below which takes are refused: a car that stands identifies no constant.
     min_speed_mps: float = 0.05
+    # Yaw rate (rad/s) there below which takes are refused: a car that drives straight identifies no constant of its
+    # tyres.
     min_yaw_rate_radps: float = 0.02
     # Share of every take, its end, where networks choose their epoch and process noise is found.
     validation_share: float = 0.1
-    # Share of every take, its end, where K-SINDy chooses its threshold, and its least horizons.
+    # Share of every take, its end, where K-SINDy chooses its threshold.
     threshold_share: float = 0.2
+    # Fewest horizons in that end.
     min_threshold_horizons: int = 3
     # Length of a take over that of its end, below which nothing of it is held out.
     min_ends_per_take: int = 4
@@ -43,9 +46,10 @@ class ModelLimits:
     # |v_x|, |v_y| (m/s) and |yaw rate| (rad/s) beyond which a rollout has diverged: no ground vehicle is as fast, and
     # polynomials that run away pass it long before they overflow.
     fastest_twist: tuple[float, float, float] = (150.0, 150.0, 100.0)
-    # Delay (s) of commands in a saved model, twenty times the bound of such an effect, and size of its arrays, thousand
-    # times that of the default networks: a damaged file could ask for anything.
+    # Delay (s) of commands in a saved model, twenty times the bound of such an effect: a damaged file could ask for
+    # anything.
     max_delay_s: float = 10.0
+    # Size of a saved model's arrays, a thousand times that of the default networks, for the same reason.
     max_array_bytes: int = 1 << 28
 
 

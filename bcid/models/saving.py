@@ -16,7 +16,7 @@ FILES = _JSON, _ARRAYS = "model.json", "arrays.safetensors"
 
 
 def save_model(model: Model, folder: Path) -> None:
-    """Write `model` into `folder`: model.json and, where there are arrays, arrays.safetensors with its digest."""
+    """Write `model` into `folder`: model.json and, if it has arrays, arrays.safetensors (its SHA-256 in model.json)."""
     data, arrays = model.to_saved()
     data = {"schema": SCHEMA, "model": model.name, **data}
     if arrays:
@@ -28,7 +28,11 @@ def save_model(model: Model, folder: Path) -> None:
 
 
 def _read_arrays(path: Path, expected_digest: str | None) -> dict[str, Any]:
-    """Read the arrays saved at `path`, if any; ValueError where their SHA-256 is not `expected_digest`."""
+    """Read the arrays by name from the safetensors file at `path`; none if there is neither file nor expected digest.
+
+    Raises:
+        ValueError: the file is missing, larger than LIMITS.max_array_bytes, or its SHA-256 is not `expected_digest`.
+    """
     from safetensors.numpy import load_file
 
     if not path.exists():
@@ -43,10 +47,10 @@ def _read_arrays(path: Path, expected_digest: str | None) -> dict[str, Any]:
 
 
 def load_model(folder: Path) -> Model:
-    """The model saved in `folder`, after its digests are checked.
+    """The fitted model that `save_model` wrote into `folder`, after the SHA-256 of its arrays is checked.
 
     Raises:
-        InputRefused: no model there, one of another version, or one that holds what it must not.
+        InputRefused: there is no model, it is damaged or of another version, or its numbers make no such model.
     """
     try:
         data = read_json(folder / _JSON)

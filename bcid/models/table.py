@@ -80,7 +80,7 @@ FITTABLE: dict[str, ModelRow] = {name: row for name, row in MODELS.items() if ro
 
 
 def model_row(name: str) -> ModelRow:
-    """The table's row of the model `name`.
+    """The row of `MODELS` (class, settings, base model) with the given model `name`, such as "k-sindy".
 
     Raises:
         UsageError: there is no such model; the message lists the known ones.
@@ -91,7 +91,7 @@ def model_row(name: str) -> ModelRow:
 
 
 def fittable_row(name: str) -> ModelRow:
-    """The table's row of the model `name`, which `bcid fit` must be able to make.
+    """The row of `MODELS` (class, settings, base model) with the given `name`, if `bcid fit` makes that model.
 
     Raises:
         UsageError: there is no such model, or another command makes it.

@@ -52,10 +52,10 @@ MAX_STEP_DIVISIONS = 10
 def typical_inertia_and_tyres(
     m: float, l_f: float, l_r: float, inertia: float, grip_f: float, grip_r: float
 ) -> dict[str, float]:
-    """Typical I_z, C_f, C_r, F_f_max, F_r_max of a car of mass `m` (kg) and levers (m): I_z = inertia m l_f l_r.
+    """Typical I_z, C_f, C_r, F_f_max, F_r_max (SI) of a car of mass `m` (kg) with axles l_f and l_r (m) from the CoG.
 
-    Tyres carry the weight, and their side force grows with it (F_max = grip m, `grip_f`, `grip_r` in N/kg); the rear
-    ones are stiffer than the front ones, so that the car goes straight on its own.
+    I_z = inertia m l_f l_r, where `inertia` has no unit; F_max = grip m, with `grip_f`, `grip_r` in N/kg.  Tyre
+    stiffness grows with the mass, too, and is larger at the rear, so that the car goes straight on its own.
     """
     return {
         "I_z": inertia * m * l_f * l_r, "C_f": 12.0 * m, "C_r": 25.0 * m, "F_f_max": grip_f * m, "F_r_max": grip_r * m,
@@ -63,10 +63,10 @@ def typical_inertia_and_tyres(
 
 
 def integration_step(p: Car) -> float:
-    """An RK4 step (s) that is stable for a car at any speed: LONGEST_STEP_S divided by a whole number.
+    """An RK4 step (s) that is stable for the car `p` at any speed: LONGEST_STEP_S divided by a whole number up to 10.
 
-    Side slip and yaw rate decay at rates of C/(m v_0) and C l^2/(I_z v_0) at most, of both axles together.  A moment
-    of inertia is fitted badly by some fits; no car has a much smaller one than two masses over its axles, m l_f l_r.
+    Side slip and yaw rate decay at rates of C/(m v_0) and C l^2/(I_z v_0) at most, summed over both axles.  I_z
+    counts as at most m l_f l_r, that of two masses over the axles, since some fits determine it badly.
     """
     I_z = min(p.I_z, p.m * p.l_f * p.l_r)
     rate = ((p.C_f + p.C_r) / p.m + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / I_z) / p.v_0
@@ -75,7 +75,11 @@ def integration_step(p: Car) -> float:
 
 @njit_inline
 def motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the vehicle's motor law."""
+    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the motor law of `p`.
+
+    By that law `u_m` >= 0 sets a reference speed (m/s) or a force (as share of full throttle); below 0 it is a brake
+    share.
+    """
     if p.sets_force > 0.0:
         return force_controlled_force(u_m, v_w, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
     return speed_controlled_force(u_m, v_w, p.K_t, p.K_b, p.F_m_max)
@@ -83,7 +87,11 @@ def motor_force(u_m: float, v_w: float, p: Car) -> float:
 
 @njit_inline
 def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p: Car) -> tuple[float, float, float]:
-    """Force F_x, F_y (N) and moment M_z (N m) on the body of the base model (paper, second equation, with errata 2)."""
+    """Force F_x, F_y (N) and moment M_z (N m) of the base model on the body: motor, drag and tyres.
+
+    `v_x`, `v_y` (m/s) and `yaw_rate` (rad/s) are the body-frame twist of the CoG, `delta` (rad) the wheel angle,
+    `u_m` the throttle (paper, second equation; docs/errata.md row 2 for the sign in F_x).
+    """
     v_fx, v_fy = wheel_velocity(v_x, v_y, yaw_rate, p.l_f, delta)
     v_rx, v_ry = wheel_velocity(v_x, v_y, yaw_rate, -p.l_r, 0.0)
     F_af = lateral_force(slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
@@ -100,7 +108,10 @@ def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p:
 def state_rate(
     v_x: float, v_y: float, yaw_rate: float, delta: float, u_s: float, u_m: float, p: Car
 ) -> tuple[float, float, float, float]:
-    """Time derivative of [v_x, v_y, w, delta] (paper, force balance and deltaDot)."""
+    """Time derivative of the base model's state [v_x, v_y (m/s, body), yaw_rate (rad/s), delta (rad)].
+
+    `u_s` (rad) is the steering command, `u_m` the throttle (paper, force balance, and steering in App. actuators).
+    """
     F_x, F_y, M_z = wrench(v_x, v_y, yaw_rate, delta, u_m, p)
     delta_rate = steering_rate(u_s, delta, p.T_s, p.d)
     return F_x / p.m + yaw_rate * v_y, F_y / p.m - yaw_rate * v_x, M_z / p.I_z, delta_rate
@@ -110,7 +121,10 @@ def state_rate(
 def rk4_step(
     state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, h: float
 ) -> tuple[float, float, float, float]:
-    """State [v_x, v_y, w, delta] after `h` seconds of constant command, one classical RK4 step."""
+    """State [v_x, v_y, yaw rate, delta] of the base model after one RK4 step of `h` seconds at constant commands.
+
+    The state is in m/s (body frame), rad/s and rad; `u_s` (rad) is the steering command, `u_m` the throttle.
+    """
     x, y, w, s = state
     a1, b1, c1, d1 = state_rate(x, y, w, s, u_s, u_m, p)
     g = 0.5 * h
@@ -130,16 +144,22 @@ def rk4_step(
 def advance_period(
     state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, period: float
 ) -> tuple[float, float, float, float]:
-    """State [v_x, v_y, w, delta] after one `period` (s) of constant command in two RK4 substeps: f_NE of the paper."""
+    """State [v_x, v_y, yaw rate, delta] of the base model after one `period` (s) of constant commands.
+
+    Two RK4 steps, as f_NE of the paper; the state is in m/s (body frame), rad/s and rad; `u_s` (rad) is the steering
+    command, `u_m` the throttle.
+    """
     half = 0.5 * period
     return rk4_step(rk4_step(state, u_s, u_m, p, half), u_s, u_m, p, half)
 
 
 @njit
 def advance_cars(state: Floats, command: Floats, p: Car, period: float) -> None:
-    """Advance the states (4, B) of B cars by one `period` (s) under commands (2, B), in place.
+    """Advance B cars of equal constants `p` by one `period` (s), in place.
 
-    The loop's body is nothing but arithmetic and selections, which the compiler turns into vector instructions.
+    `state` (4, B) has the rows v_x, v_y (m/s, body), yaw rate (rad/s), delta (rad), `command` (2, B) steering (rad)
+    and throttle.  The loop's body is arithmetic and selections only, which the compiler turns into vector
+    instructions.
     """
     # `v_x, v_y, omega, delta = state` would hide that rows are contiguous
     v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]

@@ -25,7 +25,7 @@ _C4, _C6, _C8, _C10, _C12, _C14, _C16 = ((-1.0) ** k / math.factorial(2 * k) for
 
 @njit_inline
 def sincos(x: float) -> tuple[float, float]:
-    """sin(x), cos(x) for |x| < 1e6: Taylor's series about the nearest multiple of pi/2."""
+    """sin(x) and cos(x) for |x| < 1e6 (rad), without branches: Taylor's series about the nearest multiple of pi/2."""
     quarters = floor(x * _TWO_OVER_PI + 0.5)
     y = ((x - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
     z = y * y
@@ -48,7 +48,7 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9 = (
 
 @njit_inline
 def arctan(x: float) -> float:
-    """The angle in (-pi/2, pi/2) whose tangent is `x`.
+    """The angle (rad) in (-pi/2, pi/2) whose tangent is `x`, by a polynomial without branches.
 
     Reduced to |w| < tan(pi/8) by arctan(x) = pi/2 - arctan(1/x) and arctan(x) = pi/4 + arctan((x-1)/(x+1)).
     """

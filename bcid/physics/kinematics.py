@@ -8,9 +8,11 @@ from bcid.physics.elementary import sincos
 
 @njit
 def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float) -> tuple[float, float, float]:
-    """Twist v_x, v_y (m/s), yaw rate (rad/s) of the CoG from the front wheel's velocity and both axles' heading angles.
+    """Twist v_x, v_y (m/s, body), yaw rate w (rad/s) of the CoG from front wheel speed and both axles' heading angles.
 
-    Paper, extended kinematic model, with errata 1: v_y + l_f w = v_f sin(beta_f) and v_y - l_r w = v_x tan(beta_r).
+    `v_f` (m/s) is the speed of the front wheel, `beta_f`, `beta_r` (rad) are the directions in which the axles move
+    in the body frame: v_x = v_f cos(beta_f), v_y + l_f w = v_f sin(beta_f), v_y - l_r w = v_x tan(beta_r) (paper,
+    extended kinematic model; docs/errata.md row 1).
     """
     (sin_f, cos_f), (sin_r, cos_r) = sincos(beta_f), sincos(beta_r)
     v_x = cos_f * v_f
@@ -22,10 +24,10 @@ def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float)
 
 @njit_inline
 def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta: float) -> tuple[float, float]:
-    """Velocity of a wheel's contact point along and across the wheel (m/s).
+    """Velocity of a wheel's contact point along and across the wheel (m/s), from the CoG's body-frame twist.
 
-    `lever` is the wheel's distance ahead of the CoG (m), `delta` its angle to the body (rad).
-    Paper, App. slip, with errata 3 (rotation by -delta).
+    `lever` is the wheel's distance ahead of the CoG (m), `delta` its angle to the body (rad): a rotation by -delta
+    (paper, App. slip; docs/errata.md row 3).
     """
     v_across = v_y + lever * yaw_rate
     sin_d, cos_d = sincos(delta)
@@ -34,7 +36,7 @@ def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta:
 
 @njit
 def pose_rate(theta: float, v_x: float, v_y: float) -> tuple[float, float]:
-    """World velocity of the CoG (m/s) at heading `theta`: rotation by theta (errata 4 and 5)."""
+    """World velocity (m/s) of the CoG: v_x, v_y (m/s, body) rotated by `theta` (rad) (docs/errata.md rows 4 and 5)."""
     sin_t, cos_t = sincos(theta)
     return cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y
 
@@ -49,9 +51,11 @@ def wrap_angle(angle: float) -> float:
 def kinematic_state(
     v_x: float, v_y: float, yaw_rate: float, delta: float, l_f: float, l_r: float
 ) -> tuple[float, float, float]:
-    """Front wheel speed v_f >= 0 (m/s) and slip angles alpha_f, alpha_r (rad); errata 15.
+    """Front wheel speed v_f >= 0 (m/s) and slip angles alpha_f, alpha_r (rad) from body-frame twist and wheel angle.
 
-    alpha_r is singular at v_x = 0: mask it for |v_x| < 0.1 m/s wherever it is quoted.
+    v_f = hypot(v_x, v_fy) and alpha_f = atan2(v_fy, v_x) - delta, wrapped, with v_fy = v_y + l_f w;
+    tan(alpha_r) = (v_y - l_r w)/v_x (docs/errata.md row 15).  alpha_r is singular at v_x = 0: mask it for
+    |v_x| < 0.1 m/s wherever it is quoted.
     """
     v_fy = v_y + l_f * yaw_rate
     v_f = math.hypot(v_x, v_fy)

@@ -8,13 +8,20 @@ from bcid.physics.elementary import clip
 
 @njit_inline
 def steering_rate(u_s: float, delta: float, T_s: float, d: float) -> float:
-    """Rate of the steering angle (rad/s): sat((u_s - delta)/T_s) within [-d, d]."""
+    """Rate of the steering angle `delta` (rad/s): (u_s - delta)/T_s limited to [-d, d].
+
+    `u_s` (rad) is the command, `T_s` (s) the time constant, `d` (rad/s) the rate limit (paper, App. actuators).
+    """
     return clip((u_s - delta) / T_s, -d, d)
 
 
 @njit
 def steering_step(delta: float, u_s: float, T_s: float, d: float, h: float) -> float:
-    """Steering angle (rad) after `h` seconds: at the rate limit d until |u_s - delta| = d T_s, then an exponential."""
+    """Steering angle (rad), from `delta`, after `h` seconds of the command `u_s` (rad); exact.
+
+    It moves at the rate limit d (rad/s) until |u_s - delta| = d T_s, then approaches exponentially with the time
+    constant T_s (s).
+    """
     miss = u_s - delta
     ramp = min(max(abs(miss) / d - T_s, 0.0), h)
     miss -= math.copysign(d * ramp, miss)

@@ -48,7 +48,7 @@ class ReportTable(Settings):
 
 
 def _field_name(model: str) -> str:
-    """Name of the field of `FitTables` that holds a model's settings."""
+    """Python name of the field of `FitTables` that holds a model's settings: "k_mlp" for the model "k-mlp"."""
     return model.replace("-", "_")
 
 
@@ -60,7 +60,7 @@ FitTables = create_model("FitTables", __base__=Settings, **_FIELDS)
 
 
 def _check_model_name(name: str) -> str:
-    """Return `name` if a model that can be fitted has it; raise `ValueError` for any other."""
+    """Return `name` if it is the name of a model that can be fitted; raise `ValueError` for any other."""
     if name not in FITTABLE:
         raise ValueError(f"there is no model {name!r} to fit; choose from {', '.join(FITTABLE)}")
     return name
@@ -105,10 +105,10 @@ class PipelineConfig(PipelineFile):
 
 
 def read_pipeline_file(path: Path) -> PipelineConfig:
-    """Read and check the pipeline file at `path`.
+    """Read and check the pipeline file at `path`; its relative paths are taken from the file's folder.
 
     Raises:
-        InputRefused: the file is absent, or holds problems; all of them are told.
+        InputRefused: the file is absent or has wrong entries; the message names all of them.
     """
     if not path.exists():
         next_step = "write one with `bcid init`, or name one with -p"

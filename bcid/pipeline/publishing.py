@@ -8,12 +8,13 @@ from bcid.errors import UsageError
 
 
 def publish_copies(folder: Path, names: Sequence[str], home: Path) -> Path:
-    """Copy the files and folders `names` from `folder` to `home`, which loses those that `folder` lacks.
+    """Replace `names`, files and folders in `home`, by copies of those of the same names in `folder`.
 
-    Returns the path of the first copy.  Only one run at a time may do so.
+    A file of `names` that `folder` lacks is removed from `home`.  Returns the path of the first copy.  Only one run
+    at a time may call it.
 
     Raises:
-        UsageError: a folder of such a name holds something else than a saved model.
+        UsageError: a folder of such a name in `home` holds something other than a saved model.
     """
     home.mkdir(parents=True, exist_ok=True)
     for left in home.glob(".*.unfinished"):  # by a run that was killed
@@ -28,7 +29,10 @@ def publish_copies(folder: Path, names: Sequence[str], home: Path) -> Path:
 
 
 def _replace_with_copy(source: Path, target: Path) -> None:
-    """Replace `target` by a copy of `source`; whenever a run is killed, the old one, the new one or none is there."""
+    """Replace the file or folder `target` by a copy of `source`; remove the file `target` where there is no `source`.
+
+    If the run is killed meanwhile, `target` is the old one, the new one or absent, never a part of one.
+    """
     beside, aside = (target.with_name(f".{target.name}.{what}.unfinished") for what in ("new", "old"))
     if source.is_dir():
         shutil.copytree(source, beside)

@@ -9,14 +9,13 @@ from bcid.errors import InputRefused, PartLost, UsageError
 from bcid.files.source_code import stage_code
 from bcid.models.table import fittable_row, model_row
 from bcid.pipeline.config import PipelineConfig
+from bcid.pipeline.limits import LIMITS
 from bcid.pipeline.publishing import publish_copies
 from bcid.pipeline.watching import Watcher
 from bcid.recording.formats.detect import detect_format, find_commands_file, recording_files
 from bcid.store.artifact import Artifact, Recipe, Store, file_sha256
 from bcid.vehicle import read_vehicle
 
-# periods (s) that differ by no more than this are the same, rounded otherwise
-SAME_PERIOD_S = 1e-9
 AXLE_KEYS = ("body.cog_to_front_m", "body.cog_to_rear_m")
 ESTIMATOR_KEYS = (*AXLE_KEYS, "body.drive", "body.front_drive_share", "steering")
 
@@ -193,7 +192,7 @@ class Pipeline:
         from bcid.models.saving import FILES, load_model
 
         model, period_s = load_model(folder), self.config.estimate.period_s
-        if abs(model.period_s - period_s) > SAME_PERIOD_S:
+        if abs(model.period_s - period_s) > LIMITS.max_period_difference_s:
             cause = f"steps by {model.period_s:g} s, but the pipeline's grid has {period_s:g} s"
             raise InputRefused(folder, "model.json", cause, f"set period_s = {model.period_s:g} in [estimate]")
         content = {name: file_sha256(folder / name) for name in (*FILES, VALIDITY_FILE) if (folder / name).exists()}
@@ -312,7 +311,7 @@ class Pipeline:
 
 
 def label_uniquely(candidates: Sequence[ComparedModel]) -> list[ComparedModel]:
-    """Compared models with unique labels: one that repeats an earlier model's gets "(PARENT/NAME)" of its folder."""
+    """Compared models with unique labels: a repeated label gets " (PARENT/NAME)" of the model's folder appended."""
     names = [c.label for c in candidates]
     return [
         c._replace(label=f"{c.label} ({'/'.join(c.folder.parts[-2:])})")

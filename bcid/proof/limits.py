@@ -27,7 +27,8 @@ GOALS: dict[str, dict[str, tuple[float, float]]] = {
 }  # fmt: skip
 """Lowest and highest value that the project wants of each score (a field of `TierScores`), by tier.
 
-Shares of takes, but for `set_size` (names), `parameter_error` (relative) and `seconds`.  These are aims, not derived
+A table, not a dataclass: tiers and scores are names in prove.json, and most tiers have few goals.  The ranges hold
+shares of takes, but for `set_size` (names), `parameter_error` (relative) and `seconds`.  These are aims, not derived
 from data; docs/results/prove.json meets all but `kind` of "single-imperfect" and `wrong` of "left-out".
 """
 
@@ -45,10 +46,12 @@ class ScoreLimits:
     # Level at which p-values of takes of nothing are counted; their share should equal it.  docs/results/prove.json has
     # 0.037, 95 % interval 0.018 to 0.065, of 300 takes.
     null_p_level: float = 0.05
-    # Errors of a parameter within which an edit counts as found, as shares of its size and in standard errors: the
-    # larger of the first two, and the third at most.  Not yet justified; docs/results/real_dart.json has 2 to 44 %.
+    # Errors of a parameter within which an edit counts as found, as a share of its size.  Not yet justified;
+    # docs/results/real_dart.json has 2 to 44 %.
     edit_error_share: float = 0.25
+    # Standard errors within which an edit counts as found, where these are larger.  Not yet justified.
     edit_error_se: float = 3.0
+    # Share of an edit's size that standard errors may reach at most.  Not yet justified.
     max_edit_error_share: float = 0.5
 
 

@@ -19,15 +19,16 @@ ROWS_FILE = "rows.jsonl"
 
 
 def code_digest(modules: Iterable[str]) -> str:
-    """Digest (12 hex digits) of the code of `modules`, of all that they import, and of their libraries' versions."""
+    """Digest (12 hex digits) of the code of `modules`, of all project modules they import, and of library versions."""
     text = repr([(c.digest, sorted(c.packages.items())) for c in map(stage_code, modules)])
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def append_row(row: dict[str, Any], key: str, folder: Path) -> None:
-    """Append one row under its key to the file of rows in `folder`; several processes of one machine may do so at once.
+    """Append a row (the stored result of one case, as JSON) under its `key` to the file rows.jsonl in `folder`.
 
-    A line that an interrupted run left unfinished is ended first, so that it spoils no other.
+    Several processes on one machine may append at once.  If the last line is incomplete, because a run was
+    interrupted, a line break is written first.
     """
     line = json.dumps({"key": key, "row": row}).encode() + b"\n"
     with (folder / ROWS_FILE).open("a+b", buffering=0) as file:
@@ -39,15 +40,16 @@ def append_row(row: dict[str, Any], key: str, folder: Path) -> None:
 
 
 def count_written_rows(folder: Path) -> int:
-    """Number of rows ever appended in `folder`, repeated and failed ones included."""
+    """Number of lines in the file rows.jsonl in `folder`, with repeated and failed results; 0 if there is no file."""
     path = folder / ROWS_FILE
     return path.read_bytes().count(b"\n") if path.is_file() else 0
 
 
 def read_rows(folder: Path) -> dict[str, dict[str, Any]]:
-    """Read all rows in `folder` by key: the last of each key, but no row with an "error" in place of one without.
+    """Read the stored results of cases (rows) in `folder`, by key; of several under one key, the last.
 
-    Unfinished lines are skipped.
+    A row with an "error" does not replace one without.  Incomplete lines are skipped; without a file the dict is
+    empty.
     """
     rows = dict[str, dict[str, Any]]()
     path = folder / ROWS_FILE
@@ -63,7 +65,13 @@ def read_rows(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What is kept of a diagnosis, as JSON: verdict, findings, location, unexplained remainder, what is not excited."""
+    """The parts of a diagnosis that are stored and scored, as a JSON object (row).
+
+    "verdict"; "findings", each with "effect", "kind", "twins" (effects that cannot be told from it), "probability"
+    and "values" with standard errors; "remainder", what stays unexplained; "located", "place" and "window", the
+    channel, circle on the floor and time window of the mismatch; "p_value" of a perfect base model; "not_excited",
+    the smallest detectable size of each effect that the drive could not show.
+    """
     judgement, location = diagnosis.judgement, diagnosis.location
     place, window = location.place, location.window
     unexplained, regression = judgement.unexplained, judgement.unexplained.regression

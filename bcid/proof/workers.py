@@ -14,11 +14,11 @@ Result = TypeVar("Result")
 def run_jobs(
     jobs: Iterable[Job], prepare: Callable[[Job], Callable[[], Result] | None], workers: int
 ) -> Iterator[tuple[Job, Result]]:
-    """Run jobs in `workers` processes, or in this one, and yield each with its result as soon as it ends.
+    """Run jobs in `workers` processes, or in this process if `workers` is 1; yield (job, result) as each ends.
 
-    `prepare(job)` returns the call that does a job, or None as long as the job may not begin; several processes ask it
-    again after every result.  Jobs begin in their order, so that each stands after those it waits for; jobs that may
-    not begin when nothing runs any more are left out.
+    `prepare(job)` returns the function that does a job, or None while the job may not begin (for example before
+    another has ended).  Several processes ask again after every result.  Jobs begin in their order, so a job must
+    come after those that it needs; jobs that still may not begin when no job runs are dropped.
     """
     waiting, running = list(jobs), dict[Future[Result], Job]()
     if workers <= 1:
@@ -39,15 +39,15 @@ def run_jobs(
 
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
-    """Return a pool of spawned processes with one thread each, which end when this process ends.
+    """Return a pool of `workers` processes of one thread each, which end when this process ends.
 
-    They are spawned since OpenMP does not survive a fork.
+    They are started by "spawn", since OpenMP does not survive a fork.
     """
     return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_prepare_worker)
 
 
 def _prepare_worker() -> None:
-    """Limit this worker process to one thread, since workers share the cores, and end it with its parent."""
+    """Initialise a worker process: one thread, as the workers share the cores, and an end when its parent ends."""
     import numba
     from threadpoolctl import threadpool_limits
 
@@ -57,7 +57,7 @@ def _prepare_worker() -> None:
 
 
 def _exit_with_parent() -> None:
-    """Wait for the parent process to end, however it ends, and exit: nobody would read the results."""
+    """Wait, in a thread, for the parent process to end; then exit this worker at once, as nobody reads its results."""
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -1,1 +1,5 @@
-"""From log files to a `Recording`: `read`, over `assemble`, over `formats` (readers) and `checks`; `saving`."""
+"""From log files to a `Recording`.
+
+`read` (any file, by its content), over `formats` (readers), `checks` (of what they read) and `assemble` (the recording,
+with all irregularities counted); `types` (the recording), `saving` (its files), `limits` (all numbers that decide).
+"""

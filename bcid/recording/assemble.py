@@ -13,14 +13,14 @@ from bcid.vehicle import Vehicle
 
 
 def _move_to_cog(pose: Floats, vehicle: Vehicle) -> Floats:
-    """Poses (N, 3) of the CoG from those of the tracked body, by its yaw offset and lever arm in the vehicle file."""
+    """Poses [x, y, theta] (N, 3) of the CoG: theta = yaw - yaw_offset_rad, position less R(theta) marker_offset_m."""
     theta = pose[:, 2] - (vehicle.mocap.yaw_offset_rad or 0.0)
     lever = attitude.rotate_vectors(np.array(vehicle.mocap.marker_offset_m or (0.0, 0.0)), theta)
     return np.column_stack([pose[:, :2] - lever, theta])
 
 
 def _clean_streams(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
-    """Poses, commands and further channels, each finite and in the order of time."""
+    """Samples of poses, of commands and of each further channel by name: only finite ones, in increasing time."""
     problems, clean = Problems(), dict[str, Samples]()
     first, last = raw.sources[0].path, command_source_path(raw.sources)
     streams = {
@@ -35,7 +35,7 @@ def _clean_streams(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
 
 
 def _check_yaw_unit(time_s: Floats, yaw: Floats, source: str) -> None:
-    """Raise `InputRefused` where the yaw (N,) wraps at 360 or turns as no car does: it is in degrees."""
+    """Raise `InputRefused` where the yaw (N,), as rad, turns faster than a car or steps by about 360: it is degrees."""
     far = max(1, round(LIMITS.yaw_rate_window_s / float(np.median(np.diff(time_s)))))
     step = np.abs(np.diff(yaw))
     usual = float(np.quantile(np.abs(yaw[far:] - yaw[:-far]) / (time_s[far:] - time_s[:-far]), 0.9))
@@ -46,11 +46,13 @@ def _check_yaw_unit(time_s: Floats, yaw: Floats, source: str) -> None:
 
 
 def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
-    """The recording of the raw streams, checked and mended by the vehicle file; irregularities are counted and located.
+    """A `Recording` from unchecked streams: mended, moved to the CoG, and split at jumps and contacts (bumps, crashes).
+
+    Whatever is mended, left out or doubtful is listed as an irregularity, with its count and place.
 
     Raises:
-        InputRefused: empty or mostly broken streams, or values that no such car can have, with all problems that do not
-            follow from each other.
+        InputRefused: empty or mostly broken streams, or values that no such car can have, with all problems that do
+            not follow from each other.
     """
     source, command_log = raw.sources[0].path, command_source_path(raw.sources)
     poses, commands, channels = _clean_streams(raw)

@@ -10,7 +10,10 @@ from bcid.vehicle import Vehicle
 
 
 def read_raw_take(path: Path, vehicle: Vehicle, commands: Path | None = None, allow_partial: bool = False) -> RawTake:
-    """The unchecked streams of the recording at `path`; `InputRefused` where its format is unknown or unreadable."""
+    """The unchecked poses, commands and channels, in SI units, of a recording of any format; refused if unreadable.
+
+    `allow_partial` leaves out what cannot be read of a damaged MCAP file.
+    """
     kind = detect_format(path)
     if kind == "mcap":
         from bcid.recording.formats.mcap import read_mcap

@@ -17,7 +17,7 @@ CHANNEL_UNITS = {"time": "s", "value": "SI"}
 
 
 def save_recording(recording: Recording, folder: Path) -> None:
-    """Write poses.parquet, commands.parquet, one channel_NAME.parquet each and recording.json."""
+    """Write a recording into `folder`: poses, commands and each channel as Parquet, all else as recording.json."""
     write_columns(folder / "poses.parquet", _stream_table(recording.poses), POSE_UNITS)
     write_columns(folder / "commands.parquet", _stream_table(recording.commands), COMMAND_UNITS)
     for name, stream in recording.channels.items():
@@ -37,7 +37,7 @@ def save_recording(recording: Recording, folder: Path) -> None:
 
 
 def load_recording(folder: Path) -> Recording:
-    """The recording that `save_recording` wrote into `folder`."""
+    """The recording that `save_recording` wrote into `folder`; its sources are names of files without folders."""
     facts = json.loads((folder / "recording.json").read_text())
     return Recording(
         facts["name"],
@@ -54,11 +54,11 @@ def load_recording(folder: Path) -> Recording:
 
 
 def _stream_table(stream: Stream) -> Floats:
-    """The stream's times and values as one table (N, 1 + n)."""
+    """A stream's times and its n values side by side, as one table (N, 1 + n)."""
     return np.column_stack([stream.time_s, stream.values])
 
 
 def _read_stream(path: Path, units: dict[str, str]) -> Stream:
-    """The stream in a Parquet file whose columns, the time first, have these units."""
+    """The stream in a Parquet file, whose columns with their units are `units`: the time (s), then the values."""
     table = read_columns(path, units)
     return Stream(table[:, 0], table[:, 1:])

@@ -26,7 +26,7 @@ class SourceFile:
 
 
 def command_source_path(sources: Sequence[SourceFile]) -> str:
-    """The path of the file with the commands and channels: the commands file, or else the recording's first file."""
+    """The path of the file that holds a recording's commands: its commands file, or else its first file."""
     return next((s.path for s in sources if s.format == COMMANDS_FORMAT), sources[0].path)
 
 

@@ -21,9 +21,10 @@ STRETCH_S = 20.0
 
 
 def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tracks: Columns) -> list[Picture]:
-    """Pictures of errors by horizon, predicted paths, and residuals inside and outside the located region.
+    """Pictures of errors by horizon, predicted paths, and residuals inside and outside where the mismatch was located.
 
-    `knots` are columns of half-second means, `tracks` columns of predicted and measured positions.
+    "Before" is the base model, "after" the model with the effects found.  `knots` are columns (K,) of half-second
+    means of states and residual acceleration, `tracks` columns of measured and predicted positions.
     """
     knots, pictures = drop_incomplete_knots(knots), []
     if diagnosis.horizons:
@@ -47,7 +48,11 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
 
 
 def _draw_residual_histograms(residual: Residual, inside: Bools) -> str:
-    """Histograms of the residual at the knots `inside` (K,) the located region and at the others, as a data URI."""
+    """Histograms of the residual acceleration before and after the effects found are added, as an image's data URI.
+
+    One panel is of the half-second means that lie `inside` (K,) the place, time or range where the mismatch was
+    located, the other of the rest.
+    """
     figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
     axes = figure.subplots(1, 2, sharex=True)
     frame = float(np.quantile(np.abs(residual.before), 0.99)) * 1.2 + 1e-6
@@ -68,7 +73,10 @@ def _draw_residual_histograms(residual: Residual, inside: Bools) -> str:
 
 
 def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> str:
-    """Closed-loop NMSE by horizon before and after, with intervals and the noise floor, as a data URI."""
+    """Closed-loop NMSE by prediction horizon, before and after effects found are added, as the data URI of an image.
+
+    The noise floor is drawn beside it: the NMSE that the model has on a recording simulated by the model itself.
+    """
     figure = Figure(figsize=(7.5, 0.9 + 0.5 * len(horizons)), layout="constrained")
     ax = figure.subplots()
     changed = any(h.nmse_after not in (None, h.nmse_before) for h in horizons)
@@ -98,7 +106,7 @@ def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> str:
 
 
 def _worst_rows(tracks: Columns) -> npt.NDArray[np.intp]:
-    """The rows of STRETCH_S, from a restart on, in which the base model's predicted positions are furthest off."""
+    """Rows of the STRETCH_S seconds, from a restart on, with the largest squared position errors of the base model."""
     time = tracks["time_s"]
     square = (tracks["before_x"] - tracks["x"]) ** 2 + (tracks["before_y"] - tracks["y"]) ** 2
     total = np.r_[0.0, np.cumsum(np.nan_to_num(square))]
@@ -110,7 +118,10 @@ def _worst_rows(tracks: Columns) -> npt.NDArray[np.intp]:
 
 
 def _draw_paths(tracks: Columns, shown: npt.NDArray[np.intp]) -> str:
-    """Measured and predicted paths over the rows `shown`, one panel for each model, as a data URI."""
+    """Measured and predicted paths over the rows `shown` of `tracks`, as the data URI of an image.
+
+    One panel is of the base model, one of the model with the effects found; if both are equal, there is one panel.
+    """
     part = {name: np.asarray(values)[shown] for name, values in tracks.items()}
     x, y, start = part["x"], part["y"], part["start"] > 0.5
     gap = np.r_[False, np.diff(part["time_s"]) > 3.0 * np.median(np.diff(tracks["time_s"]))]

@@ -27,7 +27,7 @@ class Picture(NamedTuple):
 
 
 def render_data_uri(figure: Figure) -> str:
-    """A figure as the data URI of a PNG image; without metadata, so that the same figure gives the same bytes."""
+    """A figure as the data URI of a PNG image, without metadata: the same figure gives the same bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110, metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()

@@ -92,7 +92,7 @@ def describe_machine() -> report.Machine:
 
 
 def build_report(content: ReportContent) -> report.ReportDocument:
-    """The document report.json: take, machine, models in order of their NMSE, and the verdict of the diagnosis."""
+    """The document report.json: validation take, machine, models in order of their NMSE, verdict of the diagnosis."""
     take, diagnosis = content.validation, content.diagnosis
     v_x, v_y, yaw_rate = content.models[0].evaluation.weights
     return report.ReportDocument(

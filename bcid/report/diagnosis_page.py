@@ -17,7 +17,11 @@ from bcid.report.where_figures import draw_where_pictures
 
 
 def write_diagnosis_page(diagnosis: DiagnosisDocument, knots: Columns, tracks: Columns, path: Path) -> None:
-    """Write the page of a diagnosis to `path`, with pictures of its knots and of its predicted tracks."""
+    """Write the HTML page of a diagnosis to `path`, with pictures of the disturbance and of predicted paths.
+
+    `knots` are columns (K,) of half-second means of states and unexplained acceleration, before and after the
+    effects found are added; `tracks` are columns of measured and predicted positions.
+    """
     filters: dict[str, Callable[..., str]] = {
         "plain": formats.plain_name, "number": formats.format_number, "unit": formats.unit_text,
         "symbol": formats.symbol_text, "p": formats.format_p_value, "fixed": formats.format_rounded,

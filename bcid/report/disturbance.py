@@ -41,23 +41,28 @@ class Residual(NamedTuple):
 
 
 def located_windows(diagnosis: DiagnosisDocument) -> list[tuple[float, float]]:
-    """The time windows (s) in which the mismatch was located; empty where they cover the whole recording."""
+    """Time windows (begin, end) (s) in which the diagnosis located the mismatch.
+
+    Empty where they cover more than LIMITS.whole_recording_share of the recording, as then nothing is located.
+    """
     windows = list(diagnosis.where.time_s)
     whole = diagnosis.duration_s or np.inf
     return [] if sum(b - a for a, b in windows) > LIMITS.whole_recording_share * whole else windows
 
 
 def drop_incomplete_knots(knots: Columns) -> dict[str, Floats]:
-    """The knots at which every column is finite."""
+    """The columns of `knots` (half-second means) without the rows at which any column is not finite."""
     columns = {name: np.asarray(values, dtype=float) for name, values in knots.items()}
     rows = np.all([np.isfinite(v) for v in columns.values()], axis=0)
     return {name: values[rows] for name, values in columns.items()}
 
 
 def choose_residual(diagnosis: DiagnosisDocument, knots: Columns) -> Residual:
-    """The disturbance in the one component (forward, side, yaw) that shows the mismatch best, before and after.
+    """The unexplained acceleration in one component (forward, side, yaw), before and after the effects found are added.
 
-    It is the located channel's component, else the one that the findings explain best, else the most predictable one.
+    It is the component in which the diagnosis located the mismatch.  Where it located none, it is the one whose mean
+    square the effects reduce by the largest share; without effects, the one of whose variance a single quantity such
+    as speed explains most (adjusted R^2).  `knots` are half-second means.
     """
     changed = any(not np.allclose(knots[f"before_{c}"], knots[f"after_{c}"]) for c in COMPONENTS)
 
@@ -74,7 +79,7 @@ def choose_residual(diagnosis: DiagnosisDocument, knots: Columns) -> Residual:
 
 
 def knot_variable(name: str, knots: Columns) -> Floats:
-    """The values (K,) at the knots of a quantity on which a mismatch may depend, such as "speed" or "v_x".
+    """Values (K,) of a quantity on which a mismatch may depend, such as "speed", from the half-second means `knots`.
 
     >>> knot_variable("speed", {"v_x": np.array([3.0]), "v_y": np.array([4.0])})
     array([5.])
@@ -91,14 +96,21 @@ def knot_variable(name: str, knots: Columns) -> Floats:
 
 
 def equal_count_bins(values: Floats) -> npt.NDArray[np.intp]:
-    """The bin (K,) of every value (K,), for three to twelve bins with equally many values in each."""
+    """The bin index (K,) of every value (K,), for bins with equally many values in each.
+
+    There are K/12 bins, but 3 to 12; ties may leave fewer.
+    """
     count = int(np.clip(len(values) // 12, 3, 12))
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(len(edges) - 2, 0))
 
 
 def explained_share(values: Floats, group: npt.NDArray[np.intp]) -> float:
-    """Share of the variance of `values` that the means of their groups explain, corrected for chance."""
+    """Adjusted R^2 of a one-way analysis of variance: share of the variance of `values` (K,) that group means explain.
+
+    `group` (K,) holds the group of each value.  1 - (residual variance)/(total variance), each over its degrees of
+    freedom, is about 0 for random groups and can be negative.
+    """
     _, group = np.unique(group, return_inverse=True)
     size = np.bincount(group)
     mean = np.bincount(group, values) / size
@@ -108,9 +120,11 @@ def explained_share(values: Floats, group: npt.NDArray[np.intp]) -> float:
 
 
 def choose_variables(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> list[str]:
-    """Up to two quantities to draw the disturbance over: those it was found to depend on, then those that explain most.
+    """Names of up to two quantities over which the unexplained acceleration `residual` is drawn.
 
-    A second one that is strongly correlated with the first is left out; place and time have pictures of their own.
+    First come those on which the diagnosis found the mismatch to depend, then those that explain most of its
+    variance; one correlated with another beyond LIMITS.max_correlation is left out.  Place and time are drawn
+    separately.
     """
     chosen = [n for n in diagnosis.where.depends_on if n in VARIABLES][:2]
     values = {name: knot_variable(name, knots) for name in VARIABLES}
@@ -122,18 +136,22 @@ def choose_variables(diagnosis: DiagnosisDocument, knots: Columns, residual: Res
 
 
 def _strongly_correlated(a: Floats, b: Floats) -> bool:
-    """Whether two quantities (K,) are so correlated at the knots that a picture of both says nothing more."""
+    """Whether quantities `a` and `b` (K,) correlate by more than LIMITS.max_correlation, or one of them is constant."""
     return bool(a.std() * b.std() == 0.0 or abs(np.corrcoef(a, b)[0, 1]) > LIMITS.max_correlation)
 
 
 def square_size(knots: Columns) -> float:
-    """Side (m) of squares of the floor that hold LIMITS.knots_per_square knots each on average."""
+    """Side (m), 0.3 to 1.5, of squares of the floor that hold LIMITS.knots_per_square half-second means on average."""
     x, y = knots["x"], knots["y"]
     return float(np.clip(np.sqrt(max(np.ptp(x) * np.ptp(y), 1e-6) * LIMITS.knots_per_square / len(x)), 0.3, 1.5))
 
 
 def differs_in_magnitude(residual: Residual, knots: Columns) -> bool:
-    """Whether places differ in the disturbance's size rather than in its mean."""
+    """Whether squares of the floor differ in the size of the unexplained acceleration rather than in its mean.
+
+    That is so where the squares explain LIMITS.magnitude_factor times more variance of its absolute value than of
+    the value itself, and at least LIMITS.min_explained_share of it.
+    """
     column, row = (np.floor(knots[c] / square_size(knots)) for c in ("x", "y"))
     cell = ((column - column.min()) * (1.0 + np.ptp(row)) + row - row.min()).astype(int)
     of_mean, of_size = (explained_share(v, cell) for v in (residual.before, np.abs(residual.before)))
@@ -141,12 +159,16 @@ def differs_in_magnitude(residual: Residual, knots: Columns) -> bool:
 
 
 def root_mean_square(values: Floats) -> float:
-    """sqrt(mean(values^2))."""
+    """Root mean square of the values: sqrt(mean(values^2))."""
     return float(np.sqrt((values**2).mean()))
 
 
 def located_knots(diagnosis: DiagnosisDocument, knots: Columns) -> tuple[Bools, str]:
-    """Which knots (K,) lie where the mismatch was located, and a description of that place, time or range."""
+    """Mask (K,) of half-second means that lie where the mismatch was located, and a description of that place or time.
+
+    Where only a dependence on a quantity was found, the mask is that third of the quantity's values in which the
+    residual acceleration has the largest root mean square; where nothing was located, the mask is true throughout.
+    """
     where, windows = diagnosis.where, located_windows(diagnosis)
     place = where.place
     if place:
@@ -171,7 +193,10 @@ def located_knots(diagnosis: DiagnosisDocument, knots: Columns) -> tuple[Bools, 
 
 
 def located_or_all_knots(diagnosis: DiagnosisDocument, knots: Columns) -> tuple[Bools, str]:
-    """Knots (K,) at the place or time located, if enough to show a dependence, else all; and a description."""
+    """Which half-second means (K,) lie at the located place or time, and a description of it.
+
+    All are taken, with an empty description, where none was located or fewer than LIMITS.min_knots lie there.
+    """
     if diagnosis.where.place or located_windows(diagnosis):
         inside, words = located_knots(diagnosis, knots)
         if inside.sum() >= LIMITS.min_knots:

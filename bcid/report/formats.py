@@ -30,7 +30,7 @@ def join_words(words: Sequence[str], last: str = "and") -> str:
 
 
 def plain_name(name: str) -> str:
-    """The identifier of an effect or quantity in words.
+    """The identifier of an effect or of a quantity as words, with underscores and "+" replaced.
 
     >>> plain_name("steering_delay+motor_delay"), plain_name("v_x")
     ('steering delay with motor delay', 'forward speed')
@@ -39,12 +39,12 @@ def plain_name(name: str) -> str:
 
 
 def symbol_text(name: str) -> str:
-    """A parameter's name as its equation writes it, with "tau" as τ and the like."""
+    """A parameter's symbol as the equation writes it: τ for "tau", 1/P for "inverse_P"; any other as it is."""
     return GREEK.get(name, name)
 
 
 def unit_text(text: str | None) -> str:
-    """A unit in powers of kg, m and s as an engineer writes it.
+    """A unit in powers of kg, m and s as an engineer writes it; empty for a number without unit.
 
     >>> unit_text("kg s^-1"), unit_text("kg m^4")
     ('N s/m', 'kg m⁴')
@@ -69,17 +69,17 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_rounded(value: float, places: int) -> str:
-    """A number to `places` decimals, or to tens and hundreds where `places` is negative."""
+    """A number as text, rounded to `places` decimals, or to tens or hundreds where `places` is -1 or -2."""
     return with_minus_sign(f"{round(value, places):.{max(places, 0)}f}")
 
 
 def with_minus_sign(text: str) -> str:
-    """The text with every hyphen replaced by a minus sign."""
+    """The text with every hyphen replaced by a minus sign (U+2212)."""
     return text.replace("-", "−")
 
 
 def format_with_error(value: float | None, se: float | None, unit: str | None = None) -> str:
-    """A value ± its standard error, rounded by the error, with its unit.
+    """A value ± its standard error `se` with its unit, both rounded to the error's first digit (two if it is 1).
 
     >>> format_with_error(0.0603, 0.0041, "m s^-1"), format_with_error(3594.0, 118.0), format_with_error(3.51e-5, 2e-6)
     ('0.060 ± 0.004 m/s', '3590 ± 120', '(3.5 ± 0.2) × 10⁻⁵')
@@ -97,7 +97,7 @@ def format_with_error(value: float | None, se: float | None, unit: str | None = 
 
 
 def format_p_value(p: float | None) -> str:
-    """A p-value, empty where there is none.
+    """A p-value as text such as "p = 0.43", empty where there is none.
 
     >>> format_p_value(0.0004), format_p_value(0.43), format_p_value(None)
     ('p < 0.001', 'p = 0.43', '')

@@ -26,7 +26,7 @@ NOISE_UNITS = {
 
 
 def write_report_page(content: ReportContent, path: Path) -> None:
-    """Write the page of a report to the HTML file `path`."""
+    """Write the comparison of models to the HTML file `path`, with its figures and tables."""
     every, tuning = f"{content.restart_s:g} s", content.takes[0].estimate.tuning
     figures = (
         (
@@ -56,12 +56,16 @@ def write_report_page(content: ReportContent, path: Path) -> None:
 
 
 def _model_colour(name: str) -> str:
-    """The colour in which all figures draw the model of that name."""
+    """Hexadecimal colour in which all figures draw the model called `name`; one for all unknown names."""
     return COLOURS.get(name, "#56b4e9")
 
 
 def draw_trajectories(content: ReportContent) -> str:
-    """Predicted paths, restarted every few seconds, over the measured one, a panel for each model, as a data URI."""
+    """Predicted paths over the measured one, a panel for each model, as the data URI of an image.
+
+    Drawn are the EXCERPT_S seconds with the largest steering angles; predictions restart from the measured state
+    every few seconds.
+    """
     take = content.validation
     ranked = content.ranked_models()
     columns = min(3, len(ranked))
@@ -91,7 +95,7 @@ def draw_trajectories(content: ReportContent) -> str:
 
 
 def _hardest_rows(content: ReportContent) -> slice:
-    """The rows of the excerpt with the largest steering angles, beginning where predictions restart."""
+    """Rows of the EXCERPT_S seconds of the validation take, from a restart on, with the largest sum of |delta|."""
     take = content.validation
     size = round(EXCERPT_S / take.period_s)
     starts = np.flatnonzero(content.models[0].restart)
@@ -102,7 +106,11 @@ def _hardest_rows(content: ReportContent) -> slice:
 
 
 def draw_states(content: ReportContent) -> str:
-    """Closed-loop v_x, v_y and yaw rate of all models from the take's first sample over the measured, as a data URI."""
+    """Predicted v_x, v_y and yaw rate of all models over the measured ones, as the data URI of an image.
+
+    Predictions run in closed loop from the validation take's first sample; drawn are its first LONGEST_S seconds,
+    with the 95 % interval of the model of least NMSE.
+    """
     take = content.validation
     shown = take.time_s <= take.time_s[0] + LONGEST_S
     figure = Figure(figsize=(11, 7.5), layout="constrained")
@@ -126,7 +134,11 @@ def draw_states(content: ReportContent) -> str:
 
 
 def draw_error_over_steering(content: ReportContent) -> str:
-    """RMS error of each model's weighted twist over the steering angle, restarted every few seconds, as a data URI."""
+    """RMS prediction error of each model in bins of the steering angle |delta|, as the data URI of an image.
+
+    The error is that of the twist (v_x, v_y, yaw rate), each channel divided by its standard deviation in the
+    training data; predictions restart from the measured state every few seconds.
+    """
     take = content.validation
     angle = np.abs(take.kinematic[:, 3])
     edges = np.linspace(0.0, max(float(angle.max()), 1e-3), 9)

@@ -48,9 +48,9 @@ METHOD_FIGURES = {
 
 
 def format_cell(tier: TierScores, field: str, marked: str = "**{}** missed") -> str:
-    """The figure `field` of a tier (one kind of blind case) as text, with its interval and goal.
+    """The score `field` of a tier (one kind of blind case) as text, with its 95 % interval and goal where they exist.
 
-    A figure that misses its goal is put into `marked`.
+    A score outside its goal is put into `marked`, a format string.
     """
     value, goal = tier.score(field), tier.goal.get(field)
     if value is None:
@@ -64,14 +64,14 @@ def format_cell(tier: TierScores, field: str, marked: str = "**{}** missed") -> 
 
 
 def _format_figure(value: float, field: str) -> str:
-    """A figure as a percentage, or as a number where its field is no share."""
+    """A score as a percentage with "%", or as a plain number where `field` is no share of cases."""
     if field in PLAIN_NUMBERS:
         return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
     return f"{100.0 * value:.3g}\N{NO-BREAK SPACE}%"
 
 
 def _format_goal(low: float, high: float, field: str) -> str:
-    """A goal as a range, or as a bound where its other end is trivial."""
+    """The goal `low` to `high` of the score `field` as text: a range, or one bound where the other is 0 or 1."""
     if low > 0.0 and high < 1.0:
         return f"{_format_figure(low, field)} to {_format_figure(high, field)}"
     sign, end = ("≥", low) if low > 0.0 else ("≤", high)
@@ -79,7 +79,7 @@ def _format_goal(low: float, high: float, field: str) -> str:
 
 
 def filled_columns(tiers: Sequence[TierScores]) -> dict[str, str]:
-    """The columns (title to field) of the table of blind cases in which any tier (kind of case) has a figure."""
+    """Columns, as title and score field, of the table of blind cases in which any tier (kind of case) has a value."""
     return {
         title: f
         for title, f in COLUMNS.items()
@@ -88,7 +88,7 @@ def filled_columns(tiers: Sequence[TierScores]) -> dict[str, str]:
 
 
 def tier_figures(tier: TierScores, columns: Mapping[str, str], marked: str) -> str:
-    """All figures of a tier (one kind of blind case) in one line; those that miss their goals are put into `marked`."""
+    """All scores of a tier (kind of blind case), by `columns`, as a line of text; misses are formatted by `marked`."""
     cells = {title: format_cell(tier, field, marked) for title, field in columns.items()}
     return "; ".join(f"{title} {text}" for title, text in cells.items() if text != "–")
 
@@ -104,7 +104,7 @@ def suite_options(outcome: ProveDocument) -> str:
 
 
 def count_takes(outcome: ProveDocument, tier: str) -> str:
-    """The number of takes of a tier (kind of blind case) that were run, and how many there are where some were not.
+    """How many cases of a tier (kind of blind case) were run, as text, with their full number where some were not.
 
     >>> tiers = (TierScores(tier="null", n=3, right=1.0, unknown=0.0, errors=0),)
     >>> run = ProveDocument.model_construct(tiers=tiers, tiers_of={"null": 5, "pair": 2})
@@ -117,17 +117,20 @@ def count_takes(outcome: ProveDocument, tier: str) -> str:
 
 
 def tiers_not_run(outcome: ProveDocument) -> list[str]:
-    """Tiers (kinds of blind case) of which a partial run has no take."""
+    """Names of the tiers (kinds of blind case) of which a partial run has no case."""
     return [tier for tier in outcome.tiers_of if tier not in {t.tier for t in outcome.tiers}]
 
 
 def tier_title(tier: str) -> str:
-    """What is concealed in the takes of a tier (kind of blind case), in words."""
+    """What is concealed in the recordings of a tier (kind of blind case), in words, such as "one effect"."""
     return TITLES.get(tier, tier)
 
 
 def error_ratio_text(row: Mapping[str, Any], form: str) -> str:
-    """The factor by which an error rises when an effect is withheld; "endless" where the simulation then diverges.
+    """By which factor an error rises when an effect is withheld, in the format `form`, from a result's "ratio".
+
+    It is "endless" where the simulation without the effect diverges (ratio None), and a dash where none was
+    computed.
 
     >>> [error_ratio_text(row, "× {:.2f}") for row in ({"ratio": 1.967}, {"ratio": None}, {})]
     ['× 1.97', 'endless', '–']
@@ -154,7 +157,7 @@ def method_figure(method: MethodScores, field: str) -> str:
 
 
 def write_proof_page(outcome: ProveDocument, path: Path) -> None:
-    """Write the page of a blind test's outcome to `path`: offline, no script, everything escaped."""
+    """Write the HTML page of a blind test's outcome to `path`, with tables and figures and no outside resource."""
     columns = filled_columns(outcome.tiers)
     rows = [
         {
@@ -175,7 +178,10 @@ def write_proof_page(outcome: ProveDocument, path: Path) -> None:
 
 
 def draw_confusion(confusion: Mapping[str, Mapping[str, int]]) -> str:
-    """Matrix of counts, effect concealed against effect named first, as a data URI; given by truth and answer."""
+    """Confusion matrix of a blind test, effect concealed against effect answered first, as the data URI of an image.
+
+    `confusion` maps the concealed effect to counts by answer, among them "unknown", "nothing" and "error".
+    """
     known = [e for e in EFFECTS if e in confusion]
     more = [e for e in confusion if e not in EFFECTS]
     truths = [*known, *more]
@@ -199,7 +205,10 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]]) -> str:
 
 
 def draw_calibration(calibration: Calibration) -> str:
-    """Stated probability of findings against the share of them that was true, as a data URI."""
+    """Reliability diagram of a blind test: findings' stated probability against the share correct, as a data URI.
+
+    Findings are grouped in bins of their stated probability; a finding is correct if its effect was in the recording.
+    """
     figure = Figure(figsize=(4.5, 4.0), layout="constrained")
     ax = figure.subplots()
     ax.plot([0, 1], [0, 1], color="#999999", lw=1)

@@ -10,7 +10,7 @@ from bcid import __version__
 
 
 def write_page(path: Path, template: str, filters: Mapping[str, Callable[..., str]], **content: Any) -> None:
-    """Render the jinja2 template of this package with that file name into the HTML file `path`.
+    """Render the jinja2 template with the file name `template` (in this package) into the HTML file `path`.
 
     The template can use the functions in `filters`, the names in `content` and bcid's `version`.
     """

@@ -17,7 +17,7 @@ def verdict_sentence(d: DiagnosisDocument) -> str:
 
 
 def _word_named_effects(d: DiagnosisDocument) -> str:
-    """The sentence of the verdict "named": all effects found, the improvement, and what remains unexplained."""
+    """The verdict "named" as a sentence: all effects found, the improvement, and what remains unexplained."""
     kinds = {f.kind for f in d.findings}
     lead = "The recording is off, not the vehicle" if kinds == {"measurement"} else "Missing in the simulation"
     items = "; ".join(_describe_finding(f, kinds) for f in d.findings)
@@ -25,7 +25,7 @@ def _word_named_effects(d: DiagnosisDocument) -> str:
 
 
 def _word_ambiguous_effects(d: DiagnosisDocument) -> str:
-    """The sentence of the verdict "ambiguous": effects found, each with others that explain the recording as well."""
+    """The verdict "ambiguous" as a sentence: the effects found, each with others that explain the recording as well."""
     kinds = {f.kind for f in d.findings}
     alone = [_describe_finding(f, kinds) for f in d.findings if not f.twins]
     unclear = [
@@ -42,7 +42,7 @@ def _word_ambiguous_effects(d: DiagnosisDocument) -> str:
 
 
 def _word_unknown_effect(d: DiagnosisDocument) -> str:
-    """The sentence of the verdict "unknown": something is missing that no named effect explains."""
+    """The verdict "unknown" as a sentence: something is missing that no named effect explains, and what is known."""
     if d.unknown:
         return f"Something is missing that no named effect explains: {_describe_unknown(d.unknown)}."
     names = ", ".join(plain_name(c.correction) for c in d.corrections)
@@ -51,7 +51,10 @@ def _word_unknown_effect(d: DiagnosisDocument) -> str:
 
 
 def _word_absence_of_effects(d: DiagnosisDocument) -> str:
-    """The sentence of the verdict "nothing-found": how far the held-out error is above the noise floor."""
+    """The verdict "nothing-found" as a sentence: how far the held-out error is above the noise floor.
+
+    Where a mismatch is significant but no effect could be named, the sentence says that instead.
+    """
     p = formats.format_p_value(d.mismatch.p_value)
     if d.mismatch.detected:
         return f"A mismatch is seen ({p}), but nothing that was tried explains it well enough to be named."
@@ -64,7 +67,11 @@ def _word_absence_of_effects(d: DiagnosisDocument) -> str:
 
 
 def _describe_finding(finding: NamedEffect, kinds: set[str]) -> str:
-    """An effect with its parameters, and its kind unless it is the vehicle's or all `kinds` are "measurement"."""
+    """An effect with its parameters and standard errors as text, such as "motor lag, τ = 0.10 ± 0.03 s".
+
+    Its kind is added where it is "measurement" or "environment", unless all `kinds` of the findings are
+    "measurement".
+    """
     kind = finding.kind
     kind_text = f" ({kind})" if kind in ("measurement", "environment") and kinds != {"measurement"} else ""
     values = ", ".join(
@@ -76,7 +83,7 @@ def _describe_finding(finding: NamedEffect, kinds: set[str]) -> str:
 
 
 def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
-    """Change of the held-out error with the findings, in a sentence that begins with `lead`, and what they leave."""
+    """By how much the held-out error changes with the effects found, and what they leave; begins with `lead`."""
     more = f"Something more is left that no named effect explains: {_describe_unknown(d.unknown)}." if d.unknown else ""
     fit = d.fit
     if fit is None or not fit.nmse_before or fit.nmse_after is None:
@@ -94,7 +101,7 @@ def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
 
 
 def _describe_unknown(unknown: UnknownPart) -> str:
-    """Channel, dependence, direction and fitted formula of an unexplained disturbance, as text."""
+    """Channel, dependence, direction and fitted formula of a disturbance that no named effect explains, as text."""
     channel = unknown.channel
     depends = formats.join_words([plain_name(n) for n in unknown.depends_on])
     text = f"it acts on the {CHANNELS.get(channel, channel)}" if channel else "its channel is not clear"

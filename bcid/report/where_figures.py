@@ -23,9 +23,10 @@ FINE_PER_SQUARE, SMOOTHING_SD = 3, 0.45
 
 
 def draw_where_pictures(diagnosis: DiagnosisDocument, knots: Columns) -> list[Picture]:
-    """Pictures of the disturbance over the floor, over time and over the quantities it depends on most.
+    """Pictures of the unexplained acceleration over the floor, over time and over the quantities it depends on most.
 
-    The most informative comes first; none where there are fewer than LIMITS.min_knots knots.
+    `knots` are columns (K,) of half-second means.  The picture of what was located (place, time, or a dependence)
+    comes first; there are none for fewer than LIMITS.min_knots rows.
     """
     knots = disturbance.drop_incomplete_knots(knots)
     if len(knots["time_s"]) < LIMITS.min_knots:
@@ -58,7 +59,7 @@ def draw_where_pictures(diagnosis: DiagnosisDocument, knots: Columns) -> list[Pi
 
 
 def _draw_floor_map(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> str:
-    """The disturbance over the arena floor, smoothed, before and after, as a data URI."""
+    """Smoothed map of the unexplained acceleration on the floor, before and after effects are added, as a data URI."""
     fine = disturbance.square_size(knots) / FINE_PER_SQUARE
     edges = [np.arange(v.min() - fine, v.max() + 2.0 * fine, fine) for v in (knots["x"], knots["y"])]
     size = differs_in_magnitude(residual, knots)
@@ -88,7 +89,7 @@ def _draw_floor_map(diagnosis: DiagnosisDocument, knots: Columns, residual: Resi
 
 
 def _mark_place_and_contacts(ax: Any, diagnosis: DiagnosisDocument, colour: str) -> None:
-    """Draw the located circle and the recorded contacts into a floor map."""
+    """Draw the circle where the mismatch was located and the contacts (bumps, crashes) as crosses into the map `ax`."""
     place = diagnosis.where.place
     if place:
         around = np.linspace(0.0, 2.0 * np.pi, 90)
@@ -100,7 +101,7 @@ def _mark_place_and_contacts(ax: Any, diagnosis: DiagnosisDocument, colour: str)
 
 
 def _draw_over_time(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> str:
-    """Median and middle two thirds of the disturbance over time, before and after, as a data URI."""
+    """Median and middle two thirds of the unexplained acceleration over time, located times shaded, as a data URI."""
     time = knots["time_s"]
     edges = np.linspace(time.min(), time.max() + 1e-6, int(np.clip(len(time) // 20, 3, 60)) + 1)
     group = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
@@ -124,7 +125,7 @@ def _draw_over_time(diagnosis: DiagnosisDocument, knots: Columns, residual: Resi
 
 
 def _draw_over_variables(knots: Columns, residual: Residual, names: Sequence[str]) -> str:
-    """The disturbance over each quantity in `names`, knots and binned medians, before and after, as a data URI."""
+    """Unexplained acceleration over each quantity in `names`, half-second means and binned medians, as a data URI."""
     figure = Figure(figsize=(WIDTH, 4.4 if len(residual.stages) > 1 else 2.5), layout="constrained")
     rows = figure.subplots(len(residual.stages), len(names), sharex="col", sharey=True, squeeze=False)
     medians = [[_binned_medians(knot_variable(n, knots), values) for n in names] for _, values, _ in residual.stages]
@@ -151,7 +152,10 @@ def _draw_over_variables(knots: Columns, residual: Residual, names: Sequence[str
 
 
 def _binned_medians(x: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
-    """Mean position, median and two standard errors of the median in every bin with enough knots."""
+    """Mean of `x`, median of `values` and twice that median's standard error, in bins of equally many values of `x`.
+
+    Bins with fewer than LIMITS.min_knots_per_bin values are left out.  The standard error is that of normal values.
+    """
     group = disturbance.equal_count_bins(x)
     rows = [group == b for b in np.unique(group) if (group == b).sum() >= LIMITS.min_knots_per_bin]
     at = np.array([x[r].mean() for r in rows])

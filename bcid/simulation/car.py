@@ -134,12 +134,13 @@ NOT_NEGATIVE = (
 
 
 def configure_simulation(ideal: bool, changes: Sequence[str], rate_hz: float) -> tuple[Plant, Sensor]:
-    """Constants of the simulated car and of the motion capture at `rate_hz`, with `changes` such as "motor_lag=0.1".
+    """Constants of the simulated car and of its motion capture, with `changes` such as "motor_lag=0.1".
 
-    The car has a real one's extras unless `ideal`.
+    `rate_hz` (Hz) is the capture's frame rate.  Unless `ideal`, the car has what a real one adds to the paper's: two
+    rear wheels, rear drag, soft tyres, a rough floor.
 
     Raises:
-        UsageError: an unknown name, a value that is no number, or one below zero that must not be.
+        UsageError: a name is unknown, a value is no number, or it is below zero where it must not be.
     """
     plant: dict[str, float] = {} if ideal else dict(REAL_EXTRAS)
     sensor: dict[str, float] = {"rate_hz": rate_hz}

@@ -30,7 +30,11 @@ class Drive(NamedTuple):
 
 @njit
 def _delayed_command(commands: Floats, column: int, now: float, delay: float) -> tuple[float, float]:
-    """Command in `column` that acts at the time `now` (s) after a `delay` (s), and the time (s) of its next change."""
+    """Command that acts at `now` (s) after a `delay` (s), and the time (s) at which the next one begins to act.
+
+    It is read from `column` of `commands` (M, 2): column 0 is steering (rad), 1 throttle; the rows follow each other
+    at COMMAND_HZ.
+    """
     row = math.floor((now - delay) * COMMAND_HZ + 1e-6)
     return float(commands[max(row, 0), column]), (row + 1) / COMMAND_HZ + delay
 
@@ -40,10 +44,11 @@ def _simulate(
     p: Plant, arena: SimulatedArena, duration: float, uniform: Floats, normal: Floats, given_commands: Floats,
     follows_path: bool,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Simulate plant and driver: states (S + 1, STATE_SIZE) at every fine step, and commands (M, 2).
+    """Simulate plant and driver: states (S + 1, STATE_SIZE) at STEPS_PER_S, and commands (M, 2) at COMMAND_HZ.
 
-    `given_commands` (M, 2) replace the driver where there are any; else it draws targets from `uniform` numbers, or
-    follows a path in a closed loop.  `normal` numbers make the floor's random force.
+    Commands are steering (rad) and throttle.  `given_commands` (M, 2) replace the driver where there are any; else
+    the driver follows a path in a closed loop, or draws targets from the rows of `uniform` (M, DRAWS_PER_DECISION).
+    The rows of `normal` (S, 3) drive the floor's random force and moment.
     """
     per_command = STEPS_PER_S // COMMAND_HZ
     count = round(duration * COMMAND_HZ)
@@ -92,10 +97,11 @@ def simulate_drive(
     plant: Plant, sensor: Sensor, duration: float, seed: int, arena: SimulatedArena | None = None,
     given_commands: Floats | None = None, follows_path: bool = False,
 ) -> Drive:  # fmt: skip
-    """Simulate a drive of `duration` seconds from rest at the arena's middle, as the sensor sees it.
+    """Simulate a drive of `duration` seconds from rest at the arena's middle, as the motion capture records it.
 
-    `given_commands` (20 duration, 2) are driven instead of the driver's own; a driver that `follows_path` steers in a
-    closed loop instead of drawing targets at random.  `seed` serves driver, floor and noise.
+    `given_commands` (20 duration, 2), steering (rad) and throttle (m/s or brake share) at 20 Hz, replace the driver,
+    who else draws targets at random, or with `follows_path` steers along a path in a closed loop.  Driver, floor and
+    measurement noise are drawn from `seed`.
     """
     rng = np.random.default_rng(seed)
     count = round(duration * COMMAND_HZ)
@@ -109,7 +115,10 @@ def simulate_drive(
 
 
 def _sample_truth(s: Floats, time: Floats) -> Floats:
-    """True motion (K, 8) as in `Drive.truth`, its twist in the body frame, of states (K, STATE_SIZE) at `time` (K,)."""
+    """True motion (K, 8) from plant states (K, STATE_SIZE) at `time` (K,) (s).
+
+    Columns are time, x, y (m), yaw (rad), v_x, v_y (m/s, body frame), yaw rate (rad/s), servo angle (rad).
+    """
     cos_h, sin_h = np.cos(s[:, 2]), np.sin(s[:, 2])
     along, across = cos_h * s[:, 3] + sin_h * s[:, 4], cos_h * s[:, 4] - sin_h * s[:, 3]
     return np.column_stack([time, s[:, :3], along, across, s[:, 5], s[:, 6]])
@@ -118,7 +127,7 @@ def _sample_truth(s: Floats, time: Floats) -> Floats:
 def _capture_poses(
     states: Floats, sensor: Sensor, duration: float, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.int64], Floats]:
-    """Frame numbers (F,) and measured poses (F, 3) of the motion capture, NaN where dropped."""
+    """Frame numbers (F,) and measured poses (F, 3) of the motion capture: x, y (m), yaw (rad), NaN where dropped."""
     frame = np.arange(math.floor(duration * sensor.rate_hz * (1.0 + sensor.clock_drift) + 1e-9) + 1)
     seen_at = frame / sensor.rate_hz / (1.0 + sensor.clock_drift) - sensor.pose_latency
     fine = np.arange(len(states)) / STEPS_PER_S

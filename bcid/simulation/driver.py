@@ -30,7 +30,10 @@ class SimulatedArena(NamedTuple):
 
 @njit
 def draw_target(u: Floats, p: Plant) -> tuple[float, float, float]:
-    """Steering (rad), throttle (m/s or brake share) and hold (s) of a random target, from four uniform draws `u`."""
+    """Steering (rad), throttle (m/s or brake share) and holding time (s) of a random target of the simulated driver.
+
+    `u` holds four uniform draws; a fifth of the targets steer to near full lock, and a tenth brake.
+    """
     # Box-Muller gives the moderate angles, a fifth are near full lock
     normal = math.sqrt(-2.0 * math.log(1.0 - u[0])) * math.cos(2.0 * math.pi * u[1])
     steer = 0.8 * normal
@@ -47,9 +50,10 @@ def draw_target(u: Floats, p: Plant) -> tuple[float, float, float]:
 
 @njit
 def wall_clearance(s: Floats, steer: float, throttle: float, p: Plant, arena: SimulatedArena) -> float:
-    """Smallest distance (m) of the CoG from the walls' margin that is predicted within LOOK_S from the state `s` on.
+    """Smallest distance (m) of the CoG from the walls' margin, predicted for LOOK_S seconds from the state `s` on.
 
-    A wheel that rolls without slip is steered towards `steer` (rad) under `throttle` (m/s or brake share).
+    It is negative beyond the margin.  Predicted is the path of a wheel that rolls without slip and is steered
+    towards `steer` (rad) under `throttle` (m/s or brake share).
     """
     x, y, heading, angle = s[0], s[1], s[2], s[6]
     along = math.cos(heading) * s[3] + math.sin(heading) * s[4]
@@ -75,9 +79,10 @@ def wall_clearance(s: Floats, steer: float, throttle: float, p: Plant, arena: Si
 def choose_target(
     s: Floats, steer: float, throttle: float, left: float, u: Floats, p: Plant, arena: SimulatedArena
 ) -> tuple[float, float, float]:
-    """Steering (rad), throttle (m/s or brake share) and time left (s) of the driver's present target, or of a new one.
+    """Steering (rad), throttle (m/s or brake share) and time left (s) of the driver's present target or a new one.
 
-    A new target is drawn from DRAWS_PER_DECISION uniform numbers `u` when time is up or a wall comes near.
+    A new one is drawn when the time is up.  A target that would lead within the walls' margin is replaced by the
+    candidate that stays farthest from it.  `u` holds DRAWS_PER_DECISION uniform numbers, `s` the plant's state.
     """
     if left <= 0.0:
         steer, throttle, left = draw_target(u[:4], p)
@@ -100,8 +105,9 @@ def choose_target(
 def follow_path(s: Floats, time: float, p: Plant, arena: SimulatedArena) -> tuple[float, float]:
     """Steering (rad) and throttle (m/s or brake share) of a driver that follows a figure of eight in a closed loop.
 
-    It steers at the nearest point of the path that lies AHEAD_M before its front wheel, and gives throttle by the
-    difference of its speed from one that rises and falls: what disturbs the car comes back in its commands.
+    From the plant's state `s`, the driver steers at the point of the path that is about AHEAD_M before the front
+    wheel.  The throttle corrects the speed towards one that rises and falls with `time` (s).  What disturbs the car
+    thus shows in the commands, too.
     """
     half_x, half_y = 0.5 * arena.length - 1.5 * arena.margin, 0.5 * arena.width - 1.5 * arena.margin
     cos_h, sin_h = math.cos(s[2]), math.sin(s[2])

@@ -38,9 +38,10 @@ class PlantInputs(NamedTuple):
 
 @njit
 def _tyre_side_force(slip: float, stiffness: float, grip: float, shift: float, soft: float, fall: float) -> float:
-    """Side force (N) of a tyre: linear in `slip` (rad), limited by `grip` (N); `shift` (N) is added before saturation.
+    """Side force (N) of a tyre at the slip angle `slip` (rad): shift - stiffness slip, limited by `grip` (N).
 
-    `soft` blends a hard limit with tanh, `fall` is the share of the grip that is lost far past saturation.
+    `soft`, from 0 to 1, blends a hard limit with tanh; `fall` is the share of the grip that is lost far past
+    saturation.
     """
     linear = shift - stiffness * slip
     if grip <= 0.0:
@@ -55,7 +56,11 @@ def _tyre_side_force(slip: float, stiffness: float, grip: float, shift: float, s
 
 @njit
 def _requested_motor_force(command: float, rolling: float, time: float, duration: float, p: Plant) -> float:
-    """Motor force (N) before its lag: it supplies up to a reference speed `command` (m/s) and brakes below zero."""
+    """Motor force (N) before its lag under the throttle `command`, at the wheel's `rolling` speed (m/s).
+
+    `command` >= 0 is a reference speed (m/s) up to which the motor supplies, below 0 a brake share.  `time` (s) of
+    the `duration` (s) counts where the battery runs down or the motor drops out.
+    """
     if command < 0.0:
         return max(-p.motor_limit, min(p.motor_limit, command * p.brake_gain * rolling))
     lack = max(command - p.motor_dead_zone, 0.0) - rolling
@@ -73,13 +78,17 @@ def _requested_motor_force(command: float, rolling: float, time: float, duration
 
 @njit
 def _is_in_circle(x: float, y: float, centre_x: float, centre_y: float, radius: float) -> bool:
-    """Whether (x, y) lies within `radius` of the centre, all in m."""
+    """Whether the point (x, y) lies within `radius` of the centre, all in m."""
     return (x - centre_x) ** 2 + (y - centre_y) ** 2 < radius * radius
 
 
 @njit
 def _linkage_angle(servo: float, lagged: float, play: float, speed: float, p: Plant) -> float:
-    """Angle (rad) of the front wheel from servo, lag, play and linkage, before compliance."""
+    """Angle (rad) of the front wheel behind servo, lag, play and the linkage's nonlinearity, without compliance.
+
+    `servo` and `lagged` are the angles (rad) before and behind the lag, `play` the angle that the play left behind
+    it, `speed` (m/s) the car's.
+    """
     angle = lagged if p.steering_lag > 0.0 else servo
     if p.steering_backlash > 0.0:
         angle = max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
@@ -106,7 +115,10 @@ class FrontHub(NamedTuple):
 def _evaluate_front_wheel(
     angle: float, hub: FrontHub, i: PlantInputs, p: Plant
 ) -> tuple[float, float, float, float, float]:
-    """Rolling speed (m/s), steady slip (rad), motor force before its lag, pull along and force across the wheel (N)."""
+    """Rolling speed (m/s), steady slip angle (rad), motor force before its lag, force along and across the wheel (N).
+
+    `angle` (rad) is the wheel's angle to the body.
+    """
     roll = math.cos(angle) * hub.along + math.sin(angle) * hub.across
     slide = math.cos(angle) * hub.across - math.sin(angle) * hub.along
     steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
@@ -129,7 +141,10 @@ def _evaluate_front_wheel(
 
 @njit
 def _solve_compliant_angle(base: float, hub: FrontHub, i: PlantInputs, p: Plant) -> float:
-    """Wheel angle (rad) that its own side force F(angle) bends: angle = base + k F(angle), by bisection."""
+    """Wheel angle (rad) that the wheel's own side force F(angle) bends: angle = base + k F(angle), by bisection.
+
+    `base` is the angle (rad) without compliance, k the compliance (rad/N) of `p`.
+    """
     reach = abs(p.steering_compliance) * 2.0 * p.front_grip
     low, high = base - reach, base + reach
     for _ in range(45):
@@ -146,7 +161,11 @@ def _add_rear_wheel_forces(
     body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, slippery: float,
     soft: float, p: Plant,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Force (N) and moment (N m) on the body after adding those of the rear wheels, left and right."""
+    """Force x, y (N, body frame) and moment (N m) on the body after adding those of the two rear wheels.
+
+    `along`, `across` (m/s), `turn` (rad/s) are the body-frame twist of the CoG; `slippery` is the share of the grip
+    that the floor leaves, `soft` (0 to 1) the softness of the tyres' saturation.
+    """
     for hand in (1.0, -1.0):
         offset = 0.5 * hand * p.rear_track
         wheel_along = along - offset * turn
@@ -165,7 +184,7 @@ def _add_rear_wheel_forces(
 def _add_resistances(
     body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, p: Plant
 ) -> tuple[float, float, float]:
-    """Force (N) and moment (N m) on the body after adding rolling resistance, air drag and yaw friction."""
+    """Body force (N) and moment (N m) with rolling, air and yaw friction added, at twist (along, across, turn)."""
     body_x -= p.rear_rolling_coulomb * math.tanh(along / 0.05) + p.rear_rolling_viscous * along
     if p.rear_drag_asymmetry != 0.0:
         offset = math.copysign(0.5 * p.asymmetry_track, p.rear_drag_asymmetry)
@@ -181,7 +200,7 @@ def _add_resistances(
 
 @njit
 def _servo_rate(miss: float, p: Plant) -> float:
-    """Rate (rad/s) of a servo whose command is `miss` (rad) away: first order with a dead band and rate limits."""
+    """Rate (rad/s) of a servo whose command is `miss` (rad) ahead: first order with a dead band and rate limits."""
     if abs(miss) < p.steering_dead_band:
         return 0.0
     skew = p.steering_rate_asymmetry
@@ -190,7 +209,12 @@ def _servo_rate(miss: float, p: Plant) -> float:
 
 @njit
 def state_derivative(s: Floats, play: float, i: PlantInputs, p: Plant) -> Floats:
-    """Time derivative (STATE_SIZE,) of the plant's state; `play` is the wheel angle (rad) behind the play."""
+    """Time derivative (STATE_SIZE,) of the simulated car's state `s`, with all its extras and concealed effects.
+
+    `s` holds x, y (m), heading, world velocity, yaw rate, angles of servo and wheel, motor force, slip angle, way
+    rolled.  `play` is the wheel angle (rad) that the play in the steering left at the last step, `i` what acts from
+    outside.
+    """
     heading, turn = s[2], s[5]
     cos_h, sin_h = math.cos(heading), math.sin(heading)
     along = cos_h * s[3] + sin_h * s[4]
@@ -243,7 +267,10 @@ def state_derivative(s: Floats, play: float, i: PlantInputs, p: Plant) -> Floats
 
 @njit
 def advance_plant(s: Floats, play: float, i: PlantInputs, length: float, p: Plant) -> tuple[Floats, float]:
-    """State and play (rad) after `length` seconds (at most a fine step), in as many RK4 steps as the lags need."""
+    """Plant state (STATE_SIZE,) and angle behind the steering's play (rad) after `length` seconds, by RK4.
+
+    `length` is at most 1/STEPS_PER_S; short lags of steering, motor or tyre divide it into up to MAX_STEPS steps.
+    """
     fastest = 1.0
     if p.steering_lag > 0.0:
         fastest = max(fastest, 1.0 / p.steering_lag)

@@ -73,7 +73,7 @@ TRUTH_UNITS = {
 
 
 def write_sample_take(folder: Path, take: SampleTake, plant: Plant, sensor: Sensor, seed: int) -> Path:
-    """Simulate one take and write its log and, apart, its true motion (10 Hz) into `folder`; returns the log's path."""
+    """Simulate one take; write its log, and into `folder`/truth its true motion (10 Hz); return the log's path."""
     run = simulate_drive(plant, sensor, take.duration_s, seed)
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     write_columns(folder / "truth" / f"{take.name}.parquet", run.truth, TRUTH_UNITS)
@@ -84,7 +84,10 @@ def write_sample_take(folder: Path, take: SampleTake, plant: Plant, sensor: Sens
 
 
 def write_sample_logs(folder: Path, seed: int, progress: Callable[[str], None] = lambda text: None) -> list[Path]:
-    """Simulate all takes of `sample_logs/`; write them, vehicle file and README into `folder`; returns takes' paths."""
+    """Simulate all takes of `sample_logs/` and write them, the vehicle file and a README into `folder`.
+
+    Returns the paths of the takes' logs.  `progress` is called with the name of each take before it is simulated.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "bumper_car.toml").write_text(VEHICLE)
     (folder / "README.md").write_text(ABOUT)

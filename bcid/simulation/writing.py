@@ -19,7 +19,7 @@ TILT_RAD = 2e-3
 
 
 def _tilted_quaternions(yaw: Floats, rng: np.random.Generator) -> Floats:
-    """Y-up orientations (N, 4) in x, y, z, w: `yaw` (N,) about Y after a small random tilt of the chassis."""
+    """Unit quaternions (N, 4), in x, y, z, w with Y up, of a yaw (N,) (rad) about Y and small random tilts."""
     tilt_x, tilt_z = 0.5 * TILT_RAD * rng.standard_normal((2, len(yaw)))
     sin_h, cos_h = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
     product = np.column_stack([cos_h * tilt_x + sin_h * tilt_z, sin_h, cos_h * tilt_z - sin_h * tilt_x, cos_h])
@@ -27,7 +27,10 @@ def _tilted_quaternions(yaw: Floats, rng: np.random.Generator) -> Floats:
 
 
 def write_motive_take(path: Path, drive: Drive, rate_hz: float, seed: int) -> None:
-    """Write a drive as Motive 3 exports it (NAME.csv, format 1.24, Y up, metres), with NAME.commands.csv beside it."""
+    """Write a drive as Motive 3 exports it (CSV format 1.24, Y up, metres) to `path`, with its commands beside it.
+
+    Commands go to NAME.commands.csv; `rate_hz` is the frame rate, and `seed` draws tilt, height and marker error.
+    """
     rng = np.random.default_rng([seed, 1])
     n = len(drive.frame)
     quaternion = _tilted_quaternions(drive.pose[:, 2], rng)
@@ -72,7 +75,7 @@ _COMMAND_SCHEMA = {
 
 
 def write_mcap_take(path: Path, drive: Drive, rate_hz: float, seed: int) -> None:
-    """Write a drive as one MCAP file: poses as foxglove.PoseInFrame and commands as JSON, both stamped, Z up."""
+    """Write a drive as an MCAP file: foxglove.PoseInFrame poses, JSON commands, Z up; `seed` draws pose delays."""
     from mcap.writer import CompressionType, Writer
 
     rng = np.random.default_rng([seed, 2])
@@ -102,7 +105,7 @@ def write_mcap_take(path: Path, drive: Drive, rate_hz: float, seed: int) -> None
 
 
 def _timestamp(ns: int) -> dict[str, int]:
-    """A time in ns as the seconds and nanoseconds of a foxglove message."""
+    """A time in ns as the seconds and nanoseconds ("sec", "nsec") of a foxglove message."""
     return {"sec": ns // 1_000_000_000, "nsec": ns % 1_000_000_000}
 
 

@@ -1,1 +1,4 @@
-"""The store of artifacts: folders that are also the cache, keyed by content, published whole, verified on use."""
+"""The store of artifacts: folders that are also the cache, keyed by content, published whole, verified on use.
+
+`artifact` holds all of it.
+"""

@@ -71,7 +71,7 @@ class Artifact:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file's content, in hex digits."""
+    """SHA-256 of the content of the file at `path`, in hex digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -139,7 +139,7 @@ class Store:
 
 
 def _remove_stale_work(unfinished: Path) -> None:
-    """Remove working folders and locks that killed runs left behind, as their age of over `STALE_WORK_S` tells."""
+    """Remove working folders and locks in `unfinished` that are older than `STALE_WORK_S`, left by killed runs."""
     for work in unfinished.iterdir():
         with suppress(OSError):
             if time.time() - work.stat().st_mtime > STALE_WORK_S:
@@ -147,7 +147,7 @@ def _remove_stale_work(unfinished: Path) -> None:
 
 
 def is_whole(folder: Path, recipe: Recipe) -> bool:
-    """Whether `folder` holds the artifact of `recipe`, with every file as it was written."""
+    """Whether `folder` holds the undamaged artifact of `recipe`: its manifest, and every file as it was written."""
     try:
         manifest = ManifestDocument.read(folder / MANIFEST)
         # compared as it stands, too: a document passes over nulls, whatever their keys have become
@@ -163,9 +163,12 @@ def is_whole(folder: Path, recipe: Recipe) -> bool:
 
 
 def _publish(finished: Path, folder: Path, aside: Path, recipe: Recipe) -> None:
-    """Move the `finished` artifact to `folder` in one step, a damaged one there to `aside` before.
+    """Move the `finished` artifact of `recipe` to `folder` in one step, after moving a damaged one there to `aside`.
 
-    Where another run has meanwhile published the artifact of `recipe` undamaged, that one stays.
+    Where another run has published that artifact undamaged meanwhile, it stays.
+
+    Raises:
+        InputRefused: `folder` cannot be written to.
     """
     for path in finished.rglob("*"):
         if path.is_file():

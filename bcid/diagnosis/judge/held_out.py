@@ -6,6 +6,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.bootstrap import draw_blocks, quantile_interval
+from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
 from bcid.likelihood.newton import Tangent
@@ -13,8 +14,6 @@ from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
-# blocks are as long as pushes may be correlated; of fewer blocks, a bootstrap shows no scatter
-LONGEST_BLOCK_S, MIN_BLOCKS = 20.0, 12
 HALF_ITERATIONS = 3
 
 
@@ -26,27 +25,35 @@ class HeldOutGain(NamedTuple):
 
 
 def block_length_s(take: Take) -> float:
-    """Length (s) of the blocks of a take that are held out and resampled."""
-    return min(LONGEST_BLOCK_S, take.T / MIN_BLOCKS)
+    """Length (s) of the blocks for cross-validation and the block bootstrap: 20 s, or a twelfth of a shorter take."""
+    return min(JUDGE_LIMITS.max_block_s, take.T / JUDGE_LIMITS.min_blocks)
 
 
 def split_halves(take: Take) -> list[Ints]:
-    """Indices of the segments in the even blocks of a take, and of those in its odd blocks."""
+    """Indices of the 1.5 s segments in a take's even blocks, and in its odd blocks, for two-fold cross-validation.
+
+    Blocks are consecutive stretches of `block_length_s`.
+    """
     block = (take.begin_s // block_length_s(take)).astype(int)
     return [np.flatnonzero(block % 2 == side) for side in (0, 1)]
 
 
 def refit_on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
-    """The fit refitted to the `chosen` segments only, starting from its own parameters and along its own tangent."""
+    """The fit refitted to the segments with indices `chosen` only: a few Gauss-Newton steps from its own parameters.
+
+    Derivatives of the predictions by base parameters and initial states are not renewed: they are those of `fit`,
+    which was made to the whole take.
+    """
     rows, share = take.rows(chosen), fit.hypothesis.scale_simulation_prior(len(chosen) / take.segments)
     tangent = Tangent(np.ascontiguousarray(fit.tangent.A[rows]), np.ascontiguousarray(fit.tangent.J[rows]))
     return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, HALF_ITERATIONS, tangent)
 
 
 def held_out_log_likelihoods(fit: Fit, take: Take) -> Floats:
-    """Log-likelihood of every segment (S,) under parameters refitted to the other half of the take.
+    """Two-fold cross-validated log-likelihood (nats) of every segment (S,): parameters are refitted to the other half.
 
-    Where a refit diverges on the other half, the parameters of the whole take are used there, which flatters the fit.
+    The halves are the take's even and odd blocks.  Where a refit diverges (its predictions are not finite), the
+    parameters fitted to the whole take are used, which makes the fit look better than it is.
     """
     out, halves = np.zeros(take.segments), split_halves(take)
     for train, test in (halves, halves[::-1]):
@@ -59,7 +66,11 @@ def held_out_log_likelihoods(fit: Fit, take: Take) -> Floats:
 
 
 def _evaluate_segments(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: Scales) -> Floats:
-    """Log-likelihood of each `chosen` segment under the fit's hypothesis with other parameters and scales."""
+    """Marginal log-likelihoods (nats) of the segments with indices `chosen` under the fit's hypothesis.
+
+    Its parameter vector is `phi` (base parameters, then effects' parameters); `scales` are standard deviations of pose
+    noise and of disturbances of the body.  Each segment's initial state and disturbances are integrated out.
+    """
     part = take.part(chosen)
     A = np.ascontiguousarray(fit.tangent.A[take.rows(chosen)])
     r = residuals_without_pushes(part, fit.hypothesis.prediction_inputs(phi, part), fit.start[chosen], A)
@@ -68,10 +79,11 @@ def _evaluate_segments(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: 
 
 
 def bootstrap_gain(better: Floats, worse: Floats, take: Take, prior_gain: float = 0.0) -> HeldOutGain:
-    """Gain (nats) of one explanation over another on held-out blocks, with a 95 % interval by resampling the blocks.
+    """Difference of log-likelihood (nats) of two fits on held-out blocks, with a 95 % interval by block bootstrap.
 
-    `better` and `worse` are the segments' log-likelihoods (S,) by `held_out_log_likelihoods`.  `prior_gain` (nats), by
-    which the better one departs less from a trusted reference model, does not depend on the take: it is added to all.
+    `better` and `worse` are the two fits' log-likelihoods of each segment (S,) by `held_out_log_likelihoods`; their
+    difference is summed over the take.  `prior_gain` (nats), the difference of the fits' log priors where a reference
+    model has a prior, is added to the sum and to both ends of the interval.
     """
     block = (take.begin_s // block_length_s(take)).astype(int)
     sums = np.bincount(block, better - worse)[np.unique(block)]

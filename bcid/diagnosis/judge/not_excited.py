@@ -14,10 +14,12 @@ from bcid.likelihood.take import Take
 
 
 def find_unexcited_effects(fit: Fit, take: Take, units: VehicleScale, gate_nats: float) -> tuple[NotExcited, ...]:
-    """The effects that `fit` lacks and that the take would not have shown at a few times their declared size.
+    """The effects, not in `fit`, that this drive would not have shown even at a multiple of their usual sizes.
 
-    Sizes are declared for the vehicle at full speed (`units`), since an effect that matters there may not show in a
-    slow drive.  To show, an effect must gain `gate_nats` and the penalty for its parameter at one of its places.
+    The multiple is `JUDGE_LIMITS.unexcited_sizes`.  An effect shows if, at the best of several places, it is expected
+    to raise the log-likelihood by `gate_nats` + ln(segments) / 2.  Each is listed with the smallest size that would
+    have shown, None if no size would.  Usual sizes are declared with the effect for the bumper car and scaled by
+    `units` to this vehicle at full speed, since an effect that matters at full speed may not show in a slow drive.
     """
     at_speed = replace(fit.hypothesis, units=units)
     names = [n for n in EFFECTS if n in at_speed.entries and n not in at_speed.effects]

@@ -39,7 +39,10 @@ class PredictedTracks(NamedTuple):
 
 
 def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
-    """The fitted car with its effects as a model to roll out: for takes of `T` (s), in steps of `period_s`."""
+    """The fitted car with its effects as a model that predicts the twist step by step, in steps of `period_s` (s).
+
+    `T` (s) is the recording's length, which the effect `motor_sag` needs: its motor force falls as 1 - s t / T.
+    """
     hypothesis = fit.hypothesis
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     car = fit.car()
@@ -57,7 +60,11 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
 def model_from_reference(
     reference: ReferenceModel, vehicle: Vehicle, T: float, period_s: float
 ) -> AugmentedNewtonEuler:
-    """The reference model, not refitted, as a model to roll out: for takes of `T` (s), in steps of `period_s`."""
+    """The reference model with its effects, not refitted, as a model that predicts the twist step by step.
+
+    A step is `period_s` (s).  `T` (s) is the recording's length, which the effect `motor_sag` needs: its motor force
+    falls as 1 - s t / T.
+    """
     return AugmentedNewtonEuler(
         reference.car, reference.effects, effect_constants(vehicle), vehicle.steering.max_angle_rad, T, period_s, {}
     )
@@ -67,10 +74,13 @@ def compare_predictions(
     before: Fit, after: Fit, take: Take, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning,
     reference: ReferenceModel | None = None,
 ) -> tuple[list[HorizonError], PredictedTracks]:  # fmt: skip
-    """Closed-loop errors of two fits on the first recording of their take, at all HORIZONS_S, and the predicted tracks.
+    """Prediction errors of two fits at all HORIZONS_S, with 95 % intervals and the noise floor, and predicted tracks.
 
-    The fits without (`before`) and with (`after`) the named effects are refitted to each half of the blocks and judged
-    on the other half; the `reference` model is judged unrefitted.  The estimator's `tuning` gives the noise floor.
+    Predictions restart from the `estimate` of the take's first recording every horizon; errors are normalised mean
+    squares of the twist (NMSE).  The fits without (`before`) and with (`after`) the named effects are cross-validated:
+    refitted to each half of the take's blocks and judged on the other.  The `reference` model is judged as given.  The
+    noise floor is the error of `after` on a recording simulated by `after` itself, whose motion is estimated with the
+    same `tuning`.  Tracks are measured and predicted positions; their predictions restart every TRACKS_HORIZON_S.
     """
     weights = inverse_spread(estimate.twist)
     block = ((estimate.time_s - recording.poses.time_s[0]) // block_length_s(take)).astype(int)
@@ -83,6 +93,8 @@ def compare_predictions(
     # a car that only fits stretch by stretch may not drive a whole take
     simulated = none_if_diverged(simulate_fitted_car, after, take, recording)
     again = estimate_motion(simulated, vehicle, tuning, period_s) if simulated else None
+    after_model = model_from_fit(after, T, period_s)
+    reference_model = model_from_reference(reference, vehicle, T, period_s) if reference else None
     rows, tracks = [], None
     for horizon in HORIZONS_S:
         squares, places = [], []
@@ -93,11 +105,11 @@ def compare_predictions(
             places.append(np.where(trained_on_first[:, None], *(p.pose[:, :2] for p in predictions)))
         floor = None
         if again is not None:
-            itself = predict_with_restarts(model_from_fit(after, T, period_s), again, horizon)
+            itself = predict_with_restarts(after_model, again, horizon)
             floor = _finite_mean(_squared_errors(itself, again, weights))
         row = _bootstrap_errors(horizon, squares[0], squares[1], floor, block)
-        if reference is not None:
-            given = predict_with_restarts(model_from_reference(reference, vehicle, T, period_s), estimate, horizon)
+        if reference_model is not None:
+            given = predict_with_restarts(reference_model, estimate, horizon)
             off = _squared_errors(given, estimate, weights)
             lost = float(np.isnan(off).mean())
             row = row.model_copy(update={"nmse_given": _finite_mean(off), "given_lost": lost})
@@ -110,14 +122,15 @@ def compare_predictions(
 
 
 def _refit_on_half_or_keep(fit: Fit, take: Take, half: Ints) -> Fit:
-    """The fit refitted to half of the take; where that diverges, the fit to the whole take, which flatters it."""
+    """The fit refitted to the segments with indices `half` only; the whole take's `fit` itself if that diverges."""
     return none_if_diverged(refit_on_half, fit, take, half) or fit
 
 
 def _squared_errors(predicted: RestartedPrediction, estimate: Estimate, weights: Floats) -> Floats:
-    """Mean over the channels of the weighted squared errors of predicted twists (K,); NaN where predictions diverge.
+    """Mean over v_x, v_y and omega of squared errors of the predicted twist (K,), each error times its weight (3,).
 
-    The row at which a diverging prediction starts is NaN as well: it is the estimate's own.
+    Rows at which predictions are not finite are NaN, and so is the row at which such a prediction starts: there the
+    predicted twist is the estimated one, so that an error of 0 would count.
     """
     off = ((weights * (predicted.twist - estimate.twist)) ** 2).mean(axis=1)
     off[:-1][predicted.start[:-1] & np.isnan(off[1:])] = np.nan
@@ -131,7 +144,11 @@ def _finite_mean(squares: Floats) -> float | None:
 
 
 def _bootstrap_errors(horizon: float, before: Floats, after: Floats, floor: float | None, block: Ints) -> HorizonError:
-    """Mean errors and their intervals from squared errors (K,), by resampling the blocks in which both are finite."""
+    """Mean prediction errors at a `horizon` (s) without and with the named effects, their ratio, and 95 % intervals.
+
+    `before` and `after` are squared errors (K,), of which rows finite in both count; `floor` is the noise floor's mean
+    squared error, if known.  Intervals are by block bootstrap over the rows' blocks, numbered by `block` (K,).
+    """
     finite = np.isfinite(before) & np.isfinite(after)
     lost = float((~finite).mean())
     if lost == 1.0:
@@ -153,7 +170,11 @@ def _bootstrap_errors(horizon: float, before: Floats, after: Floats, floor: floa
 
 
 def simulate_fitted_car(fit: Fit, take: Take, recording: Recording, seed: int = 0) -> Recording:
-    """The recording that the fitted car would give under the same commands, with random pushes and noise of its own."""
+    """A simulated recording: the fitted car with its effects, driven by the commands of the take's first `recording`.
+
+    Its poses have the stamps of the `recording`.  Disturbance accelerations of the body, constant over 0.5 s, and noise
+    of the poses are drawn at random by `seed`, with the fitted standard deviations.
+    """
     setting = fit.hypothesis.prediction_inputs(fit.phi, take)
     path = observe_states(
         recording.poses.time_s - recording.poses.time_s[0],

@@ -41,11 +41,12 @@ class _Evidence(NamedTuple):
 def find_proxies(
     search: SearchResult, take: Take, place: FloorCircle | None, unexplained: RemainingMismatch
 ) -> tuple[str, ...]:
-    """Ids of the named effects that are proxies: each alone, or all together, stand in for something without a name.
+    """Ids of the named effects that are proxies: they only stand in for missing physics that has no name in the table.
 
-    `place` is the circle on the floor that stands out, `unexplained` what is left beside the best fit.  With a trusted
-    reference model an effect must be a proxy beside that model's own parameters, too: a refit without the effect moves
-    them as far as they may go to explain what is missing, so that the effect seems to explain little.
+    `place` is the circle on the floor where disturbances are largest, if any; `unexplained` what the best fit leaves.
+    Where a reference model has a prior (it is trusted), an effect must be a proxy at that model's own parameters, too:
+    a refit without the effect moves them, as far as their bounds, to explain what is missing, so that the effect seems
+    to explain little.
     """
     if not named_effects(search.best):
         return ()
@@ -60,12 +61,14 @@ def find_proxies(
 
 
 def _evaluate_beside_reference(search: SearchResult, take: Take, place: FloorCircle | None) -> _Evidence:
-    """The evidence on proxies with a trusted reference model's own parameters, nothing of which is refitted.
+    """The evidence for proxies (effects that stand in for something unnamed), at a trusted reference's own parameters.
 
-    An effect without which the reference model diverges is left out: nothing else explains what it does.
+    The search's best fit, and its fits without one effect each, are evaluated at those parameters instead of
+    refitted.  An effect without which predictions diverge is left out, so that it is no proxy: nothing else explains
+    what it does.
 
     Raises:
-        PredictionDiverged: the reference model diverges with all effects as well.
+        PredictionDiverged: predictions diverge with all effects as well.
     """
     best, without = _evaluate_at_reference(search.best, take), dict[str, Fit]()
     for name, fit in search.leave_one_out.items():
@@ -76,12 +79,20 @@ def _evaluate_beside_reference(search: SearchResult, take: Take, place: FloorCir
 
 
 def _evaluate_at_reference(fit: Fit, take: Take) -> Fit:
-    """The fit with a trusted reference model's own parameters in place of the refitted ones, effects unchanged."""
+    """The fit at a trusted reference model's own parameters instead of the refitted ones, other effects as fitted.
+
+    Only initial states, disturbances and their standard deviations are estimated anew.
+    """
     return evaluate_fixed(take, fit.hypothesis, phi_at_reference(fit), fit.scales)
 
 
 def _select_proxies(evidence: _Evidence, take: Take, place: FloorCircle | None, gate_nats: float) -> tuple[str, ...]:
-    """Ids of the effects that are proxies each alone; if none is, of those that are proxies together."""
+    """Ids of the effects that each stand in for something without a name; if none does, of those that do so jointly.
+
+    An effect does so alone if, in some channel, basis functions (simple laws of the state) still gain more than
+    `gate_nats` beside all effects, and `_is_proxy` holds.  Effects do so jointly (`_joint_proxies`) if extra-trees
+    still predict the disturbances with a correlation and a gain (nats) beyond those of PROXY_LIMITS.
+    """
     channels, regression = evidence.unexplained_channels(gate_nats), evidence.unexplained.regression
     alone = tuple(name for name in evidence.gains if channels and _is_proxy(name, evidence, take, place, channels))
     if alone or not regression.predictable or regression.correlation <= PROXY_LIMITS.min_correlation:
@@ -93,9 +104,12 @@ def _select_proxies(evidence: _Evidence, take: Take, place: FloorCircle | None, 
 def _is_proxy(
     name: str, evidence: _Evidence, take: Take, place: FloorCircle | None, channels: Mapping[str, float]
 ) -> bool:
-    """Whether basis functions of some channel show that something else than this effect acts there.
+    """Whether effect `name` only stands in for something else, without a name, that acts in one of the `channels`.
 
-    Beside the effect they still gain much (`channels`, nats); without it they gain much of what the effect explains.
+    `channels` holds the nats that basis functions (simple laws of the state) in a channel gain beside all effects.  In
+    one channel three conditions must hold: these nats exceed a share of what the effect explains; without the effect
+    the functions gain more, by another share of it; and the effect reduces disturbances in the channel's direction
+    (`_relieves_channels`).  Both shares are in PROXY_LIMITS.  Some functions act only within the circle `place`.
     """
     without, gained = channel_gains(evidence.leave_one_out[name], take, place), evidence.gains[name]
     # to first order, as for the other channels, which is too little where the fit had to go far or where pushes do the
@@ -112,12 +126,19 @@ def _is_proxy(
 
 
 def _allowed_remainder_share(take: Take, share: float) -> float:
-    """Share of what effects explain that may be left unexplained: `share`, or a larger one for a take under pushes."""
+    """Share of what effects explain (nats) that may stay unexplained before they count as proxies: `share` itself.
+
+    For a take predicted under pushes (disturbances fitted to each 0.5 s) it is `PROXY_LIMITS.max_share_under_pushes`.
+    """
     return PROXY_LIMITS.max_share_under_pushes if take.pushed else share
 
 
 def _relieves_channels(channels: Sequence[str], name: str, evidence: _Evidence, take: Take) -> bool:
-    """Whether an effect makes pushes unnecessary in the direction, along or across, of one of the channels."""
+    """Whether effect `name` makes disturbances of the body smaller in the direction of one of the `channels`.
+
+    Compared are squared disturbances of the fits without and with the effect.  Directions are along the body, or
+    across and about it together; more than `PROXY_LIMITS.min_relief_share` of the decrease must be in the channel's.
+    """
     if not channels:
         return False
     shares = push_reduction_shares(
@@ -128,7 +149,11 @@ def _relieves_channels(channels: Sequence[str], name: str, evidence: _Evidence, 
 
 
 def _joint_proxies(evidence: _Evidence, take: Take) -> tuple[str, ...]:
-    """Ids of the effects that make pushes unnecessary in channels where the remaining pushes are still predictable."""
+    """Ids of the named effects that, together, stand in for something without a name; () if none.
+
+    Each makes disturbances smaller in the direction of a channel in which extra-trees predict those that remain beside
+    all effects, with a correlation above `PROXY_LIMITS.min_correlation`.
+    """
     correlations = evidence.unexplained.regression.correlations
     channels = [c for c, r in correlations.items() if r > PROXY_LIMITS.min_correlation]
     return tuple(n for n in evidence.leave_one_out if _relieves_channels(channels, n, evidence, take))

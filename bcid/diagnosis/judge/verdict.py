@@ -66,8 +66,11 @@ def judge_search(
 ) -> Judgement:  # fmt: skip
     """Judge the effects that a search accepted: drop those that fail a gate, one after another, and give the verdict.
 
-    `place` is the circle on the floor that stands out, `unexplained` what is left beside the best fit if that is known
-    already; `dropped` holds the ids of the effects that have failed before.
+    Gates ask for a gain beyond chance, on held-out blocks too, for a size that matters and lies at no bound, and that
+    the effect is no proxy (it would only stand in for something without a name).  Verdicts are "named", "ambiguous"
+    (another effect explains as much), "unknown" (something is missing that no effect explains) and "nothing-found".
+    `place` is the circle on the floor where disturbances are largest; `unexplained` is what the best fit leaves,
+    computed if None; `dropped` holds ids of effects that failed before.
     """
     best, gate = search.best, search.nulls.gate
     unexplained = unexplained or RemainingMismatch.beside(best, take, place)
@@ -95,12 +98,15 @@ def judge_search(
 
 
 def _weakest_effect(failing: Iterable[Finding]) -> tuple[str, ...]:
-    """Id of the finding with the least gain, as a tuple, empty without findings: without it others may pass."""
+    """Id, in a tuple, of the `failing` finding with the smallest gain, which is dropped first; () if none fails."""
     return tuple(f.effect for f in sorted(failing, key=lambda f: f.gain_nats)[:1])
 
 
 def _collect_findings(search: SearchResult, take: Take) -> list[Finding]:
-    """The named effects of the best fit, each with its evidence."""
+    """The named effects of the search's best fit, each with values, gain, held-out gain, probability and twins.
+
+    Twins are effects that explain the take as well in its place; gains (nats) are over the refit without the effect.
+    """
     best, findings = search.best, list[Finding]()
     if not named_effects(best):
         return findings
@@ -115,7 +121,12 @@ def _collect_findings(search: SearchResult, take: Take) -> list[Finding]:
 
 
 def _passes_gates(finding: Finding, search: SearchResult) -> bool:
-    """Whether a finding gains more than chance, on held-out blocks too, and has a size that matters."""
+    """Whether a finding gains more than chance, on held-out blocks too, and has a size that matters.
+
+    Its gain must exceed the search's gate, and one amplitude `JUDGE_LIMITS.min_size_share` of its declared size.  The
+    held-out gain must exceed the gate for local effects if the effect has a place or time; otherwise its 95 % interval
+    must lie above zero, or the gain above `SEARCH_LIMITS.plain_gain_nats`.
+    """
     entry, held_out = search.best.hypothesis.entries[finding.effect], finding.held_out
     least = JUDGE_LIMITS.min_size_share
     matters = any(abs(finding.values[p.symbol][0]) > least * p.size for p in entry.amplitude_parameters)
@@ -126,14 +137,18 @@ def _passes_gates(finding: Finding, search: SearchResult) -> bool:
 
 
 def _replacing_effect(name: str, best: Fit, rival: Fit) -> str | None:
-    """Id of the effect that a rival holds in place of `name`; None if the rival differs in another way."""
+    """Id of the effect that the `rival` fit holds in place of `name` in `best`; None if they differ in another way."""
     mine, theirs = set(best.hypothesis.effects), set(rival.hypothesis.effects)
     more = [n for n in theirs - mine if n in EFFECTS]
     return more[0] if mine - theirs == {name} and len(more) == 1 else None
 
 
 def _indistinguishable_effects(best: Fit, search: SearchResult, take: Take, name: str) -> tuple[str, ...]:
-    """Ids of the effects that explain the take as well as `name` does, most likely first."""
+    """Ids of the effects that in place of `name` explain the take as well as the best fit does, most likely first.
+
+    `are_indistinguishable` decides of each of the search's rivals.  A latency of the pose (`pose_latency`) always has
+    one: the delays of both commands together.
+    """
     twins = ["+".join(COMMAND_DELAYS)] if name == "pose_latency" else []
     for rival in search.rivals:
         other = _replacing_effect(name, best, rival)
@@ -143,7 +158,11 @@ def _indistinguishable_effects(best: Fit, search: SearchResult, take: Take, name
 
 
 def are_indistinguishable(best: Fit, rival: Fit, take: Take) -> bool:
-    """Whether two fits explain a take equally well: within a few nats, or within the scatter of blocks (Vuong 1989)."""
+    """Whether two fits explain the take equally well, by their difference of log-likelihood (Vuong's test, 1989).
+
+    The penalised log-likelihood of `rival` must be lower by less than `JUDGE_LIMITS.rival_nats`; or by less than
+    `max_rival_nats`, and the log-likelihood by less than `rival_se` standard errors, from the scatter of blocks.
+    """
     behind = gain_nats(best, rival)
     if behind < JUDGE_LIMITS.rival_nats:
         return True
@@ -158,7 +177,11 @@ def are_indistinguishable(best: Fit, rival: Fit, take: Take) -> bool:
 
 
 def _finding_probability(search: SearchResult, name: str) -> float:
-    """Probability of a named effect against its rivals, no effect and an unknown one: 1 / (1 + sum exp(-nats / T))."""
+    """Probability of a named effect against its rivals, no effect and an unknown one: 1 / (1 + sum exp(-nats / T)).
+
+    The sum is over these alternatives (a softmax); nats are how much lower the penalised log-likelihood of each is, for
+    the unknown effect a fixed prior.  The temperature T is `JUDGE_LIMITS.probability_temper`.
+    """
     best, temper = search.best, JUDGE_LIMITS.probability_temper
     behind = [gain_nats(best, rival) for rival in search.rivals if _replacing_effect(name, best, rival)]
     nothing, unknown = gain_nats(best, search.leave_one_out[name]), JUDGE_LIMITS.unknown_prior_nats * temper

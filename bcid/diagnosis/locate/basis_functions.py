@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline, njit_parallel
 from bcid.diagnosis.locate.pushes import driving_force
@@ -59,34 +59,47 @@ class BasisState(NamedTuple):
 
 @njit_inline
 def _smooth_sign(v: float, v_c: float) -> float:
-    """Sign of a speed without a jump: tanh(v / v_c)."""
+    """Smooth replacement of sign(v): tanh(v / v_c), with v and v_c in the same unit (m/s or rad/s)."""
     return math.tanh(v / v_c)
 
 
 @njit_inline
 def body_drag_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
-    """Basis functions of a drag along the body: tanh(v_x / v_c), v_x, |V| v_x, and v_x within the circle."""
+    """The four basis functions of a regression for a force along the body's x axis, evaluated at the state `q`.
+
+    They are tanh(v_x / v_c), v_x, |V| v_x, and v_x inside the circle on the floor where disturbances are largest (0
+    outside).  The regression multiplies each with an unknown coefficient.
+    """
     v = math.hypot(q.body.v_x, q.body.v_y)
     return _smooth_sign(q.body.v_x, c.v_c), q.body.v_x, v * q.body.v_x, q.in_circle * q.body.v_x
 
 
 @njit_inline
 def front_wheel_drag_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
-    """Basis functions of a drag along the front wheel: tanh(v_fx / v_c), v_fx, |delta| v_fx, v_fx within the circle."""
+    """The four basis functions of a regression for a force along the front wheel, evaluated at the state `q`.
+
+    They are tanh(v_fx / v_c), v_fx, |delta| v_fx, and v_fx inside the circle on the floor where disturbances are
+    largest (0 outside); v_fx is the hub's speed along the wheel.  The regression multiplies each with an unknown
+    coefficient.
+    """
     return _smooth_sign(q.v_fx, c.v_c), q.v_fx, abs(q.delta) * q.v_fx, q.in_circle * q.v_fx
 
 
 @njit_inline
 def floor_pull_basis(q: BasisState) -> tuple[float, ...]:
-    """Basis functions of a pull along one axis of the floor: 1, x and y of the CoG."""
+    """The three basis functions of a regression for a force along one world axis: 1, and the CoG's x and y (m).
+
+    The regression multiplies each with an unknown coefficient: a uniform force, and gradients of it over the floor.
+    """
     return 1.0, q.body.p_x, q.body.p_y
 
 
 @njit_inline
 def motor_force_basis(q: BasisState) -> tuple[float, ...]:
-    """Basis functions of a force along the driven wheels.
+    """The seven basis functions of a regression for a force along the driven wheels, evaluated at the state `q`.
 
-    F_m, its rate, t/T F_m, |v_fx| F_m and |F_m| F_m; and while the throttle drives, 1 and the excess of v_fx over u_m.
+    They are the motor's force F_m, dF_m/dt, (t/T) F_m, |v_fx| F_m; [u_m > 0] and [u_m > 0] max(v_fx - u_m, 0), with
+    throttle u_m and front wheel speed v_fx; and |F_m| F_m.  The regression multiplies each with an unknown coefficient.
     """
     pulling = 1.0 if q.u_m > 0.0 else 0.0
     return (
@@ -97,10 +110,11 @@ def motor_force_basis(q: BasisState) -> tuple[float, ...]:
 
 @njit_inline
 def front_tyre_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
-    """Basis functions of a force across the front wheel.
+    """The seven basis functions of a regression for a force across the front wheel, evaluated at the state `q`.
 
-    F_af, F_af F_m cos(delta), F_af F_m^2, and F_af within the circle; the rate of F_af over |v_fx|; the rounding of
-    F_af at its limit; and tanh(v_fx / v_c) while the tyre grips: a shift of the slip does nothing to a sliding tyre.
+    They are the side force F_af, F_af F_m cos(delta), F_af F_m^2; tanh(v_fx / v_c), but 0 where F_af is at its limit;
+    (dF_af/dt) / |v_fx|; F_af by a smooth (tanh) saturation less F_af by a clipped one; and F_af inside the circle on
+    the floor where disturbances are largest.  The regression multiplies each with an unknown coefficient.
     """
     return (
         q.F_af, q.F_m * math.cos(q.delta) * q.F_af, q.F_m * q.F_m * q.F_af, q.front_grips * _smooth_sign(q.v_fx, c.v_c),
@@ -110,26 +124,41 @@ def front_tyre_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
 
 @njit_inline
 def rear_tyre_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
-    """Basis functions of a force across the rear wheels: F_ar, tanh(v_x / v_c), F_ar's rounding, F_ar in the circle."""
+    """The four basis functions of a regression for a force across the rear wheels, evaluated at the state `q`.
+
+    They are the side force F_ar, tanh(v_x / v_c), F_ar by a smooth (tanh) saturation less F_ar by a clipped one, and
+    F_ar inside the circle on the floor where disturbances are largest.  The regression gives each an unknown
+    coefficient.
+    """
     return q.F_ar, _smooth_sign(q.body.v_x, c.v_c), q.F_ar_rounding, q.in_circle * q.F_ar
 
 
 @njit_inline
 def yaw_moment_basis(q: BasisState, c: Constants) -> tuple[float, ...]:
-    """Basis functions of a yaw moment: omega, tanh(omega / w_c), |omega| omega, and F_m cos(delta)."""
+    """The four basis functions of a regression for a yaw moment, evaluated at the state `q`.
+
+    They are omega, tanh(omega / w_c), |omega| omega, and F_m cos(delta), with the motor's force F_m.  The regression
+    multiplies each with an unknown coefficient.
+    """
     w = q.body.omega
     return w, _smooth_sign(w, c.w_c), abs(w) * w, q.F_m * math.cos(q.delta)
 
 
 @njit_inline
 def steering_angle_basis(q: BasisState) -> tuple[float, ...]:
-    """Basis functions, dependent on the motion, of a change of the front wheel's angle: |V| delta and F_af."""
+    """The two basis functions of a regression for an error of the front wheel's angle: |V| delta and F_af.
+
+    V is the CoG's velocity, F_af (N) the front tyre's side force.  The regression gives each an unknown coefficient.
+    """
     return math.hypot(q.body.v_x, q.body.v_y) * q.delta, q.F_af
 
 
 @njit_inline
 def _add_basis_columns(out: Floats, j: int, values: tuple[float, ...], direction: tuple[float, float, float]) -> int:
-    """Add each value times (F_x, F_y, M_z) to columns j, j + 1, ... of `out` (3, n); return the next free column."""
+    """Add values[k] times the wrench `direction` (F_x, F_y, M_z) to column j + k of `out` (3, n), for every k.
+
+    Returns j + len(values), the next free column.
+    """
     for phi in values:
         for i in range(3):
             out[i, j] += phi * direction[i]
@@ -138,7 +167,10 @@ def _add_basis_columns(out: Floats, j: int, values: tuple[float, ...], direction
 
 
 def _basis_size(function: Any, *more: Any) -> int:
-    """Number of functions that a basis such as `yaw_moment_basis` returns."""
+    """Number of basis functions in a group, such as `yaw_moment_basis`, found by calling the uncompiled function once.
+
+    `more` are the arguments that the function takes after the state.
+    """
     nothing = BodyState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return len(function.py_func(BasisState(0.0, nothing, *[0.0] * 12), *more))
 
@@ -160,7 +192,12 @@ BASIS_SIZES = {
 def _add_basis_wrenches(
     out: Floats, q: BasisState, wrench_per_rad: tuple[float, float, float], p: Car, c: Constants
 ) -> None:
-    """Add the wrenches of all basis functions, each in its direction, to the columns of `out` (3, n)."""
+    """Add to each column of `out` (3, n) the wrench F_x, F_y, M_z (body) of one basis function with coefficient 1.
+
+    The n basis functions are functions of the state `q` with which a regression describes missing physics.  Each acts
+    in one direction: along or across a wheel, along the body or a world axis, about the yaw axis, or as a change of
+    the front wheel's angle, for which `wrench_per_rad` is the derivative of the wrench by this angle.
+    """
     sin_d, cos_d, sin_t, cos_t = math.sin(q.delta), math.cos(q.delta), math.sin(q.body.theta), math.cos(q.body.theta)
     front, rear = p.front_share, 1.0 - p.front_share
     j = _add_basis_columns(out, 0, body_drag_basis(q, c), (1.0, 0.0, 0.0))
@@ -176,17 +213,27 @@ def _add_basis_wrenches(
 
 @njit_inline
 def _side_force_and_rounding(alpha: float, C: float, F: float) -> tuple[float, float]:
-    """Side force of a tyre (N), clipped at F, and what a smooth approach to F changes in it (N)."""
+    """Side force (N) of a tyre at slip angle `alpha` (rad), and what a smooth saturation would add to it (N).
+
+    The side force is F_a = clip(-C alpha, -F, F), with cornering stiffness `C` (N/rad) and limit `F` (N); the second
+    value is F tanh(-C alpha / F) - F_a.
+    """
     clipped = lateral_force(alpha, C, F)
     return clipped, tyre_soft_saturation(-C * alpha, F, 1.0) - clipped
 
 
 @njit
 def _segment_basis_wrenches(
-    start: Floats, step: int, steps: int, chain: ActuatorChain, T: float, p: Car, e: Any, c: Constants,
+    start: Floats, step: int, steps: int, chain: ActuatorChain, T: float, p: Car, e: Switches, c: Constants,
     circle: FloorCircle, n: int,
 ) -> Floats:  # fmt: skip
-    """Wrenches of n basis functions in every step of one segment (steps, 3, n): means of those at the step's ends."""
+    """Wrenches F_x, F_y (N), M_z (N m) (body) of n basis functions in each step of a segment: (steps, 3, n).
+
+    The basis functions are functions of the state with which a regression describes missing physics; each has
+    coefficient 1.  They are evaluated along the predicted motion and averaged over both ends of each step.  The
+    prediction begins at integration step `step` of a recording of `T` (s), with initial state and disturbances
+    `start` (N_NUISANCE,).
+    """
     out, ends = np.zeros((steps, 3, n)), np.zeros((2, 3, n))
     pushes, each = push_wrenches(start, p), steps // KNOTS
     b, F_m, F_af, h = unpack_body(start), 0.0, 0.0, chain.h
@@ -220,12 +267,14 @@ def _segment_basis_wrenches(
 
 @njit_parallel
 def wrench_basis_changes(
-    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Any, c: Constants, circle: FloorCircle,
+    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants, circle: FloorCircle,
     n: int,
 ) -> Floats:  # fmt: skip
-    """Changes of the predicted poses (N, 3, n) by a unit of each of the `n` basis functions that push the body.
+    """Derivatives (N, 3, n) of the predicted poses by the coefficients of `n` basis functions, by finite differences.
 
-    `start` (S, N_NUISANCE) holds initial states and pushes of the segments, `e` is an array of one record.
+    Basis functions are functions of the state, such as v_x or omega, that act as forces or moments on the body; some
+    act only inside `circle`.  Predictions start from `start` (S, N_NUISANCE), each segment's initial state and
+    disturbances; `e` is an array with one record of effect parameters.
     """
     out, inertia = np.zeros((layout.first[-1], 3, n)), np.array([p.m, p.m, p.I_z])
     for s in numba.prange(len(layout.step)):

@@ -27,9 +27,12 @@ NO_CIRCLE = FloorCircle(0.0, 0.0, 0.0, 0.0)
 
 
 def channel_gains(fit: Fit, take: Take, circle: FloorCircle | None) -> dict[str, float]:
-    """Nats that free amplitudes of each channel's basis functions would gain beside a fit, by channel, largest first.
+    """Log-likelihood gain (nats) by a linear regression of a fit's residuals on the basis functions of each channel.
 
-    Each function is penalised by ln(segments) / 2 as in BIC; some functions act only within `circle`, if there is one.
+    A channel is a place where physics may be missing: "fx", "fy", "mz", "motor", "steering", "pose" or "time"; its
+    basis functions are simple functions of the state, whose coefficients are free.  The fitted parameters and each
+    segment's initial state and disturbances are projected out, and ln(segments) / 2 is deducted for each function, as
+    in BIC.  Some functions act only inside `circle`, if given.  The largest gain comes first.
     """
     columns, slices = pose_changes_by_channel(fit, take, circle or NO_CIRCLE)
     beside = project_out_fit(fit, take, columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1))), 1e-12))
@@ -41,9 +44,10 @@ def channel_gains(fit: Fit, take: Take, circle: FloorCircle | None) -> dict[str,
 
 
 def pose_changes_by_channel(fit: Fit, take: Take, circle: FloorCircle) -> tuple[Floats, dict[str, slice]]:
-    """Changes of the predicted poses (N, 3, n) by a unit of every basis function, and the columns of each channel.
+    """Derivatives (N, 3, n) of predicted poses by the coefficients of n basis functions, and each channel's columns.
 
-    Columns of predictions that diverge are zero.
+    Basis functions are functions of the state with which a regression describes missing physics in a channel ("fx",
+    "steering", "pose" ...); some act only inside `circle`.  A column that is not finite is set to zero.
     """
     inputs, where = fit.hypothesis.prediction_inputs(fit.phi, take), segment_layout(take)
     still = np.asarray(predict_poses(where, fit.start, *inputs.kernel_arguments))
@@ -65,7 +69,12 @@ def pose_changes_by_channel(fit: Fit, take: Take, circle: FloorCircle) -> tuple[
 
 
 def _servo_angle_changes(fit: Fit, layout: SegmentLayout, inputs: PredictionInputs, still: Floats) -> Floats:
-    """Pose changes (N, 3, 7) by functions 1, d, |d|, d^3, rate, tanh(rate / 0.2), |rate| of the commanded angle d."""
+    """Derivatives (N, 3, 7) of predicted poses by the coefficients of seven functions added to the steering angle.
+
+    With the front wheel's angle d (rad) after the actuators and its rate r (rad/s) they are 1, d, |d|, d^3, r, tanh(r
+    / SERVO_MOVES_RADPS) and |r|.  Finite differences by ANGLE_STEP_RAD against the unchanged prediction `still` (N,
+    3).
+    """
     chain = inputs.chain
     d, rate = chain.delta, np.gradient(chain.delta, 0.5 * chain.h)
     functions = (np.ones_like(d), d, np.abs(d), d**3, rate, np.tanh(rate / SERVO_MOVES_RADPS), np.abs(rate))
@@ -75,14 +84,23 @@ def _servo_angle_changes(fit: Fit, layout: SegmentLayout, inputs: PredictionInpu
 
 
 def _tracked_pose_changes(p: Floats) -> Floats:
-    """Changes (N, 3, 4) of predicted poses p (N, 3) by two shifts of the tracked point, a rotation and a scale."""
+    """Derivatives (N, 3, 4) of reported poses `p` (N, 3), x, y (m), yaw (rad), by four errors of the tracking.
+
+    These are an offset of the tracked point along the body and one across it (m), an offset of the yaw (rad), and a
+    relative scale error of positions.
+    """
     cos_t, sin_t, none, one = np.cos(p[:, 2]), np.sin(p[:, 2]), np.zeros(len(p)), np.ones(len(p))
     rows = ((cos_t, sin_t, none), (-sin_t, cos_t, none), (none, none, one), (p[:, 0], p[:, 1], none))
     return np.stack([np.column_stack(r) for r in rows], axis=2)
 
 
 def _clock_shift_changes(fit: Fit, take: Take, inputs: PredictionInputs, still: Floats) -> Floats:
-    """Pose changes (N, 3, 2) by a delay of the poses against the commands, constant and growing with time."""
+    """Derivatives (N, 3, 2) of predicted poses by a constant offset (s) and by a linear drift of the poses' clock.
+
+    The drift's unit is 1 s over the whole take of length T: the offset is t/T seconds, t counted from the recording's
+    start.  Finite differences of predictions at time stamps CLOCK_STEP_S apart; `still` (N, 3) has the unshifted
+    ones.
+    """
     later = segment_layout(take)._replace(stamp_s=take.stamp_s + CLOCK_STEP_S)
     velocity = (np.asarray(predict_poses(later, fit.start, *inputs.kernel_arguments)) - still) / CLOCK_STEP_S
     zero = np.repeat(take.zero_s, np.diff(take.first))

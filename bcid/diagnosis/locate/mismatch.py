@@ -84,9 +84,12 @@ class Location:
 
 
 def locate_mismatch(fit: Fit, take: Take, disturbances: Disturbances, regression: DisturbanceRegression) -> Location:
-    """Channel, dependence, regime, place and time of what a fit leaves unexplained of a take.
+    """Describe where the residuals of a fit come from: channel, dependence, driving regime, place and time.
 
-    `disturbances` are the pushes that the fit needs, `regression` is what of them is predictable, and from what.
+    `disturbances` are the accelerations of the body that the fit does not explain, constant over 0.5 s; `regression`
+    is their prediction from the car's state by regression trees.  Channels are compared by the log-likelihood gain of
+    simple functions of the state.  Place and time come from a scan statistic with a permutation test, and are None
+    where its p-value is not below `LOCATE_LIMITS.significant_p_value`.
     """
     circles, place_p = scan_circles(disturbances, fit.hypothesis.units, 1)
     place = circles[0] if place_p < LOCATE_LIMITS.significant_p_value else None
@@ -99,7 +102,12 @@ def locate_mismatch(fit: Fit, take: Take, disturbances: Disturbances, regression
 
 
 def describe_regime(disturbances: Disturbances, energies: Floats) -> str:
-    """What the car does where the `energies` (K,) of its pushes are largest: at most two regimes, in words."""
+    """Name in words the driving regimes, such as "braking and turning left", in which the `energies` (K,) are largest.
+
+    The energies are squared disturbances at K knots of 0.5 s.  A regime is named if its mean energy is more than
+    `LOCATE_LIMITS.min_regime_energy_ratio` times the mean outside it, at most the `max_regimes` with the largest ratio;
+    "throughout" if there is none.
+    """
     m = disturbances.states
     v, speed, u = m["v_x"], np.hypot(m["v_x"], m["v_y"]), m["u_m"]
     delta, rate, omega, alpha = (np.abs(m[n]) for n in ("delta", "delta_rate", "omega", "alpha_f"))

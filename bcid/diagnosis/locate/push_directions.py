@@ -45,9 +45,12 @@ class DirectionGain(NamedTuple):
 
 
 def direction_gains(disturbances: Disturbances, car: Car) -> tuple[DirectionGain, ...]:
-    """The best direction of pushes in each channel with its gain in nats, the likeliest first.
+    """Log-likelihood gain (nats, BIC) of a preferred direction of the disturbances: the best of each channel.
 
-    Gains are penalised as in BIC, by ln(segments) / 2 for every size a_j; there are none if no segment shows pushes.
+    Two models of the disturbances at 0.5 s knots are compared, both with Student's t: random along, across and about
+    the body alone, and the same with an additional random part along one direction.  Standard deviations are fitted
+    by maximum likelihood; ln(segments) / 2 is deducted for each additional one.  Sorted by gain, largest first; empty
+    if no segment shows disturbances.
     """
     seen = _SegmentPushes.from_disturbances(disturbances, car)
     if not len(seen.segment):
@@ -66,7 +69,11 @@ def direction_gains(disturbances: Disturbances, car: Car) -> tuple[DirectionGain
 
 
 def list_push_directions(disturbances: Disturbances, car: Car) -> list[PushDirection]:
-    """The 15 directions of pushes that are compared, at the knots' mean states; some grow with a force or a speed."""
+    """The 15 directions in which missing physics could act on the body, such as along the front wheel.
+
+    Each has its channel and vectors (K, 3), F_x, F_y (N), M_z (N m) in the body frame, one for each 0.5 s knot of the
+    disturbances; some are proportional to a force or a speed at the knot.
+    """
     m = disturbances.states
     sin_d, cos_d, sin_t, cos_t = np.sin(m["delta"]), np.cos(m["delta"]), np.sin(m["theta"]), np.cos(m["theta"])
     one, none = np.ones_like(sin_d), np.zeros_like(sin_d)
@@ -100,7 +107,7 @@ def list_push_directions(disturbances: Disturbances, car: Car) -> list[PushDirec
 
 
 def _scale_rows(size: Floats, direction: Floats) -> Floats:
-    """Each row of `direction` (K, 3) times its own number of `size` (K,)."""
+    """Multiply row k of `direction` (K, 3) by the factor `size[k]`."""
     return np.asarray(size)[:, None] * direction
 
 

@@ -1,11 +1,11 @@
 """Disturbances of a fit: the posterior pushes on the body at every knot, with all that they might depend on."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from bcid.aliases import Floats, Ints
+from bcid.aliases import Floats, Ints, Switches
 from bcid.compiled.njit import njit_inline, njit_parallel
 from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.effects.actuators import ActuatorChain, actuation_at
@@ -40,15 +40,23 @@ class Disturbances(NamedTuple):
 
 @njit_inline
 def driving_force(steady: LagState, p: Car) -> float:
-    """Force F_m (N) of the motor along all driven wheels: front_share F_mf + (1 - front_share) F_mr."""
+    """Total motor force F_m (N) along the driven wheels: front_share F_mf + (1 - front_share) F_mr.
+
+    F_mf and F_mr are the motor's forces by the wheel speeds in front and rear, without lag (`steady`).
+    """
     return p.front_share * steady.F_mf + (1.0 - p.front_share) * steady.F_mr
 
 
 @njit_parallel
 def _mean_knot_states(
-    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Any, c: Constants
+    layout: SegmentLayout, start: Floats, chain: ActuatorChain, p: Car, e: Switches, c: Constants
 ) -> Floats:
-    """Means of the predicted STATE_NAMES over the knots of all segments: (S, KNOTS, 12)."""
+    """Mean predicted state over each 0.5 s knot of all S segments: (S, KNOTS, 12), columns in the order of STATE_NAMES.
+
+    They are p_x, p_y (m), theta (rad, world), v_x, v_y (m/s), omega (rad/s, body), delta and its rate, throttle u_m,
+    slip angles alpha_f and alpha_r (rad), and the motor's force F_m (N).  Predictions start from `start` (S,
+    N_NUISANCE), each segment's initial state and disturbances.
+    """
     S = len(layout.step)
     out = np.zeros((S, KNOTS, 12))
     per_knot = layout.steps // KNOTS
@@ -73,10 +81,11 @@ def _mean_knot_states(
 
 
 def push_reduction_shares(without: Disturbances, with_effect: Disturbances) -> dict[str, float]:
-    """Shares "along" the car and "across" or about it of the squared pushes that an effect makes unnecessary.
+    """How the decrease of disturbances by an effect divides into "along" the car (x) and "across" (y and yaw together).
 
-    Squares are in units of the pushes that remain with the effect.  Across and about share one number, since a steered
-    wheel pushes both ways at once.
+    The decrease in a channel is the sum of squared disturbances `without` the effect less that `with_effect`, at
+    least 0.  Disturbances are first divided by the channel's robust standard deviation (MAD) with the effect, and
+    clipped at `LOCATE_LIMITS.max_strength_sd`.  Both shares are 0 if nothing decreases.
     """
     scale = np.maximum(1.4826 * np.median(np.abs(with_effect.push), axis=0), 1e-12)
     before, after = (
@@ -88,7 +97,12 @@ def push_reduction_shares(without: Disturbances, with_effect: Disturbances) -> d
 
 
 def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
-    """Estimate the pushes on the body that best explain a fit's residuals, knot by knot, with the car's mean states."""
+    """Estimate the accelerations of the body, constant over 0.5 s, that explain the pose residuals of a fit.
+
+    They are posterior means of a linear Gaussian model with the fitted standard deviations of noise and disturbances.
+    With them come estimates without the prior (from the poses alone), and the car's mean states over the same
+    intervals.
+    """
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
     r = residuals_without_pushes(take, inputs, fit.start, fit.tangent.A)
     products = segment_moments(r, fit.tangent.A, take.first)

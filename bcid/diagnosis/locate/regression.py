@@ -31,7 +31,7 @@ class DisturbanceRegression:
     depends_on: tuple[str, ...]  # most important first
     gain_nats: float  # that the trees' predictions of all channels are worth on those blocks
     form: str | None  # a formula with units, where one predicts nearly as well
-    min_correlation: float = LOCATE_LIMITS.min_correlation  # of this take
+    min_correlation: float  # beyond which the disturbances of this take are predictable
 
     @property
     def predictable(self) -> bool:
@@ -40,7 +40,11 @@ class DisturbanceRegression:
 
 
 def regressor_columns(disturbances: Disturbances) -> dict[str, Floats]:
-    """Quantities that disturbances may depend on, by their names in diagnosis.json: columns (K, n) each."""
+    """Regressors for the disturbances at K knots of 0.5 s, by their names in diagnosis.json ("speed", "steering" ...).
+
+    Each is an array (K, n): n = 1 but for "throttle" (u_m and motor force F_m), "place" (x, y) and "heading" (sine,
+    cosine), where n = 2.
+    """
     m = disturbances.states
     single = {
         "v_x": m["v_x"], "v_y": m["v_y"], "speed": np.hypot(m["v_x"], m["v_y"]), "yaw_rate": m["omega"],
@@ -56,9 +60,11 @@ def regressor_columns(disturbances: Disturbances) -> dict[str, Floats]:
 
 
 def regress_disturbances(disturbances: Disturbances, car: Car) -> DisturbanceRegression:
-    """Predict the disturbances from the car's state by extra-trees, cross-validated over blocks of time.
+    """Predict the disturbances (unexplained accelerations of the body) from the car's state by extra-trees.
 
-    The result is of the channel with the largest correlation, with a formula where one predicts nearly as well.
+    Predictions are cross-validated over blocks of time.  The result names the channel ("fx", "fy" or "mz") with the
+    largest correlation of prediction and estimate, the regressors with the largest importance there, and a short
+    formula if its correlation is at least `LOCATE_LIMITS.min_formula_share` of the trees'.
     """
     columns = regressor_columns(disturbances)
     X = np.hstack(list(columns.values()))
@@ -80,7 +86,11 @@ def regress_disturbances(disturbances: Disturbances, car: Car) -> DisturbanceReg
 
 
 def _predict_unseen_blocks(X: Floats, targets: Floats) -> tuple[Floats, Floats]:
-    """Trees' predictions (K, 3) of targets in blocks that they have not seen, and importances (3, n) of columns."""
+    """Cross-validated predictions (K, 3) of `targets` (K, 3) from `X` (K, n) by extremely randomised trees.
+
+    Folds are blocks of consecutive samples.  The second array (3, n) holds the mean importance of each column of X
+    for each target.
+    """
     from sklearn.ensemble import ExtraTreesRegressor
 
     fold = blocked_folds(len(X))
@@ -95,13 +105,17 @@ def _predict_unseen_blocks(X: Floats, targets: Floats) -> tuple[Floats, Floats]:
 
 
 def blocked_folds(knots: int) -> Ints:
-    """Fold of cross-validation (K,) of each knot: blocks of BLOCK_KNOTS in turn, shorter ones in a short take."""
+    """Number of the cross-validation fold, 0 to FOLDS - 1, of each of `knots` consecutive samples: shape (knots,).
+
+    Blocks of BLOCK_KNOTS samples are given to the folds in turn, as neighbouring samples are correlated; blocks are
+    shorter, knots // FOLDS, where that is less.
+    """
     block = min(BLOCK_KNOTS, knots // FOLDS)
     return np.asarray((np.arange(knots) // block) % FOLDS)
 
 
 def _correlation(a: Floats, b: Floats) -> float:
-    """Correlation coefficient of two samples (K,); 0 where one of them hardly varies."""
+    """Pearson's correlation coefficient of two samples (K,); 0 where the standard deviation of either is tiny."""
     if a.std() < 1e-12 or b.std() < 1e-12:
         return 0.0
     return float(np.corrcoef(a, b)[0, 1])
@@ -117,10 +131,12 @@ _SYMBOLS = {
 def _fit_short_formula(
     disturbances: Disturbances, car: Car, channel: int, depends_on: list[str], tree_correlation: float
 ) -> str | None:
-    """Formula of one or two terms for the pushes in one channel; None where trees predict unseen blocks far better.
+    """Fit a formula of a few terms to the disturbances in one channel: its text with units, or None if it fits badly.
 
-    Pushes are posterior means, which show only a share of a push: dividing by the share, and weighting with it, makes
-    the coefficients unbiased.
+    `channel` 0, 1, 2 is F_x, F_y, M_z.  Terms are added by forward selection, at most `max_formula_terms`; products
+    need a factor in `depends_on`.  The result is None if the correlation in blocked cross-validation is below
+    `LOCATE_LIMITS.min_formula_share` of `tree_correlation`.  Disturbances are posterior means, shrunk towards zero:
+    dividing by the shrinkage factor, and weighting with it, makes the coefficients unbiased.
     """
     terms = _formula_terms(disturbances, depends_on, "1" if car.sets_force > 0.0 else "m/s")
     share = disturbances.posterior_share[:, channel]
@@ -153,9 +169,10 @@ def _fit_short_formula(
 def _formula_terms(
     disturbances: Disturbances, depends_on: list[str], throttle_unit: str
 ) -> dict[str, tuple[Floats, str]]:
-    """Terms that a formula may have, by their text: values (K,) and unit.
+    """Candidate terms of a formula for the disturbances, by their text: values (K,) at the knots, and unit.
 
-    They are single quantities, their odd powers and smooth signs, and products with those that disturbances depend on.
+    For each quantity q they are q, tanh(q / 0.05), q |q| and q^3; for two of them the products a b and |a| b if one
+    is in `depends_on`.
     """
     columns = regressor_columns(disturbances)
     single = {n: columns[n][:, 0] for n in _SYMBOLS}
@@ -175,12 +192,18 @@ def _formula_terms(
 
 
 def _weighted_least_squares(X: Floats, y: Floats, root: Floats) -> Floats:
-    """Coefficients (n,) that minimise |root (y - X b)|^2, `root` (K,) being roots of weights."""
+    """Weighted least squares: the coefficients b (n,) that minimise |root (y - X b)|^2, for `X` (K, n) and `y` (K,).
+
+    `root` (K,) holds the square roots of the weights.
+    """
     return np.asarray(np.linalg.lstsq(X * root[:, None], y * root, rcond=None)[0])
 
 
 def _unseen_block_correlation(X: Floats, y: Floats, root: Floats) -> float:
-    """Correlation of weighted least-squares predictions with y (K,) in blocks outside of the fitted ones."""
+    """Correlation of `y` (K,) with its weighted least-squares prediction from `X` (K, n) in blocked cross-validation.
+
+    `root` (K,) holds the square roots of the weights; both are multiplied by it before they are correlated.
+    """
     fold, predicted = blocked_folds(len(y)), np.zeros(len(y))
     for f in range(FOLDS):
         seen = fold != f

@@ -39,14 +39,20 @@ class TimeWindow(NamedTuple):
 
 
 def knot_energies(disturbances: Disturbances) -> Floats:
-    """Mean squared strength of the disturbances' channels at every knot (K,), clipped; 1 is what the fit expects."""
+    """Energy (K,) of the disturbances at each 0.5 s knot: mean over x, y, yaw of (disturbance / standard deviation)^2.
+
+    The standard deviation is the one that the fit expects, so that the mean energy is about 1; values are clipped at
+    `LOCATE_LIMITS.max_knot_energy`.
+    """
     return np.asarray(np.minimum((disturbances.strength**2).mean(axis=1), LOCATE_LIMITS.max_knot_energy))
 
 
 def _kulldorff_ratios(inside: Floats, energies: Floats) -> Floats:
-    """Kulldorff's statistic K ln E - n ln E_in - (K - n) ln E_out of M sets of n of the K knots, with mean energies E.
+    """Kulldorff's log-likelihood ratio K ln E - n ln E_in - (K - n) ln E_out of M sets, each of n of the K knots.
 
-    `inside` (M, K) holds ones and zeros, `energies` is (K,) or (K, P); sets of few knots or of more than half have 0.
+    E is the mean energy of all knots, E_in inside and E_out outside the set.  `inside` (M, K) holds ones and zeros;
+    `energies` may be (K,) or, for P permutations, (K, P): the result is (M,) or (M, P).  It is 0 for sets of fewer than
+    `LOCATE_LIMITS.min_scan_knots` or more than half the knots, and where E_in <= E_out.
     """
     n = inside.sum(axis=1).reshape(-1, *[1] * (energies.ndim - 1))
     K, total = len(energies), energies.sum(axis=0)
@@ -59,9 +65,10 @@ def _kulldorff_ratios(inside: Floats, energies: Floats) -> Floats:
 
 
 def _scan_sets(inside: Floats, disturbances: Disturbances) -> tuple[Floats, float]:
-    """Kulldorff's statistic (M,) of the sets `inside` (M, K) of knots, and the global p-value of the largest one.
+    """Kulldorff's scan statistic (M,) of the disturbances' energy in M sets of knots, and the p-value of the largest.
 
-    The p-value is the share of random permutations of whole segments in which the largest statistic is as large.
+    `inside` (M, K) has 1 where knot k is in set m.  The p-value is by a permutation test: the share of random
+    permutations of whole segments whose largest statistic over all sets is at least as large.
     """
     energies, rng = knot_energies(disturbances), np.random.default_rng(0)
     ratios, by_segment = _kulldorff_ratios(inside, energies), energies.reshape(-1, KNOTS)
@@ -71,9 +78,11 @@ def _scan_sets(inside: Floats, disturbances: Disturbances) -> tuple[Floats, floa
 
 
 def scan_circles(disturbances: Disturbances, units: VehicleScale, count: int = 6) -> tuple[list[FloorCircle], float]:
-    """Circles on the floor within which disturbances are largest, best first, and the global p-value of the first.
+    """Find the circles on the floor with the largest disturbances by Kulldorff's scan statistic, the best first.
 
-    Radii and distances are scaled to the vehicle's `units`.
+    Also returns the p-value of the first by a permutation test over all circles.  Circles have each radius in RADII_M,
+    scaled to the vehicle by `units`, and centres where the car was.  At most `count` are returned, whose centres lie at
+    least `LOCATE_LIMITS.min_circle_distance_m` (scaled) apart.
     """
     place = np.column_stack([disturbances.states["p_x"], disturbances.states["p_y"]])
     tried = list[tuple[float, float, float]]()
@@ -95,7 +104,11 @@ def scan_circles(disturbances: Disturbances, units: VehicleScale, count: int = 6
 
 
 def scan_windows(disturbances: Disturbances) -> tuple[TimeWindow, float]:
-    """The stretch of time, in 24ths of the take, in which disturbances are largest, and its global p-value."""
+    """Find the time window with the largest disturbances by Kulldorff's scan statistic (a likelihood ratio).
+
+    Also returns its p-value by a permutation test over all windows.  Windows begin and end at multiples of 1/TIME_PARTS
+    of the take's duration.
+    """
     time_s = disturbances.time_s
     edges = np.linspace(time_s[0], time_s[-1] + 1e-6, TIME_PARTS + 1)
     spans = [(a, b) for a in range(TIME_PARTS) for b in range(a + 1, TIME_PARTS + 1) if b - a < TIME_PARTS]

@@ -88,11 +88,13 @@ def search_effects(
     base: Fit, take: Take, regression: DisturbanceRegression, report: Report = lambda text: None,
     excluded: Sequence[str] = (), reference_fit: Fit | None = None,
 ) -> SearchResult:  # fmt: skip
-    """Add effects to the base model while they explain enough, then remove and exchange them while that costs nothing.
+    """Search the effects that explain a take: forward selection, backward elimination, exchanges of single effects.
 
-    `regression` says what of the base model's disturbances is predictable; effects with an id in `excluded` are not
-    considered.  The first effect is sought beside `reference_fit` as well, a reference model that was not refitted: a
-    refit may have hidden what is missing.  `report` is called with a text for each round.
+    At each step all base and effect parameters are refitted; an effect must raise the penalised log-likelihood by more
+    than chance does.  First the base model's own simplifications are corrected.  `regression` says what of the base
+    model's disturbances extra-trees can predict; effects with an id in `excluded` are not considered.  The first
+    effect is also sought beside `reference_fit`, a reference model at its own parameters, since refitted parameters
+    may hide what is missing.  `report` is called with a text in each round.
     """
     report("the base model's own simplifications")
     corrected = _fit_corrections(base, take)
@@ -110,7 +112,12 @@ def search_effects(
 
 
 def _search_forward(problem: _SearchProblem, state: _SearchState, report: Report) -> _SearchState:
-    """Add, one after another, the effect whose joint refit gains most, as long as it explains enough."""
+    """Forward selection: add to `state.best` the effect whose joint refit gains most, until none gains enough.
+
+    It ends also when a gain is below those that effects reach by chance (`NullGains.gate`), or when
+    `SEARCH_LIMITS.max_effects` are named (`max_effects_under_pushes` in a take predicted under pushes, disturbances
+    fitted to each 0.5 s).
+    """
     base, take = problem.base, problem.take
     max_effects = SEARCH_LIMITS.max_effects_under_pushes if take.pushed else SEARCH_LIMITS.max_effects
     while len(named_effects(state.best)) < max_effects:
@@ -137,10 +144,11 @@ def _search_forward(problem: _SearchProblem, state: _SearchState, report: Report
 
 
 def _find_alternatives(best: Fit, problem: _SearchProblem, state: _SearchState) -> Alternatives:
-    """The best fit with its leave-one-out refits and rivals.
+    """The best fit, its refits without each named effect, and its rivals: fits with one effect exchanged for another.
 
-    If it holds a single named effect, the rivals are the refits among which that was chosen, unless a correction has
-    been removed since; else they come from exchanges.
+    If it names one effect at most and holds what the forward search found, the rivals are the other refits of the
+    round in which that effect was chosen.  Otherwise they come from exchanges, repeated until none raises the
+    penalised log-likelihood; the best fit met replaces `best`.
     """
     take, known = problem.take, (problem.corrected, problem.base)
     if best.hypothesis.effects == state.best.hypothesis.effects and len(named_effects(best)) < 2:
@@ -149,7 +157,11 @@ def _find_alternatives(best: Fit, problem: _SearchProblem, state: _SearchState) 
 
 
 def _explains_enough(best: Fit, more: Fit, regression: DisturbanceRegression, required_nats: float) -> bool:
-    """Whether `more`, with one effect more than `best`, gains what is required and enough of what trees predict."""
+    """Whether `more`, with one effect more than `best`, gains at least `required_nats` of penalised log-likelihood.
+
+    Where extra-trees can predict the disturbances, it must also gain `SEARCH_LIMITS.min_predictable_share` of the nats
+    that their predictions gain on blocks that they have not seen.
+    """
     gained = gain_nats(more, best)
     enough = gained >= SEARCH_LIMITS.min_predictable_share * regression.gain_nats
     return gained >= required_nats and (enough or not regression.predictable)
@@ -161,8 +173,9 @@ def _refit_with_one_more(
 ) -> tuple[list[Fit], _SearchState]:  # fmt: skip
     """Joint refits of the best fit with one effect more, best first, and the state from which the next round starts.
 
-    Effects of the shortlist start from the score test's values, in the first round beside the reference model too;
-    those of `state.from_sizes` start from their best sizes, if they are likely to gain `required_nats`.
+    Effects of the `shortlist` start from the values that the score test found; in the first round such refits start
+    from the reference model's own parameters, too.  Effects in `state.from_sizes` start from those multiples of their
+    declared sizes that fit best, if they are likely to gain `required_nats` of penalised log-likelihood.
     """
     best, take, sized = state.best, problem.take, state.from_sizes
     fits = refits.refit_candidates(best, take, refits.score_testable_candidates(best, take, shortlist))
@@ -180,10 +193,11 @@ def _widen_refits(
     problem: _SearchProblem, state: _SearchState, fits: list[Fit], regression: DisturbanceRegression,
     required_nats: float,
 ) -> tuple[list[Fit], tuple[str, ...]]:  # fmt: skip
-    """The refits `fits`, with further ones from larger sizes if much is predictable and none explains enough of it.
+    """The refits `fits`, and more from larger sizes where extra-trees predict disturbances that no refit explains.
 
-    Under pushes, once effects are named, all effects not tried yet are refitted from their best sizes as well.  The
-    second value holds the ids of the most promising of these.
+    In a take predicted under pushes (disturbances fitted to each 0.5 s), once effects are named, all effects without a
+    place that were not tried yet are also refitted from the multiples of their declared sizes that fit best.  The
+    second value holds the ids of the most promising of these, () if none were tried.
     """
     best, take = state.best, problem.take
     tried = (*problem.excluded, *state.from_sizes) if take.pushed else problem.excluded
@@ -202,7 +216,10 @@ def _widen_refits(
 
 
 def _replace_delays_by_latency(fit: Fit, take: Take) -> Fit:
-    """The fit with a latency of the pose in place of delays of both commands, if its penalised likelihood is higher."""
+    """The fit with a pose latency in place of the delays of both commands, if that raises the penalised log-likelihood.
+
+    The latency starts at the mean of the two delays.  A fit without both delays, or with a latency, is returned as is.
+    """
     held = fit.hypothesis.effects
     if not set(COMMAND_DELAYS) <= set(named_effects(fit)) or "pose_latency" in held:
         return fit
@@ -212,7 +229,11 @@ def _replace_delays_by_latency(fit: Fit, take: Take) -> Fit:
 
 
 def _fit_corrections(base: Fit, take: Take) -> Fit:
-    """The base model with those of its simplifications corrected that are certainly wrong, if that gains enough."""
+    """The base model refitted with those of its own simplifications (CORRECTIONS) corrected that are certainly wrong.
+
+    Kept are corrections with an amplitude many standard errors from zero (`_is_certain`), if together they gain
+    `LIKELIHOOD_LIMITS.usual_gate_nats` of penalised log-likelihood; otherwise `base` is returned.
+    """
     free = [n for n in CORRECTIONS if n in base.hypothesis.entries and n not in base.hypothesis.assumed]
     sizes = [p.size for n in free for p in base.hypothesis.entries[n].parameters]
     all_free = base.hypothesis.with_effects(*free)
@@ -233,14 +254,21 @@ def _fit_corrections(base: Fit, take: Take) -> Fit:
 
 
 def _is_certain(fit: Fit, name: str) -> bool:
-    """Whether an amplitude of the effect is so many standard errors from zero that a refit without it is not needed."""
+    """Whether an amplitude of effect `name` is more than `SEARCH_LIMITS.certain_se` standard errors from zero.
+
+    For such an effect (by this Wald test) no refit without it is made to see what it gains.
+    """
     estimates = refits.estimates_by_symbol(fit, name)
     amplitudes = (estimates[p.symbol] for p in ENTRIES[name].amplitude_parameters)
     return any(abs(value) > SEARCH_LIMITS.certain_se * se > 0.0 for value, se in amplitudes)
 
 
 def _eliminate_backward(fit: Fit, take: Take, gate_nats: float) -> Fit:
-    """The fit without those of its effects that gain less than the gate beside the others, removed one by one."""
+    """Backward elimination: the fit without effects that gain less than `gate_nats` of penalised log-likelihood.
+
+    An effect's gain is over the joint refit without it, beside all others; the first that gains too little is removed,
+    then all are compared again.  Effects of certain size (`_is_certain`) stay untested.
+    """
     held = fit.hypothesis.effects
     if len(held) < 2:
         return fit

@@ -43,7 +43,11 @@ AMPLITUDE_DIRECTIONS = ((1.0, 1.0), (1.0, -1.0), (1.0, 0.0), (0.0, 1.0))
 
 
 def phi_at_reference(fit: Fit) -> Floats:
-    """The fit's phi with the trusted reference model's own values in place of refitted ones, which may hide effects."""
+    """The fit's parameter vector phi with a trusted reference model's own values in place of the refitted ones.
+
+    phi holds the base parameters (logarithms, drag), then the effects' parameters in units of their declared sizes.
+    Refitted base parameters may hide what is missing.
+    """
     hypothesis, reference = fit.hypothesis, fit.hypothesis.trusted_simulation
     assert reference is not None  # noqa: S101  # only fits beside a trusted reference model get here
     # the base model and what is assumed come first
@@ -52,7 +56,7 @@ def phi_at_reference(fit: Fit) -> Floats:
 
 
 def effects_without_place(fit: Fit, excluded: Sequence[str]) -> tuple[str, ...]:
-    """Ids of the effects without a place or time, other than those that `fit` holds or that are excluded."""
+    """Ids of the effects without a place or time parameter, leaving out those that `fit` holds and those `excluded`."""
     entries, held = fit.hypothesis.entries, fit.hypothesis.effects
     own = [entries[n] for n in EFFECTS if n in entries and n not in (*held, *excluded)]
     return tuple(e.id for e in own if e.amplitude_parameters and not e.place_parameters)
@@ -74,10 +78,12 @@ class SizedRefit(NamedTuple):
 def refit_from_sizes(
     fit: Fit, take: Take, effects: Iterable[str], required_nats: float
 ) -> tuple[list[Fit], tuple[str, ...]]:
-    """Joint refits of `fit` with one more of the `effects`, each from its best size on a part of the take.
+    """Joint refits of `fit` with one more of the `effects`, each started from its best size on a part of the take.
 
-    Only effects that are likely to gain `required_nats` are refitted on the whole take.  A trusted reference model's
-    parameters start from its own values.  The second value holds the ids of the most promising effects, best first.
+    Sizes, multiples of the declared one, and effects are first compared on 12 and 30 of the take's 1.5 s segments.
+    Only effects likely to gain `required_nats` of penalised log-likelihood are then refitted on the whole take.  A
+    trusted reference model's parameters start from its own values.  The second value holds the ids of the most
+    promising effects, best first.
     """
     effects = [n for n in effects if n not in fit.hypothesis.effects]
     if not effects:
@@ -88,9 +94,11 @@ def refit_from_sizes(
 
 
 def search_sizes(fit: Fit, take: Take, phi: Floats, effects: Sequence[str]) -> list[SizedRefit]:
-    """Refits of the most promising effects on a part of the take, each from its best size, best first.
+    """Refits of the fit with one of the `effects` each, on a part of the take, from its best size; best gain first.
 
-    All other parameters start from `phi`; a trusted reference model's prior counts by the part's share of the take.
+    Sizes are multiples of the declared one; at most `SEARCH_LIMITS.max_sized_effects` refits are returned.  Other
+    parameters start from the parameter vector `phi`.  A trusted reference model's log prior counts by the part's share
+    of the take.
     """
     few, enough = (_spread_segments(take, n) for n in (SEGMENTS_FOR_SIZES, SEGMENTS_FOR_EFFECTS))
     part, hypothesis = take.part(enough), fit.hypothesis.scale_simulation_prior(len(enough) / take.segments)
@@ -114,9 +122,11 @@ class _NullFit(NamedTuple):
 
 
 def _fit_null(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, phi: Floats) -> _NullFit:
-    """The fit on the `chosen` segments only, or its refit from `phi` to these if that is better.
+    """Log-likelihoods and log prior of the fit without a further effect, on the segments `chosen`, which form `part`.
 
-    An effect's gain is measured against it, so that what any refit to few segments gains is not credited to the effect.
+    They are the fit's own, or those of a refit of the `hypothesis` from `phi` to these segments if that fits them
+    better: an effect's gain is measured against it, so that what any refit to few segments gains is not credited to
+    the effect.
     """
     null = _NullFit(fit.per_segment[chosen], fit.log_prior * len(chosen) / len(fit.per_segment))
     again = _refit_first_feasible(part, [(hypothesis, phi)], fit.start[chosen], fit.scales)
@@ -128,16 +138,21 @@ def _fit_null(fit: Fit, part: Take, chosen: Ints, hypothesis: Hypothesis, phi: F
 def _refit_first_feasible(
     part: Take, starts: Iterable[tuple[Hypothesis, Floats]], start: Floats, scales: Scales
 ) -> Fit | None:
-    """The refit from the first of several starts, each a hypothesis with phi, that does not diverge; None if all do."""
+    """The first refit to `part` that does not diverge, from `starts` (hypothesis, phi) in turn; None if all diverge.
+
+    phi is the hypothesis's parameter vector.  All begin at the segments' initial states and disturbances `start` (S,
+    N_NUISANCE) and the standard deviations `scales` of pose noise and disturbances.
+    """
     trial = partial(refit, tangents=TRIAL_TANGENTS)
     return next(map_converged(trial, ((part, *first, start, scales) for first in starts)), None)
 
 
 def _rank_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> list[tuple[float, ...]]:
-    """Parameter values of one effect more by what they gain on the `chosen` segments, best first; all else at `phi`.
+    """Parameter values (SI) of effect `name`, by their gain of log-likelihood on the `chosen` segments, largest first.
 
-    After MAX_FALLS sizes in a row that are worse than the one before, no larger one is tried.  Values from which
-    predictions diverge are left out.
+    The values are multiples of the declared sizes; all other parameters stay at the parameter vector `phi`.  After
+    MAX_FALLS values in a row that gain less than the one before, no larger one is tried; values at which predictions
+    diverge are left out.
     """
     part, own = take.part(chosen), fit.hypothesis.entries[name].parameters
     gains = dict[tuple[float, ...], float]()
@@ -164,22 +179,27 @@ def _rank_sizes(fit: Fit, take: Take, chosen: Ints, name: str, phi: Floats) -> l
 
 
 def _size_directions(own: Sequence[Parameter]) -> list[tuple[float, ...]]:
-    """Signed declared sizes of an effect's parameters: of either sign, two amplitudes together and each alone."""
+    """Directions (tuples, SI) in the space of an effect's parameters `own` along which a line search tries multiples.
+
+    Components are the declared sizes; of two parameters, both with equal and with opposite sign, and each alone.  The
+    opposite directions are added where all parameters may be negative.
+    """
     directions = AMPLITUDE_DIRECTIONS if len(own) == 2 else ((1.0,) * len(own),)
     signs = (1.0, -1.0) if all(p.low < 0.0 for p in own) else (1.0,)
     return [tuple(sign * w * p.size for w, p in zip(d, own, strict=True)) for sign in signs for d in directions]
 
 
 def _clip_to_bounds(own: Sequence[Parameter], values: Sequence[float]) -> tuple[float, ...]:
-    """The values of an effect's parameters, each within its bounds."""
+    """The values of an effect's parameters, each limited to its own bounds."""
     return tuple(min(max(v, p.low), p.high) for v, p in zip(values, own, strict=True))
 
 
 def _score_refit(fit: Fit, null: _NullFit, segments: int) -> SizedRefit:
-    """The refit of a part of a take of `segments` with its gain there over the fit without the effect.
+    """A refit `fit` of part of a take with its gain (nats) there over the fit `null` without the last effect of `fit`.
 
-    The gain is reduced by the part's share of the penalty on the whole take, and by half a nat per parameter for being
-    fitted to just these segments, if there are others.
+    The gain is a sum of saturated gains of segments plus the gain of log prior.  It is reduced, with k parameters of
+    the effect and a part that is the share p of the whole take's number of `segments` S, by k/2 (p ln S + 1 - p):
+    BIC's penalty for the part, and the optimism of parameters fitted to the part alone.
     """
     each, share = null.segment_gains(fit), len(fit.per_segment) / segments
     own = len(fit.hypothesis.entries[fit.hypothesis.effects[-1]].parameters)
@@ -189,16 +209,17 @@ def _score_refit(fit: Fit, null: _NullFit, segments: int) -> SizedRefit:
 
 
 def _saturate(nats: Floats) -> Floats:
-    """Nats (S,) of segments, of which none counts for more than the limit m: m tanh(nats / m)."""
+    """Gains (S,) of segments in nats, limited smoothly to +-m = `SEARCH_LIMITS.max_segment_nats`: m tanh(nats / m)."""
     most = SEARCH_LIMITS.max_segment_nats
     return np.asarray(most * np.tanh(nats / most))
 
 
 def refit_on_whole_take(fit: Fit, take: Take, sized: Sequence[SizedRefit], required_nats: float) -> list[Fit]:
-    """Refit to the whole take those of the `sized` refits of a part, best first, that end at no bound.
+    """The best of the `sized` refits of part of a take, refitted to the whole take; none with an effect at a bound.
 
-    The list ends before the first that is not likely to gain `required_nats` on the whole take, or whose promise is
-    small beside the best one's.  Initial states are those of `fit`.
+    At most `SEARCH_LIMITS.max_finalists` are refitted.  The list ends before the first that is unlikely to gain
+    `required_nats` of penalised log-likelihood on the whole take, or whose promised gain is less than `likely_share`
+    of the best one's.  Initial states start from those of `fit`.
     """
     whole, likely_share = list[Fit](), SEARCH_LIMITS.likely_share
     credible = [s for s in sized if not effects_at_bounds(s.fit, take)][: SEARCH_LIMITS.max_finalists]
@@ -213,5 +234,5 @@ def refit_on_whole_take(fit: Fit, take: Take, sized: Sequence[SizedRefit], requi
 
 
 def _spread_segments(take: Take, count: int) -> Ints:
-    """Numbers of `count` segments spread evenly over the take, or of all its segments where there are fewer."""
+    """Indices of `count` segments spread evenly over the take, or of all its segments where there are fewer."""
     return np.unique(np.linspace(0, take.segments - 1, min(count, take.segments)).round().astype(np.int64))

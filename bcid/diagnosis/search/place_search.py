@@ -25,7 +25,12 @@ DIRECT_EVALUATIONS = 1000
 
 
 def refine_places(fit: Fit, take: Take) -> Fit:
-    """The refit with the places and times of its effects moved to where the likelihood is highest nearby."""
+    """The refit with the places and times of its effects moved to where the likelihood is highest nearby.
+
+    The search reaches as far as a place's own radius, or a tenth of the take's length for a time.  At most MAX_ROUNDS
+    rounds of search and refit are made; a round that gains less than 1 nat of penalised log-likelihood is the last,
+    and is discarded.
+    """
     if not fit.hypothesis.is_place.any():
         return fit
     for _ in range(MAX_ROUNDS):
@@ -43,7 +48,11 @@ def refine_places(fit: Fit, take: Take) -> Fit:
 
 
 def _search_widths(fit: Fit, take: Take, name: str) -> Floats:
-    """Half-widths of a search over phi: radius (m) for places, take / 10 (s) for times of one effect, else 0."""
+    """Half-widths (n,) of a search around the parameter vector phi that moves only the place or time of effect `name`.
+
+    They are the place's radius (m; at least MIN_REACH_M, scaled to the vehicle), or a tenth of the take's length (s)
+    for a time, and 0 for all other components of phi (base parameters, then effects' parameters).
+    """
     values, widths = fit.effect_estimates(), np.zeros(fit.hypothesis.size)
     for i, (field, p) in enumerate(fit.hypothesis.effect_parameters, start=fit.hypothesis.base_size):
         if p.is_place and field.startswith(f"{name}__"):
@@ -54,10 +63,11 @@ def _search_widths(fit: Fit, take: Take, name: str) -> Floats:
 
 
 def _search_around(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
-    """Phi where the likelihood is highest within `widths` of the given one, all else as it is.
+    """Parameter vector phi of highest likelihood found within the half-widths `widths` (n,) around `phi` (n,).
 
-    A circle that moves and grows at once climbs a ridge too narrow for one pattern search: another starts from the best
-    of rectangles divided all around (DIRECT, Jones and others, 1993).
+    Components of half-width 0 stay.  Two pattern searches are made, from `phi` and from the best point of a global
+    search (DIRECT, Jones and others, 1993), and the better result is taken: where a circle moves and grows at once the
+    likelihood has a narrow ridge, on which one local search may stop short.
     """
     low, high = fit.hypothesis.bounds()
     moving = np.flatnonzero(widths)
@@ -81,7 +91,12 @@ def _search_around(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
 
 
 def _search_pattern(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
-    """Phi after a pattern search over all neighbours within `widths`, the step halved where none is better."""
+    """Parameter vector phi (n,) of highest likelihood found by a pattern search that starts from `phi` (n,).
+
+    Neighbours are all combinations of steps -1, 0 and 1 times a share of the half-width in `widths` (n,) of each
+    component, clipped to bounds.  The search moves to the best if it gains MIN_STEP_NATS; otherwise the share is
+    halved, from WIDEST_STEP down to FINEST_STEP.
+    """
     moves = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=int(np.count_nonzero(widths)))))
     steps = np.zeros((len(moves), len(phi)))
     steps[:, widths > 0.0] = moves * widths[widths > 0.0]
@@ -98,7 +113,11 @@ def _search_pattern(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats
 
 
 def _log_likelihood_at(fit: Fit, take: Take, phi: Floats) -> float:
-    """Log-likelihood at `phi` with the initial states, scales and tangent of the fit; -inf where it diverges."""
+    """Marginal log-likelihood (nats) of the take at parameter vector `phi` (n,); -inf where predictions diverge.
+
+    All else is as in `fit`: initial states, standard deviations of noise and disturbances, and the derivatives of
+    predictions by initial states and disturbances, by which these are integrated out.
+    """
     r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(phi, take), fit.start, fit.tangent.A)
     if not np.isfinite(r).all():
         return -np.inf

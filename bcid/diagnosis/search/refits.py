@@ -30,24 +30,32 @@ PART_STRIDE = 4
 
 
 def gain_nats(fit: Fit, over: Fit) -> float:
-    """By how much the penalised log-likelihood of `fit` exceeds that of `over` (nats)."""
+    """By how much the penalised log-likelihood of `fit` exceeds that of `over`, in nats.
+
+    The penalty is that of BIC: ln(segments) / 2 for each parameter of an effect.
+    """
     return fit.penalised_log_likelihood - over.penalised_log_likelihood
 
 
 def rank_fits(fits: Iterable[Fit]) -> list[Fit]:
-    """The fits by penalised log-likelihood, best first."""
+    """The fits in order of penalised log-likelihood, largest first.
+
+    It is log-likelihood plus log prior less ln(segments) / 2 for each effect parameter, as in BIC.
+    """
     return sorted(fits, key=lambda f: -f.penalised_log_likelihood)
 
 
 def rank_credible_fits(fits: Iterable[Fit], take: Take) -> list[Fit]:
-    """The fits, best first, without those in which a named effect ended at a bound."""
+    """The fits by penalised log-likelihood, best first, without those with a named effect at a bound of its size."""
     return rank_fits(f for f in fits if not effects_at_bounds(f, take))
 
 
 def refit_candidates(fit: Fit, take: Take, shortlist: Sequence[CandidateEffect]) -> list[Fit]:
-    """Joint refits of `fit` with each candidate effect, best first: quick ones of all, full ones of the near-best.
+    """Joint refits of `fit` with each candidate effect of the `shortlist` added, best penalised log-likelihood first.
 
-    Candidates from whose start predictions diverge are left out.
+    All are refitted quickly, with the fit's own derivatives of the predictions.  Those whose gain is within
+    `near_best_nats` or `near_best_share` of the best one's (SEARCH_LIMITS), at most `max_finalists`, are refitted
+    fully, with renewed derivatives.  Candidates from whose start predictions diverge are left out.
     """
     quick = rank_fits(map_converged(refit_along_tangent, ((fit, take, candidate) for candidate in shortlist)))
     if not quick:
@@ -62,9 +70,11 @@ def refit_candidates(fit: Fit, take: Take, shortlist: Sequence[CandidateEffect])
 
 
 def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
-    """Joint refits of the most promising effects beside a reference model's own parameters, best first.
+    """Joint refits with one effect more that start from a reference model's own parameters, best first.
 
-    `reference` is that model, not refitted; the corrections that `corrected` holds are added.  Empty if it diverges.
+    `reference` is that model as a fit, not refitted; corrections of the base model that `corrected` holds are added
+    first.  The effects are those that a score test beside it promises most from, without those `excluded`.  Empty if
+    predictions of the reference model diverge.
     """
     more = corrected.hypothesis
     try:
@@ -80,17 +90,20 @@ def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded:
 
 
 def score_testable_candidates(fit: Fit, take: Take, candidates: Iterable[CandidateEffect]) -> list[CandidateEffect]:
-    """The candidates whose score-test gain is informative: all of them, under pushes only effects with a place.
+    """The candidates for which the score test predicts the gain well: all, unless the take is predicted under pushes.
 
-    Pushes already do the work of an effect without a place, so that a small change of it seems to gain little.
+    Under pushes (disturbances of the body fitted to each 0.5 s) they are only the effects with a place or time: pushes
+    already do the work of any other effect, so that a small change of that effect seems to gain little.
     """
     return [c for c in candidates if not take.pushed or fit.hypothesis.entries[c.effect].place_parameters]
 
 
 def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
-    """The joint refit of the best effect in ABSORBED_BY_BASE_MODEL, from sizes that no score test near `fit` shows.
+    """The joint refit with the best of the effects in ABSORBED_BY_BASE_MODEL, in a list; empty if all diverge.
 
-    Starts are compared on every PART_STRIDE-th segment, the best is refitted on the whole take; empty if all diverge.
+    Refitted base parameters imitate these effects, such as a motor's lag, so that no score test near `fit` shows
+    them.  Refits from LARGE_SIZES times the declared sizes are compared on every PART_STRIDE-th segment; that of
+    greatest penalised log-likelihood is refitted on the whole take.
     """
     chosen = np.arange(0, take.segments, PART_STRIDE)
     part, starts, h = take.part(chosen), [], fit.hypothesis
@@ -107,19 +120,26 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
 
 
 def refit_along_tangent(fit: Fit, take: Take, candidate: CandidateEffect) -> Fit:
-    """The joint refit of `fit` with one effect more, along its own tangent and from the score test's values."""
+    """Quick joint refit of `fit` with the candidate effect added: at most QUICK_ITERATIONS Gauss-Newton steps.
+
+    Derivatives of the predictions by base parameters and initial states stay those of `fit`.  The effect starts at the
+    values that the score test found, its place or time first moved to where the test promises most.
+    """
     sharp = sharpen_places(fit, take, candidate)
     more, phi = fit.hypothesis.add_effect(candidate.effect, fit.phi, sharp.values)
     return refit(take, more, phi, fit.start, fit.scales, QUICK_ITERATIONS, fit.tangent)
 
 
 def refit_fully(fit: Fit, take: Take) -> Fit:
-    """The hypothesis of `fit` refitted along tangents of its own; `fit` itself where that diverges."""
+    """The hypothesis of `fit` refitted from it, with derivatives renewed as parameters move; `fit` if that diverges."""
     return none_if_diverged(refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales) or fit
 
 
 def refit_with_effects(fit: Fit, take: Take, effects: tuple[str, ...], added: Sequence[float] = ()) -> Fit:
-    """The joint refit with exactly these `effects`: those in `fit` start from its values, new ones, last, from `added`.
+    """The joint refit that holds exactly these `effects` (of the table, or corrections), beside those that are assumed.
+
+    Parameters of effects that `fit` holds start from its values, those of new ones, last in `effects`, from `added`
+    (SI).
 
     Raises:
         PredictionDiverged: predictions diverge from every start.
@@ -138,12 +158,15 @@ def refit_with_effects(fit: Fit, take: Take, effects: tuple[str, ...], added: Se
 
 
 def named_effects(fit: Fit) -> tuple[str, ...]:
-    """Ids of the vocabulary's effects that `fit` holds beyond what its base model assumes."""
+    """Ids of the effects in the table of 41 (EFFECTS) that `fit` holds beyond those its base model assumes."""
     return tuple(n for n in fit.hypothesis.effects if n in EFFECTS and n not in fit.hypothesis.assumed)
 
 
 def fitted_corrections(fit: Fit) -> tuple[str, ...]:
-    """Ids of the base model's own simplifications that `fit` corrects beyond what its base model assumes."""
+    """Ids of the corrections of the base model's simplifications that `fit` holds and its base model does not assume.
+
+    They are those in the table CORRECTIONS.
+    """
     return tuple(n for n in fit.hypothesis.effects if n in CORRECTIONS and n not in fit.hypothesis.assumed)
 
 
@@ -154,9 +177,10 @@ def estimates_by_symbol(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
 
 
 def effects_at_bounds(fit: Fit, take: Take) -> tuple[str, ...]:
-    """Ids of the named effects of `fit`, of either sign, whose size ended at a bound: no car has such a size.
+    """Ids of the named effects of `fit` with an implausible size: a signed amplitude that ended at a bound.
 
-    A change of the car at either end of a take counts as one: it makes up for wrong base parameters.
+    Included are changes whose fitted time lies within `SEARCH_LIMITS.edge_share` of either end of a take: they only
+    make up for wrong base parameters.
     """
     values, length_s = fit.hypothesis.effect_values(fit.phi), float(np.max(take.length_s))
     edge = SEARCH_LIMITS.edge_share

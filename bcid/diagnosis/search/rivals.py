@@ -27,10 +27,11 @@ class Alternatives(NamedTuple):
 def exchange_until_stable(
     fit: Fit, take: Take, trials: TrialChanges, known: Iterable[Fit], promising: Sequence[str] = ()
 ) -> Alternatives:
-    """The best fit and its rivals after exchanges of single named effects, repeated while one of them is better.
+    """The fit and its rivals after exchanges of single named effects, while these raise the penalised log-likelihood.
 
-    `trials` are of the effects that may come in; the `promising` ones are refitted from their best sizes as well.
-    `known` are fits with fewer effects, which need no refit.
+    A rival is a fit with one effect exchanged for another.  `trials` are changes of predicted poses by the effects
+    that may come in, for the score test; those in `promising` are also refitted from the multiples of their declared
+    sizes that fit best.  `known` are fits with fewer effects, which are reused instead of refitted.
     """
     known = tuple(known)
     rivals: tuple[Fit, ...] = ()
@@ -44,7 +45,10 @@ def exchange_until_stable(
 
 
 def distinct_rivals(best: Fit, fits: Iterable[Fit]) -> tuple[Fit, ...]:
-    """The fits that differ from `best` by one exchanged effect, best first; of equal sets of effects the best fit."""
+    """The fits that differ from `best` by one effect exchanged for another, best penalised log-likelihood first.
+
+    Of fits with equal sets of effects only the best is kept.
+    """
     mine, found = set(best.hypothesis.effects), dict[frozenset[str], Fit]()
     for f in sorted(fits, key=lambda f: f.penalised_log_likelihood):
         theirs = frozenset(f.hypothesis.effects)
@@ -54,7 +58,10 @@ def distinct_rivals(best: Fit, fits: Iterable[Fit]) -> tuple[Fit, ...]:
 
 
 def leave_one_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
-    """The joint refit without each of the named effects, by its id; one of the `known` fits if it has those effects."""
+    """The joint refits of `fit` without one of its named effects each, by that effect's id.
+
+    A fit among the `known` that holds just the remaining effects is taken instead of a refit.
+    """
     fits = {f.hypothesis.effects: f for f in known}
     without = {name: tuple(n for n in fit.hypothesis.effects if n != name) for name in refits.named_effects(fit)}
     return {n: fits.get(rest) or refits.refit_with_effects(fit, take, rest) for n, rest in without.items()}
@@ -63,7 +70,12 @@ def leave_one_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
 def _refit_exchanges(
     fit: Fit, take: Take, trials: TrialChanges, without: dict[str, Fit], promising: Sequence[str]
 ) -> list[Fit]:
-    """Refits with one named effect exchanged for each of the most promising others, best first."""
+    """Refits with one named effect of `fit` exchanged for another, by penalised log-likelihood, best first.
+
+    `without` holds the refit without each named effect, by its id.  Into each come the effects that a score test
+    beside that refit promises most (`trials` holds the changes of predicted poses by them), and the `promising` ones
+    from the multiples of their declared sizes that fit best.
+    """
     held, found = fit.hypothesis.effects, list[Fit]()
     for less in without.values():
         lost_nats = refits.gain_nats(fit, less)

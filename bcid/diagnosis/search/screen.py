@@ -66,7 +66,10 @@ class NullGains(NamedTuple):
 
 
 def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
-    """Changes of the predictions by every trial of every effect that `fit` lacks: about 150 simulations of the take."""
+    """Changes of the predicted poses by every trial: an effect that `fit` lacks, switched on at one size and one place.
+
+    Sizes are near those declared with the effect; places include circles on the floor where disturbances are largest.
+    """
     circles = scan_circles(estimate_disturbances(fit, take), fit.hypothesis.units, CONSPICUOUS_CIRCLES)[0]
     rows = [
         (name, vectors)
@@ -78,9 +81,11 @@ def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
 
 
 def _trial_vectors(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> Iterator[list[list[float]]]:
-    """Parameter vectors of an effect to try, on a grid of places and in the `circles` where the disturbances are large.
+    """Parameter vectors (SI) of an effect for the score test, in lists of vectors that the test combines linearly.
 
-    The vectors of one list are combined linearly by the score test.
+    An effect of one amplitude gives lists of one vector: at plus and minus its declared size if it has either sign,
+    else at that size if it has a place, else at TRIAL_SIZES times that.  One of several amplitudes gives a list with a
+    vector for each.  An effect with a place is tried at all `_trial_places`, of which some are in the `circles`.
     """
     amplitudes = [i for i, p in enumerate(effect.parameters) if not p.is_place]
     for place in _trial_places(effect, take, circles):
@@ -95,9 +100,10 @@ def _trial_vectors(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -
 
 
 def _trial_places(effect: Effect, take: Take, circles: Sequence[FloorCircle]) -> list[dict[str, float]]:
-    """Trial values, by symbol, of the parameters that are places or times; one empty dictionary where there are none.
+    """Trial values, by symbol, of the place and time parameters of an effect, one dict each; [{}] for one without any.
 
-    Circles are tried on a grid and where the disturbances are large.
+    Times are spread over the recording.  Places lie on a grid over the floor that was driven and, with a radius, also
+    in the `circles` on the floor where disturbances are largest.
     """
     symbols = [p.symbol for p in effect.place_parameters]
     if not symbols:
@@ -121,9 +127,10 @@ def _trial_places(effect: Effect, take: Take, circles: Sequence[FloorCircle]) ->
 
 
 def sharpen_places(fit: Fit, take: Take, candidate: CandidateEffect) -> CandidateEffect:
-    """The candidate with its place or time moved to where the score test promises most; unchanged if it has neither.
+    """The candidate with its place or time moved to where the score test beside `fit` promises the largest gain (nats).
 
-    A pattern search moves one coordinate, then two at a time: far from a place the likelihood has no useful slope.
+    A pattern search moves one coordinate or two at a time by steps that are halved, since far from a place the
+    likelihood has no gradient.  A candidate without a place, or of no gain, is returned unchanged.
     """
     parameters = fit.hypothesis.entries[candidate.effect].parameters
     places = [i for i, p in enumerate(parameters) if p.is_place]
@@ -146,7 +153,12 @@ def sharpen_places(fit: Fit, take: Take, candidate: CandidateEffect) -> Candidat
 def _best_neighbour(
     fit: Fit, take: Take, candidate: CandidateEffect, moves: Sequence[tuple[tuple[int, float], ...]], share: float
 ) -> CandidateEffect:
-    """The most promising candidate after any of the moves: signed steps of parameters, by a share of the first step."""
+    """The candidate of largest score-test gain among those to which each of the `moves` leads from `candidate`.
+
+    A move is a tuple of (index of a parameter, sign) pairs; each changes its parameter by `share` of its first step
+    (FIRST_STEPS_M, scaled to the vehicle; for a time, the recording's length over TRIAL_TIMES).  Values are clipped to
+    bounds.
+    """
     factor = fit.hypothesis.units.circle_factor
     widths = {symbol: step * factor for symbol, step in FIRST_STEPS_M.items()}
     widths["t_s"] = float(take.length_s.max()) / TRIAL_TIMES
@@ -164,15 +176,21 @@ def _best_neighbour(
 
 
 def screen_effects(fit: Fit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
-    """The score test beside `fit`: the best trial of every effect, most promising first.
+    """The effects by the gain (nats) that a score test beside `fit` predicts, each with its best trial, best first.
 
-    Gains are those of the robust likelihood, in which a segment that a trial explains may have had hardly any weight.
+    A trial is an effect at one size and place, and `trials` holds its change of the predicted poses; the best multiple
+    of it is found.  Gains are by Student's t likelihood, in which a segment that a trial explains may have had hardly
+    any weight.
     """
     return _rank_candidates(project_out_fit(fit, take, trials.columns), trials.trials)
 
 
 def _rank_candidates(changes: score_test.ProjectedChanges, trials: Sequence[Trial]) -> list[CandidateEffect]:
-    """The best trial of every effect by its gain in the robust likelihood, most promising first."""
+    """Each effect with its best trial (a size and place), by the gain of Student's t likelihood, largest first.
+
+    `changes` are the trials' changes of the predicted poses, less what the fit's own parameters can imitate.  A
+    candidate's values are the trial's, times the best multiples.
+    """
     best: dict[str, CandidateEffect] = {}
     for trial in trials:
         amplitudes, score = score_test.robust_amplitudes(changes, trial.own)
@@ -182,9 +200,10 @@ def _rank_candidates(changes: score_test.ProjectedChanges, trials: Sequence[Tria
 
 
 def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
-    """Gains that the trials reach by chance beside `fit`: with residuals of random sign, and as placebos.
+    """Gains (nats) that `trials`, effects at one size and place, reach beside `fit` by chance; p-value of the best.
 
-    A placebo is a trial's change carried to segments half a take away, where it has nothing to explain.
+    Chance is drawn by giving each segment's residuals a random sign (a wild bootstrap), and by placebos: each trial's
+    change of the predicted poses moved to segments half a take away, where it has nothing to explain.
     """
     changes = project_out_fit(fit, take, trials.columns)
     local = [t.own for t in trials.trials if ENTRIES[t.effect].place_parameters]
@@ -197,7 +216,10 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
 
 
 def _shift_half_a_take(columns: Floats, take: Take) -> Floats:
-    """Changes of the predictions (N, 3, K) with every segment's replaced by those of the segment half a take later."""
+    """Changes of predicted poses (N, 3, K) with each segment's replaced by those of the segment half a take later.
+
+    The take is cyclic: the second half gets those of the first.  Rows beyond the end of a shorter segment are zero.
+    """
     moved = np.zeros_like(columns)
     S = take.segments
     for s in range(S):
@@ -209,7 +231,7 @@ def _shift_half_a_take(columns: Floats, take: Take) -> Floats:
 
 
 def _combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:
-    """Parameter values of a trial: its vectors times their amplitudes, places and times as they were tried."""
+    """Parameter values (SI) of an effect: the trial's vectors times `amplitudes`, summed; places and times are kept."""
     return [
         trial.vectors[0][i]
         if p.is_place

@@ -1,13 +1,5 @@
-"""How parameters are fitted, whatever the model: samples cut from takes, two optimisers, covariance over blocks."""
+"""How parameters are fitted, whatever the model.
 
-from typing import NamedTuple
-
-from bcid.aliases import Floats
-
-
-class Optimum(NamedTuple):
-    """The best point that an optimiser found in the unit box."""
-
-    x: Floats  # (n,)
-    cost: float
-    history: list[float]  # the best cost after each generation, or after each start
+`windows` (samples cut from takes), `genetic` and `levenberg_marquardt` (two optimisers), `optimum` (what they return),
+`block_covariance` (the covariance of a fit with correlated residuals).
+"""

@@ -15,14 +15,15 @@ Z_95 = 1.96
 
 
 def sum_blocks(rows: Floats, block_length: int) -> Floats:
-    """Sums (B, n) of `rows` (N, n) over blocks of `block_length` neighbouring rows."""
+    """Sums (B, n) of the rows (N, n) over blocks of `block_length` consecutive rows; the last block may be shorter."""
     return np.asarray(np.add.reduceat(rows, np.arange(0, len(rows), block_length)))
 
 
 def sandwich_covariance(J: Floats, block_gradients: Floats) -> Floats:
-    """Covariance (n, n) of fitted parameters: (J^T J)^-1 (sum of g g^T over B blocks) (J^T J)^-1 B / (B - 1).
+    """Cluster-robust (sandwich) covariance (n, n) of least-squares parameters, residuals r correlated within blocks.
 
-    `J` (N, n) is the Jacobian of all residuals r, `block_gradients` (B, n) holds g, the sums of J r over each block.
+    (J^T J)^-1 (sum of g g^T over B blocks) (J^T J)^-1 B / (B - 1) (White, 1980), with the Jacobian `J` (N, n) of all
+    residuals; row b of `block_gradients` (B, n) is g = J_b^T r_b over the rows of block b.
     """
     bread = np.linalg.pinv(J.T @ J)
     return np.asarray(

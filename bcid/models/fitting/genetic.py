@@ -8,7 +8,7 @@ import numpy as np
 from deap import base, tools
 
 from bcid.aliases import Floats, Progress
-from bcid.models.fitting import Optimum
+from bcid.models.fitting.optimum import Optimum
 
 CROSSOVER, MUTATION = 0.8, 0.3
 ETA_CROSSOVER, ETA_MUTATION = 10.0, 20.0
@@ -32,9 +32,10 @@ class _Individual(list[float]):
 def minimise_genetically(
     costs: Callable[[Floats], Floats], genes: int, population: int, generations: int, seed: int, progress: Progress
 ) -> Optimum:
-    """Minimise `costs`, which map points (P, genes) to (P,), over the unit box by a genetic algorithm.
+    """Minimise a cost over the unit box [0, 1]^genes by a genetic algorithm with real-valued genes.
 
-    Tournament selection, simulated binary crossover, polynomial mutation, an elite; `random`'s state is restored.
+    `costs` maps a population of points (P, genes) to costs (P,).  Selection by tournament, simulated binary crossover,
+    polynomial mutation; the best 5 % pass on unchanged.  The state of Python's `random` is restored afterwards.
     """
     saved = random.getstate()
     random.seed(seed)
@@ -63,6 +64,6 @@ def minimise_genetically(
 
 
 def _assign_costs(individuals: list[_Individual], costs: Callable[[Floats], Floats]) -> None:
-    """Evaluate `costs` at all individuals together, and store its cost with each."""
+    """Evaluate `costs`, (P, n) -> (P,), once for all P individuals, and store each one's cost as its fitness."""
     for individual, cost in zip(individuals, costs(np.array(individuals)), strict=True):
         individual.fitness.values = (float(cost),)

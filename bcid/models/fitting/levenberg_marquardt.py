@@ -12,7 +12,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Progress
 from bcid.errors import PredictionDiverged
-from bcid.models.fitting import Optimum
+from bcid.models.fitting.optimum import Optimum
 
 
 class NormalEquations(NamedTuple):
@@ -36,12 +36,13 @@ MIN_CURVATURE = 1e-14
 def minimise_squares(
     subset_normal: NormalAt, full_normal: NormalAt, starts: Sequence[Floats], progress: Progress
 ) -> Optimum:
-    """Minimise a sum of squares over the unit box: from each of `starts` (n,), then further from the best end.
+    """Minimise the sum of squares r^T r over the unit box [0, 1]^n by bounded least squares from several starts.
 
-    The starts see the normal equations `subset_normal` of part of the samples, the best end `full_normal` of all.
+    From each of `starts` (n,) it descends on a part of the samples, then from the best of their ends on all samples.
+    `subset_normal` and `full_normal` give J^T J, J^T r and r^T r at a point, for the part and for all samples.
 
     Raises:
-        PredictionDiverged: no start leads to finite residuals.
+        PredictionDiverged: the residuals are finite at none of the starts.
     """
     ends, history = list[Optimum](), list[float]()
     for k, start in enumerate(starts):
@@ -61,7 +62,11 @@ def minimise_squares(
 def _descend_from(
     normal_at: NormalAt, start: Floats, start_normal: NormalEquations, max_evaluations: int, tolerance: float
 ) -> Optimum:
-    """Minimise a sum of squares from one point `start` (n,), whose normal equations are `start_normal`."""
+    """Minimise r^T r over the unit box [0, 1]^n from one point `start` (n,), by bounded least squares.
+
+    `normal_at` gives J^T J, J^T r, r^T r at a point, `start_normal` is its value at `start`.  The descent ends when
+    cost or point change by less than the relative `tolerance`, or after `max_evaluations`.
+    """
     from scipy.optimize import least_squares
 
     known = {start.tobytes(): compress_normal_equations(start_normal)}
@@ -80,7 +85,11 @@ def _descend_from(
 
 
 def compress_normal_equations(normal: NormalEquations) -> tuple[Floats, Floats]:
-    """Residuals (n + 1,) and Jacobian (n + 1, n) of the smallest least-squares problem with these normal equations."""
+    """A small least-squares problem equivalent to normal equations: residuals f (n + 1,) and Jacobian G (n + 1, n).
+
+    `normal` holds J^T J, J^T r, r^T r of many samples; G^T G, G^T f, f^T f equal these.  Where they are not finite, f
+    is infinite and G zero, so that the optimiser rejects the point.
+    """
     n = len(normal.Jr)
     if not (np.isfinite(normal.JJ).all() and np.isfinite(normal.rr)):
         # Infinite residuals: least squares takes no step to such a point.

@@ -31,12 +31,13 @@ class Windows(NamedTuple):
 
 
 def cut_windows(estimates: Sequence[Estimate], steps: int, every: int, lags: int = 0) -> Windows:
-    """Stretches of `steps` steps, with `lags` rows before the start, that start at every `every`-th row of the takes.
+    """Cut recordings' motion estimates into stretches of `steps` grid periods, starting `every` rows apart.
 
-    No stretch straddles two segments or recordings.
+    Each includes `lags` rows before its start; none straddles two segments (uninterrupted runs of rows) or
+    recordings.
 
     Raises:
-        InputRefused: no segment is long enough for one.
+        InputRefused: no segment is long enough for a stretch.
     """
     parts = []
     for e in estimates:
@@ -56,12 +57,15 @@ def cut_windows(estimates: Sequence[Estimate], steps: int, every: int, lags: int
 
 
 def split_off_ends(
-    estimates: Sequence[Estimate], min_rows: int, share: float = LIMITS.validation_share
+    estimates: Sequence[Estimate], min_rows: int, share: float | None = None
 ) -> tuple[list[Estimate], list[Estimate]]:
-    """Split takes for validation: the takes without their ends, and the ends, a `share` of each or `min_rows` rows.
+    """Split recordings for hold-out validation: all of them without their ends, and the ends that were split off.
 
-    Takes shorter than LIMITS.min_ends_per_take ends stay whole; where all are, both lists are the whole takes.
+    An end is the last `share` (LIMITS.validation_share if None) of a recording's grid rows, at least `min_rows`.  A
+    recording shorter than LIMITS.min_ends_per_take such ends stays whole and gives none; if all do, both lists are
+    the whole recordings.
     """
+    share = LIMITS.validation_share if share is None else share
     beginnings, ends = list[Estimate](), list[Estimate]()
     for e in estimates:
         rows = max(min_rows, round(share * len(e)))
@@ -74,7 +78,7 @@ def split_off_ends(
 
 
 def loss_steps(loss: str, horizon_s: float, period_s: float) -> int:
-    """Steps from each start that a loss counts: 1 for "one-step", else those of the horizon (at least 2)."""
+    """Grid steps that a fit predicts from each start: 1 for the loss "one-step", else horizon_s / period_s (>= 2)."""
     return 1 if loss == "one-step" else max(2, round(horizon_s / period_s))
 
 
@@ -94,10 +98,12 @@ class SingleSteps(NamedTuple):
 
 
 def single_steps(estimates: Sequence[Estimate], lags: int = 0) -> SingleSteps:
-    """Every sample k -> k+1 of the takes with `lags` rows before it; none straddles two segments or recordings.
+    """Collect all pairs of neighbouring grid rows k, k+1 of the estimates as samples, with the `lags` rows before k.
+
+    No sample straddles two segments (uninterrupted runs of rows) or recordings.
 
     Raises:
-        InputRefused: no segment is long enough for one.
+        InputRefused: no segment has the lags + 2 rows that a sample takes.
     """
     w, newest_first = cut_windows(estimates, 1, 1, lags), slice(lags, None, -1)
     return SingleSteps(
@@ -106,21 +112,26 @@ def single_steps(estimates: Sequence[Estimate], lags: int = 0) -> SingleSteps:
 
 
 def column_spread(values: Floats) -> Floats:
-    """Standard deviation of each column of `values` (N, n); 1 for a constant column."""
+    """Standard deviation (n,) of each column of `values` (N, n), for normalising; 1 where a column is constant."""
     sd = values.std(axis=0)
     return np.where(sd > 1e-9, sd, 1.0)
 
 
 def inverse_spread(values: Floats) -> Floats:
-    """Weights 1/sigma of the columns of `values` (N, n), the diagonal of W (errata 12); constant columns get 1."""
+    """Weights 1/sigma (n,) of errors in a normalised mean squared error; sigma by columns of `values` (N, n).
+
+    sigma is the standard deviation.  The weight of a constant column is 1 (docs/errata.md row 12).
+    """
     return 1.0 / column_spread(values)
 
 
 def check_excitation(estimates: Sequence[Estimate]) -> None:
-    """Refuse takes in which no fit could identify the constants, since the car stands or never turns.
+    """Refuse recordings from which a car's constants cannot be identified, since the car stands or never turns.
+
+    The 95 % quantile of the speed must reach LIMITS.min_speed_mps, that of |yaw rate| LIMITS.min_yaw_rate_radps.
 
     Raises:
-        InputRefused: it names the constants that cannot be identified.
+        InputRefused: one of them does not; the message names the constants that cannot be identified.
     """
     twist = np.concatenate([e.twist for e in estimates])
     speed = np.quantile(np.hypot(twist[:, 0], twist[:, 1]), LIMITS.excitation_quantile)

@@ -23,7 +23,11 @@ from bcid.models.settings import TrainingSettings
 
 @njit
 def _scan_k_mlp(carry: Floats, commands: Floats, w: MlpWeights, c: KinematicCar) -> Floats:
-    """Twists (N, 3) of one K-MLP after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    """Twists (N, 3) of one K-MLP (a perceptron that advances the kinematic state) after each of `commands` (N, 2).
+
+    `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return.
+    Commands are [u_s (rad), u_m]; `w` are the weights, `c` lever arms, steering constants and period.
+    """
     twists, buffers = np.empty((len(commands), 3)), allocate_buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):

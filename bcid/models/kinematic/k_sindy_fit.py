@@ -68,10 +68,10 @@ EquationProducts = tuple[BlockProducts, BlockProducts, BlockProducts]  # of v_f,
 
 
 def stlsq(gram: Floats, moment: Floats, threshold: float, ridge: float) -> Floats:
-    """Sparse coefficients (n,) by sequentially thresholded least squares (Brunton and others, 2016).
+    """Sparse solution xi (n,) of gram xi = moment, by sequentially thresholded least squares (Brunton et al., 2016).
 
-    Solves gram (n, n) xi = moment (n,), mean products of terms with terms and with the target, and leaves out what
-    falls below `threshold`, until nothing does; the ridge only steers that.
+    `gram` (n, n) and `moment` (n,) are mean products of terms with terms and with the target.  Each round adds `ridge`
+    to the diagonal, solves, and drops terms with |xi| < threshold; the terms left in the end are solved without ridge.
     """
     kept = np.ones(len(gram), dtype=bool)
     for _ in range(MAX_ROUNDS):
@@ -88,7 +88,12 @@ def stlsq(gram: Floats, moment: Floats, threshold: float, ridge: float) -> Float
 
 
 def fit_sparse_equations(task: FitTask, car: KinematicCar) -> tuple[SparseEquations, dict[str, Any]]:
-    """The sparse equations that fit the takes best, and the facts of the fit: threshold, errors, term confidence."""
+    """Fit K-SINDy: v_f, alpha_f and alpha_r one period later as sparse sums of candidate terms; and facts of the fit.
+
+    Sequentially thresholded least squares on single steps; unless the settings give the threshold, it is chosen by
+    the rollout error on held-out ends.  For the loss "rollout" the kept coefficients are refitted to rollouts.  Facts
+    hold the threshold, the rollout error of each candidate threshold, and each term's bootstrap confidence.
+    """
     settings = SparseSettings.model_validate(task.settings)
     speed = library.SPEED_TERMS_PUBLISHED if settings.library == "published" else library.SPEED_TERMS
     threshold, tried = settings.threshold, dict[str, float]()
@@ -108,9 +113,10 @@ def fit_sparse_equations(task: FitTask, car: KinematicCar) -> tuple[SparseEquati
 
 
 def _equation_products(estimates: Sequence[Estimate], speed: Ints, car: KinematicCar) -> EquationProducts:
-    """Products of candidate terms and targets, summed by blocks of samples, for the equations of v_f, alpha_f, alpha_r.
+    """Gram matrices of the candidate terms, and their products with the target, for K-SINDy's three equations.
 
-    The target of the first is the change of v_f, as v_f itself changes little in a period.
+    Both are summed over blocks of BLOCK_S seconds.  Targets are the change of v_f in a period, and the next alpha_f
+    and alpha_r; `speed` (n, 10) holds the exponents of the candidate terms of v_f.
     """
     s = single_steps(estimates)
     x, after = s.kinematic_inputs, s.next_kinematic
@@ -126,7 +132,11 @@ def _equation_products(estimates: Sequence[Estimate], speed: Ints, car: Kinemati
 def _solve_equations(
     products: EquationProducts, threshold: float, ridge: float, speed: Ints, block_counts: Floats | None = None
 ) -> SparseEquations:
-    """Solve for the sparse equations from block products; `block_counts` (K,) says how often each block counts."""
+    """Coefficients of K-SINDy's three equations by thresholded least squares, from products of terms by K blocks.
+
+    `speed` (n, 10) holds the exponents of v_f's terms; `block_counts` (K,) says how often a bootstrap resample holds
+    each block (None: once).  As the change of v_f was fitted, 1 is added to the coefficient of the term v_f.
+    """
     xi_v, xi_f, xi_r = (p.sparse_coefficients(threshold, ridge, block_counts) for p in products)
     persistence = (speed == library.SPEED_ALONE).all(axis=1)
     return SparseEquations(xi_v + persistence, xi_f, xi_r, speed, library.SLIP_TERMS)
@@ -135,9 +145,11 @@ def _solve_equations(
 def _choose_threshold(
     task: FitTask, settings: SparseSettings, speed: Ints, car: KinematicCar
 ) -> tuple[float, dict[str, float]]:
-    """The largest threshold whose rollouts are within a standard error of the best, and the error of each threshold.
+    """Choose the threshold below which K-SINDy's coefficients are dropped; and the rollout error of each candidate.
 
-    Rollouts are compared with the takes' ends, which the regression leaves out.
+    By the one-standard-error rule: the largest threshold whose mean squared error, weighted 1/sigma, is within a
+    standard error of the least, in rollouts over the recordings' held-out ends.  `speed` (n, 10): exponents of v_f's
+    candidate terms.
     """
     steps = loss_steps("rollout", settings.horizon_s, task.period_s)
     beginnings, ends = split_off_ends(task.estimates, LIMITS.min_threshold_horizons * steps, LIMITS.threshold_share)
@@ -156,7 +168,7 @@ def _choose_threshold(
 
 
 def _predict_stretches(s: SparseEquations, c: KinematicCar, stretches: Windows) -> Floats:
-    """Twists (B, S, 3) that the equations `s` predict over the stretches."""
+    """Twists (B, S, 3) that the K-SINDy equations `s` predict over B stretches of S steps from measured starts."""
     start, command = np.ascontiguousarray(stretches.kinematic[:, 0]), np.ascontiguousarray(stretches.command[:, :-1])
     return np.asarray(K_SINDY_KERNELS.scan_many(start, command, s, c))
 
@@ -164,7 +176,10 @@ def _predict_stretches(s: SparseEquations, c: KinematicCar, stretches: Windows) 
 def _bootstrap_terms(
     products: EquationProducts, threshold: float, settings: SparseSettings, speed: Ints, seed: int
 ) -> TermConfidence:
-    """The share of resamples of the blocks that keep each term, and the 95 % interval of its coefficient."""
+    """Confidence in each term of K-SINDy by a block bootstrap, {equation: {term: [share, low, high]}}.
+
+    `share` of the resamples' fits keep the term; low and high bound the 95 % interval of its coefficient.
+    """
     block_counts = draw_block_counts(len(products[0].rows), settings.resamples, seed)
     draws = [_solve_equations(products, threshold, settings.ridge, speed, counts) for counts in block_counts]
     confidence = {}
@@ -181,7 +196,10 @@ def _bootstrap_terms(
 
 
 def _replace_intervals(term_confidence: TermConfidence, sparse: SparseEquations, errors: SparseEquations) -> None:
-    """Replace the intervals of coefficients that were refitted on rollouts by value +- 1.96 standard errors."""
+    """Overwrite the 95 % intervals in `term_confidence` by coefficient +- 1.96 standard errors of a rollout refit.
+
+    `sparse` holds the refitted coefficients, `errors` their standard errors in the same fields.
+    """
     for i, name in enumerate(EQUATIONS):
         terms = sparse.speed if i == 0 else sparse.slip
         for e, value, se in zip(terms, sparse[i], errors[i], strict=True):
@@ -194,7 +212,10 @@ def _replace_intervals(term_confidence: TermConfidence, sparse: SparseEquations,
 def _refine_on_rollouts(
     sparse: SparseEquations, car: KinematicCar, stretches: Windows
 ) -> tuple[SparseEquations, SparseEquations]:
-    """Refit the coefficients of the same terms on rollouts of the twist: the equations, and their standard errors."""
+    """Refit the nonzero coefficients of `sparse` by nonlinear least squares on the twist in rollouts over stretches.
+
+    Returns the refitted equations, and the coefficients' standard errors in the same fields (sandwich covariance).
+    """
     from scipy.optimize import least_squares
 
     weight = inverse_spread(stretches.twist[:, 0])

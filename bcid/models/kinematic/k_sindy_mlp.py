@@ -31,7 +31,11 @@ from bcid.models.settings import ResidualSettings
 def _scan_k_sindy_mlp(
     carry: Floats, commands: Floats, s: SparseEquations, w: MlpWeights, c: kinematics.KinematicCar, dissipative: bool
 ) -> Floats:
-    """Twists (N, 3) of one K-SINDy-MLP after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    """Twists (N, 3) of one K-SINDy-MLP (sparse equations `s` plus a perceptron `w`) after each of `commands` (N, 2).
+
+    `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return.  If
+    `dissipative`, v_f is lowered where a step with u_m <= 0 would gain kinetic energy.
+    """
     twists, terms, buffers = np.empty((len(commands), 3)), active_terms(s), allocate_buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
@@ -50,7 +54,7 @@ def _scan_k_sindy_mlp(
 
 @njit
 def _predict_by_f_sindy(x: Floats, s: SparseEquations, c: kinematics.KinematicCar) -> Floats:
-    """[v_f, alpha_f, alpha_r] (N, 3) one period after each sample x (N, 6), by the sparse sum alone."""
+    """K-SINDy's [v_f, alpha_f, alpha_r] (N, 3) one period after x = [v_f, alpha_f, alpha_r, delta, u_s, u_m] (N, 6)."""
     out, terms = np.empty((len(x), 3)), active_terms(s)
     for k in range(len(x)):
         f_sindy((x[k, 0], x[k, 1], x[k, 2], x[k, 3]), x[k, 4], x[k, 5], terms, c)

@@ -20,7 +20,11 @@ ONE = len(FACTORS)  # the place of a constant one behind the factors
 
 @njit_inline
 def fill_factors(q: Floats, state: KinematicState, u_s: float, u_m: float, c: KinematicCar) -> None:
-    """Fill q (11,) with the ten FACTORS at a state and command [u_s, u_m], then 1; the steering rate is errata 17's."""
+    """Fill q (11,) with the ten `FACTORS` of K-SINDy's terms, then 1, at a state under the command u_s (rad), u_m.
+
+    They are v_f, the slip angles, delta, its rate sat((u_s - delta)/T_s), absolute values, throttle max(0, u_m - v_f)
+    and brake min(0, u_m) (docs/errata.md rows 8, 17).
+    """
     v, alpha_f, alpha_r, delta = state
     rate = steering_rate(u_s, delta, c.T_s, c.d)
     q[0], q[1], q[2], q[3], q[4] = v, alpha_f, alpha_r, delta, rate
@@ -33,7 +37,10 @@ def fill_factors(q: Floats, state: KinematicState, u_s: float, u_m: float, c: Ki
 
 @njit
 def theta_matrix(x: Floats, exponents: Ints, c: KinematicCar) -> Floats:
-    """Theta (N, n): the candidate terms with the given `exponents` (n, 10) at the samples `x` (N, 6)."""
+    """Theta (N, n): values of n K-SINDy terms at x = [v_f, alpha_f, alpha_r, delta, u_s, u_m] (N, 6).
+
+    A term is a product of powers of the ten `FACTORS`; row i of `exponents` (n, 10) holds the powers of term i.
+    """
     out, q = np.ones((len(x), len(exponents))), np.empty(ONE + 1)
     for k in range(len(x)):
         fill_factors(q, (x[k, 0], x[k, 1], x[k, 2], x[k, 3]), x[k, 4], x[k, 5], c)
@@ -45,7 +52,7 @@ def theta_matrix(x: Floats, exponents: Ints, c: KinematicCar) -> Floats:
 
 
 def _exponent_table(*products: tuple[int, ...]) -> Ints:
-    """Exponents (n, 10) over FACTORS of terms that are given as tuples of factors."""
+    """Exponents (n, 10) over K-SINDy's ten `FACTORS` of n terms, given as tuples of factors: (V, V, RATE) is v² δ̇."""
     return np.array([[p.count(j) for j in range(len(FACTORS))] for p in products], dtype=np.int64)
 
 
@@ -72,13 +79,16 @@ SLIP_TERMS = _exponent_table(
 
 
 def term_name(exponents: Ints) -> str:
-    """A term in print, such as `v² |δ̇|`, from its exponents (10,)."""
+    """A K-SINDy term in print, such as `v² |δ̇|`, from its `exponents` (10,) over the ten `FACTORS`."""
     power = {1: "", 2: "²", 3: "³"}
     return " ".join(f + power.get(int(n), f"^{n}") for f, n in zip(FACTORS, exponents, strict=True) if n)
 
 
 def format_equation(left: str, coefficients: Floats, exponents: Ints) -> str:
-    """The equation `left = sum of coefficient times term` in print, without terms whose coefficient is zero."""
+    """A K-SINDy equation in print, `left = sum of coefficient times term`, without terms whose coefficient is zero.
+
+    `coefficients` is (n,); row i of `exponents` (n, 10) holds the powers of the ten `FACTORS` in term i.
+    """
     kept = [(c, term_name(e)) for c, e in zip(coefficients, exponents, strict=True) if c != 0.0]
     text = " ".join(f"{'−' if math.copysign(1, c) < 0 else '+'} {abs(c):.4g} {n}" for c, n in kept)
     return f"{left} = {text.removeprefix('+ ') or '0'}"

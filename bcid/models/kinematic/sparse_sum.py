@@ -34,7 +34,7 @@ class ActiveTerms(NamedTuple):
 
 @njit
 def active_terms(s: SparseEquations) -> ActiveTerms:
-    """Collect the terms of the three equations whose coefficient is not zero."""
+    """List the terms of K-SINDy's three equations whose coefficient is not zero, as flat arrays for fast rollouts."""
     most, count = 1, 0
     equations = ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))
     for xi, exponents in equations:
@@ -61,7 +61,10 @@ def active_terms(s: SparseEquations) -> ActiveTerms:
 
 @njit
 def f_sindy(state: KinematicState, u_s: float, u_m: float, t: ActiveTerms, c: KinematicCar) -> None:
-    """Fill `t.after` with [v_f, alpha_f, alpha_r] one period later, the sum of the active terms (paper, f_SINDy)."""
+    """Fill `t.after` (3,) with K-SINDy's [v_f, alpha_f, alpha_r] one period after `state` under [u_s (rad), u_m].
+
+    Each is the sum of coefficient times term over its active terms (paper, f_SINDy).
+    """
     fill_factors(t.q, state, u_s, u_m, c)
     for n in range(len(t.after)):
         t.after[n] = 0.0
@@ -74,7 +77,11 @@ def f_sindy(state: KinematicState, u_s: float, u_m: float, t: ActiveTerms, c: Ki
 
 @njit
 def scan_k_sindy(carry: Floats, commands: Floats, s: SparseEquations, c: KinematicCar) -> Floats:
-    """Twists (N, 3) of one K-SINDy after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    """Twists (N, 3) of one K-SINDy (sparse equations `s` of the kinematic state) after each of `commands` (N, 2).
+
+    `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return.
+    Commands are [u_s (rad), u_m]; `c` holds lever arms, steering constants and period.
+    """
     twists, terms = np.empty((len(commands), 3)), active_terms(s)
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):

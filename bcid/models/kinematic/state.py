@@ -64,22 +64,30 @@ class KinematicModel(CompiledModel):
 
 @njit_inline
 def kinematic_twist(state: KinematicState, c: KinematicCar) -> tuple[float, float, float]:
-    """v_x, v_y (m/s) and yaw rate (rad/s) of a kinematic state: beta_f = delta + alpha_f, beta_r = alpha_r."""
+    """v_x, v_y (m/s), yaw rate (rad/s) of the centre of gravity in the kinematic state [v_f, alpha_f, alpha_r, delta].
+
+    The front and rear wheels move at the angles beta_f = delta + alpha_f and beta_r = alpha_r to the body's axis
+    (paper, fkin; docs/errata.md row 1); `c` holds the lever arms l_f, l_r.
+    """
     v_f, alpha_f, alpha_r, delta = state
     return body_twist(v_f, delta + alpha_f, clip(alpha_r, -SLIP_LIMIT, SLIP_LIMIT), c.l_f, c.l_r)
 
 
 @njit_inline
 def next_state(after: Floats, delta: float, u_s: float, c: KinematicCar) -> KinematicState:
-    """The state a period later: v_f, alpha_f, alpha_r from a fitted map's `after`, delta by the servo's law."""
+    """The kinematic state [v_f (m/s), alpha_f, alpha_r, delta (rad)] one period later, from a map's output `after`.
+
+    `after` (3,), by a fitted map, holds the first three, of which v_f is raised to 0 if negative; `delta` (rad)
+    follows the command `u_s` (rad) by the servo's law, a first-order lag with a rate limit.
+    """
     return max(after[0], 0.0), after[1], after[2], steering_step(delta, u_s, c.T_s, c.d, c.period)
 
 
 @njit_inline
 def doubled_energy(state: KinematicState, c: KinematicCar) -> float:
-    """Twice the kinetic energy per mass (m^2/s^2): v_x^2 + v_y^2 + l_f l_r w^2.
+    """Twice the kinetic energy per mass (m^2/s^2) of a car in a kinematic state: v_x^2 + v_y^2 + l_f l_r w^2.
 
-    A kinematic model knows no inertia; with I_z = m l_f l_r the masses on the axles move as if by themselves.
+    Kinematic models have no moment of inertia: I_z = m l_f l_r is assumed, that of two masses on the axles.
     """
     v_x, v_y, yaw_rate = kinematic_twist(state, c)
     return v_x * v_x + v_y * v_y + c.l_f * c.l_r * yaw_rate * yaw_rate
@@ -87,7 +95,10 @@ def doubled_energy(state: KinematicState, c: KinematicCar) -> float:
 
 @njit_inline
 def cap_energy(before: KinematicState, after: KinematicState, c: KinematicCar) -> KinematicState:
-    """The state `after` with v_f, to which the twist is proportional, lowered until no kinetic energy is gained."""
+    """The kinematic state `after`, v_f lowered where its kinetic energy (`doubled_energy`) exceeds that of `before`.
+
+    The twist is proportional to v_f, so that the factor is the root of the ratio of energies.
+    """
     energy_before, energy_after = doubled_energy(before, c), doubled_energy(after, c)
     factor = ROUNDING_MARGIN * math.sqrt(energy_before / energy_after) if energy_after > energy_before else 1.0
     return factor * after[0], after[1], after[2], after[3]
@@ -95,5 +106,5 @@ def cap_energy(before: KinematicState, after: KinematicState, c: KinematicCar) -
 
 @njit_inline
 def fill_input(x: Floats, state: KinematicState, u_s: float, u_m: float) -> None:
-    """Fill x (6,) with the input of the fitted maps, [v_f, alpha_f, alpha_r, delta, u_s, u_m]."""
+    """Fill x (6,) with a kinematic model's perceptron input, [v_f, alpha_f, alpha_r, delta, u_s, u_m] in SI units."""
     x[0], x[1], x[2], x[3], x[4], x[5] = state[0], state[1], state[2], state[3], u_s, u_m

@@ -23,7 +23,11 @@ MIN_ENERGY = 1e-8  # m^2/s^2, below which the root of a doubled energy has no us
 
 
 def simulate_steering(stretches: Windows, c: KinematicCar) -> Windows:
-    """Replace the steering angles after each start by those that the servo's law gives, as in a rollout."""
+    """Copy the stretches, replacing estimated steering angles after each start by those that the servo's law predicts.
+
+    The law, as in a rollout, is a first-order lag with the time constant T_s and the rate limit d of `c`, under the
+    recorded commands.
+    """
     kinematic = stretches.kinematic.copy()
     for b in range(stretches.stretch_count):
         for k in range(stretches.steps):
@@ -32,7 +36,7 @@ def simulate_steering(stretches: Windows, c: KinematicCar) -> Windows:
 
 
 def _kinematic_twist_in_torch(state: Tensor, delta: Tensor, c: KinematicCar) -> Tensor:
-    """Twists (B, 3) of the states [v_f, alpha_f, alpha_r] (B, 3) and delta (B,): `kinematic_twist` in torch."""
+    """Twists [v_x, v_y, yaw rate] (B, 3) at states [v_f, alpha_f, alpha_r] (B, 3), steering `delta` (B,), in torch."""
     import torch
 
     v_f, alpha_f, alpha_r = state.unbind(1)
@@ -45,9 +49,10 @@ def _kinematic_twist_in_torch(state: Tensor, delta: Tensor, c: KinematicCar) -> 
 def build_kinematic_rollout(
     c: KinematicCar, next_kinematics: Callable[[Network, Tensor], Tensor], dissipative: bool = False
 ) -> RolloutFunction:
-    """Build a kinematic model's rollout in torch, for the rollout loss; `dissipative` caps energy as `cap_energy` does.
+    """Build a differentiable torch function that predicts the twists (B, S, 3) of a kinematic model over B stretches.
 
-    `next_kinematics` maps a network and [v_f, alpha_f, alpha_r, delta, u_s, u_m] (B, 6) to the next first three.
+    `next_kinematics` maps a network and [v_f, alpha_f, alpha_r, delta, u_s, u_m] (B, 6) to [v_f, alpha_f, alpha_r] a
+    period later.  If `dissipative`, v_f is lowered where a step with u_m <= 0 would gain kinetic energy (`cap_energy`).
     """
     import torch
 
@@ -71,7 +76,10 @@ def build_kinematic_rollout(
 
 
 def _build_sparse_sum(xi: Floats, exponents: Ints, c: KinematicCar) -> Callable[[Tensor], Tensor]:
-    """Build a function in torch that maps x (B, 6) to the sum (B,) of the terms whose coefficient `xi` is not zero."""
+    """Build a torch function from [v_f, alpha_f, alpha_r, delta, u_s, u_m] (B, 6) to one K-SINDy equation's sum (B,).
+
+    `xi` (n,) are the coefficients, and `exponents` (n, 10) the powers of the ten `FACTORS` in each term.
+    """
     import torch
 
     kept = np.flatnonzero(xi)
@@ -95,7 +103,10 @@ def _build_sparse_sum(xi: Floats, exponents: Ints, c: KinematicCar) -> Callable[
 
 
 def build_f_sindy(s: SparseEquations, c: KinematicCar) -> Callable[[Tensor], Tensor]:
-    """Build `f_sindy` in torch: a function that maps x (B, 6) to [v_f, alpha_f, alpha_r] (B, 3) one period later."""
+    """Build a torch function for one period of K-SINDy: (B, 6) to the next [v_f, alpha_f, alpha_r] (B, 3).
+
+    Its input is [v_f, alpha_f, alpha_r, delta, u_s, u_m] in SI units.
+    """
     import torch
 
     each = [_build_sparse_sum(xi, e, c) for xi, e in ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))]

@@ -41,7 +41,7 @@ class MlpBuffers(NamedTuple):
 
 @njit
 def allocate_buffers(w: MlpWeights) -> MlpBuffers:
-    """Buffers of the sizes of the network `w`."""
+    """Allocate the arrays that `evaluate_mlp` works on for the network `w`, once for a whole rollout."""
     n, a, b, m = len(w.x_mean), len(w.b1), len(w.b2), len(w.b3)
     single = np.float32
     return MlpBuffers(
@@ -52,7 +52,7 @@ def allocate_buffers(w: MlpWeights) -> MlpBuffers:
 
 @njit_inline
 def _copy_vector(source: Singles, target: Singles) -> None:
-    """Fill `target` from `source`: a slice assignment takes fifty nanoseconds, as long as a layer of few inputs."""
+    """Copy `source` (n,) into `target`: numba's slice assignment takes 50 ns, as long as a layer of few inputs."""
     for j in range(len(target)):
         target[j] = source[j]
 
@@ -82,16 +82,16 @@ def _multiply_by_dot_products(x: Singles, V: Singles, b: Singles, y: Singles) ->
 
 @njit_inline
 def _apply_relu(x: Singles) -> None:
-    """Replace each x_j (n,) by max(x_j, 0)."""
+    """Replace each element x_j of x (n,) by max(x_j, 0), in place."""
     for j in range(len(x)):
         x[j] = max(x[j], np.float32(0.0))
 
 
 @njit_inline
 def evaluate_mlp(buffers: MlpBuffers, w: MlpWeights) -> None:
-    """Fill `buffers.y` with the network's output at `buffers.x`; single precision but for units of input and output.
+    """Evaluate the perceptron `w` at the input `buffers.x` (not normalised), and write its output to `buffers.y`.
 
-    Rows of W2 that meet a zero, as half of them do behind a ReLU, are skipped.
+    Layers compute in single precision.  Rows of W2 whose input is zero, as about half are behind a ReLU, are skipped.
     """
     for i in range(len(buffers.x)):
         buffers.z[i] = np.float32((buffers.x[i] - w.x_mean[i]) / w.x_sd[i])
@@ -106,26 +106,26 @@ def evaluate_mlp(buffers: MlpBuffers, w: MlpWeights) -> None:
 
 
 def count_weights(w: MlpWeights) -> int:
-    """The number of weights and biases of a network."""
+    """The number of trained weights and biases of a perceptron, without the means and spreads used to normalise."""
     return sum(a.size for a in (w.W1, w.b1, w.W2, w.b2, w.W3, w.b3))
 
 
 def describe_layers(w: MlpWeights) -> str:
-    """The sizes of a network's layers in words."""
+    """A perceptron's layers in print, such as `hidden 128 and 64, ReLU, 9347 weights`."""
     return f"hidden {len(w.b1)} and {len(w.b2)}, ReLU, {count_weights(w)} weights"
 
 
 def weights_to_arrays(w: MlpWeights) -> Arrays:
-    """A network's weights as named arrays, for safetensors."""
+    """A perceptron's weights, biases and normalising means and spreads as arrays by name, for a safetensors file."""
     return {name: np.ascontiguousarray(value) for name, value in w._asdict().items()}
 
 
 def weights_from_arrays(arrays: Arrays, inputs: int) -> MlpWeights:
-    """The network with `inputs` inputs and `OUTPUTS` outputs whose `weights_to_arrays` gave `arrays`.
+    """The perceptron with `inputs` inputs and three outputs that `weights_to_arrays` turned into `arrays`.
 
     Raises:
         KeyError: an array is missing.
-        ValueError: the shapes make no such network; the compiled kernels check none.
+        ValueError: the shapes do not fit together; checked here, since the compiled kernels check none.
     """
     given: dict[str, Any] = {name: np.array(arrays[name], np.float64) for name in ("x_mean", "x_sd", "y_mean", "y_sd")}
     given |= {name: np.array(arrays[name], np.float32, order="C") for name in ("W1", "b1", "W2", "b2", "W3", "b3")}

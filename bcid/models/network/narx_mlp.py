@@ -30,7 +30,10 @@ INPUTS = N_TWIST + 2 * (LAGS + 1)
 
 @njit
 def _scan_narx_mlp(carry: Floats, commands: Floats, w: MlpWeights) -> Floats:
-    """Twists (N, 3) of one NARX-MLP after each of `commands` (N, 2); leaves the last rows of both in `carry` (13,)."""
+    """Twists (N, 3) of one NARX-MLP, a perceptron of the last three twists and commands, under `commands` (N, 2).
+
+    `carry` (13,) is advanced in place: [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}], twists v and commands u.
+    """
     twists, buffers = np.empty((len(commands), 3)), allocate_buffers(w)
     for k in range(len(commands)):
         buffers.x[N_TWIST], buffers.x[N_TWIST + 1] = commands[k, 0], commands[k, 1]
@@ -46,7 +49,11 @@ def _scan_narx_mlp(carry: Floats, commands: Floats, w: MlpWeights) -> Floats:
 
 
 def _rollout_in_torch(network: Network, twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
-    """Twists (B, S, 3) of NARX-MLP rollouts over stretches, in torch for training: see `RolloutFunction`."""
+    """Twists (B, S, 3) that a NARX-MLP `network` predicts over B stretches of S steps, in torch for training.
+
+    `twist` (B, S + 3, 3) and `command` (B, S + 3, 2) hold two rows before the start, the start and the steps; only the
+    first three twists are read, and `kinematic` is not.
+    """
     import torch
 
     past, out = twist[:, : LAGS + 1].flip(1).flatten(1), []

@@ -26,7 +26,11 @@ _NO_VECTOR = _VECTOR(ir.Undefined)
 
 
 def _build_row_adder(vectors: int) -> Any:
-    """Build a numba intrinsic that adds x W[:, first:] to y[first:] for the next `vectors` times LANES columns."""
+    """Build a compiled `add(x, W, y, first)` that adds x W to y in `vectors` times 16 columns, from column `first` on.
+
+    x (n,), W (n, m) and y (m,) are of single precision; the sums stay in registers, and rows of W whose x is zero are
+    mostly skipped.
+    """
 
     @intrinsic
     def add(typing: Any, x: Any, W: Any, y: Any, first: Any) -> Any:
@@ -65,7 +69,7 @@ def _build_row_adder(vectors: int) -> Any:
 
 
 def _load_vector(builder: Any, data: Any, at: Any, kind: Any = _VECTOR) -> Any:
-    """The vector that begins at element `at` of `data`."""
+    """Emit LLVM code that loads a vector of the LLVM type `kind` (default 16 singles) at element `at` of `data`."""
     loaded = builder.load(builder.bitcast(builder.gep(data, [at]), kind.as_pointer()))
     loaded.align = 4
     return loaded
@@ -73,7 +77,10 @@ def _load_vector(builder: Any, data: Any, at: Any, kind: Any = _VECTOR) -> Any:
 
 @contextmanager
 def _loop_over_set_bits(builder: Any, mask: Any) -> Iterator[Any]:
-    """Emit a loop over the positions of the ones in `mask`, lowest first; the body sees each position."""
+    """Emit an LLVM loop over the positions of the ones in a 64-bit `mask`, lowest first, as a context manager.
+
+    The code emitted in the `with` block is the loop's body; the position is what the block is given.
+    """
     left = cgutils.alloca_once_value(builder, mask)
     kind = ir.FunctionType(_INT, [_INT, _BIT])
     trailing_zeros = cgutils.get_or_insert_function(builder.module, kind, "llvm.cttz.i64")
@@ -95,10 +102,10 @@ _add_widest, _add_wide = (_build_row_adder(width // LANES) for width in _WIDTHS)
 
 @njit_inline
 def add_product(x: Singles, W: Singles, y: Singles) -> None:
-    """Add x W to y, of contiguous arrays (n,), (n, m) and (m,); rows that meet zeros of x are mostly skipped.
+    """Add x W to y in place, with x (n,), W (n, m), y (m,) contiguous; rows of W whose x is zero are mostly skipped.
 
     Raises:
-        ValueError: shapes that do not fit.
+        ValueError: the shapes do not fit.
     """
     widest, wide = _WIDTHS
     m, first = len(y), 0

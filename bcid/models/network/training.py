@@ -36,14 +36,15 @@ def train_perceptron(
     task: FitTask, settings: TrainingSettings, mapping: Callable[[windows.SingleSteps], tuple[Floats, Floats]],
     rollout: RolloutFunction, lags: int = 0, prepare: Callable[[windows.Windows], windows.Windows] = lambda w: w,
 ) -> tuple[MlpWeights, dict[str, Any]]:  # fmt: skip
-    """Train a perceptron on the takes of `task`: its weights, and the losses of the epochs.
+    """Train a perceptron with two hidden layers on the recordings of `task`: its weights, and the losses of the epochs.
 
-    First on the mean squared error of the normalised output (paper, lossv with W = 1/sigma): Adam with weight decay, a
-    learning rate that falls by `decay_factor` every `decay_epochs`, dropout.  Then, for the loss "rollout", on the
-    error of the twist in the model's own rollouts; the takes' ends are left out, and choose the best epoch.
+    First on single steps: the mean squared error of the normalised output (paper, lossv with W = 1/sigma) by Adam
+    with weight decay and dropout; every `decay_epochs` epochs the learning rate is multiplied by `decay_factor`.
+    Then, if the settings' loss is "rollout", on the error of the twist that `rollout` predicts over stretches; the
+    recordings' ends are held out to choose the epoch (early stopping).
 
-    `mapping` makes of single steps the inputs (N, n) and outputs (N, m) to be learned; `lags` counts the rows that the
-    model wants before a start; `prepare` changes stretches before rollouts are compared with them.
+    `mapping` turns single steps into inputs (N, n) and outputs (N, m); `lags` counts the rows before a start that the
+    model needs; `prepare` changes the stretches before rollouts are compared with them.
     """
     import torch
     from torch import nn
@@ -74,7 +75,7 @@ def train_perceptron(
 
 
 def build_perceptron(inputs: int, settings: TrainingSettings, outputs: int) -> Any:
-    """An untrained perceptron with two hidden ReLU layers and dropout."""
+    """Build an untrained torch network of two hidden ReLU layers of sizes `settings.hidden`, each with dropout."""
     from torch import nn
 
     first, second = settings.hidden
@@ -88,7 +89,10 @@ def build_perceptron(inputs: int, settings: TrainingSettings, outputs: int) -> A
 def _train_on_single_steps(
     net: Any, inputs: Tensor, targets: Tensor, settings: TrainingSettings, task: FitTask
 ) -> list[float]:
-    """Train `net` on normalised single steps; the losses of at most a hundred epochs."""
+    """Train `net` on normalised single steps, `inputs` (N, n) and `targets` (N, m), for the epochs of the settings.
+
+    Returns the mean squared errors of the epochs, thinned to fewer than 200.
+    """
     import torch
 
     generator = torch.Generator().manual_seed(task.seed)
@@ -104,16 +108,16 @@ def _train_on_single_steps(
 
 
 def build_adam(net: Any, settings: TrainingSettings) -> Any:
-    """Adam with weight decay for the parameters of `net`."""
+    """Build torch's Adam optimiser for the parameters of `net`, with the settings' learning rate and weight decay."""
     import torch
 
     return torch.optim.Adam(net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
 
 
 def train_epoch(net: Any, optimiser: Any, inputs: Tensor, targets: Tensor, batch_size: int, generator: Any) -> float:
-    """Train `net` on all samples once, in a random order; the mean loss.
+    """Train `net` for one epoch in random batches drawn by `generator`; return the mean squared error of its batches.
 
-    Batches are rows of tensors that lie in memory: a DataLoader would gather them one by one.
+    Batches are rows of tensors in memory, since a DataLoader would gather samples one by one.
     """
     import torch
 
@@ -131,10 +135,11 @@ def _train_on_rollouts(
     net: Any, moments: Any, rollout: RolloutFunction, stretches: Sequence[windows.Windows], settings: TrainingSettings,
     task: FitTask,
 ) -> dict[str, Any]:  # fmt: skip
-    """Train `net` further on rollouts, without dropout, and restore its best epoch; the losses.
+    """Train `net` further on the twist's error in rollouts, without dropout; restore its best epoch, return the losses.
 
-    `stretches` are those to train on and those that choose the epoch, `moments` means and standard deviations of inputs
-    and outputs.  The learning rate falls to zero; each epoch draws one in `STARTS_PER_STRETCH` of the stretches.
+    `stretches` are two sets: one to train on, one held out, whose error chooses the best epoch; `moments` are (mean,
+    standard deviation) of the inputs and of the outputs.  The learning rate falls to zero as half a cosine; each
+    epoch draws a random 1/STARTS_PER_STRETCH of the training stretches.
     """
     import torch
 

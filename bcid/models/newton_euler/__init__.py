@@ -1,4 +1,6 @@
-"""Newton-Euler models of the twist: fitted constants, their linearisation, and the car augmented by effects."""
+"""Newton-Euler models of the twist: fitted constants, their linearisation, and the car augmented by effects.
 
-CARS_PER_CHUNK = 256
-"""Cars whose states advance together: few enough for them to stay in the nearest cache."""
+`model` (the fitted car), `parameters` (the constants that a fit chooses), fitted by `fit_to_twists` (with `objective`,
+the error of many cars at once) or `fit_to_poses`, from the car of `initial_guess`; `linear` (small angles);
+`augmented` (the car with effects) and `augmented_step` (its periods, compiled).
+"""

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.effects.constants import Constants
 from bcid.effects.table import ENTRIES, OFF, effect_switches
 from bcid.errors import UsageError
@@ -143,15 +143,18 @@ class AugmentedNewtonEuler(CompiledModel):
         return cls(car, effects, constants, **scalars, facts=facts)
 
 
-def max_command_delay(e: Any, T: float) -> float:
-    """The longest time (s) from a command to its effect on poses, by the effects `e` in a recording of T seconds."""
+def max_command_delay(e: Switches, T: float) -> float:
+    """The longest time (s) from a command to its effect on the recorded poses, by the effects' parameters `e`.
+
+    It is the longer delay of steering and motor, plus the poses' latency and what the clock drifts in `T` seconds.
+    """
     actuators: float = max(e.steering_delay__tau, e.motor_delay__tau)
     poses: float = abs(e.pose_latency__tau) + abs(e.clock_drift__rho) * T
     return actuators + poses
 
 
 def _value_line(name: str, value: float, error: float | None, unit: str) -> str:
-    """One line of a table of constants: name, value, standard error where there is one, unit."""
+    """One printed line of a constant: its name, value, standard error `error` (unless None) and unit."""
     return f"  {name} = {value:<10.4g} {f'± {error:<8.2g}' if error is not None else '':10} {unit}"
 
 

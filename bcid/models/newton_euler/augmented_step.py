@@ -4,11 +4,11 @@ The carry holds pose and twist, lagging quantities, the steering on its way to t
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit
 from bcid.effects.actuators import SteeringState, actuation_at, continue_actuator_chain
 from bcid.effects.car import BodyState, LagState, unpack_body, unpack_lags
@@ -24,7 +24,7 @@ class AugmentedSetup(NamedTuple):
     """All that a step needs beside the carry: the car, its effects and the grid of time."""
 
     car: Car
-    switches: Any
+    switches: Switches
     constants: Constants
     limit: float  # of the steering command, rad
     T: float  # length of the recording in the equations of the effects, s
@@ -45,7 +45,11 @@ class AugmentedState(NamedTuple):
 
 @njit
 def pack_carry(state: AugmentedState) -> Floats:
-    """The carry (13 + 2 kept,) that holds the numbers of `state`."""
+    """The flat carry (13 + 2 kept,), a Newton-Euler car's state between two steps, made of the structured `state`.
+
+    [p_x, p_y, theta (world), v_x, v_y (body), omega, alpha_f, F_mf, F_mr, three steering angles, t], SI units, then
+    the last `kept` commands [u_s, u_m]; alpha_f and the motor forces lag, the angles are those of the steering chain.
+    """
     b, l, s = state.body, state.lagged, state.servo  # noqa: E741  # beside b and s
     x = np.empty(N_MOTION + state.commands.size)
     x[0], x[1], x[2], x[3], x[4], x[5] = b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega
@@ -56,15 +60,19 @@ def pack_carry(state: AugmentedState) -> Floats:
 
 @njit
 def unpack_carry(x: Floats) -> AugmentedState:
-    """The state that the carry `x` (13 + 2 kept,) holds: the inverse of `pack_carry`."""
+    """The structured state of a car with effects, from its flat carry `x` (13 + 2 kept,); undoes `pack_carry`."""
     return AugmentedState(
         unpack_body(x), unpack_lags(x), SteeringState(x[9], x[10], x[11]), x[12], x[N_MOTION:].copy().reshape(-1, 2)
     )
 
 
 @njit
-def tracked_twist(b: BodyState, e: Any) -> tuple[float, float, float]:
-    """Twist of the tracked body in its own axes: v_seen = (1 + kappa) R(-psi) (v + w x d), w_seen = w."""
+def tracked_twist(b: BodyState, e: Switches) -> tuple[float, float, float]:
+    """v_x, v_y (m/s), yaw rate (rad/s) of the tracked point in its own axes, from the car's twist `b` at its CoG.
+
+    (1 + kappa) R(-psi) (v + w x d), w: with the marker's offset d, yaw misalignment psi and length-scale error kappa
+    in `e`.
+    """
     v_x, v_y = b.v_x - b.omega * e.marker_offset__d_y, b.v_y + b.omega * e.marker_offset__d_x
     grown, psi = 1.0 + e.pose_scale__kappa, e.body_yaw_misalignment__psi
     sin_p, cos_p = math.sin(psi), math.cos(psi)
@@ -72,8 +80,12 @@ def tracked_twist(b: BodyState, e: Any) -> tuple[float, float, float]:
 
 
 @njit
-def body_from_tracked(pose: Floats, twist: Floats, e: Any) -> BodyState:
-    """Pose and twist of the centre of gravity, from the tracked body's: undoes `tracked_pose` and `tracked_twist`."""
+def body_from_tracked(pose: Floats, twist: Floats, e: Switches) -> BodyState:
+    """Pose and twist of the car at its CoG, from the tracked `pose` [x, y, yaw] (world) and `twist` (its own axes).
+
+    It undoes the marker's offset, the yaw misalignment and the length-scale error that are parameters of the effects
+    `e`.
+    """
     grown, psi = 1.0 + e.pose_scale__kappa, e.body_yaw_misalignment__psi
     d_x, d_y = e.marker_offset__d_x, e.marker_offset__d_y
     theta, omega = pose[2] - psi, twist[2]
@@ -87,7 +99,10 @@ def body_from_tracked(pose: Floats, twist: Floats, e: Any) -> BodyState:
 
 @njit
 def _command_arrivals(t: float, count: int, s: AugmentedSetup) -> Floats:
-    """Times on the poses' clock at which the commands of `count` periods arrive, of which the last begins at `t`."""
+    """Times (count,) (s) on the poses' clock of `count` commands, one a period, the last given at `t` (s).
+
+    They are shifted by the poses' latency and the drift of their clock, both effects in `s`.
+    """
     given = t - s.period * np.arange(count - 1, -1, -1).astype(np.float64)
     return to_pose_clock(given, s.switches)
 
@@ -96,9 +111,10 @@ def _command_arrivals(t: float, count: int, s: AugmentedSetup) -> Floats:
 def initial_state(
     b: BodyState, delta: float, commands: Floats, periods: int, t: float, s: AugmentedSetup
 ) -> AugmentedState:
-    """The car's state at time `t` (s) with body `b` and steady lags, its steering run through the commands before `t`.
+    """State at time `t` (s) of a car with effects whose body is at `b`, its steering simulated under the past commands.
 
-    At `t` less so many `periods` the steering stood at `delta` (rad); `commands` (n, 2) begin there or earlier.
+    The steering starts at `delta` (rad), `periods` periods before `t`; `commands` (n, 2), one a period up to `t`,
+    begin there or earlier.  Quantities that lag (front slip angle, motor forces) have their steady values.
     """
     n, h, e = periods * s.steps, s.period / s.steps, s.switches
     arrivals, begin = _command_arrivals(t - s.period, len(commands), s), t - periods * s.period
@@ -113,7 +129,10 @@ def initial_state(
 
 @njit
 def advance_augmented(state: AugmentedState, u_s: float, u_m: float, s: AugmentedSetup) -> AugmentedState:
-    """The car's state one period later under the command [u_s, u_m]."""
+    """State of a car with effects one period after `state` under the command u_s (rad), u_m.
+
+    First the actuators give steering angles and throttle, then the body is integrated by RK4 under them.
+    """
     commands = np.empty((s.kept + 1, 2))
     commands[:-1] = state.commands
     commands[-1, 0], commands[-1, 1] = u_s, u_m
@@ -129,7 +148,10 @@ def advance_augmented(state: AugmentedState, u_s: float, u_m: float, s: Augmente
 
 @njit
 def scan_augmented(carry: Floats, commands: Floats, s: AugmentedSetup) -> Floats:
-    """Twists (N, 3) of the tracked body after each of `commands` (N, 2); leaves the last state in `carry`."""
+    """Twists (N, 3) of a car with effects, at the tracked point and in its axes, after each of `commands` (N, 2).
+
+    `carry` (13 + 2 kept,), body, lags, steering, time and earlier commands (`pack_carry`), is advanced in place.
+    """
     twists = np.empty((len(commands), 3))
     state = unpack_carry(carry)
     for k in range(len(commands)):

@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 from bcid.aliases import Floats
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import refuse_divergence
-from bcid.likelihood.hypothesis import DRAG, PRIOR_SD
+from bcid.likelihood.hypothesis import DRAG
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import estimate_scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.prepare import base_hypothesis, needs_pushes, prepare_and_fit_base, refit_base_with_pushes
@@ -34,7 +35,11 @@ STEERING_CONSTANTS = {
 
 
 def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
-    """The likeliest car given the recorded poses, and facts of the fit; a throttle's dead zone stays as guessed.
+    """Fit the car's constants to recorded poses by maximum marginal likelihood; return car and facts of the fit.
+
+    Poses are predicted over segments of 1.5 s from free initial states.  A throttle's dead zone u_0 is not fitted,
+    but kept from the initial guess.  Facts hold the noise, standard errors, correlated pairs and constants at a
+    bound.
 
     Raises:
         InputRefused: too little of the recordings can be used, or the model cannot follow them.
@@ -75,8 +80,8 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
 def relative_error_covariance(fit: Fit, top_speed: float) -> tuple[list[str], Floats]:
     """Symbols of the n constants that a fit to poses reports, and the covariance (n, n) of their relative errors.
 
-    Drag is reported as R_1 and as R_v, the drag per speed at `top_speed` (m/s).  Rows and columns are NaN where the
-    poses teach too little beyond the prior.
+    Drag is reported as R_1 and as R_v = R_1 + R_2 v at `top_speed` (m/s).  Rows and columns are NaN where the standard
+    error is more than LIMITS.max_prior_sd_share of the prior's.
     """
     car, logs = fit.car(), list(fit.hypothesis.log_parameters)
     n, (unit_1, unit_2) = len(logs), fit.hypothesis.drag_units
@@ -88,14 +93,18 @@ def relative_error_covariance(fit: Fit, top_speed: float) -> tuple[list[str], Fl
     J[n + 1, n:] = np.array([unit_1, unit_2 * top_speed]) / max(abs(R_v), MIN_DRAG)
     base = fit.covariance[: n + len(DRAG), : n + len(DRAG)]
     covariance: Floats = J @ base @ J.T
-    unknown = np.sqrt(np.diag(base)) > LIMITS.max_prior_sd_share * PRIOR_SD
+    unknown = np.sqrt(np.diag(base)) > LIMITS.max_prior_sd_share * LIKELIHOOD_LIMITS.base_prior_sd
     unknown = np.r_[unknown[:n], unknown[n], unknown[n:].any()]
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan
     return [*logs, "R_1", "R_v"], covariance
 
 
 def _find_unreached_saturations(fit: Fit, take: Take) -> list[str]:
-    """Symbols of the saturation forces without which the poses are about as likely: the takes do not reach them."""
+    """Symbols of the saturation forces (motor, front and rear tyres) that the car does not reach in the recordings.
+
+    Likelihood-ratio test: with the limit at infinity, other constants fixed, the log-likelihood falls by less than
+    LIMITS.min_saturation_nats.
+    """
     hypothesis, found = fit.hypothesis, list[str]()
     for j, symbol in enumerate(hypothesis.log_parameters):
         if symbol not in SATURATIONS:

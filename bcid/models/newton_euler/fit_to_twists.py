@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.models.fitting import Optimum
+from bcid.likelihood.divergence import refuse_divergence
 from bcid.models.fitting.block_covariance import BLOCK_S, sandwich_covariance, sum_blocks
 from bcid.models.fitting.levenberg_marquardt import NormalEquations, minimise_squares
+from bcid.models.fitting.optimum import Optimum
 from bcid.models.fitting.windows import cut_windows, inverse_spread, loss_steps
 from bcid.models.interface import FitTask
 from bcid.models.limits import LIMITS
@@ -85,13 +86,21 @@ class TwistObjective:
 
 
 def difference_points(x: Floats) -> tuple[Floats, Floats]:
-    """Steps (n,) for differences at `x` (n,), towards the middle of the unit box, and `x` before n stepped points."""
+    """Finite-difference steps (n,) for a Jacobian at `x` (n,) in the unit box, and the points (n + 1, n) to evaluate.
+
+    The first is x; point i + 1 differs in coordinate i by +-`DIFFERENCE_STEP`, towards the middle of the box.
+    """
     steps = np.where(x < 0.5, DIFFERENCE_STEP, -DIFFERENCE_STEP)
     return steps, np.vstack([x, x + np.diag(steps)])
 
 
 def fit_car_to_twists(task: FitTask) -> tuple[Car, dict[str, Any]]:
-    """The car whose predicted twists have the least NMSE, and facts of the fit: errors, correlations, bounds."""
+    """Fit the car whose predicted twists have the least normalised mean squared error; and facts of the fit.
+
+    The error is the paper's lossv.  The settings' loss says how far ahead of each start twists are predicted:
+    "one-step" for one period, "rollout" for `horizon_s`.  Facts hold errors, standard errors, correlated pairs and
+    constants at a bound.
+    """
     settings = NewtonEulerSettings.model_validate(task.settings)
     steps = loss_steps(settings.loss, settings.horizon_s, task.period_s)
     taken = cut_windows(task.estimates, steps, steps)
@@ -123,7 +132,10 @@ def fit_car_to_twists(task: FitTask) -> tuple[Car, dict[str, Any]]:
 
 
 def _optimise(objective: TwistObjective, settings: NewtonEulerSettings, task: FitTask) -> tuple[Optimum, str]:
-    """The best point by the optimiser that the settings choose, and a description of the search."""
+    """Find the point of the unit box of least normalised mean squared error, and describe the optimiser in words.
+
+    By a genetic algorithm or by Levenberg-Marquardt from several starts, as the settings say.
+    """
     n = len(objective.box.constants)
     if settings.optimiser == "genetic":
         from bcid.models.fitting.genetic import minimise_genetically
@@ -134,12 +146,18 @@ def _optimise(objective: TwistObjective, settings: NewtonEulerSettings, task: Fi
         return best, f"genetic algorithm, {settings.population} individuals, {len(best.history)} generations"
     drawn = np.random.default_rng(task.seed).uniform(*START_RANGE, (settings.starts - 1, n))
     part = objective.subset(settings.subset, task.seed)
-    best = minimise_squares(part.normal_equations, objective.normal_equations, [np.full(n, 0.5), *drawn], task.progress)
+    starts = [np.full(n, 0.5), *drawn]
+    with refuse_divergence(task.recordings):
+        best = minimise_squares(part.normal_equations, objective.normal_equations, starts, task.progress)
     return best, f"Levenberg-Marquardt from {settings.starts} starts"
 
 
 def _covariance_at_optimum(objective: TwistObjective, best: Optimum, block: int) -> Floats:
-    """Covariance (n, n) of the best point, from blocks of `block` stretches; NaN where a constant does not act."""
+    """Sandwich covariance (n, n) of the fitted point `best` in the unit box, residuals being correlated within blocks.
+
+    A block is `block` neighbouring stretches.  Rows and columns are NaN for constants whose column of the Jacobian
+    has a norm of at most LIMITS.min_sensitivity: they do not act.
+    """
     J = objective.jacobian(best.x)
     r = objective.residuals(best.x[None])[0]
     acting = np.sqrt((J**2).mean(axis=0)) * np.sqrt(len(r)) > LIMITS.min_sensitivity
@@ -150,9 +168,10 @@ def _covariance_at_optimum(objective: TwistObjective, best: Optimum, block: int)
 
 
 def _find_unreached_saturations(objective: TwistObjective, best: Optimum, block: int) -> list[int]:
-    """Coordinates of the saturation forces without which twists are predicted as well, to the scatter between blocks.
+    """Coordinates of the saturation forces (motor, front and rear tyres) that the car does not reach in the recordings.
 
-    The other constants are fitted again without the force: its slope at a few samples that touch it says nothing.
+    With the limit at the top of its range and other constants refitted, the squared errors grow by at most
+    LIMITS.saturation_z standard errors (one-sided test by the scatter between blocks of `block` stretches).
     """
     squares, unreached = objective.residuals(best.x[None])[0] ** 2, []
     for j, p in enumerate(objective.box.constants):

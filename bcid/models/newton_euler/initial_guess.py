@@ -17,9 +17,10 @@ MAX_SAMPLES = 2000
 
 
 def guess_car(estimates: Sequence[Estimate], vehicle: Vehicle, T_s: float, d: float, v_0: float = 1.0) -> Car:
-    """The car that predicts the twist one period ahead best, from two starts within the ranges of the constants.
+    """Guess a car to start a fit from: robust least squares on the twist predicted one period ahead.
 
-    The steering's time constant T_s (s) and rate limit d (rad/s), and v_0 (m/s, errata 14), are given.
+    The one of less cost from two starts within the constants' ranges.  Not fitted are the steering's time constant
+    T_s (s) and rate limit d (rad/s), and v_0 (m/s), the least rolling speed in a slip angle (docs/errata.md row 14).
     """
     from scipy.optimize import least_squares
 

@@ -39,7 +39,10 @@ class LinearCar(NamedTuple):
 
 
 def linearise(p: Car, v: float) -> LinearCar:
-    """Linearise the car `p` about straight driving at `v` (m/s)."""
+    """Linearise the car `p` for small angles at the constant forward speed `v` (m/s): the linear single-track model.
+
+    [v_y, w]' = A [v_y, w] + b delta, w the yaw rate, with v_x' apart (paper, fig. original_newton_euler).
+    """
     s = max(v, p.v_0)
     C, moment = p.C_f + p.C_r, p.C_r * p.l_r - p.C_f * p.l_f
     damping = p.C_f * p.l_f**2 + p.C_r * p.l_r**2
@@ -53,7 +56,10 @@ def linearise(p: Car, v: float) -> LinearCar:
 def advance_linear(
     x: Floats, delta: float, u_s: float, u_m: float, lin: LinearCar, period: float
 ) -> tuple[Floats, float]:
-    """Twist x = [v_x, v_y, w] and steering angle of the linearised car one `period` (s) later: RK4 in two substeps."""
+    """Twist x = [v_x, v_y, w] (m/s, rad/s) and steering angle (rad) of a linearised car one `period` (s) later.
+
+    RK4 in two substeps from x and `delta` (rad) under the command u_s (rad), u_m.
+    """
     after = steering_step(delta, u_s, lin.T_s, lin.d, period)
     gain, push = lin.brake * min(u_m, 0.0) - lin.drag, 0.0
     if u_m > lin.u_0 or (u_m >= 0.0 and lin.u_0 == 0.0):
@@ -75,7 +81,10 @@ def advance_linear(
 
 @njit
 def _scan_linear(carry: Floats, commands: Floats, lin: LinearCar, period: float) -> Floats:
-    """Twists (N, 3) of one linearised car after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    """Twists (N, 3) of one linearised car after each of `commands` (N, 2), [u_s (rad), u_m].
+
+    `carry` (4,) is the state [v_x, v_y, yaw rate, delta]: the first on entry, the last on return.
+    """
     twists = np.empty((len(commands), 3))
     x, delta = carry[:3].copy(), carry[3]
     for k in range(len(commands)):

@@ -10,14 +10,17 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_parallel
 from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels
-from bcid.models.newton_euler import CARS_PER_CHUNK
+from bcid.models.newton_euler.objective import CARS_PER_CHUNK
 from bcid.models.newton_euler.parameters import constant_lines
 from bcid.physics.car import Car, advance_cars, advance_period
 
 
 @njit
 def _scan_newton_euler(carry: Floats, commands: Floats, p: Car, period: float) -> Floats:
-    """Twists (N, 3) of one Newton-Euler car after each of `commands` (N, 2); leaves its last state in `carry` (4,)."""
+    """Twists (N, 3) of one Newton-Euler car (rigid body with tyres) after each of `commands` (N, 2), [u_s (rad), u_m].
+
+    `carry` (4,) is the state [v_x, v_y, yaw rate, delta]: the first on entry, the last on return.
+    """
     twists = np.empty((len(commands), 3))
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(commands)):
@@ -29,9 +32,9 @@ def _scan_newton_euler(carry: Floats, commands: Floats, p: Car, period: float) -
 
 @njit_parallel
 def _scan_newton_euler_batch(carries: Floats, commands: Floats, p: Car, period: float) -> Floats:
-    """Twists (B, N, 3) of B Newton-Euler cars under `commands` (B, N, 2), chunk by chunk on all cores.
+    """Twists (B, N, 3) of B Newton-Euler cars under `commands` (B, N, 2), in chunks on all cores.
 
-    Leaves their last states in `carries` (B, 4).
+    `carries` (B, 4) are their states [v_x, v_y, yaw rate, delta]: the first on entry, the last on return.
     """
     B, N = commands.shape[:2]
     twists = np.empty((B, N, 3))
@@ -47,7 +50,7 @@ def _scan_newton_euler_batch(carries: Floats, commands: Floats, p: Car, period: 
 
 
 def equation_lines(p: Car) -> list[str]:
-    """The equations of the car in print, one per line, by the law of its motor."""
+    """The equations of a Newton-Euler car in print, one a line, with the motor's for its law (speed or force)."""
     motor = (
         "F_m = K_t (u_m - u_0) - K_v v_w for u_m > u_0, u_m K_b v_w for u_m < 0"
         if p.sets_force

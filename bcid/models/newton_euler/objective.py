@@ -15,8 +15,10 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_parallel, njit_sums
 from bcid.models.fitting.windows import Windows
-from bcid.models.newton_euler import CARS_PER_CHUNK
 from bcid.physics.car import Car, advance_cars
+
+CARS_PER_CHUNK = 256
+"""Cars whose states advance together: few enough for them to stay in the nearest cache."""
 
 
 class TransposedWindows(NamedTuple):
@@ -36,7 +38,10 @@ class TransposedWindows(NamedTuple):
 
 @njit_sums
 def _sum_weighted_squares(state: Floats, after: Floats, weight: Floats) -> float:
-    """Sum of squared weighted errors of the predicted `state` (4, B) against the twists `after` (3, B) at one step."""
+    """Sum of squares of weight times error of B predicted states against B measured twists, at one step.
+
+    `state` (4, B) is [v_x, v_y, yaw rate, delta], `after` (3, B) the twists; `weight` (3,) is 1/sigma.
+    """
     total = 0.0
     for c in range(3):
         predicted, measured = state[c], after[c]
@@ -48,7 +53,7 @@ def _sum_weighted_squares(state: Floats, after: Floats, weight: Floats) -> float
 
 @njit
 def _fill_twists(p: Car, s: TransposedWindows, period: float, out: Floats) -> None:
-    """Fill `out` (S, 3, B) with the twists that the car `p` predicts over the stretches `s`."""
+    """Fill `out` (S, 3, B) with the twists that the car `p` predicts after each of S steps over B stretches."""
     state = s.start.copy()
     for k in range(len(s.command)):
         advance_cars(state, s.command[k], p, period)
@@ -57,7 +62,7 @@ def _fill_twists(p: Car, s: TransposedWindows, period: float, out: Floats) -> No
 
 @njit
 def _car_from_row(row: Floats) -> Car:
-    """The car whose constants stand in `row` (20,), in the order of its fields."""
+    """The car whose 20 constants stand in `row` (20,), in the order of the fields of `Car`."""
     return Car(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
         row[13], row[14], row[15], row[16], row[17], row[18], row[19],
@@ -66,14 +71,20 @@ def _car_from_row(row: Floats) -> Car:
 
 @njit_parallel
 def _fill_twists_of_cars(cars: Floats, s: TransposedWindows, period: float, out: Floats) -> None:
-    """Fill `out` (P, S, 3, B) with the twists that each of `cars` (P, 20) predicts, on all cores."""
+    """Fill `out` (P, S, 3, B) with the twists that P cars predict after each of S steps over B stretches, on all cores.
+
+    A row of `cars` (P, 20) holds the constants of one car in the order of the fields of `Car`.
+    """
     for i in numba.prange(len(cars)):
         _fill_twists(_car_from_row(cars[i]), s, period, out[i])
 
 
 @njit_parallel
 def twist_nmse(cars: Floats, s: TransposedWindows, weight: Floats, period: float) -> Floats:
-    """Mean squared weighted error (P,) of the twists that each of `cars` (P, 20) predicts: the NMSE (errata 12)."""
+    """NMSE (P,) of the twists that P cars predict over stretches: the mean square of weight times error (paper, lossv).
+
+    A row of `cars` (P, 20) holds one car's constants; `weight` (3,) is 1/sigma (docs/errata.md row 12).
+    """
     out = np.empty(len(cars))
     for i in numba.prange(len(cars)):
         car, state, total = _car_from_row(cars[i]), s.start.copy(), 0.0
@@ -88,10 +99,11 @@ def twist_nmse(cars: Floats, s: TransposedWindows, weight: Floats, period: float
 def chunk_normal_equations(
     cars: Floats, steps: Floats, s: TransposedWindows, weight: Floats, period: float
 ) -> tuple[Floats, Floats, Floats]:
-    """J^T J (C, n, n), J^T r (C, n) and r^T r (C,) of the weighted errors of C chunks of stretches.
+    """J^T J (C, n, n), J^T r (C, n) and r^T r (C,) of a car's weighted twist errors r, for C chunks of stretches.
 
-    Differences are taken from the first of `cars` (n + 1, 20) to the others, which are `steps` (n,) away.  The Jacobian
-    of an hour, a hundred thousand rows, is never put together.
+    J is a finite-difference Jacobian by n constants: column i is the difference of the twists of car i + 1 from car 0
+    of `cars` (n + 1, 20), divided by `steps[i]`.  By chunks, so that the whole Jacobian, a hundred thousand rows in
+    an hour, is never stored.
     """
     n, (S, _, B) = len(steps), s.after.shape
     chunks = (B + CARS_PER_CHUNK - 1) // CARS_PER_CHUNK
@@ -113,7 +125,7 @@ def chunk_normal_equations(
 
 
 def predict_twists(cars: Sequence[Car], s: TransposedWindows, period: float) -> Floats:
-    """The twists (P, S, 3, B) that P cars predict at each of S steps over B stretches, in m/s and rad/s."""
+    """Twists (P, S, 3, B), m/s and rad/s, that P cars predict after each of S steps of `period` s over B stretches."""
     out = np.empty((len(cars), *s.after.shape))
     _fill_twists_of_cars(np.array(cars, dtype=float), s, period, out)
     return out

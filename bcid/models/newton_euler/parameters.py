@@ -27,7 +27,7 @@ FORCE_UNITS = {k: v for k, v in UNITS.items() if k != "F_m_max"} | {"K_t": "N", 
 
 
 def constant_units(car: Car) -> dict[str, str]:
-    """Units by symbol of the constants that a car has, in the order in which they are listed."""
+    """Units of a car's constants by symbol, in the order in print; they differ where the throttle sets a force."""
     return FORCE_UNITS if car.sets_force else UNITS
 
 
@@ -42,9 +42,10 @@ class FittedConstant(NamedTuple):
 
 
 def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedConstant, ...]:
-    """The constants that a fit chooses, with ranges in SI units that scale with the vehicle's mass and size.
+    """The constants that a fit to recordings chooses, with search ranges (SI) scaled by the car's mass and lengths.
 
-    Drag is searched as R_1 and R_v = R_1 + R_2 v at the top speed: with both positive it dissipates (errata 6).
+    Drag is searched as R_1 and R_v = R_1 + R_2 v at the top speed, both positive, so that it dissipates energy
+    (docs/errata.md row 6).
     """
     m = vehicle.mass_kg
     arm = vehicle.body.cog_to_front_m * vehicle.body.cog_to_rear_m
@@ -107,10 +108,11 @@ class ConstantBox:
 def constant_facts(
     constants: Mapping[str, Mapping[str, Any]], covariance: Floats, relative_se: Floats, at_bound: list[str]
 ) -> dict[str, Any]:
-    """What a saved model states of its n fitted constants: standard errors, correlated pairs, those at a bound.
+    """What a saved model states of its n fitted constants, under the keys `fitted`, `correlated` and `at_bound`.
 
-    `constants` describes them by symbol; `relative_se` (n,) are standard errors over values, NaN where not
-    identified, and `covariance` (n, n) that of the errors in any units.
+    `constants` gives each symbol's unit and meaning; `relative_se` (n,) are standard errors over values, NaN where
+    not identified.  `covariance` (n, n) of the errors, in any units, gives the pairs with a correlation beyond
+    LIMITS.min_correlation.
     """
     sd, symbols = np.sqrt(np.diag(covariance)), list(constants)
     rho = covariance / np.outer(sd, sd)
@@ -129,13 +131,20 @@ def constant_facts(
 
 
 def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
-    """Whether the takes identify a fitted constant: it is known well enough, and not at its bound."""
+    """Whether the recordings identify the fitted constant `symbol`, by the `facts` of the fit.
+
+    Its standard error is at most LIMITS.max_relative_se (half) of its value, and it is not at a bound of its range.
+    """
     error = facts["fitted"][symbol]["relative_se"]
     return error is not None and error <= LIMITS.max_relative_se and symbol not in facts["at_bound"]
 
 
 def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
-    """The table of constants, one per line: value, standard error, unit, meaning; fitted ones are marked with *."""
+    """The table of a car's constants in print, one a line: value, standard error, unit, meaning, and * where fitted.
+
+    `facts` of the fit holds the errors; lines below the table name correlated pairs, a mass that is not given, and
+    the optimiser.
+    """
     fitted = facts.get("fitted", {})
     values = car._asdict() | {"R_v": car.R_1 + car.R_2 * facts.get("top_speed_mps", 0.0)}
     lines = list[str]()

@@ -32,10 +32,12 @@ def run_diagnose_stage(
     folder: Path, recordings: Sequence[Path], estimates: Sequence[Path], tuning: Path, vehicle: Vehicle,
     simulation: str | None, simulated: Sequence[tuple[Path, Path]], progress: Progress,
 ) -> None:  # fmt: skip
-    """Diagnose ingested and estimated recordings together; write the document, page, augmented model and next drive.
+    """Diagnose which physics a simulation lacks, by recordings together; write document, page, model and next drive.
 
-    `simulation` is a saved model's folder, a TOML file of parameters, or module:function; `simulated` are folders of
-    ingest and estimate of a simulator's recordings; with neither, the base model is refitted on the recordings.
+    `recordings` and `estimates` are the artifact folders of the ingested takes and of their smoothed motions.  The
+    simulation is `simulation` (a saved model's folder, a TOML file of parameters, or module:function), or is
+    identified from `simulated`, the ingest and estimate folders of a simulator's recordings; with neither, the base
+    model is refitted.
     """
     takes, motions = [load_recording(f) for f in recordings], [load_estimate(f) for f in estimates]
     tuned = Tuning.read(tuning / "tuning.json")
@@ -69,7 +71,11 @@ def _reference_model(
     simulation: str | None, simulated: Sequence[tuple[Path, Path]], takes: Sequence[Recording],
     motions: Sequence[Estimate], vehicle: Vehicle, tuned: Tuning,
 ) -> ReferenceModel | None:  # fmt: skip
-    """Return the simulation that recordings are compared with; None where the base model is to be refitted instead."""
+    """Return the simulation that recordings are compared with; None where the base model is to be refitted instead.
+
+    It is identified from a simulator's recordings (`simulated`, folders of ingest and estimate) or from drives
+    simulated by a user's module:function, or read from the saved model's folder or TOML file `simulation`.
+    """
     if simulated:
         return reference.identify_reference(
             [load_recording(r) for r, _ in simulated], [load_estimate(e) for _, e in simulated], vehicle
@@ -86,7 +92,7 @@ def _reference_model(
 
 
 def _describe_reference(simulation: str | None, simulated: Sequence[tuple[Path, Path]]) -> str:
-    """The simulation that recordings are compared with, in words."""
+    """The simulation that recordings are compared with, in words: where it comes from, and whether it was refitted."""
     if simulated:
         names = ", ".join(load_recording(r).name for r, _ in simulated)
         return f"the simulator of {names}, identified first"
@@ -94,9 +100,10 @@ def _describe_reference(simulation: str | None, simulated: Sequence[tuple[Path, 
 
 
 def _write_next_manoeuvre(folder: Path, diagnosis: Diagnosis) -> NextManoeuvre | None:
-    """Write the commands of the drive that best tells the fitted model from its best rival, inside the area driven.
+    """Write the commands of the drive that best separates the fitted model from its first rival, and describe it.
 
-    None without findings, without a rival, or where no drive in that area does.
+    The rival is another combination of effects that explains the recording; the drive stays in the area driven so
+    far.  None where nothing was found, nothing rivals it, or no such drive separates the two.
     """
     from bcid.experiment.discrimination import find_discriminating_drive
     from bcid.experiment.manoeuvres import Arena, write_commands

@@ -19,7 +19,10 @@ def run_estimate_stage(
     max_gap_s: float,
     engine: Literal["compiled", "filterpy"],
 ) -> None:
-    """Filter and smooth one ingested recording and save the motion."""
+    """Filter and smooth one ingested recording, by the artifact `tuning`, and save the motion in `folder`.
+
+    `period_s` (s) is the grid's period, `max_gap_s` (s) the longest gap that is bridged.
+    """
     tuned = Tuning.read(tuning / "tuning.json")
     estimate = estimate_motion(load_recording(recording), vehicle, tuned, period_s, max_gap_s, engine)
     save_estimate(estimate, folder)

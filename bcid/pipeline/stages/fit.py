@@ -26,7 +26,11 @@ def run_fit_stage(
     recordings: Sequence[Path],
     progress: Progress,
 ) -> None:
-    """Fit one model and save it, with its process noise, the range of its data, and a description for people."""
+    """Fit the model `name` to training motions; save it with process noise, data range and description in `folder`.
+
+    `estimates` and `recordings` are the artifact folders of the takes, `base` that of a fitted model on which this
+    one builds, if any.
+    """
     task = FitTask(
         [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
         [load_recording(f) for f in recordings], progress,

@@ -10,5 +10,8 @@ from bcid.vehicle import Vehicle
 def run_ingest_stage(
     folder: Path, recording: Path, commands: Path | None, vehicle: Vehicle, allow_partial: bool
 ) -> None:
-    """Read, check and save one recording."""
+    """Read one recording and its commands file, check and mend it by the vehicle file, and save it in `folder`.
+
+    With `allow_partial`, a recording of which a part cannot be read is saved without that part.
+    """
     save_recording(read_recording(recording, vehicle, commands, allow_partial), folder)

@@ -42,9 +42,11 @@ def run_report_stage(
     diagnosis: Path | None,
     losses: Sequence[LossEvaluation] = (),
 ) -> None:
-    """Write the comparison of models as index.html and report.json; all paths are folders of artifacts.
+    """Write the comparison of the evaluated models as index.html and report.json to `folder`.
 
-    `takes` holds the folders of ingest, estimate and check of every recording; `settings` is the `[report]` table.
+    All paths are folders of artifacts; `takes` holds those of ingest, estimate and check of every recording,
+    `settings` is the pipeline file's table `[report]`, and `losses` are models fitted by other losses, compared in a
+    table of their own.
     """
     take = load_estimate(validation)
     results = []

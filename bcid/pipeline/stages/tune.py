@@ -16,6 +16,10 @@ def run_tune_stage(
     max_gap_s: float,
     noise: Mapping[str, float],
 ) -> None:
-    """Tune the estimator to the ingested training recordings and save the tuning; grid period and longest gap in s."""
+    """Identify the estimator's noise, and steering constants not in the vehicle file; write tuning.json to `folder`.
+
+    `recordings` are folders of ingested training takes, `noise` values that are kept as given; `period_s` is the
+    grid's period and `max_gap_s` the longest bridged gap (s).
+    """
     tuning = tune_estimator([load_recording(f) for f in recordings], vehicle, period_s, max_gap_s, noise)
     tuning.write(folder / "tuning.json")

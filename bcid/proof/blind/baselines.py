@@ -69,7 +69,12 @@ class ResidualData(NamedTuple):
 
 
 def regress_sparsely(residual: ResidualData) -> MethodAnswer:
-    """SINDy on the residual (pysindy's STLSQ) with one term per mechanism that is a force; names the largest term."""
+    """Sparse regression (STLSQ of SINDy, by pysindy) of the base model's disturbances on the forces of 14 effects.
+
+    Disturbances are accelerations of the body, constant over 0.5 s, that the base model's fit needs to follow the
+    recorded motion.  Regressors are scaled to RMS 1; the answer names the effect with the largest coefficient that is
+    not dropped.
+    """
     import pysindy
 
     names, terms = _mechanism_accelerations(residual)
@@ -90,9 +95,10 @@ def regress_sparsely(residual: ResidualData) -> MethodAnswer:
 
 
 def _mechanism_accelerations(residual: ResidualData) -> tuple[list[str], Floats]:
-    """Names of n candidate mechanisms, and their accelerations (n, 3 K) at K knots in standard deviations of a push.
+    """Ids of n candidate effects, and the accelerations (n, 3 K) that each causes at unit strength at K knots of 0.5 s.
 
-    Each row holds the K values in x, those in y, and those in yaw, each without its mean.
+    Each row holds K values along the body's x, then y, then K in yaw, each third centred.  Values are in standard
+    deviations that the base model's fit expects of the disturbances.
     """
     m, car, c = residual.pushed.states, residual.base.car(), residual.base.hypothesis.constants
     v_x, v_y, omega, delta = m["v_x"], m["v_y"], m["omega"], m["delta"]
@@ -126,7 +132,12 @@ def _mechanism_accelerations(residual: ResidualData) -> tuple[list[str], Floats]
 
 
 def select_stepwise(residual: ResidualData) -> MethodAnswer:
-    """Forward selection of effects by BIC without refitting the base model: names the first one taken."""
+    """Forward stepwise selection of effects by BIC, without refitting the base model; the answer names the first one.
+
+    Gains (nats) are those of a score test, for each effect at a few sizes and places.  An effect is added while the
+    joint gain of all rises by more than ln(number of segments) / 2 for each of its columns, up to MAX_COLUMNS
+    columns.
+    """
     take, fit = residual.take, residual.base
     r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start, fit.tangent.A)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
@@ -152,14 +163,18 @@ def select_stepwise(residual: ResidualData) -> MethodAnswer:
 
 
 def _joint_gain(slope: Floats, information: Floats, columns: Sequence[int]) -> float:
-    """Gain in log-likelihood (nats) of the `columns` together, g' G^-1 g / 2, with their score g and information G."""
+    """Log-likelihood gain g^T G^+ g / 2 (nats) by the linear parameters at `columns` together: the score test.
+
+    g are their entries of the score `slope` (n,), G those of the Fisher `information` (n, n), inverted by least
+    squares.
+    """
     g, G = slope[list(columns)], information[np.ix_(columns, columns)]
     scale = np.sqrt(np.maximum(np.diag(G), 1e-12))
     return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
 
 
 def _predict_by_perceptron(train: Floats, target: Floats, test: Floats) -> Floats:
-    """Predictions (M, m) at inputs `test` (M, n) of a multilayer perceptron fitted to inputs (N, n), targets (N, m)."""
+    """Fit a multilayer perceptron to inputs `train` (N, n) and `target` (N, m); predict (M, m) at `test` (M, n)."""
     from sklearn.neural_network import MLPRegressor
 
     model = MLPRegressor(hidden_layer_sizes=(32, 32), alpha=1e-2, early_stopping=True, max_iter=300, random_state=0)
@@ -167,7 +182,7 @@ def _predict_by_perceptron(train: Floats, target: Floats, test: Floats) -> Float
 
 
 def _predict_by_trees(train: Floats, target: Floats, test: Floats) -> Floats:
-    """Predictions (M, m) at inputs `test` (M, n) of gradient-boosted trees fitted to inputs (N, n), targets (N, m)."""
+    """Fit gradient-boosted trees to inputs `train` (N, n) and `target` (N, m); predict (M, m) at `test` (M, n)."""
     from sklearn.ensemble import HistGradientBoostingRegressor
 
     models = [HistGradientBoostingRegressor(max_iter=80, random_state=0).fit(train, y) for y in target.T]
@@ -175,13 +190,22 @@ def _predict_by_trees(train: Floats, target: Floats, test: Floats) -> Floats:
 
 
 def _judge_regression(fit_and_predict: Regression, residual: ResidualData) -> MethodAnswer:
-    """Answer of a regression of the pushes on the state: detected if it explains enough of them on unseen blocks."""
+    """Answer of a method that regresses the base model's disturbances (unexplained accelerations) on state and time.
+
+    It detects missing physics, without a name, if its R^2 in cross-validation over blocks of time is above
+    `LIMITS.min_explained_share`.
+    """
     explained = _explained_share(residual.features, residual.targets, fit_and_predict, residual.knot_fold)
     return MethodAnswer(None, explained > LIMITS.min_explained_share, explained)
 
 
 def detect_residual_structure(residual: ResidualData) -> MethodAnswer:
-    """Test the residual for whiteness (Ljung and Box 1978) and for correlation with the state."""
+    """Test the base model's disturbances for autocorrelation (Ljung-Box) and for correlation with the state (Pearson).
+
+    Disturbances are accelerations of the body that the base model's fit does not explain.  The method detects missing
+    physics, without a name, if the smallest p-value times the number of tests (Bonferroni) is below
+    `LIMITS.residual_test_level`.
+    """
     from scipy.stats import chi2, pearsonr
 
     y, X = residual.targets, residual.features
@@ -205,7 +229,10 @@ METHODS: dict[str, Callable[[ResidualData], MethodAnswer]] = {
 
 
 def _explained_share(X: Floats, y: Floats, fit_and_predict: Regression, fold: Ints) -> float:
-    """Share of the squares of `y` that `fit_and_predict(X, y, X_unseen)` explains on folds it has not seen."""
+    """R^2 of a regression in cross-validation: 1 - sum (y - y_hat)^2 / sum y^2, `y` being centred.
+
+    `fit_and_predict` predicts y_hat in each fold, fitted to all others; `fold` (N,) is each row's number of its fold.
+    """
     predicted = np.zeros_like(y)
     for f in np.unique(fold):
         predicted[fold == f] = fit_and_predict(X[fold != f], y[fold != f], X[fold == f])
@@ -213,9 +240,10 @@ def _explained_share(X: Floats, y: Floats, fit_and_predict: Regression, fold: In
 
 
 def run_baselines(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
-    """Run every method on a diagnosed take; return the answers by method, with seconds and errors.
+    """Run the other methods that METHODS lists (SINDy, stepwise BIC ...) on a diagnosed take; return answers by method.
 
-    Of the diagnosis only the base model's fit and its pushes are used.
+    An answer has "effect" (named first, or None), "detected", "explained" (R^2 of the disturbances), "failed" (the
+    error) and "seconds".  Of the diagnosis only the base model's fit and the disturbances beside it are used.
     """
     residual, answers = ResidualData(diagnosis.take, diagnosis.search.base, diagnosis.pushes_before), {}
     # a suite's workers share the cores; warnings are of sparse fits that keep no term, and of nets that stop early

@@ -48,7 +48,10 @@ class BlindTest:
 
 
 def write_case_files(case: BlindCase, folder: Path) -> Path:
-    """Write a case's recording, its vehicle file and its answer into `folder`; return the recording's path."""
+    """Write a blind case (a simulated drive with concealed effects) to `folder`: recording, vehicle file and answer.
+
+    The recording is MCAP, the answer JSON.  Returns the recording's path.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{case.name}.mcap"
     write_mcap_take(path, case.simulate(), case.rate_hz, case.seed)
@@ -62,10 +65,12 @@ def run_blind_test(
     announce_seal: Callable[[str | None], None] = lambda seal: None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> ProveDocument:  # fmt: skip
-    """Seal the answers, run the cases, open the seals; return the outcome (prove.json) of all rows in `folder`.
+    """Run a blind test: diagnose simulated drives with concealed effects, and score the answers (prove.json).
 
-    No case begins after so many `minutes`.  `announce_seal` is called with the seal (None without a salt) before the
-    first case, `progress` with the number of rows after each.
+    With a salt the answers are sealed by keyed hashes before the first case runs, and checked afterwards.  The result
+    of each case is stored in `folder`, where a later call continues.  No case begins after so many `minutes`.
+    `announce_seal` is called with the seal (None without a salt) before the first case, `progress` with the number of
+    finished cases after each.
 
     Raises:
         UsageError: the folder holds the seals of other answers.

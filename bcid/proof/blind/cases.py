@@ -150,10 +150,11 @@ class _CaseDraft(NamedTuple):
 
 
 def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[BlindCase]:
-    """Draw the cases of all tiers from one seed, each with a random generator of its own.
+    """Draw all cases of a blind test (simulated drives with concealed effects) from one seed, tier by tier.
 
-    There are `repeats` cases of each effect alone, `nulls` of nothing, `imperfect_nulls` of nothing in a car that the
-    base model does not fit, and `pairs` of two effects.
+    A tier is a kind of case.  There are `repeats` cases of each effect alone, `nulls` without any effect,
+    `imperfect_nulls` without any, but in a car that the base model cannot fit exactly, and `pairs` of two effects;
+    further tiers have sizes of their own.  Each case has its own random generator.
     """
     for number, draft in enumerate(_draft_cases(repeats, nulls, imperfect_nulls, pairs)):
         hidden = draft.draw_effects(np.random.default_rng([seed, number, 3]))
@@ -161,7 +162,11 @@ def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs:
 
 
 def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_CaseDraft]:
-    """Draft the cases of all tiers in the order of their numbers, so many of each as in `draw_suite`."""
+    """Yield, for every blind case in order, its tier, a function that draws its effects, and its further fields.
+
+    The arguments are numbers of cases, as in `draw_suite`; other tiers (kinds of case) have fixed sizes or follow
+    from `pairs`.
+    """
     for imperfect, tier in ((False, "single"), (True, "single-imperfect")):
         for effect in repeats * [*SIZE_RANGES]:
             yield _CaseDraft(tier, _one_effect_draw(effect), {"imperfect": imperfect})
@@ -190,7 +195,11 @@ def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> 
 
 
 def _draft_recordings(recordings: Sequence[tuple[str, float, float, float, int]], first: int) -> Iterator[_CaseDraft]:
-    """Draft one tier for each of `recordings`, with every so many-th effect alone, from the one at index `first` on."""
+    """Yield drafts of blind cases with one effect in unusual recordings: longer, shorter, slower, faster or noisier.
+
+    An entry of `recordings` is (tier, duration in s, poses per second, multiple of the usual noise, stride); its cases
+    conceal every stride-th effect of SIZE_RANGES, one each, from index `first` on.
+    """
     for tier, duration, rate, noise, stride in recordings:
         for effect in [*SIZE_RANGES][first::stride]:
             fields = {"duration_s": duration, "rate_hz": rate, "noise": noise}
@@ -198,17 +207,23 @@ def _draft_recordings(recordings: Sequence[tuple[str, float, float, float, int]]
 
 
 def _one_effect_draw(effect: str, duration: float = USUAL_CASE.duration_s, factor: float = 1.0) -> EffectDraw:
-    """Return a draw of one effect at `factor` times its usual size in a drive of `duration` (s)."""
+    """Return a function that draws one effect with random size, sign, and place or time, from a random generator.
+
+    The size is from the effect's range in SIZE_RANGES, times `factor`; a time lies within a drive of `duration` (s).
+    """
     return lambda rng: (draw_concealed_effect(effect, rng, duration, factor),)
 
 
 def _outside_effect_draw(effect: str) -> EffectDraw:
-    """Return a draw of an effect that the diagnosis has no name for."""
+    """Return a function that draws the size of an effect that the diagnosis cannot name, from a random generator.
+
+    Such an effect, of OUTSIDE_EFFECTS, exists only in the simulation and not among the 41 that a diagnosis knows.
+    """
     return lambda rng: (draw_outside_effect(effect, rng),)
 
 
 def _several_effects_draw(count: int) -> EffectDraw:
-    """Return a draw of `count` different effects at their usual sizes."""
+    """Return a function that draws `count` different effects of SIZE_RANGES, with random sizes from their ranges."""
     names = list(SIZE_RANGES)
     return lambda rng: tuple(
         draw_concealed_effect(names[i], rng, USUAL_CASE.duration_s)
@@ -217,14 +232,14 @@ def _several_effects_draw(count: int) -> EffectDraw:
 
 
 def _draw_measurement_and_vehicle(rng: np.random.Generator) -> tuple[ConcealedEffect, ...]:
-    """Draw one effect of the measurement and one of the vehicle or floor."""
+    """Draw one effect of the measurement (such as a pose latency) and one of the vehicle or floor, at random sizes."""
     vehicle_effects = [n for n in SIZE_RANGES if n not in MEASUREMENT_EFFECTS]
     names = [str(rng.choice(group)) for group in (MEASUREMENT_EFFECTS, vehicle_effects)]
     return tuple(draw_concealed_effect(name, rng, USUAL_CASE.duration_s) for name in names)
 
 
 def thin_tiers(cases: list[BlindCase], every: int) -> list[BlindCase]:
-    """Keep every `every`-th case of each tier, the first included: always the same part of a suite."""
+    """Keep the first, and then each `every`-th, case of each tier (kind of blind case); nothing is random."""
     chosen = []
     for tier in dict.fromkeys(c.tier for c in cases):
         chosen += [c for c in cases if c.tier == tier][::every]
@@ -239,7 +254,10 @@ QUICK_STRIDES = {
 
 
 def draw_quick_suite(cases: Sequence[BlindCase], seed: int) -> list[BlindCase]:
-    """Draw some eighteen of the cases from the tiers with QUICK_STRIDES, if possible with different answers."""
+    """Draw about eighteen of the `cases` at random: one in QUICK_STRIDES[tier] of each tier (kind of case) listed.
+
+    Cases of one tier conceal different effects where there are enough different ones.
+    """
     drawn = list[BlindCase]()
     for k, (tier, every) in enumerate(QUICK_STRIDES.items()):
         members = [c for c in cases if c.tier == tier]

@@ -95,7 +95,10 @@ BASE_FLAW_RANGES = {"rear_track": (0.4, 0.7), "tyre_fall": (0.1, 0.4), "slip_spe
 
 
 def _draw_size(size: SizeRange, rng: np.random.Generator, factor: float = 1.0, largest: float = np.inf) -> float:
-    """Draw a size log-uniformly from its range, times `factor` and at most `largest`, with a random sign if signed."""
+    """Draw an effect's size log-uniformly from its range, times `factor`, and limit it to `largest`.
+
+    If the range is `signed`, the sign is random; otherwise the size is positive.
+    """
     value = min(factor * float(np.exp(rng.uniform(np.log(size.low), np.log(size.high)))), largest)
     return -value if size.signed and rng.random() < 0.5 else value
 
@@ -103,7 +106,11 @@ def _draw_size(size: SizeRange, rng: np.random.Generator, factor: float = 1.0, l
 def draw_concealed_effect(
     effect: str, rng: np.random.Generator, duration: float, factor: float = 1.0
 ) -> ConcealedEffect:
-    """Draw an effect's size (`factor` times the specification's), sign, and place or time in `duration` (s)."""
+    """Draw the parameters of one of the 41 effects: size, and where it has them, sign and place or time.
+
+    The size is log-uniform in its range in SIZE_RANGES, times `factor`.  Directions, circles on the floor and anchors
+    of a cable are uniform; a change of mass happens at 0.3 to 0.7 of `duration` (s).
+    """
     size = SIZE_RANGES[effect]
     value = _draw_size(size, rng, factor, LARGEST_SIZES.get(effect, np.inf))
     constants, parameters = {size.constant: value}, {size.symbol: value}
@@ -128,7 +135,7 @@ def draw_concealed_effect(
 
 
 def draw_outside_effect(name: str, rng: np.random.Generator) -> ConcealedEffect:
-    """Draw the size and sign of an effect outside the vocabulary."""
+    """Draw size and sign of an effect of OUTSIDE_EFFECTS: only the simulation has it, no diagnosis can name it."""
     _, size = OUTSIDE_EFFECTS[name]
     where = {size.constant: _draw_size(size, rng)}
     return ConcealedEffect(name, sensor=where) if name == "lens_distortion" else ConcealedEffect(name, plant=where)

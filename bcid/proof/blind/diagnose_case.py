@@ -18,10 +18,11 @@ from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 def diagnose_concealed_drive(
     drive: Drive, rate_hz: float, left_out: tuple[str, ...], truth: Mapping[str, Mapping[str, float]]
 ) -> tuple[dict[str, Any], Diagnosis]:
-    """Record and diagnose a simulated drive; return the row that is scored, and the whole diagnosis.
+    """Record and diagnose a simulated drive with concealed effects; return the JSON row to be scored and the Diagnosis.
 
-    The diagnosis sees the recording, the vehicle file and the names in `left_out`.  The `truth`, parameters by effect
-    and symbol, is compared with its answer afterwards; how cases are drawn and scored is not known here.
+    The diagnosis is given only the recording, with poses at `rate_hz`, the vehicle file, and `left_out`, ids of
+    effects that it is forbidden to name.  `truth`, the concealed effects' parameters by effect and symbol, is used
+    afterwards for comparison.
     """
     vehicle = simulated_vehicle()
     recording = record_drive(drive, rate_hz, vehicle, "concealed")
@@ -34,10 +35,11 @@ def diagnose_concealed_drive(
 
 
 def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diagnosis) -> dict[str, Any]:
-    """Fields "oracle_share" and "shown" of a case's row, by the true effect refitted from its true parameters.
+    """Held-out log-likelihood gain of a diagnosis over that of an oracle: a refit with the concealed effect itself.
 
-    "oracle_share" is the diagnosis's held-out gain over that of the true effect: None unless exactly one effect is
-    there and is shown, or where its predictions diverge.  "shown" is whether the true effect gains more than chance.
+    Returns "oracle_share", the ratio, and "shown", whether the oracle's gain exceeds the diagnosis's gate (nats),
+    which chance does not.  `truth` has the concealed effect's parameters, from which the oracle's refit starts.  The
+    ratio is None unless exactly one effect is concealed, its refit converges, and it is shown.
     """
     if len(truth) != 1:
         return {"oracle_share": None}

@@ -18,7 +18,12 @@ ROW_MODULES = ("bcid.simulation.drive", "bcid.proof.blind.diagnose_case")
 
 
 def case_truth(case: BlindCase) -> dict[str, Any]:
-    """Fields of a case's row that the suite knows: name, tier, answer, true parameters, names left out, duration."""
+    """Fields of a blind case's result (row) that do not depend on the diagnosis: what was simulated and concealed.
+
+    They are "case" (name), "tier" (kind of case), "duration_s", "answer" (ids of the concealed effects), "truth"
+    (their parameters by effect and symbol), "left_out" (ids that the diagnosis is forbidden to name) and "channel"
+    (where an effect acts that the diagnosis cannot name, such as "fx"; "" if it can).
+    """
     return {
         "case": case.name, "tier": case.tier, "answer": list(case.answer), "channel": case.channel,
         "truth": {c.effect: dict(c.parameters) for c in case.concealed}, "left_out": list(case.left_out),
@@ -29,11 +34,11 @@ def case_truth(case: BlindCase) -> dict[str, Any]:
 def run_all_cases(
     cases: Iterable[BlindCase], folder: Path, workers: int, with_baselines: bool = False, minutes: float | None = None
 ) -> Iterator[dict[str, Any]]:
-    """Yield every case's row: first those in `folder`, then the others as they are run and stored there.
+    """Yield the result (row: `case_truth` and diagnosis) of every blind case, stored ones first, then new ones.
 
-    Rows are stored under the digests of what is driven and of the code of simulation and diagnosis; a row with an
-    error is run again if there is time.  No case begins after so many `minutes`; the order of cases is random, so that
-    a run cut short has a fair part of every tier.
+    Rows are stored in `folder` under digests of the case and of the code; a case with an "error" is run again if
+    there is time.  No case begins after so many `minutes`.  New cases run in the order of their digests, unrelated to
+    their tiers, so that an unfinished run has some of each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows, code, todo = read_rows(folder), case_code_digest(with_baselines), list[BlindCase]()
@@ -61,23 +66,29 @@ def run_all_cases(
 
 
 def count_cases_with_rows(cases: Iterable[BlindCase], folder: Path) -> int:
-    """Number of cases with rows in `folder` by whatever code: their answers were known before."""
+    """Number of blind cases that have a stored result in `folder`, made by any version of the code."""
     there = {key.partition(".")[0] for key in read_rows(folder)}
     return sum(case.digest() in there for case in cases)
 
 
 def case_code_digest(with_baselines: bool) -> str:
-    """Digest of the code and libraries that make rows of blind cases, with other methods if `with_baselines`."""
+    """Digest (12 hex digits) of all code and library versions on which the result of a blind case depends.
+
+    That is simulation and diagnosis, and with `with_baselines` the other methods that the diagnosis is compared with.
+    """
     return code_digest((*ROW_MODULES, "bcid.proof.blind.baselines") if with_baselines else ROW_MODULES)
 
 
 def _row_key(case: BlindCase, code: str) -> str:
-    """Key under which a case's row by this code is stored."""
+    """Key of a blind case's stored result: the case's digest, a dot, and the digest `code` of the code that made it."""
     return f"{case.digest()}.{code}"
 
 
 def run_blind_case(case: BlindCase, with_baselines: bool = False) -> dict[str, Any]:
-    """Simulate and diagnose a case and return its row, with the answers of other methods if `with_baselines`."""
+    """Simulate and diagnose a blind case (a drive with concealed effects); return the fields of `diagnosis_row`.
+
+    With `with_baselines` the field "others" has the answers of other methods to the same recording.
+    """
     row, diagnosis = diagnose_concealed_drive(case.simulate(), case.rate_hz, case.left_out, case.nameable_effects)
     if with_baselines:
         from bcid.proof.blind.baselines import run_baselines
@@ -87,7 +98,10 @@ def run_blind_case(case: BlindCase, with_baselines: bool = False) -> dict[str, A
 
 
 def _run_and_store_case(case: BlindCase, code: str, folder: Path, with_baselines: bool) -> dict[str, Any]:
-    """Run a case and append its row to `folder`; an exception becomes a row with an "error"."""
+    """Run a blind case and append its result (row) to the file in `folder`, keyed by digests of case and `code`.
+
+    An exception of any kind is stored as a row with its text as "error".
+    """
     try:
         row = run_blind_case(case, with_baselines)
     except Exception as error:  # whatever it is, it is this case's miss and ends no other

@@ -18,7 +18,10 @@ SEALS_FILE, ANSWERS_FILE = "seals.json", "answers.json"
 
 
 def case_answer(case: BlindCase) -> dict[str, Any]:
-    """All that is concealed in a case, as JSON: the content that is sealed."""
+    """All that is concealed in a blind case, as JSON: effects, parameters, and ids that the diagnosis may not name.
+
+    Also the simulation's constants that make the effects, and whether its car has flaws that no effect describes.
+    """
     return {
         "case": case.name, "effects": {c.effect: dict(c.parameters) for c in case.concealed},
         "constants": {c.effect: {**c.plant, **c.sensor} for c in case.concealed}, "left_out": list(case.left_out),
@@ -27,20 +30,21 @@ def case_answer(case: BlindCase) -> dict[str, Any]:
 
 
 def answer_seal(case: BlindCase, salt: str) -> str:
-    """Seal of one case's answer: its HMAC-SHA-256 with `salt` as the key, in hex digits."""
+    """Seal of a blind case's answer: the HMAC-SHA-256 (hex digits) of its JSON with `salt` as the key."""
     text = json.dumps(case_answer(case), sort_keys=True, ensure_ascii=True)
     return hmac.new(salt.encode(), text.encode(), hashlib.sha256).hexdigest()
 
 
 def suite_seal(cases: Sequence[BlindCase], salt: str) -> str:
-    """One seal over all cases: the SHA-256 of their seals in order."""
+    """One seal over all cases: the SHA-256 (hex digits) of the seals of their answers, joined in order."""
     return hashlib.sha256("".join(answer_seal(case, salt) for case in cases).encode()).hexdigest()
 
 
 def write_seals(cases: Sequence[BlindCase], salt: str, folder: Path, rows_before: int) -> str:
-    """Write the seals of all cases into `folder` before any runs; return the seal over all.
+    """Write the seals (keyed hashes) of all cases' answers into `folder`; return one hash over all of them.
 
-    A run that goes on finds its seals there.  `rows_before`, the number of cases with rows already, is kept with them.
+    If the folder already holds the same seals, they are kept.  `rows_before`, the number of cases whose results
+    existed before the answers were sealed, is written with them.
 
     Raises:
         UsageError: the folder holds the seals of other answers or of another salt.
@@ -59,10 +63,11 @@ def write_seals(cases: Sequence[BlindCase], salt: str, folder: Path, rows_before
 
 
 def open_seals(cases: Sequence[BlindCase], salt: str, folder: Path, new_rows: int = 0) -> dict[str, Any]:
-    """Check the seals of cases that have run, and write their answers beside them; return counts for the outcome.
+    """Check that the answers of the `cases` fit their seals (keyed hashes) in `folder`, then write them there in clear.
 
-    If answers had been written before, the salt was public, and the `new_rows` of this run were not made blindly: they
-    are counted as "made_after_opening".
+    Returns the counts "opened" (these cases), "known_before" (cases with results before the answers were sealed) and
+    "made_after_opening" (results made when answers and salt were already readable in the folder, so not blind).
+    `new_rows` is the number of results of this run.
 
     Raises:
         InputRefused: a seal does not fit its answer.

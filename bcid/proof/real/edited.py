@@ -45,10 +45,11 @@ class UneditedDrive(NamedTuple):
 
 
 def diagnose_unedited_drive(name: str, effects: Iterable[str], inputs: QuestionInputs) -> UneditedDrive:
-    """Diagnose a recording before it is edited, and fit each of `effects` to it, whether or not it is named.
+    """Diagnose the recording `name` before it is edited, twice, and fit each of `effects` to it, even if not named.
 
-    It is diagnosed a second time against the first diagnosis's best fit, as the edited recording will be, so that what
-    only a second diagnosis adds is not mistaken for the edit.  An effect whose fit diverges is left out.
+    The second diagnosis is against the best fit of the first, which becomes the drive's own model.  The edited
+    recording is later diagnosed against that model; otherwise an effect that only a second diagnosis finds would be
+    attributed to the edit.  An effect whose fit diverges is left out.
     """
     vehicle, start = inputs.vehicle_for(name), None
     recording, estimate, _ = inputs.estimate_recording(name, vehicle)
@@ -65,14 +66,20 @@ def diagnose_unedited_drive(name: str, effects: Iterable[str], inputs: QuestionI
 
 
 def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
-    """The best fit of a diagnosis as a simulation whose parameters are trusted to `LIMITS.unedited_relative_sd`."""
+    """The best fit of a diagnosis as a reference model whose parameters have a narrow prior when they are refitted.
+
+    The model is a car with its named effects; the prior's relative standard deviation is
+    `LIMITS.unedited_relative_sd`.
+    """
     return ReferenceModel.from_fit(diagnosis.search.best)._replace(relative_sd=LIMITS.unedited_relative_sd)
 
 
 def answer_edited_question(question: EditedQuestion, unedited: UneditedDrive, inputs: QuestionInputs) -> dict[str, Any]:
-    """Diagnose an edited recording against what the unedited drive shows, less the edited effect; return the row.
+    """Edit a real recording so that its car has an effect of known size, and diagnose it; return the row to be scored.
 
-    The row has the edit's size ("truth"), and the effect's values and standard errors "before".
+    Poses or commands are edited.  The reference of the diagnosis is the model of the unedited drive without the
+    effect.  Beside `diagnosis_row` the row has "truth", the size of the edit, and "before", the effect's values and
+    standard errors in the unedited drive.
 
     Raises:
         PredictionDiverged: the effect could not be fitted to the unedited drive.
@@ -88,7 +95,11 @@ def answer_edited_question(question: EditedQuestion, unedited: UneditedDrive, in
 def _edit_recording(
     question: EditedQuestion, simulation: ReferenceModel, inputs: QuestionInputs
 ) -> tuple[Recording, Estimate, Vehicle]:
-    """The edited recording, its estimated motion, and the vehicle with a steering limit that does not clip the edit."""
+    """Edit a real recording so that its car has the question's effect; return it, its estimated motion and the vehicle.
+
+    The vehicle's steering limit is raised so that no edited command is clipped.  A steering offset is meant at the
+    wheel, so it is divided by 1 + g if the unedited drive's `simulation` has a steering scale error g.
+    """
     vehicle = inputs.vehicle_for(question.recording)
     recording, _, tuning = inputs.estimate_recording(question.recording, vehicle)
     # the offset is meant at the wheel; where the drive shows that the wheel turns by 1 + g times the logged angle,
@@ -102,10 +113,11 @@ def _edit_recording(
 
 
 def _unedited_values(effect: str, unedited: Diagnosis) -> dict[str, tuple[float, float]]:
-    """Values and standard errors by symbol of an effect's parameters, fitted to a drive before it is edited.
+    """Values and standard errors, by symbol, of an effect's parameters when it is fitted to a drive before the edit.
 
-    All other effects that the drive shows are trusted as in an edited drive; the effect itself is free, and starts
-    where it was found or off.  An effect of one sign only is about zero where the drive shows the other sign.
+    Its parameters are free and start at their values in the diagnosis `unedited`, or off; all other effects found
+    there have a prior of relative standard deviation `LIMITS.unedited_relative_sd`.  An effect bounded to one sign is
+    fitted at about zero if the drive shows the other sign.
     """
     best = unedited.search.best
     values, entry = best.hypothesis.effect_values(best.phi), best.hypothesis.entries[effect]

@@ -10,33 +10,39 @@ from bcid.recording.types import Recording, Stream
 
 
 def _restamp_poses(recording: Recording, stamp: Callable[[Floats], Floats]) -> Recording:
-    """The recording with pose times (s), and the times of breaks, mapped by `stamp`."""
+    """A copy of the recording with the times (s) of its poses, and of the breaks after gaps in them, mapped by `stamp`.
+
+    Breaks are pose times at which a new segment begins.
+    """
     breaks = tuple(stamp(np.array(recording.breaks_s, dtype=float)).tolist())
     return replace(recording, poses=Stream(stamp(recording.poses.time_s), recording.poses.values), breaks_s=breaks)
 
 
 def _scale_and_turn_poses(recording: Recording, factor: float = 1.0, turn: float = 0.0) -> Recording:
-    """The recording with positions times `factor` and yaw plus `turn` (rad)."""
+    """A copy of the recording with pose positions (m) multiplied by `factor`, and `turn` (rad) added to the yaw."""
     values = recording.poses.values * [factor, factor, 1.0] + [0.0, 0.0, turn]
     return replace(recording, poses=Stream(recording.poses.time_s, values))
 
 
 def _move_tracked_point(recording: Recording, d: float) -> Recording:
-    """The recording with the tracked point `d` (m) farther ahead on the car."""
+    """A copy of the recording as tracked at a point `d` (m) further forward: positions plus d [cos(yaw), sin(yaw)]."""
     x, y, yaw = recording.poses.values.T
     values = np.column_stack([x + d * np.cos(yaw), y + d * np.sin(yaw), yaw])
     return replace(recording, poses=Stream(recording.poses.time_s, values))
 
 
 def _map_steering_commands(recording: Recording, angle: Callable[[Floats], Floats]) -> Recording:
-    """The recording with logged steering angles (rad) mapped by `angle`."""
+    """A copy of the recording with each steering command u (rad) replaced by `angle`(u)."""
     values = recording.commands.values.copy()
     values[:, 0] = angle(values[:, 0])
     return replace(recording, commands=Stream(recording.commands.time_s, values))
 
 
 def _advance_command(recording: Recording, tau: float, column: int) -> Recording:
-    """The recording with one column of the commands logged `tau` (s) early, as if the car acted that much later."""
+    """A copy of the recording with one command logged `tau` (s) earlier, so that the car seems to react later by `tau`.
+
+    Column 0 is steering, 1 throttle.  A command holds until the next; the last `tau` seconds are dropped.
+    """
     t, values = recording.commands.time_s, recording.commands.values
     times = np.union1d(t, t - tau)
     times = times[(times >= t[0]) & (times <= t[-1] - tau)]

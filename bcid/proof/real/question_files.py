@@ -53,7 +53,7 @@ class QuestionInputs(NamedTuple):
 
 
 def _merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested tables with the entries of `above` in place of those of `below`."""
+    """Merge nested dicts recursively: where both have a key, the value of `above` replaces that of `below`."""
     merged = dict(below)
     for key, value in above.items():
         under = merged.get(key)

@@ -71,10 +71,13 @@ class QuestionFile(Settings):
 
 
 def read_questions(file: Path) -> QuestionFile:
-    """Read and check the TOML file of questions; return them with paths as they are to be opened.
+    """Read and check the TOML file of questions about real recordings, which test a diagnosis.
+
+    A question withholds something from the vehicle's published simulation, or edits a recording so that it shows an
+    effect of known size; the diagnosis has to name it.  The returned paths are joined to the file's folder.
 
     Raises:
-        InputRefused: the file is no such file, or asks something that cannot be answered or needs no answer.
+        InputRefused: the file cannot be read so, or a question names what does not exist or accepts no answer.
     """
     questions = read_toml(file, QuestionFile, "file of questions", "pipelines/dart/cases.toml is one")
     path = questions.simulation and file.parent / questions.simulation
@@ -93,7 +96,11 @@ def read_questions(file: Path) -> QuestionFile:
 
 
 def _check_withheld(question: WithheldQuestion, simulation: ParameterFile, file: Path) -> None:
-    """Raise `InputRefused` where a question names effects or parameters that do not exist, or accepts no answer."""
+    """Raise `InputRefused` if a question names an effect or parameter that does not exist, or has no right answer.
+
+    The question withholds an effect or parameters from the `simulation` (or from the vehicle file); the diagnosis has
+    to name what is missing.
+    """
     place = f"withheld {question.name!r}"
     if question.effect and question.effect not in simulation.effects:
         choices = f"one of {', '.join(simulation.effects)}"

@@ -45,12 +45,14 @@ class _Job(NamedTuple):
 def run_real_questions(
     file: Path, recordings: Path, folder: Path, workers: int = 1
 ) -> Iterator[tuple[dict[str, Any], float]]:
-    """Yield a scored row for each question of the TOML `file`, as it is answered, with the share of questions done.
+    """Answer all questions of the TOML `file` about real recordings; yield each scored row and the share done so far.
 
-    Answers are stored in `folder` under the question and the code that answers; they are scored anew each time.
+    A question withholds something from the vehicle's published simulation, or edits a recording so that it shows an
+    effect of known size; the diagnosis has to name it.  Answers are stored in `folder` under the question and the
+    code, and reused by later calls, but scored anew each time.  `recordings` is the folder of the recordings.
 
     Raises:
-        InputRefused: the file of questions, or a file that it names.
+        InputRefused: the file of questions, or a file that it names, is invalid.
     """
     questions = read_questions(file)
     inputs = QuestionInputs(read_vehicle(questions.vehicle), questions.calibrated, questions.simulation, recordings)
@@ -78,12 +80,17 @@ def run_real_questions(
 
 
 def question_code_digest() -> str:
-    """Digest of the code and libraries that make rows of real recordings."""
+    """Digest (12 hex digits) of all code and library versions on which the answers about real recordings depend."""
     return code_digest(ROW_MODULES)
 
 
 def _list_jobs(questions: QuestionFile, inputs: QuestionInputs) -> list[_Job]:
-    """List all jobs: unedited drives first, since they take longest, then withheld questions, then edits."""
+    """List the jobs, one for each row to be stored: unedited drives, withheld questions, then edited recordings.
+
+    A job has the function that does it and the key of its row, a digest of question, recording, vehicle file,
+    simulation and code.  Jobs of edited recordings also have the key of the unedited drive's row that they need;
+    diagnoses of unedited drives come first, as they take longest.
+    """
     code, drives = question_code_digest(), dict[str, str]()
     given = [p.read_text(encoding="utf-8") for p in (questions.vehicle, questions.simulation) if p]
 
@@ -115,9 +122,10 @@ def _list_jobs(questions: QuestionFile, inputs: QuestionInputs) -> list[_Job]:
 def _run_and_store_job(
     job: _Job, inputs: QuestionInputs, folder: Path, prior_row: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Do a job, given the row of the job that it depends on if any, and append its row to `folder`; return the row.
+    """Do a job (one question, or the diagnosis of an unedited drive), store its row in `folder`, and return the row.
 
-    A row with an "error" is not stored, so that the job is done again next time.
+    `prior_row` is the row of the unedited drive, for a job that edits that drive.  A row with an "error" is returned
+    but not stored, so that the job is done again next time.
     """
     error = (prior_row or {}).get("error")
     if error is None:

@@ -17,7 +17,11 @@ REAL_TIERS = ("withheld", "control", "edited")
 
 
 def score_answer(question: WithheldQuestion | EditedQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of an answer about a real recording, with whether it is right ("right") and further scores."""
+    """Score one answer about a real recording: a copy of its row with "right", true or false, and further scores.
+
+    A row with an "error" is wrong.  The verdict NOT_ASKED is right: the simulation predicts as well without what is
+    withheld, so there was nothing to find.
+    """
     if "error" in row:
         return {**row, "right": False}
     if row["verdict"] == NOT_ASKED:
@@ -26,7 +30,13 @@ def score_answer(question: WithheldQuestion | EditedQuestion, row: Mapping[str, 
 
 
 def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Score a row where something is withheld: an accepted name in a short set is right; in a control it is wrong."""
+    """Score the row of a question that withholds something from the simulation: has the diagnosis named it?
+
+    Right is an accepted effect among the findings and their twins (effects that cannot be told from them), if these
+    are fewer than `LIMITS.max_names_per_effect` plus the findings; or "unknown in CHANNEL", if accepted.  In a
+    control, where nothing should be named, an `accepted` name is wrong unless it is also `known`.  Adds "right",
+    "first" (the first finding is accepted) and "beside" (findings that are not).
+    """
     sets = [{f["effect"], *f["twins"]} for f in row["findings"]]
     few = len(set().union(*sets)) < LIMITS.max_names_per_effect + max(len(sets), 1)
     met = [few and _is_any_accepted(names, question.accepted) for names in sets]
@@ -40,7 +50,12 @@ def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any]) -> dict[
 
 
 def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Score a row of an edited recording: its effect alone, the first parameter raised by the edit, the others not."""
+    """Score the row of a recording that was edited to show an effect of known size: is it found, at that size?
+
+    Right is to name this effect alone, with its first parameter raised over its value "before" the edit by the edit's
+    size, and its other parameters unchanged, within the tolerance of `_is_near`.  Adds "right", "value" (of the first
+    parameter) and "beside" (other names).
+    """
     values = next((f["values"] for f in row["findings"] if f["effect"] == question.effect), None)
     beside = [f["effect"] for f in row["findings"] if f["effect"] != question.effect]
     first, *others = row["before"]
@@ -51,9 +66,11 @@ def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> dict[str,
 
 
 def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size: float) -> bool:
-    """Whether a parameter exceeds its value `before` by the `edit`, within the limits for an edit of that `size`.
+    """Whether a parameter changed from `before` to `value`, both (value, standard error), by about `edit`.
 
-    Values are pairs of value and standard error.
+    The tolerance of |value - before - edit| is the larger of `LIMITS.edit_error_share` times `size` and
+    `LIMITS.edit_error_se` times the standard error of value - before, but at most `LIMITS.max_edit_error_share` times
+    `size`.  `size` is the magnitude of the edit, also where this parameter should not change (`edit` is 0).
     """
     off, se = value[0] - before[0] - edit, math.hypot(value[1], before[1])
     near = max(LIMITS.edit_error_share * size, LIMITS.edit_error_se * se)
@@ -61,30 +78,38 @@ def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size:
 
 
 def _is_any_accepted(names: Set[str], accepted: Sequence[str]) -> bool:
-    """Whether one of the names is accepted; of a joint name "a+b" all parts must be."""
+    """Whether any of the `names` is in `accepted`; a joint name "a+b" of two similar effects needs both a and b."""
     return any(set(name.split("+")) <= set(accepted) for name in names)
 
 
 def _unknown_label(answer: Mapping[str, Any]) -> set[str]:
-    """The label "unknown in CHANNEL" of an answer with the verdict "unknown", as a set; empty otherwise."""
+    """{"unknown in CHANNEL"} if the answer's "verdict" is "unknown", else the empty set.
+
+    CHANNEL, such as "fx", is where the remaining mismatch enters ("remainder").
+    """
     return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
 
 
 def _split_joint_names(names: Set[str]) -> set[str]:
-    """The names with each joint name "a+b" split into its parts."""
+    """The effects in `names`, with each joint name "a+b" of two effects that act alike split into its parts."""
     return {part for name in names for part in name.split("+")}
 
 
 def _add_vehicle_kind(names: Set[str]) -> set[str]:
-    """The names, and ANY_VEHICLE_EFFECT if one of them is an effect of the vehicle."""
+    """Add ANY_VEHICLE_EFFECT ("vehicle") to the `names` if one of them is an effect of the vehicle, by its kind.
+
+    The other kinds are measurement and environment.
+    """
     return {*names, *(EFFECTS[e].kind for e in names if e in EFFECTS and EFFECTS[e].kind == ANY_VEHICLE_EFFECT)}
 
 
 def real_outcome(rows: Sequence[Mapping[str, Any]], code: str) -> dict[str, Any]:
-    """The outcome of all questions (real.json): scored rows in order, and counts of right answers by tier.
+    """The document real.json: scored rows of all questions about real recordings, and numbers of right answers by tier.
 
-    Withheld questions are also counted as right by a name, of these first and alone, and their names as accepted or
-    not.  Rows with the verdict NOT_ASKED do not count.  `code` is the digest of the code that made the rows.
+    Tiers are "withheld" (something is taken from the simulation), "control" (nothing is to be named) and "edited" (an
+    effect is made in the recording).  For "withheld" there are also the numbers of right answers by a name, of those
+    whose name comes first or alone, of all names, and of accepted names.  Rows with the verdict NOT_ASKED are not
+    counted.  `code` is the digest of the code that made the rows.
     """
     rows = sorted(rows, key=lambda r: (REAL_TIERS.index(r["tier"]), r["recording"], r["case"]))
     counted = [r for r in rows if r["verdict"] != NOT_ASKED]

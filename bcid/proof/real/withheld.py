@@ -21,10 +21,12 @@ from bcid.vehicle import Vehicle
 
 
 def answer_withheld_question(question: WithheldQuestion, inputs: QuestionInputs) -> dict[str, Any]:
-    """Diagnose a recording against the simulation from which something is withheld; return the row.
+    """Take something out of a published simulation, and diagnose a real recording against the rest; return the row.
 
-    The row has the "ratio" of prediction errors and the "published" values of what is withheld.  There is no diagnosis
-    (verdict NOT_ASKED) where that ratio is small, unless the question is a control.
+    What is taken out is an effect, parameters, or knowledge of the vehicle file.  Beside `diagnosis_row` the row has
+    "ratio", the RMSE of predictions without it over that with it (the larger of v_x and yaw rate), and "published",
+    the parameters of the effect.  If the ratio is at most `LIMITS.min_error_ratio`, and the question is no control,
+    nothing is diagnosed and the verdict is NOT_ASKED.
     """
     vehicle = inputs.vehicle_for(question.recording, question.vehicle)
     recording, estimate, _ = inputs.estimate_recording(question.recording, vehicle)
@@ -43,10 +45,13 @@ def answer_withheld_question(question: WithheldQuestion, inputs: QuestionInputs)
 
 
 def _complete_model_rmse(question: WithheldQuestion, inputs: QuestionInputs) -> Floats:
-    """RMSE of v_x (m/s) and yaw rate (rad/s), shape (2,), as predicted by the simulation with nothing withheld.
+    """RMSE (2,) of v_x (m/s) and yaw rate (rad/s) as predicted for a recording by the complete published simulation.
+
+    The prediction restarts every `LIMITS.rmse_horizon_s` from the motion estimated from the recording.  Without a
+    simulation the base model, refitted to the recording, predicts.
 
     Raises:
-        InputRefused: its predictions leave the finite numbers.
+        InputRefused: a prediction is not finite.
     """
     vehicle = inputs.vehicle_for(question.recording)
     recording, estimate, _ = inputs.estimate_recording(question.recording, vehicle)
@@ -62,10 +67,11 @@ def _complete_model_rmse(question: WithheldQuestion, inputs: QuestionInputs) -> 
 def prediction_rmse(
     simulation: ReferenceModel | None, vehicle: Vehicle, recording: Recording, estimate: Estimate
 ) -> Floats:
-    """RMSE of v_x (m/s) and yaw rate (rad/s), shape (2,), predicted anew every `LIMITS.rmse_horizon_s` by a simulation.
+    """RMSE (2,) of v_x (m/s) and yaw rate (rad/s) as predicted by a simulation, against the estimated motion.
 
-    Without a simulation the base model, refitted to the recording, predicts.  The error is infinite where predictions
-    leave the finite numbers; rows slower than `LIMITS.min_speed_mps` do not count.
+    Predictions restart every `LIMITS.rmse_horizon_s` from the estimate.  If `simulation` is None the base model,
+    refitted to the recording, predicts.  The RMSE is infinite if a prediction is not finite; samples with |v_x| of at
+    most `LIMITS.min_speed_mps` are left out.
     """
     # without pushes: the base model is to predict alone
     simulation = simulation or ReferenceModel.from_fit(fit_base_model([recording], [estimate], vehicle).fit)

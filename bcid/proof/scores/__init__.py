@@ -1,1 +1,5 @@
-"""Figures of a blind test: right answers by tier, places and channels, intervals and probabilities, other methods."""
+"""Figures of a blind test, from its rows.
+
+`outcome` (prove.json), from `tiers` (right answers), `localisation` (channels, places, times), `calibration`
+(probabilities) and `compare_methods` (other methods).
+"""

@@ -14,7 +14,11 @@ PROBABILITY_EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
 
 
 def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
-    """Calibration of the probabilities of all findings; any name for a left-out or unknown effect counts as wrong."""
+    """Calibration of stated probabilities: mean probability and share of true names in bins, and the Brier score.
+
+    A blind case's row has "findings" (named effects, each with its "probability") and "answer" (ids of the concealed
+    effects).  Any name for an effect that the diagnosis cannot name, or that was excluded, is false.
+    """
     stated, there = [], []
     for row in rows:
         for finding in row.get("findings", []):
@@ -34,7 +38,11 @@ def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
 
 
 def null_p_values(rows: Iterable[dict[str, Any]]) -> NullPValues | None:
-    """Share of null takes with a p-value of at most `LIMITS.null_p_level`, which it should equal; None without any."""
+    """Share of null recordings (no effect, perfect base model) with a p-value of at most `LIMITS.null_p_level`.
+
+    The share should equal the level if p-values are exact.  Reads "tier" (must be "null") and "p_value" of the rows;
+    None if there are no such rows.
+    """
     p = [row["p_value"] for row in rows if row["tier"] == "null" and "p_value" in row]
     low = sum(value <= LIMITS.null_p_level for value in p)
     if not p:

@@ -13,10 +13,11 @@ NAMING_METHODS = ("bcid diagnose", "SINDy on the residual (pysindy)", "stepwise 
 
 
 def compare_methods(rows: Iterable[dict[str, Any]]) -> list[MethodScores]:
-    """Count right first names, false alarms and detections of the diagnosis and of other methods on the same takes.
+    """Compare the diagnosis with other methods on the same recordings: right first names, false alarms, detections.
 
-    Takes whose effect does not show are left out.  A take on which the diagnosis failed has no answers of the others,
-    and counts against the diagnosis.
+    A row has "answer" (effects there), "findings" and "verdict" of the diagnosis, and "others" (answers of the other
+    methods).  Rows without "others", and those whose drive does not show its effect (`shows_effect`), are left out.
+    A row with an "error" counts as a miss of the diagnosis.
     """
     by_method: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
@@ -36,7 +37,11 @@ def compare_methods(rows: Iterable[dict[str, Any]]) -> list[MethodScores]:
 
 
 def _count_method(method: str, rows: list[dict[str, Any]]) -> MethodScores:
-    """Figures of one method: pairs of hits and takes, medians of the explained share and of the seconds."""
+    """Scores of one method: pairs (hits, recordings) of right names, of false alarms and of detections, and medians.
+
+    A row has the method's "effect", "detected", "explained", "seconds", "failed", and the truth: "answer" (effects
+    there), "hidden" (channel of an effect that the method cannot name, else "") and "tier".
+    """
     there, nothing = [r for r in rows if r["answer"]], [r for r in rows if r["tier"] == "null"]
     nameable = [r["effect"] in r["answer"] for r in there if not r["hidden"]]
     explained = [r["explained"] for r in there if r["explained"] is not None]

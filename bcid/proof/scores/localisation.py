@@ -15,12 +15,19 @@ TWO_CHANNEL_EFFECTS = {
 
 
 def effect_channels(effect: str, default: str = "") -> tuple[str, ...]:
-    """Channels in which an effect acts; `default` for an effect outside the vocabulary."""
+    """Channels ("fx", "fy", "mz", "motor" ...) in which an effect acts on the car; any of them counts as right.
+
+    `default` is the channel of an effect that the table of 41 effects does not contain.
+    """
     return TWO_CHANNEL_EFFECTS.get(effect, (EFFECTS[effect].channel if effect in EFFECTS else default,))
 
 
 def is_channel_right(row: dict[str, Any]) -> bool | None:
-    """Whether a row locates its only effect's channel first; None unless it has one effect and that has a channel."""
+    """Whether "located", the channel in which a row says physics is missing, is one in which its effect acts.
+
+    Reads "answer" (effects there) and "channel" (of an effect without a name).  None unless exactly one effect is
+    there, and if that acts in all channels.
+    """
     if len(row["answer"]) != 1 or "located" not in row:
         return None
     right = effect_channels(row["answer"][0], row["channel"])
@@ -28,7 +35,11 @@ def is_channel_right(row: dict[str, Any]) -> bool | None:
 
 
 def place_overlap(row: dict[str, Any]) -> float | None:
-    """Intersection over union of the circle where a row places an effect and the true one; None without a true one."""
+    """Intersection over union (0 to 1) of the reported circle on the floor and the true one.
+
+    The reported circle is in a finding's "values", or else the row's "place"; 0 without one.  The true one is in
+    "truth", the concealed effects' parameters; None if none of them has a radius.
+    """
     true = next((t for t in row["truth"].values() if "radius" in t), None)
     if true is None:
         return None
@@ -38,7 +49,11 @@ def place_overlap(row: dict[str, Any]) -> float | None:
 
 
 def time_overlap(row: dict[str, Any]) -> float | None:
-    """Intersection over union of the stretch of time that a row reports and the true one; None without a true one."""
+    """Intersection over union (0 to 1) of the reported time interval in which an effect acts and the true one.
+
+    The true one is from t_s (s) in "truth", the concealed effects' parameters, to "duration_s"; None without t_s.
+    The reported one is from t_s in a finding's "values" to "duration_s", or else the row's "window"; 0 without one.
+    """
     true = next((t["t_s"] for t in row["truth"].values() if "t_s" in t), None)
     if true is None:
         return None

@@ -18,7 +18,10 @@ LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "pysindy")
 
 
 def blind_outcome(rows: Sequence[dict[str, Any]], about: Mapping[str, Any]) -> ProveDocument:
-    """All figures of a blind test's rows; `about` (seed, salt, seal, code ...) is taken over as it is."""
+    """The document prove.json of a blind test: scores by tier (kind of case), calibration, wrong answers, missed goals.
+
+    `rows` are the results of all cases that have run; the fields in `about` (seed, salt, seal, code ...) are copied.
+    """
     document = ProveDocument(
         **about,
         cases=len(rows),
@@ -39,7 +42,11 @@ def blind_outcome(rows: Sequence[dict[str, Any]], about: Mapping[str, Any]) -> P
 
 
 def describe_wrong_answer(row: dict[str, Any]) -> WrongAnswer:
-    """A wrongly answered case in words: its name, which effects are there, and what was said."""
+    """Describe a wrongly answered blind case: its name, the effects there, and what the diagnosis said instead.
+
+    Reads "case", "answer" (effects there), "channel" (of an effect without a name), "findings", "verdict" and
+    "remainder" (what stays unexplained), or "error".
+    """
     there = ", ".join(row["answer"]) or NOTHING
     if "error" in row:
         return WrongAnswer(case=row["case"], there=there, said=row["error"])
@@ -50,10 +57,11 @@ def describe_wrong_answer(row: dict[str, Any]) -> WrongAnswer:
 
 
 def missed_goals(document: ProveDocument) -> list[str]:
-    """Goals that a blind test misses, in words: every score of a complete tier, the right answers of all other tiers.
+    """Sentences on the goals that a blind test misses, and on errors; empty if none.
 
-    In the few takes of a quick run or of an unfinished tier single scores are chance.  Such tiers are judged by the
-    number of right answers, all together and each alone, with a level divided by their number (Bonferroni).
+    A complete tier (kind of case) misses each score outside its goal.  Incomplete tiers, and all of a quick run, are
+    too small for that: a binomial test of right answers against the goals is made of all rows together at the level
+    `LIMITS.refuting_p`, and of each such tier at this level divided by their number (Bonferroni).
     """
     sizes = document.tiers_of
     ended = [t for t in document.tiers if not document.quick and t.n >= sizes.get(t.tier, 0)]
@@ -72,7 +80,11 @@ def missed_goals(document: ProveDocument) -> list[str]:
 
 
 def count_confusions(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
-    """Count what was named first, or said without a name, for each effect concealed alone and for takes of nothing."""
+    """Confusion matrix of effects there and effects named, as {effect there: {effect named first: number of rows}}.
+
+    In place of a name there is "unknown" (the verdict), "nothing" or "error".  Rows that conceal several effects are
+    left out, and rows with "left_out" (the concealed effect was excluded from the diagnosis, so "unknown" is right).
+    """
     counted: dict[str, Counter[str]] = {}
     for row in rows:
         if len(row["answer"]) > 1 or row.get("left_out"):

@@ -14,7 +14,7 @@ NORMAL_QUANTILE_975 = 1.96
 
 
 def score_tiers(rows: Iterable[dict[str, Any]]) -> list[TierScores]:
-    """Score a blind test's rows tier by tier, in the order of the cases' numbers."""
+    """Score the results (rows) of a blind test by "tier" (kind of case), in the order of case numbers."""
     by_tier: dict[str, list[dict[str, Any]]] = {}
     for row in sorted(rows, key=lambda r: int(r["case"].rsplit("-", 1)[1])):
         by_tier.setdefault(row["tier"], []).append(row)
@@ -22,7 +22,10 @@ def score_tiers(rows: Iterable[dict[str, Any]]) -> list[TierScores]:
 
 
 def _add_goals(scores: TierScores) -> TierScores:
-    """The scores of a tier with its goals, and the names of those outside them; a score that is None misses none."""
+    """Add to a tier's scores their goals, (lowest, highest) by name from GOALS, and the names of scores outside them.
+
+    A score that is None, as no case of the tier (kind of blind case) defines it, misses no goal.
+    """
     goal = GOALS.get(scores.tier, {})
     reached = {name: scores.score(name) for name in goal}
     missed = [n for n, (low, high) in goal.items() if (value := reached[n]) is not None and not low <= value <= high]
@@ -30,7 +33,10 @@ def _add_goals(scores: TierScores) -> TierScores:
 
 
 def _score_tier(name: str, members: Sequence[dict[str, Any]]) -> TierScores:
-    """Score the rows of one tier; an error counts as a miss, or as a false alarm where nothing is there."""
+    """Score the results (rows) of one tier (kind of blind case): shares of right, wrong and located answers and others.
+
+    A row with an "error" counts as a miss, or as a false alarm where nothing is concealed ("answer" is empty).
+    """
     failed = {"findings": [], "verdict": "error", "remainder": {"channel": ""}, "seconds": float("nan")}
     rows = [r if "error" not in r else {**failed, **r} for r in members]
     known = [r for r in rows if r["answer"] and not r["channel"]]
@@ -76,10 +82,12 @@ def _score_tier(name: str, members: Sequence[dict[str, Any]]) -> TierScores:
 
 
 def is_right(row: dict[str, Any]) -> bool:
-    """Whether a blind test's row (a case and what was said of its take) is a right answer; one with an error is not.
+    """Whether the diagnosis of a blind case (a simulated drive with concealed effects) is right, by its stored row.
 
-    Right is to name what is there, or what cannot be told from it, and nothing else; to name nothing where nothing is
-    there; to say "unknown" in the right channel of what may not be named; to report what does not show as not excited.
+    Reads "answer" (effects there), "channel" (of an effect without a name), "findings", "verdict", "remainder" and
+    "not_excited".  Right is: only what is there is named, or effects that cannot be told from it; nothing is named
+    where nothing is there; "unknown" in the right channel, where the effect has no name or was excluded; reported as
+    not excited, where the drive does not show the effect.  A row with an "error" is wrong.
     """
     if "error" in row:
         return False
@@ -94,23 +102,28 @@ def is_right(row: dict[str, Any]) -> bool:
 
 
 def shows_effect(row: Mapping[str, Any]) -> bool:
-    """Whether the take of a blind test's row shows its effect: not if the driver avoids it or the truth gains nothing.
+    """Whether the drive of a blind case shows its effect: with the true effect, a refit gains more than chance does.
 
-    A driver whose tyres never slide does not show that a patch is slippery.
+    The gain is in held-out log-likelihood.  False if the row's "shown" is False, or in the tier "unexcited", whose
+    drives are slow circles that do not excite the effect; True otherwise.
     """
     return row["tier"] != "unexcited" and row.get("shown") is not False
 
 
 def _is_reported_unexcited(row: dict[str, Any]) -> bool:
-    """Whether a blind test's row reports all effects that are there as not excited, and names none of them."""
+    """Whether a row reports all effects there ("answer") as "not_excited" and names none of them.
+
+    Names are findings and their twins, effects that the recording cannot tell from them.
+    """
     answer = set(row["answer"])
     return not _names_and_twins(row) & answer and answer <= set(row.get("not_excited", {}))
 
 
 def pool_right_answers(rows: Sequence[dict[str, Any]]) -> RightAnswers:
-    """Count right answers over many tiers, and the probability "p" of as few if all goals were just met.
+    """Count the right answers of rows of any tiers, with the p-value of a one-sided binomial test against the goals.
 
-    The number of right answers is then a sum of independent draws with the tiers' wanted rates (Poisson-binomial).
+    "p" is the probability of as many right answers or fewer if each is right with the goal of its tier (kind of blind
+    case), independently: a Poisson binomial distribution.
     """
     rates = [_wanted_rate(row["tier"]) for row in rows]
     chances = np.ones(1)
@@ -121,13 +134,16 @@ def pool_right_answers(rows: Sequence[dict[str, Any]]) -> RightAnswers:
 
 
 def _wanted_rate(tier: str) -> float:
-    """Share of right answers that is wanted of a tier: its goal, or one minus the false alarms it may have."""
+    """Lowest share of right answers wanted of a tier (kind of blind case), by GOALS.
+
+    For tiers without a goal of right answers it is 1 - the share of false alarms allowed.
+    """
     goal = GOALS[tier]
     return goal["right"][0] if "right" in goal else 1.0 - goal["false"][1]
 
 
 def pool_each_tier(rows: Sequence[dict[str, Any]]) -> dict[str, RightAnswers]:
-    """Right answers of each tier by itself, counted as by `pool_right_answers`: a bad tier would hide among others."""
+    """Right answers of each tier (kind of blind case), with the p-value of a binomial test against the tier's goal."""
     return {
         tier: pool_right_answers([r for r in rows if r["tier"] == tier])
         for tier in dict.fromkeys(r["tier"] for r in rows)
@@ -135,12 +151,19 @@ def pool_each_tier(rows: Sequence[dict[str, Any]]) -> dict[str, RightAnswers]:
 
 
 def _accepted_channels(row: dict[str, Any]) -> tuple[str, ...]:
-    """Channels that count as right for a row's left-out or unknown effect."""
+    """Channels ("fx", "motor" ...) that are right for the effect in a row's "answer", which the diagnosis cannot name.
+
+    They are those in which the effect acts, and the row's own "channel".
+    """
     return (*effect_channels(row["answer"][0], row["channel"]), row["channel"])
 
 
 def _are_kinds_right(row: dict[str, Any]) -> bool:
-    """Whether a row names as many measurement effects as are there, and no wrong effect of another kind."""
+    """Whether a row names as many effects of the measurement as are there, whichever, and no false ones of other kinds.
+
+    Reads "findings" and "answer" (the effects there).  Kinds are measurement, vehicle and environment; more effects
+    of the measurement than are there are no fault here.
+    """
     found = {f["effect"]: f["kind"] for f in row["findings"]}
     there = [e for e in row["answer"] if EFFECTS[e].kind == "measurement"]
     called = [e for e, kind in found.items() if kind == "measurement"]
@@ -148,25 +171,40 @@ def _are_kinds_right(row: dict[str, Any]) -> bool:
 
 
 def _names_and_twins(row: dict[str, Any]) -> set[str]:
-    """All effects in a row's findings: names, and twins that cannot be told from them; a joint "a+b" counts as one."""
+    """All effects in a row's "findings", and their "twins" (effects that its recording cannot tell from them).
+
+    A joint name "a+b" counts as one.
+    """
     return {e for f in row["findings"] for e in (f["effect"], *f["twins"])}
 
 
 def _is_in_short_set(row: dict[str, Any]) -> bool:
-    """Whether a row's findings and their twins include all concealed effects, and are few enough to be informative."""
+    """Whether all effects there ("answer") are among a row's findings and their twins, and these are few.
+
+    Twins are effects that the recording cannot tell apart; few is fewer than `LIMITS.max_names_per_effect` plus the
+    number of effects there.
+    """
     return set(row["answer"]) <= _names_and_twins(row) and len(
         _names_and_twins(row)
     ) < LIMITS.max_names_per_effect + len(row["answer"])
 
 
 def _excusable_names(row: dict[str, Any]) -> set[str]:
-    """Names in a row that are not wrong: effects that are there, and findings whose twins are there."""
+    """Effects that a row may name without being wrong: those there ("answer"), and findings that have one as a "twin".
+
+    Twins are effects that the recording cannot tell apart.  The set is empty where the row has a "channel": its
+    effect has no name or was excluded from the diagnosis.
+    """
     answer = set(row["answer"]) if not row["channel"] else set()
     return answer | {f["effect"] for f in row["findings"] if answer & set(f["twins"])}
 
 
 def _parameter_errors(rows: Sequence[dict[str, Any]]) -> tuple[list[float], list[bool]]:
-    """Relative errors of found parameters other than places, and whether their 95 % intervals hold the truth."""
+    """Relative errors |fitted - true| / |true| of parameters, and whether their 95 % intervals contain the true values.
+
+    Fitted values are in "findings", true ones in "truth", the concealed effects' parameters; places, times and true
+    values of 0 are left out.
+    """
     errors, covered = [], []
     for row in rows:
         for finding in row["findings"]:
@@ -182,7 +220,7 @@ def _parameter_errors(rows: Sequence[dict[str, Any]]) -> tuple[list[float], list
 
 
 def binomial_ci95(hits: int, n: int) -> tuple[float, float]:
-    """Exact 95 % interval (Clopper-Pearson) of a share, from `hits` of `n`."""
+    """Exact 95 % confidence interval (Clopper-Pearson) of a probability, from `hits` in `n` trials."""
     from scipy.stats import binomtest
 
     found = binomtest(hits, n).proportion_ci(0.95, method="exact")
@@ -190,11 +228,11 @@ def binomial_ci95(hits: int, n: int) -> tuple[float, float]:
 
 
 def _defined_scores(score: Callable[[dict[str, Any]], float | None], rows: Iterable[dict[str, Any]]) -> Iterable[float]:
-    """Scores of the rows for which `score` is not None."""
+    """The values of `score(row)` for all rows where it is not None."""
     return (value for value in map(score, rows) if value is not None)
 
 
 def _average(values: Iterable[Any], average: Callable[[list[Any]], Any] = np.mean) -> float | None:
-    """Mean of the values, or another average; None without values."""
+    """Mean of the values, or another `average` of them such as the median; None if there are none."""
     listed = list(values)
     return float(average(listed)) if listed else None

@@ -19,20 +19,20 @@ SPREAD_QUANTILES = (0.15, 0.85)  # of positions: carried for a while, a car stil
 
 
 def project_to_floor(vectors: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Floor vectors (N, 2) of world vectors (N, 3): (X, -Z) where Y points up, (X, Y) where Z does."""
+    """Floor coordinates (N, 2) of world vectors (N, 3): (X, -Z) where `up_axis` is Y, (X, Y) where it is Z."""
     x, y, z = vectors.T
     return np.column_stack([x, -z] if up_axis == "Y" else [x, y])
 
 
 def rotate_vectors(vectors: Floats, angle: Floats) -> Floats:
-    """Vectors (N, 2) or (2,) turned counter-clockwise by the angles (N,) in rad."""
+    """Plane vectors (N, 2) or (2,), each turned counter-clockwise by its angle (N,) in rad, as (N, 2)."""
     x, y = np.asarray(vectors, dtype=float).T
     cos_a, sin_a = np.cos(angle), np.sin(angle)
     return np.column_stack([cos_a * x - sin_a * y, sin_a * x + cos_a * y])
 
 
 def quaternions_of_euler(degrees: Floats, order: str) -> Floats:
-    """Quaternions x, y, z, w (N, 4) of intrinsic turns (N, 3) about X, Y, Z in degrees, in an order such as "YXZ"."""
+    """Quaternions x, y, z, w (N, 4) of intrinsic turns about X, Y, Z (N, 3) in degrees, in an `order` such as "YXZ"."""
     from scipy.spatial.transform import Rotation
 
     quaternions = np.full((len(degrees), 4), np.nan)
@@ -43,7 +43,7 @@ def quaternions_of_euler(degrees: Floats, order: str) -> Floats:
 
 
 def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Yaw (N,) in rad of the body's X axis on the floor, by quaternions (N, 4); NaN where one is NaN or zero."""
+    """Yaw (N,) in rad of the body's X axis on the floor, by quaternions x, y, z, w (N, 4); NaN where they are NaN."""
     # what is no number has no yaw
     with np.errstate(over="ignore", invalid="ignore"):
         norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
@@ -55,7 +55,10 @@ def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
 
 
 def vertical_in_body(xyzw: Floats) -> Floats:
-    """The world's vertical in body axes (N, 3), by quaternions (N, 4): its Y or its Z, whichever varies less."""
+    """World's vertical as unit vectors (N, 3) in the body frame, by quaternions x, y, z, w (N, 4).
+
+    It is the world's Y or Z axis, whichever varies less over the samples, as a car on wheels keeps it.
+    """
     if not len(xyzw):
         return np.empty((0, 3))
     x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
@@ -68,7 +71,10 @@ def vertical_in_body(xyzw: Floats) -> Floats:
 def checked_yaw(
     xyzw: Floats, up_axis: Literal["Y", "Z"], time_s: Floats, path: Path
 ) -> tuple[Floats, list[Irregularity]]:
-    """Yaw (N,) in rad of quaternions (N, 4), NaN where one is invalid or the car is off its wheels; and irregularities.
+    """Yaw (N,) in rad of quaternions x, y, z, w (N, 4), NaN where these are invalid, and a list of irregularities.
+
+    Invalid are quaternions that are blank or not of unit length, and those of a body that leans by more than 45
+    degrees from its usual vertical, as when the car is carried or on its side.
 
     Raises:
         InputRefused: too many quaternions are not of unit length, or all are written w first.
@@ -103,7 +109,7 @@ def checked_yaw(
 
 
 def _upright_share(vertical: Floats) -> float:
-    """The share of a body's verticals (N, 3) that are near their median; 0 where there are none, or all directions."""
+    """Share of verticals in body axes (N, 3) within 20 degrees of their median; 0 without any, or if they scatter."""
     if not len(vertical):
         return 0.0
     usual = np.median(vertical, axis=0)
@@ -112,7 +118,10 @@ def _upright_share(vertical: Floats) -> float:
 
 
 def _check_component_order(xyzw: Floats, vertical: Floats, path: Path) -> None:
-    """Raise `InputRefused` where quaternions (N, 4) are those of a car on its wheels only if written w first."""
+    """Raise `InputRefused` where quaternions (N, 4) read as x, y, z, w lean all over, and read as w, x, y, z do not.
+
+    `vertical` (N, 3) is the world's vertical in body axes by the first reading.
+    """
     if _upright_share(vertical) >= POSE.max_leaning_share:
         return
     if _upright_share(vertical_in_body(np.roll(xyzw, -1, axis=1))) > POSE.min_upright_share:
@@ -121,7 +130,7 @@ def _check_component_order(xyzw: Floats, vertical: Floats, path: Path) -> None:
 
 
 def check_up_axis(world: Floats, up_axis: str, path: Path) -> None:
-    """Raise `InputRefused` where positions (N, 3) in m vary along the stated vertical, and hardly along Y or Z."""
+    """Raise `InputRefused` where positions (N, 3) in m move along the stated `up_axis` and hardly along Y or Z."""
     known = world[(np.abs(world) < STREAM.max_value).all(axis=1)]
     if len(known) < 2:
         return
@@ -136,10 +145,11 @@ def check_up_axis(world: Floats, up_axis: str, path: Path) -> None:
 
 
 def find_lifted_samples(floor: Floats, height: Floats, time_s: Floats) -> tuple[Bools, list[Irregularity]]:
-    """The samples (N,) whose heights (N,) are far from the floor's plane over positions (N, 2), and their irregularity.
+    """Mask (N,) of samples with a body lifted far off the floor, carried or tipped over, and the irregularity noted.
 
-    The plane may lean, since cameras are seldom level. It is that of least absolute deviations, by reweighting, so that
-    lifted samples bear no weight. No sample is lifted where most would be.
+    `height` (N,) is compared with a plane over the positions `floor` (N, 2), both in m, fitted by least absolute
+    deviations since lifted samples are outliers; the plane may tilt, as cameras are seldom level.  Nothing is marked
+    where most samples would be; nor are runs whose ends rise as gently as a hill (`POSE.max_climb`).
     """
     good = (np.abs(np.column_stack([floor, height])) < STREAM.max_value).all(axis=1)
     if good.sum() < 3:
@@ -160,7 +170,11 @@ def find_lifted_samples(floor: Floats, height: Floats, time_s: Floats) -> tuple[
 
 
 def _keep_steep_excursions(up: Bools, floor: Floats, off: Floats) -> Bools:
-    """The marked samples `up` (N,) without runs that begin and end as gently as a car climbs: those are hills."""
+    """The mask `up` (N,) of samples off the floor's plane, without runs that start and end gently, as over a hill.
+
+    A run is kept if, at either end, the height above the plane `off` (N,) changes by more than `POSE.max_climb` of the
+    way driven there on the floor (N, 2), in m.
+    """
     edges = np.flatnonzero(np.diff(np.r_[False, up, False].astype(int))).reshape(-1, 2)
     steep = np.zeros(len(up), dtype=bool)
     for a, b in edges:

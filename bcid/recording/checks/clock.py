@@ -25,9 +25,11 @@ SLIP_SPEED_MPS = 1.0  # least longitudinal speed in a slip angle
 
 
 def estimate_clock(recording: Recording, vehicle: Vehicle) -> Recording:
-    """The recording with its clock's offset and drift estimated, and warnings where they are surely large.
+    """The recording with an estimate of its clock offset and drift, and warnings where these are significantly large.
 
-    No warning is given where the tracked body has a yaw offset, which looks like a clock offset.
+    Offset and drift are those of the command clock against the pose clock; a warning needs their whole 95 % interval
+    beyond `MOTION.max_clock_offset_s`.  There is no such warning where a yaw offset of the tracked body was found,
+    which looks like a clock offset.
     """
     clock = _estimate_offset_and_drift(recording, vehicle)
     misaligned = any(i.kind == "yaw offset" for i in recording.irregularities)
@@ -36,7 +38,7 @@ def estimate_clock(recording: Recording, vehicle: Vehicle) -> Recording:
 
 
 def _estimate_offset_and_drift(recording: Recording, vehicle: Vehicle) -> ClockEstimate:
-    """The median and the Theil-Sen slope of the blocks' delays with their 95 % intervals, or the reason for none."""
+    """Offset (s) and drift of the command clock: median and Theil-Sen slope of block delays, or the reason for none."""
     applied_s = vehicle.clock.offset_s if vehicle.clock else 0.0
     motion = differentiate_poses(recording, vehicle, WINDOW_S)
     if len(motion.time_s) < 2:
@@ -61,7 +63,7 @@ def _estimate_offset_and_drift(recording: Recording, vehicle: Vehicle) -> ClockE
 
 
 def _clock_warnings(clock: ClockEstimate, recording: Recording) -> list[Irregularity]:
-    """Warnings of clocks that surely differ by more than the limit, from the start or by the end of the take."""
+    """Warnings where the 95 % interval of clock offset, or of drift by the end, passes `MOTION.max_clock_offset_s`."""
     if clock.offset_ci95 is None or clock.drift_ci95 is None:
         return []
     by_the_end = (recording.duration_s * clock.drift_ci95[0], recording.duration_s * clock.drift_ci95[1])
@@ -75,7 +77,11 @@ def _clock_warnings(clock: ClockEstimate, recording: Recording) -> list[Irregula
 
 
 def _block_delays(motion: RawMotion, recording: Recording, vehicle: Vehicle) -> tuple[Floats, Floats, float]:
-    """Middle times and best delays (B,) in s of the take's blocks, and the variance share that one delay explains."""
+    """Middle times and delays (B,) in s of blocks of a recording, and R^2 of the yaw acceleration's regression.
+
+    A block's delay is the shift of the commands that minimises the squared residuals of the measured yaw acceleration
+    after regression on the wheel forces that the commands cause; R^2 is that at the best shift common to all blocks.
+    """
     step_s, block_s = motion.step_s, LIMITS.clock_block_s
     reach = max(2, round(LIMITS.max_clock_delay_s / step_s))
     rows = usable_rows(motion, recording, 2 * reach)
@@ -101,7 +107,7 @@ def _block_delays(motion: RawMotion, recording: Recording, vehicle: Vehicle) -> 
 
 
 def _parabola_minimum(shifts: Ints, cost: Floats) -> float | None:
-    """The shift at which a parabola through the least `cost` and its neighbours is lowest; None at the range's edge."""
+    """Shift of least `cost`, refined by parabolic interpolation with its neighbours; None at either end of `shifts`."""
     k = int(np.argmin(cost))
     if k in (0, len(shifts) - 1):
         return None
@@ -110,7 +116,10 @@ def _parabola_minimum(shifts: Ints, cost: Floats) -> float | None:
 
 
 def usable_rows(motion: RawMotion, recording: Recording, margin: int) -> Ints:
-    """Rows of the motion for a regression: fast, far from gaps, under a command, and `margin` rows from its ends."""
+    """Row numbers to use in a regression: fast, far from gaps, under a command, and `margin` rows from either end.
+
+    Fast means above `MOTION.min_clock_speed_mps`.
+    """
     t, commands = motion.time_s, recording.commands
     commanded = (t >= commands.time_s[0]) & (t < commands.time_s[-1] + recording.hold_s)
     use = motion.good & commanded & (motion.v_f > LIMITS.min_clock_speed_mps)
@@ -119,18 +128,22 @@ def usable_rows(motion: RawMotion, recording: Recording, margin: int) -> Ints:
 
 
 def yaw_acceleration(motion: RawMotion) -> Floats:
-    """Yaw acceleration (N,) in rad/s²: the yaw rate differentiated by the filter that made the motion."""
+    """Yaw acceleration (N,) in rad/s²: the motion's yaw rate, differentiated by a quadratic Savitzky-Golay filter.
+
+    The filter has the same length as the one that made the yaw rate from poses.
+    """
     return _smooth(motion.yaw_rate, motion, derivative=1)
 
 
 def yaw_acceleration_residuals(
     motion: RawMotion, delta: Floats, u_m: Floats, y: Floats, rows: Ints, vehicle: Vehicle
 ) -> Floats:
-    """Residuals y - X w (M,) in rad/s² at M `rows` of the yaw acceleration y (N,), after a regression on wheel forces.
+    """Residuals (M,) in rad/s² of linear least squares of the yaw acceleration y (N,), at M `rows`, on wheel forces.
 
-    These act by the steering angle delta (N,) in rad and the throttle u_m (N,) in m/s, a brake share below 0. The
-    columns of X, smoothed as y is, are cos(delta) alpha_f, plain and clipped as tyres saturate; alpha_r; what the
-    wheel's speed lacks of u_m, the brake, and the wheel's speed v_fx, each times sin(delta); the yaw rate; and one.
+    The regressors are proportional to tyre and motor forces of unknown size: cos(delta) alpha_f, unlimited and
+    clipped at each of SATURATION_RAD; alpha_r; sin(delta) max(u_m - v_fx, 0); sin(delta) min(u_m, 0) v_fx; sin(delta)
+    v_fx; the yaw rate; and 1.  They are smoothed like y.  delta (N,) is the steering angle in rad, u_m (N,) the
+    throttle (m/s, a brake share below 0), v_fx the front wheel's rolling speed.
     """
     v_f, beta_f, omega = motion.v_f, motion.beta_f, motion.yaw_rate
     v_fx, v_fy = v_f * np.cos(beta_f - delta), v_f * np.sin(beta_f - delta)
@@ -147,6 +160,9 @@ def yaw_acceleration_residuals(
 
 
 def _smooth(values: Floats, motion: RawMotion, derivative: int = 0) -> Floats:
-    """The values (N,) or (N, n), or their derivative in time, by a quadratic filter of the motion's window."""
+    """Values (N,) or (N, n), smoothed or differentiated in time by a quadratic Savitzky-Golay filter.
+
+    The filter has the length of the one that made `motion` from poses.
+    """
     width = 2 * max(2, round(motion.window_s / (2 * motion.step_s))) + 1
     return np.asarray(savgol_filter(values, width, 2, deriv=derivative, delta=motion.step_s, axis=0))

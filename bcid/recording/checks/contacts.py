@@ -23,7 +23,7 @@ class Contact(NamedTuple):
 
 
 def split_at_contacts(recording: Recording) -> Recording:
-    """The recording with breaks before and after every contact, so that no segment of an estimate goes across one."""
+    """The recording with a break before and after each contact (bump or crash), so that no segment goes across it."""
     first, odd, breaks = recording.poses.time_s[0], list[Irregularity](), set(recording.breaks_s)
     for c in find_contacts(recording):
         begin_s, end_s = float(first + c.begin_s), float(first + c.end_s)
@@ -37,10 +37,11 @@ def split_at_contacts(recording: Recording) -> Recording:
 
 
 def find_contacts(recording: Recording) -> list[Contact]:
-    """The bumper contacts and crashes of a recording, in order of time.
+    """The contacts (bumps and crashes) of a recording, in order of time: accelerations that no tyre or motor can give.
 
-    Velocities before and after each instant are those of straight lines through the poses within HALF_WINDOW_S (at
-    least three poses); the acceleration is their difference by the time between the two windows' middles.
+    The acceleration at an instant is a finite difference of two velocities, the slopes of lines through the poses
+    within HALF_WINDOW_S (at least three poses) before and after it.  A contact exceeds `MOTION.max_tyre_mps2`, a
+    change of velocity of `MOTION.contact_velocity_mps`, and the recording's usual accelerations.
     """
     time = recording.poses.time_s - recording.poses.time_s[0]
     place = recording.poses.values[:, :2]

@@ -13,14 +13,17 @@ from bcid.vehicle import Vehicle
 
 
 def refused_health(refusal: InputRefused) -> TakeHealth:
-    """The health of a take that cannot be read: a no-go with the problems of its refusal."""
+    """The health verdict "no-go" of a take whose file is refused, with the problems that `refusal` names."""
     why = "; ".join(f"{p.place}: {p.cause}" for p in refusal.problems)
     problems = tuple(RefusalProblem(**p._asdict()) for p in refusal.problems)
     return TakeHealth(go=False, sentence=f"no-go: refused, {why}", refused=str(refusal), problems=problems)
 
 
 def assess_health(recording: Recording, vehicle: Vehicle) -> TakeHealth:
-    """The health of a take that was read: go, or no-go with the reasons, and what it will not show."""
+    """Whether a take is worth fitting: "go", or "no-go" with reasons; and what a fit of it could not identify.
+
+    It is judged by motion time, coverage of poses and commands, and variety of driving (`HEALTH`).
+    """
     motion = differentiate_poses(recording, vehicle)
     moving = motion.good & (motion.v_f > LIMITS.min_moving_speed * vehicle.body.wheelbase_m)
     figures = _health_figures(recording, vehicle, motion, moving)
@@ -54,7 +57,10 @@ def assess_health(recording: Recording, vehicle: Vehicle) -> TakeHealth:
 
 
 def _health_figures(recording: Recording, vehicle: Vehicle, motion: RawMotion, moving: Bools) -> HealthFigures:
-    """Duration, coverage and top speed of the take; `moving` marks the rows (N,) of its motion with a moving car."""
+    """Duration, time in motion, coverage by poses and commands, top speed and yaw offset of a take.
+
+    `moving` (N,) marks the rows of `motion` in which the car moves.
+    """
     frames = max(1.0, recording.duration_s * recording.rate_hz + 1.0)
     pose_s, command_s = recording.poses.time_s, recording.commands.time_s
     row = np.searchsorted(command_s, pose_s, side="right") - 1
@@ -70,7 +76,7 @@ def _health_figures(recording: Recording, vehicle: Vehicle, motion: RawMotion, m
 
 
 def _find_unexcited_constants(recording: Recording, vehicle: Vehicle, motion: RawMotion, moving: Bools) -> list[str]:
-    """What the drive does not show (steering, other speeds, braking), each with the constants that need it."""
+    """Kinds of driving that a take lacks (steering, other speeds, braking), with the constants each would identify."""
     if not moving.any():
         return []
     u_s, u_m = recording.commands.held_at(motion.time_s).T

@@ -13,7 +13,10 @@ from bcid.vehicle import Vehicle
 
 
 def warn_of_yaw_offset(recording: Recording, vehicle: Vehicle) -> Recording:
-    """The recording with a warning where the tracked body surely has another yaw than the car."""
+    """The recording with a warning if the tracked body's yaw differs significantly from the car's.
+
+    Significantly means that the offset's 95 % interval lies beyond `MOTION.max_yaw_offset_rad` on one side.
+    """
     offset, limit = estimate_yaw_offset(recording, vehicle), LIMITS.max_yaw_offset_rad
     if offset is None or not (offset.low > limit or offset.high < -limit):
         return recording
@@ -24,9 +27,10 @@ def warn_of_yaw_offset(recording: Recording, vehicle: Vehicle) -> Recording:
 
 
 def estimate_yaw_offset(recording: Recording, vehicle: Vehicle) -> YawOffset | None:
-    """The yaw offset at which the rear axle, which is not steered, moves straight ahead when hardly loaded.
+    """Yaw of the tracked body minus the car's (rad) and its 95 % interval, such that the rear axle moves along the car.
 
-    None where the take has too little gentle driving. It is only reported: `mocap.yaw_offset_rad` applies a known one.
+    Only gentle driving is used, when the unsteered rear axle hardly slips; None where the take has too little of it.
+    The poses are not corrected by it; a known offset is corrected by `mocap.yaw_offset_rad` in the vehicle file.
     """
     rough = _rough_yaw_offset(recording, vehicle)
     turned = Stream(recording.poses.time_s, recording.poses.values - [0.0, 0.0, rough])
@@ -38,7 +42,10 @@ def estimate_yaw_offset(recording: Recording, vehicle: Vehicle) -> YawOffset | N
 
 
 def _rough_yaw_offset(recording: Recording, vehicle: Vehicle) -> float:
-    """A first yaw offset (rad), at which the car moves ahead while it hardly turns and the throttle is on."""
+    """First guess of the tracked body's yaw offset (rad): minus the mean angle from its yaw to the direction of motion.
+
+    Only nearly straight, fast driving under throttle is used; 0 where there is none.
+    """
     motion = differentiate_poses(recording, vehicle)
     if len(motion.time_s) < 2:
         return 0.0
@@ -49,7 +56,11 @@ def _rough_yaw_offset(recording: Recording, vehicle: Vehicle) -> float:
 
 
 def _rear_axle_yaw_offset(motion: RawMotion, vehicle: Vehicle) -> tuple[float, float, float] | None:
-    """The median over blocks of minus the rear axle's slip angle (rad) in gentle driving, and its 95 % interval."""
+    """Yaw offset of the tracked body (rad) and the ends of its 95 % interval by block bootstrap; None without data.
+
+    It is minus the median, over blocks of the take, of the rear axle's slip angle in gentle driving, when that axle
+    hardly slips; at least `MOTION.min_mounting_blocks` blocks must have enough of it.
+    """
     if len(motion.time_s) < 2:
         return None
     v_x = motion.v_f * np.cos(motion.beta_f)

@@ -29,10 +29,10 @@ CHANNEL_REFERENCES = {
 
 
 def check_plausibility(recording: Recording, vehicle: Vehicle) -> Recording:
-    """The recording with warnings of units, signs and channels that may be wrong.
+    """The recording with warnings where its motion suggests a wrong unit, sign or measured channel.
 
     Raises:
-        InputRefused: inverted steering, mirrored axes, lengths or yaw in other units; channels likewise.
+        InputRefused: the motion shows inverted steering, a mirrored axis, or a wrong unit of lengths, yaw or a channel.
     """
     problems, odd = Problems(), list[Irregularity]()
     with problems.gather_refusals():
@@ -45,7 +45,11 @@ def check_plausibility(recording: Recording, vehicle: Vehicle) -> Recording:
 
 
 def check_commands(commands: Floats, vehicle: Vehicle, source: str) -> list[Irregularity]:
-    """Warnings of steering and throttle commands (M, 2) beyond the car's; `InputRefused` where units seem wrong."""
+    """Warnings of steering (rad) and throttle commands (m/s, or brake share) (M, 2) that exceed the car's limits.
+
+    Raises:
+        InputRefused: commands exceed the limits so far that another unit must be meant, such as degrees or percent.
+    """
     problems, odd = Problems(), list[Irregularity]()
     with problems.gather_refusals():
         odd = _check_steering(commands[:, 0], vehicle.steering.max_angle_rad, source)
@@ -56,7 +60,10 @@ def check_commands(commands: Floats, vehicle: Vehicle, source: str) -> list[Irre
 
 
 def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
-    """Raise `InputRefused` where a throttle (M,) of the law "speed" is no reference speed in m/s or brake share."""
+    """Raise `InputRefused` where throttles u_m (M,) are neither possible reference speeds (m/s) nor brake shares.
+
+    Brake shares lie in [-1, 0].  Only vehicles with the motor law "speed" are checked.
+    """
     if vehicle.motor.law != "speed":
         return
     top = vehicle.motor.reference_speed_mps
@@ -70,7 +77,7 @@ def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
 
 
 def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity]:
-    """A warning where steering commands (M,) exceed the car's limit (rad); `InputRefused` where they are in degrees."""
+    """A warning where steering commands u_s (M,) pass the `limit` (rad); `InputRefused` where they are in degrees."""
     high = float(np.quantile(np.abs(u_s), 0.95))
     if high > LIMITS.max_steering_factor * limit:
         cause = f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?"
@@ -95,7 +102,12 @@ class _TurningResponse(NamedTuple):
 
 
 def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningResponse | None:
-    """How yaw rate and direction of motion follow the commanded steering; None where the car turns too little."""
+    """How the car turns as its steering is commanded: correlation, agreement of direction, and apparent wheelbase (m).
+
+    The correlation is that of yaw rate and v sin(delta).  The agreement is |mean exp(i (beta_f - delta))|, 1 where
+    the front axle's direction of motion beta_f equals the steering angle delta up to a constant.  None where the car
+    turns too little (`MOTION.min_commanded_turn`, `min_yaw_rate_radps`, `min_turning_rows`).
+    """
     motion = differentiate_poses(recording, vehicle)
     if len(motion.time_s) < 2:
         return None
@@ -106,8 +118,8 @@ def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningRespons
     use = motion.good & (speed > LIMITS.min_speed_share * np.quantile(speed, 0.95))
     turn, yaw_rate = speed[use] * np.sin(angle[use]), motion.yaw_rate[use]
     size, rate = (float(np.sqrt(np.mean(x**2))) for x in (turn, yaw_rate)) if use.any() else (0.0, 0.0)
-    turns = size >= LIMITS.min_commanded_turn * np.max(speed) and rate >= LIMITS.min_yaw_rate_radps
-    if use.sum() < LIMITS.min_turning_rows or not turns:
+    turns_little = size < LIMITS.min_commanded_turn * np.max(speed) or rate < LIMITS.min_yaw_rate_radps
+    if use.sum() < LIMITS.min_turning_rows or turns_little:
         return None
     heading = abs(np.mean(np.exp(1j * (motion.beta_f - angle)[use])))
     correlation = float(turn @ yaw_rate) / (size * rate * len(turn))
@@ -115,11 +127,11 @@ def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningRespons
 
 
 def _apparent_wheelbase(turn: Floats, yaw_rate: Floats, speed: Floats, vehicle: Vehicle) -> float | None:
-    """The wheelbase (m) at which turning is as strong as commanded: |v sin(delta)| / |omega| over the rows (N,).
+    """Wheelbase (m) that the motion shows: the ratio of the norms of v sin(delta) and yaw rate; None with too few rows.
 
-    Norms, not a regression's slope, which a servo slower than stated makes arbitrary. A car that slips turns as if it
-    were longer, and where it turns little for a while as if it were endless: of the figure from all rows and that from
-    gentle ones, the one nearer to the stated wheelbase is returned.
+    `turn` (N,) is v sin(delta) (m/s).  A regression's slope would be biased by a servo slower than stated, the ratio
+    of norms is not.  It is computed from all rows and from those of small lateral acceleration, as tyre slip makes a
+    car seem longer; the value nearer to the vehicle file's wheelbase is returned.
     """
     stated = vehicle.body.wheelbase_m
     found = []
@@ -131,7 +143,11 @@ def _apparent_wheelbase(turn: Floats, yaw_rate: Floats, speed: Floats, vehicle: 
 
 
 def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
-    """A warning where the steering explains little of the motion; `InputRefused` where a sign or unit is wrong."""
+    """A warning where steering commands explain little of the recording's turning; none where it hardly turns.
+
+    Raises:
+        InputRefused: the steering or an axis is inverted, or lengths or angles are in another unit.
+    """
     seen, source = _turning_response(recording, vehicle), recording.sources[0].path
     if seen is None:
         return []
@@ -162,7 +178,11 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
 
 
 def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
-    """A warning where the car is faster than its motor; `InputRefused` where it is so by far, as with another unit."""
+    """A warning where the car's speed exceeds `MOTION.max_speed_factor` times the largest reference speed of its motor.
+
+    Raises:
+        InputRefused: the speed exceeds `MOTION.max_scale_factor` times that, as if lengths were in mm or cm.
+    """
     top, motion = vehicle.motor.reference_speed_mps, differentiate_poses(recording, vehicle)
     if top is None or vehicle.motor.law != "speed" or not motion.good.any():
         return []
@@ -177,7 +197,11 @@ def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
 
 
 def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
-    """Warnings of channels that do not follow the motion; `InputRefused` where a unit or a sign seems wrong."""
+    """Warnings of channels (measured steering, wheel speed, yaw rate) that do not follow the motion of the poses.
+
+    Raises:
+        InputRefused: a channel's unit or sign seems wrong.
+    """
     if not recording.channels:
         return []
     motion, odd = differentiate_poses(recording, vehicle), list[Irregularity]()
@@ -207,7 +231,7 @@ def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity
         if correlation < -LIMITS.min_channel_correlation:
             cause = f"runs against {what} (correlation {correlation:.2f}): its sign is inverted"
             problems.append(Problem(name, cause, hint))
-        elif correlation < LIMITS.min_channel_correlation:
+        elif abs(correlation) < LIMITS.min_channel_correlation:
             text = f"does not follow {what} (correlation {correlation:.2f})"
             odd.append(Irregularity("channel", "warning", 1, name, text))
         elif correlation > LIMITS.min_channel_correlation and not 1.0 / unit_factor < times < unit_factor:
@@ -217,7 +241,7 @@ def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity
 
 
 def _strongest_lagged_correlation(x: Floats, y: Floats, use: Bools, max_lag: int) -> float:
-    """The correlation of largest size between x (N,) and y (N,) in the rows `use`, y later or earlier by <= max_lag."""
+    """Correlation of largest size between x (N,) and y (N,) in the rows `use`, y shifted by up to `max_lag` rows."""
     found = []
     for shift in np.unique(np.linspace(-max_lag, max_lag, N_CHANNEL_LAGS).round().astype(int)):
         late = np.roll(y, -shift)

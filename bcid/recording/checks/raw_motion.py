@@ -39,9 +39,10 @@ class RawMotion(NamedTuple):
 
 
 def differentiate_poses(recording: Recording, vehicle: Vehicle, window_s: float = WINDOW_S) -> RawMotion:
-    """Speed, direction and yaw rate of the poses by a quadratic Savitzky-Golay filter, on a grid of at most 100 Hz.
+    """Speed, direction (body frame) and yaw rate of the front axle by a quadratic Savitzky-Golay filter of the poses.
 
-    The filter is `window_s` long, or five rows if these are longer; a take that is no longer has a motion without rows.
+    Rows are on a grid of the pose rate, at most 100 Hz.  The filter is `window_s` long, or five rows if these are
+    longer; a recording no longer than that has a motion without rows.
     """
     t, pose = recording.poses.time_s, recording.poses.values
     grid_hz = min(GRID_HZ, recording.rate_hz)
@@ -65,9 +66,10 @@ def differentiate_poses(recording: Recording, vehicle: Vehicle, window_s: float 
 def commanded_steering_angle(
     recording: Recording, vehicle: Vehicle, time_s: Floats, T_s: float | None = None, d: float | None = None
 ) -> Floats:
-    """Steering angle (N,) in rad at times (N,) in s on a uniform grid that the commands alone give, from rest.
+    """Steering angle (N,) in rad that the commands alone give at the times (N,) in s of a uniform grid.
 
-    The actuator's time constant `T_s` (s) and rate limit `d` (rad/s) are the vehicle file's, or defaults, where None.
+    The actuator starts at the first command; its time constant `T_s` (s) and rate limit `d` (rad/s) are the vehicle
+    file's, or defaults, where None.
     """
     T_s = T_s or vehicle.steering.time_constant_s or DEFAULT_TIME_CONSTANT_S
     d = d or vehicle.steering.max_rate_radps or DEFAULT_RATE_RADPS
@@ -80,7 +82,10 @@ def commanded_steering_angle(
 
 @njit
 def _actuator_response(u_s: Floats, T_s: float, d: float, step_s: float) -> Floats:
-    """Steering angle (N,) in rad of an actuator of time constant T_s and rate limit d under commands u_s (N,)."""
+    """Steering angle (N,) in rad of an actuator under commands u_s (N,) in rad, `step_s` seconds apart.
+
+    T_s (s) is its time constant and d (rad/s) its rate limit; it starts at the first command.
+    """
     angle = np.empty(len(u_s))
     delta = u_s[0]
     for k in range(len(u_s)):

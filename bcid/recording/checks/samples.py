@@ -26,7 +26,10 @@ class Samples(NamedTuple):
 
 
 def note_rows(time_s: Floats, rows: Bools, kind: str, action: Action, detail: str) -> list[Irregularity]:
-    """One irregularity that counts and locates the marked `rows` (N,); none where no row is marked."""
+    """One irregularity that counts the rows marked in `rows` (N,) and gives their time span; [] where none is marked.
+
+    `kind`, `action` and `detail` are that irregularity's own fields.
+    """
     if not rows.any():
         return []
     hit = time_s[rows & np.isfinite(time_s)]
@@ -37,10 +40,10 @@ def note_rows(time_s: Floats, rows: Bools, kind: str, action: Action, detail: st
 
 
 def clean_samples(time_s: Floats, values: Floats, stream_name: str, source: str) -> Samples:
-    """The samples of times (N,) in s and values (N, n) that are finite, each once, in strictly increasing time.
+    """The samples with finite times (N,) in s and values (N, n), each once, in strictly increasing order of time.
 
     Raises:
-        InputRefused: no samples, many that are no numbers, or a clock that steps back.
+        InputRefused: there are no samples, many are no finite numbers, or the clock steps back.
     """
     if len(time_s) == 0:
         raise InputRefused(source, stream_name, "holds no samples", "record the take again")
@@ -66,7 +69,7 @@ def clean_samples(time_s: Floats, values: Floats, stream_name: str, source: str)
 
 
 def _sort_by_time(samples: Samples, stream_name: str, source: str) -> Samples:
-    """The samples in the order of their times; `InputRefused` where the clock was set back, so that times repeat."""
+    """The samples sorted by time, if some came late; `InputRefused` where the clock was set back and times repeat."""
     time_s = samples.time_s
     back = np.r_[0.0, -np.diff(time_s)]
     if not (back > 0.0).any():
@@ -86,7 +89,7 @@ def _sort_by_time(samples: Samples, stream_name: str, source: str) -> Samples:
 
 
 def _drop_contradictions(samples: Samples, stream_name: str, source: str) -> Samples:
-    """The samples without those of equal time but different values, of which none can be chosen."""
+    """The samples without those that share a time but differ in values; `InputRefused` where very many do."""
     _, inverse, counts = np.unique(samples.time_s, return_inverse=True, return_counts=True)
     shared = counts[inverse] > 1
     if shared.mean() > STREAM.max_shared_stamp_share:
@@ -97,7 +100,7 @@ def _drop_contradictions(samples: Samples, stream_name: str, source: str) -> Sam
 
 
 def check_pose_times(pose_s: Floats, source: str) -> None:
-    """Raise `InputRefused` where the pose times (N,) cannot be seconds of one take."""
+    """Raise `InputRefused` where pose times (N,) cannot be seconds of one take: too few, of odd rate, or too long."""
     if len(pose_s) < STREAM.min_poses:
         raise InputRefused(source, "pose", f"only {len(pose_s)} poses remain", "record a longer take")
     step = float(np.median(np.diff(pose_s)))
@@ -112,7 +115,7 @@ def check_pose_times(pose_s: Floats, source: str) -> None:
 
 
 def check_command_times(commands: Samples, hold_s: float, source: str) -> None:
-    """Raise `InputRefused` where commands are farther apart than `hold_s`, or two sources send them by turns."""
+    """Raise `InputRefused` where commands come less often than every `hold_s` seconds, or two sources send by turns."""
     step = float(np.median(np.diff(commands.time_s))) if len(commands.time_s) > 1 else 0.0
     if step > hold_s:
         cause = f"commands come every {step:.3g} s, but hold for {hold_s:g} s only"
@@ -126,7 +129,7 @@ def check_command_times(commands: Samples, hold_s: float, source: str) -> None:
 
 
 def check_streams_overlap(pose_s: Floats, command_s: Floats, source: str) -> None:
-    """Raise `InputRefused` where the times of poses (N,) and of commands (M,) do not overlap."""
+    """Raise `InputRefused` where the time spans of poses (N,) and of commands (M,), in s, do not overlap."""
     (first, last), (begin, end) = ((t[0], t[-1]) for t in (pose_s, command_s))
     if min(last, end) <= max(first, begin):
         spans = f"poses ({first:.3f} to {last:.3f} s) and commands ({begin:.3f} to {end:.3f} s)"
@@ -136,7 +139,11 @@ def check_streams_overlap(pose_s: Floats, command_s: Floats, source: str) -> Non
 
 
 def longest_command_step(command_s: Floats, hold_s: float) -> float:
-    """The step (s) between commands (M,) beyond which one is missing: 1.5 usual steps, or `hold_s` if less."""
+    """Longest time (s) between two commands (M,) at which no command in between is taken as lost.
+
+    It is `STREAM.gap_steps` times the median step, but at most `hold_s`, the longest time for which a command holds;
+    and `hold_s` where commands are not sent at a regular rate.
+    """
     if len(command_s) < 2:
         return hold_s
     steps = np.diff(command_s)
@@ -145,7 +152,7 @@ def longest_command_step(command_s: Floats, hold_s: float) -> float:
 
 
 def find_gaps(time_s: Floats, longest_s: float, stream_name: str) -> list[Irregularity]:
-    """A warning of the gaps in a stream: steps between its times (N,) that are longer than `longest_s`."""
+    """A warning of a stream's gaps: steps between its sample times (N,) longer than `longest_s` (s); [] without any."""
     steps = np.diff(time_s)
     wide = steps > longest_s
     text = f"{steps[wide].sum():.2f} s in all, the longest {steps.max(initial=0.0):.3f} s"
@@ -153,10 +160,9 @@ def find_gaps(time_s: Floats, longest_s: float, stream_name: str) -> list[Irregu
 
 
 def find_uncovered_ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s: float) -> list[Irregularity]:
-    """Warnings of a beginning or an end of the take at which only poses (N,) or only commands (M,) are there.
+    """Warnings where a take begins or ends with only poses (N,) or only commands (M,): one of their logs may be cut.
 
-    Poses may begin and end within `hold_s` of the commands, and commands within `step_s` of the poses: where they come
-    later or stop earlier, their log may be cut.
+    Poses may start later or stop earlier than commands by `hold_s`, and commands than poses by `step_s` (s).
     """
     spans = {"command": (command_s[0], command_s[-1], step_s), "pose": (pose_s[0], pose_s[-1], hold_s)}
     warnings = []
@@ -171,7 +177,7 @@ def find_uncovered_ends(pose_s: Floats, command_s: Floats, hold_s: float, step_s
 
 
 def sources_alternate(values: Floats) -> bool:
-    """Whether two sources write one stream (N, n) by turns: every second sample is mostly nearer than the next."""
+    """Whether two sources write a stream (N, n) by turns: samples lie nearer to the next but one than to the next."""
     if len(values) < 3:
         return False
     to_next, to_second = (np.linalg.norm(values[k:] - values[:-k], axis=1) for k in (1, 2))

@@ -16,7 +16,7 @@ NEIGHBOURS = 11  # pose steps whose median a step is compared with
 
 
 def drop_held_poses(poses: Samples) -> Samples:
-    """The poses each once, where a table or a topic repeats the last one until the next comes."""
+    """The poses without repetitions, where a table or topic of higher rate repeats each until the next one comes."""
     new = np.r_[True, (np.diff(poses.values, axis=0) != 0.0).any(axis=1)]
     changes = np.flatnonzero(new)
     if len(changes) < 3 or np.median(np.diff(changes)) < LIMITS.min_held_samples:
@@ -26,9 +26,10 @@ def drop_held_poses(poses: Samples) -> Samples:
 
 
 def drop_frozen_poses(poses: Samples, commands: Samples) -> Samples:
-    """The poses without those that repeat the last one, to the last digit, for long while the throttle is on.
+    """The poses without runs of the same pose, to the last digit, for over `POSE.max_repeat_s` under throttle.
 
-    Where the car goes on from the repeated pose, as from a wall, the poses are kept and a warning is noted.
+    Such a pose is held by the tracking while the car moves on.  Where the next pose is close to it, the car stood, as
+    at a wall: these poses are kept with a warning.
     """
     time_s, values = poses.time_s, poses.values
     same = np.r_[False, (np.diff(values, axis=0) == 0.0).all(axis=1)]
@@ -48,7 +49,11 @@ def drop_frozen_poses(poses: Samples, commands: Samples) -> Samples:
 
 
 def drop_yaw_flips(poses: Samples, commands: Samples) -> Samples:
-    """The poses without stretches whose yaw is turned by 180 degrees, as of markers that look the same both ways."""
+    """The poses without stretches whose yaw is off by 180 degrees, as symmetric markers cause.
+
+    Jumps of the yaw by 180 degrees divide the poses into two alternating sets; the set in which the car would drive
+    backward under throttle is dropped.
+    """
     yaw = poses.values[:, 2]
     step = np.diff(poses.time_s)
     half = np.abs(np.abs(np.angle(np.exp(1j * np.diff(yaw)))) - math.pi) < LIMITS.flip_tolerance_rad
@@ -64,7 +69,7 @@ def drop_yaw_flips(poses: Samples, commands: Samples) -> Samples:
 
 
 def _forward_alignment(poses: Samples, commands: Samples, rows: Bools) -> float:
-    """The mean cosine between yaw and motion in `rows` under throttle: 1 forward, -1 backward, 0 unknown."""
+    """Mean cosine between yaw and motion under throttle in the marked rows: 1 forward, -1 backward, 0 unknown."""
     step = np.diff(poses.values[:, :2], axis=0)
     far = np.hypot(*step.T)
     use = rows[1:] & rows[:-1] & (far > LIMITS.min_heading_step * np.quantile(far, 0.95))
@@ -75,13 +80,17 @@ def _forward_alignment(poses: Samples, commands: Samples, rows: Bools) -> float:
 
 
 def _throttle_at(time_s: Floats, commands: Samples) -> Floats:
-    """The throttle (N,) that holds at the times (N,); 0 before the first command."""
+    """Throttle u_m (N,) (m/s, a brake share below 0) of the latest command at each time (N,); 0 before the first."""
     row = np.searchsorted(commands.time_s, time_s, side="right") - 1
     return np.where(row >= 0, commands.values[np.maximum(row, 0), 1], 0.0)
 
 
 def _find_jumps(poses: Samples, vehicle: Vehicle) -> Ints:
-    """Rows before which the pose jumps faster than any car moves, or far faster than it did just before and after."""
+    """Rows whose pose lies farther from the one before than the vehicle can drive in that time (`mocap.max_speed_mps`).
+
+    Rows are also marked where the speed from pose to pose far exceeds the median of its neighbours
+    (`POSE.jump_factor`, `jump_speed_mps`, `jump_acceleration_mps2`).
+    """
     step_s = np.diff(poses.time_s)
     # two stamps that nearly coincide give no speed
     step_s = np.maximum(step_s, 0.5 * float(np.median(step_s)))
@@ -98,10 +107,13 @@ def _find_jumps(poses: Samples, vehicle: Vehicle) -> Ints:
 
 
 def split_at_jumps(poses: Samples, commands: Samples, vehicle: Vehicle, source: str) -> tuple[Samples, list[float]]:
-    """The poses without outliers and bodies that stand still, and the times (s) of the first poses after jumps.
+    """The poses without outliers and ghosts, and the times (s) of the first poses left after each jump.
+
+    A ghost is a part of the poses beside a jump that stands still while the throttle is on: another body taken for
+    the car, or the last pose of a body that the tracking lost.
 
     Raises:
-        InputRefused: two bodies alternate, or jumps are everywhere.
+        InputRefused: two bodies alternate, or over `POSE.max_jump_share` of the steps are jumps.
     """
     if sources_alternate(poses.values[:, :2]):
         cause = "two bodies alternate: several publishers on the topic, a label that swaps, or two stretches mixed"
@@ -127,7 +139,12 @@ def split_at_jumps(poses: Samples, commands: Samples, vehicle: Vehicle, source: 
 
 
 def _find_outliers_and_ghosts(poses: Samples, commands: Samples, jumps: Ints, vehicle: Vehicle) -> dict[str, Bools]:
-    """Masks (N,) of poses to leave out, by reason: outliers between jumps, and poses that stand still beside one."""
+    """Masks (N,) of poses to leave out, by the reason in words: outliers, ghosts, and poses held by the tracking.
+
+    `jumps` are rows whose pose jumps away from the one before.  An outlier is a short stretch between two jumps; a
+    ghost is a part beside a jump that stands still while the throttle is on, such as another body taken for the car;
+    a held pose is one that the tracking repeats to the last digit.
+    """
     time_s, xy = poses.time_s, poses.values[:, :2]
     size = LIMITS.ghost_size * vehicle.body.wheelbase_m
     driven = _throttle_at(time_s, commands) > 0.0
@@ -152,7 +169,10 @@ def _find_outliers_and_ghosts(poses: Samples, commands: Samples, jumps: Ints, ve
 
 
 def _find_standing_parts(xy: Floats, a: int, b: int, begins: bool, ends: bool, size: float) -> list[tuple[int, int]]:
-    """Ranges in rows a to b of xy (N, 2) that stay within `size` (m): after a jump at a, if any, or before one at b."""
+    """Row ranges (first, end) at either end of a stretch where the position xy (N, 2) stands still within `size` (m).
+
+    The stretch is rows `a` to `b` (excluded) of xy; only its ends at a jump count: `begins` after one, `ends` before.
+    """
     parts = []
     for within in (size, 0.0):
         first, last = _count_still_samples(xy[a:b], within), _count_still_samples(xy[a:b][::-1], within)
@@ -163,6 +183,6 @@ def _find_standing_parts(xy: Floats, a: int, b: int, begins: bool, ends: bool, s
 
 
 def _count_still_samples(xy: Floats, size: float) -> int:
-    """The number of samples at the start of xy (N, 2) that lie within `size` (m) of the first one."""
+    """The number of samples at the start of the positions xy (N, 2) that lie within `size` (m) of the first one."""
     far = np.hypot(*(xy - xy[0]).T) > size
     return int(np.argmax(far)) if far.any() else len(xy)

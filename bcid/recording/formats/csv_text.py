@@ -50,7 +50,9 @@ class CsvText:
 
 
 def read_csv_text(path: Path, comment: str | None = None) -> CsvText:
-    """The decoded text of the CSV file at `path` without a cut last line; lines that begin with `comment` are no rows.
+    """The text of a CSV file, decoded, with its separator and decimal mark; a last line that was cut is left out.
+
+    Lines that begin with `comment` are not taken for rows.
 
     Raises:
         InputRefused: bytes of another encoding, NUL bytes inside, a second header, or numbers of two kinds.
@@ -77,7 +79,13 @@ def read_csv_text(path: Path, comment: str | None = None) -> CsvText:
 
 
 def _decode_file(path: Path) -> tuple[str, list[Irregularity]]:
-    """The file's text as UTF-8, or UTF-16 by its byte-order mark, without NUL bytes that a crash left at its end."""
+    """The file's text, decoded as UTF-8, or UTF-16 by its byte-order mark, and irregularities of the encoding.
+
+    NUL bytes that a crash left at the end are cut off.
+
+    Raises:
+        InputRefused: the file exceeds `LIMITS.max_bytes`, has another encoding, or NUL bytes inside.
+    """
     if path.stat().st_size > LIMITS.max_bytes:
         cause = f"has {path.stat().st_size} bytes, {LIMITS.max_bytes} are the most"
         raise InputRefused(path, "file", cause, "cut the recording into takes")
@@ -102,7 +110,7 @@ def _decode_file(path: Path) -> tuple[str, list[Irregularity]]:
 
 
 def _check_single_header(path: Path, text: str, head: list[str]) -> None:
-    """Raise `InputRefused` where the file's first line that has letters comes again: it holds two takes."""
+    """Raise `InputRefused` where the first of the lines `head` that has letters comes again: two takes in one file."""
     first = next((line.strip() for line in head if any(c.isalpha() for c in line)), "")
     key = "Format Version" if first.startswith("Format Version") else first
     again = text.find("\n" + key, text.find(key) + 1) if key else -1
@@ -112,7 +120,7 @@ def _check_single_header(path: Path, text: str, head: list[str]) -> None:
 
 
 def _find_decimal_mark(path: Path, text: str, separator: str) -> str:
-    """The decimal mark of the numbers, comma or point; `InputRefused` where there are both."""
+    """The decimal mark of the text's numbers, "," or "."; `InputRefused` where both occur."""
     if separator == ",":
         return "."
     comma, point = DECIMAL_COMMA.search(text), DECIMAL_POINT.search(text)
@@ -124,7 +132,10 @@ def _find_decimal_mark(path: Path, text: str, separator: str) -> str:
 
 
 def _check_row_lengths(path: Path, text: str, top: int, separator: str, comment: str | None) -> None:
-    """Raise `InputRefused` where a row after the offset `top`, but for the last, has fewer cells than nearly all."""
+    """Raise `InputRefused` where a row has fewer cells than nearly all rows: a part of the file was never written.
+
+    Rows begin at the character `top` of the text; the last one is not checked.
+    """
     first = text.count("\n", 0, top) + 1
     lines = text[top:].rstrip("\n").split("\n")[:-1]
     cells = [line.count(separator) for line in lines if line and not (comment and line.startswith(comment))]
@@ -142,10 +153,10 @@ def _check_row_lengths(path: Path, text: str, top: int, separator: str, comment:
 
 
 def _drop_cut_line(path: Path, text: str, separator: str) -> tuple[str, list[Irregularity]]:
-    """The text without a last line that the end of the file has cut, and a warning of it.
+    """The text without a last line that the end of the file has cut, and a warning of a last line without line end.
 
-    A last line that does not end is whole where it has as many cells as those before, and its last cell as many
-    decimals as all of theirs, if these agree.
+    A last line without line end is kept if it looks whole: it has as many cells as the line before, and its last cell
+    has as many decimals as in the lines before, or these differ among each other.
     """
     if text.endswith("\n"):
         return text, []

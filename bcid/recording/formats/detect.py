@@ -18,7 +18,7 @@ SHOWN_NAME_LENGTH = 60  # characters of an unusable name in a message
 
 
 def check_path_name(path: Path) -> None:
-    """Raise `InputRefused` where no file can have the name `path`."""
+    """Raise `InputRefused` where the operating system allows no file of this name: too long, or with NUL characters."""
     try:
         path.exists()
     except (OSError, ValueError) as error:
@@ -39,7 +39,7 @@ def check_nonempty_file(path: Path) -> None:
 
 
 def recording_files(path: Path) -> list[Path]:
-    """The files of which a recording consists: `path` itself, or in order the parts in a split bag's folder."""
+    """The files of a recording: `path` itself, or in order the MCAP parts of a ROS 2 bag whose folder is `path`."""
     check_path_name(path)
     bag = path.is_dir() and (path / BAG_METADATA).is_file()
     parts = [p for p in path.glob("*.mcap") if p.is_file()] if bag else []
@@ -48,7 +48,11 @@ def recording_files(path: Path) -> list[Path]:
 
 
 def describe_missing_parts(path: Path) -> str | None:
-    """A sentence on the parts of a split bag that are not there or were not named; None where none is missing."""
+    """A sentence on the parts of a split ROS 2 bag that are missing or not named; None where none is.
+
+    A part is missing where the folder's metadata.yaml names a file that is not there, or where `path` is one part
+    of several.
+    """
     if path.is_dir():
         metadata = (path / BAG_METADATA).read_text(encoding="utf-8", errors="replace")
         stated = set(re.findall(r"[^\s\[\],'\"/]+\.mcap", metadata))
@@ -61,7 +65,7 @@ def describe_missing_parts(path: Path) -> str | None:
 
 
 def detect_format(path: Path) -> Format:
-    """The format of a recording, by its first bytes or a text file's suffix; `InputRefused` where unknown."""
+    """The format of a recording, by its first bytes or a text file's suffix; `InputRefused` if unknown or no file."""
     path = recording_files(path)[0]
     check_nonempty_file(path)
     with path.open("rb") as file:
@@ -76,15 +80,15 @@ def detect_format(path: Path) -> Format:
         return "motive"
     if is_text and path.suffix.lower() in (".csv", ".txt", ".tsv"):
         return "table"
-    place, cause = f"byte {0 if is_text else head.index(0)}", "is no MCAP file, Motive CSV or table"
-    raise InputRefused(path, place, cause, "name a .mcap, a Motive .csv or a table")
+    place, table = ("byte 0", "mapped .csv or .parquet") if is_text else (f"byte {head.index(0)}", "table")
+    raise InputRefused(path, place, "is no MCAP file, Motive CSV or table", f"name a .mcap, a Motive .csv or a {table}")
 
 
 def find_commands_file(path: Path, commands: Path | None) -> Path | None:
-    """The commands file of a Motive export: `commands`, or the one beside it; None where a recording holds its own.
+    """The path of a Motive export's commands file: `commands`, else NAME.commands.csv beside it; None for others.
 
     Raises:
-        UsageError: `commands` is named for a recording that holds its own.
+        UsageError: `commands` is named for a recording of another format, which holds its own.
     """
     if detect_format(path) == "motive":
         return commands or path.with_suffix(".commands.csv")

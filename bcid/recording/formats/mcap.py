@@ -27,7 +27,7 @@ DECODING_ERRORS = (struct.error, EOFError, OverflowError, AssertionError, TypeEr
 
 @contextmanager
 def _refuse_undecodable(path: Path, topic: str) -> Iterator[None]:
-    """Context in which `InputRefused` is raised where messages of `topic` cannot be decoded or lack a field."""
+    """Context that turns errors of decoding messages of `topic`, and fields that they lack, into `InputRefused`."""
     place = f"topic {topic}"
     try:
         yield
@@ -43,7 +43,7 @@ def _refuse_undecodable(path: Path, topic: str) -> Iterator[None]:
 
 
 def _topic_schema_name(contents: McapContents, topic: str) -> str:
-    """The name of the topic's schema; `InputRefused` where there is no such topic, no message, or several types."""
+    """The name of the type of a topic's messages; `InputRefused` where it has none, is absent, or has several types."""
     every, path, place = contents.channels.values(), contents.path, f"topic {topic}"
     if not every:
         raise InputRefused(path, place, "is not in the file, which has no channels", "record the topics")
@@ -65,7 +65,7 @@ def _topic_schema_name(contents: McapContents, topic: str) -> str:
 
 
 def _find_several_publishers(contents: McapContents, topics: Iterable[str]) -> list[Irregularity]:
-    """Warnings of those topics to which more than one channel of a file writes."""
+    """A warning for each topic on which several channels of one MCAP file hold messages, which are then mixed."""
     warnings = []
     for topic in topics:
         files = Counter(c.id // CHANNELS_PER_FILE for c in contents.published_channels(topic))
@@ -78,7 +78,10 @@ def _find_several_publishers(contents: McapContents, topics: Iterable[str]) -> l
 def _read_mapped_fields(
     contents: McapContents, topic: str, fields: list[FieldMapping], time_field: str | None
 ) -> MessageTrack:
-    """The topic's messages with one column of values for each mapped field; stamps are read from `time_field`."""
+    """A topic's messages as values (N, n) in SI units, a column for each of the n mapped fields, with their times.
+
+    Stamps are read from `time_field`, or from the usual places in the header where it is None.
+    """
     names = raw_field_names(fields)
     log_ns, stamps, rows = [], [], []
     for logged, message in contents.decode_messages(topic):
@@ -92,7 +95,10 @@ def _read_mapped_fields(
 
 
 def _read_pose_track(contents: McapContents, schema: str, vehicle: Vehicle, topics: Topics) -> MessageTrack:
-    """The pose topic's messages, with columns x (m), y (m) and yaw (rad) of the vehicle's body."""
+    """The pose topic's messages as values (N, 3): x (m), y (m) and yaw (rad) of the vehicle's body, with their times.
+
+    `schema` names the message type: a known pose type, a transform tree, or any if the vehicle file maps its fields.
+    """
     path, fields = contents.path, topics.pose_fields
     if fields is not None:
         return _read_mapped_fields(contents, topics.pose, [fields.x_m, fields.y_m, fields.yaw_rad], fields.time_s)
@@ -125,7 +131,10 @@ def _read_pose_track(contents: McapContents, schema: str, vehicle: Vehicle, topi
 
 
 def _track_on_floor(log_ns: list[int], stamps: list[int | None], rows: Floats, path: Path) -> MessageTrack:
-    """Poses (x, y, yaw in m, rad) of positions and quaternions (N, 7), Z up; NaN where the car is lifted or tipped."""
+    """Poses (N, 3), x, y (m) and yaw (rad), from rows (N, 7) of x, y, z (up) and a quaternion x, y, z, w.
+
+    Rows where the car is lifted or tipped over are NaN and noted; `log_ns` and `stamps` are the messages' times in ns.
+    """
     time_s = (np.array(log_ns, dtype=float) - log_ns[0]) / 1e9
     yaw, odd = checked_yaw(rows[:, 3:], "Z", time_s, path)
     up, lifts = find_lifted_samples(rows[:, :2], rows[:, 2], time_s)
@@ -135,7 +144,10 @@ def _track_on_floor(log_ns: list[int], stamps: list[int | None], rows: Floats, p
 
 
 def _choose_command_fields(schema: str, first: Any, topics: Topics, path: Path) -> CommandFields:
-    """The fields of the commands, by the vehicle file or else by the message type; `first` is the first message."""
+    """Which fields of command messages hold steering, throttle and further channels, by the vehicle file or the type.
+
+    `first` is the first message, which shows what channels there are; a Twist without a mapping is refused.
+    """
     if topics.command_fields is not None:
         return topics.command_fields
     if schema in ros.TWIST_SCHEMAS:
@@ -151,7 +163,7 @@ def _choose_command_fields(schema: str, first: Any, topics: Topics, path: Path) 
 
 
 def _read_command_track(contents: McapContents, schema: str, topics: Topics) -> tuple[MessageTrack, list[str]]:
-    """The command topic's messages, with columns for steering, throttle and channels, and the channels' names."""
+    """The command messages as values (M, 2 + n), steering, throttle, n further channels; and the channels' names."""
     place, (_, first) = f"topic {topics.command}", next(contents.decode_messages(topics.command))
     fields = _choose_command_fields(schema, first, topics, contents.path)
     extra = {name: field for name in OPTIONAL_CHANNELS if (field := getattr(fields, name)) is not None}
@@ -169,7 +181,9 @@ def _read_command_track(contents: McapContents, schema: str, topics: Topics) -> 
 
 
 def read_mcap(path: Path, vehicle: Vehicle, allow_partial: bool = False) -> RawTake:
-    """The raw streams of an MCAP file or split bag; with `allow_partial` without those parts that cannot be read.
+    """The unchecked pose and command streams of an MCAP file or a split bag's folder, by the vehicle file's topics.
+
+    With `allow_partial`, parts that cannot be read are left out and noted.
 
     Raises:
         InputRefused: the file cannot be used, with the problems of both topics.

@@ -84,7 +84,7 @@ class McapContents:
 
 
 def _message_decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: Path) -> Any:
-    """The function that decodes a channel's messages; `InputRefused` where their encoding or schema is not read."""
+    """The decoder of a channel's messages (JSON, CDR, protobuf) from bytes; `InputRefused` for another encoding."""
     from mcap_protobuf.decoder import DecoderFactory as Protobuf
     from mcap_ros2.decoder import DecoderFactory as Ros2
 
@@ -107,7 +107,9 @@ def _message_decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: 
 
 
 def read_contents(path: Path, topics: Collection[str], allow_partial: bool) -> McapContents:
-    """The contents on the wanted topics of an MCAP file or of a split bag's folder; parts may be lost if allowed.
+    """The messages on the wanted topics of an MCAP file or of a split bag's folder, with their channels and schemas.
+
+    With `allow_partial`, parts that cannot be read are left out and noted as lost.
 
     Raises:
         InputRefused: a checksum does not match or the file is cut, with the byte, where no part may be lost.
@@ -119,7 +121,10 @@ def read_contents(path: Path, topics: Collection[str], allow_partial: bool) -> M
 
 
 def _read_part(contents: McapContents, path: Path, shift: int) -> None:
-    """Add the wanted contents of one file, `shift` added to its channel numbers; note as lost what cannot be read."""
+    """Add the wanted messages of one MCAP file to `contents`, and note as lost what of the file cannot be read.
+
+    `shift` is added to the file's numbers of channels and schemas, to keep apart those of a bag's other parts.
+    """
     before, unverified, statistics, vouched, indexed = dict(contents.counts), contents.unverified, None, False, False
     try:
         for entry in iterate_records(path):
@@ -171,13 +176,13 @@ def _read_part(contents: McapContents, path: Path, shift: int) -> None:
 
 
 def _enter_declaration(contents: McapContents, known: dict[int, Any], record: Any) -> None:
-    """Add a schema or channel to the `known` ones by its number, or note that it contradicts the one of this number."""
+    """Add an MCAP schema or channel to `known` by its number; note in `contents` if another has that number."""
     if known.setdefault(record.id, record) != record:
         contents.contradicted.append(f"{type(record).__name__.lower()} {record.id % CHANNELS_PER_FILE}")
 
 
 def _add_record(contents: McapContents, entry: McapEntry, shift: int) -> None:
-    """Add a schema, channel or message of a file to the contents, `shift` added to its numbers; skip other records."""
+    """Add an MCAP schema, channel or wanted message to `contents`, `shift` added to its numbers; ignore others."""
     record = entry.record
     if isinstance(record, kinds.Schema):
         _enter_declaration(contents, contents.schemas, replace(record, id=record.id + shift))

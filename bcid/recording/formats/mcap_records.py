@@ -58,7 +58,7 @@ class _ExactStream(ReadDataStream):
 
 
 def _parse_record(opcode: int, body: bytes, offset: int) -> kinds.McapRecord:
-    """The record of this kind in `body`, after whose last field more bytes are allowed; else `DamagedRecord`."""
+    """The MCAP record of kind `opcode` in the bytes `body`; `DamagedRecord` at the byte `offset` if there is none."""
     kind: Any = RECORD_TYPES[opcode]
     try:
         stream = _ExactStream(io.BytesIO(body))
@@ -69,7 +69,11 @@ def _parse_record(opcode: int, body: bytes, offset: int) -> kinds.McapRecord:
 
 
 def _unpack_chunk(chunk: kinds.Chunk, offset: int) -> bytes:
-    """The content of the chunk at the byte `offset`, checked against its declared size and checksum."""
+    """The decompressed content of the MCAP chunk at the byte `offset`.
+
+    Raises:
+        DamagedRecord: its size or checksum is not as declared, it grows beyond the limit, or cannot be decompressed.
+    """
     size, packed = chunk.uncompressed_size, len(chunk.data)
     most = min(LIMITS.max_record_bytes, _largest_expansion(packed))
     if size > most:
@@ -88,12 +92,12 @@ def _unpack_chunk(chunk: kinds.Chunk, offset: int) -> bytes:
 
 
 def _largest_expansion(size: int) -> int:
-    """The most bytes of content that `size` packed bytes may hold."""
+    """The most bytes that `size` compressed bytes may hold: LIMITS.max_expansion_factor times, or 16 MiB if more."""
     return max(LIMITS.free_expansion_bytes, LIMITS.max_expansion_factor * size)
 
 
 def _check_declared_sizes(file: IO[bytes], end: int) -> None:
-    """Raise `DamagedRecord` where the chunks together declare more content than a file of `end` bytes may hold."""
+    """Raise `DamagedRecord` where an MCAP file of `end` bytes declares more decompressed content than is allowed."""
     most, total, offset = _largest_expansion(end), 0, len(MCAP_MAGIC)
     while offset + RECORD_HEAD.size <= end:
         file.seek(offset)
@@ -107,7 +111,7 @@ def _check_declared_sizes(file: IO[bytes], end: int) -> None:
 
 
 def _decompress(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
-    """At most `most` bytes of the chunk's content; `DamagedRecord` where its compression is not known."""
+    """The first `most` bytes of an MCAP chunk, decompressed; `DamagedRecord` if it is neither zstd, lz4 nor plain."""
     if chunk.compression == "":
         return bytes(chunk.data)
     if chunk.compression == "lz4":
@@ -127,7 +131,7 @@ def _decompress(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
 
 
 def _parse_chunk_content(data: bytes, offset: int) -> Iterator[kinds.McapRecord]:
-    """The schemas, channels and messages in the content of the chunk at the byte `offset`."""
+    """Yield the schemas, channels and messages in the decompressed bytes of the MCAP chunk at the byte `offset`."""
     at = 0
     while at < len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, at) if at + RECORD_HEAD.size <= len(data) else (0, len(data))
@@ -142,7 +146,7 @@ def _parse_chunk_content(data: bytes, offset: int) -> Iterator[kinds.McapRecord]
 
 
 def _read_exactly(file: IO[bytes], n: int, offset: int) -> bytes:
-    """The next `n` bytes of the record at the byte `offset`; `DamagedRecord` where the file ends before."""
+    """The next `n` bytes of the file; `DamagedRecord` at `offset`, where the record begins, if the file ends before."""
     data = file.read(n)
     if len(data) != n:
         raise DamagedRecord(offset, "the file ends inside a record")
@@ -150,7 +154,7 @@ def _read_exactly(file: IO[bytes], n: int, offset: int) -> bytes:
 
 
 def _skip_with_checksum(file: IO[bytes], length: int, offset: int, crc: int) -> int:
-    """The checksum `crc` continued over the next `length` bytes, which are not kept."""
+    """Read past the next `length` bytes of the file; returns the CRC-32 `crc` continued over them."""
     for n in [SKIP_BLOCK_BYTES] * (length // SKIP_BLOCK_BYTES) + [length % SKIP_BLOCK_BYTES]:
         crc = zlib.crc32(_read_exactly(file, n, offset), crc)
     return crc
@@ -196,7 +200,13 @@ def iterate_records(path: Path, attachments: bool = False) -> Iterator[McapEntry
 
 
 def _open_record(opcode: int, body: bytes, offset: int, crc: int) -> Iterator[McapEntry]:
-    """The record in `body`, or the records of the chunk in it; `crc` is the checksum of the section before it."""
+    """Yield the MCAP record in `body`; for a chunk the records in it, or its `DamagedRecord` if it is unreadable.
+
+    `crc` is the CRC-32 of the file's section so far, with which that of a data end or a footer is compared.
+
+    Raises:
+        DamagedRecord: a record outside chunks cannot be read, or a checksum does not match.
+    """
     record = _parse_record(opcode, body, offset)
     if isinstance(record, kinds.Chunk):
         try:

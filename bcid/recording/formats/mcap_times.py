@@ -23,7 +23,10 @@ class MessageTrack(NamedTuple):
 
 
 def _find_invalid_times(ns: Floats, duration_ns: float) -> Bools:
-    """Those of a topic's times (N,) in ns that are invalid: negative, far too late, all the same, or an unset zero."""
+    """Which of a topic's times (N,) in ns are invalid: negative, far in the future, all the same, or an unset zero.
+
+    A zero is unset where all later times exceed the duration plus `LIMITS.min_unused_stamp_ns`.
+    """
     wrong = (ns < 0.0) | (ns >= LIMITS.max_stamp_ns)
     if len(ns) > 1 and np.ptp(ns) == 0.0:
         wrong[:] = True
@@ -34,7 +37,7 @@ def _find_invalid_times(ns: Floats, duration_ns: float) -> Bools:
 
 
 def _check_times(track: MessageTrack, stamped: bool, topic: str, path: Path) -> None:
-    """Raise `InputRefused` where header stamps (if `stamped`) or log times of the topic's messages are invalid."""
+    """Raise `InputRefused` where a topic's stamps (if `stamped`, else log times) are negative, unset or all alike."""
     if stamped:
         times = np.array([float(s) for s in track.stamp_ns if s is not None])
         first, last = min(track.log_ns), max(track.log_ns)
@@ -64,10 +67,12 @@ class CommonTimes(NamedTuple):
 
 
 def common_times(pose: MessageTrack, command: MessageTrack, topics: Topics, path: Path) -> CommonTimes:
-    """The times of both topics on one clock: header stamps where all messages carry them, or else log times.
+    """The times in s of pose and command messages on one clock: header stamps where all carry them, or else log times.
+
+    Jumps of the stamps' clock are noted as splits; log times that come in bursts are evened out.
 
     Raises:
-        InputRefused: times are invalid, or stamps are missing where the vehicle file names them.
+        InputRefused: times are invalid, or stamps are missing where the vehicle file asks for them.
     """
     stamped = all(s is not None for s in (*pose.stamp_ns, *command.stamp_ns))
     if topics.time == "header" and not stamped:
@@ -93,7 +98,11 @@ def common_times(pose: MessageTrack, command: MessageTrack, topics: Topics, path
 
 
 def _find_clock_jumps(stamp_s: Floats, logged_s: Floats) -> Ints:
-    """Rows before which the stamps (N,) step against the log times for good, not for one late message only."""
+    """Rows at which the clock of the stamps jumps, as seen against the log times.
+
+    The difference of log times and stamps (N,) in s changes there by more than `LIMITS.max_clock_step_s`, and does
+    not change back with the next message, as it does for one late message.
+    """
     behind, limit = logged_s - stamp_s, LIMITS.max_clock_step_s
     rows = np.flatnonzero(np.abs(np.diff(behind)) > limit) + 1
     stays = np.abs(behind[np.minimum(rows + 1, len(behind) - 1)] - behind[rows - 1]) > limit
@@ -101,7 +110,11 @@ def _find_clock_jumps(stamp_s: Floats, logged_s: Floats) -> Ints:
 
 
 def _even_out_bursts(time_s: Floats, topic: str) -> tuple[Floats, list[Irregularity]]:
-    """Arrival times (N,), on an even grid between gaps where they come in bursts and lie close to it; and a warning."""
+    """Arrival times (N,) in s, put on an even grid between gaps if messages come in bursts, with a warning then.
+
+    The grid is a straight line of time over message number, by least squares.  Times are kept where any lies further
+    than `LIMITS.max_grid_error_s` from the grid.
+    """
     if len(time_s) < 3:
         return time_s, []
     step = np.diff(time_s)

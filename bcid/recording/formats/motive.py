@@ -20,7 +20,7 @@ from bcid.vehicle import Vehicle
 
 
 def _parse_frames(file: CsvText, header: MotiveHeader) -> pd.DataFrame:
-    """The table's rows after the header, which are numbered from 0; blank ones are left out."""
+    """The rows of a Motive export below its header, a frame each, as a table with columns 0, 1, ...; no blank rows."""
     names = list(range(len(header.axes)))
     try:
         table = parse_rows(file, skiprows=header.table_row + 1, header=None, names=names, skip_blank_lines=False)
@@ -32,7 +32,7 @@ def _parse_frames(file: CsvText, header: MotiveHeader) -> pd.DataFrame:
 
 
 def _numeric_cells(table: pd.DataFrame, columns: list[int], header: MotiveHeader, path: Path) -> Floats:
-    """The columns (N, n) of these indices as floats, blank cells NaN; `InputRefused` where a cell holds text."""
+    """The table's n columns of these indices as floats (N, n), blank cells NaN; `InputRefused` where one holds text."""
     part = np.column_stack([parse_numbers(table[c]) for c in columns])
     bad = np.isnan(part) & table[columns].notna().to_numpy()
     if bad.any():
@@ -44,7 +44,11 @@ def _numeric_cells(table: pd.DataFrame, columns: list[int], header: MotiveHeader
 
 
 def _frame_times(frames: Floats, stated_s: Floats, rate: float, path: Path, header: MotiveHeader) -> Floats:
-    """Times (N,) in s of the frames: T = frame / rate, since the Time column is rounded, but must agree with it."""
+    """Times (N,) in s of frame numbers (N,): frame / rate, since the Time column `stated_s` (N,) is rounded.
+
+    Raises:
+        InputRefused: a row has no frame number, or its stated time differs by more than LIMITS.max_time_error_*.
+    """
     if not np.isfinite(frames).all():
         row = int(np.argmin(np.isfinite(frames)))
         raise InputRefused(path, f"line {header.table_row + 2 + row}", "has no frame number", "export the take again")
@@ -59,7 +63,7 @@ def _frame_times(frames: Floats, stated_s: Floats, rate: float, path: Path, head
 
 
 def _find_missing_frames(header: MotiveHeader, rows: int, path: Path) -> list[Irregularity]:
-    """A warning of frames that the header counts and the table of so many rows lacks: the export was cut."""
+    """A warning, in a list, where the header counts more frames than the table has `rows`: the export was cut."""
     stated = header.keys.get("Total Exported Frames", "")
     if not stated.isdecimal() or int(stated) <= rows:
         return []
@@ -68,7 +72,7 @@ def _find_missing_frames(header: MotiveHeader, rows: int, path: Path) -> list[Ir
 
 
 def _pose_columns(header: MotiveHeader, body: str, path: Path) -> tuple[dict[str, int], dict[str, int]]:
-    """Indices of the body's position and rotation columns by axis; `InputRefused` where one is missing."""
+    """Column indices by axis of the body's position and of its rotation (X, Y, Z and perhaps W); refused if missing."""
     position, rotation = header.column_indices(body, "Position"), header.column_indices(body, "Rotation")
     if set(position) != set("XYZ") or set(rotation) not in ({*"XYZ"}, {*"XYZW"}):
         raise InputRefused(path, f"rigid body {body!r}", "lacks rotation or position columns", "export both")
@@ -76,7 +80,10 @@ def _pose_columns(header: MotiveHeader, body: str, path: Path) -> tuple[dict[str
 
 
 def _find_poor_solutions(header: MotiveHeader, body: str, table: pd.DataFrame, scale: float, path: Path) -> Bools:
-    """The rows (N,) whose mean marker error is so large, or so exactly zero, that the pose was not measured."""
+    """Mask (N,) of the rows whose pose was not measured, by Motive's mean marker error, which `scale` turns into m.
+
+    Such an error is far above the usual one (LIMITS.max_marker_error_*), or exactly zero where few are.
+    """
     columns = [i for name in ("Mean Marker Error", "Marker Error") for i in header.column_indices(body, name).values()]
     error = scale * _numeric_cells(table, columns[:1], header, path)[:, 0] if columns else np.empty(0)
     known = error[np.isfinite(error)]
@@ -92,7 +99,11 @@ def _find_poor_solutions(header: MotiveHeader, body: str, table: pd.DataFrame, s
 def _yaw_of_rotations(
     header: MotiveHeader, rotations: Floats, vehicle: Vehicle, time_s: Floats, path: Path
 ) -> tuple[Floats, list[Irregularity]]:
-    """Yaw (N,) in rad of quaternions (N, 4) or Euler angles (N, 3) in degrees, and their irregularities."""
+    """Yaw (N,) in rad of quaternions x, y, z, w (N, 4) or Euler angles (N, 3) in degrees; and their irregularities.
+
+    Raises:
+        InputRefused: angles in radians, an unknown order of turns, or too many invalid quaternions.
+    """
     if rotations.shape[1] == 4:
         return attitude.checked_yaw(rotations, vehicle.mocap.up_axis, time_s, path)
     low, high = np.nanmin(rotations, axis=0, initial=0.0), np.nanmax(rotations, axis=0, initial=0.0)
@@ -112,7 +123,13 @@ def _yaw_of_rotations(
 
 
 def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
-    """The poses of the vehicle's body in a Motive export, with no commands (M = 0); `InputRefused` where unusable."""
+    """The vehicle's poses (N, 3) in a Motive CSV export, x, y (m) and yaw (rad) on the floor, without commands (M = 0).
+
+    Poses that were not measured, or off the floor, are NaN.
+
+    Raises:
+        InputRefused: the export lacks the body, a column, the frame rate or a unit, or a cell is no number.
+    """
     source, file = identify_file(path, "motive-csv"), read_csv_text(path)
     header, problems = motive_header.read_motive_header(file), Problems()
     if header.keys.get("Coordinate Space", "Global") != "Global":
@@ -152,7 +169,7 @@ def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
 
 
 def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
-    """The raw streams of a Motive export and its commands file; `InputRefused` with the problems of both."""
+    """The unchecked poses of a Motive CSV export with the commands of its commands file; refused if either is bad."""
     problems = Problems()
     with problems.gather_refusals():
         poses = read_motive_poses(path, vehicle)

@@ -42,7 +42,11 @@ class MotiveHeader:
 
 
 def read_motive_header(file: CsvText) -> MotiveHeader:
-    """The header of a Motive export; `InputRefused` where its version is unknown or it has no table or rigid body."""
+    """The header of a Motive CSV export: its keys (rates, units), and the kind, name, measure and axis of each column.
+
+    Raises:
+        InputRefused: a version that is not known, or an export without table or rigid body.
+    """
     path, rows = file.path, file.first_rows(HEADER_ROWS)
     first = rows[0]
     keys = {k.strip(): v.strip() for k, v in zip(first[::2], first[1::2], strict=False) if k.strip()}
@@ -66,7 +70,7 @@ def read_motive_header(file: CsvText) -> MotiveHeader:
 
 
 def choose_rigid_body(header: MotiveHeader, wanted: str | None, path: Path) -> str:
-    """The name of the rigid body `wanted`, or of the only one; `InputRefused` where the export has no such body."""
+    """The rigid body's name: `wanted`, or the only one if that is None; `InputRefused` if absent or one of several."""
     bodies = header.rigid_body_names()
     if wanted in bodies:
         return str(wanted)
@@ -104,7 +108,7 @@ def parse_frame_rate(header: MotiveHeader, path: Path) -> tuple[float, tuple[Irr
 
 
 def euler_rotation_order(header: MotiveHeader, path: Path) -> str:
-    """The order of the turns in the export's Euler angles, such as "XYZ"; `InputRefused` where it states another."""
+    """The order of rotations in the export's Euler angles, by default "XYZ"; `InputRefused` for any other text."""
     order = header.keys.get("Rotation Type", "XYZ").upper()
     if sorted(order) != ["X", "Y", "Z"]:
         raise InputRefused(path, "line 1", f"Rotation Type {order!r} is no order of X, Y, Z", "export quaternions")

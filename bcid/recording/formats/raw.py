@@ -31,7 +31,7 @@ class RawTake:
 
 
 def identify_file(path: Path, format_name: str) -> SourceFile:
-    """Path, digest and format of the file at `path`; `InputRefused` where it is no file or empty."""
+    """Path, SHA-256 digest and format (`format_name`) of a file; `InputRefused` where it is no file or empty."""
     check_nonempty_file(path)
     with path.open("rb") as file:
         return SourceFile(str(path), hashlib.file_digest(file, "sha256").hexdigest(), format_name)
@@ -44,10 +44,11 @@ def nearest_hint(name: str, names: Iterable[str]) -> str:
 
 
 def map_field(field: FieldMapping, column: Callable[[str], Floats]) -> Floats:
-    """SI values (N,) of a logged field: gain * dead_zone(raw) + offset within [low, high], or by the field's points.
+    """SI values (N,) of a logged field: gain * dead_zone(raw) + offset or a calibration curve, clipped to [low, high].
 
     Args:
-        field: the mapping; its dead zone makes |raw| < dead_zone zero, its points are joined by straight lines.
+        field: the mapping; its dead zone takes up to `dead_zone` off |raw|, calibration points are joined by straight
+            lines, and values are set to zero where another field meets the condition `zero_where`.
         column: looks up the raw values (N,) of a field by its name; NaN and infinite ones stay as they are.
     """
     raw = column(field.source)
@@ -66,6 +67,6 @@ def map_field(field: FieldMapping, column: Callable[[str], Floats]) -> Floats:
 
 
 def raw_field_names(fields: Iterable[FieldMapping]) -> list[str]:
-    """The names of the raw fields that the mappings look up, each once."""
+    """The names of the logged fields or columns that these mappings to SI units read, each once."""
     names = [name for f in fields for name in (f.source, f.zero_where.field if f.zero_where else None) if name]
     return list(dict.fromkeys(names))

@@ -23,7 +23,7 @@ class StampedPose(NamedTuple):
 
 
 def get_field(message: Any, path: str, default: Any = _MISSING) -> Any:
-    """The field at a dotted path of a message, such as `axes.0`, else the default; `KeyError` where none is given."""
+    """The field at a dotted `path` such as `axes.0` of a decoded message, or `default`; `KeyError` without either."""
     for part in path.split("."):
         if part.isdecimal() and isinstance(message, Sequence):
             message = message[int(part)] if int(part) < len(message) else _MISSING
@@ -39,14 +39,14 @@ def get_field(message: Any, path: str, default: Any = _MISSING) -> Any:
 
 
 def parse_number(value: Any) -> float:
-    """A field's value as a number: NaN where it is blank (JSON's null), infinite where it is not finite."""
+    """A message field's value as a float: NaN where it is blank (JSON's null), +inf where it is NaN or infinite."""
     if value is None:
         return math.nan
     return float(value) if math.isfinite(float(value)) else math.inf
 
 
 def stamp_to_nanoseconds(stamp: Any) -> int | None:
-    """A stamp in ns, from {sec, nanosec | nsec}, {seconds, nanos} or seconds as a number; None from anything else."""
+    """A stamp in ns, from {sec, nanosec}, {sec, nsec}, {seconds, nanos} or a number of seconds; None from others."""
     if isinstance(stamp, int | float):
         return round(stamp * 1e9)
     for whole, part in (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos")):
@@ -57,7 +57,7 @@ def stamp_to_nanoseconds(stamp: Any) -> int | None:
 
 
 def message_stamp_ns(message: Any) -> int | None:
-    """The stamp in ns that a message carries in its header or beside it; None where it carries none."""
+    """The stamp (ns) of a message, in its `header.stamp`, `timestamp`, `stamp` or `time_s`; None where it has none."""
     for path in ("header.stamp", "timestamp", "stamp", "time_s"):
         stamp = get_field(message, path, None)
         if stamp is not None:
@@ -66,18 +66,18 @@ def message_stamp_ns(message: Any) -> int | None:
 
 
 def pose_row(position: Any, orientation: Any) -> list[float]:
-    """The numbers x, y, z of a decoded position, then x, y, z, w of a decoded quaternion."""
+    """The list [x, y, z, q_x, q_y, q_z, q_w] of a decoded position and quaternion."""
     fields = [(position, c) for c in "xyz"] + [(orientation, c) for c in "xyzw"]
     return [parse_number(get_field(vector, c)) for vector, c in fields]
 
 
 def _read_pose(message: Any, pose: Any) -> StampedPose:
-    """A decoded geometry_msgs/Pose with the stamp of the message that holds it."""
+    """A decoded `pose` (position and quaternion) with the stamp of the message that holds it."""
     return StampedPose(message_stamp_ns(message), pose_row(get_field(pose, "position"), get_field(pose, "orientation")))
 
 
 def _pose_reader_at(path: str) -> Callable[[Any, str | None], StampedPose | None]:
-    """A reader of the pose at a dotted `path` of messages that hold one body, whichever is wanted."""
+    """A function (message, body) -> pose that reads the pose at the dotted `path`, whatever the body's name."""
     return lambda message, body: _read_pose(message, get_field(message, path))
 
 
@@ -94,7 +94,10 @@ def _read_transform_stamped(message: Any, body: str | None) -> StampedPose | Non
 
 
 def _read_rigid_body(message: Any, body: str | None) -> StampedPose | None:
-    """The pose of `body`, or of the only one, in a RigidBodies message; None where it holds others only."""
+    """The pose of the rigid body named `body` in a RigidBodies message; None where only others are in it.
+
+    Where no body is named it is that of the only one; `SeveralBodies` where there are more.
+    """
     bodies = get_field(message, "rigidbodies")
     if body is None and len(bodies) > 1:
         raise SeveralBodies(", ".join(str(get_field(b, "rigid_body_name")) for b in bodies))
@@ -136,7 +139,7 @@ TransformTree = dict[str, dict[str, FrameTransforms]]
 
 
 def read_transform_tree(messages: Iterable[tuple[int, Any]]) -> TransformTree:
-    """All transforms in decoded tf2 messages, each given with its log time (ns)."""
+    """All transforms in decoded tf2 messages (log time in ns, message), collected by child and parent frame."""
     tree: TransformTree = {}
     for logged, message in messages:
         for item in get_field(message, "transforms"):
@@ -149,7 +152,10 @@ def read_transform_tree(messages: Iterable[tuple[int, Any]]) -> TransformTree:
 
 
 def edges_to_world(tree: TransformTree, body: str | None, world: str | None, path: Path) -> list[FrameTransforms]:
-    """The transforms of the edges from the frame `body` up to the frame `world`, or to the root where it is None.
+    """The chain of transforms from the frame `body` up to the frame `world`, or to the tree's root if that is None.
+
+    Each element holds all that were sent between a child and its parent.  Where `body` is None, it is the only frame
+    without a child.
 
     Raises:
         InputRefused: no such body, two parents of one frame, a cycle, a world that is not reached, or several roots
@@ -190,7 +196,10 @@ def edges_to_world(tree: TransformTree, body: str | None, world: str | None, pat
 
 
 def find_rare_frames(tree: TransformTree, own: FrameTransforms) -> list[Irregularity]:
-    """A warning of frames sent far more rarely than the body's `own`, whose name they may misspell."""
+    """A list with a warning of frames sent at most `MCAP.max_rare_messages` times, as if the body's were misspelt.
+
+    The body's `own` transforms must be `MCAP.min_rare_ratio` times as many; else the list is empty.
+    """
     # static transforms have a log time of 0
     sent = {child: sum(log > 0 for m in edges.values() for log in m.log_ns) for child, edges in tree.items()}
     most, ratio = MCAP.max_rare_messages, MCAP.min_rare_ratio
@@ -202,9 +211,10 @@ def find_rare_frames(tree: TransformTree, own: FrameTransforms) -> list[Irregula
 
 
 def compose_transforms(edges: list[FrameTransforms]) -> Floats:
-    """Position (m) and quaternion (N, 7) of the body in the world, at each transform of its own edge, the first one.
+    """Poses (N, 7) of the body in the world: x, y, z (m), quaternion x, y, z, w; one per transform in `edges[0]`.
 
-    Of the edges above, the last transform that was sent before counts; a row is NaN where there is none.
+    `edges` lead from the body up to the world; each pose is composed with the last transform of every further edge
+    that was logged by then, and NaN where there is none.
     """
     from scipy.spatial.transform import Rotation
 
@@ -225,7 +235,7 @@ def compose_transforms(edges: list[FrameTransforms]) -> Floats:
 
 
 def _blank_non_unit_rows(moves: FrameTransforms) -> Floats:
-    """The transforms' rows (N, 7), NaN where the quaternion is not of unit length, which composing them would hide."""
+    """One edge's transforms (N, 7), x, y, z and quaternion; a row is NaN where its quaternion is not of unit length."""
     rows = np.array(moves.rows)
     with np.errstate(over="ignore"):
         rows[~(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) <= POSE.max_length_error)] = np.nan

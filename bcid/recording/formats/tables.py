@@ -24,7 +24,9 @@ COMMAND_COLUMNS = ("time_s", "steering_rad", "throttle_mps")
 
 
 def read_commands_file(path: Path) -> RawTake:
-    """The commands and channels of a file with columns `time_s,steering_rad,throttle_mps`, without poses (N = 0).
+    """The commands [steering, throttle] (M, 2) and channels of a CSV file beside a Motive export; no poses (N = 0).
+
+    Its columns are `time_s,steering_rad,throttle_mps`, and those of OPTIONAL_CHANNELS that it has.
 
     Raises:
         InputRefused: the file or a column is missing, or a cell is no number.
@@ -50,7 +52,11 @@ def read_commands_file(path: Path) -> RawTake:
 
 
 def parse_rows(file: CsvText, **options: Any) -> pd.DataFrame:
-    """The rows of a CSV text as pandas reads them with these options; a row that is too long raises an error."""
+    """The rows of a CSV text as a table, read by `pandas.read_csv` with these options.
+
+    Raises:
+        pandas.errors.ParserError or ParserWarning: a row has more cells than the header.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)
         text, separator = io.StringIO(file.text), file.separator
@@ -76,7 +82,11 @@ def _parse_csv(file: CsvText, comment: str | None = None) -> pd.DataFrame:
 
 
 def _numeric_columns(table: pd.DataFrame, columns: Iterable[str], path: Path, remedy: str) -> dict[str, Floats]:
-    """The named columns (N,) as floats, timestamps in s; `InputRefused` with all that are missing, double or text."""
+    """The named columns as floats (N,), timestamps in s from the first; `remedy` is the advice of a refusal.
+
+    Raises:
+        InputRefused: columns that are missing, there twice, or hold text, all of them in one error.
+    """
     wanted, names = list(dict.fromkeys(columns)), table.attrs.get(HEADER_NAMES, [str(c) for c in table.columns])
     problems, found = Problems(), {}
     for column in wanted:
@@ -111,7 +121,7 @@ def parse_numbers(cells: Any) -> Floats:
 
 
 def _read_parquet(path: Path, wanted: Sequence[str]) -> pd.DataFrame:
-    """Those of the wanted columns that a Parquet file has; `InputRefused` where it cannot be read or is too long."""
+    """Those of the `wanted` columns that a Parquet file has; `InputRefused` if unreadable or beyond LIMITS.max_rows."""
     import pyarrow.parquet as pq
     from pyarrow.lib import ArrowException
 
@@ -128,7 +138,7 @@ def _read_parquet(path: Path, wanted: Sequence[str]) -> pd.DataFrame:
 
 
 def read_table(path: Path, vehicle: Vehicle) -> RawTake:
-    """The raw streams of a CSV or Parquet table, by the columns that the vehicle file's `[columns]` names.
+    """The unchecked poses, commands and channels of a CSV or Parquet table, in SI by `[columns]` of the vehicle file.
 
     Raises:
         InputRefused: there is no mapping or no such column, or text where a number belongs.
