@@ -185,7 +185,7 @@ def lawn_mower(e: Envelope) -> Commands:
 
 
 def begin_and_end(e: Envelope) -> Commands:
-    """The same starts and circles at the beginning and at the end, with a rest between, to show changes with time."""
+    """Equal starts and circles at the beginning and at the end, with a rest between, to show changes with time."""
     bend, fast, slow = e.circle(0.65), e.throttle(1.0), e.throttle(0.5)
     laps = ((4, bend, fast), (3, bend, slow), (4, -bend, fast), (2, -bend, -0.6))
     return hold_commands(*laps, (9, bend, 0), *laps)
