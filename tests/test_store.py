@@ -75,7 +75,7 @@ def test_a_stage_that_fails_leaves_nothing(tmp_path: Path) -> None:
     assert not store.get_or_make(recipe(), maker()).reused
 
 
-@pytest.mark.parametrize("damage", ["flip", "remove", "manifest", "add key"])
+@pytest.mark.parametrize("damage", ["flip", "remove", "manifest", "add key", "drop key", "odd key"])
 def test_damage_is_noticed_and_made_good(damage: str, tmp_path: Path) -> None:
     store = Store(tmp_path)
     folder = store.get_or_make(recipe(), maker()).folder
@@ -88,7 +88,9 @@ def test_damage_is_noticed_and_made_good(damage: str, tmp_path: Path) -> None:
         (folder / "manifest.json").write_text("{")
     else:
         manifest = json.loads((folder / "manifest.json").read_text())
-        (folder / "manifest.json").write_text(json.dumps({**manifest, "seed": 7}))
+        seed = manifest.pop("seed")
+        kept = {"add key": {"seed": 7}, "drop key": {}, "odd key": {"sded": seed}}[damage]
+        (folder / "manifest.json").write_text(json.dumps({**manifest, **kept}))
     again = store.get_or_make(recipe(), maker())
     assert not again.reused
     assert target.read_text() == "x"

@@ -18,5 +18,5 @@ class ManifestDocument(Document):
     settings: dict[str, Any]
     code: str  # digest of the stage's code with all that it imports
     packages: dict[str, str]  # versions of the libraries that it imports
-    seed: int | None = None
-    files: dict[str, str] = Field(default_factory=dict)  # SHA-256 by path within the artifact
+    seed: int | None
+    files: dict[str, str]  # SHA-256 by path within the artifact

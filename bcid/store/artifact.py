@@ -150,11 +150,9 @@ def is_whole(folder: Path, recipe: Recipe) -> bool:
     """Whether `folder` holds the undamaged artifact of `recipe`: its manifest, and every file as it was written."""
     try:
         manifest = ManifestDocument.read(folder / MANIFEST)
-        # compared as it stands, too: a document passes over nulls, whatever their keys have become
-        written = json.loads((folder / MANIFEST).read_bytes())
         there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {MANIFEST}
         return (
-            written == recipe.manifest(manifest.files).as_json()
+            manifest == recipe.manifest(manifest.files)
             and there == set(manifest.files)
             and all(file_sha256(folder / name) == digest for name, digest in manifest.files.items())
         )
