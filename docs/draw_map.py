@@ -13,7 +13,7 @@ import grimp
 
 ROOT = Path(__file__).parent.parent
 WIDTH, BOX_WIDTH, BOX_HEIGHT, GAP = 960, 268, 62, 34
-SHIFTS = (-60, 20, -20, 60)  # of the floors, so that no arrow runs straight behind a box that it has nothing to do with
+SHIFTS = (-60, 20, -20, 60)  # of the floors, so that few arrows run straight down through boxes
 
 
 def packages() -> dict[str, Path]:
@@ -75,17 +75,11 @@ def svg() -> str:
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {(top + 1) * (BOX_HEIGHT + GAP)}" '
         'font-family="sans-serif" font-size="11">',
-        "<style>path{fill:none;stroke:#8a9aa8;stroke-width:1.1;marker-end:url(#tip)}"
+        "<style>path{fill:none;stroke:#c0504d;stroke-opacity:.55;stroke-width:1.2;marker-end:url(#tip)}"
         "rect{fill:#f4f7fa;stroke:#46627f}</style>",
         '<marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
-        '<polygon points="0 0 8 4 0 8" fill="#46627f"/></marker>',
+        '<polygon points="0 0 8 4 0 8" fill="#c0504d"/></marker>',
     ]
-    for name, imported in below.items():
-        for other in sorted(imported):
-            (x_a, y_a), (x_b, y_b) = place[name], place[other]
-            x_a, x_b, y_a = x_a + BOX_WIDTH / 2, x_b + BOX_WIDTH / 2, y_a + BOX_HEIGHT
-            bend = f"C{x_a:.0f} {y_a + GAP:.0f} {x_b:.0f} {y_b - GAP:.0f} {x_b:.0f} {y_b:.0f}"
-            out.append(f'<path d="M{x_a:.0f} {y_a:.0f}{bend}"/>')
     for name, (x, y) in place.items():
         words, rows = summary(parts[name]).rstrip(".").split(), [""]
         for word in words:
@@ -97,6 +91,13 @@ def svg() -> str:
         out.append(f'<text x="{x + 8:.0f}" y="{y + 15:.0f}" font-size="13" font-weight="bold">{name}</text>')
         for i, text in enumerate(shown):
             out.append(f'<text x="{x + 8:.0f}" y="{y + 29 + 13 * i:.0f}">{escape(text)}</text>')
+    # over the boxes, so that an arrow that passes one by is not taken for its own
+    for name, imported in below.items():
+        for other in sorted(imported):
+            (x_a, y_a), (x_b, y_b) = place[name], place[other]
+            x_a, x_b, y_a = x_a + BOX_WIDTH / 2, x_b + BOX_WIDTH / 2, y_a + BOX_HEIGHT
+            bend = f"C{x_a:.0f} {y_a + GAP:.0f} {x_b:.0f} {y_b - GAP:.0f} {x_b:.0f} {y_b:.0f}"
+            out.append(f'<path d="M{x_a:.0f} {y_a:.0f}{bend}"/>')
     return "\n".join([*out, "</svg>", ""])
 
 
