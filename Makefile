@@ -24,6 +24,7 @@ fuzz kills: $(READY)
 # all counts that docs/recordings.md tells, and the page itself: hours
 faults: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m faults counts $(if $(BCID_RECORDINGS),--recordings $(BCID_RECORDINGS)) --out docs/results/faults.json
+	PYTHONPATH=tests $(BIN)/python -m faults battery --out docs/results/faults.json
 	$(MAKE) fuzz N=10000
 	$(MAKE) kills N=200
 	cd tests && ../$(BIN)/python -m catalogue > ../docs/recordings.md
@@ -35,7 +36,7 @@ check: $(READY)
 	$(BIN)/lint-imports
 
 samples: $(READY)
-	$(BIN)/bcid simulate --sample-logs sample_logs --seed 1
+	$(BIN)/bcid simulate --sample-logs sample_logs --seed 1 --force
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv

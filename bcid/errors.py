@@ -6,6 +6,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from unicodedata import category
+
+
+def printable(text: str, kept: str = "\n") -> str:
+    r"""The text with a replacement sign for each character that a terminal might obey; those in `kept` stay.
+
+    Such are control characters, marks that turn the direction of writing, and bytes of file names that are no text.
+    All that is printed of names (files, takes, bodies, topics, columns) passes through here.
+
+    >>> printable("take\x1b[31m.csv")
+    'take�[31m.csv'
+    """
+    # blanks of any width are no danger, though Python calls all but one unprintable
+    return "".join(c if c.isprintable() or c in kept or category(c) == "Zs" else "�" for c in text)
 
 
 class Problem(NamedTuple):
@@ -15,6 +29,12 @@ class Problem(NamedTuple):
     cause: str
     next_step: str
     source: str = ""  # the file; empty for the one that is being checked
+
+
+def _describe_problem(problem: Problem) -> str:
+    """A problem as two lines: where and what it is, and the next step; no name in it can begin a line of its own."""
+    source, place = printable(problem.source, ""), printable(problem.place, "")
+    return f"{source}: {place}: {printable(problem.cause)}\n  next: {printable(problem.next_step)}"
 
 
 class BcidError(Exception):
@@ -51,7 +71,7 @@ class InputRefused(BcidError):
     ) -> None:
         self.source, self.place, self.cause, self.next_step = str(source), place, cause, next_step
         self.problems = tuple(problems) or (Problem(place, cause, next_step, self.source),)
-        super().__init__("\n".join(f"{p.source}: {p.place}: {p.cause}\n  next: {p.next_step}" for p in self.problems))
+        super().__init__("\n".join(_describe_problem(p) for p in self.problems))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """How the error is pickled, so that it reaches another process with all its problems."""

@@ -2,15 +2,52 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from bcid.files.toml import Settings, read_toml
+from bcid.limits import VEHICLE as LIMITS
+from bcid.mapping import Columns, CommandColumns, CommandFields, Name, PoseFields
 
 Positive = Annotated[float, Field(gt=0)]
+
+OTHER_UNITS = {
+    "rad": (("degrees", math.pi / 180), ("milliradians", 1e-3)),
+    "rad/s": (("degrees per second", math.pi / 180),),
+    "m": (("mm", 1e-3), ("cm", 1e-2)),
+    "m/s": (("km/h", 1 / 3.6), ("mm/s", 1e-3)),
+    "kg": (("g", 1e-3), ("t", 1e3)),
+    "s": (("ms", 1e-3), ("µs", 1e-6)),
+}
+"""Units that are mistaken for those of a vehicle file, each with its size in that unit."""
+
+
+def _refuse_beyond(value: float, low: float, high: float, unit: str, what: str = "") -> None:
+    """Raise pydantic's error where the size of `value` is outside [low, high], with the units in which it is inside.
+
+    `what` names the quantity where it is not the entry itself.
+    """
+    if low <= abs(value) <= high:
+        return
+    meant = [f"{value * k:.4g} if that is in {name}" for name, k in OTHER_UNITS[unit] if low <= abs(value * k) <= high]
+    text = f"{what}{value:g} {unit} is beyond any car ({low:.3g} to {high:.3g} {unit})"
+    text += f": write {', or '.join(meant)}" if meant else ""
+    raise PydanticCustomError("beyond_any_car", "{text}", {"text": text})
+
+
+def _within(low: float, high: float, unit: str) -> AfterValidator:
+    """A validator of numbers in `unit` whose size lies in [low, high]."""
+
+    def check(value: float) -> float:
+        """Return the value; raise pydantic's error where no car has it."""
+        _refuse_beyond(value, low, high, unit)
+        return value
+
+    return AfterValidator(check)
 
 
 class Body(Settings):
@@ -18,10 +55,22 @@ class Body(Settings):
 
     cog_to_front_m: Positive
     cog_to_rear_m: Positive
-    mass_kg: Positive | None = None
+    mass_kg: Annotated[Positive, _within(LIMITS.min_mass_kg, LIMITS.max_mass_kg, "kg")] | None = None
     drive: Literal["front", "rear", "all"] = "front"
     front_drive_share: Annotated[float, Field(ge=0, le=1)] | None = None
-    rear_track_m: Positive | None = None
+    rear_track_m: Annotated[Positive, _within(LIMITS.min_track_m, LIMITS.max_track_m, "m")] | None = None
+
+    @model_validator(mode="after")
+    def _check_size(self) -> Body:
+        """Refuse a wheelbase that no car has, and a mass that no car of this wheelbase has."""
+        wheelbase_m = self.wheelbase_m
+        _refuse_beyond(
+            wheelbase_m, LIMITS.min_wheelbase_m, LIMITS.max_wheelbase_m, "m", "cog_to_front_m + cog_to_rear_m, "
+        )
+        if self.mass_kg is not None:
+            low, high = (k * wheelbase_m**3 for k in (LIMITS.min_mass_kgpm3, LIMITS.max_mass_kgpm3))
+            _refuse_beyond(self.mass_kg, low, high, "kg", f"with a wheelbase of {wheelbase_m:g} m, mass_kg, ")
+        return self
 
     @property
     def wheelbase_m(self) -> float:
@@ -32,119 +81,69 @@ class Body(Settings):
 class Steering(Settings):
     """The table [steering]: the servo; time constant and rate are identified where absent."""
 
-    max_angle_rad: Positive
-    max_rate_radps: Positive | None = None
-    time_constant_s: Annotated[float, Field(ge=0.02)] | None = None  # RK4 at 0.05 s is unstable below
+    max_angle_rad: Annotated[Positive, _within(LIMITS.min_steering_rad, LIMITS.max_steering_rad, "rad")]
+    max_rate_radps: (
+        Annotated[Positive, _within(LIMITS.min_steering_rate_radps, LIMITS.max_steering_rate_radps, "rad/s")] | None
+    ) = None
+    # RK4 at 0.05 s is unstable below 0.02 s
+    time_constant_s: Annotated[float, Field(ge=0.02), _within(0.0, LIMITS.max_time_constant_s, "s")] | None = None
 
 
 class Motor(Settings):
-    """The table [motor]: the motor controller (errata 13); law "force" is F_m = K (u - u_0) - K_v v_w."""
+    """The table [motor]: the motor controller (errata 13); law "force" is F_m = K (u - u_0) - K_v v_w.
+
+    Where it `reverses`, a throttle below zero is a reference speed backward; braking is a channel of its own.
+    """
 
     law: Literal["speed", "force"] = "speed"
-    reference_speed_mps: Positive | None = None
+    reference_speed_mps: (
+        Annotated[Positive, _within(LIMITS.min_reference_speed_mps, LIMITS.max_reference_speed_mps, "m/s")] | None
+    ) = None
+    reverses: bool = False
 
 
 class Mocap(Settings):
-    """The table [mocap]: how the tracked body sits on the car and how the export names it."""
+    """The table [mocap]: how the tracked body sits on the car, and how positions are written in any format."""
 
-    rigid_body: str | None = None
+    rigid_body: Name | None = None
+    # Motive's world is Y-up unless exported otherwise; positions of other formats are Z-up where they move so
     up_axis: Literal["Y", "Z"] = "Y"
-    yaw_offset_rad: float | None = None
+    yaw_offset_rad: Annotated[float, _within(0.0, LIMITS.max_yaw_offset_rad, "rad")] | None = None
     marker_offset_m: Annotated[tuple[float, float], Field(strict=False)] | None = None
-    length_unit: Literal["m", "cm", "mm"] | None = None  # only where the export's header has none
-    max_speed_mps: Positive | None = None  # a jump beyond it is a tracking failure
+    # of positions whose file states none, and that no gain turns into m
+    length_unit: Literal["m", "cm", "mm"] | None = None
+    # a jump beyond it is a tracking failure
+    max_speed_mps: Annotated[Positive, _within(0.0, LIMITS.max_speed_mps, "m/s")] | None = None
+
+    @property
+    def metres_per_unit(self) -> float:
+        """The size (m) of the unit in which positions are written; 1 where none is stated."""
+        return {"m": 1.0, "cm": 1e-2, "mm": 1e-3}[self.length_unit or "m"]
 
 
-class Condition(Settings):
-    """Selects rows in which a logged field equals a value."""
+class CommandTopics(Settings):
+    """The topics of a command whose steering and throttle are messages of their own."""
 
-    field: str
-    equals: float
-
-
-CalibrationPoint = Annotated[tuple[float, float], Field(strict=False)]
-
-
-class FieldMapping(Settings):
-    """How a logged field is turned into SI: gain * dead_zone(raw) + offset, within [low, high].
-
-    `gain_negative` is the gain for raw values below the dead zone where it differs.  A calibrated servo has `points`
-    instead, of raw value and angle: straight lines between them, the ends beyond.
-    """
-
-    source: Annotated[str, Field(alias="from")]
-    gain: float = 1.0
-    gain_negative: float | None = None
-    offset: float = 0.0
-    dead_zone: Annotated[float, Field(ge=0)] = 0.0
-    low: float | None = None
-    high: float | None = None
-    zero_where: Condition | None = None
-    points: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2, strict=False)] | None = None
-
-    @model_validator(mode="after")
-    def _check_points(self) -> FieldMapping:
-        """Refuse calibration points that do not rise, or that stand beside a gain or a dead zone."""
-        if self.points is None:
-            return self
-        raw = [a for a, _ in self.points]
-        if any(b <= a for a, b in pairwise(raw)):
-            raise ValueError("points must rise in their raw value")
-        if self.gain != 1.0 or self.gain_negative is not None or self.dead_zone:
-            raise ValueError("points stand in the place of gain, gain_negative and dead_zone")
-        return self
-
-
-# a bare field name stands for the mapping of gain 1
-LoggedField = Annotated[FieldMapping, BeforeValidator(lambda raw: {"from": raw} if isinstance(raw, str) else raw)]
-
-OPTIONAL_CHANNELS = ("measured_steering_rad", "wheel_speed_mps", "yaw_rate_radps")
-"""Quantities that may be logged beside pose and command."""
-
-
-class PoseFields(Settings):
-    """Where a pose is in a table's row or a message."""
-
-    x_m: LoggedField
-    y_m: LoggedField
-    yaw_rad: LoggedField
-    time_s: str | None = None
-
-
-class CommandFields(Settings):
-    """Where a command is in a table's row or a message."""
-
-    steering_rad: LoggedField
-    throttle_mps: LoggedField
-    time_s: str | None = None
-    measured_steering_rad: LoggedField | None = None
-    wheel_speed_mps: LoggedField | None = None
-    yaw_rate_radps: LoggedField | None = None
+    steering: Name
+    throttle: Name
 
 
 class Topics(Settings):
     """The table [topics] of MCAP topics; fields are given only for messages of no known type."""
 
-    pose: str
-    command: str
+    pose: Name
+    command: Name | CommandTopics
     time: Literal["auto", "header", "log"] = "auto"
-    child_frame: str | None = None  # which body of a TFMessage or RigidBodies
-    world_frame: str | None = None  # the frame of a TFMessage in which the body is wanted; else the tree's root
+    child_frame: Name | None = None  # which body of a TFMessage or RigidBodies
+    world_frame: Name | None = None  # the frame of a TFMessage in which the body is wanted; else the tree's root
     pose_fields: PoseFields | None = None
     command_fields: CommandFields | None = None
-
-
-class Columns(PoseFields, CommandFields):
-    """The table [columns] of a CSV or Parquet log, whose commands stand in the same rows as its poses."""
-
-    time_s: str
-    comment: Annotated[str, Field(min_length=1, max_length=1)] | None = None
 
 
 class Command(Settings):
     """The table [command]: how long a command value holds when no new row comes."""
 
-    max_hold_s: Positive = 0.5
+    max_hold_s: Annotated[Positive, _within(0.0, LIMITS.max_hold_s, "s")] = 0.5
 
 
 class Clock(Settings):
@@ -163,8 +162,19 @@ class Vehicle(Settings):
     mocap: Mocap = Mocap()
     topics: Topics | None = None
     columns: Columns | None = None
+    commands: CommandColumns = CommandColumns()
     command: Command = Command()
     clock: Clock | None = None
+
+    @field_validator("mocap")
+    @classmethod
+    def _check_marker(cls, mocap: Mocap, info: ValidationInfo) -> Mocap:
+        """Refuse a tracked point that lies several wheelbases from the CoG."""
+        body = info.data.get("body")
+        if body is not None and mocap.marker_offset_m is not None:
+            high = LIMITS.max_marker_wheelbases * body.wheelbase_m
+            _refuse_beyond(math.hypot(*mocap.marker_offset_m), 0.0, high, "m", "marker_offset_m, a distance of ")
+        return mocap
 
     @property
     def front_share(self) -> float:
@@ -174,10 +184,16 @@ class Vehicle(Settings):
         return 1.0 if self.body.drive == "front" else 0.0
 
     @property
+    def has_brake(self) -> bool:
+        """Whether anything brakes the car: the throttle below zero, or a channel of its own."""
+        mapped = (self.columns, self.commands, self.topics.command_fields if self.topics else None)
+        return not self.motor.reverses or any(m.brake_share is not None for m in mapped if m is not None)
+
+    @property
     def has_raw_steering(self) -> bool:
         """Whether steering commands come in raw units, which a gain or calibration points turn into rad."""
-        mapped = (self.columns, self.topics.command_fields if self.topics else None)
-        angles = [m.steering_rad for m in mapped if m]
+        mapped = (self.columns, self.commands, self.topics.command_fields if self.topics else None)
+        angles = [m.steering_rad for m in mapped if m and m.steering_rad is not None]
         gains = {abs(g) for a in angles for g in (a.gain, a.gain_negative) if g is not None}
         return bool(gains - {1.0}) or any(a.points for a in angles)
 

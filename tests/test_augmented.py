@@ -20,6 +20,7 @@ from bcid.effects.measurement import tracked_pose
 from bcid.effects.motion import integrate_body, steady_lags
 from bcid.effects.table import EFFECTS
 from bcid.errors import InputRefused, UsageError
+from bcid.estimate.command_parts import cut_into_parts, hold_for_periods
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses, predict_whole_take
 from bcid.models import published
@@ -117,7 +118,8 @@ def test_it_follows_a_take_closed_loop(estimates: list[Estimate]) -> None:
 def test_compiled_steps_are_the_plain_ones(estimates: list[Estimate]) -> None:
     model = augmented(**CHAIN, **MEASURED)
     now = unpack_carry(model.init(history_at(estimates[0], 40, 10)))
-    plain, compiled = (f(now, 0.4, 1.5, model.setup) for f in (advance_augmented.py_func, advance_augmented))  # type: ignore[attr-defined]
+    parts = np.array([[0.03, 0.1, 1.2, 0.3], [0.07, 0.4, 1.5, 0.0], [0.0, 0.4, 1.5, 0.0]])
+    plain, compiled = (f(now, parts, model.setup) for f in (advance_augmented.py_func, advance_augmented))  # type: ignore[attr-defined]
     np.testing.assert_allclose(np.array(plain.body), np.array(compiled.body), atol=1e-12)
 
 
@@ -228,7 +230,8 @@ def test_a_start_on_the_way_goes_on_as_the_whole_drive() -> None:
             carry, _ = model.step(carry, command)
     seen = np.array(rows)[-11:]
     kinematic = np.column_stack([np.zeros((11, 3)), seen[:, 6]])
-    history = History(seen[:, 3:6], kinematic, u[k - 10 : k], seen[:, :3], 0.1 * np.arange(k - 10, k + 1))
+    parts, time_s = hold_for_periods(u[k - 10 : k], 0.1), 0.1 * np.arange(k - 10, k + 1)
+    history = History(seen[:, 3:6], kinematic, parts, seen[:, :3], time_s)
     whole = rollout(model, history_at_rest(10), u)
     np.testing.assert_allclose(rollout(model, history, u[k:]), whole[k:], rtol=0.0, atol=1e-9)
 
@@ -289,18 +292,18 @@ def broken(folder: Path, place: str, key: str | None, value: Any) -> Path:
     [
         ("effects", "steering_delays__tau", 0.1, "steering_delay__tau"),
         ("effects", "gravity", 9.81, "gravity"),
-        ("effects", "steering_delay__tau", "0.1", "no finite number"),
-        ("effects", "steering_delay__tau", True, "no finite number"),
-        ("effects", "steering_delay__tau", math.nan, "no finite number"),
+        ("effects", "steering_delay__tau", "0.1", "effects.steering_delay__tau: should be a valid number"),
+        ("effects", "steering_delay__tau", True, "effects.steering_delay__tau: should be a valid number"),
+        ("effects", "steering_delay__tau", math.nan, "effects.steering_delay__tau: should be a finite"),
         ("effects", "steering_delay__tau", 1e9, "no car has"),
-        ("effects", "pose_scale__kappa", -1.0, "no car has"),
-        ("effects", None, [1.0], "effects: no object"),
-        ("car", "K_t", None, "K_t is None"),
-        ("car", "J_z", 3.0, "'J_z'"),
+        ("effects", "pose_scale__kappa", -1.0, "no camera has"),
+        ("effects", None, [1.0], "effects: should be an object"),
+        ("car", "K_t", None, "car.K_t: should be a valid number"),
+        ("car", "J_z", 3.0, "car.J_z: there is no such key"),
         ("car", None, {"m": 1.0}, "missing"),
         ("constants", "v_c", "slow", "v_c"),
         ("facts", None, 3, "facts"),
-        ("angle_limit", None, -1.0, "no car has"),
+        ("angle_limit", None, -1.0, "angle_limit: should be greater than 0"),
         ("period_s", None, "0.1", "period_s"),
         ("recording_s", None, 10**400, "newton-euler-augmented"),
     ],
@@ -376,7 +379,7 @@ def simulated(tmp_path: Path, model: Model, manoeuvre: Path, *more: str) -> Path
     folder.mkdir(exist_ok=True)
     save_model(model, folder)
     words = ["simulate", "drive", "--model", str(folder), "--commands", str(manoeuvre), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, [*words, *more, "--format", "json"], catch_exceptions=False)
+    done = CliRunner().invoke(app, [*words, *more, "--force", "--format", "json"], catch_exceptions=False)
     return Path(json.loads(done.stdout)["recordings"][0])
 
 
@@ -403,18 +406,18 @@ def test_a_saved_model_is_driven_and_recorded(tmp_path: Path, vehicle: Vehicle, 
 
 
 def test_a_discrete_model_is_driven_in_its_own_steps(tmp_path: Path, vehicle: Vehicle) -> None:
-    """What is written as commanded is what it was given: nothing before the first row, then from the next step on."""
+    """Commands are written as they are, zero before the first; a discrete model is given their means."""
     times = np.r_[0.53, np.arange(0.6, 3.0, 0.05)]
     u = np.column_stack([np.full(len(times), 0.4), np.linspace(1.0, 2.0, len(times))])
     path = simulated(tmp_path, published.k_sindy(), commands_file(tmp_path, times, u), *NOISELESS, "--duration", "4")
     recording = read_recording(path, vehicle)
     assert recording.duration_s == pytest.approx(4.0, abs=0.02)
     given = recording.commands
-    np.testing.assert_allclose(given.time_s, 0.1 * np.arange(40), atol=1e-6)
-    assert (given.values[:6] == 0.0).all()
-    assert given.values[6] == pytest.approx(u[1], abs=1e-6)
+    np.testing.assert_array_equal(given.held_at(times), np.round(u, 6))
+    assert (given.values[given.time_s < 0.53] == 0.0).all()
     assert given.values[-1] == pytest.approx(u[-1], abs=1e-6)
-    moved = integrate_poses(np.zeros(3), rollout(published.k_sindy(), history_at_rest(0), given.values), 0.1)
+    parts = cut_into_parts(given.time_s, given.values, 0.1 * np.arange(40), 0.1)
+    moved = integrate_poses(np.zeros(3), rollout(published.k_sindy(), history_at_rest(0), parts), 0.1)
     assert recording.poses.values[-1, :2] == pytest.approx(moved[-1, :2], abs=0.01)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
@@ -86,7 +87,10 @@ def test_errors_have_a_place_a_cause_and_a_next_step(tmp_path: Path, vehicle_fil
     )
     refused(bcid("estimate", take), 2, "--vehicle", "next: ")
     refused(bcid("fit", "--model", "bicycle"), 2, "bicycle", "next: ")
-    refused(bcid("estimate", "--bogus"), 2)
+    refused(bcid("estimate", "--bogus"), 2, "No such option: --bogus (", "next: ", "--help")
+    refused(bcid("estimate", "--vehicel", "v.toml"), 2, "--vehicle", "next: ")
+    refused(bcid("diagnos"), 2, "'diagnos'", "Did you mean", "diagnose", "next: ")
+    refused(bcid("fit", "--model"), 2, "requires an argument", "next: ")
     refused(bcid("simulate", "--set", "gravity=9"), 2, "gravity", "next: ")
     refused(bcid("ingest", take, "--vehicle", vehicle_file, *out, "--format", "xml"), 2)
 
@@ -99,7 +103,7 @@ def test_init_writes_files_that_can_be_read(tmp_path: Path) -> None:
     assert made.returncode == 0
     assert read_vehicle(tmp_path / "new" / "vehicle.toml").name == "my-car"
     assert len(read_pipeline_file(tmp_path / "new" / "pipeline.toml").models) == 6
-    refused(bcid("init", tmp_path / "new"), 2, "exists already", "next: ")
+    refused(bcid("init", tmp_path / "new"), 4, "exists already", "next: ", "--force")
 
 
 def test_the_contract_s_own_vehicle_file_is_read(tmp_path: Path) -> None:
@@ -124,7 +128,7 @@ def test_recordings_may_be_named_directly(tmp_path: Path, takes: dict[str, Path]
     assert json.loads(taken.stdout)["recordings"][0]["name"] == "drive"
     estimated = json.loads(bcid("estimate", takes["motive"], *where, "--format", "json").stdout)
     folder = Path(estimated["estimates"][0]["folder"])
-    assert {p.name for p in folder.iterdir()} == {"estimate.parquet", "estimate.json", "manifest.json"}
+    assert {p.name for p in folder.iterdir()} >= {"estimate.parquet", "estimate.json", "manifest.json"}
     fit = bcid("fit", takes["motive"], "--model", "k-sindy", *where)
     assert fit.returncode == 0
     assert "v_f(k+1) =" in fit.stdout
@@ -150,8 +154,70 @@ def test_of_several_recordings_all_that_are_refused_are_told(
     assert "drive" in taken.stdout  # the good one between them is read, and told
 
 
+HOSTILE = "x\x1b[31m\x07\u202ecsv"
+
+
 def test_hostile_names_are_inert(tmp_path: Path, vehicle_file: Path) -> None:
     take = circling_take(tmp_path, name="[red]<script>x")
     done = bcid("ingest", take, "--vehicle", vehicle_file, "--out", tmp_path / "w")
     assert done.returncode == 0
     assert "[red]<script>x" in done.stdout
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no such names there")
+def test_no_control_character_of_a_name_is_printed(tmp_path: Path, vehicle_file: Path) -> None:
+    """In results, progress and errors; of takes, models, effects, cars and options; in tables, titles and sentences."""
+    take = circling_take(tmp_path, name=f"{HOSTILE}\nerror: forged")
+    where, car = ("--out", tmp_path / "w"), tmp_path / f"car{HOSTILE}.toml"
+    car.write_text(vehicle_file.read_text().replace('"bumper-car"', '"car\\u001b[31m"'))
+    told = [
+        bcid("ingest", take, "--vehicle", car, *where),
+        bcid("ingest", "--check", take, "--vehicle", car),
+        bcid("estimate", take, "--vehicle", car, *where),
+        bcid("ingest", tmp_path / f"none{HOSTILE}\nerror: forged.csv", "--vehicle", car, *where),
+        bcid("estimate", take, "--vehicle", tmp_path / HOSTILE, *where),
+        bcid("effects", HOSTILE),
+        bcid("fit", "--model", HOSTILE),
+        bcid("models", f"--{HOSTILE}"),
+        bcid(HOSTILE),
+        bcid("prove", "--quick", "--case", HOSTILE, *where),
+        bcid("diagnose", take, "--vehicle", car, *where, "--simulation", HOSTILE),
+    ]
+    for done in told:
+        text = done.stdout + done.stderr
+        assert "Traceback" not in text
+        assert "internal error" not in text
+        assert not {c for c in text if not c.isprintable()} - {"\n", "\N{NO-BREAK SPACE}", "\N{NARROW NO-BREAK SPACE}"}
+        assert not [line for line in text.splitlines() if line.startswith("error: forged")]
+
+
+def test_titles_of_tables_and_stages_are_cleaned(monkeypatch: pytest.MonkeyPatch) -> None:
+    from bcid.cli.sink import CleanConsole, Format, Sink, plain_table
+
+    table = plain_table(f"title {HOSTILE}", [f"column {HOSTILE}"], [[f"cell {HOSTILE}"]], f"caption {HOSTILE}")
+    told = io.StringIO()
+    CleanConsole(file=told, width=200).print(table)
+    monkeypatch.setenv("NO_COLOR", "1")
+    sink = Sink(Format.human)
+    sink.err, sink.lively = CleanConsole(file=told, width=200), True
+    with sink.stage(f"stage {HOSTILE}") as progress:
+        progress(0.5, f"text {HOSTILE}")
+    sink.report_reused(f"reused {HOSTILE}")
+    sink.note(f"note {HOSTILE}")
+    sink.error(f"error {HOSTILE}")
+    text = told.getvalue()
+    assert text.count("x�[31m��csv") >= 8
+    assert all(c.isprintable() or c == "\n" for c in text)
+
+
+def test_takes_that_are_no_go_end_with_exit_code_4(tmp_path: Path, vehicle_file: Path) -> None:
+    """One of several is enough; each says why."""
+    good, short = circling_take(tmp_path, "good", 40.0), circling_take(tmp_path, "short", 3.0)
+    alone = bcid("ingest", "--check", short, "--vehicle", vehicle_file)
+    assert alone.returncode == 4
+    assert "no-go" in alone.stdout
+    assert "short.csv: health: no-go" in alone.stderr
+    both = bcid("ingest", "--check", good, short, "--vehicle", vehicle_file, "--format", "json")
+    assert both.returncode == 4
+    assert [t["go"] for t in json.loads(both.stdout)["recordings"]][1] is False
+    assert "short.csv: health: no-go" in both.stderr

@@ -13,10 +13,11 @@ import pytest
 from pydantic import ValidationError
 
 from bcid.errors import InputRefused
+from bcid.mapping import FieldMapping
 from bcid.recording.formats.csv_text import read_csv_text
 from bcid.recording.formats.raw import map_field
 from bcid.recording.read import read_raw_take
-from bcid.vehicle import FieldMapping, Vehicle, read_vehicle
+from bcid.vehicle import Vehicle, read_vehicle
 
 
 def changed(take: Path, folder: Path, change: Callable[[bytes], bytes]) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -51,8 +52,7 @@ def test_a_pose_that_is_held_to_the_end_is_left_out(raw: RawTake, vehicle: Vehic
 def test_a_car_that_stands_is_not_frozen(raw: RawTake, vehicle: Vehicle) -> None:
     """To the last digit, as a simulator's log may say it, but with the throttle off."""
     pose, command = raw.pose.copy(), raw.command.copy()
-    pose[120:, :2] += pose[0, :2] - pose[120, :2]  # no jump at the end of it
-    pose[:120] = pose[0]
+    pose[:120] = pose[120]  # no jump at the end of it
     command[raw.command_time_s < raw.pose_time_s[125]] = 0.0
     found = assemble_recording(replace(raw, pose=pose, command=command), vehicle)
     assert told(found, "frozen pose") == 0
@@ -189,6 +189,44 @@ def test_a_car_off_its_wheels_is_left_out(leaning: float) -> None:
     assert odd.get("tipped over") == rows.sum()
     assert np.isnan(yaw[rows]).all()
     assert np.isfinite(yaw[~rows]).all()
+
+
+def wobbling_car() -> tuple[np.ndarray, Any]:
+    """Yaw of a car, and its attitude, Z up, while it rolls and pitches by a degree."""
+    from scipy.spatial.transform import Rotation
+
+    rng = np.random.default_rng(4)
+    roll, pitch = 0.02 * np.array([np.sin(3.0 * TIME + p) for p in rng.uniform(0.0, 6.0, 2)])
+    return YAW, Rotation.from_euler("ZYX", np.column_stack([YAW, pitch, roll]))
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+@pytest.mark.parametrize(
+    "mounted",
+    [(0.0, 0.0, 0.0), (0.0, 0.0, 3.14), (0.0, 0.6, 0.0), (0.0, -1.2, 0.3), (0.0, 1.42, 0.0), (0.0, np.pi / 2, 0.0),
+     (0.0, -np.pi / 2, 1.0), (0.5, 0.0, np.pi / 2)],
+)  # fmt: skip
+def test_the_yaw_is_that_of_a_level_direction_however_the_body_was_defined(
+    mounted: tuple[float, float, float], up_axis: Literal["Y", "Z"]
+) -> None:
+    """Turned, leaning, upside down, on its side, or with X up: roll and pitch hardly enter the yaw."""
+    from scipy.spatial.transform import Rotation
+
+    yaw, car = wobbling_car()
+    turns = car * Rotation.from_euler("ZYX", mounted)
+    if up_axis == "Y":
+        turns = Rotation.from_euler("x", -np.pi / 2) * turns
+    seen, odd = checked_yaw(turns.as_quat(), up_axis, TIME, Path("t.mcap"))
+    off = np.angle(np.exp(1j * (seen - yaw)))
+    off = np.angle(np.exp(1j * (off - np.angle(np.exp(1j * off).mean()))))
+    assert np.abs(off).max() < 2e-3
+    x_is_up = abs(abs(mounted[1]) - np.pi / 2) < 0.1
+    assert ("body axes" in {i.kind for i in odd}) == x_is_up
+
+
+def test_rotations_about_another_axis_than_the_one_that_is_up_are_refused() -> None:
+    with pytest.raises(InputRefused, match="turns about the Z axis"):
+        checked_yaw(XYZW, "Y", TIME, Path("t.csv"))
 
 
 def test_a_body_in_a_hand_is_read_as_it_is() -> None:

@@ -136,7 +136,7 @@ def random_body(rng: np.random.Generator) -> tuple[BodyState, Actuation]:
     x, y, theta = rng.uniform(-6, 6, 3)
     v_x, v_y, omega = rng.normal(0, 1, 3)
     return BodyState(x, y, theta, v_x, v_y, omega), Actuation(
-        3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2), 0.0, 0.0
+        3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2), 0.0, 0.0, 0.0
     )
 
 
@@ -280,7 +280,7 @@ def test_a_force_that_fades_is_the_published_motor_s() -> None:
     e = effect_switches({"motor_fade__k": 4.815, "motor_dead_zone__width": 0.164})
     for throttle, v in itertools.product((0.1, 0.164, 0.2, 0.4, 1.0), (0.0, 0.7, 2.5)):
         expected = (25.358 - 4.815 * v) * max(throttle - 0.164, 0.0)
-        force = motor_force_with_effects(v, Actuation(0.0, 1.0, 0.0, throttle, 0.0, 0.0), car, e, Constants())
+        force = motor_force_with_effects(v, Actuation(0.0, 1.0, 0.0, throttle, 0.0, 0.0, 0.0), car, e, Constants())
         assert force == pytest.approx(expected)
 
 
@@ -503,7 +503,7 @@ def test_a_bent_wheel_is_in_balance(k: float, beside: str) -> None:
 def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
     """a (F_m - F_d) cos(delta_w) is the moment whichever axle is driven (specification)."""
     car = CAR._replace(front_share=front_share)
-    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.0, 1.8, 1.8, 0.0)
+    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.0, 1.8, 1.8, 0.0, 0.0)
     nothing, still = LagState(0.0, 0.0, 0.0), Constants()
     plain, offset = (
         wrench_with_effects(b, now, nothing, car, e, still)
@@ -516,7 +516,7 @@ def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
 def test_a_driven_rear_axle_pulls_along_the_body() -> None:
     """Wherever the front wheel points."""
     car = CAR._replace(front_share=0.0, R_1=0.0, R_2=0.0)
-    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.7, 1.8, 1.8, 0.0)
+    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.7, 1.8, 1.8, 0.0, 0.0)
     plain, offset = (
         wrench_with_effects(b, now, LagState(0.0, 0.0, 0.0), car, e, Constants())
         for e in (effect_switches(), effect_switches({"drive_lateral_offset__a": 0.2}))

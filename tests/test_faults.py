@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from faults.fuzzing import Batch, kinds, run_batch
+from faults.fuzzing import UNFORESEEN, Batch, kinds, run_batch
 
 MUTANTS = 40
 SMALL_DISK = 20_000  # bytes a file may have
@@ -19,6 +19,8 @@ SMALL_DISK = 20_000  # bytes a file may have
 def test_mutants_are_refused_or_read_and_nothing_is_lost_in_silence(kind: str) -> None:
     _, counts, failures, _ = run_batch(Batch(kind, 0, MUTANTS))
     assert failures == []
+    # the guard around all readers is for what nobody foresaw: what a test meets is to be foreseen
+    assert counts[UNFORESEEN] == 0
     assert sum(counts.values()) == MUTANTS
 
 

@@ -120,7 +120,7 @@ def test_rollouts_lower_what_is_reported(estimates: list[Estimate], vehicle: Veh
     for loss in ("one-step", "rollout"):
         model = fitted(estimates, vehicle, loss=loss, library="vanishing", threshold=0.02)
         off = [
-            rollout(model, history_at(e, k, 0), e.command[k : k + 20]) - e.twist[k : k + 21]
+            rollout(model, history_at(e, k, 0), e.parts[k : k + 20]) - e.twist[k : k + 21]
             for e in estimates
             for k in range(0, len(e) - 20, 20)
         ]

@@ -440,7 +440,8 @@ def test_where_the_wheel_stood_before_the_first_command_does_not_matter(take: Ta
     known = drop_unknown_beginning(take, CAR.T_s, CAR.d, LIMIT)
     assert 0 < take.segments - known.segments <= 4
     before = np.r_[take.command_s[0] - 1e-3, take.command_s]
-    steered = {"command_s": before, "command": np.vstack([[stood, 0.0], take.command]), "command_zero_s": 0.0 * before}
+    command = np.vstack([[stood, 0.0, 0.0], take.command])
+    steered = {"command_s": before, "command": command, "command_zero_s": 0.0 * before}
     setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
     other = BASE.prediction_inputs(BASE.phi_of(CAR), take._replace(**steered))
     angles = [s.kernel_arguments[0].delta for s in (setting, other)]

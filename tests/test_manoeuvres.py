@@ -44,7 +44,7 @@ from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
 from bcid.likelihood.prepare import fit_base, scale_at_speed
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
-from bcid.recording.formats.tables import read_commands_file
+from bcid.recording.formats.commands_file import read_commands_file
 from bcid.vehicle import Body, Motor, Steering, Vehicle
 
 LIMIT, TOP = 2.012, 2.033

@@ -13,12 +13,13 @@ from test_readers import json_mcap
 from bcid.errors import InputRefused
 from bcid.recording.formats.mcap_contents import read_contents
 from bcid.recording.formats.mcap_times import MessageTrack, common_times
-from bcid.recording.formats.ros_messages import (
+from bcid.recording.formats.transforms import (
     FrameTransforms,
     compose_transforms,
     edges_to_world,
     find_rare_frames,
     read_transform_tree,
+    read_transforms,
 )
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
@@ -30,10 +31,11 @@ START = 1_700_000_000 * NS
 PATH = Path("take.mcap")
 
 
-def track(stamps: np.ndarray | None, logged: np.ndarray) -> MessageTrack:
+def track(stamps: np.ndarray | None, logged: np.ndarray, topic: str = "/pose") -> MessageTrack:
     values = np.zeros((len(logged), 2))
     ns = [START + round(t * NS) for t in logged]
-    return MessageTrack(ns, [None] * len(ns) if stamps is None else [START + round(t * NS) for t in stamps], values)
+    stamp_ns = [None] * len(ns) if stamps is None else [START + round(t * NS) for t in stamps]
+    return MessageTrack(ns, stamp_ns, values, topic=topic)
 
 
 def test_a_stamp_clock_that_steps_is_split_there_and_a_late_message_is_not() -> None:
@@ -42,38 +44,97 @@ def test_a_stamp_clock_that_steps_is_split_there_and_a_late_message_is_not() -> 
     late[200] += 0.5  # arrives late
     stepped = t + 3.0 * (np.arange(600) >= 300)
     command = track(t, t)
-    assert common_times(track(t, late), command, TOPICS, PATH).splits_s == ()
-    found = common_times(track(stepped, t), command, TOPICS, PATH)
+    assert common_times(track(t, late), [command], TOPICS, PATH).splits_s == ()
+    found = common_times(track(stepped, t), [command], TOPICS, PATH)
     assert found.splits_s == (pytest.approx(t[300] + 3.0),)
     assert found.irregularities[0].kind == "clock jump"
 
 
 def test_a_gap_in_the_recording_is_no_clock_jump() -> None:
     t = np.arange(600) / 60.0 + 2.0 * (np.arange(600) >= 300)
-    assert common_times(track(t, t), track(t, t), TOPICS, PATH).splits_s == ()
+    assert common_times(track(t, t), [track(t, t)], TOPICS, PATH).splits_s == ()
 
 
 @pytest.mark.parametrize("ns", [0, 1 << 63, (1 << 64) - 1])
 def test_a_log_time_that_is_none_is_refused_for_its_topic_or_not_needed(ns: int) -> None:
     t = np.arange(600) / 60.0
-    pose, command = track(None, t), track(None, t)
+    pose, command = track(None, t), track(None, t, "/command")
     command.log_ns[100] = ns
     with pytest.raises(InputRefused, match=f"topic /command: 1 of 600 log times .*message 101: {ns} ns"):
-        common_times(pose, command, TOPICS, PATH)
+        common_times(pose, [command], TOPICS, PATH)
     stamped, late = track(t, t), track(t, t)
     stamped.log_ns[100] = late.log_ns[100] = ns
-    np.testing.assert_allclose(common_times(stamped, late, TOPICS, PATH).command_s, t, atol=1e-9)
+    np.testing.assert_allclose(common_times(stamped, [late], TOPICS, PATH).command_s[0], t, atol=1e-9)
 
 
 def test_bursts_are_put_on_an_even_grid() -> None:
     t = np.arange(600) / 60.0
     arrives = np.ceil((np.arange(600) + 1) / 5.0) * 5.0 / 60.0 + 1e-4 * (np.arange(600) % 5)
-    found = common_times(track(None, arrives), track(None, t), TOPICS, PATH)
+    found = common_times(track(None, arrives), [track(None, t)], TOPICS, PATH)
     steps = np.diff(found.pose_s)
     np.testing.assert_allclose(steps, 1.0 / 60.0, rtol=1e-2)
     assert [i.kind for i in found.irregularities] == ["time base", "bursts"]
-    even = common_times(track(None, t), track(None, t), TOPICS, PATH)
+    even = common_times(track(None, t), [track(None, t)], TOPICS, PATH)
     assert [i.kind for i in even.irregularities] == ["time base"]
+
+
+def in_bursts(t: np.ndarray, size: int) -> np.ndarray:
+    """Times of arrival of messages that are sent at `t` and wait for the last of `size`."""
+    last = np.minimum((np.arange(len(t)) // size + 1) * size, len(t)) - 1
+    return t[last] + 1e-4 * (np.arange(len(t)) % size)
+
+
+def test_stamps_in_bursts_give_way_to_even_log_times() -> None:
+    t = np.arange(600) / 60.0
+    pose, command = track(in_bursts(t, 6), t), track(t, t, "/command")
+    found = common_times(pose, [command], TOPICS, PATH)
+    np.testing.assert_allclose(found.pose_s, t, atol=1e-9)
+    np.testing.assert_allclose(found.command_s[0], t, atol=1e-9)
+    (told,) = found.irregularities
+    assert (told.kind, told.action) == ("time base", "warning")
+    assert "the stamps of /pose come in bursts" in told.detail
+    # stamps that the vehicle file asks for stay
+    asked = common_times(pose, [command], Topics(pose="/pose", command="/command", time="header"), PATH)
+    assert "bursts" in [i.kind for i in asked.irregularities]
+    # and even stamps stand beside log times in bursts
+    even = common_times(track(t, in_bursts(t, 6)), [command], TOPICS, PATH)
+    np.testing.assert_allclose(even.pose_s, t, atol=1e-9)
+    assert even.irregularities == ()
+
+
+@pytest.mark.parametrize("size", [3, 6, 20])
+def test_bursts_by_both_clocks_are_put_back_to_when_they_were_sent(size: int) -> None:
+    """The last message of a burst waits for none: commands at their time show that nothing is shifted."""
+    t = np.arange(1200) / 100.0
+    pose, command = track(in_bursts(t, size), in_bursts(t, size)), track(t, t, "/command")
+    found = common_times(pose, [command], TOPICS, PATH)
+    assert [i.kind for i in found.irregularities] == ["bursts"]
+    np.testing.assert_allclose(found.pose_s - found.command_s[0], 0.0, atol=1e-4 * size + 1e-3)
+
+
+def test_messages_that_a_network_held_back_are_put_back() -> None:
+    """For up to 0.4 s nothing arrives, then all at once; the others come with jitter, and some are lost."""
+    rng = np.random.default_rng(3)
+    t = np.delete(np.arange(3000) / 100.0, [690, 691, 692, 2000])
+    late = t + rng.uniform(0.0, 1e-3, len(t))
+    for begin in np.arange(1.5, 29.0, 1.1):
+        held = (t > begin) & (t < begin + rng.uniform(0.1, 0.4))
+        late[held] = np.maximum(late[held], t[held].max(initial=0.0)) + 2e-5 * np.arange(held.sum())
+    late = np.maximum.accumulate(late)
+    found = common_times(track(None, late), [track(None, t)], TOPICS, PATH)
+    assert [i.kind for i in found.irregularities] == ["time base", "bursts"]
+    assert "put back" in found.irregularities[1].detail
+    shift = found.pose_s - found.command_s[0]
+    assert np.abs(shift - np.median(shift)).max() < 2e-3
+
+
+def test_a_pause_is_no_burst_and_rounded_stamps_are_none() -> None:
+    t = np.arange(600) / 60.0
+    paused = t + 600.0 * (np.arange(600) >= 300)
+    assert common_times(track(paused, paused), [track(t, t)], TOPICS, PATH).irregularities == ()
+    rounded = np.floor(t * 10.0) / 10.0
+    found = common_times(track(rounded, rounded), [track(t, t)], TOPICS, PATH)
+    np.testing.assert_allclose(found.pose_s, rounded, atol=1e-9)
 
 
 @pytest.mark.parametrize("stamp", [0, -1, 1 << 63])
@@ -84,13 +145,13 @@ def test_stamps_that_are_none_are_refused(stamp: int) -> None:
     one = good._replace(stamp_ns=[stamp, *good.stamp_ns[1:]])
     for bad in (every, one):
         with pytest.raises(InputRefused, match="are no times"):
-            common_times(bad, good, TOPICS, PATH)
+            common_times(bad, [good], TOPICS, PATH)
 
 
 def transforms(*edges: tuple[str, str]) -> dict[str, dict[str, FrameTransforms]]:
     row = {"translation": {"x": 1.0, "y": 0.0, "z": 0.0}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
     items = [{"header": {"frame_id": p}, "child_frame_id": c, "transform": row} for p, c in edges]
-    return read_transform_tree([(0, {"transforms": items})])
+    return read_transform_tree([(0, read_transforms({"transforms": items}))])
 
 
 def test_a_body_is_where_all_its_frames_put_it() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from bcid.errors import InputRefused, UsageError
+from bcid.estimate.command_parts import hold_for_periods
 from bcid.estimate.tuning import Noise, Tuning
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import predict_whole_take
@@ -83,7 +84,7 @@ def test_moving_the_start_moves_the_whole_rollout(
     here = rollout(model, history_at(take, 100, model.lags), take.command[100:150])
     rows = np.arange(100 - model.lags, 101)
     elsewhere, later = take.pose[rows] + [3.0, -2.0, 1.0], take.time_s[rows] + 50.0
-    history = History(take.twist[rows], take.kinematic[rows], take.command[rows[:-1]], elsewhere, later)
+    history = History(take.twist[rows], take.kinematic[rows], take.parts[rows[:-1]], elsewhere, later)
     there = rollout(model, history, take.command[100:150])
     np.testing.assert_array_equal(here, there)
 
@@ -209,7 +210,7 @@ def clean_estimates(model: Model, count: int = 2, rows: int = 1200) -> list[Esti
         out.append(
             Estimate(
                 f"made {seed}", 0.1, 0.1 * np.arange(rows), np.ones(rows, dtype=np.int64), zero, twists, kinematic,
-                command, zero, np.zeros((rows, 4)), Tuning(noise=Noise(), T_s=0.155, d=1.418),
+                hold_for_periods(command, 0.1), zero, np.zeros((rows, 4)), Tuning(noise=Noise(), T_s=0.155, d=1.418),
             )
         )  # fmt: skip
     return out

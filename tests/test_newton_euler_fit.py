@@ -20,7 +20,7 @@ from bcid.models.newton_euler.fit_to_twists import TwistObjective
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.objective import TransposedWindows, predict_twists, twist_nmse
 from bcid.models.newton_euler.parameters import ConstantBox
-from bcid.physics.car import Car, advance_period
+from bcid.physics.car import Car, rk4_step
 from bcid.vehicle import Vehicle
 
 PERIOD_S = 0.1
@@ -32,7 +32,10 @@ def plain(car: Car, w: Windows) -> np.ndarray:
     for b in range(w.stretch_count):
         state = (*w.twist[b, 0], w.kinematic[b, 0, 3])
         for k in range(out.shape[1]):
-            state = advance_period(state, *w.command[b, k], car, PERIOD_S)
+            for duration, u_s, u_m, _ in w.parts[b, k]:
+                halves = 2 if duration > 0.5 * PERIOD_S + 1e-9 else 1
+                for _ in range(halves if duration > 0.0 else 0):
+                    state = rk4_step(state, u_s, u_m, car, duration / halves)
             out[b, k] = state[:3]
     return out
 
@@ -43,8 +46,8 @@ CARS = (CAR, CAR._replace(sets_force=1.0, K_t=500.0, u_0=0.1, K_v=40.0, front_sh
 @pytest.mark.parametrize("steps", [1, 20])
 def test_the_objective_is_the_plain_model(steps: int, estimates: list[Estimate]) -> None:
     taken = cut_windows(estimates, steps, steps)
-    of, weight = TransposedWindows.from_windows(taken), inverse_spread(taken.twist[:, 0])
-    found, cost = predict_twists(CARS, of, PERIOD_S), twist_nmse(np.array(CARS), of, weight, PERIOD_S)
+    of, weight = TransposedWindows.from_windows(taken, PERIOD_S), inverse_spread(taken.twist[:, 0])
+    found, cost = predict_twists(CARS, of), twist_nmse(np.array(CARS), of, weight)
     for car, twists, nmse in zip(CARS, found, cost, strict=True):
         reference = plain(car, taken)
         np.testing.assert_allclose(twists.transpose(2, 0, 1), reference, rtol=0.0, atol=1e-11)
@@ -86,9 +89,8 @@ def test_the_normal_equations_are_those_of_the_whole_jacobian(estimates: list[Es
     taken = cut_windows(estimates, 5, 2)
     objective = TwistObjective(
         ConstantBox(vehicle, 0.155, 1.418, 1.0, 2.0),
-        TransposedWindows.from_windows(taken),
+        TransposedWindows.from_windows(taken, PERIOD_S),
         np.array([1.0, 2.0, 0.5]),
-        PERIOD_S,
     )
     x = np.random.default_rng(0).uniform(0.3, 0.7, len(objective.box.constants))
     J, r, found = objective.jacobian(x), objective.residuals(x[None])[0], objective.normal_equations(x)

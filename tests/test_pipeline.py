@@ -190,6 +190,20 @@ def test_a_plan_with_problems_is_refused(tmp_path: Path) -> None:
         read_pipeline_file(path)
 
 
+@pytest.mark.parametrize(
+    "quoted", [r'"C:\logs\take.csv"', r'"C:\users\take.csv"', r'"logs\take.csv"', r"'logs\take.csv'"]
+)
+def test_backslashes_in_paths_are_explained(tmp_path: Path, quoted: str) -> None:
+    path = tmp_path / "p.toml"
+    path.write_text(f'vehicle = "v.toml"\ntraining = [{quoted}]\n')
+    with pytest.raises(InputRefused, match=r"next: write paths with /.*single quotes"):
+        read_pipeline_file(path)
+    # a file of such a name may be there all the same
+    if quoted.startswith("'"):
+        (tmp_path / quoted.strip("'")).touch()
+        assert len(read_pipeline_file(path).training) == 1
+
+
 def test_what_a_stage_does_not_look_at_does_not_invalidate_it(
     first: tuple[Record, Path], plan_file: Path, takes: dict[str, Path], vehicle_file: Path, tmp_path: Path
 ) -> None:

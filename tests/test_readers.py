@@ -554,7 +554,7 @@ MOTIVE_REFUSALS: dict[str, tuple[Callable[[list[list[str]]], list[list[str]]], s
     "text": (lambda r: [*r[:50], [*r[50][:6], "oops", *r[50][7:]], *r[51:]], "line 51.*oops"),
     "wrong rate": (lambda r: set_key(r, "Export Frame Rate", "30"), "line"),
     "no order of axes": (lambda r: set_key(to_euler(r), "Rotation Type", "XXY"), "XXY"),
-    "longer rows": (lambda r: [*r[:50], [*r[50], "1", "2"], *r[51:]], "table"),
+    "longer rows": (lambda r: [*r[:50], [*r[50], "1", "2"], *r[51:]], "line 51: holds 12 cells"),
     "no time column": (lambda r: [*r[:6], ["Frame", "Seconds", *r[6][2:]], *r[7:]], "no Time column"),
     "m as mm": (lambda r: set_key(r, "Length Units", "Millimeters"), "wheelbase"),
     "mm as m": (lambda r: set_key(scaled(1000.0, "Meters")(r), "Length Units", "Meters"), "mm or cm"),
@@ -628,7 +628,7 @@ def test_broken_mcap_files_are_refused(takes: dict[str, Path], vehicle: Vehicle,
         "/mocap/bumper_car/pose": ("foxglove.PoseInFrame", [(0.0, {"pose": {}})]),
         "/bumper_car/command": ("own", [(0.0, {})]),
     }
-    refused(json_mcap(tmp_path / "field.mcap", topics), vehicle, "missing: 'position'")
+    refused(json_mcap(tmp_path / "field.mcap", topics), vehicle, "missing: 'pose.position'")
     topics = {"/mocap/bumper_car/pose": ("foxglove.PoseInFrame", []), "/bumper_car/command": ("own", [(0.0, {})])}
     refused(json_mcap(tmp_path / "empty.mcap", topics), vehicle, "no messages")
     refused(

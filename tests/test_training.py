@@ -49,7 +49,7 @@ def network(w: MlpWeights) -> Network:
 
 
 def tensors(taken: Windows) -> list[torch.Tensor]:
-    return [torch.tensor(c, dtype=torch.float64) for c in taken[:3]]
+    return [torch.tensor(c, dtype=torch.float64) for c in (taken.twist, taken.kinematic, taken.command)]
 
 
 def test_a_kinematic_rollout_is_the_compiled_one(estimates: list[Estimate]) -> None:
@@ -58,7 +58,7 @@ def test_a_kinematic_rollout_is_the_compiled_one(estimates: list[Estimate]) -> N
     taken = simulate_steering(cut_windows([take], 20, 40), FRAME)
     found = build_kinematic_rollout(FRAME, lambda net, x: net(x))(network(w), *tensors(taken)).numpy()
     for b, start in enumerate(range(0, len(take) - 20, 40)):
-        driven = rollout(model, history_at(take, start, 0), take.command[start : start + 20])
+        driven = rollout(model, history_at(take, start, 0), take.parts[start : start + 20])
         np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
 
 
@@ -66,13 +66,13 @@ def test_a_dissipative_rollout_is_the_compiled_one(estimates: list[Estimate]) ->
     """Coasting, with a network that pushes: the guarantee is at work in every step."""
     w = weights(6, 3, np.array([0.2, 0.0, 0.0]), np.array([0.05, 0.02, 0.02]))
     sindy, take = published.k_sindy(), estimates[0]
-    coasting = replace(take, command=take.command * [1.0, 0.0])
+    coasting = replace(take, parts=take.parts * [1.0, 1.0, 0.0, 1.0])
     model, sums = KSindyMlp(sindy, w, {}, True), build_f_sindy(sindy.sparse, FRAME)
     taken = simulate_steering(cut_windows([coasting], 20, 40), FRAME)
     run = build_kinematic_rollout(FRAME, lambda net, x: sums(x.float()).double() + net(x), dissipative=True)
     found = run(network(w), *tensors(taken)).numpy()
     for b, start in enumerate(range(0, len(take) - 20, 40)):
-        driven = rollout(model, history_at(coasting, start, 0), coasting.command[start : start + 20])
+        driven = rollout(model, history_at(coasting, start, 0), coasting.parts[start : start + 20])
         np.testing.assert_allclose(found[b], driven[1:], atol=2e-4)
 
 
@@ -81,7 +81,7 @@ def test_an_autoregressive_rollout_is_the_compiled_one(estimates: list[Estimate]
     model, take = NarxMlp(w, 0.1, {}), estimates[0]
     found = _rollout_in_torch(network(w), *tensors(cut_windows([take], 20, 40, LAGS))).numpy()
     for b, start in enumerate(range(LAGS, len(take) - 20, 40)):
-        driven = rollout(model, history_at(take, start, LAGS), take.command[start : start + 20])
+        driven = rollout(model, history_at(take, start, LAGS), take.parts[start : start + 20])
         np.testing.assert_allclose(found[b], driven[1:], atol=2e-5)  # single precision
 
 
@@ -107,7 +107,7 @@ def test_rollouts_lower_what_is_reported(name: str, estimates: list[Estimate], v
         task = FitTask(estimates, vehicle, {**row.defaults, **SETTINGS, "loss": loss}, 1, base)
         model = row.load_class().fit(task)
         off = [
-            rollout(model, history_at(e, k, model.lags), e.command[k : k + 20]) - e.twist[k : k + 21]
+            rollout(model, history_at(e, k, model.lags), e.parts[k : k + 20]) - e.twist[k : k + 21]
             for e in estimates
             for k in range(2, len(e) - 20, 20)
         ]

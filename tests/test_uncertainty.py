@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.errors import InputRefused
+from bcid.estimate.command_parts import hold_for_periods
 from bcid.estimate.types import Estimate
 from bcid.evaluation.intervals import measure_coverage, predict_with_interval
 from bcid.evaluation.process_noise import ProcessNoise, calibrate_process_noise, draw_pushes, sample_rollouts
@@ -42,7 +43,8 @@ def driven(q: np.ndarray, tau: float, seconds: float, seed: int) -> Estimate:
         delta[k + 1] = carry[3]
     kinematic = np.column_stack([np.hypot(twist[:, 0], twist[:, 1]), np.zeros(n), np.zeros(n), delta])
     return Estimate(
-        "made", H, H * np.arange(n), np.ones(n, dtype=np.int64), np.zeros((n, 3)), twist, kinematic, command,
+        "made", H, H * np.arange(n), np.ones(n, dtype=np.int64), np.zeros((n, 3)), twist, kinematic,
+        hold_for_periods(command, H),
         np.zeros((n, 3)), np.zeros((n, 4)),
     )  # fmt: skip
 
@@ -75,7 +77,7 @@ def test_a_parked_end_does_not_make_a_model_sure() -> None:
     rows = np.arange(len(take)) >= len(take) - still
     parked = replace(
         take, twist=np.where(rows[:, None], 0.0, take.twist), kinematic=np.where(rows[:, None], 0.0, take.kinematic),
-        command=np.where(rows[:, None], 0.0, take.command),
+        parts=np.where(rows[:, None, None], [H, 0.0, 0.0, 0.0], take.parts),
     )  # fmt: skip
     noise = calibrate_process_noise(MODEL, [driven(Q, 0.0, 600.0, 13), parked])
     assert noise is not None
@@ -172,7 +174,7 @@ def test_a_driven_model_writes_its_prediction_and_warns_beyond_the_data(tmp_path
     folder = tmp_path / "model"
     folder.mkdir()
     save_model(MODEL, folder)
-    slow = replace(take, twist=0.2 * take.twist, command=take.command * [1.0, 0.5])
+    slow = replace(take, twist=0.2 * take.twist, parts=take.parts * [1.0, 1.0, 0.5, 1.0])
     ModelValidity(ProcessNoise((0.05, 0.05, 0.05), 0.0, 1.96), DataRange.from_estimates([slow])).save(folder)
     rows = [f"{0.1 * k:.2f},0.3,1.8" for k in range(100)]
     (tmp_path / "go.csv").write_text("\n".join(["time_s,steering_rad,throttle_mps", *rows, ""]))

@@ -14,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.estimate.command_parts import mean_commands
 from bcid.estimate.types import Estimate
 from bcid.models.interface import History, SupportsRollout
 
@@ -58,9 +59,9 @@ class _OneStepPeer:
         return np.append(history.twist[-1], history.kinematic[-1, 3])
 
     def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """The last state and the twists (N, 3) under commands (N, 2); NaN from where the state diverges."""
+        """The last state and the twists (N, 3) under commands (N, 2) or parts; NaN from where the state diverges."""
         twists = np.full((len(commands), 3), np.nan)
-        for k, command in enumerate(commands):
+        for k, command in enumerate(commands if commands.ndim == 2 else mean_commands(commands)):
             carry = self.next_state(carry, command)
             if not (np.abs(carry) < DIVERGED).all():
                 break
@@ -181,9 +182,10 @@ class DeepSiSubnet:
         return u, y
 
     def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
-        """The last state and the twists (N, 3) under commands (N, 2), from the measured past or from a state."""
+        """The last state and the twists (N, 3) under commands (N, 2) or parts, from the measured past or a state."""
         import torch
 
+        commands = commands if commands.ndim == 2 else mean_commands(commands)
         twists = np.empty((len(commands), 3))
         with torch.no_grad():
             for k, u in enumerate(torch.tensor(commands, dtype=torch.float32)):

@@ -1,6 +1,5 @@
 """`bcid`: the commands.  Heavy imports happen inside the command that needs them."""
 
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,12 +11,17 @@ from bcid import __version__
 from bcid.cli import diagnosing, options
 from bcid.cli.benching import bench
 from bcid.cli.checking import check_recordings
-from bcid.cli.limits import LIMITS
+from bcid.cli.exits import run_and_explain
+from bcid.cli.proving import prove
+from bcid.cli.simulating import simulate
 from bcid.cli.sink import Format, Sink, plain_table
-from bcid.errors import BcidError, DiskFull, Problems, UsageError, is_disk_full
+from bcid.cli.starting import init
+from bcid.errors import Problems, UsageError
 from bcid.models.settings import LOSSES
 from bcid.models.table import MODELS, fittable_row
 from bcid.pipeline.run import Pipeline
+
+REPORT_FILES = ("index.html", "report.json")
 
 app = typer.Typer(
     name="bcid",
@@ -47,10 +51,14 @@ def accept_global_options(
 def run(
     pipeline: options.PipelineOption = None,
     allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
+    force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Do everything in the pipeline file: ingest, estimate, fit and compare all models, and diagnose."""
-    report(pipeline=pipeline, allow_partial=allow_partial, format=format)
+    report(
+        pipeline=pipeline, allow_partial=allow_partial, ignore_health=ignore_health, force=force, format=format
+    )  # fmt: skip
 
 
 def report(
@@ -60,6 +68,8 @@ def report(
     ] = None,
     pipeline: options.PipelineOption = None,
     allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
+    force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Compare the fitted models in closed loop on the validation recording: a page, a JSON, a table."""
@@ -67,9 +77,15 @@ def report(
     from bcid.documents.report import ReportDocument
 
     sink = Sink(format)
-    work = Pipeline(options.read_config(pipeline, allow_partial=allow_partial), sink)
+    config = options.read_config(
+        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health
+    )  # fmt: skip
+    work = Pipeline(config, sink)
+    work.refuse_to_publish_over(*REPORT_FILES, to="report")
+    if work.config.diagnose:
+        work.refuse_to_publish_over(*diagnosing.DIAGNOSIS_FILES, to="diagnosis")
     artifact = work.report(model or [])
-    page = work.publish(artifact, "index.html", "report.json", to="report")
+    page = work.publish(artifact, *REPORT_FILES, to="report")
     document = ReportDocument.read(artifact.folder / "report.json")
     sink.result(document.as_json(), lambda: show.comparison_table(document))
     if document.diagnosis:
@@ -93,6 +109,7 @@ def ingest(
 ) -> None:
     """Read recordings, check and mend them, and report what is irregular: gaps, jumps, wrong units, clocks."""
     from bcid.cli import show
+    from bcid.recording.saving import RecordingSummary
 
     if check:
         # nothing is written, so that no folder is asked for
@@ -106,7 +123,8 @@ def ingest(
         # after a refusal the other recordings are read all the same
         with problems.gather_refusals():
             made = work.ingest(path)
-            taken.append(made.json("recording.json") | {"folder": str(made.folder)})
+            summary = RecordingSummary.read(made.folder / "recording.json")
+            taken.append(summary.as_json() | {"name": work.names[path], "folder": str(made.folder)})
     if taken:
         sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recording_tables(taken))
     problems.raise_if_any(work.config.recordings()[0])
@@ -132,8 +150,9 @@ def estimate(
     estimates = []
     for path in work.config.recordings():
         made, check = work.estimate(path), work.check(path)
-        summary = EstimateSummary.read(made.folder / "estimate.json")
-        checked = TruthCheck.read(check.folder / "check.json") if check else None
+        named = {"name": work.names[path]}
+        summary = EstimateSummary.read(made.folder / "estimate.json").model_copy(update=named)
+        checked = TruthCheck.read(check.folder / "check.json").model_copy(update=named) if check else None
         estimates.append(show.EstimatedTake(summary, made.folder, checked))
     data = {"schema": "bcid.estimate/1", "estimates": [e.as_json() for e in estimates]}
     sink.result(data, lambda: show.estimate_tables(estimates))
@@ -155,6 +174,7 @@ def fit(
     out: options.OutOption = None,
     commands: options.CommandsOption = None,
     allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Fit models to the training recordings and print their equations."""
@@ -165,7 +185,9 @@ def fit(
         losses = fittable_row(name).losses or LOSSES
         if loss is not None and loss not in losses:
             raise UsageError(f"{name} is not fitted on {loss}\n  next: choose {' or '.join(losses)}")
-    config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial)
+    config = options.read_config(
+        pipeline, recordings, vehicle, out, commands, allow_partial, ignore_health=ignore_health
+    )  # fmt: skip
     sink = Sink(format)
     work = Pipeline(config if loss is None else config.with_loss(loss), sink)
     fitted: list[dict[str, Any]] = []
@@ -218,93 +240,11 @@ def list_effects(
     Sink(format).result({"schema": "bcid.effects/1", "effects": [effect_json(e) for e in chosen]}, human)
 
 
-def simulate(
-    name: Annotated[str, typer.Argument(help="The take's name.")] = "simulated",
-    out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = Path(),
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            min=LIMITS.min_drive_s,
-            max=LIMITS.max_drive_s,
-            help="Length in seconds.",
-            show_default="300, or as --commands",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Random seed of driver, floor and noise.")] = 1,
-    recorder: Annotated[str, typer.Option(help="Format of the recording: motive or mcap.")] = "motive",
-    rate: Annotated[
-        float, typer.Option(min=LIMITS.min_rate_hz, max=LIMITS.max_rate_hz, help="Poses per second.")
-    ] = 60.0,
-    ideal: Annotated[bool, typer.Option("--ideal", help="Drive the paper's car without a real car's extras.")] = False,
-    change: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="A constant of car or sensor as NAME=VALUE (most ids of `bcid effects`); repeat for several."
-        ),
-    ] = None,
-    sample_logs: Annotated[Path | None, typer.Option(help="Write all sample logs into this folder instead.")] = None,
-    model: Annotated[
-        Path | None, typer.Option("--model", "-m", help="A folder with a saved model to drive instead of the car.")
-    ] = None,
-    commands: Annotated[Path | None, typer.Option("--commands", help="The commands file that --model drives.")] = None,
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Drive the simulated car, or a saved model, and write logs as a lab would; for the car its true motion, too."""
-    from bcid.simulation.car import configure_simulation
-    from bcid.simulation.samples import SampleTake, write_sample_logs, write_sample_take
-
-    sink = Sink(format)
-    if (model is None) != (commands is None):
-        raise UsageError("--model and --commands go together\n  next: name the model's folder and a commands file")
-    if model is not None and (ideal or sample_logs is not None):
-        raise UsageError("a saved model is driven as it is\n  next: leave --ideal and --sample-logs out")
-    if Path(name).name != name:
-        raise UsageError(f"{name!r} is no plain name\n  next: name the folder with --out")
-    if recorder not in ("motive", "mcap"):
-        raise UsageError(f"there is no recorder {recorder!r}\n  next: choose motive or mcap")
-    plant, sensor = configure_simulation(ideal, change or [], rate)
-    with sink.stage("simulate") as progress:
-        if sample_logs is not None:
-            paths = write_sample_logs(sample_logs, seed, lambda text: progress(0.0, text))
-        elif model is not None and commands is not None:
-            from bcid.cli.driving import check_only_noise_is_set, write_model_drive
-
-            check_only_noise_is_set(change or [])
-            take = SampleTake(name, recorder, duration or 0.0)
-            paths, warnings = write_model_drive(out, take, model, commands, sensor, seed)
-            for text in warnings:
-                sink.note(f"warning: {text}")
-        else:
-            paths = [write_sample_take(out, SampleTake(name, recorder, duration or 300.0), plant, sensor, seed)]
-    sink.result(
-        {"schema": "bcid.simulate/1", "recordings": [str(p) for p in paths]}, lambda: "\n".join(map(str, paths))
-    )
-
-
-def init(
-    folder: Annotated[Path, typer.Argument(help="The folder to write the two files to.")] = Path(),
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Write a commented vehicle file and pipeline file to start from."""
-    templates = Path(__file__).parent / "templates"
-    targets = [folder / source.name for source in sorted(templates.glob("*.toml"))]
-    there = [str(t) for t in targets if t.exists()]
-    if there:
-        raise UsageError(f"{', '.join(there)} exists already\n  next: name another folder, or move it away")
-    folder.mkdir(parents=True, exist_ok=True)
-    for target in targets:
-        target.write_bytes((templates / target.name).read_bytes())
-    Sink(format).result(
-        {"schema": "bcid.init/1", "files": [str(t) for t in targets]},
-        lambda: "\n".join([*map(str, targets), f"next: edit both, then bcid run -p {folder / 'pipeline.toml'}"]),
-    )
-
-
 # in the order in which a newcomer needs them
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
     "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "models": list_models,
-    "effects": list_effects, "bench": bench, "prove": diagnosing.prove,
+    "effects": list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():
     app.command(name)(command)
@@ -312,24 +252,4 @@ for name, command in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; an error is printed on stderr as one message, and its exit code ends the process."""
-    try:
-        # ends by SystemExit, with 2 after wrong words
-        app()
-        return
-    except BcidError as error:
-        text, exit_code = str(error), error.exit_code
-    except OSError as error:
-        if is_disk_full(error):
-            text = str(DiskFull(error.filename or "output"))
-        elif error.filename is None:
-            raise
-        else:
-            text = f"{error.filename}: {error.strerror}\n  next: check the path and its permissions"
-        exit_code = DiskFull.exit_code
-    except Exception as error:
-        if os.environ.get("BCID_TRACEBACK"):
-            raise
-        text = f"internal error, {type(error).__name__}: {error}\n  next: run again with BCID_TRACEBACK=1 and report it"
-        exit_code = 1
-    Sink(Format.quiet).error(text)
-    sys.exit(exit_code)
+    sys.exit(run_and_explain(lambda: app(standalone_mode=False)))

@@ -11,10 +11,12 @@ import typer
 from rich.console import RenderableType
 
 from bcid.aliases import Progress
-from bcid.cli.options import FormatOption
+from bcid.cli.options import ForceOption, FormatOption
 from bcid.cli.sink import Format, Sink
 from bcid.errors import GoalMissed, UsageError
+from bcid.files.outputs import refuse_to_overwrite, write_output
 
+OTHER_FILE = "name another file with --out"
 ACCURACY_FILE = Path("pipelines/accuracy.toml")
 
 
@@ -50,12 +52,15 @@ def bench(
     seconds: Annotated[float, typer.Option(min=40.0, help="parameters: length of each take in seconds.")] = 60.0,
     check: Annotated[bool, typer.Option("--check", help="End with exit code 5 where a goal is missed.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file as well.")] = None,
+    force: ForceOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Compare speed or accuracy with other libraries (peers), or count how often 95 % intervals of constants hold."""
     from bcid.cli import show
 
     sink = Sink(format)
+    if out is not None:
+        refuse_to_overwrite([out], lambda path: force, OTHER_FILE)
     shown: Callable[[Mapping[str, Any]], RenderableType]
     with sink.stage(f"bench {what.value}") as progress:
         if what is BenchSubject.speed:
@@ -65,7 +70,8 @@ def bench(
         else:
             found, shown = _measure_coverage(fits, seconds, progress), show.coverage_table
     if out is not None:
-        out.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        text = json.dumps(found, indent=1)
+        write_output(out, lambda path: path.write_text(text, encoding="utf-8"), lambda path: force, OTHER_FILE)
     sink.result(found, lambda: shown(found))
     if check and found["missed"]:
         missed = "; ".join(found["missed"])

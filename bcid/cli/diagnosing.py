@@ -1,25 +1,21 @@
-"""The commands about missing physics: diagnose, plan, prove."""
+"""The commands about missing physics: diagnose, and plan, which says what to drive."""
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from bcid.cli import options
-from bcid.cli.limits import LIMITS
 from bcid.cli.sink import Format, Sink, plain_table
-from bcid.errors import GoalMissed, UsageError
+from bcid.errors import UsageError
+from bcid.files.outputs import refuse_to_overwrite, write_output
 from bcid.pipeline.run import Pipeline
 from bcid.vehicle import read_vehicle
 
-if TYPE_CHECKING:
-    from bcid.proof.blind.blind_test import BlindTest
-
-DEFAULT_SEED = 1
+DEFAULT_PLAN = Path("plans/plan.commands.csv")
+OTHER_PLAN = "name another file with --out"
 DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
 
 
@@ -38,6 +34,8 @@ def diagnose(
         ),
     ] = None,
     allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
+    force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Name the physics that recordings show and the model lacks, and prove it by predicting held-out blocks of them."""
@@ -45,9 +43,12 @@ def diagnose(
     from bcid.documents.diagnosis import DiagnosisDocument
 
     sink = Sink(format)
-    work = Pipeline(options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
+    config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health)
+    work = Pipeline(config, sink)
+    home = "" if recordings else "diagnosis"
+    work.refuse_to_publish_over(*DIAGNOSIS_FILES, to=home)
     artifact = work.diagnose(simulation)
-    page = work.publish(artifact, *DIAGNOSIS_FILES, to="" if recordings else "diagnosis")
+    page = work.publish(artifact, *DIAGNOSIS_FILES, to=home)
     document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
     sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
     sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
@@ -59,8 +60,11 @@ def write_plan(
     effects: Annotated[
         list[str] | None, typer.Argument(help="Ids of the effects that are to show. Default: all.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="The commands file to write.")] = Path("plan.commands.csv"),
+    out: Annotated[
+        Path, typer.Option("--out", help="The commands file to write, or the folder for plan.commands.csv.")
+    ] = DEFAULT_PLAN,
     arena: Annotated[tuple[float, float], typer.Option(help="Length and width of the arena in metres.")] = (12.0, 7.0),
+    force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Plan a drive in which the given effects become detectable, and write its steering and throttle as a file."""
@@ -70,6 +74,8 @@ def write_plan(
     from bcid.likelihood.prepare import effect_constants
 
     asked = [find_effect(name).id for name in effects or EFFECTS]
+    out = out / DEFAULT_PLAN.name if out.is_dir() else out
+    refuse_to_overwrite([out], lambda path: force, OTHER_PLAN)
     car, sink = read_vehicle(vehicle), Sink(format)
     steering = {"T_s": car.steering.time_constant_s, "d": car.steering.max_rate_radps}
     unknown = tuple(symbol for symbol, value in steering.items() if value is None)
@@ -80,7 +86,7 @@ def write_plan(
         )  # fmt: skip
     if not found.parts:
         raise UsageError(f"no manoeuvre fits {arena[0]:g} by {arena[1]:g} m\n  next: give the --arena that is free")
-    write_commands(out, found.command_s, found.command)
+    write_output(out, lambda path: write_commands(path, found.command_s, found.command), lambda path: force, OTHER_PLAN)
     parts: list[dict[str, Any]] = [
         {
             "name": p.drive.name, "begin_s": p.begin_s, "seconds": p.drive.seconds,
@@ -104,148 +110,3 @@ def write_plan(
     missing = "; ".join(f"{e}: {why}" for e, why in found.missing.items())
     title, note = f"{found.minutes:.1f} minutes in {out}", f"not shown by any drive: {missing}" if missing else ""
     sink.result(data, lambda: plain_table(title, columns, rows, note))
-
-
-def prove(
-    out: Annotated[Path, typer.Option("--out", help="The folder for results; a second run there continues.")],
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Run eighteen cases of ten tiers, and --baselines: some eight minutes.")
-    ] = False,
-    seed: Annotated[
-        int | None, typer.Option(help="Random seed of concealed effects, drivers and noise. Default: 1.")
-    ] = None,
-    salt: Annotated[
-        str, typer.Option(help="A secret text; a digest of it and of all answers is printed before the run.")
-    ] = "",
-    repeats: Annotated[int, typer.Option(min=1, help="Takes for each effect that conceal it alone.")] = 3,
-    nulls: Annotated[int, typer.Option(min=0, help="Takes that conceal nothing.")] = 300,
-    imperfect_nulls: Annotated[
-        int, typer.Option(min=0, help="Takes that conceal nothing, of a car that the base model does not fit.")
-    ] = 100,
-    pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
-    every: Annotated[int, typer.Option(min=1, help="Run only every N-th case of each tier.")] = 1,
-    case: Annotated[
-        str | None, typer.Option(help="Only write the recording, vehicle file and answer of the case of this name.")
-    ] = None,
-    baselines: Annotated[
-        bool, typer.Option("--baselines", help="Run other methods on the same takes; all are diagnosed again.")
-    ] = False,
-    minutes: Annotated[
-        float | None, typer.Option(min=0.0, help="Time after which no further case begins; a second run continues.")
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=0, help="Cases that run at a time; 0 for as many as there are cores.")
-    ] = 0,
-    real: Annotated[
-        Path | None,
-        typer.Option(help="A TOML file of questions to real recordings to ask instead (pipelines/dart/cases.toml)."),
-    ] = None,
-    recordings: Annotated[Path | None, typer.Option(help="The folder of the recordings for --real.")] = None,
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Conceal effects in simulated takes and count how many the diagnosis finds; takes hours unless --quick."""
-    if real is None:
-        _check_blind_options(quick, seed, salt, every, recordings)
-        if case is not None and (salt or baselines or minutes is not None):
-            raise UsageError("--case only writes a recording\n  next: leave out --salt, --baselines and --minutes")
-    from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
-
-    sink, workers = Sink(format), workers or os.cpu_count() or 1
-    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every)
-    if real is not None:
-        for_simulated = {
-            "quick": quick, "case": case is not None, "seed": seed is not None, "salt": salt, "baselines": baselines,
-            "minutes": minutes is not None,
-            "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != SuiteSizes(),
-        }  # fmt: skip
-        given = [f"--{name}" for name, is_given in for_simulated.items() if is_given]
-        if given:
-            raise UsageError(f"{', '.join(given)}: for simulated takes only\n  next: leave it out with --real")
-        _ask_real_questions(real, recordings or Path(), out, workers, sink)
-        return
-    test = BlindTest(DEFAULT_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
-    if case is None:
-        _run_blind_test(test, out, workers, minutes, sink)
-    else:
-        _write_case(test, case, out, sink)
-
-
-def _check_blind_options(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
-    """Raise `UsageError` where options of a blind test (simulated takes that conceal effects) contradict."""
-    if recordings is not None:
-        raise UsageError("--recordings goes with --real\n  next: name a file of questions with --real")
-    if quick and every != 1:
-        raise UsageError("--quick chooses its own cases\n  next: leave out --every")
-    if salt and seed in (None, DEFAULT_SEED):
-        raise UsageError(
-            "--salt seals nothing with the default seed, from which anybody can draw the answers\n"
-            "  next: choose a --seed and keep it to yourself until the run has ended"
-        )
-
-
-def _write_case(test: BlindTest, name: str, out: Path, sink: Sink) -> None:
-    """Write the simulated take `name` of a blind test into `out`: recording, vehicle file and concealed effects."""
-    from bcid.proof.blind.blind_test import write_case_files
-
-    chosen = next((c for c in test.cases if c.name == name), None)
-    if chosen is None:
-        example = f"such as {test.cases[0].name}"
-        raise UsageError(f"--case {name}: seed {test.seed} has no such case\n  next: name one that it has, {example}")
-    path = write_case_files(chosen, out)
-    data = {"recording": str(path), "vehicle": str(out / "bumper_car.toml"), "left_out": list(chosen.left_out)}
-    sink.result(data, lambda: str(path))
-    sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}; the answer is in the same folder")
-    if chosen.left_out:
-        sink.note(f"the blind test left out {', '.join(chosen.left_out)}; that command does not, and may name them")
-
-
-def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | None, sink: Sink) -> None:
-    """Diagnose a blind test's simulated takes, which conceal effects; write the scores as prove.json and prove.html."""
-    from bcid.cli import show
-    from bcid.proof.blind.blind_test import run_blind_test
-    from bcid.report.proof_page import write_proof_page
-
-    def announce_seal(seal: str | None) -> None:
-        if seal:
-            sink.note(f"seal of {len(test.cases)} answers: {seal}", in_every_format=True)
-        else:
-            sink.note(
-                f"not sealed: anybody can draw the answers from seed {test.seed}; --salt and a secret --seed seal them"
-            )
-        if not test.quick and minutes is None and len(test.cases) > LIMITS.max_quiet_takes:
-            sink.note(f"{len(test.cases)} takes need some hours; a second run continues, and --minutes limits this one")
-
-    with sink.stage("prove") as progress:
-        document = run_blind_test(
-            test, out, workers, minutes, announce_seal,
-            lambda done: progress(done / len(test.cases), f"{done} of {len(test.cases)}"),
-        )  # fmt: skip
-    document.write(out / "prove.json")
-    write_proof_page(document, out / "prove.html")
-    sink.result(document.as_json(), lambda: show.proof_tables(document))
-    sink.note(f"page: {out / 'prove.html'}")
-    if document.missed:
-        missed = "; ".join(document.missed)
-        raise GoalMissed(f"goals missed ({missed})\n  next: see the wrong answers in {out / 'prove.html'}")
-
-
-def _ask_real_questions(file: Path, recordings: Path, out: Path, workers: int, sink: Sink) -> None:
-    """Diagnose real recordings whose missing effect is known: withheld from the model, or added by editing the data.
-
-    The questions stand in the TOML `file`; the scored answers are written as real.json into `out`, and printed.
-    """
-    from bcid.cli import show
-    from bcid.proof.real.run_questions import question_code_digest, run_real_questions
-    from bcid.proof.real.scoring import real_outcome
-
-    rows: list[dict[str, Any]] = []
-    with sink.stage("prove on real recordings") as progress:
-        for row, share in run_real_questions(file, recordings, out, workers):
-            rows.append(row)
-            progress(share, row["case"])
-    found = real_outcome(rows, question_code_digest())
-    (out / "real.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
-    sink.result(found, lambda: show.real_proof_table(found))
-    wrong = [f"{r['tier']} {r['case']}" for r in rows if not r["right"]]
-    if wrong:
-        raise GoalMissed(f"goals missed ({'; '.join(wrong)})\n  next: see their rows in {out / 'real.json'}")

@@ -9,13 +9,15 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.cli.limits import LIMITS
 from bcid.errors import InputRefused, UsageError
+from bcid.estimate.command_parts import cut_into_parts, mean_commands
 from bcid.evaluation.closed_loop import integrate_poses
 from bcid.evaluation.intervals import predict_with_interval
 from bcid.evaluation.validity import ModelValidity, load_validity
+from bcid.files.outputs import MayReplace, refuse_to_overwrite, staged_outputs
 from bcid.files.parquet import write_columns
 from bcid.models.interface import ContinuousTimeModel, Model, RolloutDiverged, history_at_rest, rollout
 from bcid.models.saving import load_model
-from bcid.recording.formats.tables import read_commands_file
+from bcid.recording.formats.commands_file import read_commands_file
 from bcid.simulation.car import Sensor
 from bcid.simulation.drive import COMMAND_HZ, Drive
 from bcid.simulation.samples import SampleTake
@@ -42,7 +44,7 @@ def check_only_noise_is_set(changes: Sequence[str]) -> None:
 
 
 def write_model_drive(
-    folder: Path, take: SampleTake, model: Path, commands: Path, sensor: Sensor, seed: int
+    folder: Path, take: SampleTake, model: Path, commands: Path, sensor: Sensor, seed: int, may_replace: MayReplace
 ) -> tuple[list[Path], list[str]]:
     """Drive the saved model in the folder `model`; write its recording, and its predicted twists with 95 % intervals.
 
@@ -50,11 +52,15 @@ def write_model_drive(
 
     Raises:
         UsageError: the commands file would be written over.
-        InputRefused: there is no such model, the commands cannot be driven, or the model leaves the finite numbers.
+        InputRefused: there is no such model, the commands cannot be driven, the model leaves the finite numbers, or a
+            file is there already that `may_replace` does not allow to replace.
     """
-    path = folder / f"{take.name}.{'mcap' if take.format == 'mcap' else 'csv'}"
-    if path.with_suffix(".commands.csv").resolve() == commands.resolve():
+    recording, *others = take.files()
+    prediction = f"{take.name}.prediction.parquet"
+    targets = [folder / name for name in (recording, *others, prediction)]
+    if any(target.resolve() == commands.resolve() for target in targets):
         raise UsageError(f"{commands} would be written over\n  next: name the take otherwise, or another --out")
+    refuse_to_overwrite(targets, may_replace)
     saved, validity = load_model(model), load_validity(model)
     take_commands = read_commands_file(commands)
     time_s, command = take_commands.command_time_s, take_commands.command
@@ -67,67 +73,72 @@ def write_model_drive(
         cause = f"lasts {duration_s:g} s"
         allowed = f"{LIMITS.min_drive_s:g} to {LIMITS.max_drive_s:g} s"
         raise InputRefused(commands, "time_s", cause, f"drive {allowed}, or give --duration")
-    given = _commands_per_step(time_s, command, duration_s, saved.period_s)
+    begin = saved.period_s * np.arange(math.ceil(duration_s / saved.period_s - 1e-6), dtype=np.float64)
+    parts = cut_into_parts(*_held_commands(time_s, command, duration_s), begin, saved.period_s)
     try:
         run = drive_model(saved, time_s, command, duration_s, sensor, seed)
-        twist = rollout(saved, history_at_rest(saved.lags), given)
+        twist = rollout(saved, history_at_rest(saved.lags), parts)
     except RolloutDiverged as error:
         raise InputRefused(model, "model.json", f"{error} under {commands.name}", "drive it more gently") from None
-    folder.mkdir(parents=True, exist_ok=True)
-    (write_mcap_take if take.format == "mcap" else write_motive_take)(path, run, sensor.rate_hz, seed)
-    if validity is None:
-        warning = "no limits.json beside the model: neither intervals nor the range of its data are known"
-        return [path], [warning]
-    prediction = folder / f"{take.name}.prediction.parquet"
-    return [path, prediction], _write_prediction(prediction, saved, validity, given, twist, seed)
+    with staged_outputs(folder, may_replace) as staged:
+        (write_mcap_take if take.format == "mcap" else write_motive_take)(staged / recording, run, sensor.rate_hz, seed)
+        if validity is None:
+            written = [recording]
+            warnings = ["no limits.json beside the model: neither intervals nor the range of its data are known"]
+        else:
+            written = [recording, prediction]
+            warnings = _write_prediction(staged / prediction, saved, validity, parts, twist, seed)
+    return [folder / name for name in written], warnings
 
 
 def _write_prediction(
-    path: Path, model: Model, validity: ModelValidity, commands: Floats, twist: Floats, seed: int
+    path: Path, model: Model, validity: ModelValidity, parts: Floats, twist: Floats, seed: int
 ) -> list[str]:
     """Write predicted twists [v_x, v_y, yaw rate] (N + 1, 3) with 95 % intervals as Parquet; returns warnings.
 
-    The intervals come from samples of the model's process noise under the `commands` [steering, throttle] (N, 2).
+    The intervals come from samples of the model's process noise under the commands `parts` (N, W, 4).
     """
-    warnings, half_width = [], np.full((len(commands), 3), np.nan)
+    warnings, half_width = [], np.full((len(parts), 3), np.nan)
     if validity.noise is not None:
         rest = history_at_rest(model.lags)
-        half_width = predict_with_interval(model, rest, commands, validity.noise, seed=seed).half_width
+        half_width = predict_with_interval(model, rest, parts, validity.noise, seed=seed).half_width
     if not np.isfinite(half_width).all():
         warnings.append("no intervals: its process noise is not known, or its rollouts run away")
     half = np.vstack([np.zeros((1, 3)), half_width])
     times = model.period_s * np.arange(len(twist))
     write_columns(path, np.column_stack([times, twist, twist - half, twist + half]), PREDICTION_UNITS)
-    exits = [
-        e.describe(model.period_s) for e in validity.range.first_exits(twist, np.vstack([commands, commands[-1:]]))
-    ]
+    driven = mean_commands(parts)
+    exits = [e.describe(model.period_s) for e in validity.range.first_exits(twist, np.vstack([driven, driven[-1:]]))]
     if exits:
         warnings.append(f"beyond the data it was fitted on: {'; '.join(exits)}")
     return warnings
 
 
-def _commands_per_step(time_s: Floats, command: Floats, duration_s: float, h: float) -> Floats:
-    """Commands [steering, throttle] (N, 2) in force when each step of `h` (s) begins; zero before the first command.
+def _held_commands(time_s: Floats, command: Floats, duration_s: float) -> tuple[Floats, Floats]:
+    """Times (M,) and commands (M, 2) of a drive of `duration_s` (s) that begins with zero commands where none is given.
 
-    Each row of `command` (M, 2) holds from its time in `time_s` (M,) to the next one.
+    Each of `command` (K, 2) holds from its time in `time_s` (K,), and each is repeated COMMAND_HZ times a second, as
+    controllers do.
     """
-    begin = np.round(np.arange(math.ceil(duration_s / h - 1e-6)) * h, _TIME_DECIMALS)
-    rows = np.searchsorted(np.round(time_s, _TIME_DECIMALS), begin, side="right") - 1
-    return np.where(rows[:, None] >= 0, command[np.maximum(rows, 0)], 0.0)
+    times, given = np.r_[-1.0, time_s], np.vstack([np.zeros(2), command])
+    repeats: Floats = np.arange(math.ceil(duration_s * COMMAND_HZ - 1e-6)) / COMMAND_HZ
+    inside = time_s[(time_s >= 0.0) & (time_s < duration_s)]
+    logged: Floats = np.unique(np.round(np.r_[repeats, inside], _TIME_DECIMALS))
+    held = np.searchsorted(np.round(times, _TIME_DECIMALS), logged, side="right") - 1
+    return logged, given[held]
 
 
 def drive_model(model: Model, time_s: Floats, command: Floats, duration_s: float, sensor: Sensor, seed: int) -> Drive:
     """Drive a model from rest under commands [steering, throttle] (M, 2), each held from its time in `time_s` (M,) on.
 
-    Poses are sampled at the sensor's rate, with its noise.  Logged are the commands that the model was given: each
-    counts from the model's next step on, zero before the first.
+    Poses are sampled at the sensor's rate, with its noise.  Commands are zero before the first.
     """
     if isinstance(model, ContinuousTimeModel):
         model = model.with_period(STEP_S)
     h = model.period_s
-    given = _commands_per_step(time_s, command, duration_s, h)
-    begin = np.round(np.arange(len(given)) * h, _TIME_DECIMALS)
-    twist = rollout(model, history_at_rest(model.lags), given)
+    logged_s, logged = _held_commands(time_s, command, duration_s)
+    begin = h * np.arange(math.ceil(duration_s / h - 1e-6), dtype=np.float64)
+    twist = rollout(model, history_at_rest(model.lags), cut_into_parts(logged_s, logged, begin, h))
     fine = np.arange(math.floor(len(begin) * h / STEP_S + 1e-6) + 1) * STEP_S
     edges = np.append(begin, len(begin) * h)
     pose = integrate_poses(np.zeros(3), np.column_stack([np.interp(fine, edges, c) for c in twist.T]), STEP_S)
@@ -135,7 +146,4 @@ def drive_model(model: Model, time_s: Floats, command: Floats, duration_s: float
     seen = np.column_stack([np.interp(frame / sensor.rate_hz, fine, c) for c in pose.T])
     noise = np.array([sensor.position_noise, sensor.position_noise, sensor.yaw_noise])
     seen += noise * np.random.default_rng(seed).standard_normal(seen.shape)
-    # logged are all changes of the commands, and every command at COMMAND_HZ
-    logged = np.r_[True, (np.diff(given, axis=0) != 0.0).any(axis=1)]
-    logged[:: max(1, round(1.0 / (COMMAND_HZ * h)))] = True
-    return Drive(begin[logged], given[logged], frame, seen, np.empty((0, 8)))
+    return Drive(logged_s, logged, frame, seen, np.empty((0, 8)))

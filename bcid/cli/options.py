@@ -32,6 +32,14 @@ AllowPartialOption = Annotated[
     bool, typer.Option("--allow-partial", help="Use what can be read of a damaged MCAP file, and end with exit code 3.")
 ]
 
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Write over files that exist already, which is refused otherwise.")
+]
+
+IgnoreHealthOption = Annotated[
+    bool, typer.Option("--ignore-health", help="Use recordings whose check says no-go all the same.")
+]
+
 
 def read_config(
     pipeline: Path | None = None,
@@ -40,6 +48,8 @@ def read_config(
     out: Path | None = None,
     commands: Path | None = None,
     allow_partial: bool = False,
+    force: bool = False,
+    ignore_health: bool = False,
 ) -> PipelineConfig:
     """Return the configuration of the pipeline file, or one for the recordings named on the command line.
 
@@ -49,10 +59,11 @@ def read_config(
         UsageError: options that do not go together.
         InputRefused: the pipeline file has problems.
     """
+    said = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")
-        return read_pipeline_file(pipeline or DEFAULT_PIPELINE_FILE).model_copy(update={"allow_partial": allow_partial})
+        return read_pipeline_file(pipeline or DEFAULT_PIPELINE_FILE).model_copy(update=said)
     if commands is not None and len(recordings) > 1:
         raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
     missing = {"--vehicle VEHICLE.toml": (vehicle or pipeline) is None, "--out DIR": out is None}
@@ -65,5 +76,5 @@ def read_config(
         config = PipelineConfig(source="the command line", vehicle=Path(), training=recordings)
     return config.model_copy(update={
         "training": recordings, "validation": None, "truth": None, "commands": commands, "workspace": out,
-        "vehicle": vehicle or config.vehicle, "allow_partial": allow_partial,
+        "vehicle": vehicle or config.vehicle, **said,
     })  # fmt: skip

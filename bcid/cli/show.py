@@ -13,6 +13,7 @@ from bcid.documents.diagnosis import Detectable, DiagnosisDocument
 from bcid.documents.health import ClockEstimate, HealthDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.report import ReportDocument
+from bcid.errors import printable
 from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary
 from bcid.report.formats import format_number, format_thousandths, format_with_error, plain_name, unit_text
@@ -23,7 +24,7 @@ def comparison_table(report: ReportDocument) -> Table:
     take = report.validation
     rows = [
         [
-            m.model, format_thousandths(m.nmse),
+            f"{m.model} (made from this take)" if m.saw_validation else m.model, format_thousandths(m.nmse),
             "–" if m.nmse_ci95 is None else " – ".join(format_thousandths(v) for v in m.nmse_ci95),
             format_thousandths(m.nmse_vx), format_thousandths(m.nmse_vy), format_thousandths(m.nmse_yaw_rate),
             "–" if m.rollout_ms is None else f"{m.rollout_ms:.3g}", str(m.parameters),
@@ -142,6 +143,8 @@ def estimate_tables(takes: Sequence[EstimatedTake]) -> Group:
         )
         if lost := summary.filter.describe_restarts():
             notes.append(f"{summary.name}: the filter {lost}")
+        if resampled := summary.describe_resampling():
+            notes.append(f"{summary.name}: {resampled}")
     if not all(take.summary.filter.nis.plausible for take in takes):
         notes.insert(0, "(!) far from 1: the noise found on the liveliest excerpts does not fit this take")
     columns = ["take", "NIS per quantity", "95 % band", "T_s", "d", "written to"]
@@ -279,7 +282,7 @@ def health_text(health: HealthDocument) -> str:
     """Whether each recording is worth fitting and why, its clock offset and its findings, as text: a paragraph each."""
     lines = []
     for take in health.recordings:
-        lines += [take.recording, f"  {take.sentence}"]
+        lines += [printable(take.recording, ""), f"  {take.sentence}"]
         if take.clock:
             lines.append(f"  clock offset: {_clock_text(take.clock)}")
             lines += [f"  {text}" for text in take.findings]

@@ -16,11 +16,33 @@ from rich.markup import escape
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
+from rich.text import Text
 
 from bcid.aliases import Progress
+from bcid.errors import BcidError, printable
 from bcid.pipeline.watching import Watcher
 
 PIPED_WIDTH = 4096  # nothing is cut in a pipe
+
+
+class OutputClosed(BcidError):
+    """Whoever reads what a command prints stopped before its end."""
+
+    # 128 and the number of SIGPIPE, by which other programs end then
+    exit_code = 141
+
+    def __init__(self) -> None:
+        super().__init__(
+            "stdout: was closed before everything was printed\n  next: read it to its end, or use --format quiet"
+        )
+
+
+class CleanConsole(Console):
+    """A console that prints no control character of any text it is given, whatever file or person the text is from."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Text to print, from a string that may hold markup."""
+        return super().render_str(printable(text), **options)
 
 
 class Format(StrEnum):
@@ -40,11 +62,6 @@ def _nonfinite_to_none(value: Any) -> Any:
     return [_nonfinite_to_none(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def _without_control_characters(text: str) -> str:
-    """The text with a replacement sign for each control character, which a terminal might obey; line ends stay."""
-    return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
-
-
 class Sink(Watcher):
     """The output of a command, and the watcher of its pipeline."""
 
@@ -55,29 +72,37 @@ class Sink(Watcher):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")  # a Windows pipe may not know δ
         colourless = "NO_COLOR" in os.environ
-        self.out = Console(no_color=colourless, highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
-        self.err = Console(stderr=True, no_color=colourless, soft_wrap=True, highlight=False)
+        width = None if sys.stdout.isatty() else PIPED_WIDTH
+        self.out = CleanConsole(no_color=colourless, highlight=False, width=width)
+        self.err = CleanConsole(stderr=True, no_color=colourless, soft_wrap=True, highlight=False)
         self.lively = self.err.is_terminal and style is not Format.quiet
 
     def result(self, data: dict[str, Any], human: Callable[[], str | RenderableType]) -> None:
-        """Print a command's result: `data` as JSON, or what `human` returns for people."""
-        if self.style is Format.json:
-            print(json.dumps(_nonfinite_to_none(data), indent=1))  # noqa: T201  # results, and nothing else, are printed here
-        elif self.style is Format.human:
-            shown = human()
-            if isinstance(shown, str):
-                print(_without_control_characters(shown))  # noqa: T201
-            else:
+        """Print a command's result: `data` as JSON, or what `human` returns for people.
+
+        Raises:
+            OutputClosed: nobody reads it.
+        """
+        shown = human() if self.style is Format.human else ""
+        try:
+            if self.style is Format.json:
+                print(json.dumps(_nonfinite_to_none(data), indent=1))  # noqa: T201  # results, and nothing else
+            elif isinstance(shown, str) and self.style is Format.human:
+                print(printable(shown))  # noqa: T201
+            elif self.style is Format.human:
                 self.out.print(shown)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            raise OutputClosed from None
 
     def note(self, text: str, in_every_format: bool = False) -> None:
         """Print a message for people on stderr; in other formats only what must be known before the result."""
         if in_every_format or self.style is Format.human:
-            self.err.print(escape(_without_control_characters(text)))
+            self.err.print(escape(text))
 
     def error(self, text: str) -> None:
         """Print an error on stderr, in every format."""
-        self.err.print(f"[red]error:[/red] {escape(_without_control_characters(text))}")
+        self.err.print(f"[red]error:[/red] {escape(text)}")
 
     @contextmanager
     def stage(self, title: str) -> Iterator[Progress]:
@@ -86,6 +111,7 @@ class Sink(Watcher):
             yield lambda share, text: None
             return
         begin = time.perf_counter()
+        title = printable(title, "")
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
@@ -96,7 +122,7 @@ class Sink(Watcher):
             task = bar.add_task(escape(title), total=None, text="")
 
             def advance(share: float, text: str) -> None:
-                bar.update(task, completed=share, total=1.0 if share > 0 else None, text=escape(text))
+                bar.update(task, completed=share, total=1.0 if share > 0 else None, text=escape(printable(text, "")))
 
             yield advance
         self.err.print(f"{escape(title):32} {time.perf_counter() - begin:6.1f} s")
@@ -104,7 +130,7 @@ class Sink(Watcher):
     def report_reused(self, title: str) -> None:
         """Show that a stage was found in the cache."""
         if self.lively:
-            self.err.print(f"[dim]{escape(title):32} cached[/dim]")
+            self.err.print(f"[dim]{escape(printable(title, '')):32} cached[/dim]")
 
 
 def plain_table(
@@ -118,5 +144,6 @@ def plain_table(
     for i, name in enumerate(columns):
         made.add_column(name, justify="left" if i == 0 or name in texts else "right")
     for row in rows:
-        made.add_row(*(escape(_without_control_characters(cell)) for cell in row))
+        # a cell is one line, so that no name in it can begin another
+        made.add_row(*(escape(printable(cell, "")) for cell in row))
     return made

@@ -20,6 +20,7 @@ from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused, UsageError
+from bcid.estimate.command_parts import mean_commands
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses
 from bcid.files.toml import Settings, read_toml
@@ -112,7 +113,8 @@ def _check_parameters(path: Path, file: ParameterFile, vehicle: Vehicle, optiona
     `optional` holds the vehicle file's value of each servo constant that the file may give instead; None where it has
     none.
     """
-    required = {*(FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW), *TYRES, *DRAG}
+    motor = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
+    required = {*motor, *TYRES, *DRAG} - (set() if vehicle.has_brake else {"K_b"})
     given = file.parameters
     wrong = {
         "lacks": sorted(required - set(given)),
@@ -150,9 +152,9 @@ class UserModel:
         return self.model.init(history)
 
     def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
-        """The carry after the commands (K, 2), and the twist (K, 3) after each."""
+        """The carry after the commands (K, 2), or the means of parts (K, W, 4), and the twist (K, 3) after each."""
         twists = np.empty((len(commands), 3))
-        for k, command in enumerate(commands):
+        for k, command in enumerate(commands if commands.ndim == 2 else mean_commands(commands)):
             carry, twists[k] = self.model.step(carry, command)
         return carry, twists
 
@@ -203,7 +205,7 @@ def simulate_with_model(model: UserModel, recording: Recording, estimate: Estima
     for stretch in estimate.segments():
         for k in range(stretch.start, stretch.stop, size):
             stop = min(k + size, stretch.stop)
-            twist = rollout(model, history_at(estimate, k, model.lags), estimate.command[k : stop - 1])
+            twist = rollout(model, history_at(estimate, k, model.lags), estimate.parts[k : stop - 1])
             poses.append(integrate_poses(estimate.pose[k], twist, estimate.period_s))
             times.append(estimate.time_s[k:stop])
             breaks.append(float(estimate.time_s[k]))

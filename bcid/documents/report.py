@@ -4,15 +4,16 @@ from typing import Literal
 
 from pydantic import Field
 
-from bcid.documents.document import Document, Interval, Number, Part
+from bcid.documents.document import Document, Interval, NotNegative, Number, Part
 
 
 class ProcessNoiseFigures(Part):
     """The process noise of a fitted model."""
 
-    q: tuple[float, float, float]  # root spectral density of each component of the twist, per root second
-    tau_s: float  # time over which the noise stays alike; 0 for one step
-    factor: float  # by which the intervals are widened for what is not normally distributed
+    # root spectral density of each component of the twist, per root second
+    q: tuple[NotNegative, NotNegative, NotNegative]
+    tau_s: NotNegative  # time over which the noise stays alike; 0 for one step
+    factor: NotNegative  # by which the intervals are widened for what is not normally distributed
 
 
 class Coverage(Part):
@@ -28,6 +29,7 @@ class ModelScore(Part):
     """One model's closed-loop error (NMSE) on the validation take; null where its prediction diverges."""
 
     model: str
+    saw_validation: bool | None = None  # whether it was made from the validation take; null where nobody knows
     nmse: Number = None
     nmse_ci95: Interval | None = None
     nmse_vx: Number = None
@@ -97,7 +99,7 @@ class DiagnosisInShort(Part):
 
 
 class ReportDocument(Document):
-    """The whole of report.json (`bcid.report/1`), models best first."""
+    """The whole of report.json (`bcid.report/1`), models best first, those that saw the validation take last."""
 
     kind: Literal["bcid.report/1"] = Field("bcid.report/1", alias="schema")
     vehicle: str

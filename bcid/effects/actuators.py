@@ -26,6 +26,7 @@ class ActuatorChain(NamedTuple):
     u_m: Floats  # (n + 1,) as each step begins
     u_next: Floats  # (n + 1,) mean after the first change within the step
     late: Floats  # (n + 1,) share of the step after that change, 0 where there is none
+    brake: Floats  # (n + 1,) brake share, its mean over the step
 
 
 class SteeringState(NamedTuple):
@@ -43,7 +44,9 @@ def actuation_at(k: int, chain: ActuatorChain, T: float) -> Actuation:
     The throttle comes with its change within the step.  `T` is the recording's length (s), for effects that grow
     with time.
     """
-    return Actuation(chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], chain.late[k])
+    return Actuation(
+        chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], chain.late[k], chain.brake[k]
+    )  # fmt: skip
 
 
 @njit
@@ -84,10 +87,10 @@ def actuator_chain(
 ) -> ActuatorChain:
     """Steering angles and throttles that reach the car over `n` steps of `h` seconds from `t_0` (s) on.
 
-    They result from delays, servo, lag and play of `p` and the effects' parameters `e`.  `commands` (m, 2) are
-    steering (rad), limited to +-`limit`, and throttle (reference speed in m/s or share of full force; below 0 the
-    brake share); each holds from its time in `times` (m,) (s) until the next.  The steering starts at rest at the
-    first command.
+    They result from delays, servo, lag and play of `p` and the effects' parameters `e`.  `commands` (m, 2) are steering
+    (rad), limited to +-`limit`, and throttle (reference speed in m/s or share of full force; below 0 the brake share),
+    in (m, 3) followed by a brake of its own; each holds from its time in `times` (m,) (s) until the next.  The steering
+    starts at rest at the first command.
     """
     first = min(max(commands[0, 0], -limit), limit)
     return continue_actuator_chain(SteeringState(first, first, first), times, commands, t_0, n, h, p, limit, e)[0]
@@ -113,8 +116,9 @@ def continue_actuator_chain(
     """
     u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
     half, tau = 0.5 * h, e.steering_delay__tau
-    delta_out = np.empty(2 * n + 1)
-    throttle, throttle_next, late = _throttle_per_step(motor.motor_delay(times, e.motor_delay__tau), u_m, t_0, n, h)
+    delta_out, arrivals = np.empty(2 * n + 1), motor.motor_delay(times, e.motor_delay__tau)
+    throttle, throttle_next, late = _throttle_per_step(arrivals, u_m, t_0, n, h)
+    brake = _brake_per_step(arrivals, commands, t_0, n, h)
     angle, lagged, behind = servo.angle, servo.lagged, servo.behind
     row = 0
     for k in range(2 * n + 1):
@@ -129,7 +133,22 @@ def continue_actuator_chain(
             after = servo_step(angle, u_s[row], p, e, until - now)
             lagged = steering.steering_lag(lagged, angle, after, until - now, e.steering_lag__tau)
             angle, now = after, until
-    return ActuatorChain(t_0, h, delta_out, throttle, throttle_next, late), SteeringState(angle, lagged, behind)
+    return ActuatorChain(t_0, h, delta_out, throttle, throttle_next, late, brake), SteeringState(angle, lagged, behind)
+
+
+@njit
+def _brake_per_step(times: Floats, commands: Floats, t_0: float, n: int, h: float) -> Floats:
+    """Mean brake share (n + 1,) of each step of `h` seconds from `t_0` (s) on; 0 where `commands` (m, 2) have none.
+
+    The third column of `commands` (m, 3) acts from `times` (m,) (s) until the next.
+    """
+    brake = np.zeros(n + 1)
+    if commands.shape[1] > 2 and commands[:, 2].any():
+        share, area = commands[:, 2].copy(), np.zeros(len(times))
+        area[1:] = np.cumsum(share[:-1] * np.diff(times))
+        for k in range(n + 1):
+            brake[k] = mean_held_command(times, share, area, t_0 + k * h, t_0 + (k + 1) * h)
+    return brake
 
 
 @njit
@@ -144,9 +163,10 @@ def _throttle_per_step(times: Floats, u_m: Floats, t_0: float, n: int, h: float)
     now, after, late = np.empty(n + 1), np.empty(n + 1), np.zeros(n + 1)
     for k in range(n + 1):
         t = t_0 + k * h
-        row = int(np.searchsorted(times, t + SAME_TIME_S, side="right"))  # the next to come
-        now[k] = after[k] = u_m[max(row - 1, 0)]
-        if 0 < row < len(times) and times[row] < t + h - SAME_TIME_S:
+        # the next to come; the first has always been
+        row = max(int(np.searchsorted(times, t + SAME_TIME_S, side="right")), 1)
+        now[k] = after[k] = u_m[row - 1]
+        if row < len(times) and times[row] < t + h - SAME_TIME_S:
             late[k] = (t + h - times[row]) / h
             after[k] = mean_held_command(times, u_m, area, times[row], t + h)
     return now, after, late

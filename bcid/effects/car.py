@@ -11,7 +11,7 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
-from bcid.physics.car import Car, motor_force
+from bcid.physics.car import Car, forward_motor_force
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import drag_force
@@ -19,6 +19,8 @@ from bcid.physics.tyres import slip_angle
 
 MAX_COMPLIANCE_STEPS = 40
 COMPLIANCE_TOLERANCE_RAD = 1e-12
+# throttle (m/s, or share) that no command reaches
+BEYOND_ANY_THROTTLE = 1e9
 
 
 class BodyState(NamedTuple):
@@ -41,6 +43,7 @@ class Actuation(NamedTuple):
     u_m: float  # throttle after its delay
     u_next: float  # throttle after its change within the step
     late: float  # weight of u_next: 0 where the throttle stays
+    brake: float  # share of a brake that is no part of the throttle
 
 
 class LagState(NamedTuple):
@@ -85,18 +88,30 @@ def unpack_lags(x: Floats) -> LagState:
 
 
 @njit_inline
-def _motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Switches, c: Constants) -> float:
-    """Motor force F_m (N) under the throttle `u_m` at the wheel speed `v_w` (m/s), before any lag.
+def _forward_motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Switches, c: Constants) -> float:
+    """Motor force (N) under the throttle `u_m` at the wheel speed `v_w` (m/s), before any lag, of a forward motor.
 
     The motor's effects in `e` act on the law of `p`: dead zone, fade, power limit, sag, regeneration; time comes
     from `act`.
     """
     u_m = motor.motor_dead_zone(u_m, e.motor_dead_zone__width)
-    F = corrections.motor_fade(motor_force(u_m, v_w, p), u_m, v_w, p.u_0, e.motor_fade__k)
+    F = corrections.motor_fade(forward_motor_force(u_m, v_w, p), u_m, v_w, p.u_0, e.motor_fade__k)
     supplied = motor.motor_power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
     supplied = motor.motor_sag(supplied, act.t, act.T, e.motor_sag__s)
     supplied += motor.motor_regeneration(u_m, v_w, p.K_t, p.F_m_max, e.motor_regeneration__r)
     return where(u_m >= 0.0, supplied, F)
+
+
+@njit_inline
+def _motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Switches, c: Constants) -> float:
+    """Motor force F_m (N) under the throttle `u_m` at the wheel speed `v_w` (m/s), before any lag, with its effects.
+
+    Where the car reverses, F_m(u_m, v_w) = -F_m(-u_m, -v_w), effects included.
+    """
+    # below zero for a car that reverses, never for another: a branch would compile the motor's effects twice
+    backward = u_m < (p.reverses - 1.0) * BEYOND_ANY_THROTTLE
+    F_m = _forward_motor_force_at(where(backward, -u_m, u_m), where(backward, -v_w, v_w), act, p, e, c)
+    return where(backward, -F_m, F_m)
 
 
 @njit_inline
@@ -132,7 +147,7 @@ def _front_wheel_forces(
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta_w)
     F_m = motor_force_with_effects(v_fx, act, p, e, c)
     pull = lags.F_mf if e.motor_lag__tau > 0.0 else F_m
-    rolling = drag_force(v_fx, p.R_1, p.R_2)
+    rolling = drag_force(v_fx, p.R_1 + act.brake * p.K_b, p.R_2)
     F_d = rolling
     F_d += forces.front_coulomb_friction(v_fx, e.front_coulomb_friction__c, c.v_c)
     F_d += forces.steering_drag(delta_w, v_fx, e.steering_drag__k)
@@ -246,7 +261,7 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     F_mr = motor_force_with_effects(v_rx, act, p, e, c) if p.front_share < 1.0 else 0.0
     pull_r = lags.F_mr if e.motor_lag__tau > 0.0 else F_mr
-    F_lr = (1.0 - p.front_share) * (pull_r - drag_force(v_rx, p.R_1, p.R_2))
+    F_lr = (1.0 - p.front_share) * (pull_r - drag_force(v_rx, p.R_1 + act.brake * p.K_b, p.R_2))
     delta_w = _solve_wheel_angle(b, act, lags, grip, F_lr, p, e, c)
     front = _front_wheel_forces(delta_w, b, act, lags, grip, F_lr, p, e, c)
     F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)

@@ -24,6 +24,7 @@ class StepInputs(NamedTuple):
     u_m: float
     u_next: float
     late: float  # share of the step after the throttle's change to u_next
+    brake: float  # brake share, its mean over the step
     push: tuple[float, float, float]  # a constant further wrench
 
 
@@ -105,7 +106,7 @@ def step_inputs(k: int, chain: ActuatorChain, T: float, push: Floats) -> StepInp
     """
     return StepInputs(
         chain.t_0 + k * chain.h, T, (chain.delta[2 * k], chain.delta[2 * k + 1], chain.delta[2 * k + 2]),
-        chain.u_m[k], chain.u_next[k], chain.late[k], (push[0], push[1], push[2]),
+        chain.u_m[k], chain.u_next[k], chain.late[k], chain.brake[k], (push[0], push[1], push[2]),
     )  # fmt: skip
 
 
@@ -118,12 +119,13 @@ def rk4_body_step(
     `b` and `lags` hold as the step begins.  Their fields are numbers, or vectors of numbers for as many cars side by
     side.
     """
-    t, T, u_m, u_next, s, push = inputs.t, inputs.T, inputs.u_m, inputs.u_next, inputs.late, inputs.push
+    t, T, u_m, u_next, s, brake = inputs.t, inputs.T, inputs.u_m, inputs.u_next, inputs.late, inputs.brake
+    push = inputs.push
     # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
     at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)
-    start = Actuation(t, T, inputs.delta[0], u_m, u_next, at_start)
-    middle = Actuation(t + 0.5 * h, T, inputs.delta[1], u_m, u_next, s)
-    end = Actuation(t + h, T, inputs.delta[2], u_m, u_next, at_end)
+    start = Actuation(t, T, inputs.delta[0], u_m, u_next, at_start, brake)
+    middle = Actuation(t + 0.5 * h, T, inputs.delta[1], u_m, u_next, s, brake)
+    end = Actuation(t + h, T, inputs.delta[2], u_m, u_next, at_end, brake)
     # a lag's value at a stage follows from the steady one there: only then is the wrench computed twice
     lagging = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
     first = wrench_with_effects(b, start, lags, p, e, c)
@@ -156,7 +158,7 @@ def rk4_body_step(
 @njit
 def steady_lags(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
     """Front slip angle (rad) and motor forces (N) in steady state at pose and twist `b`, at an unchanging throttle."""
-    unchanged = Actuation(act.t, act.T, act.delta, act.u_m, act.u_next, 0.0)
+    unchanged = Actuation(act.t, act.T, act.delta, act.u_m, act.u_next, 0.0, act.brake)
     return wrench_with_effects(b, unchanged, LagState(0.0, 0.0, 0.0), p, e, c).steady
 
 

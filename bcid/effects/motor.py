@@ -27,8 +27,11 @@ def motor_dead_zone(u_m: float, w: float) -> float:
 
 @njit
 def motor_sag(F: float, t: float, T: float, s: float) -> float:
-    """Motor force F (1 - s t/T) (N) at t (s) of a recording of T (s), at whose end a battery has lost the share s."""
-    return F * (1.0 - s * t / T)
+    """Motor force F (1 - s t/T) (N) at t (s) of a recording of T (s), at whose end a battery has lost the share s.
+
+    Beyond the end, of which the recording tells nothing, the share stays s.
+    """
+    return F * (1.0 - s * min(t / T, 1.0))
 
 
 @njit

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.aliases import Floats
+from bcid.estimate.command_parts import cut_into_parts, shift_to_commands
 from bcid.estimate.kernel import Events
 from bcid.estimate.limits import LIMITS
 from bcid.estimate.process import BETAF, DELTA, MEASURED, N_MEASURED, N_STATE, THETA, VF, Chassis
@@ -36,7 +37,7 @@ class Timeline(NamedTuple):
     events: Events
     grid: npt.NDArray[np.int64]  # event index of each grid row
     segment: npt.NDArray[np.int64]  # of each grid row
-    command: Floats  # (K, 2) held at each grid row
+    parts: Floats  # (K, W, 4) duration (s) and command of each part of the period after a grid row
 
 
 def hold_commands(commands: Stream, time_s: Floats) -> tuple[Floats, Floats]:
@@ -55,22 +56,25 @@ def build_timeline(
 ) -> Timeline:
     """The filter's events (all times of poses, commands, other channels and grid rows), and the grid for its output.
 
-    The grid has a row every `period_s` from the recording's time zero.  Rows inside pose gaps longer than `max_gap_s`,
+    The grid has a row every `period_s` from the recording's time zero, or from the time at which it is in step with
+    the commands (`shift_to_commands`).  Rows inside pose gaps longer than `max_gap_s`,
     or where the last command is older than `recording.hold_s`, are left out and end a segment; the filter predicts
     through gaps all the same.  `T_s` (s) and `d` (rad/s) are the steering's time constant and rate limit.
     """
     pose_s = np.round(recording.poses.time_s, TIME_DECIMALS)
     first, last = pose_s[0], pose_s[-1]
-    grid_s = np.round(
-        np.arange(np.ceil(first / period_s - 1e-6), np.floor(last / period_s + 1e-6) + 1) * period_s, TIME_DECIMALS
-    )
+    limit = vehicle.steering.max_angle_rad
+    command_s, driven = np.round(recording.driven.time_s, TIME_DECIMALS), recording.driven.values.copy()
+    driven[:, 0] = np.clip(driven[:, 0], -limit, limit)
+    shift = shift_to_commands(command_s, driven, period_s)
+    periods = np.arange(np.ceil((first - shift) / period_s - 1e-6), np.floor((last - shift) / period_s + 1e-6) + 1)
+    grid_s = np.round(periods * period_s + shift, TIME_DECIMALS)
     extra = [np.round(s.time_s, TIME_DECIMALS) for s in (recording.commands, *recording.channels.values())]
     time_s = np.unique(np.concatenate([pose_s, grid_s, *extra]))
     time_s = time_s[(time_s >= first) & (time_s <= last)]
     z, restart = _measurement_table(recording, time_s, pose_s), np.zeros(len(time_s))
     starts = np.searchsorted(time_s, np.round([first, *recording.breaks_s], TIME_DECIMALS))
     restart[starts] = 1.0
-    limit = vehicle.steering.max_angle_rad
     u_s = np.clip(hold_commands(recording.commands, time_s)[0][:, 0], -limit, limit)
     x_0 = np.zeros((len(time_s), N_STATE))
     for k in starts:
@@ -82,13 +86,12 @@ def build_timeline(
     events = Events(time_s, u_s, z, restart, x_0, np.array(P_0))
 
     grid = np.searchsorted(time_s, grid_s)
-    command, age = hold_commands(recording.commands, grid_s)
+    _, age = hold_commands(recording.commands, grid_s)
     usable = (age <= recording.hold_s) & ~_mark_pose_gaps(recording, grid_s, max_gap_s)
     stretch = np.searchsorted(starts, grid, side="right")
     new = np.r_[True, (np.diff(stretch) > 0) | ~usable[:-1] | ~usable[1:]]
-    clipped = np.column_stack([np.clip(command[:, 0], -limit, limit), command[:, 1]])
-    segment = np.cumsum(new)
-    return Timeline(events, grid[usable], segment[usable], clipped[usable])
+    segment, parts = np.cumsum(new), cut_into_parts(command_s, driven, grid_s[usable], period_s)
+    return Timeline(events, grid[usable], segment[usable], parts)
 
 
 def _measurement_table(recording: Recording, time_s: Floats, pose_s: Floats) -> Floats:
@@ -99,6 +102,8 @@ def _measurement_table(recording: Recording, time_s: Floats, pose_s: Floats) -> 
     z = np.full((len(time_s), N_MEASURED), np.nan)
     z[np.searchsorted(time_s, pose_s), :3] = recording.poses.values
     for name, stream in recording.channels.items():
+        if name not in QUANTITY_OF_CHANNEL:
+            continue
         stamps = np.round(stream.time_s, TIME_DECIMALS)
         inside = (stamps >= time_s[0]) & (stamps <= time_s[-1])
         rows = np.searchsorted(time_s, stamps[inside])

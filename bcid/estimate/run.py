@@ -98,7 +98,7 @@ def estimate_motion(
         pose=x[:, :3],
         twist=twists(x, chassis),
         kinematic=kinematic_states(x),
-        command=timeline.command,
+        parts=timeline.parts,
         twist_sd=np.sqrt(np.maximum(variances, 0.0)),
         kinematic_sd=kinematic_sd(P),
         tuning=tuning,

@@ -1,6 +1,7 @@
 """Time constant and rate limit of the steering, identified from the poses where the vehicle file omits them.
 
-They are the values under which the commanded angle explains the yaw acceleration best.
+They are the values under which a single-track car, led along its measured speed, turns as the car did
+(`bcid.recording.checks.steering_fit`): no filter's length and no vehicle's size biases them.
 """
 
 from collections.abc import Sequence
@@ -11,82 +12,84 @@ from bcid.aliases import Floats
 from bcid.estimate.limits import LIMITS
 from bcid.estimate.tuning import Origin, SteeringOrigin
 from bcid.recording.checks import raw_motion
-from bcid.recording.checks.clock import WINDOW_S, usable_rows, yaw_acceleration, yaw_acceleration_residuals
+from bcid.recording.checks.single_track import servo_angles
+from bcid.recording.checks.steering_fit import SteeringFit, fit_steering
+from bcid.recording.checks.turning import TurningData, liveliest, prepare_turning
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
-# Bounds of the search: T_s (s) and d (rad/s).
+# Bounds of what is found: T_s (s), below which the models' integration is unstable, and d (rad/s).
 T_S_RANGE, D_RANGE = (0.02, 1.5), (0.1, 60.0)
-# Time (s) at both ends of a take that is left out, where differences have no neighbours.
-EDGE_MARGIN_S = 1.0
+NO_LIMIT_RADPS = 200.0  # faster than any servo: as good as no rate limit
 
 
 def identify_steering(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, SteeringOrigin]:
-    """The steering's time constant T_s (s) and rate limit d (rad/s), and the origin of each.
+    """The steering's time constant T_s (s) and rate limit d (rad/s), and the origin of each, with 95 % intervals.
 
-    A constant that the vehicle file states is kept ("given").  Others are "identified" by nonlinear least squares on
-    the residuals of the measured yaw acceleration.  Where no recording steers enough (`LIMITS.min_steering_sd_rad`,
-    `min_steering_rows`), default constants are returned ("default").
+    A constant that the vehicle file states is kept ("given").  Others are "identified" where the recordings show them;
+    a rate limit that the commands never reach, or a time constant that no turning shows, is "default": the steering
+    then moves as it would without it.  The commands' clock counts as exact.
     """
-    from scipy.optimize import least_squares
-
     given = vehicle.steering
-    free = [given.time_constant_s is None, given.max_rate_radps is None]
-    start = np.log(
-        [
-            given.time_constant_s or raw_motion.DEFAULT_TIME_CONSTANT_S,
-            given.max_rate_radps or raw_motion.DEFAULT_RATE_RADPS,
-        ]
-    )
+    stated = {"T_s": given.time_constant_s, "d": given.max_rate_radps}
+    fixed = {name: value for name, value in stated.items() if value is not None}
+    T_s = given.time_constant_s or raw_motion.DEFAULT_TIME_CONSTANT_S
+    d = given.max_rate_radps or raw_motion.DEFAULT_RATE_RADPS
+    takes = [] if len(fixed) == len(stated) else _lively_takes(recordings, vehicle)
+    fit = fit_steering(takes, vehicle, {"delay_s": 0.0, **fixed}) if takes else None
+    if fit is None or fit.explained < LIMITS.min_turning_explained:
+        return T_s, d, SteeringOrigin(**_origins(fixed, "default"))
+    reached = True
+    if "d" not in fixed:
+        unlimited = fit_steering(takes, vehicle, {"delay_s": 0.0, **fixed, "d": NO_LIMIT_RADPS}, start=fit.theta)
+        reached = _shows_rate_limit(fit, unlimited)
+        fit = fit if reached else unlimited
+    origin = _origins(fixed, "identified")
+    T_s_ci95 = d_ci95 = None
+    at_bound = False
+    if "T_s" not in fixed:
+        sd = float(np.hypot(fit.sd("T_s"), LIMITS.servo_systematic_ln))
+        sd = float(np.hypot(sd, LIMITS.servo_systematic_steps * takes[0].step_s / fit.value("T_s")))
+        at_bound = fit.value("T_s") < T_S_RANGE[0] or fit.value("T_s") > T_S_RANGE[1]
+        T_s = float(np.clip(fit.value("T_s"), *T_S_RANGE))
+        origin["T_s"] = "identified" if sd < LIMITS.max_servo_sd_ln else "default"
+        T_s_ci95 = (T_s * np.exp(-1.96 * sd), T_s * np.exp(1.96 * sd))
+    if "d" not in fixed:
+        d = float(np.clip(fit.value("d"), *D_RANGE))
+        if reached:
+            sd = float(np.hypot(fit.sd("d"), LIMITS.rate_systematic_ln))
+            d_ci95 = (d * np.exp(-1.96 * sd), d * np.exp(1.96 * sd))
+        else:
+            origin["d"] = "default"
+            fastest = LIMITS.unreached_rate_factor * max(_fastest(t, fit) for t in takes)
+            d = float(np.clip(fastest, raw_motion.DEFAULT_RATE_RADPS, D_RANGE[1]))
+    rate_reached = reached if "d" not in fixed else None
+    return T_s, d, SteeringOrigin(
+        **origin, at_bound=at_bound, rate_reached=rate_reached, T_s_ci95=T_s_ci95, d_ci95=d_ci95
+    )  # fmt: skip
+
+
+def _origins(fixed: dict[str, float], source: Origin) -> dict[str, Origin]:
+    """The origin of T_s and of d by name: "given" for what is `fixed`, `source` for the others."""
+    return {name: "given" if name in fixed else source for name in ("T_s", "d")}
+
+
+def _lively_takes(recordings: Sequence[Recording], vehicle: Vehicle) -> list[TurningData]:
+    """The liveliest parts of the recordings that steer most, at most `LIMITS.max_servo_takes` of them."""
     steered = [r for r in recordings if np.std(r.commands.values[:, 0]) > LIMITS.min_steering_sd_rad]
-    motions = [(r, raw_motion.differentiate_poses(r, vehicle, WINDOW_S)) for r in steered]
-    motions = [(r, m) for r, m in motions if len(m.time_s) > LIMITS.min_steering_rows]
-
-    def origins(source: Origin) -> dict[str, Origin]:
-        return {symbol: source for symbol, absent in zip(("T_s", "d"), free, strict=True) if absent}
-
-    def constants(x: Floats) -> tuple[float, float]:
-        full = start.copy()
-        full[free] = x
-        return float(np.exp(full[0])), float(np.exp(full[1]))
-
-    if not any(free) or not motions:
-        return *constants(start[free]), SteeringOrigin(**origins("default"))
-    low, high = np.log([T_S_RANGE, D_RANGE]).T[:, free]
-
-    def residuals(x: Floats) -> Floats:
-        return np.concatenate([_recording_residuals(r, m, vehicle, *constants(x)) for r, m in motions])
-
-    fits = [
-        least_squares(residuals, x_0[free], bounds=(low, high), diff_step=[1e-2] * sum(free))
-        for x_0 in (start, start + np.log([0.4, 0.5]), start + np.log([2.0, 3.0]))
-    ]
-    best = min(fits, key=lambda fit: float(fit.cost))
-    T_s, d = constants(best.x)
-    near = [np.isclose(best.x, bound, atol=LIMITS.steering_bound_ln).any() for bound in (low, high)]
-    reached = any(_reaches_rate_limit(r, m, vehicle, T_s, d) for r, m in motions)
-    return T_s, d, SteeringOrigin(**origins("identified"), at_bound=any(near), rate_reached=reached)
+    steered.sort(key=lambda r: -float(np.std(r.commands.values[:, 0])))
+    found = [prepare_turning(r, vehicle) for r in steered[: LIMITS.max_servo_takes]]
+    parts = [liveliest(take, LIMITS.servo_take_s) for take in found if take is not None]
+    return [part for part in parts if len(part.rows) > LIMITS.min_steering_rows]
 
 
-def _recording_residuals(
-    recording: Recording, motion: raw_motion.RawMotion, vehicle: Vehicle, T_s: float, d: float
-) -> Floats:
-    """Residuals (rad/s^2) of the yaw acceleration's regression on wheel forces, for a steering with T_s (s), d (rad/s).
-
-    The steering angle comes from the commands by the time constant T_s and rate limit d.  There is one residual for
-    each row of `motion` (derivatives of the raw poses) that is fast, under a command, far from gaps, and EDGE_MARGIN_S
-    from either end.
-    """
-    delta = raw_motion.commanded_steering_angle(recording, vehicle, motion.time_s, T_s, d)
-    margin = round(EDGE_MARGIN_S / float(motion.time_s[1] - motion.time_s[0]))
-    rows, throttle = usable_rows(motion, recording, margin), recording.commands.held_at(motion.time_s)[:, 1]
-    return yaw_acceleration_residuals(motion, delta, throttle, yaw_acceleration(motion), rows, vehicle)
+def _shows_rate_limit(fit: SteeringFit, unlimited: SteeringFit) -> bool:
+    """Whether the turning is explained clearly better with a rate limit than without any (likelihood ratio)."""
+    nats = fit.misfit * float(np.log((unlimited.scale / fit.scale) ** 2))
+    return nats > LIMITS.min_rate_nats and fit.sd("d") < LIMITS.max_servo_sd_ln
 
 
-def _reaches_rate_limit(
-    recording: Recording, motion: raw_motion.RawMotion, vehicle: Vehicle, T_s: float, d: float
-) -> bool:
-    """Whether the commands ever turn the steering, simulated with T_s (s), as fast as its rate limit d (rad/s)."""
-    delta = raw_motion.commanded_steering_angle(recording, vehicle, motion.time_s, T_s, d)
-    rate = np.abs(np.diff(delta) / np.diff(motion.time_s))
-    return bool(np.any(rate > LIMITS.rate_reached_share * d))
+def _fastest(take: TurningData, fit: SteeringFit) -> float:
+    """The fastest rate (rad/s) at which the fitted servo turns in a take."""
+    angle: Floats = servo_angles(take.command_s, take.u_s, take.time_s, fit.value("T_s"), fit.value("d"), 0.0)
+    return float(np.max(np.abs(np.diff(angle)))) / take.step_s

@@ -1,15 +1,19 @@
 """What the estimator assumes: noise of process and sensors, and the steering's time constant and rate limit."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 
 from bcid.aliases import Floats
-from bcid.documents.document import Document, Part
+from bcid.documents.document import Document, Interval, Part
+from bcid.estimate.limits import LIMITS
 
 Origin = Literal["given", "identified", "default"]
 """Where a constant comes from: the vehicle file, the recordings, or the documented default."""
+
+NoiseValue = Annotated[float, Field(ge=LIMITS.min_noise, le=LIMITS.max_noise)]
+SteeringConstant = Annotated[float, Field(ge=LIMITS.min_steering, le=LIMITS.max_steering)]
 
 
 class Noise(Part):
@@ -20,15 +24,15 @@ class Noise(Part):
 
     model_config = ConfigDict(extra="forbid")
 
-    q_v_f: float = 1.0  # m/s per sqrt(s)
-    q_beta_f: float = 1.0  # rad per sqrt(s)
-    q_beta_r: float = 0.2  # rad per sqrt(s)
-    q_delta: float = 0.01  # rad per sqrt(s); keeps the smoother's covariances regular
-    r_position: float = 1e-3  # m
-    r_yaw: float = 2e-3  # rad
-    r_steering: float = 0.01  # rad, where a steering angle is measured
-    r_yaw_rate: float = 0.02  # rad/s, gyro
-    r_wheel_speed: float = 0.05  # m/s
+    q_v_f: NoiseValue = 1.0  # m/s per sqrt(s)
+    q_beta_f: NoiseValue = 1.0  # rad per sqrt(s)
+    q_beta_r: NoiseValue = 0.2  # rad per sqrt(s)
+    q_delta: NoiseValue = 0.01  # rad per sqrt(s); keeps the smoother's covariances regular
+    r_position: NoiseValue = 1e-3  # m
+    r_yaw: NoiseValue = 2e-3  # rad
+    r_steering: NoiseValue = 0.01  # rad, where a steering angle is measured
+    r_yaw_rate: NoiseValue = 0.02  # rad/s, gyro
+    r_wheel_speed: NoiseValue = 0.05  # m/s
 
     def Q(self) -> Floats:
         """Spectral density matrix (7, 7) of the process noise, in the order of the EKF's state; SI units per second."""
@@ -46,12 +50,19 @@ class SteeringOrigin(Part):
     T_s: Origin = "given"
     d: Origin = "given"
     at_bound: bool = False  # an identified constant stopped at a bound of its search
-    rate_reached: bool | None = None  # the commands drive the steering at d; None where nothing was identified
+    rate_reached: bool | None = None  # the commands drive the steering at d; None where it was not sought
+    T_s_ci95: Interval | None = None  # s, of what was identified
+    d_ci95: Interval | None = None  # rad/s
 
     @property
     def poorly_identified(self) -> bool:
         """Whether a constant stopped at its bound, or d was identified from commands that never reach it."""
         return self.at_bound or (self.d == "identified" and not self.rate_reached)
+
+
+def _interval_text(ends: tuple[float, float] | None) -> str:
+    """A 95 % interval as it stands behind a constant's origin; empty for None."""
+    return "" if ends is None else f", 95 %: {ends[0]:.3g} to {ends[1]:.3g}"
 
 
 class Tuning(Document):
@@ -60,17 +71,22 @@ class Tuning(Document):
     model_config = ConfigDict(extra="forbid")
 
     noise: Noise
-    T_s: float
-    d: float
+    T_s: SteeringConstant
+    d: SteeringConstant
     steering: SteeringOrigin = SteeringOrigin()
     noise_at_bound: tuple[str, ...] = ()  # fields of Noise whose search stopped at a bound
 
     def describe_steering(self) -> list[tuple[str, str]]:
         """Names and values of T_s and d as text, with their origin, and what makes the tuning doubtful."""
         origin = self.steering
-        lines = [("T_s", f"{self.T_s:.3g} s ({origin.T_s})"), ("d", f"{self.d:.3g} rad/s ({origin.d})")]
-        if origin.poorly_identified:
-            lines.append(("steering", "at its bound or never driven to its rate limit: not well identified"))
+        lines = [
+            ("T_s", f"{self.T_s:.3g} s ({origin.T_s}{_interval_text(origin.T_s_ci95)})"),
+            ("d", f"{self.d:.3g} rad/s ({origin.d}{_interval_text(origin.d_ci95)})"),
+        ]
+        if origin.rate_reached is False:
+            lines.append(("steering", "never driven to its rate limit, which is not identified"))
+        if origin.at_bound:
+            lines.append(("steering", "T_s at its bound: not well identified"))
         if self.noise_at_bound:
             lines.append(("noise at its bound", ", ".join(self.noise_at_bound)))
         return lines

@@ -9,6 +9,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.documents.document import Number, Part
+from bcid.estimate.command_parts import mean_commands
 from bcid.estimate.consistency import NisSummary
 from bcid.estimate.tuning import Tuning
 
@@ -30,8 +31,8 @@ class FilterSummary(Part):
 class Estimate:
     """Smoothed motion of one recording on a uniform grid of `period_s`.
 
-    Row k holds the state at t_k and the command held then.  Rows of one `segment` are consecutive on the grid; a new
-    segment begins after every gap or jump, and no sample may straddle two.
+    Row k holds the state at t_k and the commands of the period that begins there.  Rows of one `segment` are
+    consecutive on the grid; a new segment begins after every gap or jump, and no sample may straddle two.
     """
 
     name: str
@@ -41,7 +42,7 @@ class Estimate:
     pose: Floats  # (K, 3) x m, y m, yaw rad (continuous)
     twist: Floats  # (K, 3) v_x m/s, v_y m/s, yaw rate rad/s
     kinematic: Floats  # (K, 4) v_f m/s, alpha_f rad, alpha_r rad, delta rad
-    command: Floats  # (K, 2) u_s rad, u_m m/s (or brake share)
+    parts: Floats  # (K, W, 4) duration s, u_s rad, u_m m/s (or brake share), brake of each part of the next period
     twist_sd: Floats  # (K, 3) standard deviations of the twist
     kinematic_sd: Floats  # (K, 4)
     tuning: Tuning | None = None  # what the filter assumed; None for motion that no filter estimated
@@ -50,9 +51,14 @@ class Estimate:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    @property
+    def command(self) -> Floats:
+        """The commands [u_s, u_m] (K, 2), rad and m/s (or brake share), averaged over the period after each row."""
+        return mean_commands(self.parts)
+
     def select_rows(self, rows: slice) -> Estimate:
         """The estimate's grid rows `rows`."""
-        columns = ("time_s", "segment", "pose", "twist", "kinematic", "command", "twist_sd", "kinematic_sd")
+        columns = ("time_s", "segment", "pose", "twist", "kinematic", "parts", "twist_sd", "kinematic_sd")
         return replace(self, **{name: getattr(self, name)[rows] for name in columns})
 
     def steering_constants(self) -> tuple[float, float]:

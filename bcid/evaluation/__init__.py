@@ -2,5 +2,5 @@
 
 `evaluate` (the scores of a model), from `closed_loop` (rollouts and their errors); `process_noise` (what explains the
 errors), `intervals` (of predictions, sampled from this noise), `validity` (process noise and range of the training
-data, saved beside a model), `limits` (all numbers that decide).
+data, saved beside a model), `seen_takes` (which takes these were), `limits` (all numbers that decide).
 """

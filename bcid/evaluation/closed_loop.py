@@ -40,7 +40,7 @@ def _predict_from_starts(model: SupportsRollout, estimate: Estimate, starts: lis
     twist = np.full((len(estimate), 3), np.nan)
     for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
         try:
-            twist[a:b] = rollout(model, history_at(estimate, a, model.lags), estimate.command[a : b - 1])
+            twist[a:b] = rollout(model, history_at(estimate, a, model.lags), estimate.parts[a : b - 1])
         except RolloutDiverged:
             twist[a] = estimate.twist[a]
     return twist
@@ -94,7 +94,7 @@ def position_errors(model: Model, estimate: Estimate, after_s: float) -> Floats:
     for segment in estimate.segments():
         for k in range(segment.start, segment.stop - size, size):
             try:
-                twist = rollout(model, history_at(estimate, k, model.lags), estimate.command[k : k + size])
+                twist = rollout(model, history_at(estimate, k, model.lags), estimate.parts[k : k + size])
             except RolloutDiverged:
                 errors.append(np.inf)
                 continue
@@ -115,7 +115,7 @@ def integrate_poses(start: Floats, twist: Floats, period_s: float) -> Floats:
 def time_rollout_ms(model: Model, estimate: Estimate, repeats: int) -> float:
     """Median wall time (ms) of `repeats` rollouts of a model through all of a take's commands, after one to compile."""
     history = history_at(estimate, 0, model.lags)
-    commands = np.ascontiguousarray(estimate.command[:-1])
+    commands = np.ascontiguousarray(estimate.parts[:-1])
     model.scan(model.init(history), commands)
     times = []
     for _ in range(repeats):

@@ -6,6 +6,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.documents.report import Coverage
+from bcid.estimate.command_parts import stack_parts
 from bcid.estimate.types import Estimate
 from bcid.evaluation.process_noise import ProcessNoise, list_prediction_starts, sample_rollouts
 from bcid.models.interface import History, Model, history_at
@@ -28,9 +29,10 @@ class PredictionInterval(NamedTuple):
 def predict_with_interval(
     model: Model, history: History, commands: Floats, noise: ProcessNoise, seed: int = 0
 ) -> PredictionInterval:
-    """Twists (N, 3) that a model predicts after each of `commands` (N, 2), with half widths of their 95 % intervals.
+    """Twists (N, 3) that a model predicts after each of `commands`, with half widths of their 95 % intervals.
 
-    The half widths are Monte Carlo estimates, from rollouts with random samples of the model's process noise.
+    Commands are (N, 2), or parts (N, W, 4).  The half widths are Monte Carlo estimates, from rollouts with random
+    samples of the model's process noise.
     """
     prediction = _predict_many_with_intervals(model, model.init(history)[None], commands[None], noise, seed)
     return PredictionInterval(prediction.twist[0], prediction.half_width[0])
@@ -39,12 +41,12 @@ def predict_with_interval(
 def _predict_many_with_intervals(
     model: Model, carries: Floats, commands: Floats, noise: ProcessNoise, seed: int
 ) -> PredictionInterval:
-    """Twists and half widths of their 95 % intervals (both (B, N, 3)) of B rollouts under `commands` (B, N, 2).
+    """Twists and half widths of their 95 % intervals (both (B, N, 3)) of B rollouts under commands.
 
-    `carries` (B, n) are the model's states at the starts.  By Monte Carlo: SAMPLES rollouts of each start are
-    disturbed by process noise, and the half width is `noise.factor` times the ONE_SIGMA_SHARE (68 %) quantile of
-    their absolute deviations from the undisturbed rollout, a robust standard deviation.  It is infinite where a third
-    of them diverges.
+    These are (B, N, 2), or parts (B, N, W, 4); `carries` (B, n) are the model's states at the starts.  By Monte Carlo:
+    SAMPLES rollouts of each start are disturbed by process noise, and the half width is `noise.factor` times the
+    ONE_SIGMA_SHARE (68 %) quantile of their absolute deviations from the undisturbed rollout, a robust standard
+    deviation.  It is infinite where a third of them diverges.
     """
     plain = model.scan_many(carries, commands)[1]
     rng = np.random.default_rng(seed)
@@ -68,7 +70,7 @@ def interval_half_widths(model: Model, estimate: Estimate, noise: ProcessNoise |
     for s in estimate.segments():
         half[s.start] = 0.0
         if s.stop - s.start > 1:
-            commands, history = estimate.command[s.start : s.stop - 1], history_at(estimate, s.start, model.lags)
+            commands, history = estimate.parts[s.start : s.stop - 1], history_at(estimate, s.start, model.lags)
             half[s.start + 1 : s.stop] = predict_with_interval(model, history, commands, noise).half_width
     return half
 
@@ -87,7 +89,7 @@ def measure_coverage(model: Model, estimate: Estimate, noise: ProcessNoise) -> l
         starts = list_prediction_starts([estimate], n, n, model.lags) if n else []
         for batch in (starts[i : i + STARTS_PER_BATCH] for i in range(0, len(starts), STARTS_PER_BATCH)):
             carries = np.stack([model.init(history_at(e, k, model.lags)) for e, k in batch])
-            commands = np.stack([e.command[k : k + n] for e, k in batch])
+            commands = stack_parts([e.parts[k : k + n] for e, k in batch])
             predictions = _predict_many_with_intervals(model, carries, commands, noise, seed=0)
             ends = np.array([k + n for _, k in batch])
             half = np.hypot(predictions.half_width[:, -1], noise.factor * estimate.twist_sd[ends])

@@ -20,5 +20,11 @@ class EvaluationLimits:
     # Share of a quantity's range in the training takes by which a rollout may leave it unreported.
     range_margin: float = 0.05
 
+    # Share of the shorter take's steps up to which another one may hold them by chance.  Two of the sample logs
+    # told in whole centimetres share 0.5 % at most, in millimetres 0.2 %; parts of one take share all that both have.
+    max_shared_steps: float = 0.05
+    # Steps that a model keeps of each take that it was made from: of a tenth of the take, 50 are among them.
+    kept_steps: int = 512
+
 
 LIMITS = EvaluationLimits()

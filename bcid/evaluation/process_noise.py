@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.aliases import Floats
+from bcid.estimate.command_parts import stack_parts
 from bcid.estimate.types import Estimate
 from bcid.evaluation.limits import LIMITS
 from bcid.models.fitting.windows import split_off_ends
@@ -71,8 +72,8 @@ def sample_rollouts(
 ) -> Floats:
     """Twists (B, S, N, 3) of S = `samples` rollouts, disturbed by random process noise, from each of B starts.
 
-    `carries` (B, n) are the model's states at the starts, `commands` (B, N, 2) the commands; the noise has the root
-    spectral density `q` (3,), in the motion component's unit per root second, and the correlation time `tau` (s).
+    `carries` (B, n) are the model's states at the starts, `commands` (B, N, 2) or parts (B, N, W, 4); the noise has the
+    root spectral density `q` (3,), in the motion component's unit per root second, and the correlation time `tau` (s).
     """
     now, commands = np.repeat(carries, samples, axis=0), np.repeat(commands, samples, axis=0)
     out = np.empty((*commands.shape[:2], 3))
@@ -142,7 +143,7 @@ def _measure_errors(
     """
     steps = int(at[-1])
     carries = np.stack([model.init(history_at(e, k, model.lags)) for e, k in starts])
-    commands = np.stack([e.command[k : k + steps] for e, k in starts])
+    commands = stack_parts([e.parts[k : k + steps] for e, k in starts])
     plain = model.scan_many(carries, commands)[1][:, at - 1]
     rows = [k + at for _, k in starts]
     measured = np.stack([e.twist[r] for (e, _), r in zip(starts, rows, strict=True)])

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, ValidationError, field_validator
 
 from bcid.aliases import Bools, Floats
-from bcid.documents.document import Document, Interval
+from bcid.documents.document import Document, describe_problems
 from bcid.documents.report import ProcessNoiseFigures
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
@@ -90,7 +90,18 @@ class _ValidityDocument(Document):
 
     kind: Literal["bcid.limits/1"] = Field("bcid.limits/1", alias="schema")
     process_noise: ProcessNoiseFigures | None  # null where no take was long enough, or the model runs away
-    range: dict[str, Interval]  # lowest and highest value of each of QUANTITIES
+    range: dict[str, tuple[float, float]]  # lowest and highest value of each of QUANTITIES
+
+    @field_validator("range")
+    @classmethod
+    def _check_range(cls, ranges: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        """Refuse a range that lacks a quantity, or is upside down."""
+        for name in QUANTITIES:
+            if name not in ranges:
+                raise ValueError(f"lacks {name}")
+            if not ranges[name][0] <= ranges[name][1]:
+                raise ValueError(f"{name} is lowest at {ranges[name][0]:g} and highest at {ranges[name][1]:g}")
+        return ranges
 
 
 class ModelValidity(NamedTuple):
@@ -122,12 +133,12 @@ def load_validity(folder: Path) -> ModelValidity | None:
         return None
     try:
         document = _ValidityDocument.from_json(json.dumps(read_json(path)))
-        low, high = zip(*(document.range[name] for name in QUANTITIES), strict=True)
-        noise = document.process_noise
-        if noise is None:
-            return ModelValidity(None, DataRange(low, high))
-        x, y, z = noise.q
-        return ModelValidity(ProcessNoise((x, y, z), noise.tau_s, noise.factor), DataRange(low, high))
-    except (OSError, ValueError, KeyError) as error:
-        cause = f"cannot be read: {error!r}"
-        raise InputRefused(path, FILE_NAME, cause, "fit the model again, or remove the file") from None
+    except ValidationError as error:
+        places, causes = describe_problems(error, _ValidityDocument)
+        raise InputRefused(path, places, causes, "fit the model again, or remove the file") from None
+    except (OSError, ValueError) as error:
+        raise InputRefused(path, FILE_NAME, f"cannot be read: {error}", "fit the model again, or remove it") from None
+    low, high = zip(*(document.range[name] for name in QUANTITIES), strict=True)
+    figures = document.process_noise
+    noise = ProcessNoise(figures.q, figures.tau_s, figures.factor) if figures else None
+    return ModelValidity(noise, DataRange(low, high))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bcid.files.limits import LIMITS
+from bcid.files.regular import read_regular_file
 
 DIGEST = "sha256"
 
@@ -29,17 +30,19 @@ def read_json(path: Path) -> dict[str, Any]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the file has more than LIMITS.max_json_bytes, holds no JSON object, or differs from its digest.
+        ValueError: it is no regular file of at most LIMITS.max_json_bytes, holds no JSON object or text that is not
+            Unicode, or differs from its digest.
     """
-    if path.stat().st_size > LIMITS.max_json_bytes:
-        raise ValueError(f"has {path.stat().st_size} bytes, {LIMITS.max_json_bytes} are the most")
+    text = read_regular_file(path, LIMITS.max_json_bytes).decode("utf-8")
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(text)
+        if not isinstance(data, dict):
+            raise ValueError("is no JSON object")
+        stated = data.pop(DIGEST, None)
+        if stated is not None and stated != _content_digest(data):
+            raise ValueError(f"is not as it was saved: its digest differs (remove {DIGEST!r} to keep an edit)")
+        # half a surrogate pair can be escaped in JSON, but written to no file
+        json.dumps(data, ensure_ascii=False).encode("utf-8")
     except RecursionError:
         raise ValueError("is nested too deeply") from None
-    if not isinstance(data, dict):
-        raise ValueError("is no JSON object")
-    stated = data.pop(DIGEST, None)
-    if stated is not None and stated != _content_digest(data):
-        raise ValueError(f"is not as it was saved: its digest differs (remove {DIGEST!r} to keep an edit)")
     return data

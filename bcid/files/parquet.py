@@ -1,6 +1,6 @@
 """Parquet with units in the schema's metadata and page checksums, written and verified the same way everywhere."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bcid.errors import InputRefused
+from bcid.files.limits import LIMITS
+from bcid.files.regular import check_regular_file
+
+NEXT_STEP = "make the file again"
 
 
 def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]) -> None:
@@ -23,17 +27,41 @@ def write_columns(path: Path, values: npt.NDArray[Any], units: Mapping[str, str]
     )  # fmt: skip
 
 
-def read_columns(path: Path, units: Mapping[str, str]) -> npt.NDArray[np.float64]:
-    """Columns (N, n) of the Parquet file at `path`: those that `units` names, in its order.
+def read_columns(path: Path, units: Mapping[str, str], undefined: Sequence[str] = ()) -> npt.NDArray[np.float64]:
+    """Columns (N, n) of the Parquet file at `path`: those that `units` names, in its order, N at least 1.
+
+    Every number is finite, but for the columns `undefined`, such as predictions that may diverge.
 
     Raises:
         FileNotFoundError: there is no such file.
-        InputRefused: the file is damaged (page checksums are verified) or lacks a column.
+        InputRefused: the file is damaged (page checksums are verified), lacks a column, holds other than numbers of
+            double precision, none or too many of them, or one that is not finite.
     """
     try:
-        table = pq.read_table(path, columns=list(units), page_checksum_verification=True)
-        return np.column_stack([table[n].to_numpy() for n in units])
+        check_regular_file(path, 8 * LIMITS.max_table_numbers)
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            _check_schema(file, list(units))
+            table = file.read(list(units))
+        columns = [table[name].to_numpy() for name in units]
     except FileNotFoundError:
         raise
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
-        raise InputRefused(path, "Parquet data", f"is damaged: {error!r}"[:300], "make the file again") from None
+        raise InputRefused(path, "Parquet data", f"is damaged: {error!r}"[:300], NEXT_STEP) from None
+    for name, column in zip(units, columns, strict=True):
+        wrong = ~np.isfinite(column)
+        if wrong.any() and name not in undefined:
+            cause = f"is {column[int(np.argmax(wrong))]} in row {int(np.argmax(wrong)) + 1}, no finite number"
+            raise InputRefused(path, f"column {name}", cause, NEXT_STEP)
+    return np.column_stack(columns)
+
+
+def _check_schema(file: pq.ParquetFile, names: Sequence[str]) -> None:
+    """Raise `ValueError` unless an open Parquet file has each of `names` once, as numbers, and not too many of them."""
+    schema, rows = file.schema_arrow, file.metadata.num_rows
+    for name in names:
+        if schema.names.count(name) != 1:
+            raise ValueError(f"{schema.names.count(name)} columns are named {name}")
+        if schema.field(name).type != pa.float64():
+            raise ValueError(f"column {name} is of {schema.field(name).type}, not of double")
+    if not 0 < rows * len(names) <= LIMITS.max_table_numbers:
+        raise ValueError(f"{rows} rows of {len(names)} numbers, 1 to {LIMITS.max_table_numbers} numbers are read")

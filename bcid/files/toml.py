@@ -1,15 +1,18 @@
 """TOML files read into checked, immutable settings: all problems of one file are reported together."""
 
 import difflib
+import io
+import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from bcid.errors import InputRefused
 from bcid.files.limits import LIMITS
+from bcid.files.regular import read_regular_file
 
 
 class Settings(BaseModel):
@@ -18,8 +21,21 @@ class Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
-PathText = Annotated[Path, Field(strict=False)]
+def _check_path_text(path: Path) -> Path:
+    """Return `path`; raise `ValueError` where no file system can hold such a name: null characters, or too long."""
+    if "\0" in str(path):
+        raise ValueError("a path holds no null character")
+    longest = max((len(os.fsencode(part)) for part in path.parts), default=0)
+    if longest > LIMITS.max_name_bytes or len(os.fsencode(path)) > LIMITS.max_path_bytes:
+        raise ValueError(f"a name in a path has at most {LIMITS.max_name_bytes} bytes, this has {longest}")
+    return path
+
+
+PathText = Annotated[Path, Field(strict=False), AfterValidator(_check_path_text)]
 """Type of a field that holds a path, which a TOML file writes as text."""
+
+BACKSLASHES = r"write paths with /, or on Windows in single quotes: in double quotes \t is a tab and no folder's t"
+"""What to do about a path whose backslashes were read as escapes."""
 
 S = TypeVar("S", bound=Settings)
 
@@ -32,18 +48,21 @@ def read_toml(path: Path, kind: type[S], what: str, example: str = "`bcid init` 
     Raises:
         InputRefused: not found, too large, not TOML, or with unknown, missing or impossible entries.
     """
-    if path.exists() and not path.is_file():  # a pipe would be waited for
-        raise InputRefused(path, what, "is not a regular file", f"check the path; {example}")
-    if path.exists() and (size := path.stat().st_size) > LIMITS.max_toml_bytes:
-        raise InputRefused(path, what, f"has {size} bytes, {LIMITS.max_toml_bytes} are the most", example)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
+        content = read_regular_file(path, LIMITS.max_toml_bytes)
+    except (OSError, ValueError) as error:
         raise InputRefused(path, what, f"cannot be read: {error}", f"check the path; {example}") from None
+    try:
+        # lines end by "\n", "\r\n" or, from old editors, "\r" alone
+        data = tomllib.loads(io.StringIO(content.decode("utf-8-sig"), newline=None).read())
+    except UnicodeDecodeError as error:
+        raise InputRefused(path, what, f"cannot be read: {error}", f"save it as UTF-8; {example}") from None
     except RecursionError:
         raise InputRefused(path, what, "is nested too deeply", f"see how it should look; {example}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputRefused(path, what, f"not valid TOML: {error}", "mend the line named above") from None
+    except ValueError as error:  # beside what is no TOML, a number of thousands of digits
+        escaped = "Unescaped" in str(error) or "Invalid hex" in str(error)
+        next_step = BACKSLASHES if escaped else "mend the line named above"
+        raise InputRefused(path, what, f"not valid TOML: {error}", next_step) from None
     return validate_settings(path, kind, data, what, example)
 
 

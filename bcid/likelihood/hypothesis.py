@@ -104,7 +104,8 @@ class Hypothesis:
     @property
     def log_parameters(self) -> tuple[str, ...]:
         """Symbols of the base parameters that the parameter vector phi holds as logarithms, in its order."""
-        return (*(FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW), *TYRES, *self.unknown_steering)
+        motor = FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW
+        return (*(s for s in motor if s != "K_b" or self.nominal.K_b > 0.0), *TYRES, *self.unknown_steering)
 
     @property
     def drag_units(self) -> Floats:

@@ -43,7 +43,7 @@ def segment_layout(take: Take) -> SegmentLayout:
 @njit
 def shift_chain_time(chain: ActuatorChain, zero: float) -> ActuatorChain:
     """The actuator chain (steering angle, throttle at each integration step), `zero` (s) subtracted from its times."""
-    return ActuatorChain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late)
+    return ActuatorChain(chain.t_0 - zero, chain.h, chain.delta, chain.u_m, chain.u_next, chain.late, chain.brake)
 
 
 class LaneSegments(NamedTuple):
@@ -104,7 +104,7 @@ def _step_inputs(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floa
         (gather_lanes(chain.delta, lanes.half, 2 * i), gather_lanes(chain.delta, lanes.half, 2 * i + 1),
          gather_lanes(chain.delta, lanes.half, 2 * i + 2)),
         gather_lanes(chain.u_m, lanes.step, i), gather_lanes(chain.u_next, lanes.step, i),
-        gather_lanes(chain.late, lanes.step, i),
+        gather_lanes(chain.late, lanes.step, i), gather_lanes(chain.brake, lanes.step, i),
         (load_lanes(pushes, at), load_lanes(pushes, at + LANES), load_lanes(pushes, at + 2 * LANES)),
     )  # fmt: skip
 
@@ -137,7 +137,7 @@ def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, 
         load_lanes(flat, 4 * LANES), load_lanes(flat, 5 * LANES),
     )  # fmt: skip
     first = _step_inputs(lanes, 0, chain, np.zeros(3 * LANES), 0)
-    act = Actuation(first.t, first.T, first.delta[0], first.u_m, first.u_next, 0.0)
+    act = Actuation(first.t, first.T, first.delta[0], first.u_m, first.u_next, 0.0, first.brake)
     return Rollout(b, steady_lags(b, act, p, e, c), 0)
 
 

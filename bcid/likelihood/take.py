@@ -35,7 +35,7 @@ class Take(NamedTuple):
     """
 
     command_s: Floats  # (M,)
-    command: Floats  # (M, 2)
+    command: Floats  # (M, 3) u_s, u_m, and the share of a brake that is no part of the throttle
     stamp_s: Floats  # (P,) of the poses that lie in segments
     row: Ints  # (P,) row of each pose
     share: Floats  # (P,) share of each pose in its row's mean
@@ -138,7 +138,9 @@ def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_ST
     groups, begin, start = [], [], []
     for stretch in estimate.segments():
         for k in range(stretch.start, stretch.stop - rows, rows):
-            t_0 = float(estimate.time_s[k]) - zero
+            # predictions begin at an integration step, the nearest to the grid's row
+            step = round((float(estimate.time_s[k]) - zero) / h)
+            t_0 = step * h
             mine = np.flatnonzero((stamp >= t_0 - 1e-9) & (stamp < t_0 + SEGMENT_S - 1e-9))
             group = np.unique(np.floor((stamp[mine] - t_0 + 1e-9) / GROUP_S), return_inverse=True)[1]
             if len(mine) == 0 or group[-1] + 1 < least:
@@ -147,15 +149,15 @@ def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_ST
             groups.append(group.astype(np.int64))
             counts = np.bincount(group)
             means.append(np.column_stack([np.bincount(group, pose[mine, c]) / counts for c in range(3)]))
-            begin.append(round(t_0 / h))
+            begin.append(step)
             start.append(_fit_initial_state(stamp[mine] - t_0, pose[mine]))
     first, first_stamp = np.cumsum([len(m) for m in means]), np.cumsum([len(k) for k in kept])
     row = np.concatenate([kept[0], *(g + f for g, f in zip(groups, first, strict=False))])
     return Take(
-        recording.commands.time_s - zero, recording.commands.values, stamp[np.concatenate(kept)], row,
+        recording.driven.time_s - zero, recording.driven.values, stamp[np.concatenate(kept)], row,
         1.0 / np.bincount(row)[row], first_stamp, np.concatenate(means), first, np.array(begin, dtype=np.int64),
         round(SEGMENT_S / h), recording.duration_s, pad_with_zero_pushes(np.array(start).reshape(-1, N_START)),
-        np.zeros(len(start)), np.full(len(start), recording.duration_s), np.zeros(len(recording.commands.time_s)),
+        np.zeros(len(start)), np.full(len(start), recording.duration_s), np.zeros(len(recording.driven)),
     )  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """The interface of all models: `init(history) -> carry`, `step(carry, command) -> (carry, twist)`; rollouts.
 
+Commands of N steps are an array (N, 2) of [u_s (rad), u_m] where each holds for a whole step, or (N, W, 4) of the
+*parts* of each step in which they are constant, [duration (s), u_s, u_m, brake share] (`bcid.estimate.command_parts`).
 A fitted model is immutable and `fit` returns a new one, so nothing is ever "not fitted yet".
 """
 
@@ -17,6 +19,7 @@ import numpy.typing as npt
 
 from bcid.aliases import Floats, Ints, Progress
 from bcid.compiled.njit import njit, njit_parallel
+from bcid.estimate.command_parts import hold_for_periods, mean_commands
 from bcid.estimate.types import Estimate
 from bcid.models.limits import LIMITS
 from bcid.recording.types import Recording
@@ -29,15 +32,20 @@ Arrays = dict[str, npt.NDArray[Any]]
 class History:
     """The motion up to and including t_k, oldest row first; the last row is the start of a rollout.
 
-    `command` holds the commands *before* t_k: one row fewer than the states.  Where nothing is known before the first
+    `parts` holds the commands *before* t_k: one row fewer than the states.  Where nothing is known before the first
     row, rows before it repeat it, with its time.
     """
 
     twist: Floats  # (n, 3)
     kinematic: Floats  # (n, 4)
-    command: Floats  # (n - 1, 2)
+    parts: Floats  # (n - 1, W, 4) parts of the periods between the rows, as in `Estimate`
     pose: Floats  # (n, 3)
     time_s: Floats  # (n,) since the take began
+
+    @property
+    def command(self) -> Floats:
+        """The commands [u_s, u_m] (n - 1, 2), averaged over each period before t_k."""
+        return mean_commands(self.parts)
 
 
 def history_at(estimate: Estimate, k: int, lags: int) -> History:
@@ -48,7 +56,7 @@ def history_at(estimate: Estimate, k: int, lags: int) -> History:
     start = next(s.start for s in estimate.segments() if s.start <= k < s.stop)
     rows = np.maximum(np.arange(k - lags, k + 1), start)
     return History(
-        estimate.twist[rows], estimate.kinematic[rows], estimate.command[rows[:-1]], estimate.pose[rows],
+        estimate.twist[rows], estimate.kinematic[rows], estimate.parts[rows[:-1]], estimate.pose[rows],
         estimate.time_s[rows] - estimate.time_s[0],
     )  # fmt: skip
 
@@ -56,7 +64,7 @@ def history_at(estimate: Estimate, k: int, lags: int) -> History:
 def history_at_rest(lags: int) -> History:
     """The past motion, `lags` + 1 grid rows of zeros, of a car that has always stood at the origin without commands."""
     n = lags + 1
-    return History(np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((lags, 2)), np.zeros((n, 3)), np.zeros(n))
+    return History(np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((lags, 1, 4)), np.zeros((n, 3)), np.zeros(n))
 
 
 @dataclass(frozen=True)
@@ -92,7 +100,7 @@ class SupportsRollout(Protocol):
         """The carry at the last row of `history`: all of the past that later steps depend on."""
 
     def scan(self, carry: Any, commands: Floats) -> tuple[Any, Floats]:
-        """Advance under `commands` (N, 2): the carry after the last, and the twists (N, 3) after each."""
+        """Advance under `commands`, (N, 2) or parts (N, W, 4): the carry after the last, and the twists (N, 3)."""
 
 
 class Model(SupportsRollout, Protocol):
@@ -117,7 +125,7 @@ class Model(SupportsRollout, Protocol):
         """Advance one period under `command` = [u_s, u_m]: the carry after it, and the twist (3,) there."""
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """Advance B vehicles (B, n) under `commands` (B, N, 2): their last carries, and the twists (B, N, 3)."""
+        """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
 
     def describe(self) -> str:
         """The fitted equations with values and units, for people."""
@@ -149,7 +157,8 @@ class RolloutDiverged(ArithmeticError):
 def rollout(model: SupportsRollout, history: History, commands: Floats) -> Floats:
     """Twists [v_x, v_y, yaw rate] (N + 1, 3) that a model predicts from its own predictions, without measured feedback.
 
-    The first is that of the last row of `history`, then one after each of `commands` (N, 2), [u_s (rad), u_m].
+    The first is that of the last row of `history`, then one after each step of `commands`, [u_s (rad), u_m] (N, 2) or
+    parts (N, W, 4).
 
     Raises:
         RolloutDiverged: a component passes LIMITS.fastest_twist (150 m/s, 100 rad/s), or is not finite.
@@ -184,13 +193,13 @@ def rollout_batch(model: Model, carries: Floats, commands: Floats) -> RolloutBat
 
 
 class ScanKernels(NamedTuple):
-    """Compiled loops over commands; they leave the carry after the last command in place, and return the twists."""
+    """Compiled loops over parts; they leave the carry after the last command in place, and return the twists."""
 
-    scan: Callable[..., Floats]  # (carry (n,), commands (N, 2), *arguments) -> (N, 3)
-    scan_many: Callable[..., Floats]  # (carries (B, n), commands (B, N, 2), *arguments) -> (B, N, 3), on all cores
+    scan: Callable[..., Floats]  # (carry (n,), parts (N, W, 4), *arguments) -> (N, 3)
+    scan_many: Callable[..., Floats]  # (carries (B, n), parts (B, N, W, 4), *arguments) -> (B, N, 3), on all cores
 
 
-def scan_one(carry: Floats, commands: Floats, *arguments: Any) -> Floats:
+def scan_one(carry: Floats, parts: Floats, *arguments: Any) -> Floats:
     """Placeholder in the loops over vehicles for a model's compiled `scan`: the twists (N, 3) of one vehicle.
 
     `build_scan_kernels` copies these loops with the model's own function under this name; calling this one raises
@@ -200,42 +209,41 @@ def scan_one(carry: Floats, commands: Floats, *arguments: Any) -> Floats:
 
 
 # A parallel loop takes no tuple of tuples, and so is written out for each number of arguments.
-def _scan_many_with_1(carries: Floats, commands: Floats, a: Any) -> Floats:
-    """Twists (B, N, 3) of B vehicles in parallel, each by `scan_one(carry, commands, a)`, under `commands` (B, N, 2).
+def _scan_many_with_1(carries: Floats, parts: Floats, a: Any) -> Floats:
+    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, parts, a)`, under commands `parts` (B, N, W, 4).
 
     `carries` (B, n) are the models' states, updated in place to those after the last command.
     """
-    twists = np.empty((len(carries), commands.shape[1], 3))
+    twists = np.empty((len(carries), parts.shape[1], 3))
     for i in numba.prange(len(carries)):
-        twists[i] = scan_one(carries[i], commands[i], a)
+        twists[i] = scan_one(carries[i], parts[i], a)
     return twists
 
 
-def _scan_many_with_2(carries: Floats, commands: Floats, a: Any, b: Any) -> Floats:
-    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, commands, a, b)`, under `commands` (B, N, 2).
+def _scan_many_with_2(carries: Floats, parts: Floats, a: Any, b: Any) -> Floats:
+    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, parts, a, b)`, under `parts` (B, N, W, 4).
 
     `carries` (B, n) are the models' states, updated in place to those after the last command.
     """
-    twists = np.empty((len(carries), commands.shape[1], 3))
+    twists = np.empty((len(carries), parts.shape[1], 3))
     for i in numba.prange(len(carries)):
-        twists[i] = scan_one(carries[i], commands[i], a, b)
+        twists[i] = scan_one(carries[i], parts[i], a, b)
     return twists
 
 
-def _scan_many_with_4(carries: Floats, commands: Floats, a: Any, b: Any, c: Any, d: Any) -> Floats:
-    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, commands, a, b, c, d)`.
+def _scan_many_with_4(carries: Floats, parts: Floats, a: Any, b: Any, c: Any, d: Any) -> Floats:
+    """Twists (B, N, 3) of B vehicles in parallel, by `scan_one(carry, parts, a, b, c, d)`.
 
-    `commands` are (B, N, 2), `carries` (B, n) are the models' states, updated in place to those after the last
-    command.
+    Commands are `parts` (B, N, W, 4), `carries` (B, n) the models' states, updated in place to those after the last.
     """
-    twists = np.empty((len(carries), commands.shape[1], 3))
+    twists = np.empty((len(carries), parts.shape[1], 3))
     for i in numba.prange(len(carries)):
-        twists[i] = scan_one(carries[i], commands[i], a, b, c, d)
+        twists[i] = scan_one(carries[i], parts[i], a, b, c, d)
     return twists
 
 
 def build_scan_kernels(scan: Callable[..., Floats], parallel: bool = True) -> ScanKernels:
-    """Build a model's compiled kernels, for one vehicle and for B, from its `scan(carry, commands, *arguments)`.
+    """Build a model's compiled kernels, for one vehicle and for B, from its `scan(carry, parts, *arguments)`.
 
     `scan` is compiled and takes 1, 2 or 4 further arguments; it updates the state `carry` in place and returns
     twists. If `parallel`, the loop over B vehicles runs on all cores.  The loop calls `scan` as a global, since numba
@@ -250,10 +258,25 @@ def build_scan_kernels(scan: Callable[..., Floats], parallel: bool = True) -> Sc
     return ScanKernels(scan, njit_parallel(many) if parallel else njit(many))
 
 
+@njit
+def mean_command(parts: Floats, k: int) -> tuple[float, float]:
+    """The command (u_s, u_m), averaged over the time of period `k`, of the commands `parts` (N, W, 4).
+
+    It is what models of a fixed period are given; `bcid.estimate.command_parts.mean_commands` is the same for arrays.
+    """
+    u_s, u_m, time, steer, drive = parts[k, 0, 1], parts[k, 0, 2], parts[k, 0, 0], 0.0, 0.0
+    for j in range(1, parts.shape[1]):
+        time += parts[k, j, 0]
+        steer += parts[k, j, 0] * (parts[k, j, 1] - u_s)
+        drive += parts[k, j, 0] * (parts[k, j, 2] - u_m)
+    return u_s + steer / time, u_m + drive / time
+
+
 class CompiledModel:
     """Base class that makes `step`, `scan` and `scan_many` of a model's `kernels` and their `kernel_arguments`."""
 
     kernels: ClassVar[ScanKernels]
+    period_s: float
     lags: ClassVar[int] = 0
     motion: ClassVar[slice] = slice(0, 3)
 
@@ -268,13 +291,14 @@ class CompiledModel:
         return after, twists[0]
 
     def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """Advance under `commands` (N, 2): the carry after the last, and the twists (N, 3) after each."""
+        """Advance under `commands`, (N, 2) or parts (N, W, 4): the carry after the last, and the twists (N, 3)."""
         after = np.array(carry, dtype=np.float64)
-        return after, self.kernels.scan(after, np.ascontiguousarray(commands, dtype=np.float64), *self.kernel_arguments)
+        parts = commands if commands.ndim == 3 else hold_for_periods(commands, self.period_s)
+        return after, self.kernels.scan(after, np.ascontiguousarray(parts, dtype=np.float64), *self.kernel_arguments)
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
-        """Advance B vehicles (B, n) under `commands` (B, N, 2): their last carries, and the twists (B, N, 3)."""
+        """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
         after = np.array(carries, dtype=np.float64, order="C")
-        return after, self.kernels.scan_many(
-            after, np.ascontiguousarray(commands, dtype=np.float64), *self.kernel_arguments
-        )
+        parts = commands if commands.ndim == 4 else hold_for_periods(commands, self.period_s)
+        many = self.kernels.scan_many
+        return after, many(after, np.ascontiguousarray(parts, dtype=np.float64), *self.kernel_arguments)

@@ -1,10 +1,12 @@
 """Fitted models on disk: model.json and, where there are arrays, arrays.safetensors.  No pickle."""
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
 from bcid.errors import InputRefused
 from bcid.files.json import read_json, write_json
+from bcid.files.regular import read_regular_file
 from bcid.models.interface import Model
 from bcid.models.limits import LIMITS
 from bcid.models.table import MODELS
@@ -27,23 +29,30 @@ def save_model(model: Model, folder: Path) -> None:
     write_json(folder / _JSON, data)
 
 
-def _read_arrays(path: Path, expected_digest: str | None) -> dict[str, Any]:
+def _read_arrays(path: Path, expected_digest: object) -> dict[str, Any]:
     """Read the arrays by name from the safetensors file at `path`; none if there is neither file nor expected digest.
 
     Raises:
-        ValueError: the file is missing, larger than LIMITS.max_array_bytes, or its SHA-256 is not `expected_digest`.
+        ValueError: the file is missing, broken, no regular file of at most LIMITS.max_array_bytes, or its SHA-256 is
+            not `expected_digest`.
     """
-    from safetensors.numpy import load_file
+    from safetensors.numpy import load
 
     if not path.exists():
         if expected_digest is not None:
             raise ValueError(f"{path.name} is missing")
         return {}
-    if path.stat().st_size > LIMITS.max_array_bytes:
-        raise ValueError(f"{path.name} has {path.stat().st_size} bytes, {LIMITS.max_array_bytes} are the most")
-    if expected_digest is not None and file_sha256(path) != expected_digest:
+    try:
+        content = read_regular_file(path, LIMITS.max_array_bytes)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path.name} {error}") from None
+    if expected_digest is not None and hashlib.sha256(content).hexdigest() != expected_digest:
         raise ValueError(f"{path.name} is not as it was saved: its digest differs")
-    return load_file(path)
+    try:
+        return load(content)
+    # whatever the library raises, the file is at fault: types that numpy lacks, shapes that overflow
+    except Exception as error:
+        raise ValueError(f"{path.name} is no safetensors file: {error!r}") from None
 
 
 def load_model(folder: Path) -> Model:
@@ -58,14 +67,12 @@ def load_model(folder: Path) -> Model:
         raise InputRefused(folder, _JSON, f"holds no fitted model: {error}", "fit one with `bcid fit`") from None
     except ValueError as error:
         raise InputRefused(folder, _JSON, f"is damaged: {error}", "fit the model again") from None
-    schema, name = data.get("schema"), str(data.get("model"))
-    if schema != SCHEMA or name not in MODELS:
-        raise InputRefused(folder, _JSON, f"is {schema!r} of {name!r}, not {SCHEMA}", "fit the model again")
-    from safetensors import SafetensorError
-
+    schema, name = data.pop("schema", None), data.pop("model", None)
+    if schema != SCHEMA or not isinstance(name, str) or name not in MODELS:
+        cause = f"is {schema!r:.60} of {name!r:.60}, not {SCHEMA} of one of {', '.join(MODELS)}"
+        raise InputRefused(folder, _JSON, cause, "fit the model again")
     try:
         arrays = _read_arrays(folder / _ARRAYS, data.pop(ARRAYS_DIGEST, None))
         return MODELS[name].load_class().from_saved(data, arrays)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, SafetensorError) as error:
-        cause = f"cannot be read as {name}: {error if isinstance(error, ValueError) else repr(error)}"
-        raise InputRefused(folder, _JSON, cause, "fit or diagnose again") from None
+    except ValueError as error:
+        raise InputRefused(folder, _JSON, f"cannot be read as {name}: {error}", "fit or diagnose again") from None

@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 from bcid.aliases import Floats
+from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
@@ -40,11 +41,14 @@ class Car(NamedTuple):
     sets_force: float = 0.0  # 1 where the throttle sets a force (law "force"), 0 for a speed
     u_0: float = 0.0  # force law: dead zone
     K_v: float = 0.0  # force law: N s/m
+    reverses: float = 0.0  # 1 where a throttle below zero drives backward, 0 where it is a brake share
 
 
 LONGEST_STEP_S = 0.025
 # of a step times the fastest rate; RK4 diverges from 2.78 on
 MAX_STEP_TIMES_RATE = 2.4
+# share by which a half of a period may be longer than one half of it, by rounding
+STEP_MARGIN = 1e-6
 # parts of LONGEST_STEP_S; the constants of a faster car were badly fitted
 MAX_STEP_DIVISIONS = 10
 
@@ -74,15 +78,37 @@ def integration_step(p: Car) -> float:
 
 
 @njit_inline
-def motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the motor law of `p`.
+def forward_motor_force(u_m: float, v_w: float, p: Car) -> float:
+    """Motor force (N) at the wheel speed `v_w` (m/s) under the throttle `u_m` of a motor that only drives forward.
 
-    By that law `u_m` >= 0 sets a reference speed (m/s) or a force (as share of full throttle); below 0 it is a brake
-    share.
+    By the motor law of `p`, `u_m` >= 0 sets a reference speed (m/s) or a force (as share of full throttle); below 0 it
+    is a brake share.
     """
     if p.sets_force > 0.0:
         return force_controlled_force(u_m, v_w, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
     return speed_controlled_force(u_m, v_w, p.K_t, p.K_b, p.F_m_max)
+
+
+@njit_inline
+def motor_force(u_m: float, v_w: float, p: Car) -> float:
+    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the motor law of `p`.
+
+    Where the car reverses, u_m < 0 is a reference speed (m/s) or a force backward, else a brake share.  A motor drives
+    backward as it drives forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w).
+    """
+    if p.reverses > 0.0:
+        F_m = forward_motor_force(abs(u_m), where(u_m < 0.0, -v_w, v_w), p)
+        return where(u_m < 0.0, -F_m, F_m)
+    return forward_motor_force(u_m, v_w, p)
+
+
+@njit_inline
+def with_brake(p: Car, brake_share: float) -> Car:
+    """The car `p` while its brake is on: its rolling drag R_1 grown by K_b times `brake_share`, from 0 to 1."""
+    return Car(
+        p.m, p.I_z, p.l_f, p.l_r, p.T_s, p.d, p.F_m_max, p.K_t, p.K_b, p.C_f, p.C_r, p.F_f_max, p.F_r_max,
+        p.R_1 + brake_share * p.K_b, p.R_2, p.v_0, p.front_share, p.sets_force, p.u_0, p.K_v, p.reverses,
+    )  # fmt: skip
 
 
 @njit_inline
@@ -167,4 +193,19 @@ def advance_cars(state: Floats, command: Floats, p: Car, period: float) -> None:
     for b in range(len(v_x)):
         v_x[b], v_y[b], omega[b], delta[b] = advance_period(
             (v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], p, period
+        )
+
+
+@njit
+def step_cars(state: Floats, step: Floats, p: Car) -> None:
+    """Advance B cars of equal constants `p` by one RK4 step each, of lengths of their own, in place.
+
+    `state` (4, B) has the rows v_x, v_y (m/s, body), yaw rate (rad/s), delta (rad), `step` (4, B) its length (s),
+    steering (rad), throttle and brake share.  A step of length 0 changes nothing.
+    """
+    v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]
+    h, u_s, u_m, brake = step[0], step[1], step[2], step[3]
+    for b in range(len(v_x)):
+        v_x[b], v_y[b], omega[b], delta[b] = rk4_step(
+            (v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], with_brake(p, brake[b]), h[b]
         )

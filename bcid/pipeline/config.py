@@ -8,32 +8,35 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, create_model
 
-from bcid.errors import InputRefused
-from bcid.files.toml import PathText, Settings, read_toml
+from bcid.errors import InputRefused, Problem, Problems
+from bcid.estimate.limits import LIMITS
+from bcid.files.toml import BACKSLASHES, PathText, Settings, read_toml
 from bcid.models.settings import CarLoss
 from bcid.models.table import FITTABLE
 
 DEFAULT_PIPELINE_FILE = Path("pipelines/bumper_car.toml")
 
+NoiseValue = Annotated[float, Field(ge=LIMITS.min_noise, le=LIMITS.max_noise)]
+
 
 class NoiseTable(Settings):
     """Square roots of spectral densities and standard deviations of sensors; those that are absent are identified."""
 
-    q_v_f: Annotated[float, Field(gt=0)] | None = None
-    q_beta_f: Annotated[float, Field(gt=0)] | None = None
-    q_beta_r: Annotated[float, Field(gt=0)] | None = None
-    q_delta: Annotated[float, Field(gt=0)] | None = None
-    r_position: Annotated[float, Field(gt=0)] | None = None
-    r_yaw: Annotated[float, Field(gt=0)] | None = None
-    r_steering: Annotated[float, Field(gt=0)] | None = None
-    r_yaw_rate: Annotated[float, Field(gt=0)] | None = None
-    r_wheel_speed: Annotated[float, Field(gt=0)] | None = None
+    q_v_f: NoiseValue | None = None
+    q_beta_f: NoiseValue | None = None
+    q_beta_r: NoiseValue | None = None
+    q_delta: NoiseValue | None = None
+    r_position: NoiseValue | None = None
+    r_yaw: NoiseValue | None = None
+    r_steering: NoiseValue | None = None
+    r_yaw_rate: NoiseValue | None = None
+    r_wheel_speed: NoiseValue | None = None
 
 
 class EstimateTable(Settings):
     """Settings of the estimator: the table `[estimate]` of a pipeline file."""
 
-    period_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+    period_s: Annotated[float, Field(ge=LIMITS.min_period_s, le=LIMITS.max_period_s)] = 0.1
     max_gap_s: Annotated[float, Field(gt=0)] = 0.3
     engine: Literal["compiled", "filterpy"] = "compiled"
     noise: NoiseTable = NoiseTable()
@@ -88,6 +91,8 @@ class PipelineConfig(PipelineFile):
     source: str  # where this configuration stands, for messages
     commands: PathText | None = None  # of a single recording named on the command line
     allow_partial: bool = False  # recordings of which a part cannot be read are used without it
+    ignore_health: bool = False  # recordings whose check says no-go are used all the same
+    force: bool = False  # results replace files where they are published, whoever wrote those
 
     def recordings(self) -> list[Path]:
         """The training recordings, then the validation recording if there is one."""
@@ -104,6 +109,24 @@ class PipelineConfig(PipelineFile):
         return dict(getattr(self.fit, _field_name(model)).model_dump(mode="json", by_alias=True))
 
 
+def _refuse_backslashes(path: Path, file: PipelineFile) -> None:
+    r"""Raise `InputRefused` where a recording or file is named that is not there, and backslashes are the likely cause.
+
+    In double quotes `\t` is a tab; elsewhere than on Windows a backslash parts no folders.
+    """
+    named = {"vehicle": [file.vehicle], "training": file.training, "diagnose": file.diagnose}
+    named |= {"validation": [file.validation] if file.validation else []}
+    problems = Problems()
+    for key, paths in named.items():
+        for text in map(str, paths):
+            if (path.parent / text).exists() or (text.isprintable() and ("\\" not in text or os.sep == "\\")):
+                continue
+            control = not text.isprintable()
+            cause = "holds a control character, such as \\t in double quotes" if control else "holds backslashes"
+            problems.append(Problem(key, f"{text!r} is not there, and {cause}", BACKSLASHES))
+    problems.raise_if_any(path)
+
+
 def read_pipeline_file(path: Path) -> PipelineConfig:
     """Read and check the pipeline file at `path`; its relative paths are taken from the file's folder.
 
@@ -114,6 +137,7 @@ def read_pipeline_file(path: Path) -> PipelineConfig:
         next_step = "write one with `bcid init`, or name one with -p"
         raise InputRefused(path, "pipeline file", "there is none here", next_step)
     file = read_toml(path, PipelineFile, "pipeline file")
+    _refuse_backslashes(path, file)
 
     def at(named: Path) -> Path:
         return Path(os.path.normpath(path.parent / named))

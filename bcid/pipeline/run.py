@@ -1,22 +1,29 @@
 """The stages of a pipeline, each run when it is first needed and reused where it is in the cache."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bcid.aliases import Progress
-from bcid.errors import InputRefused, PartLost, UsageError
+from bcid.errors import InputRefused, PartLost, Problem, Problems, UsageError
 from bcid.files.source_code import stage_code
 from bcid.models.table import fittable_row, model_row
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.limits import LIMITS
-from bcid.pipeline.publishing import publish_copies
+from bcid.pipeline.publishing import are_published, artifact_digests, publish_copies, refuse_to_replace
+from bcid.pipeline.takes import name_takes, refuse_repeats
 from bcid.pipeline.watching import Watcher
 from bcid.recording.formats.detect import detect_format, find_commands_file, recording_files
 from bcid.store.artifact import Artifact, Recipe, Store, file_sha256
 from bcid.vehicle import read_vehicle
 
+if TYPE_CHECKING:
+    from bcid.evaluation.seen_takes import TakeSteps
+
 AXLE_KEYS = ("body.cog_to_front_m", "body.cog_to_rear_m")
+SEEN_TAKES_MODULE = "bcid.evaluation.seen_takes"
 ESTIMATOR_KEYS = (*AXLE_KEYS, "body.drive", "body.front_drive_share", "steering")
 
 
@@ -28,6 +35,7 @@ class ComparedModel(NamedTuple):
     content: Any  # digests of its files
     module: str  # whose code predicts
     settings: Mapping[str, Any]  # of its fit
+    saw_validation: bool | None = False  # whether it was made from the validation take; None where nobody knows
 
 
 class Pipeline:
@@ -39,8 +47,11 @@ class Pipeline:
         self.vehicle = read_vehicle(config.vehicle)
         self.watcher = watcher or Watcher()
         waiting = f"waiting for another run, which is at work in {config.workspace}"
-        self.store = Store(config.workspace, lambda: self.watcher.note(waiting))
+        self.store = Store(config.workspace, lambda: self.watcher.note(waiting), self.watcher.note)
         self._known: dict[str, Artifact] = {}
+        self._steps: dict[Path, TakeSteps] = {}
+        # what each recording is called where several are shown
+        self.names = name_takes([*config.recordings(), *config.diagnose])
 
     def _run_stage(
         self, stage: str, subject: str, inputs: Mapping[str, Any], settings: Mapping[str, Any],
@@ -65,6 +76,11 @@ class Pipeline:
         self._known[recipe.key] = artifact
         return artifact
 
+    def _title(self, recording: Path) -> str:
+        """The recording's file name for messages, with as many folders as tell it apart from the others."""
+        name = self.names.get(recording, recording.stem)
+        return str(Path(name).parent / recording.name) if "/" in name else recording.name
+
     def _vehicle_parts(self, *parts: str) -> dict[str, Any]:
         """Parts of the vehicle file that a stage depends on: keys such as `body.mass_kg`, or whole tables."""
         tables = self.vehicle.model_dump(mode="json", by_alias=True)
@@ -74,7 +90,7 @@ class Pipeline:
     def ingest(self, recording: Path) -> Artifact:
         """Artifact of one ingested recording: poses, commands and irregularities."""
         kind, commands = detect_format(recording), find_commands_file(recording, self.config.commands)
-        tables = {"mcap": ("topics",), "motive": (), "table": ("columns",)}[kind]
+        tables = {"mcap": ("topics",), "motive": ("commands",), "table": ("columns", "commands")}[kind]
         inputs: dict[str, Any] = {
             "recording": "+".join(file_sha256(part) for part in recording_files(recording)),
             "name": recording.name,
@@ -88,17 +104,57 @@ class Pipeline:
             ingest.run_ingest_stage(folder, recording, commands, self.vehicle, self.config.allow_partial)
 
         settings = {"allow_partial": True} if self.config.allow_partial else {}
-        return self._run_stage("ingest", recording.name, inputs, settings, make)
+        return self._run_stage("ingest", self._title(recording), inputs, settings, make)
 
     def raise_if_parts_lost(self) -> None:
         """Raise `PartLost` where a part of a recording that has been ingested so far could not be read."""
-        summaries = [a.json("recording.json") for a in self._known.values() if a.folder.parent.name == "ingest"]
-        lost = [f"{s['name']}: {i['detail']}" for s in summaries for i in s["irregularities"] if i["kind"] == "lost"]
+        from bcid.recording.saving import RecordingSummary
+
+        ingested = [a.folder for a in self._known.values() if a.folder.parent.name == "ingest"]
+        summaries = [RecordingSummary.read(folder / "recording.json") for folder in ingested]
+        lost = [f"{s.name}: {i.detail}" for s in summaries for i in s.irregularities if i.kind == "lost"]
         if lost:
             raise PartLost(f"a part of the input is lost: {'; '.join(lost)}\n  next: repair or record it again")
 
+    def refuse_unusable(self, recordings: Sequence[Path]) -> None:
+        """Raise `InputRefused` where the check of a recording says no-go, with causes and next steps of all.
+
+        Nothing is raised where the configuration says to ignore the recordings' health.
+        """
+        from bcid.recording.neighbours import name_fitting_commands
+        from bcid.recording.saving import RecordingSummary, load_recording
+
+        problems = Problems()
+        for recording in [] if self.config.ignore_health else dict.fromkeys(recordings):
+            folder = self.ingest(recording).folder
+            if all(odd.action != "no-go" for odd in RecordingSummary.read(folder / "recording.json").irregularities):
+                continue
+            for odd in name_fitting_commands(recording, load_recording(folder), self.vehicle).irregularities:
+                if odd.action == "no-go":
+                    cause, _, mend = odd.detail.rpartition("; ")
+                    step = f"{mend} (or --ignore-health uses the take as it is)"
+                    problems.append(Problem(odd.kind, f"no-go: {cause}", step, str(recording)))
+        problems.raise_if_any(self.config.source)
+
+    def _take_steps(self, recording: Path) -> TakeSteps:
+        """The steps of a recording, by which it is known again under another name or in another format."""
+        from bcid.evaluation.seen_takes import read_take_steps
+
+        if recording not in self._steps:
+            self._steps[recording] = read_take_steps(self.ingest(recording).folder)
+        return self._steps[recording]
+
+    def _refuse_repeats(self, recordings: Sequence[Path], against: Sequence[Path], place: str, next_step: str) -> None:
+        """Raise `InputRefused` where one of `recordings` is of the drive of one `against` it, or of an earlier one."""
+        refuse_repeats(recordings, against, self._take_steps, self.config.source, place, next_step)
+
     def tune(self) -> Artifact:
-        """Artifact of the estimator's tuning to the training recordings."""
+        """Artifact of the estimator's tuning to the training recordings.
+
+        Raises:
+            InputRefused: a training recording is given twice, which would count for two.
+        """
+        self._refuse_repeats(self.config.training, (), "training", "name each take once")
         takes = [self.ingest(p) for p in self.config.training]
         table = self.config.estimate
         noise = {k: v for k, v in table.noise.model_dump().items() if v is not None}
@@ -127,7 +183,7 @@ class Pipeline:
                 folder, taken.folder, tuned.folder, self.vehicle, table.period_s, table.max_gap_s, table.engine
             )
 
-        return self._run_stage("estimate", recording.name, inputs, settings, make)
+        return self._run_stage("estimate", self._title(recording), inputs, settings, make)
 
     def check(self, recording: Path) -> Artifact | None:
         """Artifact of the estimator's errors against a simulated recording's truth; None where no truth is known."""
@@ -138,6 +194,10 @@ class Pipeline:
         truth, table = self.config.truth / f"{recording.stem}.parquet", self.config.estimate
         if not truth.exists():
             return None
+        alike = [p for p in self.config.recordings() if p.stem == recording.stem]
+        if len(alike) > 1:
+            cause = f"{truth} may be of any of {', '.join(map(str, alike))}"
+            raise InputRefused(self.config.source, "truth", cause, "give the takes other names, or remove truth")
         taken, tuned, vehicle = self.ingest(recording), self.tune(), self._vehicle_parts(*ESTIMATOR_KEYS)
         content = {"recording": taken.content, "tuning": tuned.content, "truth": file_sha256(truth)}
         settings = {"period_s": table.period_s, "max_gap_s": table.max_gap_s}
@@ -149,11 +209,12 @@ class Pipeline:
                 folder, taken.folder, tuned.folder, self.vehicle, table.period_s, table.max_gap_s, truth
             )
 
-        return self._run_stage("check", recording.name, {**content, "vehicle": vehicle}, settings, make)
+        return self._run_stage("check", self._title(recording), {**content, "vehicle": vehicle}, settings, make)
 
     def fit(self, model: str, **overrides: Any) -> Artifact:
         """Artifact of one model, fitted with the configuration's settings except for `overrides`."""
         row = fittable_row(model)
+        self.refuse_unusable(self.config.training)
         base = self.fit(row.base, **row.base_settings) if row.base else None
         estimates = [self.estimate(p) for p in self.config.training]
         settings = self.config.fit_settings(model) | overrides
@@ -167,15 +228,18 @@ class Pipeline:
         }
 
         def make(folder: Path, progress: Progress) -> None:
+            from bcid.evaluation.seen_takes import save_seen_takes
             from bcid.pipeline.stages import fit
 
             fit.run_fit_stage(
                 folder, model, [a.folder for a in estimates], self.vehicle, settings, self.config.seed,
                 base.folder if base else None, [a.folder for a in takes], progress,
             )  # fmt: skip
+            save_seen_takes([self._take_steps(p) for p in self.config.training], folder)
 
         on = {"rollout": " on rollouts", "poses": " on poses"}.get(str(settings.get("loss")), "")
-        return self._run_stage("fit", f"{model}{on}", inputs, settings, make, row.module, seed=self.config.seed)
+        modules = (row.module, SEEN_TAKES_MODULE)
+        return self._run_stage("fit", f"{model}{on}", inputs, settings, make, *modules, seed=self.config.seed)
 
     def fit_for_comparison(self, model: str) -> ComparedModel:
         """Fit one of the configuration's models for the comparison."""
@@ -183,7 +247,7 @@ class Pipeline:
         return ComparedModel(model, fit.folder, fit.content, model_row(model).module, settings)
 
     def load_for_comparison(self, folder: Path) -> ComparedModel:
-        """Load a model that was saved in `folder`, whatever made it, for the comparison.
+        """Load a model that was saved in `folder`, whatever made it, for a comparison.
 
         Raises:
             InputRefused: there is no model, or its period differs from `estimate.period_s` of the configuration.
@@ -197,6 +261,15 @@ class Pipeline:
             raise InputRefused(folder, "model.json", cause, f"set period_s = {model.period_s:g} in [estimate]")
         content = {name: file_sha256(folder / name) for name in (*FILES, VALIDITY_FILE) if (folder / name).exists()}
         return ComparedModel(model.name, folder, content, model_row(model.name).module, {})
+
+    def _mark_if_seen(self, model: ComparedModel) -> ComparedModel:
+        """A saved model with word of whether it was made from the validation take; where nobody knows, a note."""
+        from bcid.evaluation.seen_takes import has_seen, load_seen_takes
+
+        saw = has_seen(load_seen_takes(model.folder), self._take_steps(self._validation_recording()))
+        if saw is None:
+            self.watcher.note(f"{model.folder}: not known from which takes it was made; it may have seen this one")
+        return model._replace(saw_validation=saw)
 
     def evaluate(self, model: ComparedModel) -> Artifact:
         """Artifact of one model's predictions of the validation recording, and their errors."""
@@ -222,7 +295,10 @@ class Pipeline:
 
     def report(self, saved_models: Sequence[Path] = ()) -> Artifact:
         """Artifact of the comparison of the configuration's models, and of those in the folders `saved_models`."""
-        loaded = [self.load_for_comparison(folder) for folder in dict.fromkeys(saved_models)]
+        self.refuse_unusable([*self.config.recordings(), *self.config.diagnose])
+        loaded = [self._mark_if_seen(self.load_for_comparison(folder)) for folder in dict.fromkeys(saved_models)]
+        unseen = "name a take that no model is fitted on, or cut one take into two"
+        self._refuse_repeats([self._validation_recording()], self.config.training, "validation", unseen)
         validation = self.estimate(self._validation_recording())
         candidates = label_uniquely([*(self.fit_for_comparison(m) for m in self.config.models), *loaded])
         judged = [(c, self.evaluate(c)) for c in candidates]
@@ -231,24 +307,28 @@ class Pipeline:
         settings = self.config.report.model_dump()
         compared = self._evaluate_losses()
         takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.config.recordings()]
+        names = [self.names[p] for p in self.config.recordings()]
         diagnosis = self.diagnose() if self.config.diagnose else None
         inputs = {
             "diagnosis": diagnosis.content if diagnosis else None,
-            "models": [[c.label, c.content, e.content] for c, e in judged],
+            "models": [[c.label, c.content, e.content, c.saw_validation] for c, e in judged],
             "losses": [[c.label, loss, e.content] for c, loss, e in compared],
             "takes": [[a.content if a else None for a in take] for take in takes],
+            "names": names,
             "vehicle": self.vehicle.name,
         }
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import report
 
-            models = [report.EvaluatedModel(c.label, c.settings, c.folder, e.folder) for c, e in judged]
+            models = [
+                report.EvaluatedModel(c.label, c.settings, c.folder, e.folder, c.saw_validation) for c, e in judged
+            ]
             folders = [(r.folder, e.folder, check.folder if check else None) for r, e, check in takes]
             losses = [report.LossEvaluation(c.label, loss, e.folder) for c, loss, e in compared]
             report.run_report_stage(
                 folder, models, validation.folder, folders, settings, self.vehicle.name,
-                diagnosis.folder if diagnosis else None, losses,
+                diagnosis.folder if diagnosis else None, losses, names,
             )  # fmt: skip
 
         return self._run_stage("report", "", inputs, settings, make, *(c.module for c in candidates))
@@ -269,28 +349,34 @@ class Pipeline:
         module:function.
         """
         recordings = list(self.config.diagnose) or self.config.recordings()
+        self.refuse_unusable([*recordings, *self.config.training])
+        self._refuse_repeats(recordings, (), "diagnose", "name each take once: two would count as twice the evidence")
         takes, tuned = [(self.ingest(p), self.estimate(p)) for p in recordings], self.tune()
         path = Path(simulation) if simulation is not None else None
         recorded_too = path is not None and path.is_file() and path.suffix != ".toml"
         others = [(self.ingest(path), self.estimate(path))] if path is not None and recorded_too else []
+        names = [self.names[p] for p in recordings]
         inputs = {
             "takes": [[a.content for a in pair] for pair in takes],
             "tuning": tuned.content,
             "vehicle": self._vehicle_parts("body", "steering", "motor", "name"),
             "simulated": [[a.content for a in pair] for pair in others],
             "simulation": None if path is None or others else self._simulation_key(path),
+            "names": names,
         }
 
         def make(folder: Path, progress: Progress) -> None:
+            from bcid.evaluation.seen_takes import save_seen_takes
             from bcid.pipeline.stages import diagnose
 
             recorded, moved = ([pair[i].folder for pair in takes] for i in (0, 1))
             simulated = [(r.folder, e.folder) for r, e in others]
             diagnose.run_diagnose_stage(
-                folder, recorded, moved, tuned.folder, self.vehicle, simulation, simulated, progress
+                folder, recorded, moved, names, tuned.folder, self.vehicle, simulation, simulated, progress
             )
+            save_seen_takes([self._take_steps(p) for p in recordings], folder / "model")
 
-        return self._run_stage("diagnose", "", inputs, {}, make)
+        return self._run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE)
 
     def _simulation_key(self, simulation: Path) -> Any:
         """What stands for a simulation in a key: digests of its files, or the name and file of a module.
@@ -306,8 +392,17 @@ class Pipeline:
 
     def publish(self, artifact: Artifact, *names: str, to: str) -> Path:
         """Copy an artifact's files and folders to WORKSPACE/`to`, as `publish_copies` does; return the first copy."""
+        home = self.config.workspace / to
+        if are_published(artifact.folder, names, home):
+            return home / names[0]
         with self.store.exclusive_lock("publish"):
-            return publish_copies(artifact.folder, names, self.config.workspace / to)
+            known = artifact_digests(self.config.workspace)
+            return publish_copies(artifact.folder, names, home, known, self.config.force)
+
+    def refuse_to_publish_over(self, *names: str, to: str) -> None:
+        """Raise `InputRefused` where `publish` would refuse, so that nobody waits for what cannot be published."""
+        known = artifact_digests(self.config.workspace)
+        refuse_to_replace(names, self.config.workspace / to, known, self.config.force)
 
 
 def label_uniquely(candidates: Sequence[ComparedModel]) -> list[ComparedModel]:

@@ -53,13 +53,13 @@ def read_rows(folder: Path) -> dict[str, dict[str, Any]]:
     """
     rows = dict[str, dict[str, Any]]()
     path = folder / ROWS_FILE
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+    for line in path.read_bytes().splitlines() if path.is_file() else ():
         try:
             entry = json.loads(line)
             key, row = entry["key"], entry["row"]
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             continue
-        if isinstance(row, dict) and not ("error" in row and key in rows):
+        if isinstance(key, str) and isinstance(row, dict) and not ("error" in row and key in rows):
             rows[key] = row
     return rows
 

@@ -1,10 +1,12 @@
 """Jobs run in several processes, or in this one, and their results as they end."""
 
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from threading import Thread
+from types import TracebackType
 from typing import TypeVar
 
 Job = TypeVar("Job")
@@ -38,16 +40,30 @@ def run_jobs(
                 yield running.pop(ended), ended.result()
 
 
+class _WorkerPool(ProcessPoolExecutor):
+    """A pool whose processes end at once after an interruption, instead of finishing their jobs."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        """Wait for the processes to end; Ctrl-C, of which only this process is told, ends them."""
+        if kind is not None and not issubclass(kind, Exception):
+            for child in active_children():
+                child.terminate()
+        return super().__exit__(kind, error, trace)
+
+
 def process_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool of `workers` processes of one thread each, which end when this process ends.
 
     They are started by "spawn", since OpenMP does not survive a fork.
     """
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_prepare_worker)
+    return _WorkerPool(workers, mp_context=get_context("spawn"), initializer=_prepare_worker)
 
 
 def _prepare_worker() -> None:
     """Initialise a worker process: one thread, as the workers share the cores, and an end when its parent ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     import numba
     from threadpoolctl import threadpool_limits
 

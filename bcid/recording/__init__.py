@@ -1,5 +1,6 @@
 """From log files to a `Recording`.
 
 `read` (any file, by its content), over `formats` (readers), `checks` (of what they read) and `assemble` (the recording,
-with all irregularities counted); `types` (the recording), `saving` (its files), `limits` (all numbers that decide).
+with all irregularities counted); `neighbours` (whose commands fit); `types` (the recording), `saving` (its files),
+`limits` (all numbers that decide).
 """

@@ -1,10 +1,13 @@
 """From raw streams to a `Recording`: every irregularity is fixed, excluded or refused, and counted."""
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from bcid.aliases import Floats
 from bcid.errors import InputRefused, Problems
-from bcid.recording.checks import attitude, clock, contacts, mounting, plausibility, samples, tracking
+from bcid.recording.checks import attitude, clock, contacts, lost, mounting, plausibility, samples, tracking, verdict
+from bcid.recording.checks.heading import drop_turned_poses, face_forward
+from bcid.recording.checks.held import drop_frozen_poses, drop_held_poses
 from bcid.recording.checks.samples import Samples
 from bcid.recording.formats.raw import RawTake
 from bcid.recording.limits import STREAM as LIMITS
@@ -31,18 +34,40 @@ def _clean_streams(raw: RawTake) -> tuple[Samples, Samples, dict[str, Samples]]:
         with problems.gather_refusals():
             clean[name] = samples.clean_samples(time_s, values, name, source)
     problems.raise_if_any(first)
-    return clean.pop("pose"), clean.pop("command"), clean
+    return lost.drop_lost_poses(clean.pop("pose")), clean.pop("command"), clean
 
 
 def _check_yaw_unit(time_s: Floats, yaw: Floats, source: str) -> None:
     """Raise `InputRefused` where the yaw (N,), as rad, turns faster than a car or steps by about 360: it is degrees."""
     far = max(1, round(LIMITS.yaw_rate_window_s / float(np.median(np.diff(time_s)))))
     step = np.abs(np.diff(yaw))
-    usual = float(np.quantile(np.abs(yaw[far:] - yaw[:-far]) / (time_s[far:] - time_s[:-far]), 0.9))
-    wraps = np.any((step > LIMITS.min_wrap_step) & (step < LIMITS.max_wrap_step))
-    if wraps or usual > LIMITS.max_yaw_rate_radps:
+    # single wrong samples say nothing of the unit
+    smooth = median_filter(yaw, LIMITS.yaw_filter_samples, mode="nearest")
+    usual = float(np.quantile(np.abs(smooth[far:] - smooth[:-far]) / (time_s[far:] - time_s[:-far]), 0.9))
+    wraps = (step > LIMITS.min_wrap_step) & (step < LIMITS.max_wrap_step)
+    # one wrong cell steps away and back
+    lasting = wraps & ~np.r_[wraps[1:], False] & ~np.r_[False, wraps[:-1]]
+    if lasting.any() or usual > LIMITS.max_yaw_rate_radps:
         cause = f"the yaw turns by up to {step.max():.3g} at once, usually {usual:.3g} a second: degrees?"
         raise InputRefused(source, "yaw", cause, "log it in rad, or map it with gain = 0.017453")
+
+
+def _mean_rate(time_s: Floats) -> float:
+    """Mean rate (Hz) of samples at the times (N,) in s, gaps aside."""
+    steps = np.diff(time_s)
+    return 1.0 / float(steps[steps <= LIMITS.max_usual_steps * np.median(steps)].mean())
+
+
+def mend_poses(poses: Samples, commands: Samples, vehicle: Vehicle, source: str) -> tuple[Samples, list[float]]:
+    """The poses x, y, yaw (N, 3) that the tracking measured of one body, and the times (s) where new segments begin.
+
+    Raises:
+        InputRefused: the body swaps or jumps all the time, or lengths or yaw are in another unit.
+    """
+    poses = drop_frozen_poses(poses, commands)
+    poses, breaks = tracking.split_at_jumps(poses, commands, vehicle, source)
+    _check_yaw_unit(poses.time_s, poses.values[:, 2], source)
+    return drop_turned_poses(poses, commands, vehicle, breaks, source)
 
 
 def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
@@ -61,21 +86,25 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
     with problems.gather_refusals():
         samples.check_pose_times(poses.time_s, source)
     with problems.gather_refusals():
-        samples.check_command_times(commands, hold_s, command_log)
+        samples.check_command_times(commands, hold_s, command_log, raw.several_command_publishers)
     # where stamps are not seconds, speeds and the overlap of the streams are not known
     if not problems:
         with problems.gather_refusals():
-            samples.check_streams_overlap(poses.time_s, commands.time_s + offset, source)
-        poses = tracking.drop_held_poses(poses)
+            samples.check_streams_overlap(poses.time_s, commands.time_s + offset, source, raw.sources[0].format)
+        count = len(poses.time_s)
+        poses = drop_held_poses(poses)
         rate = raw.rate_hz or 1.0 / float(np.median(np.diff(poses.time_s)))
+        if len(poses.time_s) < count:
+            rate = _mean_rate(poses.time_s)
         with problems.gather_refusals():
-            poses = tracking.drop_frozen_poses(poses, commands)
-            poses, breaks = tracking.split_at_jumps(poses, commands, vehicle, source)
-            poses = tracking.drop_yaw_flips(poses, commands)
-            _check_yaw_unit(poses.time_s, poses.values[:, 2], source)
-    with problems.gather_refusals():
+            poses, breaks = mend_poses(poses, commands, vehicle, source)
+            if any(i.kind == "body axes" for i in raw.irregularities):
+                poses = face_forward(poses, commands, vehicle)
+    misread = Problems()
+    with misread.gather_refusals():
         beyond = plausibility.check_commands(commands.values, vehicle, command_log)
-    problems.raise_if_any(source)
+    if problems:
+        Problems([*problems, *misread]).raise_if_any(source)
     pose = _move_to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
     # in a table, whose rows hold both, a missing row is noted as a pose
     one_table = np.array_equal(raw.pose_time_s, raw.command_time_s)
@@ -87,7 +116,7 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
         commands=Stream(commands.time_s + offset, commands.values),
         rate_hz=rate,
         hold_s=hold_s,
-        breaks_s=tuple(sorted({*breaks, *raw.splits_s})),
+        breaks_s=tuple(sorted({*breaks, *(t for t in raw.splits_s if t <= poses.time_s[-1])})),
         channels={name: Stream(c.time_s + offset, c.values) for name, c in channels.items()},
         irregularities=(
             *raw.irregularities, *poses.irregularities, *commands.irregularities,
@@ -97,5 +126,9 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
             *beyond,
         ),
     )  # fmt: skip
+    if misread:
+        verdict.raise_likely_cause(recording, vehicle)
+        misread.raise_if_any(source)
     recording = contacts.split_at_contacts(plausibility.check_plausibility(recording, vehicle))
-    return clock.estimate_clock(mounting.warn_of_yaw_offset(recording, vehicle), vehicle)
+    recording, turning, lag_s = verdict.judge_recording(mounting.warn_of_yaw_offset(recording, vehicle), vehicle)
+    return clock.estimate_clock(recording, vehicle, turning, lag_s)

@@ -1,19 +1,60 @@
 """Recordings as Parquet and JSON, units in the schema's metadata."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from bcid.aliases import Floats
+from bcid.documents.document import Document, NotNegative, Part
 from bcid.documents.health import ClockEstimate
+from bcid.errors import InputRefused
 from bcid.files.parquet import read_columns, write_columns
-from bcid.recording.types import Irregularity, Recording, SourceFile, Stream
+from bcid.recording.types import Action, Irregularity, Recording, SourceFile, Stream
 
 POSE_UNITS = {"time": "s", "x": "m", "y": "m", "yaw": "rad"}
 COMMAND_UNITS = {"time": "s", "steering": "rad", "throttle": "m/s or brake share"}
 CHANNEL_UNITS = {"time": "s", "value": "SI"}
+
+MIN_POSES = 2
+"""Of a recording, without which it has no motion."""
+Positive = Annotated[float, Field(gt=0.0)]
+ChannelName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
+"""The name of a channel, which is part of a file's name: no path."""
+
+
+class SourceSummary(Part):
+    """A file that was read, without its folder."""
+
+    path: str
+    sha256: str
+    format: str
+
+
+class IrregularitySummary(Part):
+    """A fault of a recording, see `Irregularity`."""
+
+    kind: str
+    action: Action
+    count: Annotated[int, Field(ge=0)]
+    where: str
+    detail: str
+
+
+class RecordingSummary(Document):
+    """All of a recording but its samples (recording.json); these stand in Parquet files beside it."""
+
+    name: str
+    sources: Annotated[tuple[SourceSummary, ...], Field(min_length=1)]
+    duration_s: NotNegative
+    rate_hz: Positive
+    hold_s: Positive
+    breaks_s: tuple[float, ...]
+    channels: tuple[ChannelName, ...]
+    irregularities: tuple[IrregularitySummary, ...]
+    clock: ClockEstimate
 
 
 def save_recording(recording: Recording, folder: Path) -> None:
@@ -22,34 +63,44 @@ def save_recording(recording: Recording, folder: Path) -> None:
     write_columns(folder / "commands.parquet", _stream_table(recording.commands), COMMAND_UNITS)
     for name, stream in recording.channels.items():
         write_columns(folder / f"channel_{name}.parquet", _stream_table(stream), CHANNEL_UNITS)
-    facts = {
-        "name": recording.name,
-        "sources": [asdict(s) | {"path": Path(s.path).name} for s in recording.sources],
-        "duration_s": recording.duration_s,
-        "rate_hz": recording.rate_hz,
-        "hold_s": recording.hold_s,
-        "breaks_s": list(recording.breaks_s),
-        "channels": list(recording.channels),
-        "irregularities": [asdict(i) for i in recording.irregularities],
-        "clock": recording.clock.as_json(),
-    }
-    (folder / "recording.json").write_text(json.dumps(facts, indent=1))
+    summary = RecordingSummary(
+        name=recording.name,
+        sources=tuple(SourceSummary(**asdict(s) | {"path": Path(s.path).name}) for s in recording.sources),
+        duration_s=recording.duration_s,
+        rate_hz=recording.rate_hz,
+        hold_s=recording.hold_s,
+        breaks_s=recording.breaks_s,
+        channels=tuple(recording.channels),
+        irregularities=tuple(IrregularitySummary(**asdict(i)) for i in recording.irregularities),
+        clock=recording.clock,
+    )
+    summary.write(folder / "recording.json")
 
 
 def load_recording(folder: Path) -> Recording:
-    """The recording that `save_recording` wrote into `folder`; its sources are names of files without folders."""
-    facts = json.loads((folder / "recording.json").read_text())
+    """The recording that `save_recording` wrote into `folder`; its sources are names of files without folders.
+
+    Raises:
+        InputRefused: a file is damaged, or holds what no recording does.
+    """
+    summary = RecordingSummary.read(folder / "recording.json")
+    poses = _read_stream(folder / "poses.parquet", POSE_UNITS)
+    if len(poses) < MIN_POSES:
+        raise InputRefused(folder / "poses.parquet", "rows", f"fewer than {MIN_POSES}", "ingest the recording again")
+    if any(t > poses.time_s[-1] for t in summary.breaks_s):
+        cause = f"names a break behind the last pose, at {poses.time_s[-1]:g} s"
+        raise InputRefused(folder / "recording.json", "breaks_s", cause, "ingest the recording again")
     return Recording(
-        facts["name"],
-        tuple(SourceFile(**s) for s in facts["sources"]),
-        _read_stream(folder / "poses.parquet", POSE_UNITS),
+        summary.name,
+        tuple(SourceFile(s.path, s.sha256, s.format) for s in summary.sources),
+        poses,
         _read_stream(folder / "commands.parquet", COMMAND_UNITS),
-        facts["rate_hz"],
-        facts["hold_s"],
-        tuple(facts["breaks_s"]),
-        {n: _read_stream(folder / f"channel_{n}.parquet", CHANNEL_UNITS) for n in facts["channels"]},
-        tuple(Irregularity(**i) for i in facts["irregularities"]),
-        ClockEstimate(**facts["clock"]),
+        summary.rate_hz,
+        summary.hold_s,
+        summary.breaks_s,
+        {n: _read_stream(folder / f"channel_{n}.parquet", CHANNEL_UNITS) for n in summary.channels},
+        tuple(Irregularity(i.kind, i.action, i.count, i.where, i.detail) for i in summary.irregularities),
+        summary.clock,
     )
 
 
@@ -59,6 +110,17 @@ def _stream_table(stream: Stream) -> Floats:
 
 
 def _read_stream(path: Path, units: dict[str, str]) -> Stream:
-    """The stream in a Parquet file, whose columns with their units are `units`: the time (s), then the values."""
-    table = read_columns(path, units)
+    """The stream in a Parquet file, whose columns with their units are `units`: the time (s), then the values.
+
+    Raises:
+        InputRefused: the file is missing or damaged, or its times do not increase.
+    """
+    try:
+        table = read_columns(path, units)
+    except FileNotFoundError:
+        raise InputRefused(path, "Parquet data", "is missing", "ingest the recording again") from None
+    back = np.diff(table[:, 0]) <= 0.0
+    if back.any():
+        cause = f"does not increase from row {int(np.argmax(back)) + 1} to the next"
+        raise InputRefused(path, "column time", cause, "ingest the recording again")
     return Stream(table[:, 0], table[:, 1:])

@@ -12,8 +12,11 @@ from bcid.documents.health import ClockEstimate
 COMMANDS_FORMAT = "commands-csv"
 """The format of a file that holds the commands of a recording and no poses."""
 
-Action = Literal["fixed", "excluded", "warning"]
-"""What becomes of an irregularity: mended without loss, left out, or kept and warned of."""
+BRAKE_CHANNEL = "brake_share"
+"""The channel of a brake that is no part of the throttle, from 0 to 1."""
+
+Action = Literal["fixed", "excluded", "warning", "no-go"]
+"""What becomes of an irregularity: mended without loss, left out, warned of, or a take that cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,15 @@ class Recording:
     channels: Mapping[str, Stream] = field(default_factory=dict)
     irregularities: tuple[Irregularity, ...] = ()
     clock: ClockEstimate = ClockEstimate(reason="not estimated")  # noqa: RUF009  # it is immutable
+
+    @property
+    def driven(self) -> Stream:
+        """Commands with the brake: u_s, u_m and the brake share (0 without its channel), at the times of either."""
+        if BRAKE_CHANNEL not in self.channels:
+            return Stream(self.commands.time_s, np.column_stack([self.commands.values, np.zeros(len(self.commands))]))
+        brake = self.channels[BRAKE_CHANNEL]
+        time_s = np.union1d(self.commands.time_s, brake.time_s[brake.time_s >= self.commands.time_s[0]])
+        return Stream(time_s, np.column_stack([self.commands.held_at(time_s), brake.held_at(time_s)]))
 
     @property
     def duration_s(self) -> float:

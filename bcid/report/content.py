@@ -14,11 +14,13 @@ import numpy as np
 from bcid.aliases import Bools, Floats
 from bcid.documents import report
 from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.errors import InputRefused
 from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary
 from bcid.estimate.types import Estimate
 from bcid.evaluation.evaluate import ROW_UNITS
 from bcid.files.parquet import read_columns
+from bcid.recording.saving import RecordingSummary
 from bcid.report.verdict_words import verdict_sentence
 
 PAPER_TABLE = (
@@ -49,16 +51,28 @@ class ModelResult:
         return self.evaluation.model
 
     @classmethod
-    def read(cls, evaluation: report.EvaluationDocument, settings: Mapping[str, Any], folder: Path) -> ModelResult:
-        """The result of `evaluation`, with the predictions in its folder's rows.parquet."""
-        rows = read_columns(folder / "rows.parquet", ROW_UNITS)
+    def read(
+        cls, evaluation: report.EvaluationDocument, settings: Mapping[str, Any], folder: Path, count: int
+    ) -> ModelResult:
+        """The result of `evaluation`, with the `count` predictions in its folder's rows.parquet, NaN if they diverge.
+
+        Raises:
+            InputRefused: the file is damaged, or holds the predictions of another take.
+        """
+        path = folder / "rows.parquet"
+        rows = read_columns(path, ROW_UNITS, undefined=[name for name in ROW_UNITS if name != "restart"])
+        if len(rows) != count:
+            raise InputRefused(path, "rows", f"are {len(rows)}, and those of the take {count}", "evaluate it again")
+        if rows[0, 9] != 1.0:
+            raise InputRefused(path, "column restart", "does not begin with a start, 1", "evaluate it again")
         return cls(evaluation, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5, rows[:, 10:13])
 
 
 class TakeSummary(NamedTuple):
-    """What the report shows of one take: its recording.json, its estimate, and the check where a truth is known."""
+    """What the report shows of one take: name, recording and estimate, and the check where a truth is known."""
 
-    recording: Mapping[str, Any]
+    name: str
+    recording: RecordingSummary
     estimate: EstimateSummary
     check: TruthCheck | None
 
@@ -76,8 +90,13 @@ class ReportContent:
     losses: Sequence[report.LossScore] = ()  # figures of models fitted by several losses, with the same seed
 
     def ranked_models(self) -> list[ModelResult]:
-        """The models in order of their NMSE, those that diverge last."""
-        return sorted(self.models, key=lambda m: np.inf if m.evaluation.nmse is None else m.evaluation.nmse)
+        """The models in order of their NMSE, those that diverge last, and after them those that saw the take."""
+
+        def rank(model: ModelResult) -> tuple[bool, float]:
+            score = model.evaluation
+            return bool(score.saw_validation), np.inf if score.nmse is None else score.nmse
+
+        return sorted(self.models, key=rank)
 
 
 def describe_machine() -> report.Machine:

@@ -1,7 +1,8 @@
 """Numbers, quantities and units as text for pages and terminal."""
 
+import sys
 from collections.abc import Sequence
-from math import floor, log10
+from math import floor, inf, isfinite, log10
 
 from bcid.effects.entry import unit_in_words
 
@@ -44,12 +45,15 @@ def symbol_text(name: str) -> str:
 
 
 def unit_text(text: str | None) -> str:
-    """A unit in powers of kg, m and s as an engineer writes it; empty for a number without unit.
+    """A unit in powers of kg, m and s as an engineer writes it; empty for a number without unit, any other as it is.
 
-    >>> unit_text("kg s^-1"), unit_text("kg m^4")
-    ('N s/m', 'kg m⁴')
+    >>> unit_text("kg s^-1"), unit_text("kg m^4"), unit_text("m^x")
+    ('N s/m', 'kg m⁴', 'm^x')
     """
-    words = unit_in_words(text or "1")
+    try:
+        words = unit_in_words(text or "1")
+    except ValueError:  # no powers
+        return text or ""
     return "" if words == "–" else words
 
 
@@ -59,7 +63,7 @@ def format_number(value: float | None, digits: int = 3) -> str:
     >>> format_number(1234.5), format_number(0.04567, 2), format_number(2.1e-5, 2), format_number(None)
     ('1230', '0.046', '2.1 × 10⁻⁵', '–')
     """
-    if value is None:
+    if value is None or not isfinite(value):
         return "–"
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
@@ -85,7 +89,8 @@ def format_with_error(value: float | None, se: float | None, unit: str | None = 
     ('0.060 ± 0.004 m/s', '3590 ± 120', '(3.5 ± 0.2) × 10⁻⁵')
     """
     after = f" {unit_text(unit)}".rstrip()
-    if value is None or not se or se < 0.0:
+    # an error that is all but zero has no digits to round to
+    if value is None or se is None or not (sys.float_info.min <= se < inf and isfinite(value)):
         return f"{format_number(value)}{after if value is not None else ''}"
     power = floor(log10(max(abs(value), se)))
     if not -4 < power < 5:

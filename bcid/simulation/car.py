@@ -32,6 +32,12 @@ class Plant(NamedTuple):
     rolling_drag_2: float = 4.0  # the Table's -15.61 would drive above 2.78 m/s
     slip_speed: float = 1.0
 
+    # other drive trains than the paper's: zero is its car
+    rear_drive: float = 0.0  # share of motor force and rolling drag at the rear axle
+    throttle_force: float = 0.0  # N per unit throttle where the throttle sets a force, not a speed
+    motor_fade: float = 0.0  # N s/m that such a motor loses with the speed
+    reverses: float = 0.0  # 1 where a throttle below zero drives backward and does not brake
+
     # extras of a real car: zero switches each off
     rear_track: float = 0.0  # m between the two rear wheels
     rear_bearing: float = 0.0  # N, Coulomb drag of the rear axle

@@ -58,11 +58,20 @@ def _tyre_side_force(slip: float, stiffness: float, grip: float, shift: float, s
 def _requested_motor_force(command: float, rolling: float, time: float, duration: float, p: Plant) -> float:
     """Motor force (N) before its lag under the throttle `command`, at the wheel's `rolling` speed (m/s).
 
-    `command` >= 0 is a reference speed (m/s) up to which the motor supplies, below 0 a brake share.  `time` (s) of
+    `command` >= 0 is a reference speed (m/s) up to which the motor supplies, or with `throttle_force` a share of full
+    throttle; below 0 it is a brake share, or with `reverses` what drives backward.  `time` (s) of
     the `duration` (s) counts where the battery runs down or the motor drops out.
     """
+    way = 1.0
+    if command < 0.0 and p.reverses > 0.0:
+        way, command, rolling = -1.0, -command, -rolling
     if command < 0.0:
         return max(-p.motor_limit, min(p.motor_limit, command * p.brake_gain * rolling))
+    if p.throttle_force > 0.0:
+        if command <= p.motor_dead_zone:
+            return 0.0
+        pull = p.throttle_force * (command - p.motor_dead_zone) - p.motor_fade * rolling
+        return way * max(-p.motor_limit, min(p.motor_limit, pull))
     lack = max(command - p.motor_dead_zone, 0.0) - rolling
     force = min(p.motor_gain * lack, p.motor_limit) if lack > 0.0 else 0.0
     if p.inverse_power_limit > 0.0:
@@ -73,7 +82,7 @@ def _requested_motor_force(command: float, rolling: float, time: float, duration
         force *= 1.0 - p.motor_dropout
     if lack < 0.0 and p.motor_regeneration > 0.0:
         force = max(p.motor_regeneration * p.motor_gain * lack, -p.motor_limit)
-    return force
+    return way * force
 
 
 @njit
@@ -123,7 +132,8 @@ def _evaluate_front_wheel(
     slide = math.cos(angle) * hub.across - math.sin(angle) * hub.along
     steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
     slip = hub.lagged_slip if p.tyre_relaxation > 0.0 else steady_slip
-    wanted = _requested_motor_force(i.drive, roll, i.time, i.duration, p)
+    driven = (1.0 - p.rear_drive) * roll + p.rear_drive * hub.along
+    wanted = _requested_motor_force(i.drive, driven, i.time, i.duration, p)
     force = hub.lagged_force if p.motor_lag > 0.0 else wanted
     resist = p.rolling_drag * roll + p.rolling_drag_2 * roll * abs(roll) + p.steering_drag * abs(angle) * roll
     resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
@@ -232,9 +242,11 @@ def state_derivative(s: Floats, play: float, i: PlantInputs, p: Plant) -> Floats
     if p.steering_compliance != 0.0:
         angle = _solve_compliant_angle(angle, hub, i, p)
     roll, steady_slip, wanted, pull, side = _evaluate_front_wheel(angle, hub, i, p)
-    front_x = math.cos(angle) * pull - math.sin(angle) * side
-    front_y = math.sin(angle) * pull + math.cos(angle) * side
+    front_pull = (1.0 - p.rear_drive) * pull
+    front_x = math.cos(angle) * front_pull - math.sin(angle) * side
+    front_y = math.sin(angle) * front_pull + math.cos(angle) * side
     body_x, body_y, moment = front_x, front_y, p.front_lever * front_y
+    body_x += p.rear_drive * pull
     moment += p.drive_lateral_offset * pull * math.cos(angle)
 
     body_x, body_y, moment = _add_rear_wheel_forces(body_x, body_y, moment, along, across, turn, slippery, soft, p)

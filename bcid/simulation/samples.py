@@ -1,6 +1,6 @@
 """`sample_logs/`: four training takes, one validation take, one to diagnose, and the vehicle file, from one seed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,14 @@ class SampleTake(NamedTuple):
     format: str
     duration_s: float
     conceals: tuple[tuple[str, float], ...] = ()  # constants of the plant that differ from the other takes' car
+
+    def files(self) -> tuple[str, ...]:
+        """Names of the files of the take's recording, its log first."""
+        return (f"{self.name}.mcap",) if self.format == "mcap" else (f"{self.name}.csv", f"{self.name}.commands.csv")
+
+    def truth_file(self) -> str:
+        """Name of the file of the take's true motion, in the folder `truth`."""
+        return f"{self.name}.parquet"
 
 
 TAKES = (
@@ -67,6 +75,9 @@ The car is the paper's, with two rear wheels, rear drag, soft tyres and a rough 
 """
 
 
+VEHICLE_FILE = "bumper_car.toml"
+# beside the takes, in the folder of the sample logs
+SAMPLE_TEXTS = {VEHICLE_FILE: VEHICLE, "README.md": ABOUT}
 TRUTH_UNITS = {
     "time": "s", "x": "m", "y": "m", "yaw": "rad", "v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "delta": "rad",
 }  # fmt: skip
@@ -76,11 +87,16 @@ def write_sample_take(folder: Path, take: SampleTake, plant: Plant, sensor: Sens
     """Simulate one take; write its log, and into `folder`/truth its true motion (10 Hz); return the log's path."""
     run = simulate_drive(plant, sensor, take.duration_s, seed)
     (folder / "truth").mkdir(parents=True, exist_ok=True)
-    write_columns(folder / "truth" / f"{take.name}.parquet", run.truth, TRUTH_UNITS)
-    write, suffix = (write_mcap_take, "mcap") if take.format == "mcap" else (write_motive_take, "csv")
-    path = folder / f"{take.name}.{suffix}"
-    write(path, run, sensor.rate_hz, seed)
+    write_columns(folder / "truth" / take.truth_file(), run.truth, TRUTH_UNITS)
+    path = folder / take.files()[0]
+    (write_mcap_take if take.format == "mcap" else write_motive_take)(path, run, sensor.rate_hz, seed)
     return path
+
+
+def sample_files(takes: Iterable[SampleTake]) -> list[str]:
+    """Names of all files of simulated takes: their logs, and their true motion in the folder `truth`."""
+    takes = list(takes)
+    return [file for take in takes for file in take.files()] + [f"truth/{take.truth_file()}" for take in takes]
 
 
 def write_sample_logs(folder: Path, seed: int, progress: Callable[[str], None] = lambda text: None) -> list[Path]:
@@ -89,8 +105,8 @@ def write_sample_logs(folder: Path, seed: int, progress: Callable[[str], None] =
     Returns the paths of the takes' logs.  `progress` is called with the name of each take before it is simulated.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "bumper_car.toml").write_text(VEHICLE)
-    (folder / "README.md").write_text(ABOUT)
+    for name, text in SAMPLE_TEXTS.items():
+        (folder / name).write_text(text)
     paths = []
     for i, take in enumerate(TAKES):
         progress(take.name)

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shutil
 import tempfile
 import time
@@ -14,14 +13,17 @@ from typing import Any
 
 from bcid.documents.manifest import ManifestDocument
 from bcid.errors import DiskFull, InputRefused, is_disk_full
+from bcid.files.limits import LIMITS
+from bcid.files.outputs import explain_write_errors, flush_to_disk
 from bcid.files.source_code import StageCode
 
 MANIFEST = "manifest.json"
 _UNFINISHED = ".unfinished"
+# where artifacts are kept that somebody edited or added to, or that a disk damaged
+_SET_ASIDE = "set_aside"
+OTHER_WORKSPACE = 'name another with --out, or by workspace = "…" in the pipeline file'
 # seconds of waiting after which a person is told that another run is at work
 LOCK_NOTICE_S = 1.0
-# age (s) from which a working folder is abandoned: no stage takes a day
-STALE_WORK_S = 24 * 3600.0
 PUBLISH_TRIES = 3
 
 
@@ -79,15 +81,26 @@ def file_sha256(path: Path) -> str:
 class Store:
     """The artifacts of one workspace."""
 
-    def __init__(self, workspace: Path, notify_waiting: Callable[[], None] = lambda: None) -> None:
-        """Open the store in `workspace`; `notify_waiting` is called when another run keeps this one waiting."""
+    def __init__(
+        self, workspace: Path, notify_waiting: Callable[[], None] = lambda: None,
+        notify: Callable[[str], None] = lambda text: None,
+    ) -> None:  # fmt: skip
+        """Open the store in `workspace`; `notify_waiting` is called when another run keeps this one waiting.
+
+        `notify` is called with a sentence where an artifact is set aside that is no longer as it was written.
+        """
         self.workspace = workspace
-        self._waiting = notify_waiting
+        self._waiting, self._notify = notify_waiting, notify
 
     def get_or_make(self, recipe: Recipe, make: Callable[[Path], None]) -> Artifact:
         """Return the artifact of `recipe`, made by `make(folder)` unless it is there with every file as it was written.
 
-        A stage that fails or is interrupted leaves nothing under its key.
+        A stage that fails or is interrupted leaves nothing under its key.  What lies there and is not as it was
+        written, since somebody edited it or a disk damaged it, is set aside and told.
+
+        Raises:
+            InputRefused: the workspace cannot be written to.
+            DiskFull: the disk is full.
         """
         folder = self.workspace / recipe.stage / recipe.key
         if is_whole(folder, recipe):
@@ -109,13 +122,14 @@ class Store:
         from filelock import FileLock, Timeout
 
         unfinished = self.workspace / _UNFINISHED
-        unfinished.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(unfinished / f"{name}.lock")
-        try:
-            lock.acquire(timeout=LOCK_NOTICE_S)
-        except Timeout:
-            self._waiting()
-            lock.acquire()
+        with explain_write_errors(self.workspace, OTHER_WORKSPACE):
+            unfinished.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(unfinished / f"{name}.lock")
+            try:
+                lock.acquire(timeout=LOCK_NOTICE_S)
+            except Timeout:
+                self._waiting()
+                lock.acquire()
         try:
             yield
         finally:
@@ -125,7 +139,8 @@ class Store:
         """Make an artifact in a working folder, write its manifest, and move it to `folder`."""
         unfinished = self.workspace / _UNFINISHED
         _remove_stale_work(unfinished)
-        work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
+        with explain_write_errors(self.workspace, OTHER_WORKSPACE):
+            work = Path(tempfile.mkdtemp(prefix=f"{recipe.stage}-", dir=unfinished))
         try:
             made = work / "made"
             made.mkdir()
@@ -133,16 +148,49 @@ class Store:
             files = sorted(p for p in made.rglob("*") if p.is_file())
             digests = {p.relative_to(made).as_posix(): file_sha256(p) for p in files}
             recipe.manifest(digests).write(made / MANIFEST)
-            _publish(made, folder, work / "replaced", recipe)
+            with explain_write_errors(self.workspace, OTHER_WORKSPACE):
+                self._publish(made, folder, recipe)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
+    def _publish(self, finished: Path, folder: Path, recipe: Recipe) -> None:
+        """Move the `finished` artifact of `recipe` to `folder` in one step, after setting aside what is changed there.
+
+        Where another run has published that artifact undamaged meanwhile, it stays.
+
+        Raises:
+            InputRefused: `folder` cannot be written to.
+        """
+        for path in finished.rglob("*"):
+            if path.is_file():
+                flush_to_disk(path)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        for _ in range(PUBLISH_TRIES):
+            with suppress(FileNotFoundError):
+                if folder.exists() and not is_whole(folder, recipe):
+                    self._set_aside(folder)
+            try:
+                finished.replace(folder)
+                return
+            except OSError:
+                if is_whole(folder, recipe):
+                    return
+        raise InputRefused(folder, "workspace", "cannot be written to", "check its permissions and free space")
+
+    def _set_aside(self, folder: Path) -> None:
+        """Move an artifact that is not as it was written out of the way, and say where it is kept."""
+        home = self.workspace / _SET_ASIDE / folder.parent.name
+        home.mkdir(parents=True, exist_ok=True)
+        number = 1 + sum(1 for _ in home.glob(f"{folder.name}-*"))
+        kept = folder.rename(home / f"{folder.name}-{number}")
+        self._notify(f"{folder} was changed after it was written: it is made anew, what lay there is kept in {kept}")
+
 
 def _remove_stale_work(unfinished: Path) -> None:
-    """Remove working folders and locks in `unfinished` that are older than `STALE_WORK_S`, left by killed runs."""
+    """Remove working folders and locks in `unfinished` that are older than any run lasts, left by killed runs."""
     for work in unfinished.iterdir():
         with suppress(OSError):
-            if time.time() - work.stat().st_mtime > STALE_WORK_S:
+            if time.time() - work.stat().st_mtime > LIMITS.max_run_s:
                 shutil.rmtree(work, ignore_errors=True) if work.is_dir() else work.unlink()
 
 
@@ -158,29 +206,3 @@ def is_whole(folder: Path, recipe: Recipe) -> bool:
         )
     except (OSError, InputRefused, RecursionError):
         return False
-
-
-def _publish(finished: Path, folder: Path, aside: Path, recipe: Recipe) -> None:
-    """Move the `finished` artifact of `recipe` to `folder` in one step, after moving a damaged one there to `aside`.
-
-    Where another run has published that artifact undamaged meanwhile, it stays.
-
-    Raises:
-        InputRefused: `folder` cannot be written to.
-    """
-    for path in finished.rglob("*"):
-        if path.is_file():
-            with path.open("r+b") as file:
-                os.fsync(file.fileno())
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    for _ in range(PUBLISH_TRIES):
-        with suppress(FileNotFoundError):
-            if folder.exists() and not is_whole(folder, recipe):
-                folder.replace(aside)
-        try:
-            finished.replace(folder)
-            return
-        except OSError:
-            if is_whole(folder, recipe):
-                return
-    raise InputRefused(folder, "workspace", "cannot be written to", "check its permissions and free space")

@@ -39,7 +39,7 @@ def faults_table(found: dict[str, Any]) -> str:
     ]
     for kind, counts in found["kinds"].items():
         bad = " | ".join(str(counts.get(f, 0)) for f in FAILURES)
-        n = sum(counts.get(k, 0) for k in (*FAILURES, *shown))
+        n = sum(counts.get(k, 0) for k in (*FAILURES, *shown) if k != "memory")
         read = sum(counts.get(k, 0) for k in shown[1:])
         rows.append(f"| {kind} | {n} | {bad} | {counts.get('refused', 0)} | {read} | {counts['peak_mib']} |")
     return "\n".join(rows)

@@ -68,6 +68,28 @@ def fuzz_(
 
 
 @app.command()
+def battery(
+    n: Annotated[int, typer.Option(help="Edits of every kind of what is saved.")] = 100,
+    only: Annotated[str | None, typer.Option(help="Kinds whose name holds this.")] = None,
+    out: Out = None,
+) -> None:
+    """Edits of every field of everything that is saved, digests made right, loaded and driven in a watched process."""
+    from faults import battery as edited
+
+    outcomes = []
+    for outcome in edited.run_battery(n, only):
+        outcomes.append(outcome)
+        if outcome.what in edited.FAILURES:
+            typer.echo(json.dumps(outcome._replace(text=outcome.text[-TAIL:])._asdict()))
+    counts = edited.count(outcomes)
+    for kind, found in counts.items():
+        typer.echo(f"{kind:45} {', '.join(f'{v} {k}' for k, v in found.items())}")
+    failed = sum(o.what in edited.FAILURES for o in outcomes)
+    _keep(out, "battery", {"edits": len(outcomes), "failures": failed, "kinds": counts})
+    raise typer.Exit(1 if failed else 0)
+
+
+@app.command()
 def kills(n: Annotated[int, typer.Option(help="Kills.")] = 20, workers: Workers = CORES, out: Out = None) -> None:
     """A pipeline killed at random moments; the next run must end with the bytes of an undisturbed one."""
     from faults.killing import killed

@@ -17,7 +17,8 @@ from mcap.records import MessageIndex
 
 from bcid.files.source_code import StageCode
 from bcid.recording.formats.detect import MCAP_MAGIC
-from bcid.recording.formats.mcap_records import DamagedRecord, iterate_records
+from bcid.recording.formats.mcap_chunks import DamagedRecord
+from bcid.recording.formats.mcap_records import iterate_records
 from bcid.store.artifact import Recipe, is_whole
 from faults.killing import prepared, start
 
@@ -25,7 +26,8 @@ GIB = 1 << 30
 COSTS = """
 import resource, sys, time
 from pathlib import Path
-from bcid.recording.formats.mcap_records import DamagedRecord, iterate_records
+from bcid.recording.formats.mcap_chunks import DamagedRecord
+from bcid.recording.formats.mcap_records import iterate_records
 before, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
 try:
     broken = any(isinstance(entry.record, DamagedRecord) for entry in iterate_records(Path(sys.argv[1])))

@@ -18,11 +18,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.errors import BcidError
+from bcid.recording.read import UnforeseenContent
 from faults.specimens import Specimen, specimens
 
 HANG_S = 10
 BATCH = 250
-FAILURES = ("traceback", "hang", "wrong", "silent loss")
+MAX_PEAK_MIB = 600
+FAILURES = ("traceback", "hang", "wrong", "silent loss", "memory")
+UNFORESEEN = "unforeseen"
 
 
 class Hang(Exception):
@@ -60,12 +63,16 @@ def outcome(specimen: Specimen, clean: Any, shorter: bool) -> tuple[str, str]:
     try:
         with _in_time():
             found = specimen.read()
+    except UnforeseenContent:
+        return UNFORESEEN, traceback.format_exc()
     except BcidError:
         return "refused", ""
     except Hang:
         return "hang", ""
     except Exception:
         return "traceback", traceback.format_exc()
+    if isinstance(found, dict) and not found.get("sound", True):
+        return "wrong", "numbers that nothing can have"
     if specimen.verified and found["content"] != clean["content"]:
         return "wrong", ""
     if specimen.salvaged and found["vouched"] and not found["rows"] <= clean["rows"]:
@@ -97,7 +104,10 @@ def run_batch(batch: Batch) -> tuple[str, Counter[str], list[dict[str, Any]], fl
             specimen.path.write_bytes(data)
             cut = specimen.name == "table CSV" and clean_bytes.startswith(data) and data.endswith(b"\n")
             what, text = outcome(specimen, clean, cut)
-            counts[what] += 1
+            # refused all the same, by the guard around all readers
+            counts["refused" if what == UNFORESEEN else what] += 1
+            if what == UNFORESEEN:
+                counts[UNFORESEEN] += 1
             if what in FAILURES:
                 failures.append({"kind": batch.kind, "number": number, "mutator": how, "outcome": what, "text": text})
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -117,4 +127,10 @@ def fuzz(
     names = [k for k in kinds() if only is None or only in k]
     batches = [Batch(k, first, min(BATCH, n - first)) for k in names for first in range(0, n, BATCH)]
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-        yield from pool.map(run_batch, batches)
+        for batch, (kind, counts, failures, peak) in zip(batches, pool.map(run_batch, batches), strict=True):
+            # in a process of its own, which has read nothing else
+            if peak > MAX_PEAK_MIB:
+                counts["memory"] += 1
+                failed = {"kind": kind, "number": batch.first, "mutator": "", "outcome": "memory"}
+                failures.append({**failed, "text": f"{peak:.0f} MiB"})
+            yield kind, counts, failures, peak

@@ -24,9 +24,22 @@ from bcid.recording.types import Recording
 from bcid.simulation.samples import VEHICLE
 from bcid.store.artifact import Recipe, Store
 from bcid.vehicle import Vehicle, read_vehicle
+from faults.mcap_mutants import DEFINITIONS, REPAIRED, in_metadata
+from faults.mcap_specimens import as_protobuf, as_single_numbers
 from faults.mutants import BYTES, TEXT, Mutator
 
+SOUND = 1e11  # finite, and no more seconds, metres or radians than a limit lets through
 START_NS = 1_700_000_000_000_000_000
+METADATA = """\
+rosbag2_bagfile_information:
+  version: 9
+  storage_identifier: mcap
+  compression_format: ''
+  relative_file_paths:
+    - bag_0.mcap
+  files:
+    - path: bag_0.mcap
+"""
 COLUMNS = {"time_s": "t", "x_m": "px", "y_m": "py", "yaw_rad": "psi", "steering_rad": "steer", "throttle_mps": "gas"}
 
 
@@ -52,7 +65,9 @@ def seen(recording: Recording) -> dict[str, Any]:
     # behind what is lost, nobody knows how often the car has turned
     rows = {(k, row[:2].tobytes()) for k, stream in enumerate(streams) for row in stream.values}
     vouched = not any(i.kind == "integrity" for i in recording.irregularities)
+    values = [x for stream in (*streams, *recording.channels.values()) for x in (stream.time_s, stream.values)]
     return {
+        "sound": all(bool((np.abs(x) < SOUND).all()) for x in values),
         "vouched": vouched,
         "content": digest.hexdigest(),
         "samples": sum(map(len, streams)),
@@ -95,7 +110,49 @@ def specimens(folder: Path) -> list[Specimen]:
         (folder / name).mkdir()
         path = as_ros2(clean, folder / name, kind, compression=CompressionType.NONE, enable_crcs=False)
         found.append(Specimen(f"MCAP CDR {name}, no checksums", path, recorded(path, topical(vehicle)), BYTES, False))
-    return [*found, *_own(folder), *_kept(folder, clean)]
+    found += _repaired(folder, clean, vehicle)
+    from faults.sealed import sealed_specimens
+
+    return [*found, *_own(folder), *_kept(folder, clean), *sealed_specimens(folder, clean, vehicle)]
+
+
+def _repaired(folder: Path, clean: Recording, vehicle: Vehicle) -> list[Specimen]:
+    """MCAP files that are changed behind their checksums, in messages and in definitions, and the folder of a bag."""
+    ros, found = topical(vehicle), []
+    proto = folder / "proto.mcap"
+    as_protobuf(clean, proto)
+    singles = as_single_numbers(clean, folder / "singles.mcap")
+    two = topical(vehicle, command={"steering": "/steering", "throttle": "/throttle"})
+    json_file = _mcap(folder / "json.mcap", clean)
+    sources = {"JSON": (json_file, vehicle), "protobuf": (proto, ros), "single numbers": (singles, two)}
+    for name, kind in (("poses", "geometry_msgs/msg/PoseStamped"), ("bodies", "mocap4r2_msgs/msg/RigidBodies"),
+                       ("transforms", "tf2_msgs/msg/TFMessage")):  # fmt: skip
+        (folder / f"cdr_{name}").mkdir()
+        sources[f"CDR {name}"] = as_ros2(clean, folder / f"cdr_{name}", kind), ros
+    for name, (path, car) in sources.items():
+        for how, mutators in (("repaired", REPAIRED), ("definitions", DEFINITIONS)):
+            for salvage in (False, True):
+                kind = f"MCAP {name}, {how}{', salvaged' if salvage else ''}"
+                found.append(Specimen(kind, path, partial(_seen_of, path, car, salvage), mutators, False))
+    bag = folder / "bag"
+    bag.mkdir()
+    _mcap(bag / "bag_0.mcap", clean)
+    (bag / "metadata.yaml").write_text(METADATA)
+    found.append(
+        Specimen(
+            "bag metadata.yaml",
+            bag / "metadata.yaml",
+            partial(_seen_of, bag, vehicle, False),
+            (*TEXT, in_metadata, in_metadata),
+            False,
+        )
+    )
+    return found
+
+
+def _seen_of(path: Path, vehicle: Vehicle, salvage: bool) -> dict[str, Any]:
+    """What is seen of the recording at `path`."""
+    return seen(read_recording(path, vehicle, allow_partial=salvage))
 
 
 def _table(recording: Recording) -> pd.DataFrame:

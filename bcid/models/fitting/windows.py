@@ -7,6 +7,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
+from bcid.estimate.command_parts import join_parts, mean_commands
 from bcid.estimate.types import Estimate
 from bcid.models.limits import LIMITS
 
@@ -16,8 +17,13 @@ class Windows(NamedTuple):
 
     twist: Floats  # (B, lags + 1 + steps, 3)
     kinematic: Floats  # (B, lags + 1 + steps, 4)
-    command: Floats  # (B, lags + 1 + steps, 2); the last row is not driven within the stretch
+    parts: Floats  # (B, lags + 1 + steps, W, 4), as in `Estimate`; the last row is not driven within the stretch
     lags: int
+
+    @property
+    def command(self) -> Floats:
+        """The commands [u_s, u_m] (B, lags + 1 + steps, 2), averaged over each period."""
+        return mean_commands(self.parts)
 
     @property
     def stretch_count(self) -> int:
@@ -39,21 +45,32 @@ def cut_windows(estimates: Sequence[Estimate], steps: int, every: int, lags: int
     Raises:
         InputRefused: no segment is long enough for a stretch.
     """
-    parts = []
+    taken = []
     for e in estimates:
         for s in e.segments():
             rows = np.arange(s.start + lags, s.stop - steps, every)[:, None] + np.arange(-lags, steps + 1)
             if len(rows):
-                parts.append((e.twist[rows], e.kinematic[rows], e.command[rows]))
-    if not parts:
+                taken.append((e.twist[rows], e.kinematic[rows], e.parts[rows]))
+    if not taken:
         raise InputRefused(
             ", ".join(e.name for e in estimates) or "no recording",
             place="estimate",
             cause=f"no uninterrupted stretch holds {lags + 1 + steps} grid rows",
             next_step="use longer takes, a shorter horizon_s, or check the gaps listed by `bcid ingest`",
         )
-    twist, kinematic, command = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Windows(twist, kinematic, command, lags)
+    twist, kinematic, parts = zip(*taken, strict=True)
+    return Windows(np.concatenate(twist), np.concatenate(kinematic), join_parts(parts), lags)
+
+
+def stretch_spacing(estimates: Sequence[Estimate], steps: int) -> int:
+    """Grid rows between the starts of stretches of `steps` periods on which a loss of rollouts is minimised.
+
+    A stretch begins every tenth of its length, so that no single start, whose velocity is estimated with an error,
+    weighs much: with stretches end to end the constants of a car depend on the row with which a take begins.  In long
+    takes starts are farther apart, so that there are no more than LIMITS.max_stretches.
+    """
+    rows = sum(len(e) for e in estimates)
+    return max(1, steps // LIMITS.starts_per_stretch, min(steps, -(-rows // LIMITS.max_stretches)))
 
 
 def split_off_ends(
@@ -86,7 +103,7 @@ class SingleSteps(NamedTuple):
     """N samples k -> k+1; lagged arrays run from the newest row, k, to the oldest, k - lags."""
 
     twist: Floats  # (N, lags + 1, 3)
-    command: Floats  # (N, lags + 1, 2)
+    command: Floats  # (N, lags + 1, 2), averaged over the period after each row
     kinematic: Floats  # (N, 4)
     next_twist: Floats  # (N, 3)
     next_kinematic: Floats  # (N, 4)

@@ -12,29 +12,31 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
-from bcid.models.interface import Arrays, FitTask, ScanKernels, build_scan_kernels
+from bcid.models.interface import Arrays, FitTask, ScanKernels, build_scan_kernels, mean_command
+from bcid.models.kinematic.saved_kinematics import SavedKMlp
 from bcid.models.kinematic.state import KinematicCar, KinematicModel, fill_input, kinematic_twist, next_state
 from bcid.models.kinematic.torch_rollout import build_kinematic_rollout, simulate_steering
 from bcid.models.network import mlp
 from bcid.models.network.mlp import MlpWeights, allocate_buffers, evaluate_mlp
 from bcid.models.network.training import train_perceptron
+from bcid.models.saved_parts import parse_saved
 from bcid.models.settings import TrainingSettings
 
 
 @njit
-def _scan_k_mlp(carry: Floats, commands: Floats, w: MlpWeights, c: KinematicCar) -> Floats:
-    """Twists (N, 3) of one K-MLP (a perceptron that advances the kinematic state) after each of `commands` (N, 2).
+def _scan_k_mlp(carry: Floats, parts: Floats, w: MlpWeights, c: KinematicCar) -> Floats:
+    """Twists (N, 3) of one K-MLP (a perceptron of the kinematic state) in N periods of commands `parts` (N, W, 4).
 
-    `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return.
-    Commands are [u_s (rad), u_m]; `w` are the weights, `c` lever arms, steering constants and period.
+    `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return. Parts
+    are [duration (s), u_s (rad), u_m, brake share]; `w` are the weights, `c` lever arms, steering constants and period.
     """
-    twists, buffers = np.empty((len(commands), 3)), allocate_buffers(w)
+    twists, buffers = np.empty((len(parts), 3)), allocate_buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
-    for k in range(len(commands)):
-        u_s, u_m = commands[k, 0], commands[k, 1]
+    for k in range(len(parts)):
+        u_s, u_m = mean_command(parts, k)
         fill_input(buffers.x, state, u_s, u_m)
         evaluate_mlp(buffers, w)
-        state = next_state(buffers.y, state[3], u_s, c)
+        state = next_state(buffers.y, state[3], parts, k, c)
         twists[k, 0], twists[k, 1], twists[k, 2] = kinematic_twist(state, c)
     carry[0], carry[1], carry[2], carry[3] = state
     return twists
@@ -84,5 +86,10 @@ class KMlp(KinematicModel):
 
     @classmethod
     def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
-        """The model whose `to_saved` gave `data` and `arrays`."""
-        return cls(mlp.weights_from_arrays(arrays, cls.input_count), KinematicCar(**data["frame"]), data["facts"])
+        """The model whose `to_saved` gave `data` and `arrays`.
+
+        Raises:
+            ValueError: they hold anything that no such model has.
+        """
+        saved = parse_saved(SavedKMlp, data)
+        return cls(mlp.weights_from_arrays(arrays, cls.input_count), saved.frame.to_car(), saved.facts)

@@ -11,8 +11,10 @@ import numpy as np
 
 from bcid.models.interface import Arrays, FitTask, ScanKernels
 from bcid.models.kinematic import library
+from bcid.models.kinematic.saved_sparse import SavedKSindy, equations_from_arrays
 from bcid.models.kinematic.sparse_sum import K_SINDY_KERNELS, SparseEquations
 from bcid.models.kinematic.state import KinematicCar, KinematicModel
+from bcid.models.saved_parts import parse_saved
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,10 @@ class KSindy(KinematicModel):
 
     @classmethod
     def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
-        """The model whose `to_saved` gave `data` and `arrays`."""
-        sparse = SparseEquations(*(np.ascontiguousarray(arrays[name]) for name in SparseEquations._fields))
-        return cls(sparse, KinematicCar(**data["frame"]), data["facts"])
+        """The model whose `to_saved` gave `data` and `arrays`.
+
+        Raises:
+            ValueError: they hold anything that no such model has.
+        """
+        saved = parse_saved(SavedKSindy, data)
+        return cls(equations_from_arrays(arrays), saved.frame.to_car(), saved.facts.as_mapping())

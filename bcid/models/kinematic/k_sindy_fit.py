@@ -15,7 +15,15 @@ from bcid.aliases import Floats, Ints
 from bcid.bootstrap import draw_block_counts, quantile_interval
 from bcid.estimate.types import Estimate
 from bcid.models.fitting.block_covariance import BLOCK_S, Z_95, sandwich_covariance, sum_blocks
-from bcid.models.fitting.windows import Windows, cut_windows, inverse_spread, loss_steps, single_steps, split_off_ends
+from bcid.models.fitting.windows import (
+    Windows,
+    cut_windows,
+    inverse_spread,
+    loss_steps,
+    single_steps,
+    split_off_ends,
+    stretch_spacing,
+)
 from bcid.models.interface import FitTask
 from bcid.models.kinematic import library
 from bcid.models.kinematic.library import theta_matrix
@@ -107,7 +115,8 @@ def fit_sparse_equations(task: FitTask, car: KinematicCar) -> tuple[SparseEquati
     }  # fmt: skip
     if settings.loss == "rollout":
         steps = loss_steps("rollout", settings.horizon_s, task.period_s)
-        sparse, errors = _refine_on_rollouts(sparse, car, cut_windows(task.estimates, steps, steps))
+        every = stretch_spacing(task.estimates, steps)
+        sparse, errors = _refine_on_rollouts(sparse, car, cut_windows(task.estimates, steps, every), every)
         _replace_intervals(facts["term_confidence"], sparse, errors)
     return sparse, facts
 
@@ -169,8 +178,8 @@ def _choose_threshold(
 
 def _predict_stretches(s: SparseEquations, c: KinematicCar, stretches: Windows) -> Floats:
     """Twists (B, S, 3) that the K-SINDy equations `s` predict over B stretches of S steps from measured starts."""
-    start, command = np.ascontiguousarray(stretches.kinematic[:, 0]), np.ascontiguousarray(stretches.command[:, :-1])
-    return np.asarray(K_SINDY_KERNELS.scan_many(start, command, s, c))
+    start, parts = np.ascontiguousarray(stretches.kinematic[:, 0]), np.ascontiguousarray(stretches.parts[:, :-1])
+    return np.asarray(K_SINDY_KERNELS.scan_many(start, parts, s, c))
 
 
 def _bootstrap_terms(
@@ -210,11 +219,12 @@ def _replace_intervals(term_confidence: TermConfidence, sparse: SparseEquations,
 
 
 def _refine_on_rollouts(
-    sparse: SparseEquations, car: KinematicCar, stretches: Windows
+    sparse: SparseEquations, car: KinematicCar, stretches: Windows, every: int
 ) -> tuple[SparseEquations, SparseEquations]:
     """Refit the nonzero coefficients of `sparse` by nonlinear least squares on the twist in rollouts over stretches.
 
-    Returns the refitted equations, and the coefficients' standard errors in the same fields (sandwich covariance).
+    These start `every` rows apart.  Returns the refitted equations, and the coefficients' standard errors in the same
+    fields (sandwich covariance).
     """
     from scipy.optimize import least_squares
 
@@ -241,6 +251,6 @@ def _refine_on_rollouts(
     x = least_squares(residuals, start, jacobian, x_scale=np.maximum(np.abs(start), 1e-3), max_nfev=MAX_JACOBIANS).x
     J = jacobian(x)
     gradients = (J * residuals(x)[:, None]).reshape(stretches.stretch_count, -1, len(x)).sum(axis=1)
-    block = max(1, round(BLOCK_S / (car.period * stretches.steps)))
+    block = max(1, round(BLOCK_S / (car.period * every)))
     errors = np.sqrt(np.diag(sandwich_covariance(J, sum_blocks(gradients, block))))
     return equations_at(x), equations_at(errors)

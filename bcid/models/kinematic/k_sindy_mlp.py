@@ -15,37 +15,40 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
+from bcid.errors import UsageError
 from bcid.models.fitting.windows import SingleSteps
-from bcid.models.interface import Arrays, FitTask, ScanKernels, build_scan_kernels
+from bcid.models.interface import Arrays, FitTask, ScanKernels, build_scan_kernels, mean_command
 from bcid.models.kinematic import state as kinematics
 from bcid.models.kinematic.k_sindy import KSindy
+from bcid.models.kinematic.saved_sparse import SPARSE_ARRAYS, SavedKSindyMlp
 from bcid.models.kinematic.sparse_sum import SparseEquations, active_terms, f_sindy
 from bcid.models.kinematic.torch_rollout import build_f_sindy, build_kinematic_rollout, simulate_steering
 from bcid.models.network import mlp
 from bcid.models.network.mlp import MlpWeights, allocate_buffers, evaluate_mlp
 from bcid.models.network.training import train_perceptron
+from bcid.models.saved_parts import parse_saved
 from bcid.models.settings import ResidualSettings
 
 
 @njit
 def _scan_k_sindy_mlp(
-    carry: Floats, commands: Floats, s: SparseEquations, w: MlpWeights, c: kinematics.KinematicCar, dissipative: bool
+    carry: Floats, parts: Floats, s: SparseEquations, w: MlpWeights, c: kinematics.KinematicCar, dissipative: bool
 ) -> Floats:
-    """Twists (N, 3) of one K-SINDy-MLP (sparse equations `s` plus a perceptron `w`) after each of `commands` (N, 2).
+    """Twists (N, 3) of one K-SINDy-MLP (equations `s` plus a perceptron `w`) in N periods of `parts` (N, W, 4).
 
     `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return.  If
     `dissipative`, v_f is lowered where a step with u_m <= 0 would gain kinetic energy.
     """
-    twists, terms, buffers = np.empty((len(commands), 3)), active_terms(s), allocate_buffers(w)
+    twists, terms, buffers = np.empty((len(parts), 3)), active_terms(s), allocate_buffers(w)
     state = (carry[0], carry[1], carry[2], carry[3])
-    for k in range(len(commands)):
-        u_s, u_m = commands[k, 0], commands[k, 1]
+    for k in range(len(parts)):
+        u_s, u_m = mean_command(parts, k)
         f_sindy(state, u_s, u_m, terms, c)
         kinematics.fill_input(buffers.x, state, u_s, u_m)
         evaluate_mlp(buffers, w)
         for i in range(3):
             terms.after[i] += buffers.y[i]
-        after = kinematics.next_state(terms.after, state[3], u_s, c)
+        after = kinematics.next_state(terms.after, state[3], parts, k, c)
         state = kinematics.cap_energy(state, after, c) if dissipative and u_m <= 0.0 else after
         twists[k, 0], twists[k, 1], twists[k, 2] = kinematics.kinematic_twist(state, c)
     carry[0], carry[1], carry[2], carry[3] = state
@@ -95,6 +98,11 @@ class KSindyMlp(kinematics.KinematicModel):
             return x, s.next_kinematic[:, :3] - _predict_by_f_sindy(x, sindy.sparse, sindy.car)
 
         dissipative = settings.residual == "dissipative"
+        if dissipative and task.vehicle.motor.reverses:
+            raise UsageError(
+                "a dissipative k-sindy-mlp gains no energy while the throttle is below zero, where this car drives\n"
+                '  next: set residual = "plain" in [fit.k-sindy-mlp]'
+            )
         f_sindy_in_torch = build_f_sindy(sindy.sparse, sindy.car)
         rollout = build_kinematic_rollout(sindy.car, lambda network, x: f_sindy_in_torch(x) + network(x), dissipative)
         steer = partial(simulate_steering, c=sindy.car)
@@ -121,6 +129,13 @@ class KSindyMlp(kinematics.KinematicModel):
 
     @classmethod
     def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
-        """The model whose `to_saved` gave `data` and `arrays`."""
-        sindy, weights = KSindy.from_saved(data["sindy"], arrays), mlp.weights_from_arrays(arrays, cls.input_count)
-        return cls(sindy, weights, data["facts"], bool(data.get("dissipative", False)))
+        """The model whose `to_saved` gave `data` and `arrays`.
+
+        Raises:
+            ValueError: they hold anything that no such model has.
+        """
+        saved = parse_saved(SavedKSindyMlp, data)
+        sparse = {name: arrays[name] for name in SPARSE_ARRAYS if name in arrays}
+        others = {name: array for name, array in arrays.items() if name not in sparse}
+        sindy = KSindy.from_saved(data["sindy"], sparse)
+        return cls(sindy, mlp.weights_from_arrays(others, cls.input_count), saved.facts, saved.dissipative)

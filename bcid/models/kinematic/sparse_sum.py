@@ -6,7 +6,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.compiled.njit import njit
-from bcid.models.interface import build_scan_kernels
+from bcid.models.interface import build_scan_kernels, mean_command
 from bcid.models.kinematic.library import ONE, fill_factors
 from bcid.models.kinematic.state import KinematicCar, KinematicState, kinematic_twist, next_state
 
@@ -76,18 +76,18 @@ def f_sindy(state: KinematicState, u_s: float, u_m: float, t: ActiveTerms, c: Ki
 
 
 @njit
-def scan_k_sindy(carry: Floats, commands: Floats, s: SparseEquations, c: KinematicCar) -> Floats:
-    """Twists (N, 3) of one K-SINDy (sparse equations `s` of the kinematic state) after each of `commands` (N, 2).
+def scan_k_sindy(carry: Floats, parts: Floats, s: SparseEquations, c: KinematicCar) -> Floats:
+    """Twists (N, 3) of one K-SINDy (sparse equations `s`) in N periods of commands `parts` (N, W, 4).
 
     `carry` (4,) is the state [v_f (m/s), alpha_f, alpha_r, delta (rad)]: the first on entry, the last on return.
-    Commands are [u_s (rad), u_m]; `c` holds lever arms, steering constants and period.
+    Parts are [duration (s), u_s (rad), u_m, brake share]; `c` holds lever arms, steering constants and period.
     """
-    twists, terms = np.empty((len(commands), 3)), active_terms(s)
+    twists, terms = np.empty((len(parts), 3)), active_terms(s)
     state = (carry[0], carry[1], carry[2], carry[3])
-    for k in range(len(commands)):
-        u_s, u_m = commands[k, 0], commands[k, 1]
+    for k in range(len(parts)):
+        u_s, u_m = mean_command(parts, k)
         f_sindy(state, u_s, u_m, terms, c)
-        state = next_state(terms.after, state[3], u_s, c)
+        state = next_state(terms.after, state[3], parts, k, c)
         twists[k, 0], twists[k, 1], twists[k, 2] = kinematic_twist(state, c)
     carry[0], carry[1], carry[2], carry[3] = state
     return twists

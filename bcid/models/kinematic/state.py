@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.compiled.njit import njit_inline
+from bcid.compiled.njit import njit, njit_inline
 from bcid.models.interface import CompiledModel, FitTask, History
 from bcid.physics.elementary import clip
 from bcid.physics.kinematics import body_twist
@@ -53,7 +53,7 @@ class KinematicModel(CompiledModel):
     input_count: ClassVar[int] = 6  # of the fitted map, see `fill_input`
 
     @property
-    def period_s(self) -> float:
+    def period_s(self) -> float:  # type: ignore[override]  # never written
         """The time (s) by which a step advances."""
         return self.car.period
 
@@ -74,13 +74,23 @@ def kinematic_twist(state: KinematicState, c: KinematicCar) -> tuple[float, floa
 
 
 @njit_inline
-def next_state(after: Floats, delta: float, u_s: float, c: KinematicCar) -> KinematicState:
+def next_state(after: Floats, delta: float, parts: Floats, k: int, c: KinematicCar) -> KinematicState:
     """The kinematic state [v_f (m/s), alpha_f, alpha_r, delta (rad)] one period later, from a map's output `after`.
 
     `after` (3,), by a fitted map, holds the first three, of which v_f is raised to 0 if negative; `delta` (rad)
-    follows the command `u_s` (rad) by the servo's law, a first-order lag with a rate limit.
+    follows the commands in the parts of period `k`, `parts` (N, W, 4), by the servo's law, a first-order lag with a
+    rate limit.
     """
-    return max(after[0], 0.0), after[1], after[2], steering_step(delta, u_s, c.T_s, c.d, c.period)
+    return max(after[0], 0.0), after[1], after[2], follow_commands(delta, parts, k, c)
+
+
+@njit
+def follow_commands(delta: float, parts: Floats, k: int, c: KinematicCar) -> float:
+    """Steering angle (rad) after period `k` of the commands `parts` (N, W, 4); `delta` (rad) is that before it."""
+    for j in range(parts.shape[1]):
+        if parts[k, j, 0] > 0.0:
+            delta = steering_step(delta, parts[k, j, 1], c.T_s, c.d, parts[k, j, 0])
+    return delta
 
 
 @njit_inline

@@ -11,9 +11,8 @@ from bcid.aliases import Floats, Ints
 from bcid.models.fitting.windows import Windows
 from bcid.models.kinematic.library import ABS_AF, ABS_DELTA, ABS_RATE, AF, AR, BRAKE, DELTA, FACTORS, RATE, THROTTLE, V
 from bcid.models.kinematic.sparse_sum import SparseEquations
-from bcid.models.kinematic.state import SLIP_LIMIT, KinematicCar
+from bcid.models.kinematic.state import SLIP_LIMIT, KinematicCar, follow_commands
 from bcid.models.network.training import Network, RolloutFunction
-from bcid.physics.steering import steering_step
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -31,7 +30,7 @@ def simulate_steering(stretches: Windows, c: KinematicCar) -> Windows:
     kinematic = stretches.kinematic.copy()
     for b in range(stretches.stretch_count):
         for k in range(stretches.steps):
-            kinematic[b, k + 1, 3] = steering_step(kinematic[b, k, 3], stretches.command[b, k, 0], c.T_s, c.d, c.period)
+            kinematic[b, k + 1, 3] = follow_commands(kinematic[b, k, 3], stretches.parts[b], k, c)
     return stretches._replace(kinematic=kinematic)
 
 

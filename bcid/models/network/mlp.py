@@ -1,13 +1,15 @@
 """A multilayer perceptron with two hidden ReLU layers, compiled; `bcid.models.network.training` trains it."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats, Singles
 from bcid.compiled.njit import njit, njit_inline, njit_sums
 from bcid.models.interface import Arrays
+from bcid.models.limits import LIMITS
 from bcid.models.network.sparse_product import add_product
+from bcid.models.saved_parts import ArrayRule, check_arrays
 
 OUTPUTS = 3  # a twist, or [v_f, alpha_f, alpha_r]
 
@@ -124,14 +126,15 @@ def weights_from_arrays(arrays: Arrays, inputs: int) -> MlpWeights:
     """The perceptron with `inputs` inputs and three outputs that `weights_to_arrays` turned into `arrays`.
 
     Raises:
-        KeyError: an array is missing.
-        ValueError: the shapes do not fit together; checked here, since the compiled kernels check none.
+        ValueError: an array is missing, unknown, of another type, not finite, or of a shape that does not fit the
+            others; checked here, since the compiled kernels check nothing.
     """
-    given: dict[str, Any] = {name: np.array(arrays[name], np.float64) for name in ("x_mean", "x_sd", "y_mean", "y_sd")}
-    given |= {name: np.array(arrays[name], np.float32, order="C") for name in ("W1", "b1", "W2", "b2", "W3", "b3")}
-    a, b = given["b1"].size, given["b2"].size
-    shapes = [(inputs,), (inputs,), (inputs, a), (a,), (a, b), (b,), (b, OUTPUTS), (OUTPUTS,), (OUTPUTS,), (OUTPUTS,)]
-    weights = MlpWeights(**given)
-    if [array.shape for array in weights] != shapes:
-        raise ValueError(f"its layers do not make a network of {inputs} inputs and {OUTPUTS} outputs")
-    return weights
+    least, most = LIMITS.min_constant, LIMITS.max_constant
+    rules = {
+        "x_mean": ArrayRule(np.float64, (inputs,), -most, most), "x_sd": ArrayRule(np.float64, (inputs,), least, most),
+        "W1": ArrayRule(np.float32, (inputs, "a")), "b1": ArrayRule(np.float32, ("a",)),
+        "W2": ArrayRule(np.float32, ("a", "b")), "b2": ArrayRule(np.float32, ("b",)),
+        "W3": ArrayRule(np.float32, ("b", OUTPUTS)), "b3": ArrayRule(np.float32, (OUTPUTS,)),
+        "y_mean": ArrayRule(np.float64, (OUTPUTS,), -most, most), "y_sd": ArrayRule(np.float64, (OUTPUTS,), 0.0, most),
+    }  # fmt: skip
+    return MlpWeights(**check_arrays(arrays, rules))

@@ -14,10 +14,11 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
 from bcid.models.fitting.windows import SingleSteps
-from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
+from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels, mean_command
 from bcid.models.network import mlp
 from bcid.models.network.mlp import MlpWeights, allocate_buffers, evaluate_mlp
 from bcid.models.network.training import Network, train_perceptron
+from bcid.models.saved_parts import Period, SavedPart, parse_saved
 from bcid.models.settings import TrainingSettings
 
 if TYPE_CHECKING:
@@ -29,14 +30,14 @@ INPUTS = N_TWIST + 2 * (LAGS + 1)
 
 
 @njit
-def _scan_narx_mlp(carry: Floats, commands: Floats, w: MlpWeights) -> Floats:
-    """Twists (N, 3) of one NARX-MLP, a perceptron of the last three twists and commands, under `commands` (N, 2).
+def _scan_narx_mlp(carry: Floats, parts: Floats, w: MlpWeights) -> Floats:
+    """Twists (N, 3) of one NARX-MLP, a perceptron of the last three twists and commands, under `parts` (N, W, 4).
 
     `carry` (13,) is advanced in place: [v_k, v_{k-1}, v_{k-2}, u_{k-1}, u_{k-2}], twists v and commands u.
     """
-    twists, buffers = np.empty((len(commands), 3)), allocate_buffers(w)
-    for k in range(len(commands)):
-        buffers.x[N_TWIST], buffers.x[N_TWIST + 1] = commands[k, 0], commands[k, 1]
+    twists, buffers = np.empty((len(parts), 3)), allocate_buffers(w)
+    for k in range(len(parts)):
+        buffers.x[N_TWIST], buffers.x[N_TWIST + 1] = mean_command(parts, k)
         for i in range(len(carry)):
             buffers.x[i if i < N_TWIST else i + 2] = carry[i]
         evaluate_mlp(buffers, w)
@@ -63,6 +64,13 @@ def _rollout_in_torch(network: Network, twist: Tensor, kinematic: Tensor, comman
         past = torch.cat([following, past[:, : N_TWIST - 3]], dim=1)
         out.append(following)
     return torch.stack(out, dim=1)
+
+
+class SavedNarxMlp(SavedPart):
+    """The JSON part of a saved NARX-MLP; its weights are arrays."""
+
+    period_s: Period
+    facts: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -115,5 +123,10 @@ class NarxMlp(CompiledModel):
 
     @classmethod
     def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
-        """The model whose `to_saved` gave `data` and `arrays`."""
-        return cls(mlp.weights_from_arrays(arrays, INPUTS), data["period_s"], data["facts"])
+        """The model whose `to_saved` gave `data` and `arrays`.
+
+        Raises:
+            ValueError: they hold anything that no such model has.
+        """
+        saved = parse_saved(SavedNarxMlp, data)
+        return cls(mlp.weights_from_arrays(arrays, INPUTS), saved.period_s, saved.facts)

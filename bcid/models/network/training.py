@@ -30,6 +30,7 @@ after each step; the kinematic states hold the steering angles as the servo alon
 
 MAX_GRADIENT_NORM = 1.0  # longer ones are shortened: a rollout near divergence has no useful slope
 STARTS_PER_STRETCH = 4  # stretches that begin within the length of one: every fourth of them holds each sample once
+MIN_STRETCHES_PER_EPOCH = 256  # fewer make too few steps in all: after two a minute's take is hardly trained on
 
 
 def train_perceptron(
@@ -139,7 +140,8 @@ def _train_on_rollouts(
 
     `stretches` are two sets: one to train on, one held out, whose error chooses the best epoch; `moments` are (mean,
     standard deviation) of the inputs and of the outputs.  The learning rate falls to zero as half a cosine; each
-    epoch draws a random 1/STARTS_PER_STRETCH of the training stretches.
+    epoch draws a random 1/STARTS_PER_STRETCH of the training stretches, of short takes at least
+    MIN_STRETCHES_PER_EPOCH or all.
     """
     import torch
 
@@ -149,7 +151,9 @@ def _train_on_rollouts(
         return y_mean + y_sd * net((x - x_mean) / x_sd)  # type: ignore[no-any-return]
 
     weight = torch.tensor(windows.inverse_spread(stretches[0].twist[:, 0]), dtype=torch.float32)
-    training, validation = ([torch.tensor(c, dtype=torch.float32) for c in w[:3]] for w in stretches)
+    training, validation = (
+        [torch.tensor(c, dtype=torch.float32) for c in (w.twist, w.kinematic, w.command)] for w in stretches
+    )
     count, steps = stretches[0].stretch_count, stretches[0].steps
 
     def loss_of(twist: Tensor, kinematic: Tensor, command: Tensor) -> Tensor:
@@ -159,7 +163,7 @@ def _train_on_rollouts(
     generator = torch.Generator().manual_seed(task.seed + 1)
     net.eval()
     adam = torch.optim.Adam(net.parameters(), lr=settings.rollout_learning_rate, fused=True)
-    per_epoch = max(1, count // STARTS_PER_STRETCH)
+    per_epoch = min(count, max(count // STARTS_PER_STRETCH, MIN_STRETCHES_PER_EPOCH))
 
     def validation_loss() -> float:
         with torch.no_grad():

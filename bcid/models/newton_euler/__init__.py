@@ -2,5 +2,6 @@
 
 `model` (the fitted car), `parameters` (the constants that a fit chooses), fitted by `fit_to_twists` (with `objective`,
 the error of many cars at once) or `fit_to_poses`, from the car of `initial_guess`; `linear` (small angles);
-`augmented` (the car with effects) and `augmented_step` (its periods, compiled).
+`augmented` (the car with effects) and `augmented_step` (its periods, compiled); `saved_car` (what their
+files must hold).
 """

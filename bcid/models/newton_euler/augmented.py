@@ -10,22 +10,67 @@ commands after its own, so poses that come early act as far as delays of the com
 
 import difflib
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import Field, field_validator, model_validator
 
 from bcid.aliases import Floats, Switches
 from bcid.effects.constants import Constants
 from bcid.effects.table import ENTRIES, OFF, effect_switches
 from bcid.errors import UsageError
+from bcid.estimate.limits import LIMITS as ESTIMATE_LIMITS
 from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler import augmented_step
 from bcid.models.newton_euler.model import equation_lines
 from bcid.models.newton_euler.parameters import constant_units
+from bcid.models.newton_euler.saved_car import EffectFacts, SavedCar
+from bcid.models.saved_parts import Period, Positive, SavedPart, Signed, check_arrays, parse_saved
 from bcid.physics.car import Car, integration_step
+
+
+class SavedConstants(SavedPart):
+    """The constants in the effects' equations, as a model is saved with them."""
+
+    v_c: Positive
+    w_c: Positive
+    v_p: Positive
+    track: Positive
+
+
+class SavedAugmented(SavedPart):
+    """The JSON part of a saved Newton-Euler car with effects."""
+
+    car: SavedCar
+    effects: dict[str, Signed]
+    constants: SavedConstants
+    angle_limit: Annotated[float, Field(gt=0.0, le=LIMITS.max_steering_rad)]
+    recording_s: Annotated[float, Field(gt=0.0, le=LIMITS.max_recording_s)]
+    period_s: Period
+    facts: EffectFacts
+
+    @field_validator("effects")
+    @classmethod
+    def _check_names(cls, effects: dict[str, float]) -> dict[str, float]:
+        """Refuse parameters that no effect has, and a scale of the poses that turns them around."""
+        for name in effects:
+            if name not in OFF:
+                near = ", ".join(difflib.get_close_matches(name, OFF, n=3))
+                raise ValueError(f"there is no {name!r}" + (f", perhaps {near}" if near else ""))
+        if effects.get("pose_scale__kappa", 0.0) <= -1.0:
+            raise ValueError("pose_scale__kappa is -1 or less, which no camera has")
+        return effects
+
+    @model_validator(mode="after")
+    def _check_delay(self) -> Self:
+        """Refuse commands that act too late: a model keeps all that are on their way."""
+        delay = max_command_delay(effect_switches(self.effects), self.recording_s)
+        if delay > LIMITS.max_delay_s:
+            raise ValueError(f"effects that delay commands by {delay:g} s, which no car has")
+        return self
 
 
 @dataclass(frozen=True)
@@ -58,7 +103,8 @@ class AugmentedNewtonEuler(CompiledModel):
         """What the compiled step needs beside the carry."""
         e = effect_switches(self.effects)
         steps = max(1, math.ceil(self.period_s / integration_step(self.car) - 1e-9))
-        kept = math.ceil(max_command_delay(e, self.recording_s) / self.period_s) + 1
+        late = math.ceil(max_command_delay(e, self.recording_s) / self.period_s)
+        kept = late * ESTIMATE_LIMITS.max_command_parts + 1
         return augmented_step.AugmentedSetup(
             self.car, e, self.constants, self.angle_limit, self.recording_s, self.period_s, steps, kept
         )  # fmt: skip
@@ -81,12 +127,14 @@ class AugmentedNewtonEuler(CompiledModel):
         s, time_s, delta = self.setup, history.time_s, history.kinematic[:, 3]
         # Rows before the first known one only repeat it.
         first = int(np.flatnonzero(time_s == time_s[0])[-1])
-        commands = history.command if len(history.command) else np.array([[delta[-1], 0.0]])
         b = augmented_step.body_from_tracked(history.pose[-1], history.twist[-1], s.switches)
-        periods = len(time_s) - 1 - first
-        state = augmented_step.initial_state(
-            b, float(delta[first]), np.ascontiguousarray(commands), periods, float(time_s[-1]), s
-        )
+        parts = history.parts[first:]
+        durations, values = parts[..., 0].ravel(), parts[..., 1:].reshape(-1, 3)
+        given = float(time_s[first]) + np.r_[0.0, np.cumsum(durations)[:-1]]
+        commands = np.column_stack([given, values])[durations > 0.0] if len(parts) else None
+        if commands is None:  # nothing is known of the past: coasting, the wheel held where it is
+            commands = np.array([[time_s[-1] - self.period_s, delta[-1], 0.0, 0.0]])
+        state = augmented_step.initial_state(b, float(delta[first]), commands, len(parts), float(time_s[-1]), s)
         carry: Floats = augmented_step.pack_carry(state)
         return carry
 
@@ -128,19 +176,12 @@ class AugmentedNewtonEuler(CompiledModel):
         Raises:
             ValueError: an unknown effect, a value that is no finite number, or one that no car has.
         """
-        scalar_names = ("angle_limit", "recording_s", "period_s")
-        scalars = _check_finite_numbers("the model", {n: data[n] for n in scalar_names}, scalar_names)
-        effects = _check_finite_numbers("effects", data["effects"], OFF)
-        e = effect_switches(effects)
-        delay = max_command_delay(e, scalars["recording_s"])
-        if min(scalars.values()) <= 0.0 or e.pose_scale__kappa <= -1.0 or delay > LIMITS.max_delay_s:
-            raise ValueError(f"an angle, time or scale in it that no car has (delays of {delay:g} s)")
-        facts = data["facts"]
-        if not isinstance(facts, Mapping):
-            raise ValueError("facts: no object")
-        car = Car(**_check_finite_numbers("car", data["car"], Car._fields))
-        constants = Constants(**_check_finite_numbers("constants", data["constants"], Constants._fields))
-        return cls(car, effects, constants, **scalars, facts=facts)
+        check_arrays(arrays, {})
+        saved = parse_saved(SavedAugmented, data)
+        return cls(
+            saved.car.to_car(), saved.effects, Constants(**saved.constants.model_dump()), saved.angle_limit,
+            saved.recording_s, saved.period_s, saved.facts.as_mapping(),
+        )  # fmt: skip
 
 
 def max_command_delay(e: Switches, T: float) -> float:
@@ -156,20 +197,3 @@ def max_command_delay(e: Switches, T: float) -> float:
 def _value_line(name: str, value: float, error: float | None, unit: str) -> str:
     """One printed line of a constant: its name, value, standard error `error` (unless None) and unit."""
     return f"  {name} = {value:<10.4g} {f'± {error:<8.2g}' if error is not None else '':10} {unit}"
-
-
-def _check_finite_numbers(table_name: str, table: Any, known_names: Collection[str]) -> dict[str, float]:
-    """Check that a saved `table` holds finite numbers of known names only, and return them by name.
-
-    Raises:
-        ValueError: it holds anything else; the message begins with `table_name`.
-    """
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{table_name}: no object of numbers")
-    for name, value in table.items():
-        if name not in known_names:
-            near = ", ".join(difflib.get_close_matches(str(name), known_names, n=3))
-            raise ValueError(f"{table_name}: there is no {name!r}" + (f", perhaps {near}" if near else ""))
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{table_name}: {name} is {value!r}, no finite number")
-    return {name: float(value) for name, value in table.items()}

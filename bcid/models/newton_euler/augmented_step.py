@@ -30,7 +30,7 @@ class AugmentedSetup(NamedTuple):
     T: float  # length of the recording in the equations of the effects, s
     period: float  # s
     steps: int  # integration steps in a period
-    kept: int  # earlier commands in the carry
+    kept: int  # earlier commands in the carry, enough for the longest delay
 
 
 class AugmentedState(NamedTuple):
@@ -40,15 +40,16 @@ class AugmentedState(NamedTuple):
     lagged: LagState
     servo: SteeringState
     t: float  # s since the take began
-    commands: Floats  # (kept, 2) of the periods before
+    commands: Floats  # (kept, 4) time (s), u_s, u_m, brake share of the commands before
 
 
 @njit
 def pack_carry(state: AugmentedState) -> Floats:
-    """The flat carry (13 + 2 kept,), a Newton-Euler car's state between two steps, made of the structured `state`.
+    """The flat carry (13 + 4 kept,), a Newton-Euler car's state between two steps, made of the structured `state`.
 
-    [p_x, p_y, theta (world), v_x, v_y (body), omega, alpha_f, F_mf, F_mr, three steering angles, t], SI units, then
-    the last `kept` commands [u_s, u_m]; alpha_f and the motor forces lag, the angles are those of the steering chain.
+    [p_x, p_y, theta (world), v_x, v_y (body), omega, alpha_f, F_mf, F_mr, three steering angles, t], SI units, then the
+    last `kept` commands [time, u_s, u_m, brake share]; alpha_f and the motor forces lag, the angles are those of the
+    steering chain.
     """
     b, l, s = state.body, state.lagged, state.servo  # noqa: E741  # beside b and s
     x = np.empty(N_MOTION + state.commands.size)
@@ -60,9 +61,9 @@ def pack_carry(state: AugmentedState) -> Floats:
 
 @njit
 def unpack_carry(x: Floats) -> AugmentedState:
-    """The structured state of a car with effects, from its flat carry `x` (13 + 2 kept,); undoes `pack_carry`."""
+    """The structured state of a car with effects, from its flat carry `x` (13 + 4 kept,); undoes `pack_carry`."""
     return AugmentedState(
-        unpack_body(x), unpack_lags(x), SteeringState(x[9], x[10], x[11]), x[12], x[N_MOTION:].copy().reshape(-1, 2)
+        unpack_body(x), unpack_lags(x), SteeringState(x[9], x[10], x[11]), x[12], x[N_MOTION:].copy().reshape(-1, 4)
     )
 
 
@@ -98,13 +99,31 @@ def body_from_tracked(pose: Floats, twist: Floats, e: Switches) -> BodyState:
 
 
 @njit
-def _command_arrivals(t: float, count: int, s: AugmentedSetup) -> Floats:
-    """Times (count,) (s) on the poses' clock of `count` commands, one a period, the last given at `t` (s).
+def _command_arrivals(commands: Floats, s: AugmentedSetup) -> Floats:
+    """Times (n,) (s) on the poses' clock at which `commands` (n, 4), [time, u_s, u_m, brake share], are given.
 
-    They are shifted by the poses' latency and the drift of their clock, both effects in `s`.
+    They are shifted by the poses' latency and the drift of their clock, both effects in `s`.  The clock is no further
+    off beyond the recording's end than there.
     """
-    given = t - s.period * np.arange(count - 1, -1, -1).astype(np.float64)
-    return to_pose_clock(given, s.switches)
+    time_s = commands[:, 0].copy()
+    within = np.minimum(time_s, s.T)
+    return to_pose_clock(within, s.switches) + (time_s - within)
+
+
+@njit
+def _append_parts(commands: Floats, parts: Floats, t: float) -> Floats:
+    """Commands (n + m, 4), [time, u_s, u_m, brake share]: earlier `commands` (n, 4), m parts of a period from `t` on.
+
+    `parts` (W, 4) are [duration (s), u_s, u_m, brake share]; those without duration are left out.
+    """
+    n = len(commands)
+    out = np.empty((n + len(parts), 4))
+    out[:n] = commands
+    for j in range(len(parts)):
+        if parts[j, 0] > 0.0:
+            out[n, 0], out[n, 1:] = t, parts[j, 1:]
+            t, n = t + parts[j, 0], n + 1
+    return out[:n]
 
 
 @njit
@@ -113,49 +132,52 @@ def initial_state(
 ) -> AugmentedState:
     """State at time `t` (s) of a car with effects whose body is at `b`, its steering simulated under the past commands.
 
-    The steering starts at `delta` (rad), `periods` periods before `t`; `commands` (n, 2), one a period up to `t`,
-    begin there or earlier.  Quantities that lag (front slip angle, motor forces) have their steady values.
+    The steering starts at `delta` (rad), `periods` periods before `t`; the first of `commands` (n, 4), [time (s), u_s,
+    u_m, brake share], is given then or earlier.  Quantities that lag (front slip angle, motor forces) have their steady
+    values.
     """
     n, h, e = periods * s.steps, s.period / s.steps, s.switches
-    arrivals, begin = _command_arrivals(t - s.period, len(commands), s), t - periods * s.period
-    still = SteeringState(delta, delta, delta)
-    chain, servo = continue_actuator_chain(still, arrivals, commands, begin, n, h, s.car, s.limit, e)
+    still, begin = SteeringState(delta, delta, delta), t - periods * s.period
+    arrivals, values = _command_arrivals(commands, s), commands[:, 1:].copy()
+    chain, servo = continue_actuator_chain(still, arrivals, values, begin, n, h, s.car, s.limit, e)
     lagged = steady_lags(b, actuation_at(n, chain, s.T), s.car, e, s.constants)
-    kept = np.empty((s.kept, 2))
+    kept = np.empty((s.kept, 4))
     for i in range(s.kept):
         kept[i] = commands[max(len(commands) - s.kept + i, 0)]
     return AugmentedState(b, lagged, servo, t, kept)
 
 
 @njit
-def advance_augmented(state: AugmentedState, u_s: float, u_m: float, s: AugmentedSetup) -> AugmentedState:
-    """State of a car with effects one period after `state` under the command u_s (rad), u_m.
+def advance_augmented(state: AugmentedState, parts: Floats, s: AugmentedSetup) -> AugmentedState:
+    """State of a car with effects one period after `state` under the period's commands `parts` (W, 4).
 
-    First the actuators give steering angles and throttle, then the body is integrated by RK4 under them.
+    First the actuators give steering angles and throttle, then the body is integrated by RK4 under them.  A part is
+    [duration (s), u_s (rad), u_m, brake share].
     """
-    commands = np.empty((s.kept + 1, 2))
-    commands[:-1] = state.commands
-    commands[-1, 0], commands[-1, 1] = u_s, u_m
-    arrivals = _command_arrivals(state.t, s.kept + 1, s)
-    h, e = s.period / s.steps, s.switches
-    chain, servo = continue_actuator_chain(state.servo, arrivals, commands, state.t, s.steps, h, s.car, s.limit, e)
+    commands = _append_parts(state.commands, parts, state.t)
+    h, e, values = s.period / s.steps, s.switches, commands[:, 1:].copy()
+    chain, servo = continue_actuator_chain(
+        state.servo, _command_arrivals(commands, s), values, state.t, s.steps, h, s.car, s.limit, e
+    )
     no_pushes = np.zeros((1, 3))
     end = integrate_body(
         state.body, state.lagged, 0, s.steps, chain, s.T, no_pushes, s.steps, s.car, e, s.constants
     )[s.steps]  # fmt: skip
-    return AugmentedState(unpack_body(end), unpack_lags(end), servo, state.t + s.period, commands[1:].copy())
+    kept = commands[len(commands) - s.kept :].copy()
+    return AugmentedState(unpack_body(end), unpack_lags(end), servo, state.t + s.period, kept)
 
 
 @njit
-def scan_augmented(carry: Floats, commands: Floats, s: AugmentedSetup) -> Floats:
-    """Twists (N, 3) of a car with effects, at the tracked point and in its axes, after each of `commands` (N, 2).
+def scan_augmented(carry: Floats, parts: Floats, s: AugmentedSetup) -> Floats:
+    """Twists (N, 3) of a car with effects, at the tracked point and in its axes, after each of N periods.
 
-    `carry` (13 + 2 kept,), body, lags, steering, time and earlier commands (`pack_carry`), is advanced in place.
+    Commands are `parts` (N, W, 4), [duration (s), u_s, u_m, brake share].  `carry` (13 + 4 kept,), body, lags,
+    steering, time and earlier commands (`pack_carry`), is advanced in place.
     """
-    twists = np.empty((len(commands), 3))
+    twists = np.empty((len(parts), 3))
     state = unpack_carry(carry)
-    for k in range(len(commands)):
-        state = advance_augmented(state, commands[k, 0], commands[k, 1], s)
+    for k in range(len(parts)):
+        state = advance_augmented(state, parts[k], s)
         twists[k, 0], twists[k, 1], twists[k, 2] = tracked_twist(state.body, s.switches)
     carry[:] = pack_carry(state)
     return twists

@@ -11,7 +11,7 @@ from bcid.likelihood.divergence import refuse_divergence
 from bcid.models.fitting.block_covariance import BLOCK_S, sandwich_covariance, sum_blocks
 from bcid.models.fitting.levenberg_marquardt import NormalEquations, minimise_squares
 from bcid.models.fitting.optimum import Optimum
-from bcid.models.fitting.windows import cut_windows, inverse_spread, loss_steps
+from bcid.models.fitting.windows import cut_windows, inverse_spread, loss_steps, stretch_spacing
 from bcid.models.interface import FitTask
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.objective import TransposedWindows, chunk_normal_equations, predict_twists, twist_nmse
@@ -29,20 +29,20 @@ MIN_START_STRETCHES, MIN_SATURATION_STRETCHES = 100, 2000
 class TwistObjective:
     """The NMSE of predicted twists over stretches of the takes, as a function of points of the unit box."""
 
-    def __init__(self, box: ConstantBox, stretches: TransposedWindows, weight: Floats, period_s: float) -> None:
-        self.box, self.stretches, self.period_s = box, stretches, period_s
+    def __init__(self, box: ConstantBox, stretches: TransposedWindows, weight: Floats) -> None:
+        self.box, self.stretches = box, stretches
         self.weight = weight  # (3,) of the components of the twist
 
     def costs(self, points: Floats) -> Floats:
         """The NMSE (P,) at each of the points (P, n); `DIVERGED_COST` where it is not finite."""
         cars = np.array([self.box.car(x) for x in points])
-        nmse = twist_nmse(cars, self.stretches, self.weight, self.period_s)
+        nmse = twist_nmse(cars, self.stretches, self.weight)
         return np.where(np.isfinite(nmse), nmse, DIVERGED_COST)
 
     def residuals(self, points: Floats) -> Floats:
         """Residuals (P, N) at the points (P, n) whose squares sum to the NMSE."""
         measured = self.stretches.after
-        predicted = predict_twists([self.box.car(x) for x in points], self.stretches, self.period_s)
+        predicted = predict_twists([self.box.car(x) for x in points], self.stretches)
         errors = self.weight[:, None] * (predicted - measured) / np.sqrt(measured.size)
         return np.asarray(errors.reshape(len(points), -1))
 
@@ -50,7 +50,7 @@ class TwistObjective:
         """The normal equations of the NMSE at the point `x` (n,)."""
         steps, points = difference_points(x)
         cars, size = np.array([self.box.car(p) for p in points]), self.stretches.after.size
-        JJ, Jr, rr = chunk_normal_equations(cars, steps, self.stretches, self.weight, self.period_s)
+        JJ, Jr, rr = chunk_normal_equations(cars, steps, self.stretches, self.weight)
         return NormalEquations(JJ.sum(axis=0) / size, Jr.sum(axis=0) / size, float(rr.sum()) / size)
 
     def jacobian(self, x: Floats) -> Floats:
@@ -82,7 +82,7 @@ class TwistObjective:
         size = max(MIN_START_STRETCHES, round(share * count))
         chosen = np.sort(np.random.default_rng(seed).permutation(count)[:size])
         stretches = TransposedWindows(*(np.ascontiguousarray(a[..., chosen]) for a in self.stretches))
-        return TwistObjective(self.box, stretches, self.weight, self.period_s)
+        return TwistObjective(self.box, stretches, self.weight)
 
 
 def difference_points(x: Floats) -> tuple[Floats, Floats]:
@@ -103,14 +103,14 @@ def fit_car_to_twists(task: FitTask) -> tuple[Car, dict[str, Any]]:
     """
     settings = NewtonEulerSettings.model_validate(task.settings)
     steps = loss_steps(settings.loss, settings.horizon_s, task.period_s)
-    taken = cut_windows(task.estimates, steps, steps)
+    every = stretch_spacing(task.estimates, steps)
+    taken = cut_windows(task.estimates, steps, every)
     top_speed = float(np.quantile(taken.kinematic[:, 0, 0], TOP_SPEED_QUANTILE))
     box = ConstantBox(task.vehicle, *task.estimates[0].steering_constants(), settings.v_0_mps, top_speed)
-    objective = TwistObjective(
-        box, TransposedWindows.from_windows(taken), inverse_spread(taken.twist[:, 0]), task.period_s
-    )
+    stretches = TransposedWindows.from_windows(taken, task.period_s)
+    objective = TwistObjective(box, stretches, inverse_spread(taken.twist[:, 0]))
     best, how = _optimise(objective, settings, task)
-    block = max(1, round(BLOCK_S / task.period_s / steps))
+    block = max(1, round(BLOCK_S / task.period_s / every))
     covariance = _covariance_at_optimum(objective, best, block)
     part = objective.subset(max(settings.subset, MIN_SATURATION_STRETCHES / taken.stretch_count), task.seed)
     unreached = _find_unreached_saturations(part, best, block)

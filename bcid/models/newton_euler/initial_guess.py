@@ -29,8 +29,9 @@ def guess_car(estimates: Sequence[Estimate], vehicle: Vehicle, T_s: float, d: fl
     usual = np.quantile(change, 0.9, axis=0)
     rows = np.flatnonzero((change < LIMITS.max_relative_change * usual).all(axis=1))
     rows = rows[:: max(1, len(rows) // MAX_SAMPLES)]
-    steps = Windows(steps.twist[rows], steps.kinematic[rows], steps.command[rows], 0)
-    weight, one = inverse_spread(steps.twist[:, 0])[:, None], TransposedWindows.from_windows(steps)
+    steps = Windows(steps.twist[rows], steps.kinematic[rows], steps.parts[rows], 0)
+    weight = inverse_spread(steps.twist[:, 0])[:, None]
+    one = TransposedWindows.from_windows(steps, estimates[0].period_s)
     top_speed = float(np.quantile(np.abs(steps.kinematic[:, 0, 0]), TOP_SPEED_QUANTILE))
     box = ConstantBox(vehicle, T_s, d, v_0, top_speed)
     # The ranges scale with the car, so that their middle is a fair start.
@@ -40,7 +41,7 @@ def guess_car(estimates: Sequence[Estimate], vehicle: Vehicle, T_s: float, d: fl
     starts = middle, middle + spread * rng.uniform(-1.0, 1.0, len(middle))
 
     def residuals(x: Floats) -> Floats:
-        predicted = predict_twists([box.car((x - low) / box.log_range)], one, estimates[0].period_s)[0]
+        predicted = predict_twists([box.car((x - low) / box.log_range)], one)[0]
         return np.asarray((weight * (predicted - one.after)).ravel())
 
     ends = [

@@ -11,15 +11,19 @@ fitted Newton-Euler model.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+from pydantic import Field
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
 from bcid.models.fitting.windows import single_steps
 from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
+from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.saved_car import SavedCar
+from bcid.models.saved_parts import Period, SavedPart, check_arrays, parse_saved
 from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
 
@@ -36,6 +40,7 @@ class LinearCar(NamedTuple):
     u_0: float
     T_s: float
     d: float
+    reverses: float  # 1 where a throttle below zero drives backward, 0 where it brakes
 
 
 def linearise(p: Car, v: float) -> LinearCar:
@@ -49,21 +54,26 @@ def linearise(p: Car, v: float) -> LinearCar:
     A = np.array([[-C / (p.m * s), moment / (p.m * s) - v], [moment / (p.I_z * s), -damping / (p.I_z * s)]])
     b = p.C_f * v / s * np.array([1.0 / p.m, p.l_f / p.I_z])
     follow = p.K_v if p.sets_force else p.K_t
-    return LinearCar(A, b, p.K_t / p.m, follow / p.m, p.K_b / p.m, (p.R_1 + p.R_2 * v) / p.m, p.u_0, p.T_s, p.d)
+    return LinearCar(
+        A, b, p.K_t / p.m, follow / p.m, p.K_b / p.m, (p.R_1 + p.R_2 * v) / p.m, p.u_0, p.T_s, p.d, p.reverses
+    )
 
 
 @njit
-def advance_linear(
-    x: Floats, delta: float, u_s: float, u_m: float, lin: LinearCar, period: float
-) -> tuple[Floats, float]:
+def advance_linear(x: Floats, delta: float, command: Floats, lin: LinearCar, period: float) -> tuple[Floats, float]:
     """Twist x = [v_x, v_y, w] (m/s, rad/s) and steering angle (rad) of a linearised car one `period` (s) later.
 
-    RK4 in two substeps from x and `delta` (rad) under the command u_s (rad), u_m.
+    RK4 in two substeps from x and `delta` (rad) under the `command` (3,), u_s (rad), u_m
+    and brake share.
     """
+    u_s, u_m, brake_share = command[0], command[1], command[2]
     after = steering_step(delta, u_s, lin.T_s, lin.d, period)
-    gain, push = lin.brake * min(u_m, 0.0) - lin.drag, 0.0
-    if u_m > lin.u_0 or (u_m >= 0.0 and lin.u_0 == 0.0):
-        gain, push = gain - lin.follow, lin.throttle * (u_m - lin.u_0)
+    backward = u_m < 0.0 and lin.reverses > 0.0
+    gain, push, u = (0.0 if backward else lin.brake * min(u_m, 0.0)) - lin.drag, 0.0, -u_m if backward else u_m
+    if u > lin.u_0 or (u >= 0.0 and lin.u_0 == 0.0):
+        gain, push = gain - lin.follow, lin.throttle * (u - lin.u_0)
+    push = -push if backward else push
+    gain -= lin.brake * brake_share
     M = np.zeros((3, 3))
     M[0, 0] = gain
     M[1:, 1:] = lin.A
@@ -80,18 +90,28 @@ def advance_linear(
 
 
 @njit
-def _scan_linear(carry: Floats, commands: Floats, lin: LinearCar, period: float) -> Floats:
-    """Twists (N, 3) of one linearised car after each of `commands` (N, 2), [u_s (rad), u_m].
+def _scan_linear(carry: Floats, parts: Floats, lin: LinearCar) -> Floats:
+    """Twists (N, 3) of one linearised car after N periods of commands `parts` (N, W, 4).
 
     `carry` (4,) is the state [v_x, v_y, yaw rate, delta]: the first on entry, the last on return.
     """
-    twists = np.empty((len(commands), 3))
+    twists = np.empty((len(parts), 3))
     x, delta = carry[:3].copy(), carry[3]
-    for k in range(len(commands)):
-        x, delta = advance_linear(x, delta, commands[k, 0], commands[k, 1], lin, period)
+    for k in range(len(parts)):
+        for j in range(parts.shape[1]):
+            if parts[k, j, 0] > 0.0:
+                x, delta = advance_linear(x, delta, parts[k, j, 1:], lin, parts[k, j, 0])
         twists[k] = x
     carry[:3], carry[3] = x, delta
     return twists
+
+
+class SavedLinear(SavedPart):
+    """The JSON part of a saved linearisation."""
+
+    car: SavedCar
+    speed_mps: Annotated[float, Field(gt=0.0, le=LIMITS.fastest_twist[0])]
+    period_s: Period
 
 
 @dataclass(frozen=True)
@@ -124,8 +144,8 @@ class NewtonEulerLinear(CompiledModel):
 
     @property
     def kernel_arguments(self) -> tuple[Any, ...]:
-        """The linearised car and the period, as the compiled scan takes them."""
-        return (linearise(self.car, self.speed_mps), self.period_s)
+        """The linearised car, as the compiled scan takes it."""
+        return (linearise(self.car, self.speed_mps),)
 
     def describe(self) -> str:
         """The linear equations with their values (SI)."""
@@ -135,7 +155,7 @@ class NewtonEulerLinear(CompiledModel):
         lines = [
             f"about straight driving at {self.speed_mps:.3f} m/s (v in m/s, w in rad/s, delta in rad, rates per s)",
             f"v_x' = {lin.throttle:.4g} (u_m{start}) - {lin.follow + lin.drag:.4g} v_x   throttle on",
-            f"v_x' = ({lin.brake:.4g} min(0, u_m) - {lin.drag:.4g}) v_x   otherwise",
+            f"v_x' = ({'' if lin.reverses else f'{lin.brake:.4g} min(0, u_m) '}- {lin.drag:.4g}) v_x   otherwise",
             f"v_y' = {a:.4g} v_y {b:+.4g} w {lin.b[0]:+.4g} delta",
             f"w'   = {c:.4g} v_y {d:+.4g} w {lin.b[1]:+.4g} delta",
             f"delta' = sat((u_s - delta)/{lin.T_s:g} s) within +-{lin.d:g} rad/s",
@@ -148,5 +168,11 @@ class NewtonEulerLinear(CompiledModel):
 
     @classmethod
     def from_saved(cls, data: Mapping[str, Any], arrays: Arrays) -> Self:
-        """The model that `to_saved` gave `data` of."""
-        return cls(Car(**data["car"]), data["speed_mps"], data["period_s"])
+        """The model that `to_saved` gave `data` of.
+
+        Raises:
+            ValueError: it holds anything that no such model has.
+        """
+        check_arrays(arrays, {})
+        saved = parse_saved(SavedLinear, data)
+        return cls(saved.car.to_car(), saved.speed_mps, saved.period_s)

@@ -60,7 +60,7 @@ def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedCons
     )
     return (
         *(speed if vehicle.motor.law == "speed" else force),
-        FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain"),
+        *([FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain")] if vehicle.has_brake else []),
         FittedConstant("I_z", "kg m²", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
         FittedConstant("C_f", "N/rad", 0.5 * m, 200.0 * m, "front cornering stiffness"),
         FittedConstant("C_r", "N/rad", 0.5 * m, 200.0 * m, "rear cornering stiffness"),
@@ -98,10 +98,11 @@ class ConstantBox:
         fitted = {p.symbol: float(v) for p, v in zip(self.constants, values, strict=True)}
         R_v = fitted.pop("R_v")
         fitted.setdefault("F_m_max", 1e3 * vehicle.mass_kg * GRAVITY)  # law "force" has no limit of its own
+        fitted.setdefault("K_b", 0.0)
         return Car(
             m=vehicle.mass_kg, l_f=body.cog_to_front_m, l_r=body.cog_to_rear_m, T_s=self.T_s, d=self.d, v_0=self.v_0,
             R_2=(R_v - fitted["R_1"]) / self.top_speed, front_share=vehicle.front_share,
-            sets_force=1.0 if vehicle.motor.law == "force" else 0.0, **fitted,
+            sets_force=float(vehicle.motor.law == "force"), reverses=float(vehicle.motor.reverses), **fitted,
         )  # fmt: skip
 
 
@@ -136,7 +137,7 @@ def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
     Its standard error is at most LIMITS.max_relative_se (half) of its value, and it is not at a bound of its range.
     """
     error = facts["fitted"][symbol]["relative_se"]
-    return error is not None and error <= LIMITS.max_relative_se and symbol not in facts["at_bound"]
+    return error is not None and error <= LIMITS.max_relative_se and symbol not in facts.get("at_bound", ())
 
 
 def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
@@ -152,7 +153,7 @@ def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
         if is_identified(symbol, facts):
             value, meaning = f"= {values[symbol]:<10.4g} ±{100 * about['relative_se']:<5.2g}%", about["meaning"]
         else:
-            why = "at its bound" if symbol in facts["at_bound"] else "not excited by the takes"
+            why = "at its bound" if symbol in facts.get("at_bound", ()) else "not excited by the takes"
             value, meaning = "not identified      ", f"{about['meaning']} ({why})"
         lines.append(f"  {symbol:10}* {value} {about['unit']:7} {meaning}")
     lines.append(f"  {'R_2':11} = {car.R_2:<10.4g}        N s²/m² from R_1 and R_v, so that the drag dissipates")
@@ -167,5 +168,5 @@ def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
     if not facts.get("mass_given", True):
         lines.append("  the mass is not given: m = 1 kg, forces read as accelerations")
     if "optimiser" in facts and fitted:
-        lines.append(f"  {facts['optimiser']}; {facts['fit_quality']}")
+        lines.append("  " + "; ".join(facts[key] for key in ("optimiser", "fit_quality") if key in facts))
     return lines

@@ -29,15 +29,15 @@ TOP_THROTTLE_QUANTILE = 0.99
 
 
 def run_diagnose_stage(
-    folder: Path, recordings: Sequence[Path], estimates: Sequence[Path], tuning: Path, vehicle: Vehicle,
-    simulation: str | None, simulated: Sequence[tuple[Path, Path]], progress: Progress,
+    folder: Path, recordings: Sequence[Path], estimates: Sequence[Path], names: Sequence[str], tuning: Path,
+    vehicle: Vehicle, simulation: str | None, simulated: Sequence[tuple[Path, Path]], progress: Progress,
 ) -> None:  # fmt: skip
     """Diagnose which physics a simulation lacks, by recordings together; write document, page, model and next drive.
 
-    `recordings` and `estimates` are the artifact folders of the ingested takes and of their smoothed motions.  The
-    simulation is `simulation` (a saved model's folder, a TOML file of parameters, or module:function), or is
-    identified from `simulated`, the ingest and estimate folders of a simulator's recordings; with neither, the base
-    model is refitted.
+    `recordings` and `estimates` are the artifact folders of the ingested takes and of their smoothed motions, `names`
+    what tells these takes apart.  The simulation is `simulation` (a saved model's folder, a TOML file of parameters, or
+    module:function), or is identified from `simulated`, the ingest and estimate folders of a simulator's recordings;
+    with neither, the base model is refitted.
     """
     takes, motions = [load_recording(f) for f in recordings], [load_estimate(f) for f in estimates]
     tuned = Tuning.read(tuning / "tuning.json")
@@ -48,7 +48,7 @@ def run_diagnose_stage(
         found.search.base, found.judgement.fit, found.take, takes[0], motions[0], vehicle, tuned, against
     )  # fmt: skip
     document = summarise_diagnosis(
-        found, horizons, vehicle=vehicle.name, recordings=tuple(t.name for t in takes), duration_s=found.take.T,
+        found, horizons, vehicle=vehicle.name, recordings=tuple(names), duration_s=found.take.T,
         simulation=_describe_reference(simulation, simulated),
     )  # fmt: skip
     document = document.model_copy(update={"next_manoeuvre": _write_next_manoeuvre(folder, found)})

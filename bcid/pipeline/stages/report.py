@@ -1,7 +1,7 @@
 """Stage `report`: the comparison as one offline page and one JSON."""
 
-import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary, load_estimate
 from bcid.evaluation.closed_loop import time_rollout_ms
 from bcid.models.saving import load_model
+from bcid.recording.saving import RecordingSummary
 from bcid.report.content import ModelResult, ReportContent, TakeSummary, build_report
 from bcid.report.page import write_report_page
 
@@ -22,6 +23,7 @@ class EvaluatedModel(NamedTuple):
     settings: Mapping[str, Any]  # of its fit
     model: Path  # folders
     evaluation: Path
+    saw_validation: bool | None = False  # None where nobody knows
 
 
 class LossEvaluation(NamedTuple):
@@ -41,32 +43,37 @@ def run_report_stage(
     vehicle_name: str,
     diagnosis: Path | None,
     losses: Sequence[LossEvaluation] = (),
+    names: Sequence[str] = (),
 ) -> None:
     """Write the comparison of the evaluated models as index.html and report.json to `folder`.
 
-    All paths are folders of artifacts; `takes` holds those of ingest, estimate and check of every recording,
-    `settings` is the pipeline file's table `[report]`, and `losses` are models fitted by other losses, compared in a
-    table of their own.
+    All paths are folders of artifacts; `takes` holds those of ingest, estimate and check of every recording, the
+    validation take's last, `settings` is the pipeline file's table `[report]`, and `losses` are models fitted by other
+    losses, compared in a table of their own.  The takes are called by `names`, or else by the names of their files.
     """
     take = load_estimate(validation)
+    recorded = [RecordingSummary.read(recording / "recording.json") for recording, _, _ in takes]
+    names = names or [summary.name for summary in recorded]
     results = []
     for judged in models:
         evaluation = EvaluationDocument.read(judged.evaluation / "evaluation.json")
         repeats = int(settings["timing_repeats"])
         ms = time_rollout_ms(load_model(judged.model), take, repeats) if repeats else None
-        labelled = evaluation.model_copy(update={"model": judged.label, "rollout_ms": ms})
-        results.append(ModelResult.read(labelled, judged.settings, judged.evaluation))
+        update = {"model": judged.label, "rollout_ms": ms, "saw_validation": judged.saw_validation}
+        labelled = evaluation.model_copy(update=update)
+        results.append(ModelResult.read(labelled, judged.settings, judged.evaluation, len(take)))
     content = ReportContent(
         vehicle=vehicle_name,
-        validation=take,
+        validation=replace(take, name=names[-1] if names else take.name),
         models=results,
         takes=[
             TakeSummary(
-                json.loads((recording / "recording.json").read_text(encoding="utf-8")),
+                name,
+                summary,
                 EstimateSummary.read(estimate / "estimate.json"),
                 None if check is None else TruthCheck.read(check / "check.json"),
             )
-            for recording, estimate, check in takes
+            for name, summary, (_, estimate, check) in zip(names, recorded, takes, strict=True)
         ],
         restart_s=float(settings["restart_s"]),
         diagnosis=None if diagnosis is None else DiagnosisDocument.read(diagnosis / "diagnosis.json"),

@@ -14,7 +14,7 @@ from bcid.proof.blind.run_cases import case_code_digest, count_cases_with_rows, 
 from bcid.proof.blind.seal import case_answer, open_seals, write_seals
 from bcid.proof.rows import count_written_rows
 from bcid.proof.scores.outcome import blind_outcome
-from bcid.simulation.samples import VEHICLE
+from bcid.simulation.samples import VEHICLE, VEHICLE_FILE
 from bcid.simulation.writing import write_mcap_take
 
 
@@ -48,14 +48,13 @@ class BlindTest:
 
 
 def write_case_files(case: BlindCase, folder: Path) -> Path:
-    """Write a blind case (a simulated drive with concealed effects) to `folder`: recording, vehicle file and answer.
+    """Write a blind case (a simulated drive with concealed effects) into a folder: recording, vehicle file and answer.
 
-    The recording is MCAP, the answer JSON.  Returns the recording's path.
+    The recording is MCAP, the answer JSON; a file of one of these names is replaced.  Returns the recording's path.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{case.name}.mcap"
     write_mcap_take(path, case.simulate(), case.rate_hz, case.seed)
-    (folder / "bumper_car.toml").write_text(VEHICLE, encoding="utf-8")
+    (folder / VEHICLE_FILE).write_text(VEHICLE, encoding="utf-8")
     (folder / f"{case.name}.answer.json").write_text(json.dumps(case_answer(case), indent=1), encoding="utf-8")
     return path
 

@@ -7,14 +7,28 @@ does not cannot guess an answer and compare.
 import hashlib
 import hmac
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from bcid.documents.document import Document
 from bcid.errors import InputRefused, UsageError
+from bcid.files.outputs import replace_whole
 from bcid.proof.blind.cases import BlindCase
 
 SEALS_FILE, ANSWERS_FILE = "seals.json", "answers.json"
+Count = Annotated[int, Field(ge=0)]
+
+
+class SealsDocument(Document):
+    """The whole of seals.json."""
+
+    seal: str  # over all cases
+    known_before: Count  # cases whose results existed before the answers were sealed
+    cases: dict[str, str]  # the seal of each answer
+    made_after_opening: Count = 0
 
 
 def case_answer(case: BlindCase) -> dict[str, Any]:
@@ -48,18 +62,19 @@ def write_seals(cases: Sequence[BlindCase], salt: str, folder: Path, rows_before
 
     Raises:
         UsageError: the folder holds the seals of other answers or of another salt.
+        InputRefused: the file of seals there is damaged.
     """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / SEALS_FILE
     seals = {c.name: answer_seal(c, salt) for c in cases}
-    content = {"seal": suite_seal(cases, salt), "known_before": rows_before, "cases": seals}
-    if path.is_file():
-        before = json.loads(path.read_text(encoding="utf-8"))
-        if before["cases"] != seals:
+    content = SealsDocument(seal=suite_seal(cases, salt), known_before=rows_before, cases=seals)
+    if path.exists():
+        before = SealsDocument.read(path)
+        if (before.cases, before.seal) != (seals, content.seal):
             raise UsageError(f"--out {folder}: holds the seals of other answers\n  next: name another folder")
-        return str(before["seal"])
-    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
-    return str(content["seal"])
+    else:
+        _replace_json(path, content.as_json())
+    return content.seal
 
 
 def open_seals(cases: Sequence[BlindCase], salt: str, folder: Path, new_rows: int = 0) -> dict[str, Any]:
@@ -73,14 +88,19 @@ def open_seals(cases: Sequence[BlindCase], salt: str, folder: Path, new_rows: in
         InputRefused: a seal does not fit its answer.
     """
     path = folder / SEALS_FILE
-    content = json.loads(path.read_text(encoding="utf-8"))
+    content = SealsDocument.read(path)
     for case in cases:
-        if not hmac.compare_digest(content["cases"].get(case.name, ""), answer_seal(case, salt)):
+        if not hmac.compare_digest(content.cases.get(case.name, "").encode(), answer_seal(case, salt).encode()):
             raise InputRefused(path, case.name, "the seal does not fit the answer", "run anew in another folder")
     if (folder / ANSWERS_FILE).is_file():
-        content["made_after_opening"] = content.get("made_after_opening", 0) + new_rows
-        path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+        content = content.model_copy(update={"made_after_opening": content.made_after_opening + new_rows})
+        _replace_json(path, content.as_json())
     answers = {"salt": salt, "answers": [case_answer(case) for case in cases]}
-    (folder / ANSWERS_FILE).write_text(json.dumps(answers, indent=1), encoding="utf-8")
-    counts = {k: content.get(k, 0) for k in ("known_before", "made_after_opening")}
-    return {"opened": len(cases), **counts}
+    _replace_json(folder / ANSWERS_FILE, answers)
+    after = content.made_after_opening
+    return {"opened": len(cases), "known_before": content.known_before, "made_after_opening": after}
+
+
+def _replace_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write `content` as a JSON file that replaces the one at `path` in one step, when it is whole."""
+    replace_whole(path, lambda unfinished: unfinished.write_text(json.dumps(content, indent=1), encoding="utf-8"))

@@ -11,6 +11,7 @@ from bcid.recording.checks.samples import note_rows
 from bcid.recording.limits import POSE, STREAM
 from bcid.recording.types import Irregularity
 
+X_AXIS = np.array([1.0, 0.0, 0.0])  # of the body: forward, unless it was defined otherwise
 MIN_NORM = 1e-6  # of a quaternion that can be brought to unit length
 PLANE_ITERATIONS = 20  # of reweighted least squares
 MIN_DISTANCE_M = 1e-4  # off the plane, by which a sample is weighted
@@ -42,16 +43,34 @@ def quaternions_of_euler(degrees: Floats, order: str) -> Floats:
     return quaternions
 
 
-def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"]) -> Floats:
-    """Yaw (N,) in rad of the body's X axis on the floor, by quaternions x, y, z, w (N, 4); NaN where they are NaN."""
+def yaw_of_quaternions(xyzw: Floats, up_axis: Literal["Y", "Z"], forward: Floats = X_AXIS) -> Floats:
+    """Yaw (N,) in rad of a direction of the body on the floor, by quaternions x, y, z, w (N, 4); NaN where they are.
+
+    `forward` (3,) is that direction in body axes: a unit vector, the body's X axis unless given.
+    """
     # what is no number has no yaw
     with np.errstate(over="ignore", invalid="ignore"):
         norm = np.linalg.norm(xyzw, axis=1, keepdims=True)
         x, y, z, w = (xyzw / np.where(norm > MIN_NORM, norm, np.nan)).T
-    # the first column of the rotation matrix, which q and -q have in common
-    forward = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
-    floor = project_to_floor(forward, up_axis)
+    # the columns of the rotation matrix, which q and -q have in common
+    columns = (
+        np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]),
+        np.column_stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)]),
+        np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]),
+    )
+    ahead = np.einsum("k,knc->nc", forward, np.array(columns))
+    floor = project_to_floor(ahead, up_axis)
     return np.arctan2(floor[:, 1], floor[:, 0])
+
+
+def verticals_in_body(xyzw: Floats) -> dict[str, Floats]:
+    """World's Y and Z axes as unit vectors (N, 3) in the body frame, by quaternions x, y, z, w (N, 4)."""
+    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
+    # rows of the rotation matrix
+    return {
+        "Y": np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]),
+        "Z": np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]),
+    }
 
 
 def vertical_in_body(xyzw: Floats) -> Floats:
@@ -61,11 +80,29 @@ def vertical_in_body(xyzw: Floats) -> Floats:
     """
     if not len(xyzw):
         return np.empty((0, 3))
-    x, y, z, w = (xyzw / np.linalg.norm(xyzw, axis=1, keepdims=True)).T
-    # rows of the rotation matrix
-    of_y = np.column_stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)])
-    of_z = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-    return min((of_y, of_z), key=lambda rows: float(np.var(rows, axis=0).sum()))
+    return min(verticals_in_body(xyzw).values(), key=lambda rows: float(np.var(rows, axis=0).sum()))
+
+
+def _level_direction(upward: Floats, path: Path) -> tuple[Floats, list[Irregularity]]:
+    """The direction (3,) of the body, in its axes, whose yaw is taken, by the vertical (3,) there; and a warning or [].
+
+    It is the body's X axis where that is level, and its part in the floor where it leans, so that roll and pitch do not
+    enter the yaw; where X points up, the axis of the body that is most level, which may be at any angle to the car.
+    """
+    axes = np.eye(3)
+    level = np.sqrt(np.maximum(0.0, 1.0 - upward**2))
+    if level[0] > POSE.level_cosine:
+        return X_AXIS, []
+    axis, odd = 0, list[Irregularity]()
+    if level[0] < POSE.min_level_part:
+        axis = 1 if level[1] >= level[2] else 2
+        text = (
+            f"the X axis of the tracked body points up or down: the yaw is that of its {'XYZ'[axis]} axis, or quarter "
+            "turns from it; define the body with X forward, or state mocap.yaw_offset_rad"
+        )
+        odd = [Irregularity("body axes", "warning", 1, path.name, text)]
+    flat = axes[axis] - upward[axis] * upward
+    return np.asarray(flat / np.linalg.norm(flat)), odd
 
 
 def checked_yaw(
@@ -76,8 +113,11 @@ def checked_yaw(
     Invalid are quaternions that are blank or not of unit length, and those of a body that leans by more than 45
     degrees from its usual vertical, as when the car is carried or on its side.
 
+    The yaw is that of the body's X axis, of its part in the floor where it leans, or of another axis where X is up.
+
     Raises:
-        InputRefused: too many quaternions are not of unit length, or all are written w first.
+        InputRefused: too many quaternions are not of unit length, all are written w first, or they turn about another
+            axis than the one that is up.
     """
     blank = ~np.isfinite(xyzw).all(axis=1)
     with np.errstate(over="ignore"):
@@ -89,15 +129,19 @@ def checked_yaw(
     good = ~blank & ~off
     vertical = vertical_in_body(xyzw[good])
     _check_component_order(xyzw[good], vertical, path)
-    tipped = np.zeros(len(xyzw), dtype=bool)
+    tipped, forward, axes = np.zeros(len(xyzw), dtype=bool), X_AXIS, list[Irregularity]()
     # a body that leans all the time is mounted so
     if _upright_share(vertical) > POSE.min_upright_share:
+        _check_turning_axis(xyzw[good], up_axis, path)
+        usual = np.median(verticals_in_body(xyzw[good])[up_axis], axis=0)
         tipped[good] = vertical @ np.median(vertical, axis=0) < POSE.tipped_cosine
-    yaw = yaw_of_quaternions(xyzw, up_axis)
+        forward, axes = _level_direction(usual / np.linalg.norm(usual), path)
+    yaw = yaw_of_quaternions(xyzw, up_axis, forward)
     yaw[off | tipped] = np.nan
     mended = good & (np.abs(length - 1.0) > POSE.rounding_length_error)
     text = "the body leans by more than 45 degrees: carried, or on its side"
     odd = [
+        *axes,
         *note_rows(time_s, off, "quaternion", "excluded", "not of unit length"),
         *note_rows(time_s, mended, "quaternion length", "fixed", "brought to unit length"),
         *note_rows(time_s, tipped, "tipped over", "excluded", text),
@@ -115,6 +159,16 @@ def _upright_share(vertical: Floats) -> float:
     usual = np.median(vertical, axis=0)
     size = float(np.linalg.norm(usual))
     return float((vertical @ usual > POSE.upright_cosine * size).mean()) if size > POSE.upright_cosine else 0.0
+
+
+def _check_turning_axis(xyzw: Floats, up_axis: str, path: Path) -> None:
+    """Raise `InputRefused` where quaternions (N, 4) turn about the world's Y or Z axis, and the other is up."""
+    shares = {axis: _upright_share(rows) for axis, rows in verticals_in_body(xyzw).items()}
+    other = "Z" if up_axis == "Y" else "Y"
+    if shares[up_axis] < POSE.max_leaning_share and shares[other] > POSE.min_upright_share:
+        cause = f"the body turns about the {other} axis, and {up_axis} is up by the vehicle file"
+        step = f'set mocap.up_axis = "{other}" in the vehicle file, or export positions and rotations in the same axes'
+        raise InputRefused(path, "orientation", cause, step)
 
 
 def _check_component_order(xyzw: Floats, vertical: Floats, path: Path) -> None:

@@ -28,6 +28,7 @@ def assess_health(recording: Recording, vehicle: Vehicle) -> TakeHealth:
     moving = motion.good & (motion.v_f > LIMITS.min_moving_speed * vehicle.body.wheelbase_m)
     figures = _health_figures(recording, vehicle, motion, moving)
     not_excited = _find_unexcited_constants(recording, vehicle, motion, moving)
+    verdicts = [i.detail for i in recording.irregularities if i.action == "no-go"]
     against = []
     if figures.moving_s < LIMITS.min_motion_s:
         against.append(f"the car moves for {figures.moving_s:.0f} s only, {LIMITS.min_motion_s:.0f} s are the least")
@@ -38,20 +39,18 @@ def assess_health(recording: Recording, vehicle: Vehicle) -> TakeHealth:
         against.append(f"commands are known in {figures.command_coverage:.0%} of the take")
     if any(text.startswith("steering") for text in not_excited):
         against.append("it shows straight driving only")
-    if against:
+    if verdicts:
+        sentence = f"no-go: {' | '.join(verdicts)}"
+    elif against:
         sentence = f"no-go: {'; '.join(against)}; drive it again"
     else:
         sentence = f"go: {figures.moving_s:.0f} s of motion, the pose known in {figures.pose_coverage:.0%}"
         if not_excited:
             sentence += f"; it will not show {', '.join(text.partition(': ')[2] for text in not_excited)}"
     findings = [f"{i.kind}, {i.action} {i.count} times at {i.where}: {i.detail}" for i in recording.irregularities]
-    low, high = recording.clock.offset_ci95 or (0.0, 0.0)
-    if low > LIMITS.max_clock_offset_s or high < -LIMITS.max_clock_offset_s:
-        span = f"{1e3 * low:.0f} to {1e3 * high:.0f} ms"
-        findings.insert(0, f"poses and commands are {span} apart beyond the vehicle file's")
     return TakeHealth(
-        go=not against, sentence=sentence, reasons_against=tuple(against), not_excited=tuple(not_excited),
-        findings=tuple(findings), figures=figures, clock=recording.clock,
+        go=not (verdicts or against), sentence=sentence, reasons_against=(*verdicts, *against),
+        not_excited=tuple(not_excited), findings=tuple(findings), figures=figures, clock=recording.clock,
         lost=any(i.kind == "lost" for i in recording.irregularities),
     )  # fmt: skip
 

@@ -21,7 +21,8 @@ def warn_of_yaw_offset(recording: Recording, vehicle: Vehicle) -> Recording:
     if offset is None or not (offset.low > limit or offset.high < -limit):
         return recording
     apart = f"{offset.low:.3f} to {offset.high:.3f} rad off the way that the rear axle goes"
-    text = f"the tracked yaw is {apart}: mocap.yaw_offset_rad = {offset.rad:.3f} would undo it"
+    value = (vehicle.mocap.yaw_offset_rad or 0.0) + offset.rad
+    text = f"the tracked yaw is {apart}: mocap.yaw_offset_rad = {value:.3f} would undo it"
     warning = Irregularity("yaw offset", "warning", 1, recording.sources[0].path, text)
     return replace(recording, irregularities=(*recording.irregularities, warning))
 

@@ -7,7 +7,9 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused, Problem, Problems
-from bcid.recording.checks.raw_motion import commanded_steering_angle, differentiate_poses
+from bcid.recording.checks.raw_motion import commanded_steering_angle, differentiate_poses, moves_backward
+from bcid.recording.checks.steering_verdict import fit_elsewhere
+from bcid.recording.limits import AGREEMENT
 from bcid.recording.limits import MOTION as LIMITS
 from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
@@ -62,7 +64,8 @@ def check_commands(commands: Floats, vehicle: Vehicle, source: str) -> list[Irre
 def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
     """Raise `InputRefused` where throttles u_m (M,) are neither possible reference speeds (m/s) nor brake shares.
 
-    Brake shares lie in [-1, 0].  Only vehicles with the motor law "speed" are checked.
+    Brake shares lie in [-1, 0]; where the vehicle reverses, throttles below 0 are speeds as well.  Only vehicles with
+    the motor law "speed" are checked.
     """
     if vehicle.motor.law != "speed":
         return
@@ -70,27 +73,34 @@ def _check_throttle(u_m: Floats, vehicle: Vehicle, source: str) -> None:
     if top is not None and u_m.max() > LIMITS.max_throttle_factor * top:
         cause = f"reaches {u_m.max():.3g}, the largest reference speed is {top:g} m/s: percent?"
         raise InputRefused(source, "throttle_mps", cause, "log the throttle in m/s, or map it with a gain")
-    if u_m.min() < LIMITS.min_brake_share:
-        cause = f"falls to {u_m.min():.3g}, where below 0 a brake share in [-1, 0] is meant"
-        step = "log it so, or map a table's or MCAP's field with gain, offset and low"
+    lowest = float(u_m.min())
+    if vehicle.motor.reverses:
+        if top is not None and lowest < -LIMITS.max_throttle_factor * top:
+            cause = f"falls to {lowest:.3g}, the largest reference speed is {top:g} m/s, forward and backward: percent?"
+            raise InputRefused(source, "throttle_mps", cause, "log the throttle in m/s, or map it with a gain")
+    elif lowest < LIMITS.min_brake_share:
+        cause = f"falls to {lowest:.3g}, where below 0 a brake share in [-1, 0] is meant"
+        step = "a car that reverses has reverses = true in [motor]; or map the field with gain, offset and low"
         raise InputRefused(source, "throttle_mps", cause, step)
 
 
 def _check_steering(u_s: Floats, limit: float, source: str) -> list[Irregularity]:
-    """A warning where steering commands u_s (M,) pass the `limit` (rad); `InputRefused` where they are in degrees."""
+    """How many steering commands u_s (M,) ask for more than the `limit` (rad); `InputRefused` if they are in degrees.
+
+    Planners ask beyond the stop, where the servo stays; but not for several times as much and a quarter turn, or half a
+    turn.
+    """
     high = float(np.quantile(np.abs(u_s), 0.95))
-    if high > LIMITS.max_steering_factor * limit:
+    asked = max(LIMITS.max_steering_factor * limit, LIMITS.min_degrees)
+    if high > min(asked, LIMITS.max_asked_steering_rad):
         cause = f"reaches {high:.3g} where the car's limit is {limit:.3g} rad: degrees?"
         step = "log the command in rad (a table or MCAP field can be mapped with gain = 0.017453)"
         raise InputRefused(source, "steering_rad", cause, step)
-    beyond = np.abs(u_s) > limit * (1 + 1e-9)
-    if beyond.mean() > LIMITS.max_clipped_share:
-        cause = f"{beyond.mean():.0%} of the commands are beyond the limit of {limit:g} rad: degrees?"
-        raise InputRefused(source, "steering_rad", cause, "log the command in rad, or correct steering.max_angle_rad")
+    beyond = np.abs(u_s) > limit * (1.0 + LIMITS.max_rounding)
     if not beyond.any():
         return []
-    text = f"commands beyond the limit of {limit:g} rad act as the limit"
-    return [Irregularity("steering command", "warning", int(beyond.sum()), source, text)]
+    text = f"commands beyond the limit of {limit:g} rad, up to {np.abs(u_s).max():.3g}, act as the limit"
+    return [Irregularity("steering command", "fixed", int(beyond.sum()), source, text)]
 
 
 class _TurningResponse(NamedTuple):
@@ -116,14 +126,28 @@ def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningRespons
     v_x = motion.v_f * np.cos(motion.beta_f)
     speed = np.hypot(v_x, motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate)
     use = motion.good & (speed > LIMITS.min_speed_share * np.quantile(speed, 0.95))
+    folded = 1.0
+    if vehicle.steering.max_angle_rad < AGREEMENT.max_reversing_angle_rad:
+        # backward, it turns right where it is steered left
+        back = moves_backward(motion.beta_f, motion.good * motion.v_f)
+        # a whole drive backward is one of a body that is mounted so, too
+        if back[use].mean() < AGREEMENT.max_backward_share or _turns_as_backward(speed, angle, motion.yaw_rate, use):
+            angle = np.where(back, angle + np.pi, angle)
+        folded = 2.0
     turn, yaw_rate = speed[use] * np.sin(angle[use]), motion.yaw_rate[use]
     size, rate = (float(np.sqrt(np.mean(x**2))) for x in (turn, yaw_rate)) if use.any() else (0.0, 0.0)
     turns_little = size < LIMITS.min_commanded_turn * np.max(speed) or rate < LIMITS.min_yaw_rate_radps
     if use.sum() < LIMITS.min_turning_rows or turns_little:
         return None
-    heading = abs(np.mean(np.exp(1j * (motion.beta_f - angle)[use])))
+    # forward or backward is the same direction for wheels that cannot turn so far
+    heading = abs(np.mean(np.exp(folded * 1j * (motion.beta_f - angle)[use])))
     correlation = float(turn @ yaw_rate) / (size * rate * len(turn))
     return _TurningResponse(correlation, float(heading), _apparent_wheelbase(turn, yaw_rate, speed[use], vehicle))
+
+
+def _turns_as_backward(speed: Floats, angle: Floats, yaw_rate: Floats, use: Bools) -> bool:
+    """Whether a car turns right where its `angle` (N,) is to the left in the rows `use` (N,), as it does backward."""
+    return float((speed * np.sin(angle))[use] @ yaw_rate[use]) < 0.0
 
 
 def _apparent_wheelbase(turn: Floats, yaw_rate: Floats, speed: Floats, vehicle: Vehicle) -> float | None:
@@ -151,20 +175,24 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
     seen, source = _turning_response(recording, vehicle), recording.sources[0].path
     if seen is None:
         return []
-    if seen.correlation < -LIMITS.min_turning_correlation:
+    if seen.correlation < -LIMITS.min_turning_correlation and not fit_elsewhere(recording, vehicle):
         raise InputRefused(
             source, "steering", f"the car turns right where the command says left (correlation {seen.correlation:.2f})",
             "positive steering turns left: log or map the command with the other sign, or correct up_axis or the order "
             "of the quaternions (x, y, z, w)",
         )  # fmt: skip
     if seen.heading < LIMITS.min_heading_agreement:
+        agreements = dict[str, float]()
         for name, factors in MISREADINGS.items():
             poses = Stream(recording.poses.time_s, recording.poses.values * np.array(factors))
             mirrored = _turning_response(replace(recording, poses=poses), vehicle)
-            if mirrored is not None and mirrored.heading > LIMITS.min_mirrored_agreement:
-                agreement = f"(agreement {seen.heading:.2f}, then {mirrored.heading:.2f})"
-                cause = f"the car moves where it is steered only if {name} {agreement}"
-                raise InputRefused(source, "pose", cause, "correct up_axis, or the axes of the pose")
+            agreements[name] = 0.0 if mirrored is None else mirrored.heading
+        best = max(agreements.values())
+        if best > LIMITS.min_mirrored_agreement:
+            # a mirrored axis and a clockwise yaw are the same but for the world's own reflection
+            names = " or ".join(n for n, agreement in agreements.items() if agreement > best - LIMITS.same_agreement)
+            cause = f"the car moves where it is steered only if {names} (agreement {seen.heading:.2f}, then {best:.2f})"
+            raise InputRefused(source, "pose", cause, "correct up_axis, or the axes of the pose")
     if seen.correlation < LIMITS.min_turning_correlation or seen.heading < LIMITS.min_heading_agreement:
         figures = f"(turning {seen.correlation:.2f}, heading {seen.heading:.2f})"
         text = f"the commands explain little of the motion {figures}: check axes and units"
@@ -186,13 +214,20 @@ def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
     top, motion = vehicle.motor.reference_speed_mps, differentiate_poses(recording, vehicle)
     if top is None or vehicle.motor.law != "speed" or not motion.good.any():
         return []
-    fast = float(np.quantile(motion.v_f[motion.good], 0.99))
+    # not the front axle's, which a yaw in degrees makes fast
+    across = motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate
+    speed = np.hypot(motion.v_f * np.cos(motion.beta_f), across)
+    fast = float(np.quantile(speed[motion.good], 0.99))
     if fast < LIMITS.max_speed_factor * top:
         return []
     source = recording.sources[0].path
-    text = f"the front wheel reaches {fast:.3g} m/s, the motor's largest is {top:g} m/s"
+    text = f"the car reaches {fast:.3g} m/s, the motor's largest is {top:g} m/s"
     if fast > LIMITS.max_scale_factor * top:
         raise InputRefused(source, "pose", f"{text}: lengths in mm or cm?", SET_UNIT)
+    asked = float(recording.commands.values[:, 1].max())
+    if asked > top:
+        text = f"{text}, and throttles ask for up to {asked:.3g} m/s: correct motor.reference_speed_mps"
+        return [Irregularity("vehicle file", "warning", 1, source, text)]
     return [Irregularity("scale", "warning", 1, source, f"{text}: a scale set on export?")]
 
 
@@ -209,6 +244,8 @@ def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity
         return []
     problems, unit_factor = Problems(), LIMITS.max_channel_factor
     for name, stream in recording.channels.items():
+        if name not in CHANNEL_REFERENCES:
+            continue
         what, hint = CHANNEL_REFERENCES[name]
         if name == "measured_steering_rad":
             expected = commanded_steering_angle(recording, vehicle, motion.time_s)

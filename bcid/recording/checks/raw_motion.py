@@ -63,6 +63,19 @@ def differentiate_poses(recording: Recording, vehicle: Vehicle, window_s: float 
     return RawMotion(grid, np.hypot(v_x, v_fy), np.arctan2(v_fy, v_x), rates[:, 2], good, 2 * half / grid_hz)
 
 
+def moves_backward(direction: Floats, speed: Floats) -> Bools:
+    """Whether a car moves backward in each row (N,), by the `direction` (N,) in rad of its motion in the body frame.
+
+    Most of a drive's motion, weighted by the `speed` (N,), lies along one axis, the car's, however the tracked body
+    sits on it.  Forward is the side near the body's own x axis, or if that lies across, the side of most motion.
+    """
+    axis = 0.5 * float(np.angle(np.sum(speed * np.exp(2j * direction))))
+    along = np.cos(direction - axis)
+    across = abs(axis) > np.pi / 4.0
+    side = -1.0 if across and float(np.sum(speed * np.sign(along))) < 0.0 else 1.0
+    return np.asarray(side * along < 0.0)
+
+
 def commanded_steering_angle(
     recording: Recording, vehicle: Vehicle, time_s: Floats, T_s: float | None = None, d: float | None = None
 ) -> Floats:

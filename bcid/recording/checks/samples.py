@@ -11,6 +11,13 @@ from bcid.errors import InputRefused
 from bcid.recording.limits import POSE, STREAM
 from bcid.recording.types import Action, Irregularity
 
+OVERLAP_STEPS = {
+    "mcap": '; or name the time base: topics.time = "log"',
+    "motive": "; or say what the commands' stamps read at frame 0: [commands] time_zero",
+    "table": "; or, of a commands file, say what its stamps read at the first pose: [commands] time_zero",
+}
+"""Further advice, by the kind of a take's format, where its poses and commands do not overlap in time."""
+
 
 class Samples(NamedTuple):
     """Samples of a stream: times (N,) in s, values (N, n), and the irregularities found so far."""
@@ -37,6 +44,12 @@ def note_rows(time_s: Floats, rows: Bools, kind: str, action: Action, detail: st
     if len(hit) > 1:
         where = f"{hit.min():.3f} to {hit.max():.3f} s"
     return [Irregularity(kind, action, int(rows.sum()), where, detail)]
+
+
+def throttle_at(time_s: Floats, commands: Samples) -> Floats:
+    """Throttle u_m (N,) (m/s, a brake share below 0) of the latest command at each time (N,); 0 before the first."""
+    row = np.searchsorted(commands.time_s, time_s, side="right") - 1
+    return np.where(row >= 0, commands.values[np.maximum(row, 0), 1], 0.0)
 
 
 def clean_samples(time_s: Floats, values: Floats, stream_name: str, source: str) -> Samples:
@@ -114,27 +127,49 @@ def check_pose_times(pose_s: Floats, source: str) -> None:
         raise InputRefused(source, "time", cause, "cut the take there, or correct its stamps")
 
 
-def check_command_times(commands: Samples, hold_s: float, source: str) -> None:
-    """Raise `InputRefused` where commands come less often than every `hold_s` seconds, or two sources send by turns."""
+def check_command_times(commands: Samples, hold_s: float, source: str, several_publishers: bool = False) -> None:
+    """Raise `InputRefused` where commands come less often than every `hold_s` seconds, or two sources send by turns.
+
+    A controller that chatters alternates, too: there are two sources only where the file shows `several_publishers`,
+    or where the times are those of two clocks.
+    """
     step = float(np.median(np.diff(commands.time_s))) if len(commands.time_s) > 1 else 0.0
     if step > hold_s:
         cause = f"commands come every {step:.3g} s, but hold for {hold_s:g} s only"
-        raise InputRefused(source, "command times", cause, "log them in seconds, or set command.max_hold_s")
-    # faster than a driver, and between more levels
-    levels = len(np.unique(np.round(commands.values, 6), axis=0))
-    unlike_driver = 0.0 < step < POSE.min_driver_step_s and levels > POSE.max_driver_levels
-    if unlike_driver and sources_alternate(commands.values):
+        mapped = 'map their unit (ms: time_s = { from = "…", gain = 0.001 })'
+        raise InputRefused(
+            source, "command times", cause, f"log them in seconds, or {mapped}, or set command.max_hold_s"
+        )
+    if sources_alternate(commands.values) and (several_publishers or clocks_alternate(commands.time_s)):
         cause = "two sources of commands alternate: several publishers on the topic, or two stretches mixed"
         raise InputRefused(source, "command", cause, "record the one that the car obeys")
 
 
-def check_streams_overlap(pose_s: Floats, command_s: Floats, source: str) -> None:
-    """Raise `InputRefused` where the time spans of poses (N,) and of commands (M,), in s, do not overlap."""
+def clocks_alternate(time_s: Floats) -> bool:
+    """Whether times (N,) in s are those of two regular clocks by turns: every second step is alike, neighbours are not.
+
+    Steps of one clock with jitter are not correlated with the second next ones.
+    """
+    step = np.diff(time_s)
+    if len(step) < STREAM.min_poses or step.std() < POSE.min_turn_spread * step.mean():
+        return False
+    # pauses would outweigh all other steps
+    around = np.minimum(step, STREAM.gap_steps * float(np.median(step))) - float(np.median(step))
+    around -= around.mean()
+    power = float(around[:-2] @ around[:-2]) * float(around[2:] @ around[2:])
+    return power > 0.0 and float(around[:-2] @ around[2:]) > POSE.min_turn_correlation * power**0.5
+
+
+def check_streams_overlap(pose_s: Floats, command_s: Floats, source: str, format_name: str) -> None:
+    """Raise `InputRefused` where the time spans of poses (N,) and of commands (M,), in s, do not overlap.
+
+    `format_name` is that of the poses' file, by which the next step is chosen.
+    """
     (first, last), (begin, end) = ((t[0], t[-1]) for t in (pose_s, command_s))
     if min(last, end) <= max(first, begin):
         spans = f"poses ({first:.3f} to {last:.3f} s) and commands ({begin:.3f} to {end:.3f} s)"
         cause = f"{spans} do not overlap in time: two takes, or simulated time and a wall clock"
-        step = 'check that both belong to one take; for MCAP, name the time base: topics.time = "log"'
+        step = f"check that both belong to one take{OVERLAP_STEPS.get(format_name.partition('-')[0], '')}"
         raise InputRefused(source, "time", cause, step)
 
 

@@ -1,4 +1,4 @@
-"""Failures of the tracking in a pose stream: held, frozen and flipped poses, other bodies, ghosts and jumps."""
+"""Failures of the tracking in a pose stream: other bodies, ghosts, and jumps of the position."""
 
 import itertools
 import math
@@ -8,81 +8,14 @@ from scipy.ndimage import median_filter
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.errors import InputRefused
-from bcid.recording.checks.samples import Samples, note_rows, sources_alternate
+from bcid.recording.checks.attitude import rotate_vectors
+from bcid.recording.checks.pose_noise import written_digits
+from bcid.recording.checks.samples import Samples, note_rows, sources_alternate, throttle_at
+from bcid.recording.checks.yaw_jumps import steady_rates
 from bcid.recording.limits import POSE as LIMITS
 from bcid.vehicle import Vehicle
 
 NEIGHBOURS = 11  # pose steps whose median a step is compared with
-
-
-def drop_held_poses(poses: Samples) -> Samples:
-    """The poses without repetitions, where a table or topic of higher rate repeats each until the next one comes."""
-    new = np.r_[True, (np.diff(poses.values, axis=0) != 0.0).any(axis=1)]
-    changes = np.flatnonzero(new)
-    if len(changes) < 3 or np.median(np.diff(changes)) < LIMITS.min_held_samples:
-        return poses
-    text = f"each pose is held for {np.median(np.diff(changes)):.0f} samples: the first of them counts"
-    return poses.without(~new, "pose held", "fixed", text)
-
-
-def drop_frozen_poses(poses: Samples, commands: Samples) -> Samples:
-    """The poses without runs of the same pose, to the last digit, for over `POSE.max_repeat_s` under throttle.
-
-    Such a pose is held by the tracking while the car moves on.  Where the next pose is close to it, the car stood, as
-    at a wall: these poses are kept with a warning.
-    """
-    time_s, values = poses.time_s, poses.values
-    same = np.r_[False, (np.diff(values, axis=0) == 0.0).all(axis=1)]
-    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
-    frozen, stands = np.zeros(len(time_s), dtype=bool), np.zeros(len(time_s), dtype=bool)
-    throttle = _throttle_at(time_s, commands)
-    usual = float(np.quantile(np.hypot(*np.diff(values[:, :2], axis=0).T), 0.9))
-    for a, b in edges.reshape(-1, 2):
-        # a car that pushes against a wall goes on from where it stood, one that was hidden has moved meanwhile
-        moved = b == len(values) or math.dist(values[b, :2], values[b - 1, :2]) > LIMITS.max_resume_steps * usual
-        if time_s[b - 1] - time_s[a - 1] > LIMITS.max_repeat_s and throttle[a:b].min() > 0.0:
-            (frozen if moved else stands)[a:b] = True
-    text = "the same pose again and again while the throttle is on: "
-    kept = poses.without(frozen, "frozen pose", "excluded", text + "held by the tracking")
-    noted = note_rows(time_s, stands, "pose stands", "warning", text + "it goes on from there, as from a wall")
-    return kept._replace(irregularities=[*kept.irregularities, *noted])
-
-
-def drop_yaw_flips(poses: Samples, commands: Samples) -> Samples:
-    """The poses without stretches whose yaw is off by 180 degrees, as symmetric markers cause.
-
-    Jumps of the yaw by 180 degrees divide the poses into two alternating sets; the set in which the car would drive
-    backward under throttle is dropped.
-    """
-    yaw = poses.values[:, 2]
-    step = np.diff(poses.time_s)
-    half = np.abs(np.abs(np.angle(np.exp(1j * np.diff(yaw)))) - math.pi) < LIMITS.flip_tolerance_rad
-    # over a gap the car may have turned round
-    half &= step < LIMITS.max_flip_steps * float(np.median(step))
-    if not half.any():
-        return poses
-    turned = np.r_[0, np.cumsum(half)] % 2 == 1
-    if _forward_alignment(poses, commands, turned) > _forward_alignment(poses, commands, ~turned):
-        turned = ~turned
-    text = "the yaw jumps by 180 degrees: symmetric markers; what would drive backwards is left out"
-    return poses.without(turned, "yaw flip", "excluded", text)
-
-
-def _forward_alignment(poses: Samples, commands: Samples, rows: Bools) -> float:
-    """Mean cosine between yaw and motion under throttle in the marked rows: 1 forward, -1 backward, 0 unknown."""
-    step = np.diff(poses.values[:, :2], axis=0)
-    far = np.hypot(*step.T)
-    use = rows[1:] & rows[:-1] & (far > LIMITS.min_heading_step * np.quantile(far, 0.95))
-    use &= _throttle_at(poses.time_s[1:], commands) > 0.0
-    if not use.any():
-        return 0.0
-    return float(np.cos(np.arctan2(step[use, 1], step[use, 0]) - poses.values[1:][use, 2]).mean())
-
-
-def _throttle_at(time_s: Floats, commands: Samples) -> Floats:
-    """Throttle u_m (N,) (m/s, a brake share below 0) of the latest command at each time (N,); 0 before the first."""
-    row = np.searchsorted(commands.time_s, time_s, side="right") - 1
-    return np.where(row >= 0, commands.values[np.maximum(row, 0), 1], 0.0)
 
 
 def _find_jumps(poses: Samples, vehicle: Vehicle) -> Ints:
@@ -97,7 +30,10 @@ def _find_jumps(poses: Samples, vehicle: Vehicle) -> Ints:
     limit = vehicle.mocap.max_speed_mps or LIMITS.max_speed_mps
     speed = np.hypot(*np.diff(poses.values[:, :2], axis=0).T) / step_s
     around = median_filter(speed, NEIGHBOURS, mode="nearest")
-    noise = LIMITS.jump_noise_factor * (1.4826 * float(np.median(np.abs(speed - around))))
+    # coarse digits make steps of their own
+    digit = float(written_digits(poses.values[:, :2]).max())
+    scatter = 1.4826 * float(np.median(np.abs(speed - around)))
+    noise = LIMITS.jump_noise_factor * scatter + LIMITS.max_digits * digit / step_s
     sudden = speed > np.maximum(LIMITS.jump_factor * around, LIMITS.jump_speed_mps) + noise
     sudden &= speed - around > LIMITS.jump_acceleration_mps2 * step_s
     if np.quantile(around, 0.95) > limit:
@@ -127,15 +63,47 @@ def split_at_jumps(poses: Samples, commands: Samples, vehicle: Vehicle, source: 
             "set the unit (mocap.length_unit, or a gain in [columns]), or mocap.max_speed_mps; check the body",
         )  # fmt: skip
     left_out = _find_outliers_and_ghosts(poses, commands, jumps, vehicle)
+    away, mended = _find_returns(poses, jumps)
+    known = np.any([np.zeros(len(time_s), dtype=bool), *left_out.values()], axis=0)
+    left_out["away by a jump and back by another: another body, or another point of it"] = away & ~known
     noted = [i for reason, rows in left_out.items() for i in note_rows(time_s, rows, "tracking", "excluded", reason)]
+    kept = ~(known | away)
+    # where the track goes on after an outlier as before it, nothing is split
+    jumps = np.setdiff1d(jumps, mended)
     at_jump = np.isin(np.arange(len(time_s)), jumps)
-    kept = ~np.any([np.zeros(len(time_s), dtype=bool), *left_out.values()], axis=0)
     far = max((math.dist(xy[j], xy[j - 1]) for j in jumps), default=0.0)
     text = f"by up to {far:.3f} m from one sample to the next: split there"
     noted += note_rows(time_s, at_jump, "pose jump", "excluded", text)
     kept_s = time_s[kept]
     breaks = sorted({float(kept_s[k]) for k in np.searchsorted(kept_s, time_s[jumps]) if 0 < k < len(kept_s)})
     return Samples(kept_s, poses.values[kept], [*poses.irregularities, *noted]), breaks
+
+
+def _find_returns(poses: Samples, jumps: Ints) -> tuple[Bools, Ints]:
+    """Mask (N,) of longer stretches between a jump away and one back, and the `jumps` (rows) beside short ones.
+
+    The jump back undoes the jump away on the floor, as of another body, or on the car, as of another point of it.
+    """
+    time_s, xy, yaw = poses.time_s, poses.values[:, :2], poses.values[:, 2]
+    away, mended = np.zeros(len(time_s), dtype=bool), list[int]()
+    if len(jumps) < 2:
+        return away, np.array(mended, dtype=np.int64)
+    step_s = np.diff(time_s)
+    is_jump = np.isin(np.arange(1, len(time_s)), jumps)
+    velocity = np.column_stack([steady_rates(v, is_jump) for v in (np.diff(xy, axis=0) / step_s[:, None]).T])
+    leap = (np.diff(xy, axis=0) - velocity * step_s[:, None])[jumps - 1]
+    on_car = rotate_vectors(leap, -yaw[jumps])
+    edges = np.r_[0, jumps, len(time_s)]
+    for k in range(len(jumps) - 1):
+        before, a, b, after = edges[k : k + 4]
+        left = min(math.hypot(*(leap[k] + leap[k + 1])), math.hypot(*(on_car[k] + on_car[k + 1])))
+        if left > LIMITS.max_return_share * math.hypot(*leap[k]) or away[before:a].any():
+            continue
+        if time_s[b - 1] - time_s[a] < LIMITS.max_outlier_s:
+            mended += [int(a), int(b)]
+        else:
+            away[a:b] = b - a < LIMITS.max_excursion_share * (after - before)
+    return away, np.array(mended, dtype=np.int64)
 
 
 def _find_outliers_and_ghosts(poses: Samples, commands: Samples, jumps: Ints, vehicle: Vehicle) -> dict[str, Bools]:
@@ -147,7 +115,7 @@ def _find_outliers_and_ghosts(poses: Samples, commands: Samples, jumps: Ints, ve
     """
     time_s, xy = poses.time_s, poses.values[:, :2]
     size = LIMITS.ghost_size * vehicle.body.wheelbase_m
-    driven = _throttle_at(time_s, commands) > 0.0
+    driven = throttle_at(time_s, commands) > 0.0
     left_out = dict[str, Bools]()
 
     def leave_out(i: int, j: int, reason: str) -> None:

@@ -1,6 +1,11 @@
 """Readers, one `read_<format>` for each file format, which return a `RawTake` without judging it.
 
-`detect` (the format of a file), `raw` (what all readers share), `tables` (CSV, Parquet), `csv_text` (CSV before its
-cells are read), `motive` and `motive_header` (Motive exports), `mcap` over `mcap_contents` (wanted topics),
-`mcap_records` (all records), `mcap_times` (one time base) and `ros_messages` (poses and commands in messages).
+All: `detect` (the format of a file), `foreign` (formats that are not read), `raw` (what readers return), `floor` (poses
+on the floor, by unit and vertical), `names` (as they are shown).
+Tables: `tables` and `commands_file` over `logged_table` (columns by name), `csv_table`, `table_head` (names, units),
+`csv_text` and `csv_rows` (before cells are read), `parquet_table`, `numbers` and `stamps` (notations of cells).
+Motive: `motive` and `motive_header`. MCAP: `mcap` over `mcap_poses` and `mcap_commands` (of a topic's messages),
+`mcap_times` (one time base), `mcap_contents` (wanted topics), `mcap_records` (all records), `mcap_chunks`,
+`message_store`, `message_decoding` and `ros_encoding` (JSON, ROS, protobuf), `message_fields` and `message_stamps`
+(what stands in a message), `ros_messages` and `transforms` (known types), `rosbag` (a bag's folder).
 """

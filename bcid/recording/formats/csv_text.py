@@ -3,16 +3,15 @@
 import csv
 import io
 import re
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 from bcid.errors import InputRefused
+from bcid.recording.formats.csv_rows import FIRST_NUMBERS, check_rows, drop_comment_lines, find_body
 from bcid.recording.formats.detect import UTF_16_MARKS
 from bcid.recording.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
 
-SEPARATORS = (",", ";", "\t")
 HEAD_LINES, TAIL_LINES = 40, 20  # lines that show how a file is written, at its head and at its end
 EXPORT_AGAIN = "export the file again"
 
@@ -23,8 +22,10 @@ NON_FINITE_NUMBER = re.compile(
 
 DECIMAL_COMMA = re.compile(r"(?:^|[;\t])[ ]*[+-]?\d+,\d+(?:[eE][+-]?\d+)?[ ]*(?=[;\t]|$)", re.MULTILINE)
 DECIMAL_POINT = re.compile(r"(?:^|[;\t])[ ]*[+-]?\d+\.\d+(?:[eE][+-]?\d+)?[ ]*(?=[;\t]|$)", re.MULTILINE)
-FIRST_NUMBERS = re.compile(r"^[ \t]*[+-]?[\d.]", re.MULTILINE)
-"""The start of the first line of numbers: a header's lines begin otherwise."""
+SEPARATOR_LINE = re.compile(r'"?sep=([,;|\t])"?[ ]*\n', re.IGNORECASE)
+"""The first line with which Excel is told the separator."""
+APART_BY_BLANKS = re.compile(r"[+-]?[\d.,]+(?:[eEdD][+-]?\d+)?(?:[ \t]+[+-]?[\d.,]+(?:[eEdD][+-]?\d+)?){2,}[ \t]*")
+"""A line of at least three numbers that only blanks keep apart."""
 
 
 @dataclass(frozen=True)
@@ -52,30 +53,36 @@ class CsvText:
 def read_csv_text(path: Path, comment: str | None = None) -> CsvText:
     """The text of a CSV file, decoded, with its separator and decimal mark; a last line that was cut is left out.
 
-    Lines that begin with `comment` are not taken for rows.
+    Lines that begin with `comment`, or without it with #, % or //, are not taken for rows: they are blank in the text.
 
     Raises:
-        InputRefused: bytes of another encoding, NUL bytes inside, a second header, or numbers of two kinds.
+        InputRefused: bytes of another encoding, NUL bytes inside, a second header, numbers of two kinds, or rows that
+            were cut or swallowed by a quotation mark.
     """
     text, odd = _decode_file(path)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise InputRefused(path, "line 1", "holds no table", EXPORT_AGAIN)
-    head = [line for line in text.split("\n", HEAD_LINES)[:HEAD_LINES] if not (comment and line.startswith(comment))]
-    _check_single_header(path, text, head)
-    counts = {s: max((line.count(s) for line in head), default=0) for s in SEPARATORS}
-    # with a decimal comma, a row has about as many commas as semicolons
-    semicolons = counts[";"] > 0 and counts[";"] >= counts[","] / 2
-    separator = ";" if semicolons else max(SEPARATORS, key=lambda s: counts[s])
+    stated = SEPARATOR_LINE.match(text)
+    if stated:
+        odd.append(Irregularity("CSV dialect", "fixed", 1, f"{path.name} line 1", f"names the separator {stated[1]!r}"))
+        # a blank line in its place, so that lines keep their numbers
+        text = "\n" + text[stated.end() :]
+    _check_single_header(path, text)
+    separator = stated[1] if stated else _find_separator(text)
+    if separator == " ":
+        text = re.sub(r"[ \t]+", "\t", re.sub(r"^[ \t]+|[ \t]+$", "", text, flags=re.MULTILINE))
+        separator = "\t"
     decimal = _find_decimal_mark(path, text, separator)
     if separator != "," or decimal != ".":
         how = f"separator {separator!r}, decimal {decimal!r}"
         odd.append(Irregularity("CSV dialect", "fixed", 1, path.name, how))
     text, cut = _drop_cut_line(path, text, separator)
-    begin = FIRST_NUMBERS.search(text)
-    top = begin.start() if begin else len(text)
-    _check_row_lengths(path, text, top, separator, comment)
-    return CsvText(path, text[:top] + NON_FINITE_NUMBER.sub("inf", text[top:]), separator, decimal, (*odd, *cut))
+    top = find_body(text, separator)
+    text, comments = drop_comment_lines(path, text, top, separator, comment)
+    check_rows(path, text, top, separator)
+    body = NON_FINITE_NUMBER.sub("inf", text[top:])
+    return CsvText(path, text[:top] + body, separator, decimal, (*odd, *cut, *comments))
 
 
 def _decode_file(path: Path) -> tuple[str, list[Irregularity]]:
@@ -109,14 +116,30 @@ def _decode_file(path: Path) -> tuple[str, list[Irregularity]]:
     return text, odd
 
 
-def _check_single_header(path: Path, text: str, head: list[str]) -> None:
-    """Raise `InputRefused` where the first of the lines `head` that has letters comes again: two takes in one file."""
-    first = next((line.strip() for line in head if any(c.isalpha() for c in line)), "")
-    key = "Format Version" if first.startswith("Format Version") else first
-    again = text.find("\n" + key, text.find(key) + 1) if key else -1
+def _check_single_header(path: Path, text: str) -> None:
+    """Raise `InputRefused` where the first line that has letters comes again: two takes in one file."""
+    head = text.split("\n", HEAD_LINES)[:HEAD_LINES]
+    first = next((line for line in head if any(c.isalpha() for c in line) and not FIRST_NUMBERS.match(line)), "")
+    key = "Format Version" if first.startswith("Format Version") else first + "\n"
+    again = text.find("\n" + key, text.find(key) + 1) if key.strip() else -1
     if again >= 0:
         line = text.count("\n", 0, again + 1) + 1
         raise InputRefused(path, f"line {line}", "a second header: two takes in one file", "cut the file there")
+
+
+def _find_separator(text: str) -> str:
+    """The separator of a table's cells: a comma, semicolon or tab, or a blank where only blanks keep numbers apart."""
+    head = text.split("\n", HEAD_LINES)[:HEAD_LINES]
+    numbers = [line for line in head if FIRST_NUMBERS.match(line)]
+    if numbers and all(APART_BY_BLANKS.fullmatch(line) for line in numbers) and not any("\t" in n for n in numbers):
+        return " "
+    # a line above the table may hold any sign, a line of numbers only separators and decimal marks
+    counts = {s: max((line.count(s) for line in numbers or head), default=0) for s in (",", ";", "\t")}
+    # with a decimal comma, a row has about as many commas as semicolons or tabs
+    for separator in (";", "\t"):
+        if counts[separator] > 0 and counts[separator] >= counts[","] / 2:
+            return separator
+    return ","
 
 
 def _find_decimal_mark(path: Path, text: str, separator: str) -> str:
@@ -129,27 +152,6 @@ def _find_decimal_mark(path: Path, text: str, separator: str) -> str:
         cause = f"numbers with a decimal comma and with a point ({comma[0].strip('; ')}, {point[0].strip('; ')})"
         raise InputRefused(path, f"line {line}", cause, "export with one of them")
     return "," if comma else "."
-
-
-def _check_row_lengths(path: Path, text: str, top: int, separator: str, comment: str | None) -> None:
-    """Raise `InputRefused` where a row has fewer cells than nearly all rows: a part of the file was never written.
-
-    Rows begin at the character `top` of the text; the last one is not checked.
-    """
-    first = text.count("\n", 0, top) + 1
-    lines = text[top:].rstrip("\n").split("\n")[:-1]
-    cells = [line.count(separator) for line in lines if line and not (comment and line.startswith(comment))]
-    # quoted cells may hold separators
-    if not cells or '"' in text:
-        return
-    usual, most = Counter(cells).most_common(1)[0]
-    if min(cells) == usual or most < LIMITS.min_equal_length_share * len(cells):
-        return
-    for number, line in enumerate(lines, first):
-        n = line.count(separator)
-        if line and n < usual and not (comment and line.startswith(comment)):
-            cause = f"holds {n + 1} cells where rows have {usual + 1}: a part was never written"
-            raise InputRefused(path, f"line {number}", cause, EXPORT_AGAIN)
 
 
 def _drop_cut_line(path: Path, text: str, separator: str) -> tuple[str, list[Irregularity]]:

@@ -1,26 +1,40 @@
 """The format of a file by its content, and the files of which a recording consists."""
 
 import codecs
-import re
 from pathlib import Path
 from typing import Literal
 
 from bcid.errors import InputRefused, UsageError
+from bcid.recording.formats.foreign import explain_foreign
+from bcid.recording.formats.names import printable_name
+from bcid.recording.formats.rosbag import (
+    PACKED_MAGICS,
+    PACKED_SUFFIXES,
+    SQLITE_SUFFIX,
+    bag_parts,
+    explain_packed,
+    explain_sqlite,
+)
 
 Format = Literal["mcap", "motive", "table"]
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 PARQUET_MAGIC = b"PAR1"
+SQLITE_MAGIC, ROS_1_MAGIC = b"SQLite format 3\0", b"#ROSBAG V"
 UTF_16_MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-BAG_METADATA = "metadata.yaml"  # beside the parts of a rosbag2 recording
 HEAD_BYTES = 4096  # by which the format is detected
 SHOWN_NAME_LENGTH = 60  # characters of an unusable name in a message
 
 
 def check_path_name(path: Path) -> None:
-    """Raise `InputRefused` where the operating system allows no file of this name: too long, or with NUL characters."""
+    """Raise `InputRefused` where no file can have this name, or no document hold it: too long, NUL, not UTF-8."""
     try:
         path.exists()
+        path.name.encode("utf-8")
+    except UnicodeEncodeError:
+        shown = path.name.encode("utf-8", "replace").decode()
+        next_step = "rename the file, and its commands file"
+        raise InputRefused(shown, "file", "the name is not in UTF-8", next_step) from None
     except (OSError, ValueError) as error:
         name = str(path)[:SHOWN_NAME_LENGTH].replace("\0", "\\0")
         cause = f"is no usable name: {str(error)[:SHOWN_NAME_LENGTH]}"
@@ -41,27 +55,7 @@ def check_nonempty_file(path: Path) -> None:
 def recording_files(path: Path) -> list[Path]:
     """The files of a recording: `path` itself, or in order the MCAP parts of a ROS 2 bag whose folder is `path`."""
     check_path_name(path)
-    bag = path.is_dir() and (path / BAG_METADATA).is_file()
-    parts = [p for p in path.glob("*.mcap") if p.is_file()] if bag else []
-    # by the number at the end of a part's name
-    return sorted(parts, key=lambda p: (int("0" + re.split(r"\D", p.stem)[-1]), p.name)) or [path]
-
-
-def describe_missing_parts(path: Path) -> str | None:
-    """A sentence on the parts of a split ROS 2 bag that are missing or not named; None where none is.
-
-    A part is missing where the folder's metadata.yaml names a file that is not there, or where `path` is one part
-    of several.
-    """
-    if path.is_dir():
-        metadata = (path / BAG_METADATA).read_text(encoding="utf-8", errors="replace")
-        stated = set(re.findall(r"[^\s\[\],'\"/]+\.mcap", metadata))
-        lacking = ", ".join(sorted(stated - {p.name for p in recording_files(path)}))
-        return f"a split bag whose {BAG_METADATA} names {lacking} too, which is not there" if lacking else None
-    if path.suffix != ".mcap" or not (path.parent / BAG_METADATA).is_file():
-        return None
-    others = [p.name for p in recording_files(path.parent) if p.name != path.name]
-    return f"one part of a split bag: name the folder for {', '.join(others)} too" if others else None
+    return (bag_parts(path) if path.is_dir() else []) or [path]
 
 
 def detect_format(path: Path) -> Format:
@@ -74,6 +68,17 @@ def detect_format(path: Path) -> Format:
         return "mcap"
     if head.startswith(PARQUET_MAGIC):
         return "table"
+    packed = next((suffix for magic, suffix in PACKED_MAGICS.items() if head.startswith(magic)), "")
+    if packed or path.suffix in PACKED_SUFFIXES:
+        raise InputRefused(path, "file", *explain_packed(path, packed))
+    if path.suffix == SQLITE_SUFFIX or head.startswith(SQLITE_MAGIC):
+        raise InputRefused(path, "file", *explain_sqlite(path))
+    if head.startswith(ROS_1_MAGIC):
+        step = f"convert it: mcap convert '{printable_name(path.name)}' NAME.mcap"
+        raise InputRefused(path, "file", "is a ROS 1 bag, which is not read", step)
+    foreign = explain_foreign(path, head)
+    if foreign is not None:
+        raise InputRefused(path, "file", *foreign)
     utf_16 = head.startswith(UTF_16_MARKS)
     is_text = utf_16 or b"\0" not in head.rstrip(b"\0")
     if is_text and head.decode("utf-16" if utf_16 else "utf-8-sig", "ignore").startswith("Format Version"):
@@ -85,13 +90,18 @@ def detect_format(path: Path) -> Format:
 
 
 def find_commands_file(path: Path, commands: Path | None) -> Path | None:
-    """The path of a Motive export's commands file: `commands`, else NAME.commands.csv beside it; None for others.
+    """The path of a take's commands file: `commands`, else NAME.commands.csv beside it, which a table need not have.
+
+    It is None for MCAP, and for a table without one.
 
     Raises:
-        UsageError: `commands` is named for a recording of another format, which holds its own.
+        UsageError: `commands` is named for an MCAP file, which holds its own.
     """
-    if detect_format(path) == "motive":
-        return commands or path.with_suffix(".commands.csv")
+    kind, beside = detect_format(path), path.with_suffix(".commands.csv")
+    if kind == "motive":
+        return commands or beside
+    if kind == "table":
+        return commands or (beside if beside.is_file() else None)
     if commands is not None:
         raise UsageError(f"--commands {commands}: {path.name} holds its own commands\n  next: leave --commands out")
     return None

@@ -1,24 +1,30 @@
 """The contents of an MCAP file on the wanted topics, and how far they are complete and covered by checksums."""
 
-import json
-from collections.abc import Collection, Iterator
-from contextlib import redirect_stderr
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field, replace
-from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from mcap import records as kinds
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.detect import describe_missing_parts, recording_files
-from bcid.recording.formats.mcap_records import DamagedRecord, McapEntry, iterate_records
+from bcid.recording.formats.detect import recording_files
+from bcid.recording.formats.mcap_chunks import DamagedRecord
+from bcid.recording.formats.mcap_records import McapEntry, iterate_records
+from bcid.recording.formats.message_decoding import message_decoder
+from bcid.recording.formats.message_fields import MissingField, NotANumber
+from bcid.recording.formats.message_stamps import UnreadableStamp
+from bcid.recording.formats.message_store import MessageStore
+from bcid.recording.formats.names import describe_error, printable_name
+from bcid.recording.formats.rosbag import describe_odd_parts, unread_parts
+from bcid.recording.limits import MCAP, MESSAGE
 from bcid.recording.types import Irregularity
 
 RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"
-SHOWN_CAUSE_LENGTH = 300  # characters of a parser's error in a message
 CHANNELS_PER_FILE = 1 << 16  # channels are numbered below it
-MESSAGE_ENCODINGS = ("json", "cdr", "protobuf")
+NAME_FIELDS = "name the fields in [topics.pose_fields] or [topics.command_fields]"
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -28,10 +34,11 @@ class McapContents:
     path: Path
     topics: Collection[str]  # that are wanted
     allow_partial: bool  # whether parts may be lost
+    file_bytes: int  # of all parts
     schemas: dict[int, kinds.Schema] = field(default_factory=dict)
     channels: dict[int, kinds.Channel] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)  # messages found, by channel
-    messages: list[tuple[int, int, bytes]] = field(default_factory=list)  # channel, log time (ns), data; in file order
+    messages: MessageStore = field(default_factory=MessageStore)  # of the wanted topics
     unindexed: bool = False  # chunks that no index names, or no summary at all
     miscounted: str | None = None  # where a summary counts other messages than there are
     lost: list[Irregularity] = field(default_factory=list)  # parts that cannot be read
@@ -44,13 +51,51 @@ class McapContents:
         schema = self.schemas.get(schema_id)
         return schema.name.replace("/msg/", "/") if schema else "no schema"
 
-    def decode_messages(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """The log time (ns) and the decoded content of each of a topic's messages."""
+    def read_messages(self, topic: str, read: Callable[[Any], T]) -> Iterator[tuple[int, T]]:
+        """The log time (ns) of each of a topic's messages, and what `read` takes from its decoded content.
+
+        Messages that cannot be decoded, or that lack a field, are left out and noted where parts may be lost.
+
+        Raises:
+            InputRefused: a message cannot be read, or none can where parts may be lost.
+        """
         channels = self.published_channels(topic)
-        decoders = {c.id: _message_decoder(c, self.schemas.get(c.schema_id), self.path) for c in channels}
+        decoders = {c.id: message_decoder(c, self.schemas.get(c.schema_id), self.path) for c in channels}
+        number, broken, first = 0, 0, None
         for channel, log_ns, data in self.messages:
-            if channel in decoders:
-                yield log_ns, decoders[channel](data)
+            if channel not in decoders:
+                continue
+            number += 1
+            try:
+                if len(data) > MESSAGE.max_message_bytes:
+                    raise ValueError(f"it has {len(data)} bytes, {MESSAGE.max_message_bytes} are the most")
+                message = read(decoders[channel](data))
+            except (InputRefused, MemoryError):
+                raise
+            except Exception as error:  # whatever decoders raise on content that nobody vouches for
+                refused = self._refuse_message(topic, number, log_ns, error)
+                if not self.allow_partial:
+                    raise refused from error
+                broken, first = broken + 1, first or refused
+                continue
+            yield log_ns, message
+        if first is not None and broken == number:
+            raise first
+        if first is not None:
+            text = f"{broken} of {number} messages cannot be read; the first, {first.place}: {first.cause}"
+            self.lost.append(Irregularity("lost", "excluded", broken, f"topic {printable_name(topic)}", text))
+
+    def _refuse_message(self, topic: str, number: int, log_ns: int, error: Exception) -> InputRefused:
+        """The refusal of the message of this number on a topic, whose decoding raised `error`."""
+        place = f"topic {printable_name(topic)}, message {number} (logged at {log_ns / 1e9:.3f} s)"
+        if isinstance(error, UnreadableStamp):
+            return InputRefused(self.path, place, str(error), 'correct the stamps, or set topics.time = "log"')
+        if isinstance(error, NotANumber):
+            return InputRefused(self.path, place, str(error), "map a field of numbers, or log 0 and 1")
+        if isinstance(error, MissingField):
+            return InputRefused(self.path, place, str(error), NAME_FIELDS)
+        cause = f"cannot be decoded: {describe_error(error)}"
+        return InputRefused(self.path, place, cause, f"check the type's definition; {RECORD_AGAIN}")
 
     def published_channels(self, topic: str) -> list[kinds.Channel]:
         """The channels of a topic that hold messages."""
@@ -77,33 +122,8 @@ class McapContents:
             odd.append(Irregularity("index", "warning", 1, name, text))
         if self.miscounted and not self.lost:
             odd.append(Irregularity("message counts", "warning", 1, name, self.miscounted))
-        lacking = describe_missing_parts(self.path)
-        if lacking:
-            odd.append(Irregularity("split bag", "warning", 1, name, lacking))
+        odd += [Irregularity("split bag", "warning", 1, name, text) for text in describe_odd_parts(self.path)]
         return [*odd, *self.lost]
-
-
-def _message_decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: Path) -> Any:
-    """The decoder of a channel's messages (JSON, CDR, protobuf) from bytes; `InputRefused` for another encoding."""
-    from mcap_protobuf.decoder import DecoderFactory as Protobuf
-    from mcap_ros2.decoder import DecoderFactory as Ros2
-
-    encoding, place = channel.message_encoding, f"topic {channel.topic}"
-    remedy = "record as JSON, CDR (ros2msg) or protobuf"
-    if encoding not in MESSAGE_ENCODINGS:
-        raise InputRefused(path, place, f"encoding {encoding!r} is not read", remedy)
-    if encoding == "json":
-        return json.loads
-    try:
-        with redirect_stderr(StringIO()):
-            decode = (Ros2() if encoding == "cdr" else Protobuf()).decoder_for(encoding, schema)
-    except Exception as error:  # parsers of definitions, which print and raise what they like
-        cause = f"its type's definition cannot be read: {type(error).__name__}: {error}"
-        raise InputRefused(path, place, cause[:SHOWN_CAUSE_LENGTH], remedy) from None
-    if decode is None:
-        with_schema = f"a schema in {schema.encoding!r}" if schema else "no schema"
-        raise InputRefused(path, place, f"encoding {encoding!r} with {with_schema} is not read", remedy)
-    return decode
 
 
 def read_contents(path: Path, topics: Collection[str], allow_partial: bool) -> McapContents:
@@ -114,8 +134,14 @@ def read_contents(path: Path, topics: Collection[str], allow_partial: bool) -> M
     Raises:
         InputRefused: a checksum does not match or the file is cut, with the byte, where no part may be lost.
     """
-    contents = McapContents(path, topics, allow_partial)
-    for i, part in enumerate(recording_files(path)):
+    parts = recording_files(path)
+    contents = McapContents(path, topics, allow_partial, sum(part.stat().st_size for part in parts))
+    for part, cause, step in unread_parts(path):
+        if not allow_partial:
+            raise InputRefused(part, "file", cause, step)
+        text = f"{printable_name(part.name)} {cause}"
+        contents.lost.append(Irregularity("lost", "excluded", 1, printable_name(part.name), text))
+    for i, part in enumerate(parts):
         _read_part(contents, part, i * CHANNELS_PER_FILE)
     return contents
 
@@ -167,12 +193,11 @@ def _read_part(contents: McapContents, path: Path, shift: int) -> None:
             elif not contents.lost:
                 contents.note_lost_part(path, "message counts", text)
     # channels that a lost chunk declared are known by the summary, which repeats them
-    undeclared = sum(channel not in contents.channels for channel, _, _ in contents.messages)
+    undeclared = contents.messages.channels - contents.channels.keys()
     if undeclared:
-        text = f"{undeclared} messages are of channels that are declared nowhere"
+        text = f"{sum(contents.counts[c] for c in undeclared)} messages are of channels that are declared nowhere"
         contents.note_lost_part(path, "channels", text)
-    wanted = {number for number, channel in contents.channels.items() if channel.topic in contents.topics}
-    contents.messages = [m for m in contents.messages if m[0] in wanted]
+    contents.messages.keep({n for n, channel in contents.channels.items() if channel.topic in contents.topics})
 
 
 def _enter_declaration(contents: McapContents, known: dict[int, Any], record: Any) -> None:
@@ -188,12 +213,19 @@ def _add_record(contents: McapContents, entry: McapEntry, shift: int) -> None:
         _enter_declaration(contents, contents.schemas, replace(record, id=record.id + shift))
     elif isinstance(record, kinds.Channel):
         schema = record.schema_id and record.schema_id + shift  # 0 is none
-        _enter_declaration(contents, contents.channels, replace(record, id=record.id + shift, schema_id=schema))
+        channel = replace(record, id=record.id + shift, schema_id=schema, metadata={})
+        _enter_declaration(contents, contents.channels, channel)
     elif isinstance(record, kinds.Message):
         number = record.channel_id + shift
         contents.counts[number] = contents.counts.get(number, 0) + 1
         contents.unverified += not entry.checksummed
         contents.last_ns = record.log_time
-        channel = contents.channels.get(number)
-        if channel is None or channel.topic in contents.topics:
-            contents.messages.append((number, record.log_time, record.data))
+        known = contents.channels.get(number)
+        if known is None or known.topic in contents.topics:
+            contents.messages.add(number, record.log_time, record.data)
+            most = min(
+                MCAP.max_content_bytes, max(MCAP.free_content_bytes, MCAP.max_content_factor * contents.file_bytes)
+            )
+            if len(contents.messages) > MCAP.max_messages or contents.messages.content_bytes > most:
+                cause = f"hold more than {MCAP.max_messages} messages, or than {most} bytes, the most of such a file"
+                raise InputRefused(contents.path, "topics", cause, "cut the recording into takes")

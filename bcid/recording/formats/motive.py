@@ -10,10 +10,14 @@ from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused, Problem, Problems
 from bcid.recording.checks import attitude
 from bcid.recording.formats import motive_header
+from bcid.recording.formats.commands_file import TakeStart, read_commands_file
+from bcid.recording.formats.csv_table import parse_rows
 from bcid.recording.formats.csv_text import CsvText, read_csv_text
+from bcid.recording.formats.floor import poses_in_space
 from bcid.recording.formats.motive_header import MotiveHeader
+from bcid.recording.formats.names import printable_name
+from bcid.recording.formats.numbers import parse_numbers
 from bcid.recording.formats.raw import RawTake, identify_file
-from bcid.recording.formats.tables import parse_numbers, parse_rows, read_commands_file
 from bcid.recording.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Vehicle
@@ -33,14 +37,14 @@ def _parse_frames(file: CsvText, header: MotiveHeader) -> pd.DataFrame:
 
 def _numeric_cells(table: pd.DataFrame, columns: list[int], header: MotiveHeader, path: Path) -> Floats:
     """The table's n columns of these indices as floats (N, n), blank cells NaN; `InputRefused` where one holds text."""
-    part = np.column_stack([parse_numbers(table[c]) for c in columns])
-    bad = np.isnan(part) & table[columns].notna().to_numpy()
-    if bad.any():
-        row, col = np.argwhere(bad)[0]
-        place = f"line {header.table_row + 2 + int(table.index[row])}, column {columns[col] + 1}"
-        cell = table[columns[col]].iloc[row]
-        raise InputRefused(path, place, f"{cell!r} is no number", "export the take again")
-    return part
+    parsed = [parse_numbers(table[c], header.decimal) for c in columns]
+    bad = [(int(p.bad_rows[0]), column) for p, column in zip(parsed, columns, strict=True) if len(p.bad_rows)]
+    if bad:
+        row, column = min(bad)
+        place = f"line {header.table_row + 2 + int(table.index[row])}, column {column + 1}"
+        cell = table[column].iloc[row]
+        raise InputRefused(path, place, f"{printable_name(cell)!r} is no number", "export the take again")
+    return np.column_stack([p.values for p in parsed])
 
 
 def _frame_times(frames: Floats, stated_s: Floats, rate: float, path: Path, header: MotiveHeader) -> Floats:
@@ -96,30 +100,23 @@ def _find_poor_solutions(header: MotiveHeader, body: str, table: pd.DataFrame, s
     return np.asarray((error > max(LIMITS.max_marker_error_m, LIMITS.max_marker_error_factor * usual)) | interpolated)
 
 
-def _yaw_of_rotations(
-    header: MotiveHeader, rotations: Floats, vehicle: Vehicle, time_s: Floats, path: Path
-) -> tuple[Floats, list[Irregularity]]:
-    """Yaw (N,) in rad of quaternions x, y, z, w (N, 4) or Euler angles (N, 3) in degrees; and their irregularities.
+def _read_rotations(header: MotiveHeader, rotations: Floats, path: Path) -> tuple[Floats, list[Irregularity]]:
+    """Quaternions x, y, z, w (N, 4) of rotations (N, 4) as they are, or of Euler angles (N, 3) in degrees; what is odd.
 
     Raises:
-        InputRefused: angles in radians, an unknown order of turns, or too many invalid quaternions.
+        InputRefused: angles in radians, or an unknown order of turns.
     """
     if rotations.shape[1] == 4:
-        return attitude.checked_yaw(rotations, vehicle.mocap.up_axis, time_s, path)
+        return rotations, []
     low, high = np.nanmin(rotations, axis=0, initial=0.0), np.nanmax(rotations, axis=0, initial=0.0)
     wraps = ((low < -LIMITS.min_wrap_rad) & (high > LIMITS.min_wrap_rad)).any()
     if max(-low.min(), high.max()) <= np.pi and wraps:
         cause = "the angles fill -3.14 to 3.14: radians, where Motive writes degrees"
         raise InputRefused(path, "rotation", cause, "export the take again, with quaternions")
-    order = motive_header.euler_rotation_order(header, path)
-    odd = []
+    order, odd = motive_header.euler_rotation_order(header, path), []
     if "Rotation Type" not in header.keys:
         odd = [Irregularity("rotation order", "warning", 1, path.name, f"the header names none: {order} is assumed")]
-    yaw, turns = attitude.checked_yaw(
-        attitude.quaternions_of_euler(rotations, order), vehicle.mocap.up_axis, time_s, path
-    )
-    # the signs of quaternions are made here, not recorded
-    return yaw, [*odd, *(i for i in turns if i.kind != "quaternion sign")]
+    return attitude.quaternions_of_euler(rotations, order), odd
 
 
 def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
@@ -154,14 +151,15 @@ def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
     time_s = _frame_times(frames, stated, rate, path, header)
     world = scale * _numeric_cells(table, [position[a] for a in "XYZ"], header, path)
     turn = _numeric_cells(table, [rotation[a] for a in "XYZW" if a in rotation], header, path)
-    attitude.check_up_axis(world, vehicle.mocap.up_axis, path)
-    floor = attitude.project_to_floor(world, vehicle.mocap.up_axis)
-    yaw, turns = _yaw_of_rotations(header, turn, vehicle, time_s, path)
-    up, lifts = attitude.find_lifted_samples(floor, world[:, "XYZ".index(vehicle.mocap.up_axis)], time_s)
+    quaternions, odd_turns = _read_rotations(header, turn, path)
+    pose, odd_poses = poses_in_space(world, quaternions, vehicle.mocap.up_axis, time_s, path)
+    if "W" not in rotation:
+        # the signs of quaternions are made here, not recorded
+        odd_poses = [i for i in odd_poses if i.kind != "quaternion sign"]
     poor = _find_poor_solutions(header, body, table, scale, path)
-    pose = np.column_stack([floor, yaw])
-    pose[up | poor] = np.nan
-    odd = [*file.irregularities, *odd_rate, *_find_missing_frames(header, len(table), path), *turns, *lifts]
+    pose[poor] = np.nan
+    missing = _find_missing_frames(header, len(table), path)
+    odd = [*file.irregularities, *odd_rate, *missing, *odd_turns, *odd_poses]
     if poor.any():
         text = "the mean marker error is far above the usual, or exactly zero: not measured"
         odd.append(Irregularity("marker error", "excluded", int(poor.sum()), path.name, text))
@@ -174,7 +172,9 @@ def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
     with problems.gather_refusals():
         poses = read_motive_poses(path, vehicle)
     with problems.gather_refusals():
-        file = read_commands_file(commands)
+        offset_s = vehicle.clock.offset_s if vehicle.clock else 0.0
+        start = TakeStart(motive_header.capture_start_time(path), None, offset_s)
+        file = read_commands_file(commands, vehicle.commands, start)
     problems.raise_if_any(path)
     return replace(
         poses, sources=poses.sources + file.sources, command_time_s=file.command_time_s, command=file.command,

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.csv_text import CsvText
+from bcid.recording.formats.csv_text import CsvText, read_csv_text
+from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.raw import nearest_hint
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Vehicle
@@ -30,6 +31,7 @@ class MotiveHeader:
     measures: list[str]  # Rotation, Position, Mean Marker Error, ... per column
     types: list[str]  # Rigid Body, Marker, ... per column
     names: list[str]  # the asset's name per column
+    decimal: str = "."  # the mark of its numbers
 
     def rigid_body_names(self) -> list[str]:
         """The names of the export's rigid bodies, in order."""
@@ -41,6 +43,11 @@ class MotiveHeader:
         return {axis.upper(): i for i, (*column, axis) in columns if column == ["Rigid Body", body, measure]}
 
 
+def _read_keys(first: list[str]) -> dict[str, str]:
+    """The pairs of key and value in an export's first row."""
+    return {k.strip(): v.strip() for k, v in zip(first[::2], first[1::2], strict=False) if k.strip()}
+
+
 def read_motive_header(file: CsvText) -> MotiveHeader:
     """The header of a Motive CSV export: its keys (rates, units), and the kind, name, measure and axis of each column.
 
@@ -48,8 +55,7 @@ def read_motive_header(file: CsvText) -> MotiveHeader:
         InputRefused: a version that is not known, or an export without table or rigid body.
     """
     path, rows = file.path, file.first_rows(HEADER_ROWS)
-    first = rows[0]
-    keys = {k.strip(): v.strip() for k, v in zip(first[::2], first[1::2], strict=False) if k.strip()}
+    keys = _read_keys(rows[0])
     if file.decimal == ",":
         keys = {k: re.sub(r"^(\d+),(\d+)$", r"\1.\2", v) for k, v in keys.items()}
     version = keys.get("Format Version", "")
@@ -66,7 +72,7 @@ def read_motive_header(file: CsvText) -> MotiveHeader:
         raise InputRefused(path, f"lines 1 to {table + 1}", cause, step)
     width = len(rows[table])
     padded = [[*(cell.strip() for cell in row), *[""] * (width - len(row))][:width] for row in rows[: table + 1]]
-    return MotiveHeader(keys, table, padded[table], padded[table - 1], padded[kinds], padded[kinds + 1])
+    return MotiveHeader(keys, table, padded[table], padded[table - 1], padded[kinds], padded[kinds + 1], file.decimal)
 
 
 def choose_rigid_body(header: MotiveHeader, wanted: str | None, path: Path) -> str:
@@ -76,8 +82,8 @@ def choose_rigid_body(header: MotiveHeader, wanted: str | None, path: Path) -> s
         return str(wanted)
     if wanted is None and len(bodies) == 1:
         return bodies[0]
-    cause = "mocap.rigid_body is not set" if wanted is None else f"there is no rigid body {wanted!r}"
-    cause += f"; the export has {', '.join(bodies)}{nearest_hint(wanted or '', bodies)}"
+    cause = "mocap.rigid_body is not set" if wanted is None else f"there is no rigid body {printable_name(wanted)!r}"
+    cause += f"; the export has {list_names(bodies)}{nearest_hint(wanted or '', bodies)}"
     raise InputRefused(path, "rigid bodies", cause, "set mocap.rigid_body in the vehicle file")
 
 
@@ -113,3 +119,8 @@ def euler_rotation_order(header: MotiveHeader, path: Path) -> str:
     if sorted(order) != ["X", "Y", "Z"]:
         raise InputRefused(path, "line 1", f"Rotation Type {order!r} is no order of X, Y, Z", "export quaternions")
     return order
+
+
+def capture_start_time(path: Path) -> str | None:
+    """The export's Capture Start Time as it is written, a local time of Motive's computer; None where there is none."""
+    return _read_keys(read_csv_text(path).first_rows(1)[0]).get("Capture Start Time") or None

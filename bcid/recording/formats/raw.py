@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.mapping import FieldMapping
 from bcid.recording.formats.detect import check_nonempty_file
+from bcid.recording.formats.names import printable_name
 from bcid.recording.types import Irregularity, SourceFile
-from bcid.vehicle import FieldMapping
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class RawTake:
     channels: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
     irregularities: tuple[Irregularity, ...] = ()
     splits_s: tuple[float, ...] = ()  # pose times at which a new segment begins, whatever the poses show
+    several_command_publishers: bool = False  # by the file's own channels
 
 
 def identify_file(path: Path, format_name: str) -> SourceFile:
@@ -40,7 +42,7 @@ def identify_file(path: Path, format_name: str) -> SourceFile:
 def nearest_hint(name: str, names: Iterable[str]) -> str:
     """The part "; nearest: ..." of a message about an unknown `name`; empty where none of `names` resembles it."""
     near = difflib.get_close_matches(name, list(names), n=1)
-    return f"; nearest: {near[0]}" if near else ""
+    return f"; nearest: {printable_name(near[0])}" if near else ""
 
 
 def map_field(field: FieldMapping, column: Callable[[str], Floats]) -> Floats:

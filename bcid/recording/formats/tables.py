@@ -1,173 +1,142 @@
-"""CSV and Parquet tables with a column mapping, and the commands file beside a Motive export."""
+"""CSV and Parquet tables with a column mapping: poses, commands and channels, in the same rows or in their own."""
 
-import io
-import warnings
-from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from bcid.aliases import Floats
-from bcid.errors import InputRefused, Problem, Problems
-from bcid.recording.formats.csv_text import HEAD_LINES, CsvText, read_csv_text
-from bcid.recording.formats.detect import PARQUET_MAGIC
-from bcid.recording.formats.raw import RawTake, identify_file, map_field, nearest_hint, raw_field_names
-from bcid.recording.limits import TABLE as LIMITS
-from bcid.recording.types import COMMANDS_FORMAT, Irregularity
-from bcid.vehicle import OPTIONAL_CHANNELS, Vehicle
-
-SHOWN_COLUMNS = 12  # names of columns in a message
-HEADER_NAMES = "names"  # key of the file's column names among a table's attributes
-COMMAND_COLUMNS = ("time_s", "steering_rad", "throttle_mps")
+from bcid.aliases import Bools, Floats
+from bcid.errors import InputRefused, Problems, UsageError
+from bcid.mapping import Columns
+from bcid.recording.formats.commands_file import TakeStart, read_commands_file
+from bcid.recording.formats.floor import mapped_poses_on_floor
+from bcid.recording.formats.logged_table import read_logged_table
+from bcid.recording.formats.raw import RawTake, identify_file, map_field, raw_field_names
+from bcid.recording.formats.stamps import Stamps
+from bcid.vehicle import Vehicle
 
 
-def read_commands_file(path: Path) -> RawTake:
-    """The commands [steering, throttle] (M, 2) and channels of a CSV file beside a Motive export; no poses (N = 0).
+def _has_own_rows(some: Bools, others: Bools) -> bool:
+    """Whether two streams of a table stand in rows of their own: rows with one of them outnumber those with both."""
+    return bool(some.any() and others.any() and (some ^ others).sum() > (some & others).sum())
 
-    Its columns are `time_s,steering_rad,throttle_mps`, and those of OPTIONAL_CHANNELS that it has.
+
+def _hold_last(values: Floats) -> Floats:
+    """Values (N, n) with each blank cell filled by the last one above it; NaN above the first."""
+    filled = np.empty_like(values)
+    for k, column in enumerate(values.T):
+        last = np.maximum.accumulate(np.where(np.isnan(column), -1, np.arange(len(column))))
+        filled[:, k] = np.where(last >= 0, column[np.maximum(last, 0)], np.nan)
+    return filled
+
+
+def _command_rows(command: Floats, rows: Bools) -> tuple[Floats, Bools]:
+    """Commands (N, 2), and the mask (N,) of their rows, where steering and throttle may have rows of their own.
+
+    If they do, each holds until its next value, and a command begins where both are known.
+    """
+    steering, throttle = ~np.isnan(command.T)
+    if not _has_own_rows(steering, throttle):
+        return command, rows
+    held = _hold_last(command)
+    return held, (steering | throttle) & ~np.isnan(held).any(axis=1)
+
+
+class StreamsOfRows(NamedTuple):
+    """The streams of a table, each with the times and values of its own rows."""
+
+    pose: tuple[Floats, Floats]  # (N,), (N, 3)
+    command: tuple[Floats, Floats]  # (M,), (M, 2)
+    channels: dict[str, tuple[Floats, Floats]]
+
+
+def _part_rows(
+    time_s: Floats, pose: Floats, blank_pose: Bools, command: Floats, channels: dict[str, Floats]
+) -> StreamsOfRows:
+    """The streams of a table with rows at `time_s` (K,): poses (K, 3), commands (K, 2) or (K, 0), channels (K,).
+
+    `blank_pose` (K,) marks rows without any cell of a pose.
+    """
+    every = np.ones(len(time_s), dtype=np.bool_)
+    has_pose = np.logical_not(blank_pose)
+    has_command = np.logical_not(np.isnan(command).all(axis=1)) if command.shape[1] else ~every
+    joined = _has_own_rows(has_pose, has_command)
+    pose_rows, command_rows = (has_pose, has_command) if joined else (every, every)
+    if command.shape[1]:
+        command, command_rows = _command_rows(command, command_rows)
+    else:
+        command, command_rows = np.empty((len(time_s), 2)), ~every
+    parted = dict[str, tuple[Floats, Floats]]()
+    for name, values in channels.items():
+        known = np.logical_not(np.isnan(values))
+        rows = known if _has_own_rows(known, has_pose | has_command) else every
+        parted[name] = (time_s[rows], values[rows])
+    poses, commands = (time_s[pose_rows], pose[pose_rows]), (time_s[command_rows], command[command_rows])
+    return StreamsOfRows(poses, commands, parted)
+
+
+def _read_rows(path: Path, columns: Columns, vehicle: Vehicle) -> tuple[RawTake, Stamps]:
+    """The poses, commands (M = 0 where a commands file holds them) and channels of a table; and its rows' stamps.
 
     Raises:
-        InputRefused: the file or a column is missing, or a cell is no number.
+        InputRefused: a column is missing, or there is text where a number belongs.
     """
-    if not path.exists():
-        step = "put the commands beside the export as NAME.commands.csv, or name them with --commands"
-        raise InputRefused(path, "commands file", "does not exist", step)
-    source, text = identify_file(path, COMMANDS_FORMAT), read_csv_text(path)
-    table = _parse_csv(text)
-    present = [c for c in OPTIONAL_CHANNELS if c in table.columns]
-    remedy = f"the header must read {','.join(COMMAND_COLUMNS)}"
-    column = _numeric_columns(table, [*COMMAND_COLUMNS, *present], path, remedy)
-    if table.empty:
-        raise InputRefused(path, "line 2", "holds a header and no commands", "record the commands again")
-    command = np.column_stack([column[c] for c in COMMAND_COLUMNS[1:]])
-    channels = {c: (column["time_s"], column[c]) for c in present}
-    extra = [str(c) for c in table.columns if c not in (*COMMAND_COLUMNS, *OPTIONAL_CHANNELS)]
-    odd = list(text.irregularities)
-    if extra:
-        odd.append(Irregularity("unknown column", "warning", len(extra), f"{path.name} line 1", ", ".join(extra)))
-    no_poses = (np.empty(0), np.empty((0, 3)))
-    return RawTake(path.stem, (source,), *no_poses, column["time_s"], command, None, channels, tuple(odd))
-
-
-def parse_rows(file: CsvText, **options: Any) -> pd.DataFrame:
-    """The rows of a CSV text as a table, read by `pandas.read_csv` with these options.
-
-    Raises:
-        pandas.errors.ParserError or ParserWarning: a row has more cells than the header.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)
-        text, separator = io.StringIO(file.text), file.separator
-        table: pd.DataFrame = pd.read_csv(
-            text, sep=separator, decimal=file.decimal, index_col=False, low_memory=False, **options
-        )
-    return table
-
-
-def _parse_csv(file: CsvText, comment: str | None = None) -> pd.DataFrame:
-    """The table in a CSV file; `InputRefused` where there is none or its rows are longer than the header."""
-    try:
-        table = parse_rows(file, comment=comment, skipinitialspace=True)
-    except pd.errors.EmptyDataError:
-        raise InputRefused(file.path, "line 1", "holds no table", "export the take again") from None
-    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
-        cause = f"rows are longer than the header, or is no regular CSV (a decimal comma?): {error}"
-        raise InputRefused(file.path, "table", cause, "mend the rows, or export with ; between the cells") from None
-    rows = (row for row in file.first_rows(HEAD_LINES) if row and not (comment and row[0].startswith(comment)))
-    # pandas renames a column whose name comes twice
-    table.attrs[HEADER_NAMES] = [cell.strip() for cell in next(rows, [])]
-    return table
-
-
-def _numeric_columns(table: pd.DataFrame, columns: Iterable[str], path: Path, remedy: str) -> dict[str, Floats]:
-    """The named columns as floats (N,), timestamps in s from the first; `remedy` is the advice of a refusal.
-
-    Raises:
-        InputRefused: columns that are missing, there twice, or hold text, all of them in one error.
-    """
-    wanted, names = list(dict.fromkeys(columns)), table.attrs.get(HEADER_NAMES, [str(c) for c in table.columns])
-    problems, found = Problems(), {}
-    for column in wanted:
-        if column not in table.columns:
-            listed = ", ".join(names[:SHOWN_COLUMNS]) + (" …" if len(names) > SHOWN_COLUMNS else "")
-            cause = f"is not in the file (found: {listed}{nearest_hint(column, names)})"
-            problems.append(Problem(f"column {column!r}", cause, remedy))
-            continue
-        cells = table[column]
-        if names.count(column) > 1:
-            problems.append(Problem(f"column {column!r}", "is there twice", "name the columns apart"))
-        # a timestamp or a time span
-        if cells.dtype.kind in "mM":
-            cells = (cells - cells.min()).dt.total_seconds() if cells.dtype.kind == "M" else cells.dt.total_seconds()
-        values = parse_numbers(cells)
-        text = np.flatnonzero(np.isnan(values) & cells.notna().to_numpy())
-        if len(text):
-            more = f" (and {len(text) - 1} more in this column)" if len(text) > 1 else ""
-            place = f"data row {text[0] + 1}, column {column!r}"
-            problems.append(Problem(place, f"{cells.iloc[text[0]]!r} is no number{more}", "mend or remove such rows"))
-        found[column] = values
+    source = identify_file(path, "table-" + path.suffix.lstrip(".").lower())
+    fields = [*columns.fields, *columns.command_fields, *columns.channels.values()]
+    names = raw_field_names(fields)
+    remedy = "correct [columns] in the vehicle file"
+    table = read_logged_table(path, [*columns.time_s.columns, *names], remedy, columns.comment)
+    if not len(table) and table.columns:
+        raise InputRefused(path, "table", "holds a header and no rows", "export the take again")
+    problems = Problems()
+    with problems.gather_refusals():
+        stamps, odd_stamps = table.stamps(columns.time_s)
+    with problems.gather_refusals():
+        numbers, odd_numbers = table.numbers(names)
+        table.check_units(columns, columns.time_s, vehicle.mocap.metres_per_unit)
     problems.raise_if_any(path)
-    return found
+    finite = stamps.seconds[np.isfinite(stamps.seconds)]
+    first_s = float(finite[0]) if len(finite) else 0.0
+    time_s = stamps.seconds - first_s
+    in_si = np.column_stack([map_field(field, numbers.__getitem__) for field in fields])
+    n, m = len(columns.fields), len(columns.fields) + len(columns.command_fields)
+    pose, odd_poses = mapped_poses_on_floor(list(in_si[:, :n].T), columns, vehicle.mocap, time_s, path)
+    blank_pose = np.asarray(np.isnan(in_si[:, :n]).all(axis=1), dtype=np.bool_)
+    channels = dict(zip(columns.channels, in_si[:, m:].T, strict=True))
+    streams = _part_rows(time_s, pose, blank_pose, in_si[:, n:m], channels)
+    odd = (*table.irregularities, *odd_stamps, *odd_numbers, *odd_poses)
+    take = RawTake(path.stem, (source,), *streams.pose, *streams.command, None, streams.channels, odd)
+    return take, stamps._replace(origin_s=stamps.origin_s + first_s + columns.time_s.offset, seconds=time_s)
 
 
-def parse_numbers(cells: Any) -> Floats:
-    """A table's column as floats (N,): NaN where it holds text, infinite where a number is too large."""
-    try:
-        return np.asarray(pd.to_numeric(cells, errors="coerce"), dtype=float)
-    except OverflowError:  # a number of hundreds of digits
-        return np.asarray(pd.to_numeric(cells.astype(str), errors="coerce"), dtype=float)
-
-
-def _read_parquet(path: Path, wanted: Sequence[str]) -> pd.DataFrame:
-    """Those of the `wanted` columns that a Parquet file has; `InputRefused` if unreadable or beyond LIMITS.max_rows."""
-    import pyarrow.parquet as pq
-    from pyarrow.lib import ArrowException
-
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            rows, names = file.metadata.num_rows, file.schema_arrow.names
-            if rows > LIMITS.max_rows:
-                raise InputRefused(path, "rows", f"has {rows}, {LIMITS.max_rows} are the most", "cut it into takes")
-            table: pd.DataFrame = file.read([n for n in names if n in wanted]).to_pandas(ignore_metadata=True)
-            table.attrs[HEADER_NAMES] = names
-    except (ArrowException, OSError, ValueError, KeyError, TypeError, MemoryError) as error:
-        raise InputRefused(path, "Parquet data", f"cannot be read: {error!r}"[:300], "export the table again") from None
-    return table
-
-
-def read_table(path: Path, vehicle: Vehicle) -> RawTake:
+def read_table(path: Path, vehicle: Vehicle, commands: Path | None = None) -> RawTake:
     """The unchecked poses, commands and channels of a CSV or Parquet table, in SI by `[columns]` of the vehicle file.
+
+    Streams may have rows of their own, as an outer join writes them: a row that is blank in one stream, and has a value
+    of another, is then no sample of the first. Where [columns] maps no command, it stands in the file `commands`, with
+    stamps of the same clock unless [commands] says what they read at the first pose.
 
     Raises:
         InputRefused: there is no mapping or no such column, or text where a number belongs.
+        UsageError: a commands file is named, and the table holds its own commands.
     """
     columns = vehicle.columns
     if columns is None:
         cause = "has no [columns], and the file is no Motive export"
         step = "map the table's columns in the vehicle file, as `bcid init` shows"
         raise InputRefused(path, "vehicle file", cause, step)
-    source = identify_file(path, "table-" + path.suffix.lstrip(".").lower())
-    poses, commands = (columns.x_m, columns.y_m, columns.yaw_rad), (columns.steering_rad, columns.throttle_mps)
-    extra = {name: field for name in OPTIONAL_CHANNELS if (field := getattr(columns, name)) is not None}
-    names = raw_field_names([*poses, *commands, *extra.values()])
-    odd: tuple[Irregularity, ...] = ()
-    with path.open("rb") as file:
-        is_parquet = file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
-    if is_parquet:
-        table = _read_parquet(path, [columns.time_s, *names])
-    else:
-        text = read_csv_text(path, columns.comment)
-        table, odd = _parse_csv(text, columns.comment), text.irregularities
-    if table.empty:
-        raise InputRefused(path, "table", "holds a header and no rows", "export the take again")
-    remedy = "correct [columns] in the vehicle file"
-    column = _numeric_columns(table, [columns.time_s, *names], path, remedy).__getitem__
-    time_s = column(columns.time_s)
-    finite = time_s[np.isfinite(time_s)]
-    time_s = time_s - (finite[0] if len(finite) else 0.0)
-    pose = np.column_stack([map_field(f, column) for f in poses])
-    command = np.column_stack([map_field(f, column) for f in commands])
-    channels = {name: (time_s, map_field(field, column)) for name, field in extra.items()}
-    return RawTake(path.stem, (source,), time_s, pose, time_s, command, None, channels, odd)
+    if columns.command_fields:
+        # a file that merely lies beside the table was not asked for
+        if commands is not None and commands != path.with_suffix(".commands.csv"):
+            raise UsageError(f"--commands {commands}: {path.name} holds its own commands\n  next: leave --commands out")
+        return _read_rows(path, columns, vehicle)[0]
+    if commands is None:
+        step = "map steering_rad and throttle_mps in [columns], or put the commands beside it as NAME.commands.csv"
+        raise InputRefused(path, "commands", "the vehicle file maps no commands of the table", step)
+    poses, stamps = _read_rows(path, columns, vehicle)
+    file = read_commands_file(commands, vehicle.commands, TakeStart(None, stamps))
+    return replace(
+        poses, sources=poses.sources + file.sources, command_time_s=file.command_time_s, command=file.command,
+        channels={**poses.channels, **file.channels}, irregularities=poses.irregularities + file.irregularities,
+    )  # fmt: skip

@@ -1,0 +1,29 @@
+"""`bcid init`: a vehicle file and a pipeline file to start from."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bcid.cli import options
+from bcid.cli.sink import Format, Sink
+from bcid.files.outputs import staged_outputs
+
+OTHER_FOLDER = "name another folder"
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="The folder to write the two files to.")] = Path(),
+    force: options.ForceOption = False,
+    format: options.FormatOption = Format.human,  # noqa: A002
+) -> None:
+    """Write a commented vehicle file and pipeline file to start from."""
+    templates = sorted((Path(__file__).parent / "templates").glob("*.toml"))
+    with staged_outputs(folder, lambda path: force, OTHER_FOLDER) as staged:
+        for template in templates:
+            (staged / template.name).write_bytes(template.read_bytes())
+    targets = [str(folder / template.name) for template in templates]
+    Sink(format).result(
+        {"schema": "bcid.init/1", "files": targets},
+        lambda: "\n".join([*targets, f"next: edit both, then bcid run -p {folder / 'pipeline.toml'}"]),
+    )

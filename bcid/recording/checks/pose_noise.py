@@ -1,0 +1,50 @@
+"""How finely poses are known: the white noise of a pose stream, and the digits that it is written in."""
+
+import math
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.recording.limits import POSE as LIMITS
+
+GAUSSIAN_MAD = 1.4826  # standard deviations in a median absolute deviation
+THIRD_DIFFERENCE = math.sqrt(20.0)  # standard deviations of white noise in that of its third differences
+ROUNDED_DECIMALS = 9  # of changes, beyond which they are errors of the arithmetic
+
+
+def wrap_angles(angle: Floats) -> Floats:
+    """The angles (N,) in rad, each brought into [-pi, pi] by full turns."""
+    return np.asarray(np.angle(np.exp(1j * angle)))
+
+
+def white_noise(pose: Floats) -> Floats:
+    """Standard deviations (3,) of the white noise of x, y (m) and yaw (rad) in poses (N, 3) of an even rate.
+
+    By the median size of third differences, which neither a steady motion and its change, nor some outliers, nor
+    repeats reach; 0 of a few poses.
+    """
+    pose = pose[np.r_[True, (np.diff(pose, axis=0) != 0.0).any(axis=1)]]
+    if len(pose) < 5:
+        return np.zeros(3)
+    step = np.diff(pose, axis=0)
+    step[:, 2] = wrap_angles(step[:, 2])
+    return np.asarray(GAUSSIAN_MAD * np.median(np.abs(np.diff(step, 2, axis=0)), axis=0) / THIRD_DIFFERENCE)
+
+
+def written_digits(values: Floats) -> Floats:
+    """The steps (n,) between neighbouring values that the columns of `values` (N, n) are written in; 0 for fine ones.
+
+    The changes of a coarse column are few different multiples of its digit, those of a fine one nearly all different.
+    Where all are one digit, the column often stays as well, which a steady motion does not.
+    """
+    steps = np.abs(np.diff(values, axis=0)).round(ROUNDED_DECIMALS)
+    # a pose that is held changes in no column
+    rows = (steps > 0.0).any(axis=1) if values.shape[1] > 1 else np.ones(len(steps), dtype=bool)
+    digits = np.zeros(values.shape[1])
+    for k, step in enumerate(steps[rows].T):
+        moved = step[step > 0.0]
+        different = len(np.unique(moved))
+        steady = different == 1 and len(moved) > LIMITS.min_steady_share * len(step)
+        if different < LIMITS.max_coarse_share * len(moved) and not steady:
+            digits[k] = np.quantile(moved, LIMITS.digit_quantile)
+    return digits

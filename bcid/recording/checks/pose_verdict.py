@@ -1,0 +1,45 @@
+"""Whether poses can be a car's at all: noise that hides its motion, a yaw that does not follow its path."""
+
+import numpy as np
+
+from bcid.recording.checks.turning import white_noise_sd
+from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+
+def judge_poses(recording: Recording, vehicle: Vehicle) -> str | None:
+    """The verdict on poses that cannot be fitted: a cause and what mends it; None on all others."""
+    t, pose = recording.poses.time_s, recording.poses.values
+    grid = np.arange(t[0], t[-1], 1.0 / recording.rate_hz)
+    if len(grid) < 5 * recording.rate_hz:
+        return None
+    x, y, yaw = (np.interp(grid, t, column) for column in pose.T)
+    noise = max(white_noise_sd(x), white_noise_sd(y))
+    coarse = np.arange(t[0], t[-1], LIMITS.course_s)
+    X, Y = (np.interp(coarse, t, column) for column in pose.T[:2])
+    step = np.hypot(np.diff(X), np.diff(Y)) / LIMITS.course_s
+    speed = float(np.quantile(step, 0.7))
+    count = max(2.0, LIMITS.period_s * recording.rate_hz)
+    speed_noise = noise * np.sqrt(12.0 / count) / LIMITS.period_s
+    hides_motion = speed_noise > LIMITS.max_speed_noise * speed
+    if hides_motion or noise > LIMITS.max_place_noise * vehicle.body.wheelbase_m:
+        return (
+            f"the positions scatter by {1e3 * noise:.0f} mm, so that the speed over {LIMITS.period_s:g} s is known to "
+            f"{speed_noise:.2g} m/s where the car drives {speed:.2g} m/s: mostly noise; calibrate the tracking, and "
+            "drive again"
+        )
+    moving = step > 0.3 * float(np.quantile(step, 0.95))
+    course = np.unwrap(np.arctan2(np.diff(Y), np.diff(X)))
+    path_turn = float(np.sum(np.abs(np.diff(course))[moving[1:] & moving[:-1]]))
+    if path_turn > LIMITS.least_path_turn_rad and float(np.ptp(yaw)) < LIMITS.standing_yaw_rad:
+        return (
+            f"the yaw stays at {float(np.median(yaw)):.3g} rad while the path turns by {path_turn:.0f} rad: the "
+            "orientation is not logged; give yaw_rad (or the quaternion) of the tracked body"
+        )
+    together = moving[1:] & moving[:-1]
+    yaw_turn = np.diff(np.interp(0.5 * (coarse[1:] + coarse[:-1]), t, pose[:, 2]))[together]
+    path_turns = np.abs(np.diff(course))[together]
+    if len(path_turns) and float(np.median(np.abs(yaw_turn))) > LIMITS.degrees_turn * float(np.median(path_turns)):
+        return "the yaw turns some 57 times as far as the path: it is in degrees, not rad; map it with gain = 0.017453"
+    return None

@@ -1,0 +1,212 @@
+"""Whether the steering commands are those that this car was driven by: how much of its turning they explain, and when.
+
+The yaw rate is v g(delta) (1 + understeer v^2) with any smooth map g of the servo's angle delta: what explains it at
+the true lag is compared with what explains it at other lags, and block by block with the map of the blocks that agree.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats, Ints
+from bcid.recording.checks.agreement import Feature, LagScan, scan_lags
+from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, compare_on_grid
+from bcid.recording.checks.single_track import servo_angles
+from bcid.recording.checks.steering_fit import STARTS
+from bcid.recording.checks.turning import prepare_turning
+from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+MEND_OTHER = "give the commands of this take (--commands FILE, or NAME.commands.csv)"
+LAG_STEP = 2  # rows between the lags at which blocks are compared
+MEND_DEAD = "log the command that is sent to the servo, and drive again"
+
+
+class SteeringAgreement(NamedTuple):
+    """What the steering commands explain of the turning, and what is wrong with them."""
+
+    share: float = 0.0  # explained at the lag
+    lag_s: float = 0.0  # by which the commands act later than stamped, the servo apart
+    judged: bool = False  # whether the car turns variedly enough to tell
+    agrees: bool = False
+    verdict: str | None = None  # a cause and what mends it
+    inverted: bool = False  # whether they fit with the other sign
+    foreign: bool = False  # whether they fit at no offset, as another take's
+    servo: tuple[float, float] = STARTS[0]  # time constant (s) and rate limit (rad/s) with which they explain it
+
+
+def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehicle) -> SteeringAgreement:
+    """How much of the turning the steering commands explain, with a verdict where they cannot be this car's."""
+    v, w, use = motion.speed, motion.turn, motion.use
+    left = w[use] - v[use] * float(v[use] @ w[use]) / max(float(v[use] @ v[use]), 1e-12)
+    varied = float(left @ left) / max(float(w[use] @ w[use]), 1e-12)
+    spread = float(np.std(motion.commands[use, 0]))
+    steady = spread < LIMITS.least_steering_rad
+    turning = float(np.sqrt(np.mean(left**2))) * vehicle.body.wheelbase_m / motion.top_speed
+    if steady:
+        return SteeringAgreement(verdict=_judge_steady(motion, turning, vehicle))
+    if turning < LIMITS.least_turning:
+        expected = spread / LIMITS.largest_unanswered
+        if turning < expected and spread > LIMITS.least_unanswered_rad:
+            return SteeringAgreement(verdict=(
+                f"the steering command varies by {spread:.2g} rad, and the car turns as steadily as if by one angle: "
+                f"commands of another take, or a steering that was off; {MEND_OTHER}"
+            ))  # fmt: skip
+        return SteeringAgreement()
+    scan, delta, servo = _scan_servos(motion, recording, vehicle)
+    # two cubic terms and the understeering one: from one end of the steering to the other
+    leftward = scan.weights[:, 1] + scan.weights[:, 3] + 0.5 * scan.weights[:, 4] > 0.0
+    away = np.abs(scan.lags) > LIMITS.near_s * GRID_HZ
+    scan = scan._replace(share=np.where(away & ~leftward, 0.0, scan.share))
+    near, far = scan.best(-LIMITS.near_s * GRID_HZ, LIMITS.near_s * GRID_HZ), scan.best(-np.inf, np.inf)
+    null = scan.null_share(LIMITS.null_from_s * GRID_HZ)
+    blocks = None
+    elsewhere = scan.share[far] > LIMITS.clear_share and leftward[far]
+    if scan.share[near] < LIMITS.clear_share and varied >= LIMITS.least_varied and not elsewhere:
+        blocks = _judge_blocks(motion, delta)
+    if blocks is not None:
+        return SteeringAgreement(float(scan.share[near]), float(scan.lags[near]) / GRID_HZ, True, False, blocks)
+    # commands half a period late look inverted
+    rival = scan.share[near] + (LIMITS.better_share if leftward[near] else -LIMITS.better_share)
+    if scan.share[far] > max(LIMITS.least_share, rival) and leftward[far]:
+        lag_s = float(scan.lags[far]) / GRID_HZ
+        return SteeringAgreement(float(scan.share[far]), lag_s, True, False, servo=servo)
+    share, lag_s = float(scan.share[near]), float(scan.lags[near]) / GRID_HZ
+    if share > LIMITS.least_share and not leftward[near] and varied >= LIMITS.least_varied:
+        text = "the car turns right where the command says left: the sign is inverted; map it with the other sign"
+        return SteeringAgreement(share, lag_s, True, False, text, inverted=True)
+    if varied < LIMITS.least_varied:
+        return SteeringAgreement(share, lag_s, False, share > LIMITS.least_share, servo=servo)
+    if share > LIMITS.least_share:
+        return SteeringAgreement(share, lag_s, True, True, servo=servo)
+    if share < max(LIMITS.foreign_share, null + LIMITS.better_share):
+        text = (
+            f"the steering commands explain {share:.0%} of the turning, and no more at any offset: they are another "
+            f"take's or another car's; {MEND_OTHER}"
+        )
+        return SteeringAgreement(share, lag_s, True, False, text, foreign=True)
+    return SteeringAgreement(share, lag_s, True, False)
+
+
+def fit_elsewhere(recording: Recording, vehicle: Vehicle) -> bool:
+    """Whether steering commands fit the motion, with their sign, at another time than stamped, or in a part only.
+
+    Where they do, the car seems to turn against them for no other reason.
+    """
+    data = prepare_turning(recording, vehicle)
+    if data is None:
+        return False
+    agreement = judge_steering(compare_on_grid(recording, data, vehicle), recording, vehicle)
+    other = agreement.verdict is not None and not agreement.inverted
+    return agreement.judged and (abs(agreement.lag_s) > LIMITS.near_s or other)
+
+
+def _judge_steady(motion: CommandedMotion, turning: float, vehicle: Vehicle) -> str | None:
+    """The verdict on a steering command that never changes; None where the car turns as steadily as that."""
+    v, w, use = motion.speed, motion.turn, motion.use
+    angle = float(np.median(motion.commands[use, 0]))
+    mean = vehicle.body.wheelbase_m * float(v[use] @ w[use]) / max(float(v[use] @ v[use]), 1e-12)
+    if turning > LIMITS.least_answered:
+        return f"the steering command stays at {angle:.3g} rad while the car turns both ways: it is dead; {MEND_DEAD}"
+    if abs(angle) < LIMITS.least_steering_rad and abs(mean) > LIMITS.least_answered:
+        return f"the steering command stays at {angle:.3g} rad while the car drives circles: it is dead; {MEND_DEAD}"
+    return None
+
+
+def _features(motion: CommandedMotion, delta: Floats) -> list[Feature]:
+    """The terms that explain the yaw rate at the servo's angles delta (N,): the first holds for one constant angle."""
+    x = delta / max(float(np.abs(delta).max()), 1e-9)
+    v, fast = motion.speed, (motion.speed / motion.top_speed) ** 2
+    return [Feature(v, None), Feature(v, x), Feature(v, x * x), Feature(v, x**3), Feature(v * fast, x)]
+
+
+def _scan_servos(
+    motion: CommandedMotion, recording: Recording, vehicle: Vehicle
+) -> tuple[LagScan, Floats, tuple[float, float]]:
+    """What the commands explain at each lag, the servo's angles (N,), T_s (s) and d (rad/s): the stated or the best."""
+    given, limit = vehicle.steering, vehicle.steering.max_angle_rad
+    servos: tuple[tuple[float, float], ...] = STARTS
+    if given.time_constant_s and given.max_rate_radps:
+        servos = ((given.time_constant_s, given.max_rate_radps),)
+    commands, found = recording.commands, list[tuple[float, LagScan, Floats, tuple[float, float]]]()
+    for T_s, d in servos:
+        u_s = np.clip(commands.values[:, 0], -limit, limit)
+        delta = servo_angles(commands.time_s, u_s, motion.time_s, T_s, d, 0.0)
+        scan = scan_lags(motion.turn, motion.use, _features(motion, delta), motion.known)
+        found.append((float(scan.share.max()), scan, delta, (T_s, d)))
+    return max(found, key=lambda f: f[0])[1:]
+
+
+def _judge_blocks(motion: CommandedMotion, delta: Floats) -> str | None:
+    """The verdict on commands that agree with the turning in a part of the take only; None where all agrees.
+
+    The map from angle to turning, and the lag, are those that explain the best part of the blocks best.
+    """
+    block, y = (motion.time_s // LIMITS.block_s).astype(int), motion.turn
+    reach, best = round(LIMITS.near_s * GRID_HZ), None
+    for lag in range(-reach, reach + 1, LAG_STEP):
+        X = np.column_stack([
+            f.still if f.moving is None else f.still * np.roll(f.moving, lag) for f in _features(motion, delta)
+        ])  # fmt: skip
+        edge = np.arange(len(y))
+        use = motion.use & np.roll(motion.known, lag) & (edge >= lag) & (edge < len(y) + min(lag, 0))
+        few = LIMITS.filled_block * LIMITS.block_s * GRID_HZ
+        rows = [r for b in np.unique(block[use]) if len(r := np.flatnonzero(use & (block == b))) > few]
+        if len(rows) < LIMITS.min_blocks:
+            return None
+        for begun in _starts(len(rows)):
+            weights, good, left = _fit_best_part(X, y, rows, begun)
+            if best is None or left < best[0]:
+                best = (left, X @ weights, rows, good)
+    if best is None:
+        return None
+    _, predicted, rows, good = best
+    size = np.array([np.mean(y[r] ** 2) for r in rows])
+    unexplained = np.array([np.mean((y[r] - predicted[r]) ** 2) for r in rows])
+    if 1.0 - unexplained[good].sum() / max(size[good].sum(), 1e-12) < LIMITS.clear_share:
+        return None
+    wrong = np.flatnonzero(unexplained > LIMITS.wrong_block * np.maximum(size, LIMITS.lively_block * size.mean()))
+    if len(wrong) < max(2, LIMITS.wrong_share * len(rows)):
+        return None
+    bad = np.concatenate([rows[i] for i in wrong])
+    when = f"from {motion.time_s[bad[0]]:.0f} to {motion.time_s[bad[-1]]:.0f} s"
+    return f"{when} {_name_block_fault(motion, predicted[bad], bad)}"
+
+
+def _starts(count: int) -> list[list[int]]:
+    """Groups of `count` blocks from which the search for those that agree begins: all, and each third."""
+    third = max(2, count // 3)
+    return [list(range(count)), *(list(range(a, min(a + third, count))) for a in range(0, count - 1, third))]
+
+
+def _fit_best_part(X: Floats, y: Floats, rows: list[Ints], begun: list[int]) -> tuple[Floats, list[int], float]:
+    """Least squares of y (N,) on X (N, n) in the blocks that it explains best (least trimmed squares).
+
+    Returns the weights (n,), the blocks, and the mean square that is left there; `begun` are the first blocks' numbers.
+    """
+    good, weights, left = begun, np.zeros(X.shape[1]), np.zeros(len(rows))
+    for _ in range(8):
+        kept = np.concatenate([rows[i] for i in good])
+        weights, *_ = np.linalg.lstsq(X[kept], y[kept], rcond=None)
+        left = np.array([np.mean((y[r] - X[r] @ weights) ** 2) for r in rows])
+        chosen = sorted(np.argsort(left)[: max(3, round(LIMITS.trusted_blocks * len(rows)))].tolist())
+        if chosen == good:
+            break
+        good = chosen
+    return weights, good, float(left[good].sum())
+
+
+def _name_block_fault(motion: CommandedMotion, predicted: Floats, rows: Ints) -> str:
+    """What is wrong with commands in the `rows` in which they disagree with the turning, and what mends it."""
+    y = motion.turn[rows]
+    agreement = float(predicted @ y) / max(float(np.linalg.norm(predicted) * np.linalg.norm(y)), 1e-12)
+    stands = float(np.median(motion.commands[rows, 0]))
+    standing = np.abs(motion.commands[rows, 0] - stands) < LIMITS.least_steering_rad
+    # a block at the edge is frozen in part
+    if standing.mean() > LIMITS.standing_share:
+        return f"the steering command stands at {stands:.3g} rad while the car turns: it is frozen; cut the take there"
+    if agreement < -LIMITS.least_opposed:
+        opposed = "the car turns right where the command says left, and else as it says"
+        return f"{opposed}: the steering's sign changes; cut the take there"
+    return "the steering commands explain no turning, and else they do: commands of another time; cut the take there"

@@ -1,0 +1,77 @@
+"""CSV tables: their columns by name, as pandas reads the cells."""
+
+import io
+import warnings
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from bcid.errors import InputRefused, Problem, Problems
+from bcid.recording.formats.csv_text import CsvText
+from bcid.recording.formats.stamps import find_pair
+from bcid.recording.formats.table_head import find_table_head
+from bcid.recording.types import Irregularity
+
+MEND_ROWS = "mend the rows, or export with ; between the cells"
+
+
+class CsvColumns(NamedTuple):
+    """The wanted columns of a CSV table by name; the names of all columns; stated units by name; and what was odd."""
+
+    columns: dict[str, pd.Series]
+    names: list[str]
+    units: dict[str, str]
+    irregularities: tuple[Irregularity, ...]
+
+
+def parse_rows(file: CsvText, **options: Any) -> pd.DataFrame:
+    """The rows of a CSV text as a table, read by `pandas.read_csv` with these options.
+
+    Raises:
+        pandas.errors.ParserError or ParserWarning: a row has more cells than the header.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        text, separator = io.StringIO(file.text), file.separator
+        table: pd.DataFrame = pd.read_csv(
+            text, sep=separator, decimal=file.decimal, index_col=False, low_memory=False, **options
+        )
+    return table
+
+
+def read_csv_columns(file: CsvText, wanted: Sequence[str], comment: str | None = None) -> CsvColumns:
+    """Those of the `wanted` columns that a CSV table has; a name that stands for a pair of columns gives both.
+
+    Raises:
+        InputRefused: there are no names or no rows, a wanted column is there twice, or rows are longer than the names.
+    """
+    head, problems = find_table_head(file, wanted), Problems()
+    width = max(len(head.names), 1)
+    try:
+        table = parse_rows(
+            file, comment=comment, skipinitialspace=True, header=None, names=range(width), skiprows=head.body_row
+        )
+    except pd.errors.EmptyDataError:
+        table = pd.DataFrame({i: pd.Series(dtype=float) for i in range(width)})
+    except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+        cause = f"rows are longer than the header, or is no regular CSV (a decimal comma?): {error}"
+        raise InputRefused(file.path, "table", cause.strip(), MEND_ROWS) from None
+    named = max((i for i, name in enumerate(head.names) if name), default=0) + 1
+    if not table[range(named, width)].isna().all(axis=None):
+        cause = f"has {named} column names, and rows of {width} cells: a column without a name, or a decimal comma?"
+        step = "write a name above every column, or export with ; between the cells"
+        raise InputRefused(file.path, "header", cause, step)
+    pairs = [part for name in wanted for part in find_pair(name, head.names) or ()]
+    columns, units = dict[str, pd.Series](), dict[str, str]()
+    for name in dict.fromkeys([*wanted, *pairs]):
+        places = head.indices(name)
+        if len(places) > 1:
+            apart = [both for both in (head.alternatives[i] for i in places) if both]
+            step = f"name the columns apart{f', or map {apart[0]!r}' if apart else ''}"
+            problems.append(Problem(f"column {name!r}", "is there twice", step))
+        elif places:
+            columns[name] = table[places[0]]
+            units |= {name: head.units[places[0]]} if places[0] in head.units else {}
+    problems.raise_if_any(file.path)
+    return CsvColumns(columns, head.all_names, units, (*file.irregularities, *head.irregularities))
