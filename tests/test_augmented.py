@@ -96,7 +96,7 @@ def test_the_past_never_sees_the_future(effects: dict[str, float], estimates: li
 
 @every_model
 def test_saving_and_loading_gives_the_identical_model(effects: dict[str, float], tmp_path: Path) -> None:
-    facts = {"fitted": ["K_t", "C_f"], "se": {"K_t": 2.5}}
+    facts = {"fitted": ("K_t", "C_f"), "se": {"K_t": 2.5}}
     model = augmented(facts, **effects)
     save_model(model, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
@@ -453,5 +453,5 @@ def test_words_that_do_not_fit_a_saved_model_are_refused(tmp_path: Path) -> None
     refused(InputRefused, "blank", *model, "--commands", again)
     again.write_text("time_s,steering_rad,throttle_mps\n0,0.1,1\n")
     refused(InputRefused, "lasts 0 s", *model, "--commands", again)
-    save_model(replace(augmented(), car=CAR._replace(C_f=1e12, F_f_max=1e15)), tmp_path)
+    save_model(replace(augmented(), car=CAR._replace(C_f=1e12, F_f_max=1e12)), tmp_path)
     refused(InputRefused, "diverged", *model, "--commands", again, "--duration", "30")

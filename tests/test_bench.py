@@ -84,10 +84,10 @@ def test_goals_missed_end_with_5_only_where_they_are_checked(
     )
     for more, code in ([], 0), (["--check"], 5):
         monkeypatch.setattr(
-            "sys.argv", ["bcid", "bench", "--only", "newton-euler", "--out", str(tmp_path / "b.json"), *more]
+            "sys.argv", ["bcid", "bench", "--only", "newton-euler", "--out", str(tmp_path / f"{code}.json"), *more]
         )
         with pytest.raises(SystemExit) as ended:
             main()
         assert ended.value.code == code
         assert "60 × missed" in capsys.readouterr().out
-    assert '"missed": true' in (tmp_path / "b.json").read_text()
+    assert '"missed": true' in (tmp_path / "5.json").read_text()

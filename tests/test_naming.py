@@ -196,7 +196,7 @@ def test_no_tyre_is_beyond_any_tyre() -> None:
 @pytest.mark.parametrize("raw", [True, False])
 def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
     """Three per cent too much in every command: of a raw one it is the gain, and nothing is missing."""
-    scaled = null_take._replace(command=null_take.command * [1.0 / 1.03, 1.0])
+    scaled = null_take._replace(command=null_take.command * [1.0 / 1.03, 1.0, 1.0])
     hypothesis = replace(BASE, raw_commands=raw)
     found = searched(fit_base(scaled, hypothesis, SCALES), scaled)
     if raw:

@@ -10,8 +10,8 @@ from bcid.documents.document import Document, Figure, Interval, Number, Part
 class ClockEstimate(Part):
     """Offset and drift of the command clock against the pose clock; null where `reason` says why they are not known.
 
-    The offset includes delays of the steering actuator that the vehicle file does not state, its interval the method's
-    systematic error.
+    Offset and, where the vehicle file does not state it, the servo's time constant are found together, so that the
+    offset is what remains beyond the servo; its interval includes the method's systematic error.
     """
 
     applied_s: float = 0.0  # the offset that the vehicle file states, added to the command times
@@ -20,7 +20,7 @@ class ClockEstimate(Part):
     drift: Number = None  # s/s
     drift_ci95: Interval | None = None  # s/s
     blocks: int = 0  # of the take, that show a delay each
-    explained: Figure = 0.0  # share of the yaw acceleration's variance that the commands explain
+    explained: Figure = 0.0  # share of the yaw rate's variance that the commands explain
     reason: str | None = None
 
 

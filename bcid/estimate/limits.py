@@ -18,12 +18,15 @@ class EstimateLimits:
     min_steering_rows: int = 200
     # Share of the turning that a steering must explain to be identified; clean drives 0.9 and more (tests/fleet.py).
     min_turning_explained: float = 0.8
-    # Most takes that serve to identify the steering, and the longest part (s) of each: a minute gives T_s to 3 %.
+    # Most takes that serve to identify the steering: more add little, and cost a second each.
     max_servo_takes: int = 3
+    # Longest part (s) of each: a minute gives T_s to 3 % (docs/results/checks.json).
     servo_take_s: float = 60.0
-    # Errors of T_s and d (natural logarithm) that no scatter shows, and of T_s in steps of the grid (tests/fleet.py).
+    # Error of T_s (natural logarithm) that no scatter shows: tyres unlike the model's (tests/fleet.py).
     servo_systematic_ln: float = 0.03
+    # Error of T_s in steps of the grid: the servo is followed from row to row (tests/fleet.py).
     servo_systematic_steps: float = 0.1
+    # Error of d (natural logarithm) that no scatter shows: its angle is that of tyres with trim (tests/fleet.py).
     rate_systematic_ln: float = 0.03
     # Standard deviation (natural logarithm) beyond which a constant is not identified: the factor is not known.
     max_servo_sd_ln: float = 0.35

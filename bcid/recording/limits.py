@@ -429,7 +429,7 @@ class ServoLimits:
     # error of a lag by the grid, in steps of it (tests/fleet.py: 1 ms at 100 Hz)
     systematic_steps: float = 0.2
     # error of a delay by a stated time constant: tyres and floor unlike the model's (tests/fleet.py)
-    systematic_share: float = 0.1
+    systematic_share: float = 0.15
     # error of a delay by a time constant that is fitted, too: a servo that is not of first order
     systematic_share_fitted: float = 0.25
     # shortest lag that counts so: that of a fast servo
@@ -502,6 +502,8 @@ class AgreementLimits:
     trusted_blocks: float = 0.4
     # share of a block's rows that must be known
     filled_block: float = 0.3
+    # blocks from which a part that agrees is no chance: a minute
+    many_blocks: int = 12
     # fewest blocks that are judged one by one
     min_blocks: int = 6
     # share of a block's squared yaw rate that is left, from which its commands are wrong: clean blocks 0.15 and less
@@ -520,8 +522,8 @@ class AgreementLimits:
     least_throttle_spread: float = 0.15
     # shortest motion by which a throttle is judged: ten of a driver's decisions
     least_judged_s: float = 15.0
-    # longest offset of a throttle's clock where the steering has none: two topics of one log
-    max_throttle_offset_s: float = 6.0
+    # longest offset that is likelier than any other fault: two clocks that are set by hand
+    max_short_offset_s: float = 6.0
     # acceleration by the top speed (1/s) that a varied throttle leaves, from which it is not this car's
     least_varied_pull: float = 0.05
     # acceleration by the top speed (1/s) that no throttle explains, from which it must: at constant throttle 0.08
@@ -579,9 +581,16 @@ class GeometryLimits:
     # largest commanded angle from which a wheel shows by the car's turning whether it is driven
     least_drive_angle_rad: float = 0.8
     # residuals by the poses' noise, below which nothing is left to explain
-    explained_noise: float = 1.5
-    # residuals with another driven axle by those with the stated one, below which it is that one (case 30: 0.2)
-    drive_scale: float = 0.6
+    explained_noise: float = 1.1
+    # squared residuals beyond the noise with another driven axle by those with the stated one, below which it is that
+    # (tests/fleet.py: 0 to 0.3 where the word is wrong)
+    drive_left: float = 0.4
+    # nats by which that axle must explain the turning better: a likelihood ratio beyond any doubt
+    drive_nats: float = 20.0
+    # share of v^2 w that w does not explain, below which a lever and the tyres' slip cannot be told apart
+    least_speed_variety: float = 0.1
+    # slip of the rear axle by v^2 w (s^2/m) that may then pass for a lever: tyres of 20 m/s^2 per rad
+    slip_lever: float = 0.03
     # share of the wheelbase within which two lengths are the same
     same_share: float = 0.1
     # wheelbase by the stated one, or its inverse, that tyres and calibrations make

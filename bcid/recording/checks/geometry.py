@@ -23,6 +23,7 @@ class ShownGeometry(NamedTuple):
     rear_sd: float
     wheelbase_m: float
     wheelbase_sd: float
+    slip_m: float  # by which the tyres' slip may pass for a lever, where the speed hardly varies
 
 
 def show_geometry(
@@ -59,8 +60,18 @@ def show_geometry(
     spread = np.sqrt(len(parts) - 1.0)
     length = float(np.sqrt(total[0] / max(total[1], 1e-12)))
     return ShownGeometry(
-        _solve(gram.sum(0), cross.sum(0)), float(spread * np.std(rear)), length, float(spread * np.std(base))
+        _solve(gram.sum(0), cross.sum(0)), float(spread * np.std(rear)), length, float(spread * np.std(base)),
+        _slip_lever(gram.sum(0), v_x[rows]),
     )  # fmt: skip
+
+
+def _slip_lever(gram: Floats, v_x: Floats) -> float:
+    """The length (m) that the rear tyres' slip may feign at the speeds v_x (N,); 0 where these vary enough to tell.
+
+    `gram` (3, 3) holds the products of w, v_x and v_x^2 w.
+    """
+    variety = 1.0 - gram[0, 2] ** 2 / max(gram[0, 0] * gram[2, 2], 1e-12)
+    return 0.0 if variety > LIMITS.least_speed_variety else LIMITS.slip_lever * float(np.quantile(v_x**2, 0.9))
 
 
 def hint_at_drive(data: TurningData, vehicle: Vehicle, fit: SteeringFit) -> str | None:
@@ -71,16 +82,19 @@ def hint_at_drive(data: TurningData, vehicle: Vehicle, fit: SteeringFit) -> str 
     explained = fit.scale < LIMITS.explained_noise * data.noise
     if explained or float(np.abs(data.u_s).max()) < LIMITS.least_drive_angle_rad:
         return None
-    given, scales = vehicle.steering, dict[str, float]()
+    given, fits = vehicle.steering, dict[str, SteeringFit]()
     stated = {"T_s": given.time_constant_s, "d": given.max_rate_radps}
     fixed = {name: value for name, value in stated.items() if value is not None}
     for drive in ("front", "rear"):
         if drive != vehicle.body.drive:
             body = vehicle.body.model_copy(update={"drive": drive, "front_drive_share": None})
             other = vehicle.model_copy(update={"body": body})
-            scales[drive] = fit_steering([data], other, fixed, fit.value("delay_s")).scale
-    best = min(scales, key=lambda drive: scales[drive])
-    if scales[best] > LIMITS.drive_scale * fit.scale:
+            fits[drive] = fit_steering([data], other, fixed, fit.value("delay_s"))
+    best = min(fits, key=lambda drive: fits[drive].scale)
+    # what poses of such noise leave of any model
+    left, left_best = (max(f.scale**2 - data.noise**2, 0.0) for f in (fit, fits[best]))
+    nats = fit.misfit * float(np.log((fit.scale / fits[best].scale) ** 2))
+    if left_best > LIMITS.drive_left * left or nats < LIMITS.drive_nats:
         return None
     stated_drive = vehicle.body.drive
     return (
@@ -98,7 +112,7 @@ def hint_at_geometry(shown: ShownGeometry, vehicle: Vehicle) -> str | None:
     body, L = vehicle.body, vehicle.body.wheelbase_m
     marker = (vehicle.mocap.marker_offset_m or (0.0, 0.0))[0]
     off = shown.rear_m - body.cog_to_rear_m
-    apart = abs(off) > LIMITS.rear_share * L + LIMITS.sds * shown.rear_sd
+    apart = abs(off) > LIMITS.rear_share * L + LIMITS.sds * shown.rear_sd + shown.slip_m
     ratio = shown.wheelbase_m / L
     scatter = LIMITS.sds * shown.wheelbase_sd / L
     longer = ratio > LIMITS.wheelbase_factor + scatter or ratio < 1.0 / LIMITS.wheelbase_factor - scatter
@@ -106,6 +120,8 @@ def hint_at_geometry(shown: ShownGeometry, vehicle: Vehicle) -> str | None:
         return None
     moves = f"the axle that does not move sideways lies {shown.rear_m:.3g} m behind the CoG"
     turns = f"the car turns as if its wheelbase were {shown.wheelbase_m:.3g} m"
+    if longer and float(vehicle.steering.max_angle_rad) > LIMITS.least_drive_angle_rad:
+        return f"{turns} where the vehicle file says {L:.3g} m; correct its axles, or the unit or gain of the steering"
     if longer:
         return (
             f"{turns} where the vehicle file says {L:.3g} m; correct body.cog_to_front_m and cog_to_rear_m, or the "

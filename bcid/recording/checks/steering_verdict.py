@@ -62,14 +62,18 @@ def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehic
     near, far = scan.best(-LIMITS.near_s * GRID_HZ, LIMITS.near_s * GRID_HZ), scan.best(-np.inf, np.inf)
     null = scan.null_share(LIMITS.null_from_s * GRID_HZ)
     blocks = None
-    elsewhere = scan.share[far] > LIMITS.clear_share and leftward[far]
+    # regular driving comes round again: only a short offset is likelier than a part that agrees as stamped
+    soon = abs(scan.lags[far]) < LIMITS.max_short_offset_s * GRID_HZ
+    elsewhere = scan.share[far] > LIMITS.clear_share and leftward[far] and soon
     if scan.share[near] < LIMITS.clear_share and varied >= LIMITS.least_varied and not elsewhere:
         blocks = _judge_blocks(motion, delta)
     if blocks is not None:
         return SteeringAgreement(float(scan.share[near]), float(scan.lags[near]) / GRID_HZ, True, False, blocks)
     # commands half a period late look inverted
     rival = scan.share[near] + (LIMITS.better_share if leftward[near] else -LIMITS.better_share)
-    if scan.share[far] > max(LIMITS.least_share, rival) and leftward[far]:
+    # of many long offsets, one fits by chance
+    least = LIMITS.least_share if soon else LIMITS.clear_share
+    if scan.share[far] > max(least, rival) and leftward[far]:
         lag_s = float(scan.lags[far]) / GRID_HZ
         return SteeringAgreement(float(scan.share[far]), lag_s, True, False, servo=servo)
     share, lag_s = float(scan.share[near]), float(scan.lags[near]) / GRID_HZ
@@ -170,8 +174,12 @@ def _judge_blocks(motion: CommandedMotion, delta: Floats) -> str | None:
     if len(wrong) < max(2, LIMITS.wrong_share * len(rows)):
         return None
     bad = np.concatenate([rows[i] for i in wrong])
-    when = f"from {motion.time_s[bad[0]]:.0f} to {motion.time_s[bad[-1]]:.0f} s"
-    return f"{when} {_name_block_fault(motion, predicted[bad], bad)}"
+    fault = _name_block_fault(motion, predicted[bad], bad)
+    if fault is None and len(rows) < LIMITS.many_blocks:
+        # a few blocks agree with any commands
+        return None
+    fault = fault or "the steering commands explain no turning, and else they do: they are of another time"
+    return f"from {motion.time_s[bad[0]]:.0f} to {motion.time_s[bad[-1]]:.0f} s {fault}; cut the take there"
 
 
 def _starts(count: int) -> list[list[int]]:
@@ -197,16 +205,16 @@ def _fit_best_part(X: Floats, y: Floats, rows: list[Ints], begun: list[int]) -> 
     return weights, good, float(left[good].sum())
 
 
-def _name_block_fault(motion: CommandedMotion, predicted: Floats, rows: Ints) -> str:
-    """What is wrong with commands in the `rows` in which they disagree with the turning, and what mends it."""
+def _name_block_fault(motion: CommandedMotion, predicted: Floats, rows: Ints) -> str | None:
+    """What is wrong with commands in the `rows` in which they disagree with the turning; None where nothing says."""
     y = motion.turn[rows]
     agreement = float(predicted @ y) / max(float(np.linalg.norm(predicted) * np.linalg.norm(y)), 1e-12)
     stands = float(np.median(motion.commands[rows, 0]))
     standing = np.abs(motion.commands[rows, 0] - stands) < LIMITS.least_steering_rad
     # a block at the edge is frozen in part
     if standing.mean() > LIMITS.standing_share:
-        return f"the steering command stands at {stands:.3g} rad while the car turns: it is frozen; cut the take there"
+        return f"the steering command stands at {stands:.3g} rad while the car turns: it is frozen"
     if agreement < -LIMITS.least_opposed:
         opposed = "the car turns right where the command says left, and else as it says"
-        return f"{opposed}: the steering's sign changes; cut the take there"
-    return "the steering commands explain no turning, and else they do: commands of another time; cut the take there"
+        return f"{opposed}: the steering's sign changes"
+    return None

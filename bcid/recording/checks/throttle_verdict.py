@@ -26,6 +26,7 @@ class ThrottleAgreement(NamedTuple):
     best_lag_s: float = 0.0  # of the lag at which it explains most
     verdict: str | None = None  # a cause and what mends it
     warning: str | None = None
+    follows: bool = False  # whether the speed is the higher the more throttle there is
 
 
 def judge_throttle(motion: CommandedMotion, vehicle: Vehicle, steering_lag_s: float | None) -> ThrottleAgreement:
@@ -39,7 +40,7 @@ def judge_throttle(motion: CommandedMotion, vehicle: Vehicle, steering_lag_s: fl
     scan, simple = _scan(motion, rich=True), _scan(motion, rich=False)
     reach = LIMITS.near_s * GRID_HZ
     middle = 0.0 if steering_lag_s is None else steering_lag_s * GRID_HZ
-    far = LIMITS.max_throttle_offset_s * GRID_HZ
+    far = LIMITS.max_short_offset_s * GRID_HZ
     near, best = scan.best(middle - reach, middle + reach), scan.best(middle - far, middle + far)
     share, lag_s = float(scan.share[near]), float(scan.lags[near]) / GRID_HZ
     best_lag_s = float(scan.lags[best]) / GRID_HZ
@@ -50,10 +51,15 @@ def judge_throttle(motion: CommandedMotion, vehicle: Vehicle, steering_lag_s: fl
         return agreement._replace(verdict=_judge_steady(motion, unexplained))
     null = scan.null_share(LIMITS.null_from_s * GRID_HZ)
     k = simple.best(middle - reach, middle + reach)
-    gain = float(simple.weights[k][-1])
+    window = np.abs(simple.lags - middle) <= reach
+    gains = simple.weights[:, -1]
+    gain, rising = float(gains[k]), float(np.max(simple.share[window & (gains > 0.0)], initial=0.0))
     moved = np.roll(u_m, round(lag_s * GRID_HZ))[use]
     follows = float(np.corrcoef(moved, motion.speed[use])[0, 1]) > 0.0
-    if gain < 0.0 and not follows and simple.share[k] > max(LIMITS.foreign_throttle_share, null):
+    agreement = agreement._replace(follows=follows)
+    # what rises and falls slowly fits with either sign, a little earlier or later
+    inverted = gain < 0.0 and rising < 0.5 * simple.share[k] and not follows
+    if inverted and simple.share[k] > max(LIMITS.foreign_throttle_share, null):
         text = "the car slows where the throttle rises: its sign is inverted; map it with the other sign"
         return agreement._replace(verdict=text)
     verdict, warning = _judge_unit(motion, vehicle, lag_s)

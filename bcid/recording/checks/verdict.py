@@ -75,7 +75,7 @@ def raise_likely_cause(recording: Recording, vehicle: Vehicle) -> None:
             continue
         steering, throttle = compare_commands(other, data, vehicle)
         fits = steering.verdict is None and throttle.verdict is None and throttle.share > LIMITS.foreign_throttle_share
-        if fits and steering.share > LIMITS.least_share:
+        if fits and throttle.follows and steering.share > LIMITS.least_share:
             shares = f"{steering.share:.0%} of the turning and {throttle.share:.0%} of the acceleration"
             raise InputRefused(source, place, f"{cause} {shares}", step)
 
