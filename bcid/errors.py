@@ -22,6 +22,11 @@ def printable(text: str, kept: str = "\n") -> str:
     return "".join(c if c.isprintable() or c in kept or category(c) == "Zs" else "�" for c in text)
 
 
+def shorten(text: str, length: int) -> str:
+    """The text, or its first `length` characters and an ellipsis."""
+    return text[:length] + "…" if len(text) > length else text
+
+
 class Problem(NamedTuple):
     """One thing that is wrong with a file."""
 

@@ -184,12 +184,6 @@ class Vehicle(Settings):
         return 1.0 if self.body.drive == "front" else 0.0
 
     @property
-    def has_brake(self) -> bool:
-        """Whether anything brakes the car: the throttle below zero, or a channel of its own."""
-        mapped = (self.columns, self.commands, self.topics.command_fields if self.topics else None)
-        return not self.motor.reverses or any(m.brake_share is not None for m in mapped if m is not None)
-
-    @property
     def has_raw_steering(self) -> bool:
         """Whether steering commands come in raw units, which a gain or calibration points turn into rad."""
         mapped = (self.columns, self.commands, self.topics.command_fields if self.topics else None)

@@ -32,6 +32,7 @@ TOLD = (
     "other commands",
     "clock offset",
     "clock drift",
+    "clock jump",
     "vehicle file",
     "yaw offset",
     "scale",

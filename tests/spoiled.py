@@ -42,8 +42,9 @@ def another_take(drive: Drive, rng: np.random.Generator) -> RawTake:
 
 
 def half(t: Floats, first: Floats, second: Floats, share: float = 0.5) -> Floats:
-    """The `first` commands (M, 2) up to a share of the take, the `second` from there on."""
-    return np.where((t < t[0] + share * (t[-1] - t[0]))[:, None], first, second)
+    """The `first` values (M, ...) up to a share of the take of times (M,), the `second` from there on."""
+    early = t < t[0] + share * (t[-1] - t[0])
+    return np.where(early.reshape(-1, *[1] * (first.ndim - 1)), first, second)
 
 
 def throttle_of_another(drive: Drive, rng: np.random.Generator) -> RawTake:
@@ -64,6 +65,17 @@ SPOILED = {
     "3 s early": Spoiled(lambda d, rng: shifted(d.raw, -3.0), r"(3\.\d|2\.9\d?)\d* (to .* )?s early"),
     "1 s late": Spoiled(lambda d, rng: shifted(d.raw, 1.0), "late"),
     "half a second late": Spoiled(lambda d, rng: shifted(d.raw, 0.5), "ms late"),
+    "poses 1.5 s later from the middle on": Spoiled(
+        lambda d, rng: replace(d.raw, pose_time_s=half(d.raw.pose_time_s, d.raw.pose_time_s, d.raw.pose_time_s + 1.5)),
+        r"1\.[456] s earlier",
+    ),
+    "commands 0.5 s later from the middle on": Spoiled(
+        lambda d, rng: replace(
+            d.raw,
+            command_time_s=half(d.raw.command_time_s, d.raw.command_time_s, d.raw.command_time_s + 0.5),
+        ),
+        r"0\.[456] s later",
+    ),
     "steering zero": Spoiled(commands(lambda t, u: u * [0.0, 1.0]), "steering command stays at 0"),
     "steering stuck": Spoiled(commands(lambda t, u: u * [0.0, 1.0] + [0.1, 0.0]), "steering command stays at 0.1"),
     "steering frozen from the middle on": Spoiled(

@@ -48,7 +48,7 @@ def said(lab: Lab, path: Path, vehicle: Vehicle) -> list[str]:
 
 
 def test_every_row_is_tried() -> None:
-    assert {*ROWS, *ELSEWHERE} >= {*range(1, 55), *range(71, 77), *range(81, 89)}
+    assert {*ROWS, *ELSEWHERE} >= {*range(1, 55), *range(61, 66), *range(71, 77), *range(81, 89), *range(91, 95)}
 
 
 @pytest.mark.parametrize("number", sorted(ROWS))

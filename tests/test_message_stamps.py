@@ -46,6 +46,8 @@ def test_nothing_is_no_stamp(nothing: Any) -> None:
         True, float("inf"), float("nan"), 10**400, "1e400", "1e999999999", "yesterday", "20:26:40",
         "2026-13-01T00:00:00Z", {"sec": True, "nanosec": 0}, {"sec": "5", "nanosec": 0}, {"nanosec": 5},
         {"sec": 1, "nsec": 2, "nanosec": 2}, [1, 2], {"sec": float("inf"), "nanosec": 0},
+        {"sec": 1, "nanosec": 1_500_000_000}, {"sec": 1, "nanosec": -5}, {"secs": 1, "nsecs": 10**9},
+        {"sec": 1, "usec": 1_000_000}, {"seconds": 1, "nanos": -1},
     ],
 )  # fmt: skip
 def test_what_is_no_stamp_is_refused(stamp: Any) -> None:

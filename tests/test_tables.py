@@ -218,6 +218,21 @@ def test_two_columns_of_a_stamp_are_found(names: tuple[str, str], tmp_path: Path
     np.testing.assert_allclose(read(tmp_path, table(write, head), columns=mapped).pose_time_s, T, atol=1e-9)
 
 
+@pytest.mark.parametrize("wrong", ["1500000000", "-5", "1000000000", "half"])
+@pytest.mark.parametrize("in_a_cell", [False, True])
+def test_nanoseconds_that_are_no_part_of_a_second_are_refused(wrong: str, in_a_cell: bool, tmp_path: Path) -> None:
+    def write(k: int) -> str:
+        sec, part = str(1_780_000_000 + k // 100), wrong if k == 7 else str(k % 100 * 10_000_000)
+        stamp = f"\"{{'sec': {sec}, 'nanosec': {part}}}\"" if in_a_cell else f"{sec},{part}"
+        return f"{stamp},{row(k).partition(',')[2]}"
+
+    head = HEAD if in_a_cell else "t.sec,t.nanosec,x,y,w,s,u\n"
+    # a text that begins otherwise is no pair at all
+    place = r"data row \d+" if in_a_cell and not wrong.isdigit() else "data row 8"
+    with pytest.raises(InputRefused, match=rf"{place}, column 't.*is no stamp"):
+        read(tmp_path, table(write, head))
+
+
 def test_rows_of_their_own_are_no_dropouts(tmp_path: Path) -> None:
     """As an outer join of poses at 100 Hz, steering at 10 Hz and throttle at 10 Hz between them."""
 

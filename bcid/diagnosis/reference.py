@@ -114,7 +114,7 @@ def _check_parameters(path: Path, file: ParameterFile, vehicle: Vehicle, optiona
     none.
     """
     motor = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
-    required = {*motor, *TYRES, *DRAG} - (set() if vehicle.has_brake else {"K_b"})
+    required = {*motor, *TYRES, *DRAG}
     given = file.parameters
     wrong = {
         "lacks": sorted(required - set(given)),

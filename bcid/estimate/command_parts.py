@@ -118,14 +118,21 @@ def shift_to_commands(command_s: Floats, command: Floats, period_s: float) -> fl
     return float(np.r_[0.0, candidates][best] * period_s) if losses[best] < LIMITS.shift_gain * losses[0] else 0.0
 
 
+def braked_share(parts: Floats) -> float:
+    """Share of the time in which a brake of its own is on, of `parts` (N, W, 4); learnt models are not told of it."""
+    duration = parts[..., 0]
+    return float(duration[parts[..., 3] > 0.0].sum() / duration.sum()) if duration.any() else 0.0
+
+
 def variance_lost(parts: Floats) -> tuple[float, float]:
     """Shares of the variance of steering and throttle commands that lie within periods, of `parts` (N, W, 4).
 
     It is what a model that is given the mean command of each period does not know.
     """
     duration, values = parts[..., :1], parts[..., 1:3]
-    mean = mean_commands(parts)
-    within = (duration * (values - mean[:, None]) ** 2).sum(axis=(0, 1))
+    if not duration.any():
+        return 0.0, 0.0
+    within = (duration * (values - mean_commands(parts)[:, None]) ** 2).sum(axis=(0, 1))
     overall = (duration * (values - (duration * values).sum(axis=(0, 1)) / duration.sum()) ** 2).sum(axis=(0, 1))
     steering, throttle = np.divide(within, overall, out=np.zeros(2), where=overall > 0.0).tolist()
     return steering, throttle

@@ -9,7 +9,7 @@ from pydantic import Field
 from bcid.aliases import Floats
 from bcid.documents.document import Document, NotNegative
 from bcid.errors import InputRefused
-from bcid.estimate.command_parts import SAME_TIME_S, variance_lost
+from bcid.estimate.command_parts import SAME_TIME_S, braked_share, variance_lost
 from bcid.estimate.consistency import Truth
 from bcid.estimate.limits import LIMITS
 from bcid.estimate.tuning import Tuning
@@ -39,6 +39,7 @@ class EstimateSummary(Document):
     tuning: Tuning
     filter: FilterSummary
     variance_lost: tuple[NotNegative, NotNegative] = (0.0, 0.0)  # shares of steering and throttle within periods
+    braked_share: NotNegative = 0.0  # of the time, by a brake of its own
 
     def describe_resampling(self) -> str:
         """What models of a fixed period are not told of the commands, in words; empty where it is next to nothing."""
@@ -49,7 +50,10 @@ class EstimateSummary(Document):
             if share >= LIMITS.told_variance_lost
         ]
         lies = "lies" if len(told) == 1 else "lie"
-        return f"{' and '.join(told)} {lies} within the periods, whose means learnt models are given" if told else ""
+        texts = [f"{' and '.join(told)} {lies} within the periods, whose means learnt models are given"] if told else []
+        if self.braked_share > 0.0:
+            texts.append(f"the brake is on {self.braked_share:.0%} of the time, of which learnt models are not told")
+        return "; ".join(texts)
 
 
 def save_estimate(estimate: Estimate, folder: Path) -> None:
@@ -69,7 +73,12 @@ def save_estimate(estimate: Estimate, folder: Path) -> None:
     row, column = np.nonzero(e.parts[:, :, 0] > 0.0)
     write_columns(folder / "commands.parquet", np.column_stack([row, e.parts[row, column]]), COMMAND_COLUMNS)
     summary = EstimateSummary(
-        name=e.name, period_s=e.period_s, tuning=e.tuning, filter=e.filter, variance_lost=variance_lost(e.parts)
+        name=e.name,
+        period_s=e.period_s,
+        tuning=e.tuning,
+        filter=e.filter,
+        variance_lost=variance_lost(e.parts),
+        braked_share=braked_share(e.parts),
     )
     summary.write(folder / "estimate.json")
 

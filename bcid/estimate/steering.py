@@ -26,9 +26,10 @@ NO_LIMIT_RADPS = 200.0  # faster than any servo: as good as no rate limit
 def identify_steering(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[float, float, SteeringOrigin]:
     """The steering's time constant T_s (s) and rate limit d (rad/s), and the origin of each, with 95 % intervals.
 
-    A constant that the vehicle file states is kept ("given").  Others are "identified" where the recordings show them;
-    a rate limit that the commands never reach, or a time constant that no turning shows, is "default": the steering
-    then moves as it would without it.  The commands' clock counts as exact.
+    A constant that the vehicle file states is kept ("given").  Others are "identified" where the recordings show them,
+    without an interval where one ends at a bound of its search.  What they do not show is "default": the documented
+    time constant; a rate limit that the commands never reach, with which the steering moves as without any.  A dead
+    time, or a clock that is a little off, is fitted beside them, so that it is not taken for the servo's lag.
     """
     given = vehicle.steering
     stated = {"T_s": given.time_constant_s, "d": given.max_rate_radps}
@@ -36,37 +37,48 @@ def identify_steering(recordings: Sequence[Recording], vehicle: Vehicle) -> tupl
     T_s = given.time_constant_s or raw_motion.DEFAULT_TIME_CONSTANT_S
     d = given.max_rate_radps or raw_motion.DEFAULT_RATE_RADPS
     takes = [] if len(fixed) == len(stated) else _lively_takes(recordings, vehicle)
-    fit = fit_steering(takes, vehicle, {"delay_s": 0.0, **fixed}) if takes else None
+    fit = fit_steering(takes, vehicle, fixed) if takes else None
     if fit is None or fit.explained < LIMITS.min_turning_explained:
         return T_s, d, SteeringOrigin(**_origins(fixed, "default"))
     reached = True
     if "d" not in fixed:
-        unlimited = fit_steering(takes, vehicle, {"delay_s": 0.0, **fixed, "d": NO_LIMIT_RADPS}, start=fit.theta)
+        unlimited = fit_steering(takes, vehicle, {**fixed, "d": NO_LIMIT_RADPS}, start=fit.theta)
         reached = _shows_rate_limit(fit, unlimited)
         fit = fit if reached else unlimited
     origin = _origins(fixed, "identified")
     T_s_ci95 = d_ci95 = None
-    at_bound = False
+    at_bound = list[str]()
     if "T_s" not in fixed:
         sd = float(np.hypot(fit.sd("T_s"), LIMITS.servo_systematic_ln))
         sd = float(np.hypot(sd, LIMITS.servo_systematic_steps * takes[0].step_s / fit.value("T_s")))
-        at_bound = fit.value("T_s") < T_S_RANGE[0] or fit.value("T_s") > T_S_RANGE[1]
-        T_s = float(np.clip(fit.value("T_s"), *T_S_RANGE))
-        origin["T_s"] = "identified" if sd < LIMITS.max_servo_sd_ln else "default"
-        T_s_ci95 = (T_s * np.exp(-1.96 * sd), T_s * np.exp(1.96 * sd))
-    if "d" not in fixed:
-        d = float(np.clip(fit.value("d"), *D_RANGE))
-        if reached:
-            sd = float(np.hypot(fit.sd("d"), LIMITS.rate_systematic_ln))
-            d_ci95 = (d * np.exp(-1.96 * sd), d * np.exp(1.96 * sd))
+        # of a servo that is faster than the bound in any case, not even the size need be known
+        if sd < LIMITS.max_servo_sd_ln or fit.value("T_s") * np.exp(1.96 * sd) < T_S_RANGE[0]:
+            T_s, T_s_ci95 = _within(fit.value("T_s"), sd, T_S_RANGE)
+            at_bound += ["T_s"] * (T_s_ci95 is None)
         else:
-            origin["d"] = "default"
-            fastest = LIMITS.unreached_rate_factor * max(_fastest(t, fit) for t in takes)
-            d = float(np.clip(fastest, raw_motion.DEFAULT_RATE_RADPS, D_RANGE[1]))
+            origin["T_s"] = "default"
+    if "d" not in fixed and reached:
+        d, d_ci95 = _within(fit.value("d"), float(np.hypot(fit.sd("d"), LIMITS.rate_systematic_ln)), D_RANGE)
+        at_bound += ["d"] * (d_ci95 is None)
+    elif "d" not in fixed:
+        origin["d"] = "default"
+        fastest = LIMITS.unreached_rate_factor * max(_fastest(t, fit) for t in takes)
+        d = float(np.clip(fastest, raw_motion.DEFAULT_RATE_RADPS, D_RANGE[1]))
     rate_reached = reached if "d" not in fixed else None
     return T_s, d, SteeringOrigin(
-        **origin, at_bound=at_bound, rate_reached=rate_reached, T_s_ci95=T_s_ci95, d_ci95=d_ci95
+        **origin, at_bound=tuple(at_bound), rate_reached=rate_reached, T_s_ci95=T_s_ci95, d_ci95=d_ci95
     )  # fmt: skip
+
+
+def _within(value: float, sd_ln: float, bounds: tuple[float, float]) -> tuple[float, tuple[float, float] | None]:
+    """A fitted value kept within `bounds`, and its 95 % interval by the standard deviation of its natural logarithm.
+
+    There is no interval where a bound is met: the value that fits best lies beyond it.
+    """
+    low, high = bounds
+    if not low <= value <= high:
+        return float(np.clip(value, low, high)), None
+    return value, (value * float(np.exp(-1.96 * sd_ln)), value * float(np.exp(1.96 * sd_ln)))
 
 
 def _origins(fixed: dict[str, float], source: Origin) -> dict[str, Origin]:

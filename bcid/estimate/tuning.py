@@ -49,20 +49,19 @@ class SteeringOrigin(Part):
 
     T_s: Origin = "given"
     d: Origin = "given"
-    at_bound: bool = False  # an identified constant stopped at a bound of its search
+    at_bound: tuple[str, ...] = ()  # identified constants that stopped at a bound of their search
     rate_reached: bool | None = None  # the commands drive the steering at d; None where it was not sought
     T_s_ci95: Interval | None = None  # s, of what was identified
     d_ci95: Interval | None = None  # rad/s
 
-    @property
-    def poorly_identified(self) -> bool:
-        """Whether a constant stopped at its bound, or d was identified from commands that never reach it."""
-        return self.at_bound or (self.d == "identified" and not self.rate_reached)
-
-
-def _interval_text(ends: tuple[float, float] | None) -> str:
-    """A 95 % interval as it stands behind a constant's origin; empty for None."""
-    return "" if ends is None else f", 95 %: {ends[0]:.3g} to {ends[1]:.3g}"
+    def describe(self, name: Literal["T_s", "d"]) -> str:
+        """The origin of a constant in words, with its 95 % interval, or why there is none."""
+        origin, ends = (self.T_s, self.T_s_ci95) if name == "T_s" else (self.d, self.d_ci95)
+        if name in self.at_bound:
+            return f"{origin}, at the bound of its search: no interval"
+        if origin == "default":
+            return "default: the turning does not tell it"
+        return origin if ends is None else f"{origin}, 95 %: {ends[0]:.3g} to {ends[1]:.3g}"
 
 
 class Tuning(Document):
@@ -80,13 +79,13 @@ class Tuning(Document):
         """Names and values of T_s and d as text, with their origin, and what makes the tuning doubtful."""
         origin = self.steering
         lines = [
-            ("T_s", f"{self.T_s:.3g} s ({origin.T_s}{_interval_text(origin.T_s_ci95)})"),
-            ("d", f"{self.d:.3g} rad/s ({origin.d}{_interval_text(origin.d_ci95)})"),
+            ("T_s", f"{self.T_s:.3g} s ({origin.describe('T_s')})"),
+            ("d", f"{self.d:.3g} rad/s ({origin.describe('d')})"),
         ]
         if origin.rate_reached is False:
             lines.append(("steering", "never driven to its rate limit, which is not identified"))
         if origin.at_bound:
-            lines.append(("steering", "T_s at its bound: not well identified"))
+            lines.append(("steering", f"{' and '.join(origin.at_bound)} at a bound: not well identified"))
         if self.noise_at_bound:
             lines.append(("noise at its bound", ", ".join(self.noise_at_bound)))
         return lines

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, shorten
 from bcid.files.limits import LIMITS
 from bcid.files.regular import read_regular_file
 
@@ -36,6 +36,8 @@ PathText = Annotated[Path, Field(strict=False), AfterValidator(_check_path_text)
 
 BACKSLASHES = r"write paths with /, or on Windows in single quotes: in double quotes \t is a tab and no folder's t"
 """What to do about a path whose backslashes were read as escapes."""
+
+SHOWN_KEY_LENGTH = 80  # characters of a key in a message
 
 S = TypeVar("S", bound=Settings)
 
@@ -84,7 +86,7 @@ def validate_settings(path: Path, kind: type[S], data: Mapping[str, Any], what: 
 
 def _describe_problem(error: dict[str, Any], kind: type[BaseModel]) -> tuple[str, str]:
     """Place and cause, as text, of one of pydantic's errors on settings of `kind`; unknown keys get a suggestion."""
-    place = ".".join(str(part) for part in error["loc"])
+    place = ".".join(shorten(str(part), SHOWN_KEY_LENGTH) for part in error["loc"])
     if error["type"] != "extra_forbidden":
         return place, f"{place}: {error['msg']}"
     known = _known_keys(kind, error["loc"])

@@ -105,7 +105,7 @@ class Hypothesis:
     def log_parameters(self) -> tuple[str, ...]:
         """Symbols of the base parameters that the parameter vector phi holds as logarithms, in its order."""
         motor = FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW
-        return (*(s for s in motor if s != "K_b" or self.nominal.K_b > 0.0), *TYRES, *self.unknown_steering)
+        return (*motor, *TYRES, *self.unknown_steering)
 
     @property
     def drag_units(self) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -137,11 +138,12 @@ def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_ST
     kept, means = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
     groups, begin, start = [], [], []
     for stretch in estimate.segments():
+        end = float(estimate.time_s[stretch.stop - 1]) - zero + 2e-9  # of the stretch, its last row included
         for k in range(stretch.start, stretch.stop - rows, rows):
-            # predictions begin at an integration step, the nearest to the grid's row
-            step = round((float(estimate.time_s[k]) - zero) / h)
+            # predictions begin at an integration step, the first from the row on: before it may be another stretch
+            step = math.ceil((float(estimate.time_s[k]) - zero) / h - 1e-6)
             t_0 = step * h
-            mine = np.flatnonzero((stamp >= t_0 - 1e-9) & (stamp < t_0 + SEGMENT_S - 1e-9))
+            mine = np.flatnonzero((stamp >= t_0 - 1e-9) & (stamp < min(t_0 + SEGMENT_S, end) - 1e-9))
             group = np.unique(np.floor((stamp[mine] - t_0 + 1e-9) / GROUP_S), return_inverse=True)[1]
             if len(mine) == 0 or group[-1] + 1 < least:
                 continue

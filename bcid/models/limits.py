@@ -61,6 +61,9 @@ class ModelLimits:
     max_constant: float = 1e12
     # Length (s) of the recording that a saved model's effects count in: four months.
     max_recording_s: float = 1e7
+    # Periods over which a saved model's commands may be delayed: those on their way are copied at every step, and so
+    # many cost it 60 µs.
+    max_delay_periods: int = 1000
     # Steering command (rad) of a saved model: half a turn.
     max_steering_rad: float = 3.1416
     # Terms of an equation of a saved K-SINDy, forty times the library's: a step works through all of them.

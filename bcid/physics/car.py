@@ -104,7 +104,10 @@ def motor_force(u_m: float, v_w: float, p: Car) -> float:
 
 @njit_inline
 def with_brake(p: Car, brake_share: float) -> Car:
-    """The car `p` while its brake is on: its rolling drag R_1 grown by K_b times `brake_share`, from 0 to 1."""
+    """The car `p` while its brake is on: its rolling drag R_1 grown by K_b times `brake_share`, from 0 to 1.
+
+    It is the throttle's brake (docs/errata.md row 13) without the motor's limit: a brake of its own is not the motor.
+    """
     return Car(
         p.m, p.I_z, p.l_f, p.l_r, p.T_s, p.d, p.F_m_max, p.K_t, p.K_b, p.C_f, p.C_r, p.F_f_max, p.F_r_max,
         p.R_1 + brake_share * p.K_b, p.R_2, p.v_0, p.front_share, p.sets_force, p.u_0, p.K_v, p.reverses,

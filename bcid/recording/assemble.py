@@ -106,6 +106,8 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
     if problems:
         Problems([*problems, *misread]).raise_if_any(source)
     pose = _move_to_cog(np.column_stack([poses.values[:, :2], np.unwrap(poses.values[:, 2])]), vehicle)
+    rows = [np.searchsorted(poses.time_s, at, side="right") for _, at in samples.find_set_backs(raw.pose_time_s)]
+    breaks = [*breaks, *(float(poses.time_s[row]) for row in rows if row < len(poses.time_s))]
     # in a table, whose rows hold both, a missing row is noted as a pose
     one_table = np.array_equal(raw.pose_time_s, raw.command_time_s)
     step_s = hold_s if one_table else samples.longest_command_step(commands.time_s, hold_s)

@@ -18,8 +18,10 @@ POSE_UNITS = {"time": "s", "x": "m", "y": "m", "yaw": "rad"}
 COMMAND_UNITS = {"time": "s", "steering": "rad", "throttle": "m/s or brake share"}
 CHANNEL_UNITS = {"time": "s", "value": "SI"}
 
-MIN_POSES = 2
-"""Of a recording, without which it has no motion."""
+MIN_POSES, MIN_SAMPLES = 2, 1
+"""Fewest poses of a recording, without which it has no motion, and fewest samples of every other stream."""
+MAX_VALUE = 1e9
+"""Size (SI) that no sample of a recording has, and with which estimates can still be computed."""
 Positive = Annotated[float, Field(gt=0.0)]
 ChannelName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
 """The name of a channel, which is part of a file's name: no path."""
@@ -84,9 +86,7 @@ def load_recording(folder: Path) -> Recording:
         InputRefused: a file is damaged, or holds what no recording does.
     """
     summary = RecordingSummary.read(folder / "recording.json")
-    poses = _read_stream(folder / "poses.parquet", POSE_UNITS)
-    if len(poses) < MIN_POSES:
-        raise InputRefused(folder / "poses.parquet", "rows", f"fewer than {MIN_POSES}", "ingest the recording again")
+    poses = _read_stream(folder / "poses.parquet", POSE_UNITS, MIN_POSES)
     if any(t > poses.time_s[-1] for t in summary.breaks_s):
         cause = f"names a break behind the last pose, at {poses.time_s[-1]:g} s"
         raise InputRefused(folder / "recording.json", "breaks_s", cause, "ingest the recording again")
@@ -109,16 +109,20 @@ def _stream_table(stream: Stream) -> Floats:
     return np.column_stack([stream.time_s, stream.values])
 
 
-def _read_stream(path: Path, units: dict[str, str]) -> Stream:
+def _read_stream(path: Path, units: dict[str, str], least: int = MIN_SAMPLES) -> Stream:
     """The stream in a Parquet file, whose columns with their units are `units`: the time (s), then the values.
 
     Raises:
-        InputRefused: the file is missing or damaged, or its times do not increase.
+        InputRefused: the file is missing or damaged, has fewer than `least` rows, or its times do not increase.
     """
     try:
         table = read_columns(path, units)
     except FileNotFoundError:
         raise InputRefused(path, "Parquet data", "is missing", "ingest the recording again") from None
+    if len(table) and np.abs(table).max() > MAX_VALUE:
+        raise InputRefused(path, "values", f"are beyond {MAX_VALUE:g} in SI units", "ingest the recording again")
+    if len(table) < least:
+        raise InputRefused(path, "rows", f"fewer than {least}", "ingest the recording again")
     back = np.diff(table[:, 0]) <= 0.0
     if back.any():
         cause = f"does not increase from row {int(np.argmax(back)) + 1} to the next"

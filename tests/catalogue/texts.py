@@ -195,7 +195,9 @@ def _(lab: Lab) -> Tries:
 
 @row(54)
 def _(lab: Lab) -> Tries:
-    yield "a folder", lab.folder
+    (lab.folder / "folder").mkdir()
+    (lab.folder / "folder" / "b.mcap").write_bytes(b"")
+    yield "a folder", lab.folder / "folder"
     fifo = lab.folder / "fifo.csv"
     os.mkfifo(fifo)
     yield "a FIFO", fifo

@@ -42,6 +42,10 @@ def _(lab: Lab) -> Tries:
                 lab.poses(lab.T - back * (lab.T >= 15)), lab.commands(lab.TC - back * (lab.TC >= 15)), order=False
             ),
         )
+    yield (
+        "mcap: pose clock alone set back 0.104 s twice",
+        lab.mcap(lab.poses(lab.T - 0.104 * ((lab.T >= 10).astype(int) + (lab.T >= 20))), order=False),
+    )
     t2 = lab.TC.copy()
     t2[lab.TC >= 15] -= 5.0 - 0.004
     yield "mcap: both clocks set back 5 s at 15 s", lab.mcap(lab.poses(t), lab.commands(t2))
@@ -62,6 +66,7 @@ def _(lab: Lab) -> Tries:
         yield f"mcap: both clocks jump {jump:g} s ahead", lab.mcap(lab.poses(t), lab.commands(t2))
     yield "mcap: pose clock alone jumps 0.2 s", lab.mcap(lab.poses(lab.T + 0.2 * (lab.T >= 15)))
     yield "mcap: pose clock alone jumps 5 s", lab.mcap(lab.poses(lab.T + 5.0 * (lab.T >= 15)))
+    yield "mcap: command clock alone jumps 1 s", lab.mcap(None, lab.commands(lab.TC + 1.0 * (lab.TC >= 15)))
 
 
 @row(17)
@@ -147,6 +152,11 @@ def _(lab: Lab) -> Tries:
 def _(lab: Lab) -> Tries:
     k = (lab.TC < 10) | (lab.TC > 12)
     yield "mcap: 2 s without commands", lab.mcap(None, lab.commands(lab.TC[k], lab.C[k]))
+    k = ((lab.TC < 8) | (lab.TC > 9.5)) & ((lab.TC < 20) | (lab.TC > 21))
+    yield "mcap: two gaps of the commands", lab.mcap(None, lab.commands(lab.TC[k], lab.C[k]))
+    seen = (lab.T < 12) | (lab.T > 16)
+    lost = lab.poses(lab.T[seen], lab.P[seen], lab.Q[seen])
+    yield "mcap: two gaps of the commands, 4 s of the poses", lab.mcap(lost, lab.commands(lab.TC[k], lab.C[k]))
     k = lab.TC < 20
     yield "mcap: commands end 10 s early", lab.mcap(None, lab.commands(lab.TC[k], lab.C[k]))
     k = lab.TC > 10

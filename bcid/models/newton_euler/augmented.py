@@ -70,6 +70,8 @@ class SavedAugmented(SavedPart):
         delay = max_command_delay(effect_switches(self.effects), self.recording_s)
         if delay > LIMITS.max_delay_s:
             raise ValueError(f"effects that delay commands by {delay:g} s, which no car has")
+        if delay > LIMITS.max_delay_periods * self.period_s:
+            raise ValueError(f"effects that delay commands by {delay:g} s, too long for periods of {self.period_s:g} s")
         return self
 
 

@@ -60,7 +60,7 @@ def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedCons
     )
     return (
         *(speed if vehicle.motor.law == "speed" else force),
-        *([FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain")] if vehicle.has_brake else []),
+        FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain"),
         FittedConstant("I_z", "kg m²", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
         FittedConstant("C_f", "N/rad", 0.5 * m, 200.0 * m, "front cornering stiffness"),
         FittedConstant("C_r", "N/rad", 0.5 * m, 200.0 * m, "rear cornering stiffness"),
@@ -98,7 +98,6 @@ class ConstantBox:
         fitted = {p.symbol: float(v) for p, v in zip(self.constants, values, strict=True)}
         R_v = fitted.pop("R_v")
         fitted.setdefault("F_m_max", 1e3 * vehicle.mass_kg * GRAVITY)  # law "force" has no limit of its own
-        fitted.setdefault("K_b", 0.0)
         return Car(
             m=vehicle.mass_kg, l_f=body.cog_to_front_m, l_r=body.cog_to_rear_m, T_s=self.T_s, d=self.d, v_0=self.v_0,
             R_2=(R_v - fitted["R_1"]) / self.top_speed, front_share=vehicle.front_share,

@@ -12,6 +12,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.documents.health import ClockEstimate
+from bcid.recording.checks.clock_jump import JUMP
 from bcid.recording.checks.geometry import hint_at_drive
 from bcid.recording.checks.steering_fit import NAMES, SteeringFit, fit_steering, predicted_turn, systematic_delay_s
 from bcid.recording.checks.turning import TurningData, liveliest
@@ -26,8 +27,8 @@ DERIVATIVE_STEP_S = 5e-3  # of the numerical derivative by the delay
 def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | None, lag_s: float | None) -> Recording:
     """The recording with an estimate of its clock offset and drift, and what is to be said of a sure one.
 
-    An offset whose whole 95 % interval lies beyond `CLOCK.max_offset_s` is warned of; beyond `CLOCK.max_usable_s` the
-    take cannot be used.
+    An offset whose whole 95 % interval lies beyond `CLOCK.max_offset_s`, and without which the turning is explained
+    clearly worse, is warned of; beyond `CLOCK.max_usable_s` the take cannot be used.
 
     Args:
         recording: poses and commands.
@@ -39,22 +40,27 @@ def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | N
     if data is None:
         return replace(recording, clock=ClockEstimate(applied_s=applied_s, reason="the take is too short"))
     if lag_s is None:
-        reason = "the commands explain too little of the turning"
+        jumps = any(odd.kind == JUMP for odd in recording.irregularities)
+        reason = "one of the clocks jumps" if jumps else "the commands explain too little of the turning"
         return replace(recording, clock=ClockEstimate(applied_s=applied_s, reason=reason))
     given = vehicle.steering
     stated = {"T_s": given.time_constant_s, "d": given.max_rate_radps}
     fixed = {name: value for name, value in stated.items() if value is not None}
     part = liveliest(data, LIMITS.fitted_s)
     fit = fit_steering([part], vehicle, fixed, lag_s)
-    hint = hint_at_drive(part, vehicle, fit)
+    # a body that sits askew, axles elsewhere or another scale look like an offset, or another drive
+    misread = any(odd.kind in ("yaw offset", "vehicle file", "scale") for odd in recording.irregularities)
+    hint = None if misread else hint_at_drive(part, vehicle, fit)
     if hint is not None:
         odd = Irregularity("vehicle file", "warning", 1, recording.sources[0].path, hint)
         clock = ClockEstimate(applied_s=applied_s, reason="the driven axle is likely another than stated")
         return replace(recording, clock=clock, irregularities=(*recording.irregularities, odd))
     clock = _estimate(data, vehicle, fit, "T_s" in fixed, applied_s)
-    # a body that sits askew, or axles elsewhere, look like an offset
-    misread = any(odd.kind in ("yaw offset", "vehicle file") for odd in recording.irregularities)
     said = [odd for odd in _say(clock, recording, vehicle) if odd.action == "no-go" or not misread]
+    if any(odd.kind == "clock offset" for odd in said):
+        exact = fit_steering([part], vehicle, {**fixed, "delay_s": 0.0})
+        told = fit.misfit * float(np.log((exact.scale / fit.scale) ** 2)) > LIMITS.offset_nats
+        said = said if told else []
     return replace(recording, clock=clock, irregularities=(*recording.irregularities, *said))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from bcid.aliases import Bools, Floats
+from bcid.recording.checks.known import commands_known_at, poses_known_at
 from bcid.recording.checks.raw_motion import moves_backward
 from bcid.recording.checks.turning import TurningData, white_noise_sd
 from bcid.recording.limits import AGREEMENT as LIMITS
@@ -23,7 +24,7 @@ class CommandedMotion(NamedTuple):
     turn: Floats  # yaw rate, rad/s
     pull: Floats  # rate of the speed, m/s^2
     use: Bools  # rows at which the motion is known and fast enough
-    known: Bools  # rows at which a command holds
+    known: Bools  # rows at which a command is known, and the servo under it
     commands: Floats  # (N, 2) steering (rad) and throttle
     pull_noise: float  # of `pull` by the noise of the positions, m/s^2
 
@@ -31,6 +32,13 @@ class CommandedMotion(NamedTuple):
     def top_speed(self) -> float:
         """The speed (m/s) that the car passes in a twentieth of its motion."""
         return max(float(np.quantile(np.abs(self.speed[self.use]), 0.95)), 1e-9) if self.use.any() else 1e-9
+
+    def commands_at(self, lag_s: float) -> tuple[Floats, Bools]:
+        """The commands (N, 2) that act `lag_s` (s) later than stamped in each row, and where (N,) they are known."""
+        rows = np.arange(len(self.time_s)) - round(lag_s * GRID_HZ)
+        inside = (rows >= 0) & (rows < len(rows))
+        rows = np.clip(rows, 0, len(rows) - 1)
+        return self.commands[rows], inside & self.known[rows]
 
 
 def compare_on_grid(recording: Recording, data: TurningData, vehicle: Vehicle) -> CommandedMotion:
@@ -45,13 +53,12 @@ def compare_on_grid(recording: Recording, data: TurningData, vehicle: Vehicle) -
     speed = np.interp(time_s, data.time_s, data.speed)
     if vehicle.steering.max_angle_rad < LIMITS.max_reversing_angle_rad:
         heading = np.interp(time_s, data.time_s, data.heading)
-        speed = np.where(moves_backward(heading, speed), -speed, speed)
-    commands = recording.commands
-    covered = (time_s >= commands.time_s[0]) & (time_s <= commands.time_s[-1] + recording.hold_s)
+        seen = poses_known_at(recording, time_s)
+        speed = np.where(moves_backward(heading, np.where(seen, speed, 0.0)), -speed, speed)
     return CommandedMotion(
         time_s, speed, np.interp(time_s, data.time_s, data.turn), smoothed(speed, derivative=True),
-        away_from_unknown(np.interp(time_s, data.time_s, known) > 0.99), covered, commands.held_at(time_s),
-        _pull_noise(recording),
+        away_from_unknown(np.interp(time_s, data.time_s, known) > 0.99), commands_known_at(recording, vehicle, time_s),
+        recording.commands.held_at(time_s), _pull_noise(recording),
     )  # fmt: skip
 
 
@@ -59,7 +66,8 @@ def _pull_noise(recording: Recording) -> float:
     """Noise (m/s^2) of a second derivative over `AGREEMENT.pull_window_s`, by the noise of the recorded positions."""
     t, rate_hz = recording.poses.time_s, recording.rate_hz
     grid = np.arange(t[0], t[-1], 1.0 / rate_hz)
-    noise = max(white_noise_sd(np.interp(grid, t, column)) for column in recording.poses.values[:, :2].T)
+    known = poses_known_at(recording, grid, 0.5 / rate_hz)
+    noise = max(white_noise_sd(np.interp(grid, t, column), known) for column in recording.poses.values[:, :2].T)
     count = max(3.0, LIMITS.pull_window_s * rate_hz)
     return noise * float(np.sqrt(720.0 / count)) / LIMITS.pull_window_s**2
 

@@ -60,7 +60,7 @@ def _health_figures(recording: Recording, vehicle: Vehicle, motion: RawMotion, m
 
     `moving` (N,) marks the rows of `motion` in which the car moves.
     """
-    frames = max(1.0, recording.duration_s * recording.rate_hz + 1.0)
+    frames = max(1.0, (recording.duration_s - _paused_s(recording)) * recording.rate_hz + 1.0)
     pose_s, command_s = recording.poses.time_s, recording.commands.time_s
     row = np.searchsorted(command_s, pose_s, side="right") - 1
     holds = (row >= 0) & (pose_s - command_s[np.maximum(row, 0)] <= recording.hold_s)
@@ -72,6 +72,14 @@ def _health_figures(recording: Recording, vehicle: Vehicle, motion: RawMotion, m
         top_speed_mps=float(np.quantile(motion.v_f[moving], 0.99)) if moving.any() else 0.0,
         yaw_offset_rad=estimate_yaw_offset(recording, vehicle),
     )
+
+
+def _paused_s(recording: Recording) -> float:
+    """Time (s) in which neither poses nor commands were recorded, in pauses of over `HEALTH.min_pause_s`."""
+    pose_s, command_s = recording.poses.time_s, recording.commands.time_s
+    inside = command_s[(command_s > pose_s[0]) & (command_s < pose_s[-1])]
+    steps = np.diff(np.union1d(pose_s, inside))
+    return float(steps[steps > LIMITS.min_pause_s].sum())
 
 
 def _find_unexcited_constants(recording: Recording, vehicle: Vehicle, motion: RawMotion, moving: Bools) -> list[str]:

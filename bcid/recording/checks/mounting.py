@@ -48,11 +48,11 @@ def _rough_yaw_offset(recording: Recording, vehicle: Vehicle) -> float:
     Only nearly straight, fast driving under throttle is used; 0 where there is none.
     """
     motion = differentiate_poses(recording, vehicle)
-    if len(motion.time_s) < 2:
+    if len(motion.time_s) < 2 or not motion.good.any():
         return 0.0
     driven = recording.commands.held_at(motion.time_s)[:, 1] > 0.0
     use = motion.good & driven & (np.abs(motion.yaw_rate) < LIMITS.max_mounting_yaw_rate_radps)
-    use &= motion.v_f > LIMITS.min_mounting_speed_share * np.quantile(motion.v_f, 0.95)
+    use &= motion.v_f > LIMITS.min_mounting_speed_share * np.quantile(motion.v_f[motion.good], 0.95)
     return -float(np.angle(np.exp(1j * motion.beta_f[use]).sum())) if use.any() else 0.0
 
 
@@ -62,11 +62,11 @@ def _rear_axle_yaw_offset(motion: RawMotion, vehicle: Vehicle) -> tuple[float, f
     It is minus the median, over blocks of the take, of the rear axle's slip angle in gentle driving, when that axle
     hardly slips; at least `MOTION.min_mounting_blocks` blocks must have enough of it.
     """
-    if len(motion.time_s) < 2:
+    if len(motion.time_s) < 2 or not motion.good.any():
         return None
     v_x = motion.v_f * np.cos(motion.beta_f)
     v_ry = motion.v_f * np.sin(motion.beta_f) - vehicle.body.wheelbase_m * motion.yaw_rate
-    use = motion.good & (v_x > LIMITS.min_mounting_speed_share * np.quantile(motion.v_f, 0.95))
+    use = motion.good & (v_x > LIMITS.min_mounting_speed_share * np.quantile(motion.v_f[motion.good], 0.95))
     use &= np.abs(v_x * motion.yaw_rate) < LIMITS.max_mounting_lateral_mps2
     block = (motion.time_s // LIMITS.mounting_block_s).astype(int)
     slips = [

@@ -119,13 +119,13 @@ def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningRespons
     turns too little (`MOTION.min_commanded_turn`, `min_yaw_rate_radps`, `min_turning_rows`).
     """
     motion = differentiate_poses(recording, vehicle)
-    if len(motion.time_s) < 2:
+    if len(motion.time_s) < 2 or not motion.good.any():
         return None
     angle = commanded_steering_angle(recording, vehicle, motion.time_s)
     # the CoG's speed: the front axle's holds yaw rate * l_f, whatever the unit of lengths
     v_x = motion.v_f * np.cos(motion.beta_f)
     speed = np.hypot(v_x, motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate)
-    use = motion.good & (speed > LIMITS.min_speed_share * np.quantile(speed, 0.95))
+    use = motion.good & (speed > LIMITS.min_speed_share * np.quantile(speed[motion.good], 0.95))
     folded = 1.0
     if vehicle.steering.max_angle_rad < AGREEMENT.max_reversing_angle_rad:
         # backward, it turns right where it is steered left
@@ -136,7 +136,7 @@ def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningRespons
         folded = 2.0
     turn, yaw_rate = speed[use] * np.sin(angle[use]), motion.yaw_rate[use]
     size, rate = (float(np.sqrt(np.mean(x**2))) for x in (turn, yaw_rate)) if use.any() else (0.0, 0.0)
-    turns_little = size < LIMITS.min_commanded_turn * np.max(speed) or rate < LIMITS.min_yaw_rate_radps
+    turns_little = size < LIMITS.min_commanded_turn * np.max(speed[motion.good]) or rate < LIMITS.min_yaw_rate_radps
     if use.sum() < LIMITS.min_turning_rows or turns_little:
         return None
     # forward or backward is the same direction for wheels that cannot turn so far

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from bcid.recording.checks.known import poses_known_at
 from bcid.recording.checks.turning import white_noise_sd
 from bcid.recording.limits import AGREEMENT as LIMITS
 from bcid.recording.types import Recording
@@ -15,11 +16,15 @@ def judge_poses(recording: Recording, vehicle: Vehicle) -> str | None:
     if len(grid) < 5 * recording.rate_hz:
         return None
     x, y, yaw = (np.interp(grid, t, column) for column in pose.T)
-    noise = max(white_noise_sd(x), white_noise_sd(y))
+    known = poses_known_at(recording, grid, 0.5 / recording.rate_hz)
+    noise = max(white_noise_sd(x, known), white_noise_sd(y, known))
     coarse = np.arange(t[0], t[-1], LIMITS.course_s)
     X, Y = (np.interp(coarse, t, column) for column in pose.T[:2])
     step = np.hypot(np.diff(X), np.diff(Y)) / LIMITS.course_s
-    speed = float(np.quantile(step, 0.7))
+    seen = poses_known_at(recording, 0.5 * (coarse[1:] + coarse[:-1]), 0.5 * LIMITS.course_s)
+    if not seen.any():
+        return None
+    speed = float(np.quantile(step[seen], 0.7))
     count = max(2.0, LIMITS.period_s * recording.rate_hz)
     speed_noise = noise * np.sqrt(12.0 / count) / LIMITS.period_s
     hides_motion = speed_noise > LIMITS.max_speed_noise * speed
@@ -29,7 +34,7 @@ def judge_poses(recording: Recording, vehicle: Vehicle) -> str | None:
             f"{speed_noise:.2g} m/s where the car drives {speed:.2g} m/s: mostly noise; calibrate the tracking, and "
             "drive again"
         )
-    moving = step > 0.3 * float(np.quantile(step, 0.95))
+    moving = seen & (step > 0.3 * float(np.quantile(step[seen], 0.95)))
     course = np.unwrap(np.arctan2(np.diff(Y), np.diff(X)))
     path_turn = float(np.sum(np.abs(np.diff(course))[moving[1:] & moving[:-1]]))
     if path_turn > LIMITS.least_path_turn_rad and float(np.ptp(yaw)) < LIMITS.standing_yaw_rad:

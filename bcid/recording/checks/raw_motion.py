@@ -11,7 +11,7 @@ from scipy.signal import savgol_filter
 from bcid.aliases import Bools, Floats
 from bcid.compiled.njit import njit
 from bcid.physics.steering import steering_step
-from bcid.recording.limits import MOTION as LIMITS
+from bcid.recording.checks.known import poses_known_at
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -56,10 +56,7 @@ def differentiate_poses(recording: Recording, vehicle: Vehicle, window_s: float 
     cos_t, sin_t = np.cos(smooth[:, 2]), np.sin(smooth[:, 2])
     v_x = cos_t * rates[:, 0] + sin_t * rates[:, 1]
     v_fy = cos_t * rates[:, 1] - sin_t * rates[:, 0] + vehicle.body.cog_to_front_m * rates[:, 2]
-    good, margin_s = np.ones(len(grid), dtype=bool), half / grid_hz
-    wide = np.flatnonzero(np.diff(t) > LIMITS.max_gap_periods / recording.rate_hz)
-    for start, stop in [*((t[i], t[i + 1]) for i in wide), *((b, b) for b in recording.breaks_s)]:
-        good &= (grid < start - margin_s) | (grid > stop + margin_s)
+    good = poses_known_at(recording, grid, half / grid_hz)
     return RawMotion(grid, np.hypot(v_x, v_fy), np.arctan2(v_fy, v_x), rates[:, 2], good, 2 * half / grid_hz)
 
 

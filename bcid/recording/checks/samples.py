@@ -82,7 +82,11 @@ def clean_samples(time_s: Floats, values: Floats, stream_name: str, source: str)
 
 
 def _sort_by_time(samples: Samples, stream_name: str, source: str) -> Samples:
-    """The samples sorted by time, if some came late; `InputRefused` where the clock was set back and times repeat."""
+    """The samples sorted by time, if some came late, without those whose times come twice by a clock that was set back.
+
+    Raises:
+        InputRefused: the clock was set back so far that many samples have times twice.
+    """
     time_s = samples.time_s
     back = np.r_[0.0, -np.diff(time_s)]
     if not (back > 0.0).any():
@@ -96,9 +100,37 @@ def _sort_by_time(samples: Samples, stream_name: str, source: str) -> Samples:
             cause = f"the clock steps back {where}: {again} samples have times twice"
             step = "cut the recording there, or use the other time base"
             raise InputRefused(source, f"{stream_name} times", cause, step)
+    set_back = find_set_backs(time_s)
+    if set_back:
+        twice, furthest = np.zeros(len(time_s), dtype=bool), max(set_back, key=lambda span: span[1] - span[0])
+        for start, stop in set_back:
+            twice |= (time_s >= start) & (time_s <= stop)
+        by_s = furthest[1] - furthest[0] + float(np.median(np.abs(np.diff(time_s))))
+        by = f"set back by {by_s:.3f} s at {furthest[1]:.3f} s"
+        often = "" if len(set_back) == 1 else f" and {len(set_back) - 1} times more"
+        text = f"the clock was {by}{often}: samples whose times come twice are left out: split there"
+        samples = samples.without(twice, f"{stream_name} clock", "excluded", text)
+        time_s = samples.time_s
+        back = np.r_[0.0, -np.diff(time_s)]
     noted = note_rows(time_s, back > 0.0, f"{stream_name} order", "fixed", "samples put in the order of time")
     order = np.argsort(time_s, kind="stable")
     return Samples(time_s[order], samples.values[order], [*samples.irregularities, *noted])
+
+
+def find_set_backs(time_s: Floats) -> list[tuple[float, float]]:
+    """Spans (s) of times that come twice, since the clock of samples at times (N,) in s was set back to their start.
+
+    A sample that only came late has its own time: sorted, such samples are as dense as all others.
+    """
+    ordered = np.sort(time_s[np.isfinite(time_s)])
+    usual_s = float(np.median(np.diff(ordered))) if len(ordered) > 1 else 0.0
+    if usual_s <= 0.0:
+        return []
+    rows = np.flatnonzero(np.diff(time_s) < -usual_s)
+    start, stop = time_s[rows + 1], time_s[rows]
+    count = np.searchsorted(ordered, stop, side="right") - np.searchsorted(ordered, start, side="left")
+    twice = count > STREAM.min_doubled * ((stop - start) / usual_s + 1.0)
+    return list(zip(start[twice].tolist(), stop[twice].tolist(), strict=True))
 
 
 def _drop_contradictions(samples: Samples, stream_name: str, source: str) -> Samples:

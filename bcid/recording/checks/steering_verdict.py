@@ -10,6 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.recording.checks.agreement import Feature, LagScan, scan_lags
+from bcid.recording.checks.clock_jump import find_clock_jump
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, compare_on_grid
 from bcid.recording.checks.single_track import servo_angles
 from bcid.recording.checks.steering_fit import STARTS
@@ -33,6 +34,7 @@ class SteeringAgreement(NamedTuple):
     verdict: str | None = None  # a cause and what mends it
     inverted: bool = False  # whether they fit with the other sign
     foreign: bool = False  # whether they fit at no offset, as another take's
+    jump_s: float = 0.0  # by how much later they act from some time on
     servo: tuple[float, float] = STARTS[0]  # time constant (s) and rate limit (rad/s) with which they explain it
 
 
@@ -41,7 +43,7 @@ def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehic
     v, w, use = motion.speed, motion.turn, motion.use
     left = w[use] - v[use] * float(v[use] @ w[use]) / max(float(v[use] @ v[use]), 1e-12)
     varied = float(left @ left) / max(float(w[use] @ w[use]), 1e-12)
-    spread = float(np.std(motion.commands[use, 0]))
+    spread = float(np.std(motion.commands[use & motion.known, 0]))
     steady = spread < LIMITS.least_steering_rad
     turning = float(np.sqrt(np.mean(left**2))) * vehicle.body.wheelbase_m / motion.top_speed
     if steady:
@@ -61,6 +63,10 @@ def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehic
     scan = scan._replace(share=np.where(away & ~leftward, 0.0, scan.share))
     near, far = scan.best(-LIMITS.near_s * GRID_HZ, LIMITS.near_s * GRID_HZ), scan.best(-np.inf, np.inf)
     null = scan.null_share(LIMITS.null_from_s * GRID_HZ)
+    jump = find_clock_jump(motion, _features(motion, delta)) if varied >= LIMITS.least_varied else None
+    if jump is not None:
+        share = float(scan.share[near])
+        return SteeringAgreement(share, jump.before_s, True, False, jump.describe(), jump_s=jump.size_s)
     blocks = None
     # regular driving comes round again: only a short offset is likelier than a part that agrees as stamped
     soon = abs(scan.lags[far]) < LIMITS.max_short_offset_s * GRID_HZ
@@ -108,7 +114,7 @@ def fit_elsewhere(recording: Recording, vehicle: Vehicle) -> bool:
 
 def _judge_steady(motion: CommandedMotion, turning: float, vehicle: Vehicle) -> str | None:
     """The verdict on a steering command that never changes; None where the car turns as steadily as that."""
-    v, w, use = motion.speed, motion.turn, motion.use
+    v, w, use = motion.speed, motion.turn, motion.use & motion.known
     angle = float(np.median(motion.commands[use, 0]))
     mean = vehicle.body.wheelbase_m * float(v[use] @ w[use]) / max(float(v[use] @ v[use]), 1e-12)
     if turning > LIMITS.least_answered:

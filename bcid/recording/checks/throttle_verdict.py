@@ -10,7 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.recording.checks.agreement import Feature, LagScan, scan_lags
-from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, smoothed
+from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, away_from_unknown, smoothed
 from bcid.recording.limits import AGREEMENT as LIMITS
 from bcid.vehicle import Vehicle
 
@@ -34,7 +34,7 @@ def judge_throttle(motion: CommandedMotion, vehicle: Vehicle, steering_lag_s: fl
 
     `steering_lag_s` is the lag (s) at which the steering commands agree with the motion; None where they do not.
     """
-    u_m, use = motion.commands[:, 1], motion.use
+    u_m, use = motion.commands[:, 1], motion.use & motion.known
     if use.sum() < LIMITS.least_judged_s * GRID_HZ:
         return ThrottleAgreement()
     scan, simple = _scan(motion, rich=True), _scan(motion, rich=False)
@@ -54,8 +54,9 @@ def judge_throttle(motion: CommandedMotion, vehicle: Vehicle, steering_lag_s: fl
     window = np.abs(simple.lags - middle) <= reach
     gains = simple.weights[:, -1]
     gain, rising = float(gains[k]), float(np.max(simple.share[window & (gains > 0.0)], initial=0.0))
-    moved = np.roll(u_m, round(lag_s * GRID_HZ))[use]
-    follows = float(np.corrcoef(moved, motion.speed[use])[0, 1]) > 0.0
+    moved, moved_known = motion.commands_at(lag_s)
+    both = motion.use & moved_known
+    follows = both.sum() > 1 and float(np.corrcoef(moved[both, 1], motion.speed[both])[0, 1]) > 0.0
     agreement = agreement._replace(follows=follows)
     # what rises and falls slowly fits with either sign, a little earlier or later
     inverted = gain < 0.0 and rising < 0.5 * simple.share[k] and not follows
@@ -91,7 +92,7 @@ def _scan(motion: CommandedMotion, rich: bool) -> LagScan:
     gain, braking = Feature(one, smoothed(drive)), Feature(smoothed(v), smoothed(brake))
     more = [Feature(one, smoothed(drive**2)), Feature(smoothed(v), smoothed(drive)), Feature(one, smoothed(brake))]
     moving = [*more, gain, braking] if rich else [Feature(one, smoothed(u / top))]
-    return scan_lags(motion.pull, motion.use, [*drag, *moving], motion.known)
+    return scan_lags(motion.pull, motion.use, [*drag, *moving], away_from_unknown(motion.known))
 
 
 def _judge_steady(motion: CommandedMotion, unexplained: float) -> str | None:
@@ -99,7 +100,7 @@ def _judge_steady(motion: CommandedMotion, unexplained: float) -> str | None:
 
     `unexplained` is the acceleration by the top speed (1/s) that they leave.
     """
-    value = float(np.median(motion.commands[motion.use, 1]))
+    value = float(np.median(motion.commands[motion.use & motion.known, 1]))
     if value <= 0.0:
         return f"the throttle stays at {value:.3g} while the car drives: it is dead; {MEND_DEAD}"
     if unexplained > LIMITS.least_pull:
@@ -109,8 +110,9 @@ def _judge_steady(motion: CommandedMotion, unexplained: float) -> str | None:
 
 def _judge_unit(motion: CommandedMotion, vehicle: Vehicle, lag_s: float) -> tuple[str | None, str | None]:
     """The verdict, and the warning, on a throttle that is no reference speed in m/s though the vehicle file says so."""
-    u = np.roll(motion.commands[:, 1], round(lag_s * GRID_HZ))
-    use = motion.use & (u > 0.0) & (motion.speed > 0.0)
+    commands, known = motion.commands_at(lag_s)
+    u = commands[:, 1]
+    use = motion.use & known & (u > 0.0) & (motion.speed > 0.0)
     if vehicle.motor.law != "speed" or use.sum() < 5 * GRID_HZ:
         return None, None
     high = float(np.quantile(u[use], 0.95))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from bcid.aliases import Bools, Floats, Ints
+from bcid.recording.checks.known import commands_known_at, poses_known_at
 from bcid.recording.limits import SERVO as LIMITS
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -37,9 +38,12 @@ class TurningData(NamedTuple):
         return float(self.time_s[1] - self.time_s[0])
 
 
-def white_noise_sd(values: Floats) -> float:
-    """Standard deviation of the white noise in evenly sampled smooth `values` (N,), by their third differences."""
-    third = np.diff(values, 3)
+def white_noise_sd(values: Floats, known: Bools) -> float:
+    """Standard deviation of the white noise in evenly sampled smooth `values` (N,), by their third differences.
+
+    Only differences of four rows that are all `known` (N,) count: a straight line over a gap has no noise.
+    """
+    third = np.diff(values, 3)[known[:-3] & known[1:-2] & known[2:-1] & known[3:]]
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0)) if len(third) else 0.0
 
 
@@ -48,10 +52,11 @@ def filter_length(noise: float, rate_hz: float, wanted: float) -> float:
     return float((np.sqrt(12.0 / rate_hz) * noise / max(wanted, 1e-12)) ** (2.0 / 3.0))
 
 
-def prepare_turning(recording: Recording, vehicle: Vehicle) -> TurningData | None:
+def prepare_turning(recording: Recording, vehicle: Vehicle, lag_s: float = 0.0) -> TurningData | None:
     """The speed and turning of a recording on a uniform grid, filtered no longer than its noise demands.
 
-    None where it is too short, or moves in no stretch that is long enough.
+    Rows count where the motion is known, and commands that act `lag_s` (s) later than stamped are.  None where it is
+    too short, or moves in no stretch that is long enough.
     """
     t, pose = recording.poses.time_s, recording.poses.values
     grid_hz = min(GRID_HZ, recording.rate_hz)
@@ -61,11 +66,14 @@ def prepare_turning(recording: Recording, vehicle: Vehicle) -> TurningData | Non
     x, y, yaw = (np.interp(time_s, t, column) for column in pose.T)
     L = vehicle.body.wheelbase_m
     way = np.hypot(np.diff(x, prepend=x[0]), np.diff(y, prepend=y[0])) * grid_hz
-    usual_speed = float(np.quantile(np.abs(savgol_filter(way, 11, 1)), 0.7))
+    known = poses_known_at(recording, time_s, 0.5 / grid_hz)
+    if not known.any():
+        return None
+    usual_speed = float(np.quantile(np.abs(savgol_filter(way, 11, 1))[known], 0.7))
     if usual_speed <= 0.0:
         return None
-    turning = max(float(np.std(np.diff(yaw) * grid_hz)), 1e-3)
-    yaw_noise, place_noise = white_noise_sd(yaw), max(white_noise_sd(x), white_noise_sd(y))
+    turning = max(float(np.std((np.diff(yaw) * grid_hz)[known[1:] & known[:-1]])), 1e-3)
+    yaw_noise, place_noise = white_noise_sd(yaw, known), max(white_noise_sd(x, known), white_noise_sd(y, known))
     shortest, longest = 4.0 / grid_hz, min(LIMITS.max_filter_s, max(L / usual_speed, 0.1))
     window_s = float(np.clip(filter_length(yaw_noise, grid_hz, LIMITS.noise_share * turning), shortest, longest))
     speed_window_s = filter_length(place_noise, grid_hz, LIMITS.noise_share * usual_speed)
@@ -76,12 +84,9 @@ def prepare_turning(recording: Recording, vehicle: Vehicle) -> TurningData | Non
     v_x = np.cos(yaw) * rates[:, 0] + np.sin(yaw) * rates[:, 1]
     v_fy = np.cos(yaw) * rates[:, 1] - np.sin(yaw) * rates[:, 0] + vehicle.body.cog_to_front_m * rates[:, 2]
     speed = np.hypot(v_x, v_fy)
-    usable = speed > LIMITS.min_speed_share * float(np.quantile(speed, 0.95))
-    usable &= (time_s >= recording.commands.time_s[0]) & (time_s < recording.commands.time_s[-1] + recording.hold_s)
-    wide = np.flatnonzero(np.diff(t) > LIMITS.max_gap_periods / recording.rate_hz)
-    margin_s = max(half, speed_half) / grid_hz
-    for start, stop in [*((t[i], t[i + 1]) for i in wide), *((b, b) for b in recording.breaks_s)]:
-        usable &= (time_s < start - margin_s) | (time_s > stop + margin_s)
+    usable = speed > LIMITS.min_speed_share * float(np.quantile(speed[known], 0.95))
+    usable &= poses_known_at(recording, time_s, max(half, speed_half) / grid_hz)
+    usable &= commands_known_at(recording, vehicle, time_s, lag_s)
     restart, rows = _stretches(usable, grid_hz, max(half, speed_half))
     if len(rows) < LIMITS.min_rows:
         return None

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bcid.errors import InputRefused
+from bcid.recording.checks.clock_jump import JUMP
 from bcid.recording.checks.commanded_motion import compare_on_grid
 from bcid.recording.checks.geometry import hint_at_geometry, show_geometry
 from bcid.recording.checks.plausibility import check_commands
@@ -16,6 +17,7 @@ from bcid.recording.checks.steering_verdict import SteeringAgreement, judge_stee
 from bcid.recording.checks.throttle_verdict import ThrottleAgreement, judge_throttle, swapped
 from bcid.recording.checks.turning import TurningData, prepare_turning
 from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.limits import CLOCK
 from bcid.recording.types import Action, Irregularity, Recording, command_source_path
 from bcid.vehicle import Vehicle
 
@@ -37,7 +39,7 @@ def compare_commands(
     steering = judge_steering(motion, recording, vehicle)
     lag_s = steering.lag_s if steering.agrees or steering.share > LIMITS.least_share else None
     throttle = judge_throttle(motion, vehicle, lag_s)
-    if steering.verdict is not None and not steering.agrees:
+    if steering.verdict is not None and not steering.agrees and not steering.jump_s:
         exchanged = replace(recording, commands=replace(
             recording.commands, values=recording.commands.values[:, ::-1]
         ))  # fmt: skip
@@ -97,12 +99,15 @@ def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, 
         others = tuple(i for i in recording.irregularities if i.kind != "steering response")
         recording = replace(recording, irregularities=others)
     if steering.verdict is not None:
+        if steering.jump_s:
+            action: Action = "no-go" if abs(steering.jump_s) > CLOCK.max_usable_s else "warning"
+            return refuse(recording, JUMP, steering.verdict, action), data, None
         return refuse(recording, FOREIGN if steering.foreign else "steering", steering.verdict), data, None
     if steering.judged and steering.share < LIMITS.least_share:
         text = f"the steering commands explain {steering.share:.0%} of the turning: another take's, or a slipping car?"
         recording = refuse(recording, "steering", text, "warning")
-    # a yaw that is off makes every length wrong
-    askew = any(i.kind == "yaw offset" for i in recording.irregularities)
+    # a yaw that is off makes every length wrong, and a scale all that is said of lengths and speeds
+    askew = any(i.kind in ("yaw offset", "scale") for i in recording.irregularities)
     fits = steering.share > LIMITS.least_share and not askew
     shown = show_geometry(data, vehicle, steering.lag_s, steering.servo) if fits else None
     hint = hint_at_geometry(shown, vehicle) if shown is not None else None
@@ -112,6 +117,9 @@ def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, 
     # the speed of the front axle is wrong by a wrong lever
     if throttle.verdict is not None and not misread:
         recording = refuse(recording, "throttle", throttle.verdict)
-    elif throttle.warning is not None:
+    elif throttle.warning is not None and not misread:
         recording = refuse(recording, "throttle", throttle.warning, "warning")
-    return recording, data, steering.lag_s if steering.share > LIMITS.least_share and steering.judged else None
+    if steering.share <= LIMITS.least_share or not steering.judged:
+        return recording, data, None
+    # gaps of the commands lie elsewhere once these act later
+    return recording, prepare_turning(recording, vehicle, steering.lag_s), steering.lag_s

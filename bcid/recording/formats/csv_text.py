@@ -71,8 +71,9 @@ def read_csv_text(path: Path, comment: str | None = None) -> CsvText:
     _check_single_header(path, text)
     separator = stated[1] if stated else _find_separator(text)
     if separator == " ":
-        text = re.sub(r"[ \t]+", "\t", re.sub(r"^[ \t]+|[ \t]+$", "", text, flags=re.MULTILINE))
+        text = "\n".join(re.sub(r"[ \t]+", "\t", line.strip(" \t")) for line in text.split("\n"))
         separator = "\t"
+    _check_width(path, text, separator)
     decimal = _find_decimal_mark(path, text, separator)
     if separator != "," or decimal != ".":
         how = f"separator {separator!r}, decimal {decimal!r}"
@@ -140,6 +141,14 @@ def _find_separator(text: str) -> str:
         if counts[separator] > 0 and counts[separator] >= counts[","] / 2:
             return separator
     return ","
+
+
+def _check_width(path: Path, text: str, separator: str) -> None:
+    """Raise `InputRefused` where a line has more cells than `LIMITS.max_columns`: such a table is no recording."""
+    for number, line in enumerate(text.split("\n"), 1):
+        if (cells := line.count(separator) + 1) > LIMITS.max_columns:
+            cause = f"holds {cells} cells, {LIMITS.max_columns} are the most"
+            raise InputRefused(path, f"line {number}", cause, "export fewer columns, or mend that line")
 
 
 def _find_decimal_mark(path: Path, text: str, separator: str) -> str:

@@ -81,7 +81,8 @@ def detect_format(path: Path) -> Format:
         raise InputRefused(path, "file", *foreign)
     utf_16 = head.startswith(UTF_16_MARKS)
     is_text = utf_16 or b"\0" not in head.rstrip(b"\0")
-    if is_text and head.decode("utf-16" if utf_16 else "utf-8-sig", "ignore").startswith("Format Version"):
+    # programs that save the export again may quote every cell
+    if is_text and head.decode("utf-16" if utf_16 else "utf-8-sig", "ignore").lstrip('"').startswith("Format Version"):
         return "motive"
     if is_text and path.suffix.lower() in (".csv", ".txt", ".tsv"):
         return "table"

@@ -16,7 +16,7 @@ from bcid.recording.formats.detect import PARQUET_MAGIC
 from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.numbers import next_step_for, parse_numbers
 from bcid.recording.formats.raw import nearest_hint
-from bcid.recording.formats.stamps import NO_STAMP, Stamps, find_pair, pair_stamps, parse_stamps
+from bcid.recording.formats.stamps import NO_PAIR, NO_STAMP, Stamps, find_pair, pair_stamps, parse_stamps
 from bcid.recording.formats.table_head import UNIT_SIZES
 from bcid.recording.types import Irregularity
 
@@ -61,7 +61,7 @@ class LoggedTable:
             if name not in self.columns:
                 continue
             parsed = parse_numbers(self.columns[name], self.decimal)
-            problems += self._bad_cells(name, parsed.bad_rows, "number")
+            problems += self._bad_cells([name], parsed.bad_rows, "number")
             values[name] = parsed.values
             if parsed.notation:
                 notations.setdefault(parsed.notation, []).append(name)
@@ -85,19 +85,20 @@ class LoggedTable:
             stamps = pair_stamps(*(self.columns[part] for part in pair))
         else:
             stamps = parse_stamps(self.columns[name], mapping.gain, self.decimal)
-        problems += self._bad_cells(name, stamps.bad_rows, "stamp")
+        problems += self._bad_cells(pair or [name], stamps.bad_rows, "stamp")
         problems.raise_if_any(self.path)
         return stamps, [Irregularity("stamp notation", "fixed", len(self), self.path.name, n) for n in stamps.notes]
 
-    def _bad_cells(self, name: str, rows: Sequence[int] | np.ndarray, what: str) -> list[Problem]:
-        """A problem with the first of the bad `rows` of a column, in a list; [] without any."""
+    def _bad_cells(self, names: Sequence[str], rows: Sequence[int] | np.ndarray, what: str) -> list[Problem]:
+        """A problem with the first of the bad `rows` of a column, or of columns that are one stamp; [] without any."""
         if not len(rows):
             return []
         more = f" (and {len(rows) - 1} more in this column)" if len(rows) > 1 else ""
-        cell = self.columns[name].iloc[rows[0]]
-        step = NO_STAMP if what == "stamp" else next_step_for(cell)
-        place = f"data row {rows[0] + 1}, column {printable_name(name)!r}"
-        return [Problem(place, f"{printable_name(cell)!r} is no {what}{more}", step)]
+        cells = [self.columns[name].iloc[rows[0]] for name in names]
+        step = next_step_for(cells[0]) if what == "number" else NO_STAMP if len(names) == 1 else NO_PAIR
+        place = f"data row {rows[0] + 1}, column {' and '.join(repr(printable_name(name)) for name in names)}"
+        shown = " with ".join(repr(printable_name(cell)) for cell in cells)
+        return [Problem(place, f"{shown} is no {what}{more}", step)]
 
     def check_units(self, mapping: ChannelMapping, stamps: StampMapping, metres_per_unit: float) -> None:
         """Raise `InputRefused` where the table's row of units states another unit than a field of gain 1 is mapped in.

@@ -30,7 +30,8 @@ PARTS_NS = {
 """Names of the part of a second beside the whole ones, with its unit in ns."""
 UNITS_NS = {"s": NS_PER_S, "ms": 1_000_000, "µs": 1_000, "ns": 1}
 DATE = re.compile(
-    r"\s*(\d{4})-(\d\d)-(\d\d)[Tt ](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,12}))?\s*(?:([Zz]|UTC)|([+-])(\d\d):?(\d\d))?\s*\Z",
+    r"\s*(\d{4})-(\d\d)-(\d\d)[Tt ](\d\d):(\d\d):(\d\d)(?:[.,](\d{1,12}))?"
+    r"(?:\s*(?:([Zz]|UTC)|([+-])(\d\d):?(\d\d)))?\s*\Z",
     re.ASCII,
 )
 """RFC 3339, and ISO 8601 without an offset, which is read as UTC."""
@@ -58,7 +59,8 @@ def parse_stamp(stamp: Any) -> Stamp:
     """A stamp as {sec, nanosec} or alike, text with a date, or a plain number; None where there is nothing.
 
     Raises:
-        UnreadableStamp: something stands there that is none of these, or no finite number.
+        UnreadableStamp: something stands there that is none of these, no finite number, or a part of a second that is
+            below zero or makes a whole one.
     """
     if stamp is None or (isinstance(stamp, Mapping) and not stamp):
         return None
@@ -70,7 +72,11 @@ def parse_stamp(stamp: Any) -> Stamp:
     parts = {name: v for name in PARTS_NS if (v := get_field(stamp, name, None)) is not None}
     if whole is None or len(parts) > 1 or not all(_is_finite_number(v) for v in (whole, *parts.values())):
         raise UnreadableStamp(stamp)
-    return _nanoseconds(whole, NS_PER_S) + sum(_nanoseconds(v, PARTS_NS[name]) for name, v in parts.items())
+    part_ns = sum(_nanoseconds(v, PARTS_NS[name]) for name, v in parts.items())
+    # what is no part of a second is no stamp of this notation
+    if not 0 <= part_ns < NS_PER_S:
+        raise UnreadableStamp(stamp)
+    return _nanoseconds(whole, NS_PER_S) + part_ns
 
 
 def _is_finite_number(value: Any) -> bool:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+from bcid.errors import printable, shorten
+
 SHOWN_LENGTH = 80  # characters of a name
 SHOWN_NAMES = 12  # names of a list
 SHOWN_ERROR_LENGTH = 300  # characters of what a parser says
@@ -9,9 +11,7 @@ SHOWN_ERROR_LENGTH = 300  # characters of what a parser says
 
 def printable_name(name: object, length: int = SHOWN_LENGTH) -> str:
     """A name from a file, without characters that a terminal might obey, and cut to `length` characters."""
-    text = str(name)
-    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[:length])
-    return shown + "…" if len(text) > length else shown
+    return printable(shorten(str(name), length), "")
 
 
 def describe_error(error: Exception) -> str:

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 
 from bcid.aliases import Floats, Ints
+from bcid.recording.limits import TABLE as LIMITS
 
-PLAIN = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?|nan)"
-DECIMAL_COMMA = r"[+-]?(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?"
+PLAIN = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?|nan)"
+DECIMAL_COMMA = r"[+-]?(?:\d+(?:,\d*)?|,\d+)(?:[eE][+-]?\d+)?"
 GROUP_SIGNS = "'\N{RIGHT SINGLE QUOTATION MARK} \N{NO-BREAK SPACE}\N{THIN SPACE}\N{NARROW NO-BREAK SPACE}"
 """Signs, beside the other mark, that part groups of three digits and are never a decimal mark."""
 MINUS_SIGNS = dict.fromkeys(
@@ -24,7 +25,7 @@ HINTS = (
         'write the numbers without percent signs, and map them with gain = 0.01: { from = "…", gain = 0.01 }',
     ),
     (r"(?i)true|false|yes|no|on|off", "map a column of numbers, or log 0 and 1"),
-    (r"[+-]?\d[\d_.]*_[\d_.]*", "write numbers without underscores"),
+    (r"[+-]?\d[\d.]*_[\d_.]*", "write numbers without underscores"),
     (
         r"[+-]?\d{1,3}(?:,\d{3})+",
         "a comma may be a decimal mark here or part thousands: export with ; between the cells, or with points",
@@ -58,7 +59,7 @@ def parse_numbers(cells: pd.Series, decimal: str = ".") -> ParsedNumbers:
     values, blank = np.full(n, np.nan), cells.isna().to_numpy()
     if blank.all():
         return ParsedNumbers(values, np.zeros(0, dtype=int))
-    text = cells[~blank].astype(str).str.strip()
+    text = blank_long_cells(cells[~blank].astype(str).str.strip())
     tried = [
         (written, written.str.fullmatch(PLAIN).to_numpy(dtype=bool), how)
         for how, written in _read_notations(text, decimal)
@@ -68,6 +69,11 @@ def parse_numbers(cells: pd.Series, decimal: str = ".") -> ParsedNumbers:
     # text that says nan is no blank cell
     values[~blank] = np.where(good & np.isnan(numbers), np.inf, numbers)
     return ParsedNumbers(values, np.flatnonzero(~blank)[~good], notation)
+
+
+def blank_long_cells(text: "pd.Series[str]") -> "pd.Series[str]":
+    """The texts, but empty where one is longer than any number or stamp, so that no pattern is tried on it."""
+    return text.mask(text.str.len() > LIMITS.max_cell_bytes, "")
 
 
 def _read_notations(text: "pd.Series[str]", decimal: str) -> list[tuple[str, "pd.Series[str]"]]:
@@ -104,4 +110,6 @@ def _grouped_number(mark: str) -> "re.Pattern[str]":
 def next_step_for(cell: object) -> str:
     """The next step for a cell that is no number, by what it looks like."""
     text = str(cell).strip()
+    if len(text) > LIMITS.max_cell_bytes:
+        return MEND_ROWS
     return next((step for pattern, step in HINTS if re.fullmatch(pattern, text)), MEND_ROWS)

@@ -9,12 +9,13 @@ import numpy.typing as npt
 import pandas as pd
 
 from bcid.aliases import Floats, Ints
-from bcid.recording.formats.numbers import parse_numbers
+from bcid.recording.formats.numbers import blank_long_cells, parse_numbers
 from bcid.recording.limits import STAMP as LIMITS
 
 NANOSECONDS = 1_000_000_000
 DAY_S, HOUR_S = 86_400.0, 3_600.0
 MOMENT_UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # of pandas' dates
+NO_PAIR = "the part of a second has 0 to 999999999 ns: map the column that holds it, or mend such rows"
 NO_STAMP = (
     'write seconds, or dates such as 2026-05-04T14:15:30.125Z, and map another unit: { from = "…", gain = 0.001 }'
 )
@@ -74,7 +75,7 @@ def parse_stamps(cells: pd.Series, gain: float = 1.0, decimal: str = ".") -> Sta
         notes = (f"numbers with {numbers.notation}",) if numbers.notation else ()
         return _number_stamps(raw, gain)._replace(notes=notes) if notes else _number_stamps(raw, gain)
     blank = cells.isna()
-    text = cells.where(blank, cells.astype(str).str.strip())
+    text = cells.where(blank, blank_long_cells(cells.astype(str).str.strip()))
     if text[~blank].str.fullmatch(ISO_DATE).all():
         zones = text[~blank].str.fullmatch(f".*{ZONE}")
         if zones.all() or not zones.any():
@@ -91,10 +92,14 @@ def parse_stamps(cells: pd.Series, gain: float = 1.0, decimal: str = ".") -> Sta
 
 
 def pair_stamps(sec: pd.Series, nanosec: pd.Series) -> Stamps:
-    """The stamps of two columns, of whole seconds and of the nanoseconds beyond them."""
+    """The stamps of two columns, of whole seconds and of the nanoseconds beyond them.
+
+    Rows whose nanoseconds are below zero or make a second or more are bad ones: the column holds something else.
+    """
     parts = parse_numbers(sec), parse_numbers(nanosec)
-    bad = np.unique(np.concatenate([p.bad_rows for p in parts]))
     whole, part = (p.values for p in parts)
+    outside = np.flatnonzero(np.isfinite(part) & ~((part >= 0.0) & (part < NANOSECONDS)))
+    bad = np.unique(np.concatenate([*(p.bad_rows for p in parts), outside]))
     known = np.isfinite(whole) & np.isfinite(part)
     origin = float(whole[known][0]) if known.any() else 0.0
     seconds = np.where(known, (whole - origin) + part / NANOSECONDS, np.nan)

@@ -1,6 +1,7 @@
 """The head of a CSV table: the row of column names among a preamble, a second header row and a row of units."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -44,7 +45,7 @@ class TableHead(NamedTuple):
     @property
     def all_names(self) -> list[str]:
         """The names by which columns may be mapped, as messages list them."""
-        counts = {n: self.names.count(n) for n in self.names}
+        counts = Counter(self.names)
         return [b if counts[n] > 1 and b else n for n, b in zip(self.names, self.alternatives, strict=True) if n or b]
 
 
