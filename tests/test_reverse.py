@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bcid.effects.constants import Constants
+from bcid.errors import InputRefused
 from bcid.estimate.command_parts import cut_into_parts, hold_for_periods, mean_commands
 from bcid.estimate.run import estimate_motion
 from bcid.models.interface import FitTask, history_at_rest, rollout
@@ -15,6 +16,7 @@ from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.linear import NewtonEulerLinear
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.physics.car import Car, motor_force
+from bcid.recording.checks.plausibility import check_plausibility
 from bcid.recording.types import Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import COMMAND_HZ, simulate_drive
@@ -85,6 +87,18 @@ def test_commands_and_brake_are_driven_together(vehicle: Vehicle) -> None:
     np.testing.assert_array_equal(driven.values[:, 2], [0.0, 0.7, 0.7, 0.2, 0.0])
 
 
+def test_a_brake_in_percent_is_refused() -> None:
+    raw = record_drive(simulate_drive(Plant(), Sensor(), 40.0, 1), 60.0, simulated_vehicle())
+    for values, fine in ((raw.commands.time_s % 2.0 < 0.5, True), (80.0 * (raw.commands.time_s % 2.0 < 0.5), False)):
+        channels = {"brake_share": Stream(raw.commands.time_s, np.asarray(values, dtype=float)[:, None])}
+        braked = replace(raw, channels=channels)
+        if fine:
+            check_plausibility(braked, simulated_vehicle())
+        else:
+            with pytest.raises(InputRefused, match="percent"):
+                check_plausibility(braked, simulated_vehicle())
+
+
 def test_a_drive_to_and_fro_is_fitted() -> None:
     """The simulation's own car, which reverses; its constants are found as well as those of one that does not."""
     rng, seconds = np.random.default_rng(5), 120.0
@@ -95,9 +109,7 @@ def test_a_drive_to_and_fro_is_fitted() -> None:
     drive = simulate_drive(plant, Sensor(rate_hz=100.0), seconds, 3, given_commands=commands)
     vehicle = simulated_vehicle()
     motor = vehicle.motor.model_copy(update={"reverses": True})
-    # wheels that turn by more than a quarter could drive the car backward while they roll forward
-    steering = vehicle.steering.model_copy(update={"max_angle_rad": 0.9})
-    vehicle = vehicle.model_copy(update={"motor": motor, "steering": steering})
+    vehicle = vehicle.model_copy(update={"motor": motor})
     recording = record_drive(drive, 100.0, vehicle)
     assert not [i for i in recording.irregularities if i.action == "no-go"]
     estimate = estimate_motion(recording, vehicle, TUNING)

@@ -22,8 +22,8 @@ class EstimateLimits:
     max_servo_takes: int = 3
     # Longest part (s) of each: a minute gives T_s to 3 % (docs/results/checks.json).
     servo_take_s: float = 60.0
-    # Error of T_s (natural logarithm) that no scatter shows: tyres unlike the model's.  Of 69 fresh takes of the fleet
-    # 68 are inside with this and the next, of the 1:10 car's 14 lively ones 10 without, 14 with (seeds 31100, 40000).
+    # Error of T_s (natural logarithm) that no scatter shows: tyres unlike the model's.  With this and the next all
+    # of 54 takes are inside, among them the 1:10 car's 14 lively ones, of which 10 are without (seeds 31100, 40000).
     servo_systematic_ln: float = 0.01
     # Error of T_s in steps of the grid: the servo is followed from row to row, and small cars at 25 Hz come out low.
     servo_systematic_steps: float = 0.05

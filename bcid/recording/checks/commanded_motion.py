@@ -7,7 +7,7 @@ from scipy.signal import savgol_filter
 
 from bcid.aliases import Bools, Floats
 from bcid.recording.checks.known import commands_known_at, poses_known_at
-from bcid.recording.checks.raw_motion import moves_backward
+from bcid.recording.checks.raw_motion import moves_backward, reverses_by_motor
 from bcid.recording.checks.turning import TurningData, white_noise_sd
 from bcid.recording.limits import AGREEMENT as LIMITS
 from bcid.recording.types import Recording
@@ -24,7 +24,7 @@ class CommandedMotion(NamedTuple):
     turn: Floats  # yaw rate, rad/s
     pull: Floats  # rate of the speed, m/s^2
     use: Bools  # rows at which the motion is known and fast enough
-    known: Bools  # rows at which a command is known, and the servo under it
+    known: Bools  # rows at which a command is known, and the servo under it, and no brake of its own is on
     commands: Floats  # (N, 2) steering (rad) and throttle
     pull_noise: float  # of `pull` by the noise of the positions, m/s^2
 
@@ -51,13 +51,15 @@ def compare_on_grid(recording: Recording, data: TurningData, vehicle: Vehicle) -
     known = np.zeros(len(data.time_s))
     known[data.rows] = 1.0
     speed = np.interp(time_s, data.time_s, data.speed)
-    if vehicle.steering.max_angle_rad < LIMITS.max_reversing_angle_rad:
+    if reverses_by_motor(vehicle):
         heading = np.interp(time_s, data.time_s, data.heading)
         seen = poses_known_at(recording, time_s)
         speed = np.where(moves_backward(heading, np.where(seen, speed, 0.0)), -speed, speed)
+    free = recording.driven.held_at(time_s)[:, 2] <= 0.0  # of a brake, which is no part of the throttle
     return CommandedMotion(
         time_s, speed, np.interp(time_s, data.time_s, data.turn), smoothed(speed, derivative=True),
-        away_from_unknown(np.interp(time_s, data.time_s, known) > 0.99), commands_known_at(recording, vehicle, time_s),
+        away_from_unknown(np.interp(time_s, data.time_s, known) > 0.99),
+        free & commands_known_at(recording, vehicle, time_s),
         recording.commands.held_at(time_s), _pull_noise(recording),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ from bcid.errors import InputRefused
 from bcid.recording.checks.mounting import estimate_yaw_offset
 from bcid.recording.checks.raw_motion import RawMotion, differentiate_poses
 from bcid.recording.limits import HEALTH as LIMITS
-from bcid.recording.types import Recording
+from bcid.recording.types import BRAKE_CHANNEL, Recording
 from bcid.vehicle import Vehicle
 
 
@@ -93,6 +93,10 @@ def _find_unexcited_constants(recording: Recording, vehicle: Vehicle, motion: Ra
         found.append("steering: cornering stiffness, grip and inertia (C_f, C_r, F_f_max, F_r_max, I_z)")
     if np.quantile(v, 0.95) - np.quantile(v, 0.05) < LIMITS.min_speed_spread * np.quantile(v, 0.95):
         found.append("other speeds: motor and drag apart (K_t, R_1, R_2)")
-    if vehicle.motor.law == "speed" and (u_m[moving] < 0.0).sum() * motion.step_s < LIMITS.min_braking_s:
+    braked = recording.driven.held_at(motion.time_s)[:, 2] > 0.0
+    if not vehicle.motor.reverses:
+        braked |= u_m < 0.0
+    brakes = not vehicle.motor.reverses or BRAKE_CHANNEL in recording.channels
+    if vehicle.motor.law == "speed" and brakes and braked[moving].sum() * motion.step_s < LIMITS.min_braking_s:
         found.append("braking: the brake gain (K_b)")
     return found

@@ -7,11 +7,16 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused, Problem, Problems
-from bcid.recording.checks.raw_motion import commanded_steering_angle, differentiate_poses, moves_backward
+from bcid.recording.checks.raw_motion import (
+    commanded_steering_angle,
+    differentiate_poses,
+    moves_backward,
+    reverses_by_motor,
+)
 from bcid.recording.checks.steering_verdict import fit_elsewhere
 from bcid.recording.limits import AGREEMENT
 from bcid.recording.limits import MOTION as LIMITS
-from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
+from bcid.recording.types import BRAKE_CHANNEL, Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
 
 MISREADINGS = {
@@ -37,6 +42,8 @@ def check_plausibility(recording: Recording, vehicle: Vehicle) -> Recording:
         InputRefused: the motion shows inverted steering, a mirrored axis, or a wrong unit of lengths, yaw or a channel.
     """
     problems, odd = Problems(), list[Irregularity]()
+    with problems.gather_refusals():
+        _check_brake(recording)
     with problems.gather_refusals():
         odd += _check_turning(recording, vehicle)
         odd += _check_speed(recording, vehicle)
@@ -127,7 +134,7 @@ def _turning_response(recording: Recording, vehicle: Vehicle) -> _TurningRespons
     speed = np.hypot(v_x, motion.v_f * np.sin(motion.beta_f) - vehicle.body.cog_to_front_m * motion.yaw_rate)
     use = motion.good & (speed > LIMITS.min_speed_share * np.quantile(speed[motion.good], 0.95))
     folded = 1.0
-    if vehicle.steering.max_angle_rad < AGREEMENT.max_reversing_angle_rad:
+    if reverses_by_motor(vehicle):
         # backward, it turns right where it is steered left
         back = moves_backward(motion.beta_f, motion.good * motion.v_f)
         # a whole drive backward is one of a body that is mounted so, too
@@ -229,6 +236,18 @@ def _check_speed(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:
         text = f"{text}, and throttles ask for up to {asked:.3g} m/s: correct motor.reference_speed_mps"
         return [Irregularity("vehicle file", "warning", 1, source, text)]
     return [Irregularity("scale", "warning", 1, source, f"{text}: a scale set on export?")]
+
+
+def _check_brake(recording: Recording) -> None:
+    """Raise `InputRefused` where the channel of a brake of its own is no share from 0 to 1."""
+    if BRAKE_CHANNEL not in recording.channels:
+        return
+    share = recording.channels[BRAKE_CHANNEL].values
+    low, high = float(share.min()), float(share.max())
+    if low < -LIMITS.max_rounding or high > 1.0 + LIMITS.max_rounding:
+        cause = f"goes from {low:.3g} to {high:.3g}, where a share from 0 to 1 is meant: percent?"
+        step = "log it so, or map the field with a gain"
+        raise InputRefused(command_source_path(recording.sources), BRAKE_CHANNEL, cause, step)
 
 
 def _check_channels(recording: Recording, vehicle: Vehicle) -> list[Irregularity]:

@@ -12,6 +12,7 @@ from bcid.aliases import Bools, Floats
 from bcid.compiled.njit import njit
 from bcid.physics.steering import steering_step
 from bcid.recording.checks.known import poses_known_at
+from bcid.recording.limits import AGREEMENT
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -20,6 +21,14 @@ WINDOW_S = 0.26  # of the differentiating filter
 SUBSTEPS = 8  # of the steering actuator in a step of the grid
 DEFAULT_TIME_CONSTANT_S = 0.15
 DEFAULT_RATE_RADPS = 3.0
+
+
+def reverses_by_motor(vehicle: Vehicle) -> bool:
+    """Whether motion backward is that of a motor that drives backward, and not of wheels that are turned by so much.
+
+    The vehicle file says so, or its steering does not reach `AGREEMENT.max_reversing_angle_rad`.
+    """
+    return vehicle.motor.reverses or vehicle.steering.max_angle_rad < AGREEMENT.max_reversing_angle_rad
 
 
 class RawMotion(NamedTuple):
