@@ -15,8 +15,9 @@ from bcid.recording.assemble import mend_poses
 from bcid.recording.checks.contacts import find_contacts, split_at_contacts
 from bcid.recording.checks.heading import face_forward
 from bcid.recording.checks.samples import Samples, clean_samples
-from bcid.recording.checks.yaw_jumps import find_yaw_jumps
+from bcid.recording.checks.yaw_jumps import _undoes_one_of, find_yaw_jumps
 from bcid.recording.formats.raw import RawTake
+from bcid.recording.limits import HEADING
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
@@ -275,3 +276,15 @@ def test_samples_of_a_few_poses_are_returned_as_they_are() -> None:
     poses, breaks = mend_poses(few, Samples(np.zeros(1), np.zeros((1, 2)), []), drawn_drive(0).kind.vehicle(), "take")
     np.testing.assert_array_equal(poses.values, few.values)
     assert breaks == []
+
+
+def test_a_long_take_of_many_jumps_needs_little_memory() -> None:
+    """Every tenth sample of half an hour at 120 Hz jumps and comes back: pairs of all with all would take gigabytes."""
+    rng = np.random.default_rng(0)
+    sizes, jumps = rng.normal(size=200_000), rng.normal(size=20_000)
+    undone = _undoes_one_of(sizes, jumps)
+    for i in range(0, len(sizes), 4001):
+        near = np.abs(sizes[i] + jumps) < HEADING.max_return_misfit * np.abs(jumps)
+        assert not undone[i] or near.any()
+    assert undone.mean() > 0.9
+    assert not _undoes_one_of(sizes, np.empty(0)).any()

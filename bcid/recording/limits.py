@@ -474,6 +474,8 @@ class ClockLimits:
 class AgreementLimits:
     """Limits between commands that a car was driven by and any others (tests/fleet.py, docs/results/checks.json)."""
 
+    # lags that are looked at on either side: a quarter of an hour at 25 Hz, with nulls enough; a lag takes 0.8 kB
+    max_lags: int = 22_500
     # wheels that turn further may pull the car backward while they roll forward: the sign of its motion says nothing
     max_reversing_angle_rad: float = 1.3
     # share of a drive backward, from which the body may as well be mounted so

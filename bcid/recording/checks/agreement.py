@@ -13,6 +13,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from bcid.aliases import Bools, Floats, Ints
+from bcid.recording.limits import AGREEMENT as LIMITS
 
 RIDGE = 1e-9  # of the features' squares, so that equal ones are no error
 
@@ -69,7 +70,7 @@ def scan_lags(y: Floats, use: Bools, features: list[Feature], known: Bools, leas
     fs = [w * f.still / a for f, a in zip(features, scale_f, strict=True)]
     gs = [m * g / a for g, a in zip(gs, scale_g, strict=True)]
     rows = correlate(w, m)
-    kept = rows > least_share * w.sum() + 1.0
+    kept = (rows > least_share * w.sum() + 1.0) & (np.abs(np.arange(-(n - 1), n)) <= LIMITS.max_lags)
     lags = np.arange(-(n - 1), n)[kept]
     gram, cross = np.empty((len(lags), count, count)), np.empty((len(lags), count))
     for i in range(count):

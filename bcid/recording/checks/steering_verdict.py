@@ -208,7 +208,7 @@ def _fit_best_part(X: Floats, y: Floats, rows: list[Ints], begun: list[int]) -> 
         if chosen == good:
             break
         good = chosen
-    return weights, good, float(left[good].sum())
+    return weights, good, float(left[good].mean())
 
 
 def _name_block_fault(motion: CommandedMotion, predicted: Floats, rows: Ints) -> str | None:

@@ -66,10 +66,20 @@ def find_yaw_jumps(time_s: Floats, yaw: Floats, wheelbase_m: float) -> YawJumps:
     jumps |= half_turn & (step_s < LIMITS.max_flip_steps * usual_s)
     # the way back may look a little smaller than the way there
     likely = np.flatnonzero(~jumps & (beyond > LIMITS.return_share * allowed))
-    sums = np.abs(size[likely, None] + size[jumps][None, :])
-    jumps[likely] |= (sums < LIMITS.max_return_misfit * np.abs(size[jumps])).any(axis=1)
+    jumps[likely] |= _undoes_one_of(size[likely], size[jumps])
     size = wrap_angles(step - step_s * steady_rates(rate, jumps))
     return _measure_jumps(time_s, yaw, YawJumps(np.flatnonzero(jumps) + 1, size[jumps], (turned + allowed)[jumps]))
+
+
+def _undoes_one_of(sizes: Floats, jumps: Floats) -> Bools:
+    """Whether each of `sizes` (M,) (rad) is, but for LIMITS.max_return_misfit of it, the opposite of a jump (K,)."""
+    if not len(jumps):
+        return np.zeros(len(sizes), dtype=bool)
+    known = np.sort(jumps)
+    above = np.searchsorted(known, -sizes)
+    nearest = (known[np.clip(above + k, 0, len(known) - 1)] for k in (-1, 0))
+    undone = [np.abs(sizes + jump) < LIMITS.max_return_misfit * np.abs(jump) for jump in nearest]
+    return np.asarray(np.any(undone, axis=0))
 
 
 def _measure_jumps(time_s: Floats, yaw: Floats, jumps: YawJumps) -> YawJumps:
