@@ -12,7 +12,7 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).parent.parent
-WIDTH, BOX_WIDTH, BOX_HEIGHT, GAP = 960, 268, 62, 34
+BOX_WIDTH, BOX_HEIGHT, GAP = 268, 62, 34
 SHIFTS = (-60, 20, -20, 60)  # of the floors, so that few arrows run straight down through boxes
 
 
@@ -61,19 +61,22 @@ def svg() -> str:
     below = imports(set(parts))
     floor = floors(below)
     top = max(floor.values())
+    most = max(sum(floor[name] == height for name in parts) for height in range(top + 1))
+    # the widest floor, and room for a shift to either side
+    width = round(most * (BOX_WIDTH + GAP / 2) + 2 * max(abs(shift) for shift in SHIFTS))
     place: dict[str, tuple[float, float]] = {}
     for height in range(top + 1):
         row = [name for name in parts if floor[name] == height]
         for i, name in enumerate(row):
             x = (
-                WIDTH / 2
+                width / 2
                 + (i - (len(row) - 1) / 2) * (BOX_WIDTH + GAP / 2)
                 - BOX_WIDTH / 2
                 + SHIFTS[height % len(SHIFTS)]
             )
             place[name] = x, (top - height) * (BOX_HEIGHT + GAP) + 10
     out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {(top + 1) * (BOX_HEIGHT + GAP)}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {(top + 1) * (BOX_HEIGHT + GAP)}" '
         'font-family="sans-serif" font-size="11">',
         "<style>path{fill:none;stroke:#c0504d;stroke-opacity:.55;stroke-width:1.2;marker-end:url(#tip)}"
         "rect{fill:#f4f7fa;stroke:#46627f}</style>",

@@ -18,6 +18,7 @@ from bcid.files.parquet import write_columns
 from bcid.models.interface import ContinuousTimeModel, Model, RolloutDiverged, history_at_rest, rollout
 from bcid.models.saving import load_model
 from bcid.recording.formats.commands_file import read_commands_file
+from bcid.recording.types import Stream
 from bcid.simulation.car import Sensor
 from bcid.simulation.drive import COMMAND_HZ, Drive
 from bcid.simulation.samples import SampleTake
@@ -120,12 +121,12 @@ def _held_commands(time_s: Floats, command: Floats, duration_s: float) -> tuple[
     Each of `command` (K, 2) holds from its time in `time_s` (K,), and each is repeated COMMAND_HZ times a second, as
     controllers do.
     """
-    times, given = np.r_[-1.0, time_s], np.vstack([np.zeros(2), command])
+    times: Floats = np.asarray(np.round(np.r_[-1.0, time_s], _TIME_DECIMALS), dtype=np.float64)
+    given = Stream(times, np.vstack([np.zeros(2), command]))
     repeats: Floats = np.arange(math.ceil(duration_s * COMMAND_HZ - 1e-6)) / COMMAND_HZ
     inside = time_s[(time_s >= 0.0) & (time_s < duration_s)]
     logged: Floats = np.unique(np.round(np.r_[repeats, inside], _TIME_DECIMALS))
-    held = np.searchsorted(np.round(times, _TIME_DECIMALS), logged, side="right") - 1
-    return logged, given[held]
+    return logged, given.held_at(logged)
 
 
 def drive_model(model: Model, time_s: Floats, command: Floats, duration_s: float, sensor: Sensor, seed: int) -> Drive:

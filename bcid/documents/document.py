@@ -16,7 +16,7 @@ from bcid.files.regular import read_regular_file
 SHOWN_PROBLEMS = 8
 """Wrong fields that a message names; of an array of a million there may be as many."""
 MAX_WHOLE_BITS = 256
-"""Of a whole number in a document: those of a SHA-256, which may serve as a seed."""
+"""Bits of the largest whole number in a document: a SHA-256 has as many, and may serve as a seed."""
 SHOWN_LENGTH = 40
 """Characters of a wrong value that a message shows."""
 

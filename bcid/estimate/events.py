@@ -64,7 +64,8 @@ def build_timeline(
     pose_s = np.round(recording.poses.time_s, TIME_DECIMALS)
     first, last = pose_s[0], pose_s[-1]
     limit = vehicle.steering.max_angle_rad
-    command_s, driven = np.round(recording.driven.time_s, TIME_DECIMALS), recording.driven.values.copy()
+    commands = recording.driven
+    command_s, driven = np.round(commands.time_s, TIME_DECIMALS), commands.values.copy()
     driven[:, 0] = np.clip(driven[:, 0], -limit, limit)
     shift = shift_to_commands(command_s, driven, period_s)
     periods = np.arange(np.ceil((first - shift) / period_s - 1e-6), np.floor((last - shift) / period_s + 1e-6) + 1)

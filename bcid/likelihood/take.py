@@ -155,11 +155,12 @@ def cut_segments(recording: Recording, estimate: Estimate, h: float = LONGEST_ST
             start.append(_fit_initial_state(stamp[mine] - t_0, pose[mine]))
     first, first_stamp = np.cumsum([len(m) for m in means]), np.cumsum([len(k) for k in kept])
     row = np.concatenate([kept[0], *(g + f for g, f in zip(groups, first, strict=False))])
+    driven = recording.driven
     return Take(
-        recording.driven.time_s - zero, recording.driven.values, stamp[np.concatenate(kept)], row,
+        driven.time_s - zero, driven.values, stamp[np.concatenate(kept)], row,
         1.0 / np.bincount(row)[row], first_stamp, np.concatenate(means), first, np.array(begin, dtype=np.int64),
         round(SEGMENT_S / h), recording.duration_s, pad_with_zero_pushes(np.array(start).reshape(-1, N_START)),
-        np.zeros(len(start)), np.full(len(start), recording.duration_s), np.zeros(len(recording.driven)),
+        np.zeros(len(start)), np.full(len(start), recording.duration_s), np.zeros(len(driven)),
     )  # fmt: skip
 
 

@@ -132,7 +132,7 @@ def _judge_unit(motion: CommandedMotion, vehicle: Vehicle, lag_s: float) -> tupl
     return None, f"{text}: it is no speed in m/s; {MEND_UNIT}"
 
 
-def swapped(motion: CommandedMotion) -> CommandedMotion:
+def exchange_commands(motion: CommandedMotion) -> CommandedMotion:
     """The motion with its steering and throttle commands exchanged."""
     commands: Floats = np.ascontiguousarray(motion.commands[:, ::-1])
     return motion._replace(commands=commands)

@@ -14,7 +14,7 @@ from bcid.recording.checks.geometry import hint_at_geometry, show_geometry
 from bcid.recording.checks.plausibility import check_commands
 from bcid.recording.checks.pose_verdict import judge_poses
 from bcid.recording.checks.steering_verdict import SteeringAgreement, judge_steering
-from bcid.recording.checks.throttle_verdict import ThrottleAgreement, judge_throttle, swapped
+from bcid.recording.checks.throttle_verdict import ThrottleAgreement, exchange_commands, judge_throttle
 from bcid.recording.checks.turning import TurningData, prepare_turning
 from bcid.recording.limits import AGREEMENT as LIMITS
 from bcid.recording.limits import CLOCK
@@ -43,7 +43,7 @@ def compare_commands(
         exchanged = replace(recording, commands=replace(
             recording.commands, values=recording.commands.values[:, ::-1]
         ))  # fmt: skip
-        other = judge_steering(swapped(motion), exchanged, vehicle)
+        other = judge_steering(exchange_commands(motion), exchanged, vehicle)
         if other.agrees:
             text = "steering and throttle are swapped: the throttle explains the turning; exchange their columns"
             return steering._replace(verdict=text, foreign=False), throttle._replace(verdict=None)

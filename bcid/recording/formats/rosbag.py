@@ -44,12 +44,12 @@ def parse_file_list(metadata: str) -> list[str]:
     lines = iter(metadata.splitlines())
     opened = next((line.strip() for line in lines if line.strip().startswith(LIST_KEY)), "")
     rest = opened[len(LIST_KEY) :].strip()
-    entries = _bracketed(rest, lines) if rest.startswith("[") else _dashed(lines)
-    names = [PurePosixPath(_unquoted(entry)).name for entry in entries]
+    entries = _read_bracketed_list(rest, lines) if rest.startswith("[") else _read_dashed_list(lines)
+    names = [PurePosixPath(_strip_quotes(entry)).name for entry in entries]
     return list(dict.fromkeys(name for name in names if name))
 
 
-def _bracketed(first: str, lines: Iterator[str]) -> list[str]:
+def _read_bracketed_list(first: str, lines: Iterator[str]) -> list[str]:
     """The entries of a list in brackets, which begins with the text `first` and may go on over `lines`."""
     parts = [first[1:]]
     while "]" not in parts[-1]:
@@ -58,7 +58,7 @@ def _bracketed(first: str, lines: Iterator[str]) -> list[str]:
     return " ".join(parts).partition("]")[0].split(",")
 
 
-def _dashed(lines: Iterator[str]) -> list[str]:
+def _read_dashed_list(lines: Iterator[str]) -> list[str]:
     """The entries of a list of one line each, up to the first line that is none; blank lines and comments aside."""
     entries = []
     for line in lines:
@@ -70,7 +70,7 @@ def _dashed(lines: Iterator[str]) -> list[str]:
     return entries
 
 
-def _unquoted(entry: str) -> str:
+def _strip_quotes(entry: str) -> str:
     """A scalar of a YAML list without its quotes, or without a comment behind it."""
     text = entry.strip()
     if text[:1] in ("'", '"') and (end := text.find(text[0], 1)) > 0:
