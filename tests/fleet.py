@@ -1,6 +1,6 @@
 """Clean drives of five vehicles: what the checks of commands, clock and servo are measured on.
 
-`python -m tests.fleet` measures them on fresh seeds and writes docs/results/checks.json.
+`python tests/measure_checks.py` measures them on fresh seeds and writes docs/results/checks.json.
 """
 
 from __future__ import annotations
