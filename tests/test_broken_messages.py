@@ -17,10 +17,10 @@ from test_readers import START_NS, json_mcap, topical
 
 import bcid.recording.read
 from bcid.errors import BcidError, InputRefused, UsageError
+from bcid.recording.formats.limits import MESSAGE
 from bcid.recording.formats.message_fields import MissingField, NotANumber, get_field, number_at, parse_number
 from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.ros_encoding import BadDefinition, BadMessage, compile_ros_decoder
-from bcid.recording.limits import MESSAGE
 from bcid.recording.read import UnforeseenContent, read_raw_take
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle

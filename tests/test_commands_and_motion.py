@@ -75,6 +75,21 @@ def test_what_cannot_be_used_is_a_no_go_with_the_cause_first(name: str, seed: in
     assert re.search(way.cause, said), said
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("bumper", 60_020), ("f1tenth", 60_008), ("tricycle", 60_014)])
+def test_in_laps_a_change_of_sign_is_not_half_a_lap_s_delay(kind: str, seed: int) -> None:
+    drive, way = draw_drive(seed, kind, "laps"), SPOILED["steering's sign changes"]
+    said = name_first_cause(way.make(drive, np.random.default_rng(seed)), drive)
+    assert said is not None
+    assert re.search(way.cause, said)
+
+
+def test_a_late_wave_is_no_mirrored_axis() -> None:
+    drive = draw_drive(61_055, "bumper", "waves")
+    clock = assemble_recording(shifted(drive.raw, -4.375), drive.kind.vehicle(True)).clock
+    assert clock.offset_ci95 is not None
+    assert clock.offset_ci95[0] < 4.375 < clock.offset_ci95[1]
+
+
 @pytest.mark.parametrize("late_s", [-4.2, -0.4, 0.3, 2.5])
 @pytest.mark.parametrize(("kind", "minimal"), [("rc", False), ("bumper", False), ("tricycle", True)])
 def test_a_clock_offset_of_seconds_is_found(late_s: float, kind: str, minimal: bool) -> None:

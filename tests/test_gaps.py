@@ -13,8 +13,8 @@ from measure_checks import is_clean
 from bcid.recording.assemble import assemble_recording
 from bcid.recording.checks.health import assess_health
 from bcid.recording.checks.known import commands_known_at, poses_known_at
+from bcid.recording.checks.pose_noise import white_noise_sd
 from bcid.recording.checks.samples import clean_samples, find_set_backs
-from bcid.recording.checks.turning import white_noise_sd
 from bcid.recording.formats.raw import RawTake
 
 

@@ -14,8 +14,8 @@ from test_readers import json_mcap
 
 from bcid.errors import InputRefused
 from bcid.recording.formats.detect import recording_files
+from bcid.recording.formats.limits import MESSAGE
 from bcid.recording.formats.rosbag import parse_file_list, read_bag_folder
-from bcid.recording.limits import MESSAGE
 from bcid.recording.read import read_raw_take
 from bcid.vehicle import Vehicle
 

@@ -2,5 +2,5 @@
 
 `read` (any file, by its content), over `formats` (readers), `checks` (of what they read) and `assemble` (the recording,
 with all irregularities counted); `neighbours` (whose commands fit); `types` (the recording), `saving` (its files),
-`limits` (all numbers that decide).
+`limits` (the numbers that decide on poses).
 """

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from bcid.aliases import Bools, Floats, Ints
-from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
 
 RIDGE = 1e-9  # of the features' squares, so that equal ones are no error
 

@@ -14,9 +14,9 @@ from bcid.aliases import Floats
 from bcid.documents.health import ClockEstimate
 from bcid.recording.checks.clock_jump import JUMP
 from bcid.recording.checks.geometry import hint_at_drive
+from bcid.recording.checks.limits import CLOCK as LIMITS
 from bcid.recording.checks.steering_fit import NAMES, SteeringFit, fit_steering, predicted_turn, systematic_delay_s
-from bcid.recording.checks.turning import TurningData, liveliest
-from bcid.recording.limits import CLOCK as LIMITS
+from bcid.recording.checks.turning import TurningData, liveliest, split_at_blocks
 from bcid.recording.types import Irregularity, Recording, command_source_path
 from bcid.vehicle import Vehicle
 
@@ -112,11 +112,9 @@ def _block_delays(data: TurningData, vehicle: Vehicle, fit: SteeringFit) -> _Blo
     slope = (sides[0] - sides[1]) / (2.0 * DERIVATIVE_STEP_S)
     left = data.turn[data.rows] - 0.5 * (sides[0] + sides[1])
     t = data.time_s[data.rows]
-    block = (t // LIMITS.block_s).astype(int)
     found = [
         (float(t[rows].mean()), float(slope[rows] @ left[rows]), float(slope[rows] @ slope[rows]))
-        for b in np.unique(block)
-        if len(rows := np.flatnonzero(block == b))
+        for rows in split_at_blocks(np.arange(len(t)), t, LIMITS.block_s)
     ]
     middle, across, square = np.array(found).reshape(len(found), 3).T
     told = square > LIMITS.min_block_share * np.median(square)

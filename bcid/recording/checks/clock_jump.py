@@ -1,7 +1,8 @@
 """Whether a clock jumped within a take: commands that fit the motion before a time at one lag, after it at another.
 
 The turning y is explained in both parts by one map of the commands, sum_i w_i f_i(t) g_i(t - lag), at the lag of each
-part.  A jump is told where two lags leave far less than any single one.
+part.  A jump is told where two lags leave far less than any single one, and less than a change of the steering's sign
+at one lag: where laps come round again, the commands of half a lap later look like those with the other sign.
 """
 
 from typing import NamedTuple
@@ -11,7 +12,8 @@ import numpy as np
 from bcid.aliases import Floats, Ints
 from bcid.recording.checks.agreement import RIDGE, Feature
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.limits import CLOCK_JUMP as LIMITS
+from bcid.recording.checks.limits import CLOCK_JUMP as LIMITS
+from bcid.recording.checks.turning_terms import OTHER_SIGN, terms_at, turns_leftward
 
 JUMP = "clock jump"
 """The kind of the irregularity."""
@@ -55,6 +57,10 @@ class _Normal(NamedTuple):
         """The equations of these rows and the other ones together."""
         return _Normal(*(a + b for a, b in zip(self, other, strict=True)))
 
+    def steered_the_other_way(self) -> "_Normal":
+        """The equations of commands with the other steering sign: the terms odd in the angle change theirs."""
+        return self._replace(gram=self.gram * np.outer(OTHER_SIGN, OTHER_SIGN), cross=self.cross * OTHER_SIGN)
+
     def weights(self) -> Floats:
         """The weights (..., n) that explain these rows best."""
         n = self.gram.shape[-1]
@@ -87,13 +93,8 @@ class _Parts:
             np.zeros(shape + size) for size in ((n, n), (n,), (), ())
         )  # fmt: skip
         for k, lag in enumerate(lags):
-            at = rows - lag
-            inside = (at >= 0) & (at < len(motion.known))
-            at = np.clip(at, 0, len(motion.known) - 1)
-            w = (inside & motion.known[at]).astype(float)
-            X = np.column_stack([
-                w * f.still[rows] * (1.0 if f.moving is None else f.moving[at]) for f in features
-            ])  # fmt: skip
+            X, under = terms_at(features, motion.known, rows, int(lag))
+            w = under.astype(float)
             for sums, products in (
                 (self.gram, X[:, :, None] * X[:, None, :]), (self.cross, X * y[:, None]), (self.square, w * y * y),
                 (self.counted, w),
@@ -110,7 +111,7 @@ class _Parts:
 def find_clock_jump(motion: CommandedMotion, features: list[Feature]) -> ClockJump | None:
     """The jump of one clock against the other that the turning shows; None where one lag explains it about as well.
 
-    `features` are the terms that explain the turning; the first does not move with the commands.
+    `features` are the `turning_terms` that explain the turning.
     """
     rows, least = np.flatnonzero(motion.use), LIMITS.min_part_s * GRID_HZ
     if len(rows) < 2 * least:
@@ -128,6 +129,8 @@ def find_clock_jump(motion: CommandedMotion, features: list[Feature]) -> ClockJu
     row, beside = int(parts.edges[c]), round(0.5 * LIMITS.cell_s * GRID_HZ)
     from_s, to_s = (float(motion.time_s[rows[k]]) for k in (row - beside, row + beside))
     jump = ClockJump(from_s, to_s, *(float(lags[k]) / GRID_HZ for k in best.lags))
+    if min(_fit_other_sign(parts.between(0, c), parts.between(c, cells)) for c in inner) < best.left:
+        return None
     whole = parts.between(0, cells)
     if abs(jump.size_s) < LIMITS.least_s or best.left > LIMITS.max_left * float(whole.left(whole.weights()).min()):
         return None
@@ -137,8 +140,7 @@ def find_clock_jump(motion: CommandedMotion, features: list[Feature]) -> ClockJu
     # beside the jump, too: a clock that drifts has changed by half as much there
     near = [parts.between(c // 2, c), parts.between(c, (c + cells + 1) // 2)]
     steps = np.diff([lags[int(np.argmin(part.left(w)))] for part in near])[0] / GRID_HZ / jump.size_s
-    leftward = w[1] + w[3] + 0.5 * w[4] > 0.0
-    return jump if explained and leftward and steps > LIMITS.least_step else None
+    return jump if explained and turns_leftward(w) and steps > LIMITS.least_step else None
 
 
 class _TwoLags(NamedTuple):
@@ -147,6 +149,13 @@ class _TwoLags(NamedTuple):
     left: float  # mean square that is left
     lags: tuple[int, int]  # indices
     weights: Floats
+
+
+def _fit_other_sign(before: _Normal, after: _Normal) -> float:
+    """The mean square that one map at the best single lag leaves, if the steering's sign changes between two parts."""
+    both = before.plus(after.steered_the_other_way())
+    both = both._replace(counted=np.where((before.counted > 0) & (after.counted > 0), both.counted, 0.0))
+    return float(both.left(both.weights()).min())
 
 
 def _fit_two_lags(before: _Normal, after: _Normal) -> _TwoLags:

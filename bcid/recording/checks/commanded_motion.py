@@ -7,9 +7,10 @@ from scipy.signal import savgol_filter
 
 from bcid.aliases import Bools, Floats
 from bcid.recording.checks.known import commands_known_at, poses_known_at
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.pose_noise import white_noise_sd
 from bcid.recording.checks.raw_motion import moves_backward, reverses_by_motor
-from bcid.recording.checks.turning import TurningData, white_noise_sd
-from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.turning import TurningData
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.recording.checks.limits import GEOMETRY as LIMITS
 from bcid.recording.checks.single_track import servo_angles
 from bcid.recording.checks.steering_fit import SteeringFit, fit_steering
 from bcid.recording.checks.turning import TurningData
-from bcid.recording.limits import GEOMETRY as LIMITS
 from bcid.vehicle import Vehicle
 
 

@@ -7,8 +7,8 @@ not the one that the car obeyed: neither may enter a figure by which a take is j
 import numpy as np
 
 from bcid.aliases import Bools, Floats
+from bcid.recording.checks.limits import KNOWN as LIMITS
 from bcid.recording.checks.samples import longest_command_step
-from bcid.recording.limits import KNOWN as LIMITS
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

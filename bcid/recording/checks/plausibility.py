@@ -7,14 +7,14 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.errors import InputRefused, Problem, Problems
+from bcid.recording.checks.limits import AGREEMENT
 from bcid.recording.checks.raw_motion import (
     commanded_steering_angle,
     differentiate_poses,
     moves_backward,
     reverses_by_motor,
 )
-from bcid.recording.checks.steering_verdict import fit_elsewhere
-from bcid.recording.limits import AGREEMENT
+from bcid.recording.checks.steering_verdict import SteeringAgreement, compare_steering
 from bcid.recording.limits import MOTION as LIMITS
 from bcid.recording.types import BRAKE_CHANNEL, Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
@@ -182,13 +182,16 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
     seen, source = _turning_response(recording, vehicle), recording.sources[0].path
     if seen is None:
         return []
-    if seen.correlation < -LIMITS.min_turning_correlation and not fit_elsewhere(recording, vehicle):
+    inverted, askew = seen.correlation < -LIMITS.min_turning_correlation, seen.heading < LIMITS.min_heading_agreement
+    steering = compare_steering(recording, vehicle) if inverted or askew else SteeringAgreement()
+    if inverted and not (steering.fits_at_another_time or steering.fits_in_part or steering.foreign):
         raise InputRefused(
             source, "steering", f"the car turns right where the command says left (correlation {seen.correlation:.2f})",
             "positive steering turns left: log or map the command with the other sign, or correct up_axis or the order "
             "of the quaternions (x, y, z, w)",
         )  # fmt: skip
-    if seen.heading < LIMITS.min_heading_agreement:
+    # steered in waves, commands of another time fit a mirrored motion as well
+    if askew and not steering.fits_at_another_time:
         agreements = dict[str, float]()
         for name, factors in MISREADINGS.items():
             poses = Stream(recording.poses.time_s, recording.poses.values * np.array(factors))
@@ -200,7 +203,7 @@ def _check_turning(recording: Recording, vehicle: Vehicle) -> list[Irregularity]
             names = " or ".join(n for n, agreement in agreements.items() if agreement > best - LIMITS.same_agreement)
             cause = f"the car moves where it is steered only if {names} (agreement {seen.heading:.2f}, then {best:.2f})"
             raise InputRefused(source, "pose", cause, "correct up_axis, or the axes of the pose")
-    if seen.correlation < LIMITS.min_turning_correlation or seen.heading < LIMITS.min_heading_agreement:
+    if seen.correlation < LIMITS.min_turning_correlation or askew:
         figures = f"(turning {seen.correlation:.2f}, heading {seen.heading:.2f})"
         text = f"the commands explain little of the motion {figures}: check axes and units"
         return [Irregularity("steering response", "warning", 1, source, text)]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.recording.limits import POSE as LIMITS
 
 GAUSSIAN_MAD = 1.4826  # standard deviations in a median absolute deviation
@@ -17,18 +17,24 @@ def wrap_angles(angle: Floats) -> Floats:
     return np.asarray(np.angle(np.exp(1j * angle)))
 
 
+def white_noise_sd(values: Floats, known: Bools) -> float:
+    """Standard deviation of the white noise in evenly sampled smooth `values` (N,), by their third differences.
+
+    Their median size is reached neither by a steady motion and its change, nor by some outliers.  Only differences of
+    four rows that are all `known` (N,) count: a straight line over a gap has no noise.
+    """
+    third = np.diff(values, 3)[known[:-3] & known[1:-2] & known[2:-1] & known[3:]]
+    return float(GAUSSIAN_MAD * np.median(np.abs(third)) / THIRD_DIFFERENCE) if len(third) else 0.0
+
+
 def white_noise(pose: Floats) -> Floats:
     """Standard deviations (3,) of the white noise of x, y (m) and yaw (rad) in poses (N, 3) of an even rate.
 
-    By the median size of third differences, which neither a steady motion and its change, nor some outliers, nor
-    repeats reach; 0 of a few poses.
+    Repeats of a pose do not count; 0 of a few poses.
     """
     pose = pose[np.r_[True, (np.diff(pose, axis=0) != 0.0).any(axis=1)]]
-    if len(pose) < 5:
-        return np.zeros(3)
-    step = np.diff(pose, axis=0)
-    step[:, 2] = wrap_angles(step[:, 2])
-    return np.asarray(GAUSSIAN_MAD * np.median(np.abs(np.diff(step, 2, axis=0)), axis=0) / THIRD_DIFFERENCE)
+    known = np.ones(len(pose), dtype=bool)
+    return np.array([white_noise_sd(column, known) for column in (pose[:, 0], pose[:, 1], np.unwrap(pose[:, 2]))])
 
 
 def written_digits(values: Floats) -> Floats:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from bcid.recording.checks.known import poses_known_at
-from bcid.recording.checks.turning import white_noise_sd
-from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.pose_noise import white_noise_sd
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

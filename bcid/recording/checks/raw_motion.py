@@ -12,7 +12,7 @@ from bcid.aliases import Bools, Floats
 from bcid.compiled.njit import njit
 from bcid.physics.steering import steering_step
 from bcid.recording.checks.known import poses_known_at
-from bcid.recording.limits import AGREEMENT
+from bcid.recording.checks.limits import AGREEMENT
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
+from bcid.recording.checks.limits import SERVO as LIMITS
 from bcid.recording.checks.single_track import SingleTrack, servo_angles, turn_along
 from bcid.recording.checks.turning import TurningData, filtered_rate
-from bcid.recording.limits import SERVO as LIMITS
 from bcid.vehicle import Vehicle
 
 NAMES = (

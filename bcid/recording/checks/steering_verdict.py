@@ -1,7 +1,7 @@
 """Whether the steering commands are those that this car was driven by: how much of its turning they explain, and when.
 
-The yaw rate is v g(delta) (1 + understeer v^2) with any smooth map g of the servo's angle delta: what explains it at
-the true lag is compared with what explains it at other lags, and block by block with the map of the blocks that agree.
+What explains the turning (`turning_terms`) at the true lag is compared with what explains it at other lags, and block
+by block with the map of the blocks that agree.
 """
 
 from typing import NamedTuple
@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.recording.checks.agreement import Feature, LagScan, scan_lags
+from bcid.recording.checks.agreement import LagScan, scan_lags
 from bcid.recording.checks.clock_jump import find_clock_jump
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, compare_on_grid
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
 from bcid.recording.checks.single_track import servo_angles
 from bcid.recording.checks.steering_fit import STARTS
-from bcid.recording.checks.turning import prepare_turning
-from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.turning import prepare_turning, split_at_blocks
+from bcid.recording.checks.turning_terms import terms_at, turning_terms, turns_leftward
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -37,6 +38,16 @@ class SteeringAgreement(NamedTuple):
     jump_s: float = 0.0  # by how much later they act from some time on
     servo: tuple[float, float] = STARTS[0]  # time constant (s) and rate limit (rad/s) with which they explain it
 
+    @property
+    def fits_at_another_time(self) -> bool:
+        """Whether the commands fit the whole take, with their sign, at another time than stamped."""
+        return self.judged and self.verdict is None and abs(self.lag_s) > LIMITS.near_s
+
+    @property
+    def fits_in_part(self) -> bool:
+        """Whether the commands fit, with their sign, in a part of the take only, or before and after a clock jumps."""
+        return self.judged and self.verdict is not None and not self.inverted and not self.foreign
+
 
 def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehicle) -> SteeringAgreement:
     """How much of the turning the steering commands explain, with a verdict where they cannot be this car's."""
@@ -57,13 +68,12 @@ def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehic
             ))  # fmt: skip
         return SteeringAgreement()
     scan, delta, servo = _scan_servos(motion, recording, vehicle)
-    # two cubic terms and the understeering one: from one end of the steering to the other
-    leftward = scan.weights[:, 1] + scan.weights[:, 3] + 0.5 * scan.weights[:, 4] > 0.0
+    leftward = turns_leftward(scan.weights)
     away = np.abs(scan.lags) > LIMITS.near_s * GRID_HZ
     scan = scan._replace(share=np.where(away & ~leftward, 0.0, scan.share))
     near, far = scan.best(-LIMITS.near_s * GRID_HZ, LIMITS.near_s * GRID_HZ), scan.best(-np.inf, np.inf)
     null = scan.null_share(LIMITS.null_from_s * GRID_HZ)
-    jump = find_clock_jump(motion, _features(motion, delta)) if varied >= LIMITS.least_varied else None
+    jump = find_clock_jump(motion, turning_terms(motion, delta)) if varied >= LIMITS.least_varied else None
     if jump is not None:
         share = float(scan.share[near])
         return SteeringAgreement(share, jump.before_s, True, False, jump.describe(), jump_s=jump.size_s)
@@ -99,17 +109,12 @@ def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehic
     return SteeringAgreement(share, lag_s, True, False)
 
 
-def fit_elsewhere(recording: Recording, vehicle: Vehicle) -> bool:
-    """Whether steering commands fit the motion, with their sign, at another time than stamped, or in a part only.
-
-    Where they do, the car seems to turn against them for no other reason.
-    """
+def compare_steering(recording: Recording, vehicle: Vehicle) -> SteeringAgreement:
+    """What the steering commands of a recording explain of its turning; nothing is judged where it is too short."""
     data = prepare_turning(recording, vehicle)
-    if data is None:
-        return False
-    agreement = judge_steering(compare_on_grid(recording, data, vehicle), recording, vehicle)
-    other = agreement.verdict is not None and not agreement.inverted
-    return agreement.judged and (abs(agreement.lag_s) > LIMITS.near_s or other)
+    return SteeringAgreement() if data is None else judge_steering(
+        compare_on_grid(recording, data, vehicle), recording, vehicle
+    )  # fmt: skip
 
 
 def _judge_steady(motion: CommandedMotion, turning: float, vehicle: Vehicle) -> str | None:
@@ -124,13 +129,6 @@ def _judge_steady(motion: CommandedMotion, turning: float, vehicle: Vehicle) -> 
     return None
 
 
-def _features(motion: CommandedMotion, delta: Floats) -> list[Feature]:
-    """The terms that explain the yaw rate at the servo's angles delta (N,): the first holds for one constant angle."""
-    x = delta / max(float(np.abs(delta).max()), 1e-9)
-    v, fast = motion.speed, (motion.speed / motion.top_speed) ** 2
-    return [Feature(v, None), Feature(v, x), Feature(v, x * x), Feature(v, x**3), Feature(v * fast, x)]
-
-
 def _scan_servos(
     motion: CommandedMotion, recording: Recording, vehicle: Vehicle
 ) -> tuple[LagScan, Floats, tuple[float, float]]:
@@ -143,7 +141,7 @@ def _scan_servos(
     for T_s, d in servos:
         u_s = np.clip(commands.values[:, 0], -limit, limit)
         delta = servo_angles(commands.time_s, u_s, motion.time_s, T_s, d, 0.0)
-        scan = scan_lags(motion.turn, motion.use, _features(motion, delta), motion.known)
+        scan = scan_lags(motion.turn, motion.use, turning_terms(motion, delta), motion.known)
         found.append((float(scan.share.max()), scan, delta, (T_s, d)))
     return max(found, key=lambda f: f[0])[1:]
 
@@ -153,16 +151,13 @@ def _judge_blocks(motion: CommandedMotion, delta: Floats) -> str | None:
 
     The map from angle to turning, and the lag, are those that explain the best part of the blocks best.
     """
-    block, y = (motion.time_s // LIMITS.block_s).astype(int), motion.turn
+    y, terms, every = motion.turn, turning_terms(motion, delta), np.arange(len(motion.turn))
     reach, best = round(LIMITS.near_s * GRID_HZ), None
     for lag in range(-reach, reach + 1, LAG_STEP):
-        X = np.column_stack([
-            f.still if f.moving is None else f.still * np.roll(f.moving, lag) for f in _features(motion, delta)
-        ])  # fmt: skip
-        edge = np.arange(len(y))
-        use = motion.use & np.roll(motion.known, lag) & (edge >= lag) & (edge < len(y) + min(lag, 0))
+        X, under = terms_at(terms, motion.known, every, lag)
         few = LIMITS.filled_block * LIMITS.block_s * GRID_HZ
-        rows = [r for b in np.unique(block[use]) if len(r := np.flatnonzero(use & (block == b))) > few]
+        blocks = split_at_blocks(np.flatnonzero(motion.use & under), motion.time_s, LIMITS.block_s)
+        rows = [block for block in blocks if len(block) > few]
         if len(rows) < LIMITS.min_blocks:
             return None
         for begun in _starts(len(rows)):

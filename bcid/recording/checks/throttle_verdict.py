@@ -11,7 +11,7 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.recording.checks.agreement import Feature, LagScan, scan_lags
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, away_from_unknown, smoothed
-from bcid.recording.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
 from bcid.vehicle import Vehicle
 
 MEND_DEAD = "log the throttle that is sent to the motor, and drive again"

@@ -10,7 +10,8 @@ from scipy.signal import savgol_filter
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.known import commands_known_at, poses_known_at
-from bcid.recording.limits import SERVO as LIMITS
+from bcid.recording.checks.limits import SERVO as LIMITS
+from bcid.recording.checks.pose_noise import white_noise_sd
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -36,15 +37,6 @@ class TurningData(NamedTuple):
     def step_s(self) -> float:
         """The grid's step (s)."""
         return float(self.time_s[1] - self.time_s[0])
-
-
-def white_noise_sd(values: Floats, known: Bools) -> float:
-    """Standard deviation of the white noise in evenly sampled smooth `values` (N,), by their third differences.
-
-    Only differences of four rows that are all `known` (N,) count: a straight line over a gap has no noise.
-    """
-    third = np.diff(values, 3)[known[:-3] & known[1:-2] & known[2:-1] & known[3:]]
-    return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0)) if len(third) else 0.0
 
 
 def filter_length(noise: float, rate_hz: float, wanted: float) -> float:
@@ -117,6 +109,12 @@ def liveliest(data: TurningData, seconds: float) -> TurningData:
         time_s=data.time_s[part], speed=data.speed[part], speed_rate=data.speed_rate[part],
         heading=data.heading[part], turn=data.turn[part], restart=restart, rows=rows,
     )  # fmt: skip
+
+
+def split_at_blocks(rows: Ints, time_s: Floats, block_s: float) -> list[Ints]:
+    """The ascending `rows` (K,) of times (N,) in s in groups, one for each block of `block_s` (s) that has any."""
+    block = np.floor_divide(time_s[rows], block_s)
+    return np.split(rows, np.flatnonzero(np.diff(block)) + 1) if len(rows) else []
 
 
 def _stretches(usable: Bools, grid_hz: float, half: int) -> tuple[Bools, Ints]:

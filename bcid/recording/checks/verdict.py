@@ -11,13 +11,13 @@ from bcid.errors import InputRefused
 from bcid.recording.checks.clock_jump import JUMP
 from bcid.recording.checks.commanded_motion import compare_on_grid
 from bcid.recording.checks.geometry import hint_at_geometry, show_geometry
+from bcid.recording.checks.limits import AGREEMENT as LIMITS
+from bcid.recording.checks.limits import CLOCK
 from bcid.recording.checks.plausibility import check_commands
 from bcid.recording.checks.pose_verdict import judge_poses
 from bcid.recording.checks.steering_verdict import SteeringAgreement, judge_steering
 from bcid.recording.checks.throttle_verdict import ThrottleAgreement, exchange_commands, judge_throttle
 from bcid.recording.checks.turning import TurningData, prepare_turning
-from bcid.recording.limits import AGREEMENT as LIMITS
-from bcid.recording.limits import CLOCK
 from bcid.recording.types import Action, Irregularity, Recording, command_source_path
 from bcid.vehicle import Vehicle
 
@@ -114,11 +114,11 @@ def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, 
     if hint is not None:
         recording = refuse(recording, "vehicle file", hint, "warning")
     misread = hint is not None or askew
-    # the speed of the front axle is wrong by a wrong lever
-    if throttle.verdict is not None and not misread:
-        recording = refuse(recording, "throttle", throttle.verdict)
-    elif throttle.warning is not None and not misread:
-        recording = refuse(recording, "throttle", throttle.warning, "warning")
+    said = throttle.verdict or throttle.warning
+    if said is not None:
+        # the speed of the front axle is wrong by a wrong lever: the throttle may be right
+        sure = throttle.verdict is not None and not misread
+        recording = refuse(recording, "throttle", said, "no-go" if sure else "warning")
     if steering.share <= LIMITS.least_share or not steering.judged:
         return recording, data, None
     # gaps of the commands lie elsewhere once these act later

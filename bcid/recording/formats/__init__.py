@@ -8,4 +8,5 @@ Motive: `motive` and `motive_header`. MCAP: `mcap` over `mcap_poses` and `mcap_c
 `mcap_times` (one time base), `mcap_contents` (wanted topics), `mcap_records` (all records), `mcap_chunks`,
 `message_store`, `message_decoding` and `ros_encoding` (JSON, ROS, protobuf), `message_fields` and `message_stamps`
 (what stands in a message), `ros_messages` and `transforms` (known types), `rosbag` (a bag's folder).
+All numbers that decide are in `limits`.
 """

@@ -9,11 +9,11 @@ import pandas as pd
 from bcid.aliases import Floats
 from bcid.errors import InputRefused, Problems
 from bcid.mapping import OPTIONAL_CHANNELS, CommandColumns, FieldMapping
+from bcid.recording.formats.limits import STAMP as LIMITS
 from bcid.recording.formats.logged_table import LoggedTable, read_logged_table
 from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.raw import RawTake, identify_file, map_field, raw_field_names
 from bcid.recording.formats.stamps import DAY_S, Stamps, find_pair, parse_stamps
-from bcid.recording.limits import STAMP as LIMITS
 from bcid.recording.types import COMMANDS_FORMAT, Irregularity
 
 COMMAND_COLUMNS = ("time_s", "steering_rad", "throttle_mps")

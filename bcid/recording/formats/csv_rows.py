@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bcid.errors import InputRefused
-from bcid.recording.limits import TABLE as LIMITS
+from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
 
 FIRST_NUMBERS = re.compile(r'[ \t"]*[+\N{MINUS SIGN}-]?[.,]?\d')

@@ -9,7 +9,7 @@ from pathlib import Path
 from bcid.errors import InputRefused
 from bcid.recording.formats.csv_rows import FIRST_NUMBERS, check_rows, drop_comment_lines, find_body
 from bcid.recording.formats.detect import UTF_16_MARKS
-from bcid.recording.limits import TABLE as LIMITS
+from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
 
 HEAD_LINES, TAIL_LINES = 40, 20  # lines that show how a file is written, at its head and at its end

@@ -13,7 +13,7 @@ from mcap import records as kinds
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-from bcid.recording.limits import MCAP as LIMITS
+from bcid.recording.formats.limits import MCAP as LIMITS
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode and length
 CHUNK_HEAD = struct.Struct("<QQQ")  # first time, last time, and bytes of the unpacked content

@@ -9,6 +9,7 @@ from mcap import records as kinds
 
 from bcid.errors import InputRefused
 from bcid.recording.formats.detect import recording_files
+from bcid.recording.formats.limits import MCAP, MESSAGE
 from bcid.recording.formats.mcap_chunks import DamagedRecord
 from bcid.recording.formats.mcap_records import McapEntry, iterate_records
 from bcid.recording.formats.message_decoding import message_decoder
@@ -17,7 +18,6 @@ from bcid.recording.formats.message_stamps import UnreadableStamp
 from bcid.recording.formats.message_store import MessageStore
 from bcid.recording.formats.names import describe_error, printable_name
 from bcid.recording.formats.rosbag import describe_odd_parts, unread_parts
-from bcid.recording.limits import MCAP, MESSAGE
 from bcid.recording.types import Irregularity
 
 RECORD_AGAIN = "record again, or keep what is whole with --allow-partial"

@@ -13,13 +13,13 @@ from bcid.mapping import PoseFields
 from bcid.recording.formats import ros_messages as ros
 from bcid.recording.formats import transforms as tf
 from bcid.recording.formats.floor import mapped_poses_on_floor, poses_on_floor
+from bcid.recording.formats.limits import MCAP as LIMITS
 from bcid.recording.formats.mcap_contents import McapContents
 from bcid.recording.formats.mcap_times import MessageTrack
 from bcid.recording.formats.message_fields import chooses_item, get_field, names_in_list, number_at
 from bcid.recording.formats.message_stamps import Stamp, message_stamp, parse_stamp, resolve_stamps
 from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.raw import map_field, raw_field_names
-from bcid.recording.limits import MCAP as LIMITS
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Mocap, Topics, Vehicle
 

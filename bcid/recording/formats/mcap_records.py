@@ -13,6 +13,7 @@ from typing import IO, NamedTuple
 from mcap import records as kinds
 
 from bcid.recording.formats.detect import MCAP_MAGIC
+from bcid.recording.formats.limits import MCAP as LIMITS
 from bcid.recording.formats.mcap_chunks import (
     ATTACHMENT,
     CHUNK,
@@ -29,7 +30,6 @@ from bcid.recording.formats.mcap_chunks import (
     parse_record,
     unpack_chunk,
 )
-from bcid.recording.limits import MCAP as LIMITS
 
 SKIP_BLOCK_BYTES = 1 << 20
 

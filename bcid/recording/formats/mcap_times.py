@@ -8,8 +8,8 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.errors import InputRefused
+from bcid.recording.formats.limits import MCAP as LIMITS
 from bcid.recording.formats.names import list_names, printable_name
-from bcid.recording.limits import MCAP as LIMITS
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Topics
 

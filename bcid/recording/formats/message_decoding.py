@@ -11,9 +11,9 @@ from typing import Any
 from mcap import records as kinds
 
 from bcid.errors import InputRefused
+from bcid.recording.formats.limits import MESSAGE as LIMITS
 from bcid.recording.formats.names import describe_error, printable_name
 from bcid.recording.formats.ros_encoding import compile_ros_decoder
-from bcid.recording.limits import MESSAGE as LIMITS
 
 REMEDY = "record as JSON, CDR (ros2msg) or protobuf"
 

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.errors import InputRefused
+from bcid.recording.formats.limits import MCAP as LIMITS
 from bcid.recording.formats.message_fields import NUMBER_TEXT, get_field
 from bcid.recording.formats.names import printable_name
-from bcid.recording.limits import MCAP as LIMITS
 
 NS_PER_S = 1_000_000_000
 STAMP_PATHS = ("header.stamp", "timestamp", "stamp", "time_s")

@@ -14,11 +14,11 @@ from bcid.recording.formats.commands_file import TakeStart, read_commands_file
 from bcid.recording.formats.csv_table import parse_rows
 from bcid.recording.formats.csv_text import CsvText, read_csv_text
 from bcid.recording.formats.floor import poses_in_space
+from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.formats.motive_header import MotiveHeader
 from bcid.recording.formats.names import printable_name
 from bcid.recording.formats.numbers import parse_numbers
 from bcid.recording.formats.raw import RawTake, identify_file
-from bcid.recording.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Vehicle
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from bcid.aliases import Floats, Ints
-from bcid.recording.limits import TABLE as LIMITS
+from bcid.recording.formats.limits import TABLE as LIMITS
 
 PLAIN = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:inf(?:inity)?|nan)"
 DECIMAL_COMMA = r"[+-]?(?:\d+(?:,\d*)?|,\d+)(?:[eE][+-]?\d+)?"

@@ -10,9 +10,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bcid.errors import InputRefused, Problem, Problems
+from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.formats.names import printable_name
 from bcid.recording.formats.stamps import find_pair
-from bcid.recording.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
 
 NUMBERS_WANTED = "map a column of numbers, or write it as one"

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from bcid.recording.limits import MESSAGE as LIMITS
+from bcid.recording.formats.limits import MESSAGE as LIMITS
 
 NUMBERS = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",

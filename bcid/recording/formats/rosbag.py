@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from bcid.errors import InputRefused
+from bcid.recording.formats.limits import MESSAGE as LIMITS
 from bcid.recording.formats.names import list_names, printable_name
-from bcid.recording.limits import MESSAGE as LIMITS
 
 BAG_METADATA = "metadata.yaml"  # beside the parts of a rosbag2 recording
 MCAP_SUFFIX, SQLITE_SUFFIX = ".mcap", ".db3"

@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from bcid.aliases import Floats, Ints
+from bcid.recording.formats.limits import STAMP as LIMITS
 from bcid.recording.formats.numbers import blank_long_cells, parse_numbers
-from bcid.recording.limits import STAMP as LIMITS
 
 NANOSECONDS = 1_000_000_000
 DAY_S, HOUR_S = 86_400.0, 3_600.0

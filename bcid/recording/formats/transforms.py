@@ -8,11 +8,12 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
+from bcid.recording.formats.limits import MCAP
 from bcid.recording.formats.message_fields import get_field
 from bcid.recording.formats.message_stamps import Stamp, message_stamp
 from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.ros_messages import SeveralBodies, pose_row
-from bcid.recording.limits import MCAP, POSE
+from bcid.recording.limits import POSE
 from bcid.recording.types import Irregularity
 
 TREE_SCHEMAS = {"tf2_msgs/TFMessage": "header.frame_id", "foxglove.FrameTransforms": "parent_frame_id"}
