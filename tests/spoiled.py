@@ -47,6 +47,11 @@ def half(t: Floats, first: Floats, second: Floats, share: float = 0.5) -> Floats
     return np.where(early.reshape(-1, *[1] * (first.ndim - 1)), first, second)
 
 
+def drifted(t: Floats, by_the_end_s: float) -> Floats:
+    """The times t (M,) in s of a clock that has gained `by_the_end_s` (s) when the take ends."""
+    return t + by_the_end_s * (t - t[0]) / (t[-1] - t[0])
+
+
 def throttle_of_another(drive: Drive, rng: np.random.Generator) -> RawTake:
     """The take with its own steering and the throttle of another drive of the same car."""
     other = another_take(drive, rng)
@@ -75,6 +80,13 @@ SPOILED = {
             command_time_s=half(d.raw.command_time_s, d.raw.command_time_s, d.raw.command_time_s + 0.5),
         ),
         r"0\.[456] s later",
+    ),
+    "the commands' clock gains a second": Spoiled(
+        lambda d, rng: replace(d.raw, command_time_s=drifted(d.raw.command_time_s, 1.0)),
+        r"drifts .*(0\.9|1\.[01]) s late",
+    ),
+    "the commands' clock loses half a second": Spoiled(
+        lambda d, rng: replace(d.raw, command_time_s=drifted(d.raw.command_time_s, -0.5)), r"drifts .*0\.[456] s early"
     ),
     "steering zero": Spoiled(commands(lambda t, u: u * [0.0, 1.0]), "steering command stays at 0"),
     "steering stuck": Spoiled(commands(lambda t, u: u * [0.0, 1.0] + [0.1, 0.0]), "steering command stays at 0.1"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.documents.health import ClockEstimate
-from bcid.recording.checks.clock_jump import JUMP
+from bcid.recording.checks.clock_fault import CLOCK_FAULTS
 from bcid.recording.checks.geometry import hint_at_drive
 from bcid.recording.checks.limits import CLOCK as LIMITS
 from bcid.recording.checks.steering_fit import NAMES, SteeringFit, fit_steering, predicted_turn, systematic_delay_s
@@ -40,8 +40,8 @@ def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | N
     if data is None:
         return replace(recording, clock=ClockEstimate(applied_s=applied_s, reason="the take is too short"))
     if lag_s is None:
-        jumps = any(odd.kind == JUMP for odd in recording.irregularities)
-        reason = "one of the clocks jumps" if jumps else "the commands explain too little of the turning"
+        moves = any(odd.kind in CLOCK_FAULTS for odd in recording.irregularities)
+        reason = "one of the clocks jumps or drifts" if moves else "the commands explain too little of the turning"
         return replace(recording, clock=ClockEstimate(applied_s=applied_s, reason=reason))
     given = vehicle.steering
     stated = {"T_s": given.time_constant_s, "d": given.max_rate_radps}

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats, Ints
-from bcid.recording.checks.agreement import RIDGE, Feature
+from bcid.aliases import Floats
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
+from bcid.recording.checks.lagged_cells import LaggedCells, LaggedEquations
 from bcid.recording.checks.limits import CLOCK_JUMP as LIMITS
-from bcid.recording.checks.turning_terms import OTHER_SIGN, terms_at, turns_leftward
+from bcid.recording.checks.turning_terms import turns_leftward
 
 JUMP = "clock jump"
 """The kind of the irregularity."""
@@ -26,6 +26,7 @@ class ClockJump(NamedTuple):
     to_s: float
     before_s: float  # by which commands act later than stamped
     after_s: float
+    left: float  # mean square of the turning that is left
 
     @property
     def size_s(self) -> float:
@@ -41,85 +42,9 @@ class ClockJump(NamedTuple):
         )
 
 
-class _Normal(NamedTuple):
-    """Normal equations of some rows, at one lag or with a leading axis of L lags."""
-
-    gram: Floats  # (..., n, n)
-    cross: Floats  # (..., n)
-    square: Floats  # (...) of what is explained
-    counted: Floats  # (...) of rows whose command is known
-
-    def at(self, k: int) -> "_Normal":
-        """The equations at the lag of index `k`."""
-        return _Normal(*(np.asarray(x[k]) for x in self))
-
-    def plus(self, other: "_Normal") -> "_Normal":
-        """The equations of these rows and the other ones together."""
-        return _Normal(*(a + b for a, b in zip(self, other, strict=True)))
-
-    def steered_the_other_way(self) -> "_Normal":
-        """The equations of commands with the other steering sign: the terms odd in the angle change theirs."""
-        return self._replace(gram=self.gram * np.outer(OTHER_SIGN, OTHER_SIGN), cross=self.cross * OTHER_SIGN)
-
-    def weights(self) -> Floats:
-        """The weights (..., n) that explain these rows best."""
-        n = self.gram.shape[-1]
-        ridge = RIDGE * np.trace(self.gram, axis1=-2, axis2=-1)[..., None, None] + 1e-12
-        solved: Floats = np.linalg.solve(self.gram + ridge * np.eye(n), self.cross[..., None])[..., 0]
-        return solved
-
-    def left(self, weights: Floats) -> Floats:
-        """The mean square (...) that `weights` (..., n) leave; infinite where no row has a command."""
-        explained = 2.0 * (weights * self.cross).sum(-1) - np.einsum("...i,...ij,...j", weights, self.gram, weights)
-        left = np.maximum(self.square - explained, 0.0) / np.maximum(self.counted, 1.0)
-        return np.where(self.counted > 0, left, np.inf)
-
-    def share(self, weights: Floats) -> float:
-        """The share that `weights` (n,) explain of what the first term alone leaves."""
-        base = self.square - self.cross[0] ** 2 / max(float(self.gram[0, 0]), 1e-12)
-        return 1.0 - float(self.left(weights) * self.counted / np.maximum(base, 1e-12))
-
-
-class _Parts:
-    """Normal equations of any stretch of a take's cells at all lags, by running sums."""
-
-    def __init__(self, motion: CommandedMotion, features: list[Feature], rows: Ints, lags: Ints) -> None:
-        """The `rows` (K,) that count, in cells that end at gaps, with commands `lags` (L,) rows later than stamped."""
-        gaps = np.flatnonzero(np.diff(rows) > LIMITS.gap_s * GRID_HZ) + 1
-        edges = np.union1d(np.arange(0, len(rows), round(LIMITS.cell_s * GRID_HZ)), gaps)
-        self.edges, y, n = np.r_[edges, len(rows)], motion.turn[rows], len(features)
-        shape = (len(lags), len(edges) + 1)
-        self.gram, self.cross, self.square, self.counted = (
-            np.zeros(shape + size) for size in ((n, n), (n,), (), ())
-        )  # fmt: skip
-        for k, lag in enumerate(lags):
-            X, under = terms_at(features, motion.known, rows, int(lag))
-            w = under.astype(float)
-            for sums, products in (
-                (self.gram, X[:, :, None] * X[:, None, :]), (self.cross, X * y[:, None]), (self.square, w * y * y),
-                (self.counted, w),
-            ):  # fmt: skip
-                sums[k, 1:] = np.cumsum(np.add.reduceat(products, edges, axis=0), axis=0)
-
-    def between(self, first: int, end: int) -> _Normal:
-        """The equations at all lags of the cells from `first` to before `end`, uncovered lags without any row."""
-        part = _Normal(*(x[:, end] - x[:, first] for x in (self.gram, self.cross, self.square, self.counted)))
-        covered = part.counted >= LIMITS.least_covered * (self.edges[end] - self.edges[first])
-        return part._replace(counted=np.where(covered, part.counted, 0.0))
-
-
-def find_clock_jump(motion: CommandedMotion, features: list[Feature]) -> ClockJump | None:
-    """The jump of one clock against the other that the turning shows; None where one lag explains it about as well.
-
-    `features` are the `turning_terms` that explain the turning.
-    """
-    rows, least = np.flatnonzero(motion.use), LIMITS.min_part_s * GRID_HZ
-    if len(rows) < 2 * least:
-        return None
-    reach = round(LIMITS.max_lag_s * GRID_HZ)
-    lags = np.arange(-reach, reach + 1)
-    parts = _Parts(motion, features, rows, lags)
-    cells = len(parts.edges) - 1
+def find_clock_jump(motion: CommandedMotion, parts: LaggedCells) -> ClockJump | None:
+    """The jump of one clock against the other that the turning shows; None where one lag explains it about as well."""
+    rows, lags, cells, least = parts.rows, parts.lags, parts.count, LIMITS.min_part_s * GRID_HZ
     inner = np.flatnonzero((parts.edges >= least) & (parts.edges <= len(rows) - least)).tolist()
     if not inner:
         return None
@@ -128,7 +53,8 @@ def find_clock_jump(motion: CommandedMotion, features: list[Feature]) -> ClockJu
     best = splits[c]
     row, beside = int(parts.edges[c]), round(0.5 * LIMITS.cell_s * GRID_HZ)
     from_s, to_s = (float(motion.time_s[rows[k]]) for k in (row - beside, row + beside))
-    jump = ClockJump(from_s, to_s, *(float(lags[k]) / GRID_HZ for k in best.lags))
+    before_s, after_s = (float(lags[k]) / GRID_HZ for k in best.lags)
+    jump = ClockJump(from_s, to_s, before_s, after_s, best.left)
     if min(_fit_other_sign(parts.between(0, c), parts.between(c, cells)) for c in inner) < best.left:
         return None
     whole = parts.between(0, cells)
@@ -151,14 +77,14 @@ class _TwoLags(NamedTuple):
     weights: Floats
 
 
-def _fit_other_sign(before: _Normal, after: _Normal) -> float:
+def _fit_other_sign(before: LaggedEquations, after: LaggedEquations) -> float:
     """The mean square that one map at the best single lag leaves, if the steering's sign changes between two parts."""
     both = before.plus(after.steered_the_other_way())
     both = both._replace(counted=np.where((before.counted > 0) & (after.counted > 0), both.counted, 0.0))
     return float(both.left(both.weights()).min())
 
 
-def _fit_two_lags(before: _Normal, after: _Normal) -> _TwoLags:
+def _fit_two_lags(before: LaggedEquations, after: LaggedEquations) -> _TwoLags:
     """The lags of two parts with one map: that of the longer part by itself, that of the shorter one with its help."""
     swapped = before.counted.max() < after.counted.max()
     longer, shorter = (after, before) if swapped else (before, after)

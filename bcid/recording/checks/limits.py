@@ -146,6 +146,18 @@ class ClockJumpLimits:
 
 
 @dataclass(frozen=True)
+class ClockDriftLimits:
+    """Limits of the drift of one clock against the other within a take (`checks/clock_drift`)."""
+
+    # change of the lag over a take that is tried: two laps of a small car look alike from here on
+    max_total_s: float = 4.0
+    # the same by the take's length: a clock that is 3 % off is another fault
+    max_rate: float = 0.03
+    # step (rows at 25 Hz) between the changes that are tried: a half of what a map of the commands forgives
+    total_step_rows: int = 2
+
+
+@dataclass(frozen=True)
 class ServoLimits:
     """Limits of the fit of servo and delay to how a car turns (`checks/steering_fit`)."""
 
@@ -248,6 +260,7 @@ class GeometryLimits:
 KNOWN = KnownLimits()
 AGREEMENT = AgreementLimits()
 CLOCK_JUMP = ClockJumpLimits()
+CLOCK_DRIFT = ClockDriftLimits()
 SERVO = ServoLimits()
 CLOCK = ClockLimits()
 GEOMETRY = GeometryLimits()

@@ -10,7 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.recording.checks.agreement import LagScan, scan_lags
-from bcid.recording.checks.clock_jump import find_clock_jump
+from bcid.recording.checks.clock_fault import ClockFault, find_clock_fault
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion, compare_on_grid
 from bcid.recording.checks.limits import AGREEMENT as LIMITS
 from bcid.recording.checks.single_track import servo_angles
@@ -35,7 +35,7 @@ class SteeringAgreement(NamedTuple):
     verdict: str | None = None  # a cause and what mends it
     inverted: bool = False  # whether they fit with the other sign
     foreign: bool = False  # whether they fit at no offset, as another take's
-    jump_s: float = 0.0  # by how much later they act from some time on
+    fault: ClockFault | None = None  # by which one clock jumps or drifts within the take
     servo: tuple[float, float] = STARTS[0]  # time constant (s) and rate limit (rad/s) with which they explain it
 
     @property
@@ -73,10 +73,9 @@ def judge_steering(motion: CommandedMotion, recording: Recording, vehicle: Vehic
     scan = scan._replace(share=np.where(away & ~leftward, 0.0, scan.share))
     near, far = scan.best(-LIMITS.near_s * GRID_HZ, LIMITS.near_s * GRID_HZ), scan.best(-np.inf, np.inf)
     null = scan.null_share(LIMITS.null_from_s * GRID_HZ)
-    jump = find_clock_jump(motion, turning_terms(motion, delta)) if varied >= LIMITS.least_varied else None
-    if jump is not None:
-        share = float(scan.share[near])
-        return SteeringAgreement(share, jump.before_s, True, False, jump.describe(), jump_s=jump.size_s)
+    fault = find_clock_fault(motion, turning_terms(motion, delta)) if varied >= LIMITS.least_varied else None
+    if fault is not None:
+        return SteeringAgreement(float(scan.share[near]), 0.0, True, False, fault.text, fault=fault)
     blocks = None
     # regular driving comes round again: only a short offset is likelier than a part that agrees as stamped
     soon = abs(scan.lags[far]) < LIMITS.max_short_offset_s * GRID_HZ

@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from bcid.errors import InputRefused
-from bcid.recording.checks.clock_jump import JUMP
 from bcid.recording.checks.commanded_motion import compare_on_grid
 from bcid.recording.checks.geometry import hint_at_geometry, show_geometry
 from bcid.recording.checks.limits import AGREEMENT as LIMITS
-from bcid.recording.checks.limits import CLOCK
 from bcid.recording.checks.plausibility import check_commands
 from bcid.recording.checks.pose_verdict import judge_poses
 from bcid.recording.checks.steering_verdict import SteeringAgreement, judge_steering
@@ -39,7 +37,7 @@ def compare_commands(
     steering = judge_steering(motion, recording, vehicle)
     lag_s = steering.lag_s if steering.agrees or steering.share > LIMITS.least_share else None
     throttle = judge_throttle(motion, vehicle, lag_s)
-    if steering.verdict is not None and not steering.agrees and not steering.jump_s:
+    if steering.verdict is not None and not steering.agrees and steering.fault is None:
         exchanged = replace(recording, commands=replace(
             recording.commands, values=recording.commands.values[:, ::-1]
         ))  # fmt: skip
@@ -99,9 +97,9 @@ def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, 
         others = tuple(i for i in recording.irregularities if i.kind != "steering response")
         recording = replace(recording, irregularities=others)
     if steering.verdict is not None:
-        if steering.jump_s:
-            action: Action = "no-go" if abs(steering.jump_s) > CLOCK.max_usable_s else "warning"
-            return refuse(recording, JUMP, steering.verdict, action), data, None
+        if steering.fault is not None:
+            action: Action = "warning" if steering.fault.is_usable else "no-go"
+            return refuse(recording, steering.fault.kind, steering.verdict, action), data, None
         return refuse(recording, FOREIGN if steering.foreign else "steering", steering.verdict), data, None
     if steering.judged and steering.share < LIMITS.least_share:
         text = f"the steering commands explain {steering.share:.0%} of the turning: another take's, or a slipping car?"
