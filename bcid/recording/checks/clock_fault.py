@@ -41,5 +41,6 @@ def find_clock_fault(motion: CommandedMotion, features: list[Feature]) -> ClockF
     jump, drift = find_clock_jump(motion, parts), find_clock_drift(motion, parts)
     if drift is not None and (jump is None or drift.left < jump.left):
         fault = ClockFault(DRIFT, drift.describe(), drift.total_s)
-        return None if fault.is_usable else fault
+        if not fault.is_usable:
+            return fault
     return None if jump is None else ClockFault(JUMP, jump.describe(), jump.size_s)

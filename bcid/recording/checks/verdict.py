@@ -112,11 +112,11 @@ def judge_recording(recording: Recording, vehicle: Vehicle) -> tuple[Recording, 
     if hint is not None:
         recording = refuse(recording, "vehicle file", hint, "warning")
     misread = hint is not None or askew
-    said = throttle.verdict or throttle.warning
-    if said is not None:
-        # the speed of the front axle is wrong by a wrong lever: the throttle may be right
-        sure = throttle.verdict is not None and not misread
-        recording = refuse(recording, "throttle", said, "no-go" if sure else "warning")
+    # the speed of the front axle is wrong by a wrong lever or scale: the throttle may be right
+    if throttle.verdict is not None:
+        recording = refuse(recording, "throttle", throttle.verdict, "warning" if misread else "no-go")
+    elif throttle.warning is not None and not misread:
+        recording = refuse(recording, "throttle", throttle.warning, "warning")
     if steering.share <= LIMITS.least_share or not steering.judged:
         return recording, data, None
     # gaps of the commands lie elsewhere once these act later
