@@ -66,6 +66,18 @@ class PartLost(BcidError):
     exit_code = 3
 
 
+class OutputClosed(BcidError):
+    """Whoever reads what a command prints stopped before its end."""
+
+    # 128 and the number of SIGPIPE, by which other programs end then
+    exit_code = 141
+
+    def __init__(self) -> None:
+        super().__init__(
+            "stdout: was closed before everything was printed\n  next: read it to its end, or use --format quiet"
+        )
+
+
 class InputRefused(BcidError):
     """A file that cannot be used as it is: which, where in it, why, and what to do; or several such `problems`."""
 

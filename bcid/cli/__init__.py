@@ -1,7 +1,8 @@
 """The command line: thin commands over the pipeline, one place for output, one table of errors.
 
 `app` (the commands), of which `starting` (the first files), `checking` (health of recordings), `diagnosing` (missing
-physics), `proving` (how often it is found), `simulating` (simulated drives; `driving`, of saved models) and `benching`
-(benchmarks) hold some; `options` (which several share), `sink` (where output goes), `exits` (from errors to messages
-and exit codes), `show` (results as tables), `limits` (all numbers that decide).
+physics), `listing` (models and effects), `proving` (how often missing physics is found), `simulating` (simulated
+drives; `driving`, of saved models) and `benching` (benchmarks) hold some; `options` (which several share), `sink`
+(where output goes), `exits` (from errors to messages and exit codes), `show` (results as tables), `limits` (all
+numbers that decide).
 """

@@ -8,18 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from bcid import __version__
-from bcid.cli import diagnosing, options
+from bcid.cli import diagnosing, listing, options
 from bcid.cli.benching import bench
-from bcid.cli.checking import check_recordings
 from bcid.cli.exits import run_and_explain
+from bcid.cli.options import Format
 from bcid.cli.proving import prove
 from bcid.cli.simulating import simulate
-from bcid.cli.sink import Format, Sink, plain_table
 from bcid.cli.starting import init
 from bcid.errors import Problems, UsageError
-from bcid.models.settings import LOSSES
-from bcid.models.table import MODELS, fittable_row
-from bcid.pipeline.run import Pipeline
 
 REPORT_FILES = ("index.html", "report.json")
 
@@ -74,7 +70,9 @@ def report(
 ) -> None:
     """Compare the fitted models in closed loop on the validation recording: a page, a JSON, a table."""
     from bcid.cli import show
+    from bcid.cli.sink import Sink
     from bcid.documents.report import ReportDocument
+    from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
     config = options.read_config(
@@ -109,6 +107,9 @@ def ingest(
 ) -> None:
     """Read recordings, check and mend them, and report what is irregular: gaps, jumps, wrong units, clocks."""
     from bcid.cli import show
+    from bcid.cli.checking import check_recordings
+    from bcid.cli.sink import Sink
+    from bcid.pipeline.run import Pipeline
     from bcid.recording.saving import RecordingSummary
 
     if check:
@@ -142,8 +143,10 @@ def estimate(
 ) -> None:
     """Estimate velocities and slip angles from recorded poses with an extended Kalman filter and smoother."""
     from bcid.cli import show
+    from bcid.cli.sink import Sink
     from bcid.estimate.consistency import TruthCheck
     from bcid.estimate.saving import EstimateSummary
+    from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
     work = Pipeline(options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
@@ -178,6 +181,11 @@ def fit(
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Fit models to the training recordings and print their equations."""
+    from bcid.cli.sink import Sink
+    from bcid.models.settings import LOSSES
+    from bcid.models.table import fittable_row
+    from bcid.pipeline.run import Pipeline
+
     if loss is not None and loss not in LOSSES:
         raise UsageError(f"there is no loss {loss!r}\n  next: choose {' or '.join(LOSSES)}")
     for name in model or []:
@@ -203,48 +211,11 @@ def fit(
     work.raise_if_parts_lost()
 
 
-def list_models(format: options.FormatOption = Format.human) -> None:  # noqa: A002
-    """List the models, with what each is and which command makes it."""
-    rows: list[dict[str, Any]] = [
-        {
-            "model": name, "summary": row.summary, "base": row.base, "defaults": dict(row.defaults),
-            "made_by": row.made_by or "bcid fit",
-        }
-        for name, row in MODELS.items()
-    ]  # fmt: skip
-    shown = [[row[key] for key in ("model", "summary", "made_by")] for row in rows]
-    Sink(format).result(
-        {"schema": "bcid.models/1", "models": rows},
-        lambda: plain_table("models", ["name", "what it is", "made by"], shown),
-    )
-
-
-def list_effects(
-    name: Annotated[str | None, typer.Argument(help="The id of one effect to look up. Default: list all.")] = None,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Write the page docs/effects.md to stdout.")] = False,
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """List the effects (terms of physics beyond the base model) that a diagnosis can name, or look up one of them."""
-    from bcid.effects.listing import describe_effect, effect_json, effects_page
-    from bcid.effects.table import EFFECTS, find_effect
-
-    chosen = [find_effect(name)] if name else list(EFFECTS.values())
-
-    def human() -> Any:
-        if markdown:
-            return effects_page(chosen)
-        if name:
-            return describe_effect(chosen[0])
-        return plain_table("effects", ["id", "equation", "channel"], [[e.id, e.equation, e.channel] for e in chosen])
-
-    Sink(format).result({"schema": "bcid.effects/1", "effects": [effect_json(e) for e in chosen]}, human)
-
-
 # in the order in which a newcomer needs them
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
-    "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "models": list_models,
-    "effects": list_effects, "bench": bench, "prove": prove,
+    "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "models": listing.list_models,
+    "effects": listing.list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():
     app.command(name)(command)

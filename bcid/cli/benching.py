@@ -1,20 +1,23 @@
 """`bcid bench`: how fast the hot paths are, how accurate the models, how often stated intervals hold."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import RenderableType
 
-from bcid.aliases import Progress
-from bcid.cli.options import ForceOption, FormatOption
-from bcid.cli.sink import Format, Sink
+from bcid.cli.options import ForceOption, Format, FormatOption
 from bcid.errors import GoalMissed, UsageError
-from bcid.files.outputs import refuse_to_overwrite, write_output
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from bcid.aliases import Progress
 
 OTHER_FILE = "name another file with --out"
 ACCURACY_FILE = Path("pipelines/accuracy.toml")
@@ -57,6 +60,8 @@ def bench(
 ) -> None:
     """Compare speed or accuracy with other libraries (peers), or count how often 95 % intervals of constants hold."""
     from bcid.cli import show
+    from bcid.cli.sink import Sink
+    from bcid.files.outputs import refuse_to_overwrite, write_output
 
     sink = Sink(format)
     if out is not None:

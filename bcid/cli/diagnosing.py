@@ -8,11 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from bcid.cli import options
-from bcid.cli.sink import Format, Sink, plain_table
+from bcid.cli.options import Format
 from bcid.errors import UsageError
-from bcid.files.outputs import refuse_to_overwrite, write_output
-from bcid.pipeline.run import Pipeline
-from bcid.vehicle import read_vehicle
 
 DEFAULT_PLAN = Path("plans/plan.commands.csv")
 OTHER_PLAN = "name another file with --out"
@@ -40,7 +37,9 @@ def diagnose(
 ) -> None:
     """Name the physics that recordings show and the model lacks, and prove it by predicting held-out blocks of them."""
     from bcid.cli import show
+    from bcid.cli.sink import Sink
     from bcid.documents.diagnosis import DiagnosisDocument
+    from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
     config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health)
@@ -68,10 +67,13 @@ def write_plan(
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Plan a drive in which the given effects become detectable, and write its steering and throttle as a file."""
+    from bcid.cli.sink import Sink, plain_table
     from bcid.effects.table import EFFECTS, find_effect
     from bcid.experiment.manoeuvres import Arena, write_commands
     from bcid.experiment.plan import largest_throttle, nominal_car, plan_drives
+    from bcid.files.outputs import refuse_to_overwrite, write_output
     from bcid.likelihood.prepare import effect_constants
+    from bcid.vehicle import read_vehicle
 
     asked = [find_effect(name).id for name in effects or EFFECTS]
     out = out / DEFAULT_PLAN.name if out.is_dir() else out

@@ -15,8 +15,8 @@ from types import FrameType
 from typer.exceptions import Abort, TyperException
 
 from bcid.cli.limits import LIMITS
-from bcid.cli.sink import Format, OutputClosed, Sink
-from bcid.errors import BcidError, DiskFull, UsageError, is_disk_full, printable
+from bcid.cli.options import Format
+from bcid.errors import BcidError, DiskFull, OutputClosed, UsageError, is_disk_full, printable
 
 UNINTERRUPTIBLE = ("llvmlite", "numba.core.serialize")
 """Modules that machine code calls and that no exception may leave: a call back of LLVM's, a constant of a kernel's."""
@@ -51,7 +51,7 @@ def run_and_explain(command: Callable[[], object]) -> int:
                 raise
             _drop_what_cannot_be_printed()
             if text:
-                Sink(Format.quiet).error(text)
+                _tell_error(text)
             return exit_code
 
 
@@ -95,8 +95,17 @@ class _Interrupts:
             self._hook(ignored)
 
 
+def _tell_error(text: str) -> None:
+    """Print an error on stderr."""
+    from bcid.cli.sink import Sink
+
+    Sink(Format.quiet).error(text)
+
+
 def _tell_interrupted() -> int:
     """Say on stderr that the command was interrupted; returns the exit code."""
+    from bcid.cli.sink import Sink
+
     Sink(Format.human).note("interrupted: nothing is half-written, and what was finished is reused by the next run")
     return INTERRUPTED
 

@@ -1,13 +1,31 @@
-"""Options that several commands share, and the configuration that they make together."""
+"""Options that several commands share, and the configuration that they make together.
 
+Every command's module imports this one to be listed in the help, so what reads a configuration is imported later.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bcid.cli.sink import Format
 from bcid.errors import UsageError
-from bcid.pipeline.config import DEFAULT_PIPELINE_FILE, PipelineConfig, read_pipeline_file
+
+if TYPE_CHECKING:
+    from bcid.pipeline.config import PipelineConfig
+
+DEFAULT_PIPELINE_FILE = Path("pipelines/bumper_car.toml")
+
+
+class Format(StrEnum):
+    """Formats of results."""
+
+    human = "human"
+    json = "json"
+    quiet = "quiet"
+
 
 PipelineOption = Annotated[
     Path | None,
@@ -59,6 +77,8 @@ def read_config(
         UsageError: options that do not go together.
         InputRefused: the pipeline file has problems.
     """
+    from bcid.pipeline.config import PipelineConfig, read_pipeline_file
+
     said = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
     if not recordings:
         if vehicle or out or commands:

@@ -12,12 +12,11 @@ import typer
 
 from bcid.cli import options
 from bcid.cli.limits import LIMITS
-from bcid.cli.sink import Format, Sink
+from bcid.cli.options import Format
 from bcid.errors import GoalMissed, UsageError
-from bcid.files.outputs import staged_outputs
-from bcid.store.receipt import refuse_to_renew, renew_results
 
 if TYPE_CHECKING:
+    from bcid.cli.sink import Sink
     from bcid.proof.blind.blind_test import BlindTest
 
 DEFAULT_SEED = 1
@@ -68,6 +67,7 @@ def prove(
         _check_blind_options(quick, seed, salt, every, recordings)
         if case is not None and (salt or baselines or minutes is not None):
             raise UsageError("--case only writes a recording\n  next: leave out --salt, --baselines and --minutes")
+    from bcid.cli.sink import Sink
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
@@ -105,6 +105,7 @@ def _check_blind_options(quick: bool, seed: int | None, salt: str, every: int, r
 
 def _write_case(test: BlindTest, name: str, out: Path, sink: Sink, force: bool) -> None:
     """Write the simulated take `name` of a blind test into `out`: recording, vehicle file and concealed effects."""
+    from bcid.files.outputs import staged_outputs
     from bcid.proof.blind.blind_test import write_case_files
     from bcid.simulation.samples import VEHICLE_FILE
 
@@ -127,6 +128,7 @@ def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | N
     from bcid.proof.blind.blind_test import run_blind_test
     from bcid.proof.blind.seal import ANSWERS_FILE, SEALS_FILE
     from bcid.report.proof_page import write_proof_page
+    from bcid.store.receipt import refuse_to_renew, renew_results
 
     refuse_to_renew(out, BLIND_FILES, force)
     if test.salt and not (out / SEALS_FILE).exists():
@@ -165,6 +167,7 @@ def _ask_real_questions(file: Path, recordings: Path, out: Path, workers: int, s
     from bcid.cli import show
     from bcid.proof.real.run_questions import question_code_digest, run_real_questions
     from bcid.proof.real.scoring import real_outcome
+    from bcid.store.receipt import refuse_to_renew, renew_results
 
     refuse_to_renew(out, [REAL_FILE], force)
     rows: list[dict[str, Any]] = []

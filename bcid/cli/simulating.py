@@ -10,11 +10,11 @@ import typer
 
 from bcid.cli import options
 from bcid.cli.limits import LIMITS
-from bcid.cli.sink import Format, Sink
+from bcid.cli.options import Format
 from bcid.errors import UsageError
-from bcid.files.outputs import MayReplace, refuse_to_overwrite, staged_outputs
 
 if TYPE_CHECKING:
+    from bcid.files.outputs import MayReplace
     from bcid.simulation.car import Plant, Sensor
     from bcid.simulation.samples import SampleTake
 
@@ -56,6 +56,7 @@ def simulate(
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Drive the simulated car, or a saved model, and write logs as a lab would; for the car its true motion, too."""
+    from bcid.cli.sink import Sink
     from bcid.simulation import samples
     from bcid.simulation.car import configure_simulation
 
@@ -97,6 +98,7 @@ def simulate(
 
 def _write_samples(folder: Path, seed: int, may_replace: MayReplace, progress: Callable[[str], None]) -> list[Path]:
     """Simulate all takes of the sample logs and write them into `folder`; returns the paths of their logs."""
+    from bcid.files.outputs import refuse_to_overwrite, staged_outputs
     from bcid.simulation import samples
 
     names = (*samples.SAMPLE_TEXTS, *samples.sample_files(samples.TAKES))
@@ -110,6 +112,7 @@ def _write_take(
     folder: Path, take: SampleTake, plant: Plant, sensor: Sensor, seed: int, may_replace: MayReplace
 ) -> Path:
     """Simulate a take and write it into `folder`, with the car's vehicle file where there is none; returns its path."""
+    from bcid.files.outputs import refuse_to_overwrite, staged_outputs
     from bcid.simulation import samples
 
     refuse_to_overwrite([folder / file for file in samples.sample_files([take])], may_replace, OTHER_TAKE)

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from enum import StrEnum
 from typing import Any
 
 from rich.console import Console, RenderableType
@@ -19,22 +18,11 @@ from rich.table import Table
 from rich.text import Text
 
 from bcid.aliases import Progress
-from bcid.errors import BcidError, printable
+from bcid.cli.options import Format
+from bcid.errors import OutputClosed, printable
 from bcid.pipeline.watching import Watcher
 
 PIPED_WIDTH = 4096  # nothing is cut in a pipe
-
-
-class OutputClosed(BcidError):
-    """Whoever reads what a command prints stopped before its end."""
-
-    # 128 and the number of SIGPIPE, by which other programs end then
-    exit_code = 141
-
-    def __init__(self) -> None:
-        super().__init__(
-            "stdout: was closed before everything was printed\n  next: read it to its end, or use --format quiet"
-        )
 
 
 class CleanConsole(Console):
@@ -43,14 +31,6 @@ class CleanConsole(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         """Text to print, from a string that may hold markup."""
         return super().render_str(printable(text), **options)
-
-
-class Format(StrEnum):
-    """Formats of results."""
-
-    human = "human"
-    json = "json"
-    quiet = "quiet"
 
 
 def _nonfinite_to_none(value: Any) -> Any:

@@ -6,8 +6,7 @@ from typing import Annotated
 import typer
 
 from bcid.cli import options
-from bcid.cli.sink import Format, Sink
-from bcid.files.outputs import staged_outputs
+from bcid.cli.options import Format
 
 OTHER_FOLDER = "name another folder"
 
@@ -18,6 +17,9 @@ def init(
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Write a commented vehicle file and pipeline file to start from."""
+    from bcid.cli.sink import Sink
+    from bcid.files.outputs import staged_outputs
+
     templates = sorted((Path(__file__).parent / "templates").glob("*.toml"))
     with staged_outputs(folder, lambda path: force, OTHER_FOLDER) as staged:
         for template in templates:

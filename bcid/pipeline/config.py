@@ -14,8 +14,6 @@ from bcid.files.toml import BACKSLASHES, PathText, Settings, read_toml
 from bcid.models.settings import CarLoss
 from bcid.models.table import FITTABLE
 
-DEFAULT_PIPELINE_FILE = Path("pipelines/bumper_car.toml")
-
 NoiseValue = Annotated[float, Field(ge=LIMITS.min_noise, le=LIMITS.max_noise)]
 
 

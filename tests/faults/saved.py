@@ -22,7 +22,8 @@ from making import circling_take
 
 from bcid.cli import show
 from bcid.cli.app import app
-from bcid.cli.sink import Format, Sink
+from bcid.cli.options import Format
+from bcid.cli.sink import Sink
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
