@@ -54,6 +54,12 @@ class UsageError(BcidError):
     exit_code = 2
 
 
+class LibraryMissing(BcidError):
+    """What is asked for needs a library that a base installation goes without (`bcid.libraries`)."""
+
+    exit_code = 2
+
+
 class GoalMissed(BcidError):
     """The work is done, but a stated goal was missed."""
 

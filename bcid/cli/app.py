@@ -198,6 +198,7 @@ def fit(
     )  # fmt: skip
     sink = Sink(format)
     work = Pipeline(config if loss is None else config.with_loss(loss), sink)
+    work.refuse_untrainable(model or work.config.models)
     fitted: list[dict[str, Any]] = []
     for name in model or work.config.models:
         folder = work.fit(name).folder

@@ -17,6 +17,7 @@ from typer.exceptions import Abort, TyperException
 from bcid.cli.limits import LIMITS
 from bcid.cli.options import Format
 from bcid.errors import BcidError, DiskFull, OutputClosed, UsageError, is_disk_full, printable
+from bcid.libraries import EXTRAS, library_missing
 
 UNINTERRUPTIBLE = ("llvmlite", "numba.core.serialize")
 """Modules that machine code calls and that no exception may leave: a call back of LLVM's, a constant of a kernel's."""
@@ -116,6 +117,8 @@ def describe_error(error: Exception) -> tuple[str, int]:
         return str(error), error.exit_code
     if isinstance(error, TyperException):
         return _describe_usage_error(error), UsageError.exit_code
+    if isinstance(error, ModuleNotFoundError) and error.name and (name := error.name.partition(".")[0]) in EXTRAS:
+        return describe_error(library_missing(name, "this command"))
     if isinstance(error, OSError):
         if is_disk_full(error):
             return str(DiskFull(_place_of(error) or "stdout")), DiskFull.exit_code

@@ -125,11 +125,14 @@ def _write_case(test: BlindTest, name: str, out: Path, sink: Sink, force: bool) 
 def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | None, sink: Sink, force: bool) -> None:
     """Diagnose a blind test's simulated takes, which conceal effects; write the scores as prove.json and prove.html."""
     from bcid.cli import show
+    from bcid.libraries import require_library
     from bcid.proof.blind.blind_test import run_blind_test
     from bcid.proof.blind.seal import ANSWERS_FILE, SEALS_FILE
     from bcid.report.proof_page import write_proof_page
     from bcid.store.receipt import refuse_to_renew, renew_results
 
+    if test.with_baselines:
+        require_library("pysindy", "--baselines, which --quick runs too,")
     refuse_to_renew(out, BLIND_FILES, force)
     if test.salt and not (out / SEALS_FILE).exists():
         refuse_to_renew(out, [ANSWERS_FILE], force)

@@ -15,6 +15,7 @@ from bcid.estimate.limits import LIMITS
 from bcid.estimate.process import Chassis, kinematic_sd, kinematic_states, twist_covariances, twists
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate, FilterSummary
+from bcid.libraries import require_library
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
 
@@ -42,10 +43,12 @@ def _filter_and_smooth(
 
     Raises:
         InputRefused: poses and commands cover no two grid rows, or restarts exceed `LIMITS.max_restarts`.
+        LibraryMissing: the `engine` "filterpy" is asked for and not installed.
     """
     chassis, restarts = build_chassis(vehicle, tuning.T_s, tuning.d), list[float]()
     run_filter, run_smoother = kernel.run_filter, kernel.run_smoother
     if engine == "filterpy":
+        require_library("filterpy", 'engine = "filterpy" of [estimate]')
         from bcid.estimate import reference
 
         run_filter, run_smoother = reference.run_filter, reference.run_smoother

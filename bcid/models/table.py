@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, get_args
 
 from bcid.errors import UsageError
 from bcid.files.toml import Settings
+from bcid.libraries import require_library
 from bcid.models.settings import NewtonEulerSettings, ResidualSettings, SparseSettings, TrainingSettings
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ class ModelRow:
     base: str | None = None  # the model whose fit it starts from
     base_settings: Mapping[str, Any] = field(default_factory=dict)  # of that fit, whatever the pipeline file says
     made_by: str | None = None  # the command that makes it, where that is not `bcid fit`
+    trained_by: str | None = None  # the library that only its fit needs; saved, it is driven without
 
     def load_class(self) -> type[Model]:
         """Import and return the model's class."""
@@ -55,10 +57,11 @@ MODELS: dict[str, ModelRow] = {
     ),
     "narx-mlp": ModelRow(
         "bcid.models.network.narx_mlp", "NarxMlp", TrainingSettings,
-        "the next twist from the last three twists and commands"
+        "the next twist from the last three twists and commands", trained_by="torch",
     ),
     "k-mlp": ModelRow(
-        "bcid.models.kinematic.k_mlp", "KMlp", TrainingSettings, "the kinematic state's evolution as a perceptron"
+        "bcid.models.kinematic.k_mlp", "KMlp", TrainingSettings, "the kinematic state's evolution as a perceptron",
+        trained_by="torch",
     ),
     "k-sindy": ModelRow(
         "bcid.models.kinematic.k_sindy", "KSindy", SparseSettings, "the kinematic state's evolution as a sparse sum"
@@ -67,7 +70,7 @@ MODELS: dict[str, ModelRow] = {
         "bcid.models.kinematic.k_sindy_mlp", "KSindyMlp", ResidualSettings,
         "the sparse sum and a smaller perceptron on its residual", base="k-sindy",
         # Fitted on its own rollouts, it leaves a residual that is harder to learn.
-        base_settings={"loss": "one-step"},
+        base_settings={"loss": "one-step"}, trained_by="torch",
     ),
     "newton-euler-augmented": ModelRow(
         "bcid.models.newton_euler.augmented", "AugmentedNewtonEuler", Settings,
@@ -100,3 +103,15 @@ def fittable_row(name: str) -> ModelRow:
     if row.made_by is not None:
         raise UsageError(f"{name} is made by `{row.made_by}`\n  next: fit one of {', '.join(FITTABLE)}")
     return row
+
+
+def require_training_libraries(names: Iterable[str]) -> None:
+    """Do nothing where the models `names` can be trained with the libraries that are installed.
+
+    Raises:
+        LibraryMissing: one of them needs a library that is not.
+    """
+    for name in names:
+        library = model_row(name).trained_by
+        if library is not None:
+            require_library(library, f"training {name}")

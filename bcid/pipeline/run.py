@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from bcid.aliases import Progress
 from bcid.errors import InputRefused, PartLost, Problem, Problems, UsageError
 from bcid.files.source_code import stage_code
-from bcid.models.table import fittable_row, model_row
+from bcid.models.table import fittable_row, model_row, require_training_libraries
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.limits import LIMITS
 from bcid.pipeline.publishing import are_published, artifact_digests, publish_copies, refuse_to_replace
@@ -241,6 +241,14 @@ class Pipeline:
         modules = (row.module, SEEN_TAKES_MODULE)
         return self._run_stage("fit", f"{model}{on}", inputs, settings, make, *modules, seed=self.config.seed)
 
+    def refuse_untrainable(self, models: Sequence[str]) -> None:
+        """Raise `LibraryMissing` where one of `models` cannot be trained here, before the others take their time.
+
+        A workspace that holds fits may hold these models', which need no training any more.
+        """
+        if not (self.config.workspace / "fit").is_dir():
+            require_training_libraries(models)
+
     def fit_for_comparison(self, model: str) -> ComparedModel:
         """Fit one of the configuration's models for the comparison."""
         fit, settings = self.fit(model), self.config.fit_settings(model)
@@ -295,6 +303,7 @@ class Pipeline:
 
     def report(self, saved_models: Sequence[Path] = ()) -> Artifact:
         """Artifact of the comparison of the configuration's models, and of those in the folders `saved_models`."""
+        self.refuse_untrainable(self.config.models)
         self.refuse_unusable([*self.config.recordings(), *self.config.diagnose])
         loaded = [self._mark_if_seen(self.load_for_comparison(folder)) for folder in dict.fromkeys(saved_models)]
         unseen = "name a take that no model is fitted on, or cut one take into two"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.libraries import require_library
 from bcid.likelihood.divergence import refuse_divergence
 from bcid.models.fitting.block_covariance import BLOCK_S, sandwich_covariance, sum_blocks
 from bcid.models.fitting.levenberg_marquardt import NormalEquations, minimise_squares
@@ -138,6 +139,7 @@ def _optimise(objective: TwistObjective, settings: NewtonEulerSettings, task: Fi
     """
     n = len(objective.box.constants)
     if settings.optimiser == "genetic":
+        require_library("deap", 'optimiser = "genetic" of [fit.newton-euler]')
         from bcid.models.fitting.genetic import minimise_genetically
 
         best = minimise_genetically(

@@ -10,7 +10,7 @@ from bcid.evaluation.validity import ModelValidity
 from bcid.models.fitting.windows import check_excitation
 from bcid.models.interface import FitTask
 from bcid.models.saving import load_model, save_model
-from bcid.models.table import model_row
+from bcid.models.table import model_row, require_training_libraries
 from bcid.recording.saving import load_recording
 from bcid.vehicle import Vehicle
 
@@ -30,7 +30,11 @@ def run_fit_stage(
 
     `estimates` and `recordings` are the artifact folders of the takes, `base` that of a fitted model on which this
     one builds, if any.
+
+    Raises:
+        LibraryMissing: the library that trains the model is not installed.
     """
+    require_training_libraries([name])
     task = FitTask(
         [load_estimate(f) for f in estimates], vehicle, settings, seed, load_model(base) if base else None,
         [load_recording(f) for f in recordings], progress,

@@ -1,0 +1,32 @@
+"""Libraries that a base installation goes without, and the extras of pyproject.toml that install them.
+
+Each is imported by the function that uses it, which asks `require_library` first, before anybody has waited.
+"""
+
+from importlib.util import find_spec
+
+from bcid.errors import LibraryMissing
+
+EXTRAS = {"torch": "networks", "deap": "checks", "filterpy": "checks", "pysindy": "checks"}
+"""The extra that installs each library: to train networks, and to check our kernels and answers against others'."""
+
+
+def require_library(name: str, purpose: str) -> None:
+    """Do nothing where the library `name`, one of `EXTRAS`, is installed; it is looked for and not imported.
+
+    Raises:
+        LibraryMissing: it is not installed; the message says that `purpose` needs it, and how to install it.
+    """
+    try:
+        missing = find_spec(name) is None
+    except ModuleNotFoundError:
+        missing = True
+    if missing:
+        raise library_missing(name, purpose)
+
+
+def library_missing(name: str, purpose: str) -> LibraryMissing:
+    """The error that `purpose` needs the library `name`, one of `EXTRAS`, with the command that installs it."""
+    return LibraryMissing(
+        f'{purpose} needs the library {name}, which is not installed\n  next: pip install "bcid[{EXTRAS[name]}]"'
+    )
