@@ -42,8 +42,8 @@ from bcid.likelihood.prepare import (
     prepare_and_fit_base,
     refit_base_with_pushes,
 )
+from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
-from bcid.likelihood.score_test import project_out_fit
 from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, cut_segments
 from bcid.physics.car import Car
 from bcid.proof.blind.cases import BlindCase
@@ -321,7 +321,7 @@ def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: 
         null_fit.scales,
     )
     columns = fit.tangent.J[:, :, [len(BASE.log_parameters)]]  # another drag, beside R_1, which is bent
-    found = project_out_fit(fit, null_take, columns)
+    found = project_out_fit(linearise_fit(fit, null_take), columns)
     r = pose_residuals(null_take, fit.hypothesis.prediction_inputs(fit.phi, null_take), fit.start)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, null_take.first), fit.scales, 0)
     g, _ = score_and_information(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.V)
@@ -546,7 +546,7 @@ def test_a_trusted_parameter_at_its_end_makes_no_room(null_take: Take, null_fit:
     """
     high, own = replace(BASE, nominal=with_more_drag(10.0)).trust_simulation([], 0.02), len(BASE.log_parameters)
     fits = [refit(null_take, of, null_fit.phi, null_fit.start, null_fit.scales) for of in (BASE, high)]
-    found = [project_out_fit(fit, null_take, fit.tangent.J[:, :, [own]]) for fit in fits]
+    found = [project_out_fit(linearise_fit(fit, null_take), fit.tangent.J[:, :, [own]]) for fit in fits]
     assert fits[1].phi[own] == pytest.approx(high.bounds()[0][own])
     assert found[0].G[0, 0] < 1e-3 * found[1].G[0, 0]
     assert np.all(found[1].pulls[own] == 0.0)

@@ -1,17 +1,26 @@
 """Closed-loop rollouts through a whole take or restarted from the estimate every few seconds, and their errors."""
 
 import time
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from bcid.aliases import Bools, Floats
+from bcid.aliases import Bools, Floats, Ints
 from bcid.bootstrap import bootstrap_interval
 from bcid.estimate.types import Estimate
-from bcid.models.interface import Model, RolloutDiverged, SupportsRollout, history_at, rollout
+from bcid.models.interface import Model, SupportsRollout, history_at
+from bcid.models.limits import LIMITS
 
 # Length (s) of the blocks that are resampled for the interval of an NMSE, and how often.
 BLOCK_S, RESAMPLES = 5.0, 1999
+
+
+@runtime_checkable
+class SupportsManyRollouts(SupportsRollout, Protocol):
+    """A model of which many vehicles are rolled out at once."""
+
+    def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """Advance B vehicles (B, n) under parts (B, N, W, 4): carries after the last, and twists (B, N, 3)."""
 
 
 class RestartedPrediction(NamedTuple):
@@ -38,11 +47,34 @@ def _predict_from_starts(model: SupportsRollout, estimate: Estimate, starts: lis
     others are NaN.
     """
     twist = np.full((len(estimate), 3), np.nan)
-    for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
-        try:
-            twist[a:b] = rollout(model, history_at(estimate, a, model.lags), estimate.parts[a : b - 1])
-        except RolloutDiverged:
-            twist[a] = estimate.twist[a]
+    twist[starts] = estimate.twist[starts]
+    for rows in _group_rows_by_length(starts, len(estimate)):
+        rest = rows[:, 1:]
+        twist[rest] = _roll_out_from_rows(model, estimate, rows[:, 0], rest.shape[1]) if rest.shape[1] else twist[rest]
+    return twist
+
+
+def _group_rows_by_length(starts: list[int], end: int) -> list[Ints]:
+    """The rows from each of `starts` until the next, the last until `end`, in arrays (B, n) of equally many rows."""
+    begin = np.array(starts, dtype=np.int64)
+    lengths = np.diff(np.append(begin, end))
+    return [begin[lengths == n, None] + np.arange(n) for n in np.unique(lengths)]
+
+
+def _roll_out_from_rows(model: SupportsRollout, estimate: Estimate, starts: Ints, steps: int) -> Floats:
+    """Twists (B, steps, 3) that a model predicts after each of B rows `starts` of an estimate, under its commands.
+
+    A rollout that passes LIMITS.fastest_twist (150 m/s, 100 rad/s), or is not finite, is NaN throughout.
+    """
+    carries = [model.init(history_at(estimate, k, model.lags)) for k in starts.tolist()]
+    commands = estimate.parts[starts[:, None] + np.arange(steps)]
+    if len(starts) > 1 and isinstance(model, SupportsManyRollouts):
+        twist = np.array(model.scan_many(np.stack(carries), commands)[1], dtype=float)
+    else:
+        twist = np.stack([model.scan(carry, parts)[1] for carry, parts in zip(carries, commands, strict=True)])
+    with np.errstate(invalid="ignore"):
+        follows = (np.abs(twist) <= LIMITS.fastest_twist).all(axis=(1, 2))
+    twist[~(follows & (np.abs(estimate.twist[starts]) <= LIMITS.fastest_twist).all(axis=1))] = np.nan
     return twist
 
 
@@ -52,8 +84,8 @@ def predict_with_restarts(model: SupportsRollout, estimate: Estimate, every_s: f
     starts = [k for s in estimate.segments() for k in range(s.start, s.stop, size)]
     twist = _predict_from_starts(model, estimate, starts)
     pose = np.empty_like(twist)
-    for a, b in zip(starts, [*starts[1:], len(estimate)], strict=True):
-        pose[a:b] = integrate_poses(estimate.pose[a], twist[a:b], estimate.period_s)
+    for rows in _group_rows_by_length(starts, len(estimate)):
+        pose[rows] = integrate_poses(estimate.pose[rows[:, 0]], twist[rows], estimate.period_s)
     marks = np.zeros(len(estimate), dtype=bool)
     marks[starts] = True
     return RestartedPrediction(pose, twist, marks)
@@ -90,26 +122,33 @@ def position_errors(model: Model, estimate: Estimate, after_s: float) -> Floats:
     Starts are estimate rows `after_s` apart in each segment.  A rollout that diverges has an infinite distance.
     """
     size = max(2, round(after_s / estimate.period_s))
-    errors = []
-    for segment in estimate.segments():
-        for k in range(segment.start, segment.stop - size, size):
-            try:
-                twist = rollout(model, history_at(estimate, k, model.lags), estimate.parts[k : k + size])
-            except RolloutDiverged:
-                errors.append(np.inf)
-                continue
-            end = integrate_poses(estimate.pose[k], twist, estimate.period_s)[-1]
-            errors.append(float(np.hypot(*(end[:2] - estimate.pose[k + size, :2]))))
-    return np.array(errors)
+    starts = np.array([k for s in estimate.segments() for k in range(s.start, s.stop - size, size)], dtype=np.int64)
+    if not len(starts):
+        return np.empty(0)
+    twist = _roll_out_from_rows(model, estimate, starts, size)
+    whole = np.concatenate([estimate.twist[starts, None], twist], axis=1)
+    end = integrate_poses(estimate.pose[starts], whole, estimate.period_s)[:, -1]
+    errors = np.hypot(*(end[:, :2] - estimate.pose[starts + size, :2]).T)
+    return np.asarray(np.where(np.isfinite(errors), errors, np.inf))
 
 
 def integrate_poses(start: Floats, twist: Floats, period_s: float) -> Floats:
-    """Poses (N, 3) x, y (m, world), yaw from the pose `start` (3,) along body-frame twists (N, 3), trapezoidal rule."""
-    yaw = start[2] + np.r_[0.0, np.cumsum(0.5 * period_s * (twist[1:, 2] + twist[:-1, 2]))]
+    """Poses (..., N, 3) x, y (m, world), yaw from poses `start` (..., 3) along body-frame twists (..., N, 3).
+
+    By the trapezoidal rule, in steps of `period_s` (s).
+    """
+    yaw = start[..., 2:] + _trapezoidal_sums(twist[..., 2:], period_s)[..., 0]
     cos_t, sin_t = np.cos(yaw), np.sin(yaw)
-    world = np.column_stack([cos_t * twist[:, 0] - sin_t * twist[:, 1], sin_t * twist[:, 0] + cos_t * twist[:, 1]])
-    moved = np.vstack([np.zeros(2), np.cumsum(0.5 * period_s * (world[1:] + world[:-1]), axis=0)])
-    return np.column_stack([start[:2] + moved, yaw])
+    v_x, v_y = twist[..., 0], twist[..., 1]
+    world = np.stack([cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y], axis=-1)
+    moved = _trapezoidal_sums(world, period_s)
+    return np.concatenate([start[..., None, :2] + moved, yaw[..., None]], axis=-1)
+
+
+def _trapezoidal_sums(rate: Floats, period_s: float) -> Floats:
+    """Integrals (..., N, n) of `rate` (..., N, n) from the first row to each, by trapezoids `period_s` (s) wide."""
+    steps = 0.5 * period_s * (rate[..., 1:, :] + rate[..., :-1, :])
+    return np.concatenate([np.zeros_like(rate[..., :1, :]), np.cumsum(steps, axis=-2)], axis=-2)
 
 
 def time_rollout_ms(model: Model, estimate: Estimate, repeats: int) -> float:

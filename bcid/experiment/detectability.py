@@ -22,8 +22,9 @@ from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import Tangent, parameter_jacobian
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
+from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import compute_trial_changes, project_out_fit, replace_value
+from bcid.likelihood.score_test import compute_trial_changes, replace_value
 from bcid.likelihood.take import Take
 
 SIZE_ITERATIONS = 6  # of finding the smallest size: an effect need not grow with its square
@@ -172,5 +173,6 @@ def expected_gains_nats(fit: Fit, take: Take, amplitudes: Sequence[PlacedAmplitu
     G is the Fisher information about an amplitude, with the parameters of `fit` and each segment's initial state and
     disturbances projected out.
     """
-    changes = compute_trial_changes(fit, take, [(a.effect, [a.values]) for a in amplitudes])
-    return np.asarray(0.5 * np.diag(project_out_fit(fit, take, changes.columns).G))
+    linearised = linearise_fit(fit, take)
+    changes = compute_trial_changes(fit, take, [(a.effect, [a.values]) for a in amplitudes], linearised.r)
+    return np.asarray(0.5 * project_out_fit(linearised, changes.columns).G[0])

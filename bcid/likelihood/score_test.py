@@ -11,14 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import NU, estimate_scales, robust_weights, segment_moments
-from bcid.likelihood.newton import parameter_jacobian
-from bcid.likelihood.nuisance import pose_residuals, remove_pushes
+from bcid.likelihood.marginal import NU
+from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.predict import wrap_yaw
+from bcid.likelihood.projection import ProjectedChanges
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take
+from bcid.likelihood.take import SEGMENT_S, Take
 
 NULL_DRAWS = 999
 REWEIGHTINGS = 4
@@ -26,120 +25,63 @@ DRAWN_P_VALUE = 0.01  # tail of the null draws that they show well
 POSE_TOLERANCE = 0.1  # of the distance from the origin, by which a pose's scale and the marker's offset may move it
 
 
-class ProjectedChanges(NamedTuple):
-    """K columns J of changes of a prediction, with the fit's own parameters projected out.
-
-    The information of segment s about them is J^T P J = X^T X - Y^T Y, with X the columns over the noise and Y their
-    projections on the nuisance parameters.
-    """
-
-    X: Floats  # (N, 3, K)
-    Y: Floats  # (S, N_NUISANCE, K)
-    each_g: Floats  # (S, K) J^T P r
-    first: Ints  # (S + 1,) segment s has the rows first[s] to first[s + 1]
-    weights: Floats  # (S,) robust weights
-    G: Floats  # (K, K) weighted sum of J^T P J over segments
-    chi2: Floats  # (S,) without any change
-    numbers: Floats  # (S,)
-    pulls: Floats  # (n, K) standard deviations by which a unit of a column moves the fit's own trusted parameters
-    tension: Floats  # (n,) standard deviations by which these are off already
-
-    def slope(self, own: slice) -> Floats:
-        """Slope (k,) of the log-likelihood and the prior by the multiples of the columns `own`."""
-        return np.asarray(self.weights @ self.each_g[:, own] + self.tension @ self.pulls[:, own])
-
-    def segment_information(self, k: int, m: int) -> Floats:
-        """Element (k, m) of J^T P J in every segment (S,)."""
-        rows = np.add.reduceat(np.einsum("nc,nc->n", self.X[:, :, k], self.X[:, :, m]), self.first[:-1])
-        return np.asarray(rows - np.einsum("sf,sf->s", self.Y[:, :, k], self.Y[:, :, m]))
-
-
-def project_out_fit(fit: Fit, take: Take, columns: Floats) -> ProjectedChanges:
-    """Changes `columns` (N, 3, K) of predicted poses less their projection on the fit's parameters, for score tests.
-
-    The projection, a weighted least-squares fit, is what base parameters, present effects, initial states and pushes
-    can imitate.  Slope and information of the log-likelihood for multiples of the columns are given segment by
-    segment.
-
-    Raises:
-        PredictionDiverged: where a prediction or a change of it is not finite.
-    """
-    hypothesis, r = fit.hypothesis, pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
-    own = parameter_jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.size))
-    n = fit.tangent.J.shape[2] + own.shape[2]
-    r = remove_pushes(r, fit.tangent.A, fit.start, take.first)
-    _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
-    w, noise = robust_weights(e), fit.scales.r[:, None]
-    X = np.concatenate([fit.tangent.J, own, columns], axis=2) / noise
-    A, rest = fit.tangent.A / noise, r / fit.scales.r
-    factor = np.linalg.cholesky(e.V)
-    Y, y = np.empty((take.segments, N_NUISANCE, X.shape[2])), np.empty((take.segments, N_NUISANCE))
-    for s, (a, b) in enumerate(zip(take.first, take.first[1:], strict=False)):
-        As = A[a:b].reshape(-1, N_NUISANCE)
-        Y[s] = factor[s].T @ (As.T @ X[a:b].reshape(len(As), -1))
-        y[s] = factor[s].T @ (As.T @ rest[a:b].ravel())
-    total = _weighted_information(X, Y, w, take.first)
-    require_finite("a change of a prediction", total)  # LAPACK would not come back from it
-    centre, known = hypothesis.prior(fit.phi)
-    taken, bends = np.zeros((n, columns.shape[2])), np.ones(n, dtype=bool)
-    if hypothesis.trusted_simulation is None:
-        known = np.zeros(n)
-    else:  # a parameter at its bound goes no farther
-        bends = ~hypothesis.is_at_bound(fit.phi)
-    answers = total[:n, :n] + np.diag(known)
-    taken[bends] = np.linalg.lstsq(answers[np.ix_(bends, bends)], total[:n, n:][bends], rcond=None)[0]
-    X, Y = X[:, :, n:] - X[:, :, :n] @ taken, Y[:, :, n:] - Y[:, :, :n] @ taken
-    each_g = np.add.reduceat(np.einsum("nck,nc->nk", X, rest), take.first[:-1]) - np.einsum("sfk,sf->sk", Y, y)
-    G = total[n:, n:] - total[n:, :n] @ taken
-    root = np.sqrt(known)
-    return ProjectedChanges(
-        X, Y, each_g, take.first, w, G, e.chi2, e.numbers, root[:, None] * taken, root * (fit.phi - centre)
-    )
-
-
-def _weighted_information(X: Floats, Y: Floats, w: Floats, first: Ints) -> Floats:
-    """Fisher information (K, K): sum over segments s of `w[s]` (X_s^T X_s - Y_s^T Y_s), for K columns of pose changes.
-
-    `X` (N, 3, K) holds the columns divided by the noise, `Y` (S, N_NUISANCE, K) their projections on initial states
-    and pushes, `w` (S,) robust weights; segment s has the rows `first[s]` to `first[s + 1]`.
-    """
-    root = np.sqrt(w)
-    of_rows = np.repeat(root, np.diff(first))
-    weighted = (X * of_rows[:, None, None]).reshape(-1, X.shape[2])
-    free = (Y * root[:, None, None]).reshape(-1, Y.shape[2])
-    return np.asarray(weighted.T @ weighted - free.T @ free)
-
-
-def robust_amplitudes(changes: ProjectedChanges, own: slice) -> tuple[Floats, float]:
-    """Multiples (k,) of the pose changes in columns `own` that raise the log-likelihood most, and their gain (nats).
+def robust_amplitudes(changes: ProjectedChanges, groups: Sequence[slice]) -> tuple[list[Floats], Floats]:
+    """Multiples of the pose changes in each of T `groups` of columns that raise the log-likelihood most, and its gains.
 
     The likelihood is Student's t, with the prior of a trusted simulation.  Iteratively reweighted least squares
     (`best_amplitudes`) starts from multiples of 0 and of 1, as the latter may explain segments to which the former
-    gives no weight; the better end is returned.
+    gives no weight; the better end is returned, for each group its multiples (k,), and the gains (T,) in nats.
     """
-    columns = range(own.start, own.stop)
-    if np.any(np.diag(changes.G)[own] <= LIKELIHOOD_LIMITS.min_information):
-        return np.zeros(len(columns)), 0.0
-    g = changes.each_g[:, own]
-    G = np.stack([[changes.segment_information(k, m) for m in columns] for k in columns]).transpose(2, 0, 1)
-    pull, stiffness = changes.tension @ changes.pulls[:, own], changes.pulls[:, own].T @ changes.pulls[:, own]
+    amplitudes, gains = [np.empty(0)] * len(groups), np.zeros(len(groups))
+    widths = [own.stop - own.start for own in groups]
+    for k in set(widths):
+        alike = [i for i, width in enumerate(widths) if width == k]
+        first = np.array([groups[i].start for i in alike])
+        best, gains[alike] = _reweighted_amplitudes(changes, first, k)
+        for i, a in zip(alike, best, strict=True):
+            amplitudes[i] = a
+    return amplitudes, gains
+
+
+def _reweighted_amplitudes(changes: ProjectedChanges, first: Ints, k: int) -> tuple[Floats, Floats]:
+    """Multiples (T, k) of T groups of `k` columns, from each of `first` (T,) on, and gains (T,): `robust_amplitudes`.
+
+    A group about one of whose columns the take holds no information has multiples and gain of zero.
+    """
+    own, before = first[:, None] + np.arange(k), changes.chi2[:, None]
+    g, numbers = [changes.each_g[:, own[:, i]] for i in range(k)], (NU + changes.numbers)[:, None]
+    # of columns i and j <= i
+    G = {(i, j): changes.bands[i - j][:, own[:, j]] for i in range(k) for j in range(i + 1)}
+    pulls = changes.pulls[:, own]
+    pull, stiffness = np.tensordot(changes.tension, pulls, axes=1), np.einsum("ntk,ntl->tkl", pulls, pulls)
 
     def chi2(a: Floats) -> Floats:
-        """Chi^2 (S,) of each segment with the columns times `a`."""
-        return np.asarray(np.maximum(changes.chi2 - 2.0 * g @ a + np.einsum("k,skl,l->s", a, G, a), 0.0))
+        """Chi^2 (S, T) of each segment with the columns of each group times `a` (T, k)."""
+        total = before - sum(2.0 * a[:, i] * g[i] for i in range(k))
+        total += sum((1.0 if i == j else 2.0) * a[:, i] * a[:, j] * each for (i, j), each in G.items())
+        return np.asarray(np.maximum(total, 0.0))
 
-    def gain(a: Floats) -> float:
-        """Gain (nats) of the columns times `a` in Student's likelihood and the prior."""
-        more = np.log1p(chi2(a) / NU) - np.log1p(changes.chi2 / NU)
-        return float(-0.5 * np.sum((NU + changes.numbers) * more) + a @ pull - 0.5 * a @ stiffness @ a)
+    def gain(a: Floats, after: Floats) -> Floats:
+        """Gains (T,) in nats of the columns times `a` in Student's likelihood, with chi^2 `after`, and the prior."""
+        more = -0.5 * (numbers * np.log((NU + after) / (NU + before))).sum(axis=0)
+        return np.asarray(more + np.einsum("tk,tk->t", a, pull) - 0.5 * np.einsum("tk,tkl,tl->t", a, stiffness, a))
 
-    best, most = np.zeros(len(columns)), 0.0
-    for a in (np.zeros(len(columns)), np.ones(len(columns))):
+    shown = (changes.G[0][own] > LIKELIHOOD_LIMITS.min_information).all(axis=1)
+    best, most = np.zeros(own.shape), np.zeros(len(own))
+    for start in (0.0, 1.0):
+        a = np.full(own.shape, start)
+        after = chi2(a)
         for _ in range(REWEIGHTINGS):
-            w = (NU + changes.numbers) / (NU + chi2(a))
-            a = best_amplitudes((w @ g + pull)[None], np.tensordot(w, G, axes=1) + stiffness)[0]  # noqa: PLW2901
-            if gain(a) > most:
-                best, most = a, gain(a)
+            w, total = numbers / (NU + after), stiffness.copy()
+            for (i, j), each in G.items():
+                total[:, i, j] += np.einsum("st,st->t", w, each)
+                total[:, j, i] = total[:, i, j]
+            slope = np.stack([np.einsum("st,st->t", w, each) for each in g], axis=1) + pull
+            a = best_amplitudes(slope, total)
+            after = chi2(a)
+            gained = gain(a, after)
+            better = shown & (gained > most)
+            best[better], most[better] = a[better], gained[better]
     return best, most
 
 
@@ -149,7 +91,7 @@ def unlimited_gain(changes: ProjectedChanges, own: slice) -> float:
     Multiples may have any size and sign.  g (k,) is the slope of the log-likelihood by them, G (k, k) its
     information, G^+ the pseudo-inverse.  A column is the change of predicted poses by an effect.
     """
-    g, G = changes.slope(own), changes.G[own, own]
+    g, G = changes.slope(own), changes.information(own)
     scale = np.sqrt(np.maximum(np.diag(G), LIKELIHOOD_LIMITS.min_information))
     return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
 
@@ -160,7 +102,7 @@ def score_test_gain(changes: ProjectedChanges, own: slice) -> float:
     a (k,) is `best_amplitudes`, g (k,) the slope of the log-likelihood by the multiples, G (k, k) its information.  A
     column is the change of predicted poses by an effect.
     """
-    g, G = changes.slope(own), changes.G[own, own]
+    g, G = changes.slope(own), changes.information(own)
     return float(_quadratic_gain(best_amplitudes(g[None], G), g[None], G)[0])
 
 
@@ -178,7 +120,7 @@ def null_maxima(changes: ProjectedChanges, groups: list[slice]) -> Floats:
     draws += rng.standard_normal((NULL_DRAWS, len(changes.pulls))) @ changes.pulls
     most = np.zeros(NULL_DRAWS)
     for own in groups:
-        g, G = draws[:, own], changes.G[own, own]
+        g, G = draws[:, own], changes.information(own)
         most = np.maximum(most, _quadratic_gain(best_amplitudes(g, G), g, G))
     return most
 
@@ -195,16 +137,18 @@ def null_quantile(maxima: Floats, p: float) -> float:
 def best_amplitudes(g: Floats, G: Floats) -> Floats:
     """Multiples a (D, k) of k columns of pose changes that raise the log-likelihood most: G a = g, then clipped.
 
-    `g` (D, k) are the slopes of D cases, `G` (k, k) is the information.  A single column's multiple is clipped to [0,
-    `max_trial_amplitude`], those of several to +- that.  All are zero if the information about a column is at most
-    `min_information` (nats): the recording does not excite it.
+    `g` (D, k) are the slopes of D cases, `G` (D, k, k), or (k, k) of all, is the information.  A single column's
+    multiple is clipped to [0, `max_trial_amplitude`], those of several to +- that.  All of a case are zero if the
+    information about a column is at most `min_information` (nats): the recording does not excite it.
     """
-    if np.any(np.diag(G) <= LIKELIHOOD_LIMITS.min_information):
-        return np.zeros_like(g)
+    diagonal = np.diagonal(G, axis1=-2, axis2=-1)
+    shown = np.all(diagonal > LIKELIHOOD_LIMITS.min_information, axis=-1, keepdims=True)
     most = LIKELIHOOD_LIMITS.max_trial_amplitude
-    if len(G) == 1:
-        return np.asarray(np.clip(g / G[0, 0], 0.0, most))
-    return np.asarray(np.clip(np.linalg.solve(G + 1e-9 * np.diag(np.diag(G)), g.T).T, -most, most))
+    if G.shape[-1] == 1:
+        return np.where(shown, np.clip(g / np.where(shown, diagonal, 1.0), 0.0, most), 0.0)
+    unit = np.eye(G.shape[-1])
+    solvable = np.where(shown[..., None], G + 1e-9 * diagonal[..., None] * unit, unit)
+    return np.where(shown, np.clip(np.linalg.solve(solvable, g[..., None])[..., 0], -most, most), 0.0)
 
 
 def _quadratic_gain(amplitude: Floats, g: Floats, G: Floats) -> Floats:
@@ -226,26 +170,37 @@ class Trial(NamedTuple):
 class TrialChanges(NamedTuple):
     """Trials beside a fit, and the changes of its predicted poses by them."""
 
-    columns: Floats  # (N, 3, K)
+    columns: Floats  # (N, 3, K), in memory one column after the other
     trials: list[Trial]
+
+    @property
+    def widest(self) -> int:
+        """Most columns that a trial has."""
+        return max((len(t.vectors) for t in self.trials), default=1)
 
     def without(self, effects: Sequence[str]) -> TrialChanges:
         """The trial changes without the trials of `effects`, whose columns stay."""
         return self._replace(trials=[t for t in self.trials if t.effect not in effects])
 
 
-def compute_trial_changes(fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]]]) -> TrialChanges:
+def compute_trial_changes(
+    fit: Fit, take: Take, rows: Sequence[tuple[str, list[list[float]]]], r: Floats | None = None
+) -> TrialChanges:
     """Changes of a fit's predicted poses by trials: an effect added at given parameter values, one trial at a time.
 
     Each of the `rows` is an effect's id and a list of its parameter vectors (SI); each vector gives one column (N,
-    3).
+    3).  `r` (N, 3) is the fit's residual where it is known.
     """
-    r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
-    columns, trials = list[Floats](), []
-    for name, vectors in rows:
-        trials.append(Trial(name, vectors, slice(len(columns), len(columns) + len(vectors))))
-        columns += [_prediction_change(fit, take, name, values, r) for values in vectors]
-    return TrialChanges(np.stack(columns, axis=2), trials)
+    if r is None:
+        r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
+    ends = np.cumsum([len(vectors) for _, vectors in rows]).tolist()
+    trials = [Trial(*row, slice(end - len(row[1]), end)) for row, end in zip(rows, ends, strict=True)]
+    # one column after the other: a row of the K changes would be written at K places
+    columns = np.empty((ends[-1] if ends else 0, *r.shape))
+    for trial in trials:
+        for k, values in zip(range(trial.own.start, trial.own.stop), trial.vectors, strict=True):
+            columns[k] = _prediction_change(fit, take, trial.effect, values, r)
+    return TrialChanges(columns.transpose(1, 2, 0), trials)
 
 
 def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
@@ -256,9 +211,11 @@ def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: 
     more, phi = fit.hypothesis.add_effect(name, fit.phi, values)
     at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
     chosen = affected_segments(take, take.pose - r, at)
-    part, rows = take.part(chosen), take.rows(chosen)
-    change = np.zeros_like(r)
-    change[rows] = wrap_yaw(r[rows] - pose_residuals(part, more.prediction_inputs(phi, part), fit.start[chosen]))
+    if len(chosen) == take.segments:
+        change = wrap_yaw(r - pose_residuals(take, more.prediction_inputs(phi, take), fit.start))
+    else:
+        part, rows, change = take.part(chosen), take.rows(chosen), np.zeros_like(r)
+        change[rows] = wrap_yaw(r[rows] - pose_residuals(part, more.prediction_inputs(phi, part), fit.start[chosen]))
     return change if np.isfinite(change).all() else np.zeros_like(change)
 
 

@@ -17,8 +17,9 @@ from bcid.diagnosis.locate.scan_statistic import FloorCircle
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.predict import predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import project_out_fit, unlimited_gain
+from bcid.likelihood.score_test import unlimited_gain
 from bcid.likelihood.take import Take
 
 SERVO_MOVES_RADPS = 0.2  # above which the servo moves
@@ -35,7 +36,9 @@ def channel_gains(fit: Fit, take: Take, circle: FloorCircle | None) -> dict[str,
     in BIC.  Some functions act only inside `circle`, if given.  The largest gain comes first.
     """
     columns, slices = pose_changes_by_channel(fit, take, circle or NO_CIRCLE)
-    beside = project_out_fit(fit, take, columns / np.maximum(np.sqrt((columns**2).mean(axis=(0, 1))), 1e-12))
+    columns /= np.maximum(np.sqrt(np.einsum("nck,nck->k", columns, columns) / (3 * len(columns))), 1e-12)
+    widest = max(own.stop - own.start for own in slices.values())
+    beside = project_out_fit(linearise_fit(fit, take), columns, widest)
     gains = {
         channel: unlimited_gain(beside, own) - 0.5 * (own.stop - own.start) * math.log(take.segments)
         for channel, own in slices.items()

@@ -16,8 +16,9 @@ from bcid.diagnosis.locate.scan_statistic import FloorCircle, scan_circles
 from bcid.effects.entry import Effect
 from bcid.effects.table import ENTRIES
 from bcid.likelihood import score_test
+from bcid.likelihood.projection import LinearisedFit, ProjectedChanges, linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import Trial, TrialChanges, compute_trial_changes, project_out_fit, replace_value
+from bcid.likelihood.score_test import Trial, TrialChanges, compute_trial_changes, replace_value
 from bcid.likelihood.take import Take
 
 # multiples of the declared size, of an effect of one sign
@@ -138,10 +139,10 @@ def sharpen_places(fit: Fit, take: Take, candidate: CandidateEffect) -> Candidat
         return candidate
     single = [((i, sign),) for i in places for sign in (1.0, -1.0)]
     double = [(a, b) for (a,), (b,) in itertools.combinations(single, 2) if a[0] != b[0]]
-    share, best = 1.0, candidate
+    share, best, linearised = 1.0, candidate, linearise_fit(fit, take)
     while share > FINEST_SHARE:
         for moves in (single, double):
-            found = _best_neighbour(fit, take, best, moves, share)
+            found = _best_neighbour(fit, linearised, take, best, moves, share)
             if found.score > best.score + MIN_MOVE_NATS:
                 best = found
                 break
@@ -151,13 +152,14 @@ def sharpen_places(fit: Fit, take: Take, candidate: CandidateEffect) -> Candidat
 
 
 def _best_neighbour(
-    fit: Fit, take: Take, candidate: CandidateEffect, moves: Sequence[tuple[tuple[int, float], ...]], share: float
-) -> CandidateEffect:
+    fit: Fit, linearised: LinearisedFit, take: Take, candidate: CandidateEffect,
+    moves: Sequence[tuple[tuple[int, float], ...]], share: float,
+) -> CandidateEffect:  # fmt: skip
     """The candidate of largest score-test gain among those to which each of the `moves` leads from `candidate`.
 
     A move is a tuple of (index of a parameter, sign) pairs; each changes its parameter by `share` of its first step
     (FIRST_STEPS_M, scaled to the vehicle; for a time, the recording's length over TRIAL_TIMES).  Values are clipped to
-    bounds.
+    bounds.  `linearised` is the fit's linearisation.
     """
     factor = fit.hypothesis.units.circle_factor
     widths = {symbol: step * factor for symbol, step in FIRST_STEPS_M.items()}
@@ -172,7 +174,8 @@ def _best_neighbour(
         rows.append((candidate.effect, [values]))
     if not rows:
         return candidate
-    return screen_effects(fit, take, compute_trial_changes(fit, take, rows))[0]
+    trials = compute_trial_changes(fit, take, rows, linearised.r)
+    return _rank_candidates(project_out_fit(linearised, trials.columns, trials.widest), trials.trials)[0]
 
 
 def screen_effects(fit: Fit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
@@ -182,18 +185,18 @@ def screen_effects(fit: Fit, take: Take, trials: TrialChanges) -> list[Candidate
     of it is found.  Gains are by Student's t likelihood, in which a segment that a trial explains may have had hardly
     any weight.
     """
-    return _rank_candidates(project_out_fit(fit, take, trials.columns), trials.trials)
+    return _rank_candidates(project_out_fit(linearise_fit(fit, take), trials.columns, trials.widest), trials.trials)
 
 
-def _rank_candidates(changes: score_test.ProjectedChanges, trials: Sequence[Trial]) -> list[CandidateEffect]:
+def _rank_candidates(changes: ProjectedChanges, trials: Sequence[Trial]) -> list[CandidateEffect]:
     """Each effect with its best trial (a size and place), by the gain of Student's t likelihood, largest first.
 
     `changes` are the trials' changes of the predicted poses, less what the fit's own parameters can imitate.  A
     candidate's values are the trial's, times the best multiples.
     """
     best: dict[str, CandidateEffect] = {}
-    for trial in trials:
-        amplitudes, score = score_test.robust_amplitudes(changes, trial.own)
+    all_amplitudes, scores = score_test.robust_amplitudes(changes, [t.own for t in trials])
+    for trial, amplitudes, score in zip(trials, all_amplitudes, scores.tolist(), strict=True):
         if trial.effect not in best or score > best[trial.effect].score:
             best[trial.effect] = CandidateEffect(trial.effect, _combine_vectors(trial, amplitudes), score)
     return sorted(best.values(), key=lambda c: -c.score)
@@ -205,29 +208,15 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     Chance is drawn by giving each segment's residuals a random sign (a wild bootstrap), and by placebos: each trial's
     change of the predicted poses moved to segments half a take away, where it has nothing to explain.
     """
-    changes = project_out_fit(fit, take, trials.columns)
+    linearised = linearise_fit(fit, take)
+    changes = project_out_fit(linearised, trials.columns, trials.widest)
     local = [t.own for t in trials.trials if ENTRIES[t.effect].place_parameters]
     maxima, local_maxima = (score_test.null_maxima(changes, own) for own in ([t.own for t in trials.trials], local))
     best = max(score_test.score_test_gain(changes, t.own) for t in trials.trials)
     level, local_level = (score_test.null_quantile(m, SEARCH_LIMITS.gate_p_value) for m in (maxima, local_maxima))
-    elsewhere = project_out_fit(fit, take, _shift_half_a_take(trials.columns, take))
+    elsewhere = project_out_fit(linearised, trials.columns, trials.widest, moved=take.segments // 2)
     p_value = (1 + int(np.sum(maxima >= best))) / (1 + len(maxima))
     return NullGains(p_value, level, local_level, _rank_candidates(elsewhere, trials.trials))
-
-
-def _shift_half_a_take(columns: Floats, take: Take) -> Floats:
-    """Changes of predicted poses (N, 3, K) with each segment's replaced by those of the segment half a take later.
-
-    The take is cyclic: the second half gets those of the first.  Rows beyond the end of a shorter segment are zero.
-    """
-    moved = np.zeros_like(columns)
-    S = take.segments
-    for s in range(S):
-        a, b = take.first[s], take.first[s + 1]
-        from_a, from_b = take.first[(s + S // 2) % S], take.first[(s + S // 2) % S + 1]
-        n = min(b - a, from_b - from_a)
-        moved[a : a + n] = columns[from_a : from_a + n]
-    return moved
 
 
 def _combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:

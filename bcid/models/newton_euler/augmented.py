@@ -12,6 +12,7 @@ import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -100,7 +101,7 @@ class AugmentedNewtonEuler(CompiledModel):
         """How many numbers the diagnosis fitted: refitted constants and effects' parameters."""
         return len(self.facts.get("fitted", ())) + len(self.effects)
 
-    @property
+    @cached_property
     def setup(self) -> augmented_step.AugmentedSetup:
         """What the compiled step needs beside the carry."""
         e = effect_switches(self.effects)
