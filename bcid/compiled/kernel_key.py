@@ -5,7 +5,10 @@ it reads, and the fields of the tuples that it is given.  What it does not name 
 module: an edit there, or of a docstring or comment, leaves the digest as it is.
 """
 
+import builtins
 import hashlib
+import re
+import sys
 from collections.abc import Iterator
 from functools import cache
 from types import CodeType, FunctionType, ModuleType
@@ -49,7 +52,7 @@ def _function_lines(function: FunctionType, seen: set[Any]) -> Iterator[str]:
         yield f"name {name}"
         yield from _value_lines(value, seen)
     for hint in function.__annotations__.values():
-        yield from _hint_lines(hint, function, seen)
+        yield from _hint_lines(hint, function.__globals__, seen)
 
 
 def _code_lines(code: CodeType, docstring: str | None = None) -> Iterator[str]:
@@ -118,19 +121,19 @@ def _tuple_lines(kind: Any, seen: set[Any]) -> Iterator[str]:
     yield f"tuple {kind.__module__}.{kind.__qualname__} {kind._fields}"
     if kind not in seen:
         seen.add(kind)
+        names = vars(sys.modules.get(kind.__module__, builtins))
         for hint in kind.__annotations__.values():
-            yield from _hint_lines(hint, kind, seen)
+            yield from _hint_lines(hint, names, seen)
 
 
-def _hint_lines(hint: Any, owner: Any, seen: set[Any]) -> Iterator[str]:
-    """Lines that describe the classes of tuples in the annotation `hint` of the function or class `owner`."""
-    if isinstance(hint, str):
-        yield f"module {owner.__module__} {digest_with_imports(owner.__module__)}"
-    elif isinstance(hint, type) and hasattr(hint, "_fields"):
+def _hint_lines(hint: Any, names: dict[str, Any], seen: set[Any]) -> Iterator[str]:
+    """Lines that describe the classes of tuples in the annotation `hint`, which may be a text with global `names`."""
+    if isinstance(hint, type) and hasattr(hint, "_fields"):
         yield from _tuple_lines(hint, seen)
-    else:
-        for part in get_args(hint):
-            yield from _hint_lines(part, owner, seen)
+        return
+    for part in (names.get(word) for word in re.findall(r"\w+", hint)) if isinstance(hint, str) else get_args(hint):
+        if not isinstance(part, str):
+            yield from _hint_lines(part, names, seen)
 
 
 def _module_of(value: Any) -> str:
