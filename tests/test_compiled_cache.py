@@ -51,6 +51,33 @@ def test_a_read_only_installation_keeps_kernels_in_the_home(read_only: Path) -> 
     assert not list(read_only.glob("bcid/**/*.nbi"))
 
 
+def test_a_damaged_file_is_made_anew(tmp_path: Path) -> None:
+    parent = Path(bcid.__file__).parent.parent
+    first = run_step(parent, NUMBA_CACHE_DIR=str(tmp_path))
+    (kept,) = tmp_path.rglob("*.nbc")
+    kept.write_bytes(kept.read_bytes()[:1000])
+    for hits in ("Counter()", "Counter({"):
+        done = run_step(parent, NUMBA_CACHE_DIR=str(tmp_path))
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.splitlines()[0] == first.stdout.splitlines()[0]
+        assert f"cache_hits={hits}" in done.stdout
+
+
+def test_an_edited_law_is_compiled_anew_and_an_edited_docstring_is_not(read_only: Path, tmp_path: Path) -> None:
+    law, cache = read_only / "bcid" / "physics" / "steering.py", str(tmp_path / "cache")
+    whole = law.read_text()
+    results = {}
+    for name, text in {"as it is": whole, "docstring": whole.replace('"""', '"""A new word: ', 1)}.items():
+        law.write_text(text)
+        results[name] = run_step(read_only, NUMBA_CACHE_DIR=cache).stdout.splitlines()
+    assert "cache_hits=Counter({" in results["docstring"][1]
+    assert results["docstring"][0] == results["as it is"][0]
+    law.write_text(whole.replace("return u_s - miss", "return 0.1 + u_s - miss"))
+    edited = run_step(read_only, NUMBA_CACHE_DIR=cache).stdout.splitlines()
+    assert "cache_hits=Counter()" in edited[1]
+    assert float(edited[0]) == pytest.approx(0.1 + float(results["as it is"][0]))
+
+
 def test_a_folder_that_cannot_be_written_to_is_named(read_only: Path) -> None:
     done = run_step(read_only, HOME=str(read_only), NUMBA_CACHE_DIR=NOWHERE)
     assert done.returncode == 0, done.stderr

@@ -1,1 +1,5 @@
-"""The compiler (`njit`: numba with a cache keyed by imports) and vectors of numbers (`lanes`, `lane_access`)."""
+"""The compiler and vectors of numbers.
+
+`njit` (numba, each function compiled once), `late_code` (machine code made of whole kernels only), `kernel_cache` and
+`kernel_key` (kept on disk under what a kernel names); `lanes`, `lane_access` (vectors).
+"""

@@ -26,7 +26,8 @@ LANES = 4
 _DOUBLE, _BIT, INDEX = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_BIT, LANES)
 numba_intrinsic: Any = intrinsic  # numba's own types know nothing of these
-_overload: Any = partial(overload, jit_options={"forceinline": True, "error_model": "numpy"})
+_OPTIONS: Any = {"forceinline": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_overload: Any = partial(overload, jit_options=_OPTIONS)
 
 
 class LanesType(types.Type):
