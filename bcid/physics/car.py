@@ -143,7 +143,9 @@ def state_rate(
     """
     F_x, F_y, M_z = wrench(v_x, v_y, yaw_rate, delta, u_m, p)
     delta_rate = steering_rate(u_s, delta, p.T_s, p.d)
-    return F_x / p.m + yaw_rate * v_y, F_y / p.m - yaw_rate * v_x, M_z / p.I_z, delta_rate
+    # a loop divides once, not in every step
+    inverse_m, inverse_I_z = 1.0 / p.m, 1.0 / p.I_z
+    return inverse_m * F_x + yaw_rate * v_y, inverse_m * F_y - yaw_rate * v_x, inverse_I_z * M_z, delta_rate
 
 
 @njit_inline

@@ -2,7 +2,8 @@
 
 A loop over samples or vehicles whose body is nothing but arithmetic and selections is turned into vector
 instructions by the compiler; a call of the C library in it, or a jump, keeps it scalar.  All are within a few units
-in the last place of the C library's.
+in the last place of the C library's.  Polynomials are summed in pairs and by even and odd powers, each product fused
+with a sum: a processor then waits for the longest of several short chains, not for one long one (Estrin's scheme).
 """
 
 import math
@@ -10,7 +11,7 @@ import math
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
-from bcid.compiled.lanes import floor, where
+from bcid.compiled.lanes import floor, multiply_add, where
 from bcid.compiled.njit import njit_inline
 
 _TWO_OVER_PI = 2.0 / math.pi
@@ -29,14 +30,20 @@ def sincos(x: float) -> tuple[float, float]:
     quarters = floor(x * _TWO_OVER_PI + 0.5)
     y = ((x - quarters * _HALF_PI_1) - quarters * _HALF_PI_2) - quarters * _HALF_PI_3
     z = y * y
-    s = y + y * z * (_S3 + z * (_S5 + z * (_S7 + z * (_S9 + z * (_S11 + z * (_S13 + z * _S15))))))
-    c = 1.0 - 0.5 * z + z * z * (_C4 + z * (_C6 + z * (_C8 + z * (_C10 + z * (_C12 + z * (_C14 + z * _C16))))))
+    zz = z * z
+    odd_s = multiply_add(zz, multiply_add(zz, _S13, _S9), _S5)
+    even_s = multiply_add(zz, multiply_add(zz, multiply_add(zz, _S15, _S11), _S7), _S3)
+    s = multiply_add(y * z, multiply_add(z, odd_s, even_s), y)
+    odd_c = multiply_add(zz, multiply_add(zz, _C14, _C10), _C6)
+    even_c = multiply_add(zz, multiply_add(zz, multiply_add(zz, _C16, _C12), _C8), _C4)
+    c = multiply_add(zz, multiply_add(z, odd_c, even_c), multiply_add(z, -0.5, 1.0))
     turned = quarters - 4.0 * floor(0.25 * quarters)  # 0, 1, 2, 3
     swapped = (turned == 1.0) | (turned == 3.0)  # `in` is a call
     sin_x, cos_x = where(swapped, c, s), where(swapped, s, c)
     return where(turned >= 2.0, -sin_x, sin_x), where((turned == 1.0) | (turned == 2.0), -cos_x, cos_x)
 
 
+_HALF_PI, _QUARTER_PI = 0.5 * math.pi, 0.25 * math.pi
 _TAN_EIGHTH = math.sqrt(2.0) - 1.0  # tan(pi/8)
 # arctan(w)/w in powers of z = w^2, for |w| < tan(pi/8)
 _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9 = (
@@ -47,20 +54,55 @@ _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9 = (
 
 
 @njit_inline
-def arctan(x: float) -> float:
-    """The angle (rad) in (-pi/2, pi/2) whose tangent is `x`, by a polynomial without branches.
-
-    Reduced to |w| < tan(pi/8) by arctan(x) = pi/2 - arctan(1/x) and arctan(x) = pi/4 + arctan((x-1)/(x+1)).
-    """
-    size = abs(x)
-    steep = size > 1.0
-    t = where(steep, 1.0 / where(steep, size, 1.0), size)
-    middle = t > _TAN_EIGHTH
-    w = where(middle, (t - 1.0) / (t + 1.0), t)
+def _near_arctan(w: float) -> float:
+    """arctan(w)/w for |w| <= tan(pi/8), by its polynomial in w^2."""
     z = w * w
-    even = _A0 + z * (_A1 + z * (_A2 + z * (_A3 + z * (_A4 + z * (_A5 + z * (_A6 + z * (_A7 + z * (_A8 + z * _A9))))))))
-    angle = w * even + where(middle, 0.25 * math.pi, 0.0)
-    return math.copysign(where(steep, 0.5 * math.pi - angle, angle), x)
+    zz = z * z
+    low = multiply_add(zz, multiply_add(z, _A3, _A2), multiply_add(z, _A1, _A0))
+    middle = multiply_add(zz, multiply_add(z, _A7, _A6), multiply_add(z, _A5, _A4))
+    return multiply_add(zz * zz, multiply_add(zz * zz, multiply_add(z, _A9, _A8), middle), low)
+
+
+@njit_inline
+def arctan_ratio(y: float, x: float) -> float:
+    """The angle (rad) in [-pi/2, pi/2] whose tangent is y/x, for x > 0, by a polynomial without branches.
+
+    Reduced to |w| < tan(pi/8) by arctan(t) = pi/2 - arctan(1/t) and arctan(t) = pi/4 + arctan((t-1)/(t+1)), both put
+    into the one division of y by x.
+    """
+    size = abs(y)
+    steep = size > x
+    low, high = where(steep, x, size), where(steep, size, x)
+    middle = low > _TAN_EIGHTH * high
+    w = where(middle, low - high, low) / where(middle, low + high, high)
+    angle = multiply_add(w, _near_arctan(w), where(middle, _QUARTER_PI, 0.0))
+    return math.copysign(where(steep, _HALF_PI - angle, angle), y)
+
+
+@njit_inline
+def arctan_ratio_by_jumps(y: float, x: float) -> float:
+    """What `arctan_ratio` is, to the last bit, for a loop over time, whose next step waits for the result.
+
+    Jumps are foreseen by the processor where angles change little from step to step, selections waited for.
+    """
+    size = abs(y)
+    if size <= x:
+        low, high = size, x
+    else:
+        low, high = x, size
+    if low > _TAN_EIGHTH * high:
+        w = (low - high) / (low + high)
+        angle = multiply_add(w, _near_arctan(w), _QUARTER_PI)
+    else:
+        w = low / high
+        angle = w * _near_arctan(w)
+    return math.copysign(angle if size <= x else _HALF_PI - angle, y)
+
+
+@njit_inline
+def arctan(x: float) -> float:
+    """The angle (rad) in [-pi/2, pi/2] whose tangent is `x`, by a polynomial without branches."""
+    return arctan_ratio(x, 1.0)
 
 
 @njit_inline

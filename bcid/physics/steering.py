@@ -12,7 +12,8 @@ def steering_rate(u_s: float, delta: float, T_s: float, d: float) -> float:
 
     `u_s` (rad) is the command, `T_s` (s) the time constant, `d` (rad/s) the rate limit (paper, App. actuators).
     """
-    return clip((u_s - delta) / T_s, -d, d)
+    # a loop divides once, not in every step
+    return clip((u_s - delta) * (1.0 / T_s), -d, d)
 
 
 @njit
