@@ -290,15 +290,17 @@ class CompiledModel:
         after, twists = self.scan(carry, np.asarray(command, dtype=np.float64)[None])
         return after, twists[0]
 
+    def _parts(self, commands: Floats) -> Floats:
+        """Parts (..., N, W, 4) as the kernels take them, of `commands` that are parts, or (..., N, 2)."""
+        parts = commands if commands.shape[-1] == 4 else hold_for_periods(commands, self.period_s)
+        return np.ascontiguousarray(parts, dtype=np.float64)
+
     def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """Advance under `commands`, (N, 2) or parts (N, W, 4): the carry after the last, and the twists (N, 3)."""
         after = np.array(carry, dtype=np.float64)
-        parts = commands if commands.ndim == 3 else hold_for_periods(commands, self.period_s)
-        return after, self.kernels.scan(after, np.ascontiguousarray(parts, dtype=np.float64), *self.kernel_arguments)
+        return after, self.kernels.scan(after, self._parts(commands), *self.kernel_arguments)
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
         after = np.array(carries, dtype=np.float64, order="C")
-        parts = commands if commands.ndim == 4 else hold_for_periods(commands, self.period_s)
-        many = self.kernels.scan_many
-        return after, many(after, np.ascontiguousarray(parts, dtype=np.float64), *self.kernel_arguments)
+        return after, self.kernels.scan_many(after, self._parts(commands), *self.kernel_arguments)

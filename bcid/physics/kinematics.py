@@ -2,6 +2,7 @@
 
 import math
 
+from bcid.compiled.lanes import multiply_add
 from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 
@@ -29,9 +30,9 @@ def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta:
     `lever` is the wheel's distance ahead of the CoG (m), `delta` its angle to the body (rad): a rotation by -delta
     (paper, App. slip; docs/errata.md row 3).
     """
-    v_across = v_y + lever * yaw_rate
+    v_across = multiply_add(lever, yaw_rate, v_y)
     sin_d, cos_d = sincos(delta)
-    return cos_d * v_x + sin_d * v_across, cos_d * v_across - sin_d * v_x
+    return multiply_add(cos_d, v_x, sin_d * v_across), multiply_add(cos_d, v_across, -sin_d * v_x)
 
 
 @njit
