@@ -109,7 +109,7 @@ def motor_line(u_m: float, p: Car) -> MotorLine:
         backward = u_m < 0.0
         line = forward_motor_line(abs(u_m), p)
         return MotorLine(
-            where(backward, -line.offset, line.offset), line.slope,
+            where(backward, -line.F_0, line.F_0), where(backward, -line.v_0, line.v_0), line.slope,
             where(backward, -line.high, line.low), where(backward, -line.low, line.high),
         )  # fmt: skip
     return forward_motor_line(u_m, p)

@@ -12,9 +12,10 @@ from bcid.physics.elementary import clip
 
 
 class MotorLine(NamedTuple):
-    """A motor's force (N) under one throttle, clip(offset + slope v_w, low, high), at the wheel speed v_w (m/s)."""
+    """A motor's force (N) under one throttle: clip(F_0 + slope (v_w - v_0), low, high) at the wheel speed v_w (m/s)."""
 
-    offset: float  # N
+    F_0: float  # N
+    v_0: float  # m/s
     slope: float  # N s/m
     low: float  # N
     high: float  # N
@@ -23,7 +24,7 @@ class MotorLine(NamedTuple):
 @njit_inline
 def force_on_line(line: MotorLine, v_w: float) -> float:
     """Motor force (N) of `line` at the wheel speed `v_w` (m/s)."""
-    return clip(multiply_add(v_w, line.slope, line.offset), line.low, line.high)
+    return clip(multiply_add(v_w - line.v_0, line.slope, line.F_0), line.low, line.high)
 
 
 @njit_inline
@@ -34,9 +35,7 @@ def speed_controlled_line(u_m: float, K_t: float, K_b: float, F_max: float) -> M
     brake share: clip(u_m K_b v_w, -F_max, F_max) (paper, App. actuators; docs/errata.md row 13).
     """
     drives = u_m >= 0.0
-    return MotorLine(
-        where(drives, K_t * u_m, 0.0), where(drives, -K_t, u_m * K_b), where(drives, 0.0, -F_max), F_max
-    )
+    return MotorLine(0.0, max(u_m, 0.0), where(drives, -K_t, u_m * K_b), where(drives, 0.0, -F_max), F_max)
 
 
 @njit_inline
@@ -48,7 +47,7 @@ def force_controlled_line(u_m: float, K: float, u_0: float, K_v: float, K_b: flo
     """
     drives = u_m > u_0
     slope = where(drives, -K_v, min(u_m, 0.0) * K_b)
-    return MotorLine(where(drives, K * (u_m - u_0), 0.0), slope, -F_max, F_max)
+    return MotorLine(where(drives, K * (u_m - u_0), 0.0), 0.0, slope, -F_max, F_max)
 
 
 @njit_inline

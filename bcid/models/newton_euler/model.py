@@ -87,7 +87,7 @@ def _scan_newton_euler_batch(carries: Floats, parts: Floats, p: Car, period: flo
         # cars at rest fill up the last vector registers
         abreast = REGISTER_BYTES // carries.itemsize
         state = np.zeros((4, (end - begin + abreast - 1) // abreast * abreast), carries.dtype)
-        first, second = np.zeros_like(state), np.zeros_like(state)
+        first, second, own = np.zeros_like(state), np.zeros_like(state), twists[begin:end]
         for b in range(begin, end):
             for i in range(4):
                 state[i, b - begin] = carries[b, i]
@@ -97,9 +97,9 @@ def _scan_newton_euler_batch(carries: Floats, parts: Floats, p: Car, period: flo
                 step_cars(state, first, p)
                 if twice:
                     step_cars(state, first if parts.shape[3] == 2 else second, p)
-            for b in range(begin, end):
-                for i in range(3):
-                    twists[b, k, i] = state[i, b - begin]
+            v_x, v_y, omega = state[0], state[1], state[2]
+            for b in range(end - begin):
+                own[b, k, 0], own[b, k, 1], own[b, k, 2] = v_x[b], v_y[b], omega[b]
         for b in range(begin, end):
             for i in range(4):
                 carries[b, i] = state[i, b - begin]
