@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.aliases import Floats, Ints, Progress
-from bcid.compiled.njit import njit, njit_parallel
+from bcid.compiled.njit import njit, njit_inline, njit_parallel
 from bcid.estimate.command_parts import hold_for_periods, mean_commands
 from bcid.estimate.types import Estimate
 from bcid.models.limits import LIMITS
@@ -258,13 +258,15 @@ def build_scan_kernels(scan: Callable[..., Floats], parallel: bool = True) -> Sc
     return ScanKernels(scan, njit_parallel(many) if parallel else njit(many))
 
 
-@njit
+@njit_inline
 def mean_command(parts: Floats, k: int) -> tuple[float, float]:
     """The command (u_s, u_m), averaged over the time of period `k`, of the commands `parts` (N, W, 4).
 
     It is what models of a fixed period are given; `bcid.estimate.command_parts.mean_commands` is the same for arrays.
     """
     u_s, u_m, time, steer, drive = parts[k, 0, 1], parts[k, 0, 2], parts[k, 0, 0], 0.0, 0.0
+    if parts.shape[1] == 1:
+        return u_s, u_m
     for j in range(1, parts.shape[1]):
         time += parts[k, j, 0]
         steer += parts[k, j, 0] * (parts[k, j, 1] - u_s)

@@ -7,7 +7,7 @@ from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 
 
-@njit
+@njit_inline
 def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float) -> tuple[float, float, float]:
     """Twist v_x, v_y (m/s, body), yaw rate w (rad/s) of the CoG from front wheel speed and both axles' heading angles.
 
@@ -19,8 +19,9 @@ def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float)
     v_x = cos_f * v_f
     v_fy = sin_f * v_f
     v_ry = v_x * (sin_r / cos_r)
-    wheelbase = l_f + l_r
-    return v_x, (l_r * v_fy + l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase
+    # a loop divides once, not in every step
+    inverse_wheelbase = 1.0 / (l_f + l_r)
+    return v_x, (l_r * v_fy + l_f * v_ry) * inverse_wheelbase, (v_fy - v_ry) * inverse_wheelbase
 
 
 @njit_inline
