@@ -36,14 +36,14 @@ def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta:
     return multiply_add(cos_d, v_x, sin_d * v_across), multiply_add(cos_d, v_across, -sin_d * v_x)
 
 
-@njit
+@njit_inline
 def pose_rate(theta: float, v_x: float, v_y: float) -> tuple[float, float]:
     """World velocity (m/s) of the CoG: v_x, v_y (m/s, body) rotated by `theta` (rad) (docs/errata.md rows 4 and 5)."""
     sin_t, cos_t = sincos(theta)
     return cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y
 
 
-@njit
+@njit_inline
 def wrap_angle(angle: float) -> float:
     """The equivalent of `angle` (rad) in (-pi, pi]."""
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
