@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bcid.physics.car import LONGEST_STEP_S, Car, integration_step, wrench
 from bcid.physics.kinematics import body_twist, kinematic_state, pose_rate, wheel_velocity, wrap_angle
-from bcid.physics.motor import drag_force, force_controlled_force, speed_controlled_force
+from bcid.physics.motor import drag_force, force_controlled_line, force_on_line, speed_controlled_line
 from bcid.physics.steering import steering_rate, steering_step
 from bcid.physics.tyres import lateral_force, slip_angle
 
@@ -92,7 +92,7 @@ def test_steering_steps_compose(delta: float, u_s: float, T_s: float, d: float, 
 @given(speeds, st.floats(-1.0, 2.0))
 def test_the_motor_only_supplies_and_the_brake_only_dissipates(v_w: float, u_m: float) -> None:
     """Errata 13: no force above the reference; below zero the power is never positive."""
-    force = speed_controlled_force(u_m, v_w, 274.8, 597.0, 423.4)
+    force = force_on_line(speed_controlled_line(u_m, 274.8, 597.0, 423.4), v_w)
     assert abs(force) <= 423.4
     if u_m >= 0:
         assert force >= 0.0
@@ -103,8 +103,9 @@ def test_the_motor_only_supplies_and_the_brake_only_dissipates(v_w: float, u_m: 
 
 def test_force_law_has_a_dead_zone() -> None:
     """Contracts: F_m = K (u - u_0) - K_v v above u_0, nothing below."""
-    assert force_controlled_force(0.16, 1.0, 25.4, 0.164, 4.8, 0.0, 100.0) == 0.0
-    assert force_controlled_force(0.3, 0.5, 25.4, 0.164, 4.8, 0.0, 100.0) == pytest.approx(25.4 * 0.136 - 2.4)
+    still, driven = (force_controlled_line(u_m, 25.4, 0.164, 4.8, 0.0, 100.0) for u_m in (0.16, 0.3))
+    assert force_on_line(still, 1.0) == 0.0
+    assert force_on_line(driven, 0.5) == pytest.approx(25.4 * 0.136 - 2.4)
 
 
 @given(speeds)

@@ -176,9 +176,28 @@ def floor(x: float) -> float:
     return float(np.floor(x))
 
 
+def multiply_add(a: float, b: float, c: float) -> float:
+    """a b + c, rounded once where the machine can; on vectors, if `a` is one, number by number."""
+    return a * b + c
+
+
+def _call_multiply_add(_typing: Any, a: Any, _b: Any, _c: Any) -> Any:
+    """Numba's type and emitter of LLVM's fused product and sum for numbers of the type of `a`."""
+
+    def code(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        kind = given[0].type
+        name = "llvm.fmuladd.f32" if a is types.float32 else "llvm.fmuladd.f64"
+        return builder.call(cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind] * 3), name), given)
+
+    return a(a, a, a), code
+
+
 _overload_for_lanes(where, _select, 3, lambda a, b, c: b if a else c)
 _overload_for_lanes(any_lane, _any, 1, lambda a: a)
 _overload_for_lanes(floor, _floor, 1, lambda a: np.floor(a))  # noqa: PLW0108
+_multiply_add_lanes = _make_operation(lanes, (lanes,) * 3, _call_vector_function("fmuladd"))
+_multiply_add = _intrinsic_of_arity(_call_multiply_add, 3)
+_overload_for_lanes(multiply_add, _multiply_add_lanes, 3, lambda a, b, c: _multiply_add(a, b, c))  # noqa: PLW0108
 # as with Python's own, `a` where either is NaN
 _inlined: Any = register_jitable(forceinline=True, error_model="numpy")
 _overload_for_lanes(min, _inlined(lambda a, b: where(b < a, b, a)), 2)

@@ -53,3 +53,9 @@ njit_sums = _cached_compiler(forceinline=True, fastmath={"reassoc", "nsz", "cont
 """For loops that add up: sums are taken in any order and products added unrounded, so that they become vector code."""
 njit_parallel = _cached_compiler(parallel=True)
 """For `prange` loops, which are spread over the cores."""
+
+
+def recompile(function: Any, plain: F) -> F:
+    """Compile the Python function `plain` with the options with which the compiled `function` was."""
+    kept = ("forceinline", "fastmath", "parallel")
+    return _cached_compiler(**{k: v for k, v in function.targetoptions.items() if k in kept})(plain)

@@ -11,7 +11,7 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
-from bcid.physics.car import Car, forward_motor_force
+from bcid.physics.car import Car, forward_motor_force, wrench_of_axles
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import drag_force
@@ -266,9 +266,7 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     front = _front_wheel_forces(delta_w, b, act, lags, grip, F_lr, p, e, c)
     F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
     sin_d, cos_d = sincos(delta_w)
-    F_x = cos_d * front.F_l - sin_d * front.F_a + F_lr
-    F_fy = sin_d * front.F_l + cos_d * front.F_a
-    F_y, M_z = F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
+    F_x, F_y, M_z = wrench_of_axles(front.F_l, front.F_a, F_lr, F_ar, sin_d, cos_d, p)
 
     M_z += forces.drive_lateral_offset(front.F_l, delta_w, F_lr, e.drive_lateral_offset__a)
     F_x += forces.rear_rolling_coulomb(b.v_x, e.rear_rolling_coulomb__c, c.v_c)

@@ -58,8 +58,9 @@ def _mean_commands(time_s: Floats, values: Floats, edges: Floats) -> Floats:
 
 def hold_for_periods(command: Floats, period_s: float) -> Floats:
     """Parts (..., N, 1, 4), [duration (s), u_s, u_m, brake share], of commands (..., N, 2) that hold for a period."""
-    rest = (*command.shape[:-1], 1)
-    return np.concatenate([np.full(rest, period_s), command, np.zeros(rest)], axis=-1)[..., None, :]
+    parts = np.zeros((*command.shape[:-1], 1, 4))
+    parts[..., 0, 0], parts[..., 0, 1:3] = period_s, command
+    return parts
 
 
 def mean_commands(parts: Floats) -> Floats:

@@ -36,10 +36,11 @@ class Chassis(NamedTuple):
     front_driven: bool  # which wheel a measured wheel speed belongs to
 
 
-@njit
+@njit_inline
 def standstill_weight(v_f: float) -> float:
     """1 - gamma(v_f), gamma = (tanh(10 v_f - 1) + 1)/2, v_f in m/s: 0.88 at rest, 0 rolling (docs/errata.md row 10)."""
-    return 1.0 - 0.5 * (math.tanh(10.0 * v_f - 1.0) + 1.0)
+    # as the logistic function that it is
+    return 1.0 / (1.0 + math.exp(20.0 * v_f - 2.0))
 
 
 @njit_inline

@@ -10,7 +10,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
 from bcid.aliases import Floats
-from bcid.estimate.kernel import MAX_STEP_S, Events, FilterPass
+from bcid.estimate.filter_step import MAX_STEP_S
+from bcid.estimate.kernel import Events, FilterPass
 from bcid.estimate.process import DELTA, N_MEASURED, N_STATE, Chassis, F, H, f, h
 from bcid.physics.steering import steering_step
 

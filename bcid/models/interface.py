@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.aliases import Floats, Ints, Progress
-from bcid.compiled.njit import njit, njit_parallel
+from bcid.compiled.njit import njit, njit_inline, njit_parallel
 from bcid.estimate.command_parts import hold_for_periods, mean_commands
 from bcid.estimate.types import Estimate
 from bcid.models.limits import LIMITS
@@ -258,13 +258,15 @@ def build_scan_kernels(scan: Callable[..., Floats], parallel: bool = True) -> Sc
     return ScanKernels(scan, njit_parallel(many) if parallel else njit(many))
 
 
-@njit
+@njit_inline
 def mean_command(parts: Floats, k: int) -> tuple[float, float]:
     """The command (u_s, u_m), averaged over the time of period `k`, of the commands `parts` (N, W, 4).
 
     It is what models of a fixed period are given; `bcid.estimate.command_parts.mean_commands` is the same for arrays.
     """
     u_s, u_m, time, steer, drive = parts[k, 0, 1], parts[k, 0, 2], parts[k, 0, 0], 0.0, 0.0
+    if parts.shape[1] == 1:
+        return u_s, u_m
     for j in range(1, parts.shape[1]):
         time += parts[k, j, 0]
         steer += parts[k, j, 0] * (parts[k, j, 1] - u_s)
@@ -290,15 +292,17 @@ class CompiledModel:
         after, twists = self.scan(carry, np.asarray(command, dtype=np.float64)[None])
         return after, twists[0]
 
+    def _parts(self, commands: Floats) -> Floats:
+        """Parts (..., N, W, 4) as the kernels take them, of `commands` that are parts, or (..., N, 2)."""
+        parts = commands if commands.shape[-1] == 4 else hold_for_periods(commands, self.period_s)
+        return np.ascontiguousarray(parts, dtype=np.float64)
+
     def scan(self, carry: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """Advance under `commands`, (N, 2) or parts (N, W, 4): the carry after the last, and the twists (N, 3)."""
         after = np.array(carry, dtype=np.float64)
-        parts = commands if commands.ndim == 3 else hold_for_periods(commands, self.period_s)
-        return after, self.kernels.scan(after, np.ascontiguousarray(parts, dtype=np.float64), *self.kernel_arguments)
+        return after, self.kernels.scan(after, self._parts(commands), *self.kernel_arguments)
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists."""
         after = np.array(carries, dtype=np.float64, order="C")
-        parts = commands if commands.ndim == 4 else hold_for_periods(commands, self.period_s)
-        many = self.kernels.scan_many
-        return after, many(after, np.ascontiguousarray(parts, dtype=np.float64), *self.kernel_arguments)
+        return after, self.kernels.scan_many(after, self._parts(commands), *self.kernel_arguments)

@@ -9,11 +9,11 @@ import math
 from typing import NamedTuple
 
 from bcid.aliases import Floats
-from bcid.compiled.lanes import where
+from bcid.compiled.lanes import multiply_add, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
-from bcid.physics.motor import drag_force, force_controlled_force, speed_controlled_force
+from bcid.physics.motor import MotorLine, drag_force, force_controlled_line, force_on_line, speed_controlled_line
 from bcid.physics.steering import steering_rate
 from bcid.physics.tyres import lateral_force, slip_angle
 
@@ -43,6 +43,9 @@ class Car(NamedTuple):
     K_v: float = 0.0  # force law: N s/m
     reverses: float = 0.0  # 1 where a throttle below zero drives backward, 0 where it is a brake share
 
+
+CarState = tuple[float, float, float, float]
+"""v_x, v_y (m/s, body), yaw rate (rad/s), delta (rad)."""
 
 LONGEST_STEP_S = 0.025
 # of a step times the fastest rate; RK4 diverges from 2.78 on
@@ -78,28 +81,44 @@ def integration_step(p: Car) -> float:
 
 
 @njit_inline
-def forward_motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """Motor force (N) at the wheel speed `v_w` (m/s) under the throttle `u_m` of a motor that only drives forward.
+def forward_motor_line(u_m: float, p: Car) -> MotorLine:
+    """The force, as a line in the wheel's speed, of a motor that only drives forward, by the motor law of `p`.
 
-    By the motor law of `p`, `u_m` >= 0 sets a reference speed (m/s) or a force (as share of full throttle); below 0 it
-    is a brake share.
+    The throttle `u_m` >= 0 sets a reference speed (m/s) or a force (as share of full throttle); below 0 it is a brake
+    share.
     """
     if p.sets_force > 0.0:
-        return force_controlled_force(u_m, v_w, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
-    return speed_controlled_force(u_m, v_w, p.K_t, p.K_b, p.F_m_max)
+        return force_controlled_line(u_m, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
+    return speed_controlled_line(u_m, p.K_t, p.K_b, p.F_m_max)
 
 
 @njit_inline
-def motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the motor law of `p`.
+def forward_motor_force(u_m: float, v_w: float, p: Car) -> float:
+    """Motor force (N) at the wheel speed `v_w` (m/s) under the throttle `u_m` of a motor that only drives forward."""
+    return force_on_line(forward_motor_line(u_m, p), v_w)
+
+
+@njit_inline
+def motor_line(u_m: float, p: Car) -> MotorLine:
+    """The motor's force F_m under the throttle `u_m` as a line in the wheel's speed, by the motor law of `p`.
 
     Where the car reverses, u_m < 0 is a reference speed (m/s) or a force backward, else a brake share.  A motor drives
     backward as it drives forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w).
     """
     if p.reverses > 0.0:
-        F_m = forward_motor_force(abs(u_m), where(u_m < 0.0, -v_w, v_w), p)
-        return where(u_m < 0.0, -F_m, F_m)
-    return forward_motor_force(u_m, v_w, p)
+        backward = u_m < 0.0
+        line = forward_motor_line(abs(u_m), p)
+        return MotorLine(
+            where(backward, -line.F_0, line.F_0), where(backward, -line.v_0, line.v_0), line.slope,
+            where(backward, -line.high, line.low), where(backward, -line.low, line.high),
+        )  # fmt: skip
+    return forward_motor_line(u_m, p)
+
+
+@njit_inline
+def motor_force(u_m: float, v_w: float, p: Car) -> float:
+    """Motor force F_m (N) at the wheel speed `v_w` (m/s) under the throttle `u_m`, by the motor law of `p`."""
+    return force_on_line(motor_line(u_m, p), v_w)
 
 
 @njit_inline
@@ -115,22 +134,32 @@ def with_brake(p: Car, brake_share: float) -> Car:
 
 
 @njit_inline
+def wrench_of_axles(
+    F_lf: float, F_af: float, F_lr: float, F_ar: float, sin_d: float, cos_d: float, p: Car
+) -> tuple[float, float, float]:
+    """Force F_x, F_y (N) and moment M_z (N m) on the body from the forces (N) along and across both axles' wheels.
+
+    `sin_d`, `cos_d` are of the front wheel's angle (paper, second equation; docs/errata.md row 2 for the sign in F_x).
+    """
+    F_fy = multiply_add(sin_d, F_lf, cos_d * F_af)
+    return multiply_add(cos_d, F_lf, F_lr - sin_d * F_af), F_fy + F_ar, multiply_add(p.l_f, F_fy, -p.l_r * F_ar)
+
+
+@njit_inline
 def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p: Car) -> tuple[float, float, float]:
     """Force F_x, F_y (N) and moment M_z (N m) of the base model on the body: motor, drag and tyres.
 
     `v_x`, `v_y` (m/s) and `yaw_rate` (rad/s) are the body-frame twist of the CoG, `delta` (rad) the wheel angle,
-    `u_m` the throttle (paper, second equation; docs/errata.md row 2 for the sign in F_x).
+    `u_m` the throttle (paper, second equation).
     """
     v_fx, v_fy = wheel_velocity(v_x, v_y, yaw_rate, p.l_f, delta)
-    v_rx, v_ry = wheel_velocity(v_x, v_y, yaw_rate, -p.l_r, 0.0)
+    v_rx, v_ry = v_x, multiply_add(-p.l_r, yaw_rate, v_y)
     F_af = lateral_force(slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
     F_lf = p.front_share * (motor_force(u_m, v_fx, p) - drag_force(v_fx, p.R_1, p.R_2))
     F_lr = (1.0 - p.front_share) * (motor_force(u_m, v_rx, p) - drag_force(v_rx, p.R_1, p.R_2))
     sin_d, cos_d = sincos(delta)
-    F_x = cos_d * F_lf - sin_d * F_af + F_lr
-    F_fy = sin_d * F_lf + cos_d * F_af
-    return F_x, F_fy + F_ar, p.l_f * F_fy - p.l_r * F_ar
+    return wrench_of_axles(F_lf, F_af, F_lr, F_ar, sin_d, cos_d, p)
 
 
 @njit_inline
@@ -143,36 +172,39 @@ def state_rate(
     """
     F_x, F_y, M_z = wrench(v_x, v_y, yaw_rate, delta, u_m, p)
     delta_rate = steering_rate(u_s, delta, p.T_s, p.d)
-    return F_x / p.m + yaw_rate * v_y, F_y / p.m - yaw_rate * v_x, M_z / p.I_z, delta_rate
+    # a loop divides once, not in every step
+    inverse_m, inverse_I_z = 1.0 / p.m, 1.0 / p.I_z
+    return (
+        multiply_add(inverse_m, F_x, yaw_rate * v_y), multiply_add(inverse_m, F_y, -yaw_rate * v_x),
+        inverse_I_z * M_z, delta_rate,
+    )  # fmt: skip
 
 
 @njit_inline
-def rk4_step(
-    state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, h: float
-) -> tuple[float, float, float, float]:
+def _ahead(state: CarState, h: float, rate: CarState) -> CarState:
+    """The state [v_x, v_y, yaw rate, delta] `h` seconds ahead at a constant `rate`."""
+    return (
+        multiply_add(h, rate[0], state[0]), multiply_add(h, rate[1], state[1]),
+        multiply_add(h, rate[2], state[2]), multiply_add(h, rate[3], state[3]),
+    )  # fmt: skip
+
+
+@njit_inline
+def rk4_step(state: CarState, u_s: float, u_m: float, p: Car, h: float) -> CarState:
     """State [v_x, v_y, yaw rate, delta] of the base model after one RK4 step of `h` seconds at constant commands.
 
     The state is in m/s (body frame), rad/s and rad; `u_s` (rad) is the steering command, `u_m` the throttle.
     """
-    x, y, w, s = state
-    a1, b1, c1, d1 = state_rate(x, y, w, s, u_s, u_m, p)
-    g = 0.5 * h
-    a2, b2, c2, d2 = state_rate(x + g * a1, y + g * b1, w + g * c1, s + g * d1, u_s, u_m, p)
-    a3, b3, c3, d3 = state_rate(x + g * a2, y + g * b2, w + g * c2, s + g * d2, u_s, u_m, p)
-    a4, b4, c4, d4 = state_rate(x + h * a3, y + h * b3, w + h * c3, s + h * d3, u_s, u_m, p)
-    e = h / 6.0
-    return (
-        x + e * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
-        y + e * (b1 + 2.0 * b2 + 2.0 * b3 + b4),
-        w + e * (c1 + 2.0 * c2 + 2.0 * c3 + c4),
-        s + e * (d1 + 2.0 * d2 + 2.0 * d3 + d4),
-    )
+    k_1 = state_rate(*state, u_s, u_m, p)
+    k_2 = state_rate(*_ahead(state, 0.5 * h, k_1), u_s, u_m, p)
+    k_3 = state_rate(*_ahead(state, 0.5 * h, k_2), u_s, u_m, p)
+    k_4 = state_rate(*_ahead(state, h, k_3), u_s, u_m, p)
+    sixth, third = h * (1.0 / 6.0), h * (1.0 / 3.0)
+    return _ahead(_ahead(_ahead(_ahead(state, sixth, k_1), third, k_2), third, k_3), sixth, k_4)
 
 
 @njit_inline
-def advance_period(
-    state: tuple[float, float, float, float], u_s: float, u_m: float, p: Car, period: float
-) -> tuple[float, float, float, float]:
+def advance_period(state: CarState, u_s: float, u_m: float, p: Car, period: float) -> CarState:
     """State [v_x, v_y, yaw rate, delta] of the base model after one `period` (s) of constant commands.
 
     Two RK4 steps, as f_NE of the paper; the state is in m/s (body frame), rad/s and rad; `u_s` (rad) is the steering
@@ -183,29 +215,14 @@ def advance_period(
 
 
 @njit
-def advance_cars(state: Floats, command: Floats, p: Car, period: float) -> None:
-    """Advance B cars of equal constants `p` by one `period` (s), in place.
-
-    `state` (4, B) has the rows v_x, v_y (m/s, body), yaw rate (rad/s), delta (rad), `command` (2, B) steering (rad)
-    and throttle.  The loop's body is arithmetic and selections only, which the compiler turns into vector
-    instructions.
-    """
-    # `v_x, v_y, omega, delta = state` would hide that rows are contiguous
-    v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]
-    u_s, u_m = command[0], command[1]
-    for b in range(len(v_x)):
-        v_x[b], v_y[b], omega[b], delta[b] = advance_period(
-            (v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], p, period
-        )
-
-
-@njit
 def step_cars(state: Floats, step: Floats, p: Car) -> None:
     """Advance B cars of equal constants `p` by one RK4 step each, of lengths of their own, in place.
 
     `state` (4, B) has the rows v_x, v_y (m/s, body), yaw rate (rad/s), delta (rad), `step` (4, B) its length (s),
-    steering (rad), throttle and brake share.  A step of length 0 changes nothing.
+    steering (rad), throttle and brake share.  A step of length 0 changes nothing.  The loop's body is arithmetic and
+    selections only, which the compiler turns into vector instructions.
     """
+    # `v_x, v_y, omega, delta = state` would hide that rows are contiguous
     v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]
     h, u_s, u_m, brake = step[0], step[1], step[2], step[3]
     for b in range(len(v_x)):

@@ -2,11 +2,12 @@
 
 import math
 
+from bcid.compiled.lanes import multiply_add
 from bcid.compiled.njit import njit, njit_inline
 from bcid.physics.elementary import sincos
 
 
-@njit
+@njit_inline
 def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float) -> tuple[float, float, float]:
     """Twist v_x, v_y (m/s, body), yaw rate w (rad/s) of the CoG from front wheel speed and both axles' heading angles.
 
@@ -18,8 +19,9 @@ def body_twist(v_f: float, beta_f: float, beta_r: float, l_f: float, l_r: float)
     v_x = cos_f * v_f
     v_fy = sin_f * v_f
     v_ry = v_x * (sin_r / cos_r)
-    wheelbase = l_f + l_r
-    return v_x, (l_r * v_fy + l_f * v_ry) / wheelbase, (v_fy - v_ry) / wheelbase
+    # a loop divides once, not in every step
+    inverse_wheelbase = 1.0 / (l_f + l_r)
+    return v_x, (l_r * v_fy + l_f * v_ry) * inverse_wheelbase, (v_fy - v_ry) * inverse_wheelbase
 
 
 @njit_inline
@@ -29,19 +31,19 @@ def wheel_velocity(v_x: float, v_y: float, yaw_rate: float, lever: float, delta:
     `lever` is the wheel's distance ahead of the CoG (m), `delta` its angle to the body (rad): a rotation by -delta
     (paper, App. slip; docs/errata.md row 3).
     """
-    v_across = v_y + lever * yaw_rate
+    v_across = multiply_add(lever, yaw_rate, v_y)
     sin_d, cos_d = sincos(delta)
-    return cos_d * v_x + sin_d * v_across, cos_d * v_across - sin_d * v_x
+    return multiply_add(cos_d, v_x, sin_d * v_across), multiply_add(cos_d, v_across, -sin_d * v_x)
 
 
-@njit
+@njit_inline
 def pose_rate(theta: float, v_x: float, v_y: float) -> tuple[float, float]:
     """World velocity (m/s) of the CoG: v_x, v_y (m/s, body) rotated by `theta` (rad) (docs/errata.md rows 4 and 5)."""
     sin_t, cos_t = sincos(theta)
     return cos_t * v_x - sin_t * v_y, sin_t * v_x + cos_t * v_y
 
 
-@njit
+@njit_inline
 def wrap_angle(angle: float) -> float:
     """The equivalent of `angle` (rad) in (-pi, pi]."""
     return math.pi - (math.pi - angle) % (2.0 * math.pi)

@@ -1,7 +1,7 @@
 """Lateral tyre force: advanced slip ratio and the piecewise-linear law."""
 
 from bcid.compiled.njit import njit_inline
-from bcid.physics.elementary import arctan, clip
+from bcid.physics.elementary import arctan_ratio, clip
 
 
 @njit_inline
@@ -11,7 +11,7 @@ def slip_angle(v_along: float, v_across: float, v_0: float) -> float:
     `v_across` (m/s) is the velocity of its contact point across it, left positive; `v_0` (m/s) keeps the angle small
     near standstill; |v_along| lets a wheel roll backwards (paper, App. slip; docs/errata.md rows 14 and 15).
     """
-    return arctan(v_across / max(abs(v_along), v_0))
+    return arctan_ratio(v_across, max(abs(v_along), v_0))
 
 
 @njit_inline

@@ -3,12 +3,16 @@
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bcid.aliases import Floats, Ints
-from bcid.compiled.njit import njit
+from bcid.compiled.njit import njit, njit_inline
 from bcid.models.interface import build_scan_kernels, mean_command
 from bcid.models.kinematic.library import ONE, fill_factors
 from bcid.models.kinematic.state import KinematicCar, KinematicState, kinematic_twist, next_state
+
+
+Places = npt.NDArray[np.uint64]
 
 
 class SparseEquations(NamedTuple):
@@ -21,12 +25,19 @@ class SparseEquations(NamedTuple):
     slip: Ints  # (m, 10) of both slip angles
 
 
+# Factors multiplied at once in each term; a term of fewer has ones in place of the others.
+AT_ONCE = 4
+
+
 class ActiveTerms(NamedTuple):
-    """The terms whose coefficient is not zero, laid out for a rollout."""
+    """The terms whose coefficient is not zero, laid out for a rollout: all of v_f, then alpha_f's, then alpha_r's."""
 
     xi: Floats  # (T,)
-    equation: Ints  # (T,) 0, 1, 2: of v_f, alpha_f, alpha_r
-    factors: Ints  # (T, most) whose product a term is, filled up with ones
+    ends: Ints  # (3,) place behind the last term of each equation
+    # Places of the factors whose product a term is.  Unsigned, so that the compiler need not ask whether one counts
+    # from the end.
+    first: Places  # (T, AT_ONCE)
+    later: Places  # (T, most - AT_ONCE)
     # What a step works on: the values of the factors, (11,), and of the three sums, (3,).
     q: Floats
     after: Floats
@@ -35,44 +46,46 @@ class ActiveTerms(NamedTuple):
 @njit
 def active_terms(s: SparseEquations) -> ActiveTerms:
     """List the terms of K-SINDy's three equations whose coefficient is not zero, as flat arrays for fast rollouts."""
-    most, count = 1, 0
+    most, count = AT_ONCE, 0
     equations = ((s.xi_v, s.speed), (s.xi_f, s.slip), (s.xi_r, s.slip))
     for xi, exponents in equations:
         for i in range(len(xi)):
             if xi[i] != 0.0:
                 count += 1
                 most = max(most, exponents[i].sum())
-    out = ActiveTerms(
-        np.empty(count), np.empty(count, np.int64), np.full((count, most), ONE), np.empty(ONE + 1), np.empty(3)
-    )
-    n = 0
+    factors = np.full((count, most), ONE, np.uint64)
+    values, ends, n = np.empty(count), np.empty(3, np.int64), 0
     for e in range(3):
         xi, exponents = equations[e]
         for i in range(len(xi)):
             if xi[i] != 0.0:
-                out.xi[n], out.equation[n], at = xi[i], e, 0
+                values[n], at = xi[i], 0
                 for j in range(exponents.shape[1]):
                     for _ in range(exponents[i, j]):
-                        out.factors[n, at] = j
+                        factors[n, at] = j
                         at += 1
                 n += 1
-    return out
+        ends[e] = n
+    first, later = factors[:, :AT_ONCE].copy(), factors[:, AT_ONCE:].copy()
+    return ActiveTerms(values, ends, first, later, np.empty(ONE + 1), np.empty(3))
 
 
-@njit
+@njit_inline
 def f_sindy(state: KinematicState, u_s: float, u_m: float, t: ActiveTerms, c: KinematicCar) -> None:
     """Fill `t.after` (3,) with K-SINDy's [v_f, alpha_f, alpha_r] one period after `state` under [u_s (rad), u_m].
 
     Each is the sum of coefficient times term over its active terms (paper, f_SINDy).
     """
     fill_factors(t.q, state, u_s, u_m, c)
-    for n in range(len(t.after)):
-        t.after[n] = 0.0
-    for i in range(len(t.xi)):
-        product = t.xi[i]
-        for j in range(t.factors.shape[1]):
-            product *= t.q[t.factors[i, j]]
-        t.after[t.equation[i]] += product
+    q, begin = t.q, 0
+    for n in range(3):
+        total = 0.0
+        for i in range(begin, t.ends[n]):
+            product = (q[t.first[i, 0]] * q[t.first[i, 1]]) * (q[t.first[i, 2]] * q[t.first[i, 3]])
+            for j in range(t.later.shape[1]):
+                product *= q[t.later[i, j]]
+            total += t.xi[i] * product
+        t.after[n], begin = total, t.ends[n]
 
 
 @njit

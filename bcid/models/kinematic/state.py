@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.compiled.njit import njit, njit_inline
+from bcid.compiled.njit import njit_inline
 from bcid.models.interface import CompiledModel, FitTask, History
 from bcid.physics.elementary import clip
 from bcid.physics.kinematics import body_twist
@@ -84,7 +84,7 @@ def next_state(after: Floats, delta: float, parts: Floats, k: int, c: KinematicC
     return max(after[0], 0.0), after[1], after[2], follow_commands(delta, parts, k, c)
 
 
-@njit
+@njit_inline
 def follow_commands(delta: float, parts: Floats, k: int, c: KinematicCar) -> float:
     """Steering angle (rad) after period `k` of the commands `parts` (N, W, 4); `delta` (rad) is that before it."""
     for j in range(parts.shape[1]):

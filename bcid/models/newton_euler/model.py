@@ -8,13 +8,25 @@ import numba
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit, njit_parallel
+from bcid.compiled.rebuild import rebuild
 from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
-from bcid.models.newton_euler.objective import CARS_PER_CHUNK
 from bcid.models.newton_euler.parameters import constant_lines
 from bcid.models.newton_euler.saved_car import SavedNewtonEuler
 from bcid.models.saved_parts import check_arrays, parse_saved
-from bcid.physics.car import STEP_MARGIN, Car, advance_cars, advance_period, rk4_step, with_brake
+from bcid.physics.car import STEP_MARGIN, Car, rk4_step, step_cars, with_brake
+from bcid.physics.elementary import arctan_ratio, arctan_ratio_by_jumps, sincos
+from bcid.physics.elementary_single import arctan_ratio_single, sincos_single
+
+
+CARS_ABREAST = 256
+"""Cars whose states advance together: enough for long loops, and few enough for all of them to stay in the cache."""
+REGISTER_BYTES = 64
+"""Size of the largest vector register."""
+
+rk4_step_by_jumps = rebuild(rk4_step, {arctan_ratio: arctan_ratio_by_jumps}, __name__)
+"""`rk4_step`, to the last bit, for a rollout of one car."""
 
 
 @njit
@@ -28,34 +40,81 @@ def _scan_newton_euler(carry: Floats, parts: Floats, p: Car, longest: float) -> 
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(parts)):
         for j in range(parts.shape[1]):
-            duration, u_s, u_m = parts[k, j, 0], parts[k, j, 1], parts[k, j, 2]
-            q = with_brake(p, parts[k, j, 3])
-            if duration > longest:
-                state = advance_period(state, u_s, u_m, q, duration)
-            elif duration > 0.0:
-                state = rk4_step(state, u_s, u_m, q, duration)
+            h, u_s, u_m, brake = parts[k, j, 0], parts[k, j, 1], parts[k, j, 2], parts[k, j, 3]
+            count = 1 if h > 0.0 else 0
+            if h > longest:
+                h, count = 0.5 * h, 2
+            for _ in range(count):
+                state = rk4_step_by_jumps(state, u_s, u_m, with_brake(p, brake), h)
         twists[k, 0], twists[k, 1], twists[k, 2] = state[0], state[1], state[2]
     carry[0], carry[1], carry[2], carry[3] = state
     return twists
 
 
-@njit_parallel
-def _scan_newton_euler_batch(carries: Floats, commands: Floats, p: Car, period: float) -> Floats:
-    """Twists (B, N, 3) of B Newton-Euler cars under `commands` (B, N, 2), in chunks on all cores.
+@njit
+def _fill_steps(parts: Floats, k: int, j: int, period: float, first: Floats, second: Floats) -> bool:
+    """Fill in the integration steps `first` and `second` (4, B) that part `j` of period `k` makes for B cars.
 
-    `carries` (B, 4) are their states [v_x, v_y, yaw rate, delta]: the first on entry, the last on return.
+    A step is [length (s), u_s (rad), u_m, brake share].  `parts` are (B, N, W, 4), or (B, N, 1, 2) of commands that
+    hold for a whole `period` (s).  A part of more than half a period makes two equal steps, any other one, and a
+    second of length 0.  Returns whether any car has a second one.
     """
-    B, N = commands.shape[:2]
+    twice, longest = parts.shape[3] == 2, (0.5 + STEP_MARGIN) * period
+    for b in range(len(parts)):
+        if parts.shape[3] == 2:
+            first[0, b], first[1, b], first[2, b], first[3, b] = 0.5 * period, parts[b, k, j, 0], parts[b, k, j, 1], 0.0
+        else:
+            duration = parts[b, k, j, 0]
+            first[1, b], first[2, b], first[3, b] = parts[b, k, j, 1], parts[b, k, j, 2], parts[b, k, j, 3]
+            first[0, b] = where(duration > longest, 0.5 * duration, duration)
+            second[0, b] = where(duration > longest, 0.5 * duration, 0.0)
+            second[1, b], second[2, b], second[3, b] = first[1, b], first[2, b], first[3, b]
+            twice = twice or duration > longest
+    return twice
+
+
+@njit_parallel
+def _scan_newton_euler_batch(carries: Floats, parts: Floats, p: Car, period: float) -> Floats:
+    """Twists (B, N, 3) of B Newton-Euler cars after N periods of commands `parts`, in chunks on all cores.
+
+    `carries` (B, 4) are their states [v_x, v_y, yaw rate, delta]: the first on entry, the last on return; `parts` are
+    those of `_fill_steps`.  The cars of a chunk advance side by side, in the precision of their states and constants.
+    """
+    B, N, W = parts.shape[:3]
     twists = np.empty((B, N, 3))
-    for chunk in numba.prange((B + CARS_PER_CHUNK - 1) // CARS_PER_CHUNK):
-        rows = slice(chunk * CARS_PER_CHUNK, min((chunk + 1) * CARS_PER_CHUNK, B))
-        state, command = carries[rows].T.copy(), np.empty((2, rows.stop - rows.start))
+    for chunk in numba.prange((B + CARS_ABREAST - 1) // CARS_ABREAST):
+        begin, end = chunk * CARS_ABREAST, min((chunk + 1) * CARS_ABREAST, B)
+        # cars at rest fill up the last vector registers
+        abreast = REGISTER_BYTES // carries.itemsize
+        state = np.zeros((4, (end - begin + abreast - 1) // abreast * abreast), carries.dtype)
+        first, second, own = np.zeros_like(state), np.zeros_like(state), twists[begin:end]
+        for b in range(begin, end):
+            for i in range(4):
+                state[i, b - begin] = carries[b, i]
         for k in range(N):
-            command[:] = commands[rows, k].T
-            advance_cars(state, command, p, period)
-            twists[rows, k] = state[:3].T
-        carries[rows] = state.T
+            for j in range(W):
+                twice = _fill_steps(parts[begin:end], k, j, period, first, second)
+                step_cars(state, first, p)
+                if twice:
+                    step_cars(state, first if parts.shape[3] == 2 else second, p)
+            v_x, v_y, omega = state[0], state[1], state[2]
+            for b in range(end - begin):
+                own[b, k, 0], own[b, k, 1], own[b, k, 2] = v_x[b], v_y[b], omega[b]
+        for b in range(begin, end):
+            for i in range(4):
+                carries[b, i] = state[i, b - begin]
     return twists
+
+
+_scan_newton_euler_batch_single = rebuild(
+    _scan_newton_euler_batch, {sincos: sincos_single, arctan_ratio: arctan_ratio_single}, __name__, single=True
+)
+"""The batch in single precision, `carries` and the constants of the car included: off by 1e-6 (m/s, rad/s)."""
+
+
+def _as_parts(commands: Floats) -> Floats:
+    """`commands`, (B, N, 2) or parts (B, N, W, 4), as `_fill_steps` takes them."""
+    return np.ascontiguousarray(commands if commands.ndim == 4 else commands[:, :, None], dtype=np.float64)
 
 
 def equation_lines(p: Car) -> list[str]:
@@ -119,13 +178,17 @@ class NewtonEuler(CompiledModel):
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists (B, N, 3).
 
-        Where each command holds for a whole period, the cars advance side by side in vector registers.
+        The cars advance side by side in vector registers.
         """
-        if commands.ndim == 4 and (commands.shape[2] > 1 or commands[..., 3].any()):
-            return super().scan_many(carries, commands)
         after = np.array(carries, dtype=np.float64, order="C")
-        held = np.ascontiguousarray(commands if commands.ndim == 3 else commands[:, :, 0, 1:3], dtype=np.float64)
-        return after, _scan_newton_euler_batch(after, held, self.car, self.period_s)
+        return after, _scan_newton_euler_batch(after, _as_parts(commands), self.car, self.period_s)
+
+    def scan_many_single(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """What `scan_many` is, computed in single precision: twice as many cars fit into a vector register."""
+        after = np.array(carries, dtype=np.float32, order="C")
+        car = Car(*(np.float32(x) for x in self.car))
+        twists = _scan_newton_euler_batch_single(after, _as_parts(commands), car, self.period_s)
+        return after.astype(np.float64), twists
 
     def describe(self) -> str:
         """The equations and the table of constants, fitted ones marked with *."""
