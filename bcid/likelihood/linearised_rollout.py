@@ -3,9 +3,8 @@
 import numpy as np
 
 from bcid.aliases import Floats, Switches
-from bcid.compiled.lane_access import load_lanes, store_lanes
 from bcid.compiled.lanes import LANES
-from bcid.compiled.njit import njit
+from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
 from bcid.effects.car import BodyState, is_lagging, is_pulled_by_place
 from bcid.effects.constants import Constants
@@ -25,13 +24,15 @@ from bcid.likelihood.variational import (
     LAG,
     N_COLUMNS,
     N_STATE,
+    PARAMETER,
     TWIST,
-    advance_column,
+    advance_change,
     allocate_derivatives,
     car_of_row,
     differentiate_step,
-    flatten,
+    get,
     move_component,
+    put,
     step_matrix,
 )
 from bcid.physics.elementary import sincos
@@ -53,68 +54,66 @@ def linearise_segments(
     """
     lagging, pulled, p, steps = is_lagging(e), is_pulled_by_place(e), car_of_row(cars[0]), len(path) - 1
     columns, begin, each = N_NUISANCE + len(widths), 0 if pulled else TWIST, steps // KNOTS
-    pushes, d = flatten(push_wrenches(nuisance, p)), allocate_derivatives(len(widths))
-    x, matrix = np.zeros((columns, N_STATE, LANES)), np.zeros((N_COLUMNS, N_STATE, LANES))
-    unit, nothing, scratch, turned = np.zeros((N_PUSH, 6, LANES)), np.zeros((6, LANES)), np.zeros((N_STATE, LANES)), np.zeros((2, LANES))
-    for j in range(N_START):
-        x[j, j] = 1.0
-    for j in range(N_PUSH):
-        unit[j, j] = 1.0
+    wrenches = push_wrenches(nuisance, p)
+    pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(len(widths))
+    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros(N_COLUMNS * N_STATE * LANES)
+    to, along = changes.reshape(changes.size), path.reshape(path.size)
+    # nothing, then a unit of each component of a push
+    units = np.zeros((1 + N_PUSH) * 6 * LANES)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
+    for j in range(N_START):
+        put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
+    for j in range(N_PUSH):
+        put(units, 6 * (1 + j) + j, 0.0 * b.v_x + 1.0)
     lags = steady_lags(b, act, p, e, c)
     if lagging:
         for j in range(TWIST, columns):
-            if j < N_START or j >= N_NUISANCE:
-                row = max(j - N_NUISANCE + 1, 0)
-                moved = steady_lags(move_component(b, j if row == 0 else -1, BODY_STEP), act, car_of_row(cars[row]), e, c)
-                by = BODY_STEP if row == 0 else widths[row - 1]
-                store_lanes((moved.alpha_f - lags.alpha_f) / by, flatten(x[j]), LAG * LANES)
-                store_lanes((moved.F_mf - lags.F_mf) / by, flatten(x[j]), (LAG + 1) * LANES)
-                store_lanes((moved.F_mr - lags.F_mr) / by, flatten(x[j]), (LAG + 2) * LANES)
+            row = max(j - N_NUISANCE + 1, 0)
+            if j < N_START or row > 0:
+                own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
+                moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
+                put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
+                put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
+                put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
     store_pose(path, 0, b, e)
-    _store_changes(changes, 0, x, begin, N_NUISANCE, path, b)
+    _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
-        knot = i // each
-        inputs = step_inputs_in_lanes(lanes, i, chain, pushes, N_PUSH * LANES * knot)
-        before_x, before_y = b.p_x, b.p_y
+        mine, before = N_START + N_PUSH * (i // each), b
+        ends = mine + N_PUSH
+        inputs = step_inputs_in_lanes(lanes, i, chain, pushes, (mine - N_START) * LANES)
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, e, c)
-        store_lanes(b.p_x - before_x, flatten(turned), 0)
-        store_lanes(b.p_y - before_y, flatten(turned), LANES)
         step_matrix(matrix, d, chain.h, lagging, pulled)
-        ends, mine = N_START + N_PUSH * (knot + 1), N_START + N_PUSH * knot
+        turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, columns):
             if ends <= j < N_NUISANCE:  # a push changes nothing before it begins
                 continue
-            if j >= N_NUISANCE:
-                advance_column(x[j], matrix, turned, d.added[j - N_NUISANCE], lagging, pulled, scratch)
-            elif j >= mine:
-                advance_column(x[j], matrix, turned, unit[j - mine], lagging, pulled, scratch)
-            else:
-                advance_column(x[j], matrix, turned, nothing, lagging, pulled, scratch)
+            added = d if j >= N_NUISANCE else units
+            first = PARAMETER + 6 * (j - N_NUISANCE) if j >= N_NUISANCE else 6 * max(j - mine + 1, 0)
+            advance_change(x, j * N_STATE, matrix, turned, added, first, lagging, pulled)
         store_pose(path, i + 1, b, e)
-        _store_changes(changes, i + 1, x, begin, ends, path, b)
+        _store_changes(to, (i + 1) * changes.shape[1], x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b)
 
 
-@njit
-def _store_changes(changes: Floats, i: int, x: Floats, begin: int, ends: int, path: Floats, b: BodyState) -> None:
-    """Write the derivatives of the tracked point's pose and of its rates to row `i` of `changes`.
+@njit_inline
+def _store_changes(
+    out: Floats, to: int, x: Floats, begin: int, ends: int, columns: int, path: Floats, at: int, b: BodyState
+) -> None:
+    """Write the derivatives of the tracked point's pose and of its rates to vectors of `out` from number `to` on.
 
-    `x` (C, N_STATE, LANES) holds those of the state, of which the columns before `begin`, and the pushes from column
-    `ends` on, are left out; `path` holds the pose itself, `b` the state.
+    `x` holds those of the state, N_STATE vectors for each of `columns`, of which those before `begin`, and pushes
+    from `ends` on, are left out; `path` holds the pose itself from number `at` on, `b` is the state.
     """
-    flat, along, at = flatten(changes), flatten(path), i * PATH_SIZE * LANES
     sin_t, cos_t = sincos(b.theta)
-    off_x, off_y = load_lanes(along, at) - b.p_x, load_lanes(along, at + LANES) - b.p_y
-    v_x, v_y = load_lanes(along, at + 3 * LANES), load_lanes(along, at + 4 * LANES)
-    for j in range(begin, len(x)):
+    off_x, off_y = get(path, at) - b.p_x, get(path, at + 1) - b.p_y
+    v_x, v_y = get(path, at + 3), get(path, at + 4)
+    for j in range(begin, columns):
         if ends <= j < N_NUISANCE:
             continue
-        state, to = flatten(x[j]), (i * changes.shape[1] + (j - begin) * PATH_SIZE) * LANES
-        theta, omega = load_lanes(state, 2 * LANES), load_lanes(state, 5 * LANES)
-        u, v = load_lanes(state, 3 * LANES), load_lanes(state, 4 * LANES)
-        store_lanes(load_lanes(state, 0) - off_y * theta, flat, to)
-        store_lanes(load_lanes(state, LANES) + off_x * theta, flat, to + LANES)
-        store_lanes(theta, flat, to + 2 * LANES)
-        store_lanes(cos_t * u - sin_t * v - off_y * omega - v_y * theta, flat, to + 3 * LANES)
-        store_lanes(sin_t * u + cos_t * v + off_x * omega + v_x * theta, flat, to + 4 * LANES)
-        store_lanes(omega, flat, to + 5 * LANES)
+        k, own = j * N_STATE, to + (j - begin) * PATH_SIZE
+        theta, u, v, omega = get(x, k + 2), get(x, k + 3), get(x, k + 4), get(x, k + 5)
+        put(out, own, get(x, k) - off_y * theta)
+        put(out, own + 1, get(x, k + 1) + off_x * theta)
+        put(out, own + 2, theta)
+        put(out, own + 3, cos_t * u - sin_t * v - off_y * omega - v_y * theta)
+        put(out, own + 4, sin_t * u + cos_t * v + off_x * omega + v_x * theta)
+        put(out, own + 5, omega)

@@ -48,30 +48,31 @@ N_COLUMNS = ADDED + 6
 BODY_STEP, ANGLE_STEP, FORCE_STEP = 1e-5, 1e-5, 1e-2
 
 
-class StageDerivatives(NamedTuple):
-    """Derivatives at the four stages of a step; of lagging quantities the coefficients of what they follow from."""
-
-    acceleration: Floats  # (4, N_STATE, 3, LANES) of v_x', v_y', omega' by the state; lags as at the stage
-    steady: Floats  # (4, 3, 4, LANES) of alpha_f, F_mf, F_mr as they would be without lag, and of v_fx, by the twist
-    lag: Floats  # (5, 3, 5, LANES) of each lag at the stage, and after the step, by its start, steady_0, v_0, steady, v
-    pose: Floats  # (4, 4, LANES) cos, sin of theta, x', y'
-    mass_factor: Floats  # (4, LANES)
-    added: Floats  # (R, 6, LANES) by each parameter, of accelerations and steady lags, in the middle of the step
+# where the derivatives of a step stand in one flat array, in units of LANES numbers
+ACCELERATION = 0  # (4, N_STATE, 3) at each stage, of v_x', v_y', omega' by the state, its lags as at the stage
+STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, 3, 4) of alpha_f, F_mf, F_mr without lag, and of v_fx, by the twist
+COEFFICIENT = STEADY + 4 * 3 * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
+POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
+MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)
+PARAMETER = MASS_FACTOR + 4  # (R, 6) by each parameter, in the middle of the step: accelerations and steady lags
 
 
 @njit
-def allocate_derivatives(parameters: int) -> StageDerivatives:
-    """Arrays for the derivatives of a step, of LANES segments and of so many `parameters`."""
-    return StageDerivatives(
-        np.zeros((4, N_STATE, 3, LANES)), np.zeros((4, 3, 4, LANES)), np.zeros((5, 3, 5, LANES)),
-        np.zeros((4, 4, LANES)), np.zeros((4, LANES)), np.zeros((parameters, 6, LANES)),
-    )  # fmt: skip
+def allocate_derivatives(parameters: int) -> Floats:
+    """The flat array for the derivatives of a step, of LANES segments and by so many `parameters`: zeros."""
+    return np.zeros((PARAMETER + 6 * parameters) * LANES)
 
 
 @njit_inline
-def flatten(x: Floats) -> Floats:
-    """The numbers of a contiguous array in one row, without a copy."""
-    return x.reshape(x.size)
+def get(x: Floats, i: int) -> float:
+    """Vector number `i` of the flat array `x`."""
+    return load_lanes(x, i * LANES)
+
+
+@njit_inline
+def put(x: Floats, i: int, value: float) -> None:
+    """Write `value` to vector number `i` of the flat array `x`."""
+    store_lanes(value, x, i * LANES)
 
 
 @njit_inline
@@ -139,27 +140,27 @@ def _store_lag_coefficients(
             still = lags
         else:
             angle, force = (BODY_STEP, BODY_STEP) if j in (3, 5) else (ANGLE_STEP, FORCE_STEP)
-            store_lanes((lags.alpha_f - still.alpha_f) / angle, out, at + (j - 1) * LANES)
-            store_lanes((lags.F_mf - still.F_mf) / force, out, at + (5 + j - 1) * LANES)
-            store_lanes((lags.F_mr - still.F_mr) / force, out, at + (10 + j - 1) * LANES)
+            put(out, at + j - 1, (lags.alpha_f - still.alpha_f) / angle)
+            put(out, at + 5 + j - 1, (lags.F_mf - still.F_mf) / force)
+            put(out, at + 10 + j - 1, (lags.F_mr - still.F_mr) / force)
 
 
 @njit_inline
 def _store_steady(out: Floats, at: int, moved: Wrench, now: Wrench, by: float) -> None:
     """Write the derivatives of steady lags and v_fx, by differences between `moved` and `now` over `by`, from `at` on."""
     a, b = moved.steady, now.steady
-    store_lanes((a.alpha_f - b.alpha_f) / by, out, at)
-    store_lanes((a.F_mf - b.F_mf) / by, out, at + LANES)
-    store_lanes((a.F_mr - b.F_mr) / by, out, at + 2 * LANES)
-    store_lanes((moved.v_fx - now.v_fx) / by, out, at + 3 * LANES)
+    put(out, at, (a.alpha_f - b.alpha_f) / by)
+    put(out, at + 1, (a.F_mf - b.F_mf) / by)
+    put(out, at + 2, (a.F_mr - b.F_mr) / by)
+    put(out, at + 3, (moved.v_fx - now.v_fx) / by)
 
 
 @njit_inline
 def _store_accelerations(out: Floats, at: int, moved: BodyState, now: BodyState, by: float) -> None:
     """Write the derivatives of v_x', v_y', omega', by differences between two rates over `by`, to `out` from `at` on."""
-    store_lanes((moved.v_x - now.v_x) / by, out, at)
-    store_lanes((moved.v_y - now.v_y) / by, out, at + LANES)
-    store_lanes((moved.omega - now.omega) / by, out, at + 2 * LANES)
+    put(out, at, (moved.v_x - now.v_x) / by)
+    put(out, at + 1, (moved.v_y - now.v_y) / by)
+    put(out, at + 2, (moved.omega - now.omega) / by)
 
 
 @njit_inline
@@ -170,17 +171,17 @@ def _store_added(out: Floats, at: int, rates: tuple[BodyState, BodyState], w: Wr
     of a car without a load: they are multiplied by the mass factor.
     """
     (moved, still), a, b = rates, w.steady, now.steady
-    store_lanes(now.mass_factor * (moved.v_x - still.v_x) / by, out, at)
-    store_lanes(now.mass_factor * (moved.v_y - still.v_y) / by, out, at + LANES)
-    store_lanes(now.mass_factor * (moved.omega - still.omega) / by, out, at + 2 * LANES)
-    store_lanes((a.alpha_f - b.alpha_f) / by, out, at + 3 * LANES)
-    store_lanes((a.F_mf - b.F_mf) / by, out, at + 4 * LANES)
-    store_lanes((a.F_mr - b.F_mr) / by, out, at + 5 * LANES)
+    put(out, at, now.mass_factor * (moved.v_x - still.v_x) / by)
+    put(out, at + 1, now.mass_factor * (moved.v_y - still.v_y) / by)
+    put(out, at + 2, now.mass_factor * (moved.omega - still.omega) / by)
+    put(out, at + 3, (a.alpha_f - b.alpha_f) / by)
+    put(out, at + 4, (a.F_mf - b.F_mf) / by)
+    put(out, at + 5, (a.F_mr - b.F_mr) / by)
 
 
 @njit
 def differentiate_step(
-    out: StageDerivatives, b: BodyState, lags: LagState, inputs: StepInputs, h: float, cars: Floats, widths: Floats,
+    out: Floats, b: BodyState, lags: LagState, inputs: StepInputs, h: float, cars: Floats, widths: Floats,
     e: Switches, c: Constants,
 ) -> tuple[BodyState, LagState]:  # fmt: skip
     """State and lags after an RK4 step of `h` seconds, as `rk4_body_step` gives them, and its stages' derivatives.
@@ -191,7 +192,6 @@ def differentiate_step(
     zero, lagging, pulled = 0.0 * b.v_x, is_lagging(e), is_pulled_by_place(e)
     rate = total = BodyState(zero, zero, zero, zero, zero, zero)
     first = steady = now = Wrench(zero, zero, zero, zero, lags, zero)
-    acceleration, steadies, coefficients = flatten(out.acceleration), flatten(out.steady), flatten(out.lag)
     for stage in range(4):
         act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
         there, at = add_rates(b, rate, ahead), lags
@@ -209,7 +209,7 @@ def differentiate_step(
             p = car_of_row(cars[row])
             w = wrench_with_effects(body, act, move_lag(lags if ahead_of_lags else at, lag), p, e, c)
             if ahead_of_lags and j > 0:
-                _store_steady(steadies, (stage * 3 + j - 1) * 4 * LANES, w, steady, BODY_STEP)
+                _store_steady(out, STEADY + (stage * 3 + j - 1) * 4, w, steady, BODY_STEP)
                 continue
             if j == 0 and (ahead_of_lags or not lagging):
                 steady = w
@@ -222,23 +222,24 @@ def differentiate_step(
             if j == 0:
                 rate, now = moved, w
             elif row > 0:
-                _store_added(flatten(out.added), (row - 1) * 6 * LANES, (moved, rate), w, now, widths[row - 1])
+                _store_added(out, PARAMETER + (row - 1) * 6, (moved, rate), w, now, widths[row - 1])
             else:
                 width = BODY_STEP if j < 4 else (ANGLE_STEP if lag == 0 else FORCE_STEP)
                 to = TWIST + j - 1 if j < 4 else LAG + lag
-                _store_accelerations(acceleration, (stage * N_STATE + to) * 3 * LANES, moved, rate, width)
+                _store_accelerations(out, ACCELERATION + (stage * N_STATE + to) * 3, moved, rate, width)
         p = car_of_row(cars[0])
         if lagging:
             if stage == 2:  # the third stage's steady values are the second's
-                out.steady[2] = out.steady[1]
-            _store_lag_coefficients(coefficients, stage * 15 * LANES, lags, first, steady, ahead, h, e)
+                for i in range(12):
+                    put(out, STEADY + 24 + i, get(out, STEADY + 12 + i))
+            _store_lag_coefficients(out, COEFFICIENT + stage * 15, lags, first, steady, ahead, h, e)
         if pulled:
-            _store_pull(acceleration, stage * N_STATE * 3 * LANES, there, now.mass_factor, p, e)
-        _store_pose_rates(flatten(out.pose), stage * 4 * LANES, there, rate)
-        store_lanes(now.mass_factor, flatten(out.mass_factor), stage * LANES)
+            _store_pull(out, ACCELERATION + stage * N_STATE * 3, there, now.mass_factor, p, e)
+        _store_pose_rates(out, POSE_RATE + stage * 4, there, rate)
+        put(out, MASS_FACTOR + stage, now.mass_factor)
         total = add_rates(total, rate, stage_weight(stage))
     if lagging:
-        _store_lag_coefficients(coefficients, 4 * 15 * LANES, lags, first, steady, 2.0 * h, h, e)
+        _store_lag_coefficients(out, COEFFICIENT + 4 * 15, lags, first, steady, 2.0 * h, h, e)
     return add_rates(b, total, h / 6.0), advance_lags(lags, first, steady, h, e)
 
 
@@ -248,138 +249,169 @@ def _store_pull(out: Floats, at: int, b: BodyState, mass_factor: float, p: Car, 
     F_x, F_y = force_by_place(b, mass_factor, p, e)
     for j in range(3):
         there_x, there_y = force_by_place(move_component(b, j, BODY_STEP), mass_factor, p, e)
-        store_lanes((there_x - F_x) / (mass_factor * p.m * BODY_STEP), out, at + 3 * j * LANES)
-        store_lanes((there_y - F_y) / (mass_factor * p.m * BODY_STEP), out, at + (3 * j + 1) * LANES)
+        put(out, at + 3 * j, (there_x - F_x) / (mass_factor * p.m * BODY_STEP))
+        put(out, at + 3 * j + 1, (there_y - F_y) / (mass_factor * p.m * BODY_STEP))
 
 
 @njit_inline
 def _store_pose_rates(out: Floats, at: int, b: BodyState, rate: BodyState) -> None:
     """Write cos and sin of the heading, and the velocity x', y' in the world, to `out` from `at` on."""
     sin_t, cos_t = sincos(b.theta)
-    store_lanes(cos_t, out, at)
-    store_lanes(sin_t, out, at + LANES)
-    store_lanes(rate.p_x, out, at + 2 * LANES)
-    store_lanes(rate.p_y, out, at + 3 * LANES)
+    put(out, at, cos_t)
+    put(out, at + 1, sin_t)
+    put(out, at + 2, rate.p_x)
+    put(out, at + 3, rate.p_y)
+
+
+class SteadyChange(NamedTuple):
+    """Changes of alpha_f, F_mf, F_mr as they would be without lag, and of v_fx."""
+
+    alpha_f: float
+    F_mf: float
+    F_mr: float
+    v_fx: float
 
 
 @njit
-def step_matrix(out: Floats, d: StageDerivatives, h: float, lagging: bool, pulled: bool) -> None:
-    """Write to `out` (N_COLUMNS, N_STATE, LANES) how the state after a step of `h` seconds answers each column.
+def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool) -> None:
+    """Write to `out` (N_COLUMNS, N_STATE, LANES), flat, how the state after a step of `h` seconds answers each column.
 
-    Columns are the state before the step, three accelerations and three steady lags that are added within it.  Those
-    of a pose are left out where nothing depends on it (not `pulled`), those of lags where nothing is `lagging`.
+    Columns are the state before the step, three accelerations and three steady lags that are added within it; `d` are
+    the step's derivatives.  Columns of the pose are left out where nothing varies with it (not `pulled`), columns of
+    lags where nothing is `lagging`.
     """
     for column in range(N_COLUMNS):
-        of_lags = LAG <= column < ADDED or column >= ADDED + 3
-        if (of_lags and not lagging) or (column < TWIST and not pulled):
-            continue
-        _answer_to_column(flatten(out), column, d, h, lagging, pulled)
+        is_lag = LAG <= column < ADDED or column >= ADDED + 3
+        if (lagging or not is_lag) and (pulled or column >= TWIST):
+            _answer_to_column(out, column, d, h, lagging, pulled)
 
 
 @njit
-def _answer_to_column(out: Floats, column: int, d: StageDerivatives, h: float, lagging: bool, pulled: bool) -> None:
+def _answer_to_column(out: Floats, column: int, d: Floats, h: float, lagging: bool, pulled: bool) -> None:
     """Write to the flat `out` how the state after a step of `h` seconds answers a unit of `column`: RK4, linearised."""
-    acceleration, steadies, coefficients = flatten(d.acceleration), flatten(d.steady), flatten(d.lag)
-    poses, factors = flatten(d.pose), flatten(d.mass_factor)
-    none = 0.0 * load_lanes(factors, 0)
+    none = 0.0 * get(d, MASS_FACTOR)
     rate = total = BodyState(none, none, none, none, none, none)
     begin = move_component(total, column, 1.0)
-    answer, first = np.zeros((4, LANES)), np.zeros((4, LANES))  # steady lags and v_fx: at a stage, and at the first
-    now, at_first, lags = flatten(answer), flatten(first), np.zeros((3, LANES))
+    lags = start = LagState(none, none, none)
+    if lagging:
+        start = _unit_lags(start, column - LAG)
+    first = now = SteadyChange(none, none, none, none)
     for stage in range(4):
-        x = add_rates(begin, rate, stage_time(stage) * h)
-        push = (none, none, none)
-        if ADDED <= column < ADDED + 3:
-            share = 1.0 / load_lanes(factors, stage * LANES)
-            push = (
-                share if column == ADDED else none, share if column == ADDED + 1 else none,
-                share if column == ADDED + 2 else none,
-            )  # fmt: skip
-        at = stage * N_STATE * 3 * LANES
-        a_x, a_y, a_w = push
+        x, at = add_rates(begin, rate, stage_time(stage) * h), ACCELERATION + stage * N_STATE * 3
+        pushed = 1.0 / get(d, MASS_FACTOR + stage)
+        a_x = pushed if column == ADDED else none
+        a_y = pushed if column == ADDED + 1 else none
+        a_w = pushed if column == ADDED + 2 else none
         if pulled:
-            for j in range(3):
-                step = x.p_x if j == 0 else (x.p_y if j == 1 else x.theta)
-                a_x += load_lanes(acceleration, at + 3 * j * LANES) * step
-                a_y += load_lanes(acceleration, at + (3 * j + 1) * LANES) * step
-        for j in range(3):
-            step, to = x.v_x if j == 0 else (x.v_y if j == 1 else x.omega), at + 3 * (TWIST + j) * LANES
-            a_x += load_lanes(acceleration, to) * step
-            a_y += load_lanes(acceleration, to + LANES) * step
-            a_w += load_lanes(acceleration, to + 2 * LANES) * step
+            a_x += get(d, at) * x.p_x + get(d, at + 3) * x.p_y + get(d, at + 6) * x.theta
+            a_y += get(d, at + 1) * x.p_x + get(d, at + 4) * x.p_y + get(d, at + 7) * x.theta
+        at += 3 * TWIST
+        a_x += get(d, at) * x.v_x + get(d, at + 3) * x.v_y + get(d, at + 6) * x.omega
+        a_y += get(d, at + 1) * x.v_x + get(d, at + 4) * x.v_y + get(d, at + 7) * x.omega
+        a_w += get(d, at + 2) * x.v_x + get(d, at + 5) * x.v_y + get(d, at + 8) * x.omega
         if lagging:
             if stage != 2:
-                for i in range(4):
-                    to = (stage * 12 + i) * LANES
-                    change = load_lanes(steadies, to) * x.v_x + load_lanes(steadies, to + 4 * LANES) * x.v_y
-                    change += load_lanes(steadies, to + 8 * LANES) * x.omega
-                    store_lanes(change + (1.0 if column == ADDED + 3 + i else 0.0), now, i * LANES)
+                now = _steady_change(d, STEADY + 12 * stage, x, column - ADDED - 3)
                 if stage == 0:
-                    first[:] = answer
-            _answer_of_lags(flatten(lags), coefficients, stage * 15 * LANES, column, at_first, now)
-            for i in range(3):
-                step, to = load_lanes(flatten(lags), i * LANES), at + 3 * (LAG + i) * LANES
-                a_x += load_lanes(acceleration, to) * step
-                a_y += load_lanes(acceleration, to + LANES) * step
-                a_w += load_lanes(acceleration, to + 2 * LANES) * step
-        cos_t, sin_t = load_lanes(poses, 4 * stage * LANES), load_lanes(poses, (4 * stage + 1) * LANES)
-        v_x, v_y = load_lanes(poses, (4 * stage + 2) * LANES), load_lanes(poses, (4 * stage + 3) * LANES)
+                    first = now
+            lags = _lag_change(d, COEFFICIENT + 15 * stage, start, first, now)
+            at += 3 * (LAG - TWIST)
+            a_x += get(d, at) * lags.alpha_f + get(d, at + 3) * lags.F_mf + get(d, at + 6) * lags.F_mr
+            a_y += get(d, at + 1) * lags.alpha_f + get(d, at + 4) * lags.F_mf + get(d, at + 7) * lags.F_mr
+            a_w += get(d, at + 2) * lags.alpha_f + get(d, at + 5) * lags.F_mf + get(d, at + 8) * lags.F_mr
+        at = POSE_RATE + 4 * stage
+        cos_t, sin_t, v_x, v_y = get(d, at), get(d, at + 1), get(d, at + 2), get(d, at + 3)
         rate = BodyState(
             cos_t * x.v_x - sin_t * x.v_y - v_y * x.theta, sin_t * x.v_x + cos_t * x.v_y + v_x * x.theta, x.omega,
             a_x, a_y, a_w,
         )  # fmt: skip
         total = add_rates(total, rate, stage_weight(stage))
-    _answer_of_lags(flatten(lags), coefficients, 4 * 15 * LANES, column, at_first, now)
-    after, to = add_rates(begin, total, h / 6.0), column * N_STATE * LANES
-    store_lanes(after.p_x, out, to)
-    store_lanes(after.p_y, out, to + LANES)
-    store_lanes(after.theta, out, to + 2 * LANES)
-    store_lanes(after.v_x, out, to + 3 * LANES)
-    store_lanes(after.v_y, out, to + 4 * LANES)
-    store_lanes(after.omega, out, to + 5 * LANES)
-    for i in range(3):
-        store_lanes(load_lanes(flatten(lags), i * LANES), out, to + (LAG + i) * LANES)
+    if lagging:
+        lags = _lag_change(d, COEFFICIENT + 4 * 15, start, first, now)
+    put_state(out, column * N_STATE, add_rates(begin, total, h / 6.0), lags)
 
 
 @njit_inline
-def _answer_of_lags(lags: Floats, coefficients: Floats, at: int, column: int, first: Floats, now: Floats) -> None:
-    """Write to `lags` (3 LANES,) the change of each lagging quantity by a unit of `column`.
+def put_state(out: Floats, at: int, b: BodyState, lags: LagState) -> None:
+    """Write a state, or a change of one, to N_STATE vectors of the flat array `out` from number `at` on."""
+    put(out, at, b.p_x)
+    put(out, at + 1, b.p_y)
+    put(out, at + 2, b.theta)
+    put(out, at + 3, b.v_x)
+    put(out, at + 4, b.v_y)
+    put(out, at + 5, b.omega)
+    put(out, at + 6, lags.alpha_f)
+    put(out, at + 7, lags.F_mf)
+    put(out, at + 8, lags.F_mr)
 
-    It follows by `coefficients` from its start, and from the changes of steady lags and v_fx, `first` as the step
-    begins and `now` (4 LANES,).
+
+@njit_inline
+def _unit_lags(none: LagState, j: int) -> LagState:
+    """The change of lags `none`, number `j` (0 to 2) greater by 1; as it is for other j."""
+    return LagState(
+        none.alpha_f + (1.0 if j == 0 else 0.0), none.F_mf + (1.0 if j == 1 else 0.0),
+        none.F_mr + (1.0 if j == 2 else 0.0),
+    )  # fmt: skip
+
+
+@njit_inline
+def _steady_change(d: Floats, at: int, x: BodyState, added: int) -> SteadyChange:
+    """Change of steady lags and v_fx with a change `x` of the state, 1 being added to steady lag `added` (0 to 2)."""
+    alpha_f = get(d, at) * x.v_x + get(d, at + 4) * x.v_y + get(d, at + 8) * x.omega
+    F_mf = get(d, at + 1) * x.v_x + get(d, at + 5) * x.v_y + get(d, at + 9) * x.omega
+    F_mr = get(d, at + 2) * x.v_x + get(d, at + 6) * x.v_y + get(d, at + 10) * x.omega
+    v_fx = get(d, at + 3) * x.v_x + get(d, at + 7) * x.v_y + get(d, at + 11) * x.omega
+    steady = _unit_lags(LagState(alpha_f, F_mf, F_mr), added)
+    return SteadyChange(steady.alpha_f, steady.F_mf, steady.F_mr, v_fx)
+
+
+@njit_inline
+def _lag_change(d: Floats, at: int, start: LagState, first: SteadyChange, now: SteadyChange) -> LagState:
+    """Change of lagging quantities with those of their start, and of steady values as the step began and `now`."""
+    return LagState(
+        _follow(d, at, start.alpha_f, first.alpha_f, first.v_fx, now.alpha_f, now.v_fx),
+        _follow(d, at + 5, start.F_mf, first.F_mf, first.v_fx, now.F_mf, now.v_fx),
+        _follow(d, at + 10, start.F_mr, first.F_mr, first.v_fx, now.F_mr, now.v_fx),
+    )
+
+
+@njit_inline
+def _follow(d: Floats, at: int, start: float, first: float, first_v: float, now: float, v: float) -> float:
+    """Change of one lagging quantity by its five coefficients in `d`, from `at` on."""
+    followed: float = get(d, at) * start + get(d, at + 1) * first + get(d, at + 2) * first_v
+    return followed + get(d, at + 3) * now + get(d, at + 4) * v
+
+
+@njit_inline
+def advance_change(
+    x: Floats, at: int, matrix: Floats, turned: tuple[float, float], added: Floats, begin: int, lagging: bool,
+    pulled: bool,
+) -> None:  # fmt: skip
+    """Advance a change of the state, N_STATE vectors of `x` from number `at` on, by a step with its `matrix`, in place.
+
+    What is added within the step, three accelerations and three steady lags, begins at number `begin` of `added`.
+    Where nothing varies with the pose (not `pulled`), a change of it moves the rest of the path as a rigid body, by
+    the step's way in x and y, `turned`.
     """
-    for i in range(3):
-        to = at + 5 * i * LANES
-        change = load_lanes(coefficients, to) * (1.0 if column == LAG + i else 0.0)
-        change += load_lanes(coefficients, to + LANES) * load_lanes(first, i * LANES)
-        change += load_lanes(coefficients, to + 2 * LANES) * load_lanes(first, 3 * LANES)
-        change += load_lanes(coefficients, to + 3 * LANES) * load_lanes(now, i * LANES)
-        change += load_lanes(coefficients, to + 4 * LANES) * load_lanes(now, 3 * LANES)
-        store_lanes(change, lags, i * LANES)
-
-
-@njit
-def advance_column(
-    x: Floats, matrix: Floats, turned: Floats, added: Floats, lagging: bool, pulled: bool, scratch: Floats
-) -> None:
-    """Advance one change of the state, `x` (N_STATE, LANES), by a step with the `matrix` of `step_matrix`, in place.
-
-    `added` (6, LANES) are the accelerations and steady lags added within the step.  Where nothing depends on the pose
-    (not `pulled`), a change of it moves the rest of the path as a rigid body, by `turned` (2, LANES), the step's way
-    in x and y.  `scratch` is as large as `x`.
-    """
-    M, before, more, after = flatten(matrix), flatten(x), flatten(added), flatten(scratch)
+    p_x, p_y, theta = get(x, at), get(x, at + 1), get(x, at + 2)
+    v_x, v_y, omega = get(x, at + 3), get(x, at + 4), get(x, at + 5)
+    a_x, a_y, a_w = get(added, begin), get(added, begin + 1), get(added, begin + 2)
+    alpha_f, F_mf, F_mr = get(x, at + 6), get(x, at + 7), get(x, at + 8)
+    s_f, s_mf, s_mr = get(added, begin + 3), get(added, begin + 4), get(added, begin + 5)
+    if not pulled:
+        put(x, at, p_x - turned[1] * theta)
+        put(x, at + 1, p_y + turned[0] * theta)
     for i in range(N_STATE if lagging else LAG):
-        total = 0.0 * load_lanes(before, 0)
-        if i < TWIST and not pulled:
-            total = load_lanes(before, i * LANES)
-            if i == 0:
-                total -= load_lanes(flatten(turned), LANES) * load_lanes(before, 2 * LANES)
-            elif i == 1:
-                total += load_lanes(flatten(turned), 0) * load_lanes(before, 2 * LANES)
-        for j in range(POSE if pulled else TWIST, N_STATE if lagging else LAG):
-            total += load_lanes(M, (j * N_STATE + i) * LANES) * load_lanes(before, j * LANES)
-        for j in range(6 if lagging else 3):
-            total += load_lanes(M, ((ADDED + j) * N_STATE + i) * LANES) * load_lanes(more, j * LANES)
-        store_lanes(total, after, i * LANES)
-    x[:] = scratch
+        after = get(x, at + i) if i < TWIST and not pulled else 0.0 * p_x
+        if pulled:
+            after += get(matrix, i) * p_x + get(matrix, N_STATE + i) * p_y + get(matrix, 2 * N_STATE + i) * theta
+        to = TWIST * N_STATE + i
+        after += get(matrix, to) * v_x + get(matrix, to + N_STATE) * v_y + get(matrix, to + 2 * N_STATE) * omega
+        to = ADDED * N_STATE + i
+        after += get(matrix, to) * a_x + get(matrix, to + N_STATE) * a_y + get(matrix, to + 2 * N_STATE) * a_w
+        if lagging:
+            to = LAG * N_STATE + i
+            after += get(matrix, to) * alpha_f + get(matrix, to + N_STATE) * F_mf + get(matrix, to + 2 * N_STATE) * F_mr
+            to = (ADDED + 3) * N_STATE + i
+            after += get(matrix, to) * s_f + get(matrix, to + N_STATE) * s_mf + get(matrix, to + 2 * N_STATE) * s_mr
+        put(x, at + i, after)
