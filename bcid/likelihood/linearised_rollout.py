@@ -24,7 +24,7 @@ from bcid.likelihood.variational import (
     LAG,
     N_COLUMNS,
     N_STATE,
-    PARAMETER,
+    PUSH,
     TWIST,
     advance_change,
     allocate_derivatives,
@@ -56,15 +56,11 @@ def linearise_segments(
     columns, begin, each = N_NUISANCE + len(widths), 0 if pulled else TWIST, steps // KNOTS
     wrenches = push_wrenches(nuisance, p)
     pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(len(widths))
-    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros(N_COLUMNS * N_STATE * LANES)
+    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + len(widths)) * N_STATE * LANES)
     to, along = changes.reshape(changes.size), path.reshape(path.size)
-    # nothing, then a unit of each component of a push
-    units = np.zeros((1 + N_PUSH) * 6 * LANES)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
-    for j in range(N_PUSH):
-        put(units, 6 * (1 + j) + j, 0.0 * b.v_x + 1.0)
     lags = steady_lags(b, act, p, e, c)
     if lagging:
         for j in range(TWIST, columns):
@@ -82,14 +78,13 @@ def linearise_segments(
         ends = mine + N_PUSH
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, (mine - N_START) * LANES)
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, e, c)
-        step_matrix(matrix, d, chain.h, lagging, pulled)
+        step_matrix(matrix, d, chain.h, lagging, pulled, len(widths))
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, columns):
             if ends <= j < N_NUISANCE:  # a push changes nothing before it begins
                 continue
-            added = d if j >= N_NUISANCE else units
-            first = PARAMETER + 6 * (j - N_NUISANCE) if j >= N_NUISANCE else 6 * max(j - mine + 1, 0)
-            advance_change(x, j * N_STATE, matrix, turned, added, first, lagging, pulled)
+            added = N_COLUMNS + j - N_NUISANCE if j >= N_NUISANCE else (PUSH + j - mine if j >= mine else -1)
+            advance_change(x, j * N_STATE, matrix, added, turned, lagging, pulled)
         store_pose(path, i + 1, b, e)
         _store_changes(to, (i + 1) * changes.shape[1], x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b)
 

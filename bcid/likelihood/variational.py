@@ -42,8 +42,8 @@ from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
 POSE, TWIST, LAG, N_STATE = 0, 3, 6, 9  # where a state's parts begin, and its size
-ADDED = N_STATE  # columns of a step's matrix after those of the state: three accelerations, then three steady lags
-N_COLUMNS = ADDED + 6
+PUSH = N_STATE  # columns of a step's matrix after those of the state: three components of a push, then parameters
+N_COLUMNS = PUSH + 3
 # difference steps of a twist (m/s, rad/s) and of a pose (m, rad), of a lagging slip angle (rad) and force (N)
 BODY_STEP, ANGLE_STEP, FORCE_STEP = 1e-5, 1e-5, 1e-2
 
@@ -54,13 +54,13 @@ STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, 3, 4) of alpha_f, F_mf, F_mr with
 COEFFICIENT = STEADY + 4 * 3 * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
 POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
 MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)
-PARAMETER = MASS_FACTOR + 4  # (R, 6) by each parameter, in the middle of the step: accelerations and steady lags
+PARAMETER = MASS_FACTOR + 4  # (4, R, 6) at each stage, of accelerations and steady lags by each of R parameters
 
 
 @njit
 def allocate_derivatives(parameters: int) -> Floats:
     """The flat array for the derivatives of a step, of LANES segments and by so many `parameters`: zeros."""
-    return np.zeros((PARAMETER + 6 * parameters) * LANES)
+    return np.zeros((PARAMETER + 4 * 6 * parameters) * LANES)
 
 
 @njit_inline
@@ -147,12 +147,11 @@ def _store_lag_coefficients(
 
 @njit_inline
 def _store_steady(out: Floats, at: int, moved: Wrench, now: Wrench, by: float) -> None:
-    """Write the derivatives of steady lags and v_fx, by differences between `moved` and `now` over `by`, from `at` on."""
+    """Write the derivatives of steady lags, by differences between `moved` and `now` over `by`, to `out` from `at` on."""
     a, b = moved.steady, now.steady
     put(out, at, (a.alpha_f - b.alpha_f) / by)
     put(out, at + 1, (a.F_mf - b.F_mf) / by)
     put(out, at + 2, (a.F_mr - b.F_mr) / by)
-    put(out, at + 3, (moved.v_fx - now.v_fx) / by)
 
 
 @njit_inline
@@ -163,22 +162,6 @@ def _store_accelerations(out: Floats, at: int, moved: BodyState, now: BodyState,
     put(out, at + 2, (moved.omega - now.omega) / by)
 
 
-@njit_inline
-def _store_added(out: Floats, at: int, rates: tuple[BodyState, BodyState], w: Wrench, now: Wrench, by: float) -> None:
-    """Write the derivatives of accelerations and steady lags by a parameter that differs by `by`, to `out` from `at` on.
-
-    `rates` are those with the parameter changed and as they are, `w` and `now` the wrenches.  Accelerations are those
-    of a car without a load: they are multiplied by the mass factor.
-    """
-    (moved, still), a, b = rates, w.steady, now.steady
-    put(out, at, now.mass_factor * (moved.v_x - still.v_x) / by)
-    put(out, at + 1, now.mass_factor * (moved.v_y - still.v_y) / by)
-    put(out, at + 2, now.mass_factor * (moved.omega - still.omega) / by)
-    put(out, at + 3, (a.alpha_f - b.alpha_f) / by)
-    put(out, at + 4, (a.F_mf - b.F_mf) / by)
-    put(out, at + 5, (a.F_mr - b.F_mr) / by)
-
-
 @njit
 def differentiate_step(
     out: Floats, b: BodyState, lags: LagState, inputs: StepInputs, h: float, cars: Floats, widths: Floats,
@@ -187,29 +170,37 @@ def differentiate_step(
     """State and lags after an RK4 step of `h` seconds, as `rk4_body_step` gives them, and its stages' derivatives.
 
     They are written to `out`.  `cars` (R + 1, 21) holds the car, then one for each of R parameters with that parameter
-    changed, by `widths` (R,); derivatives by parameters are taken in the middle of the step alone, at its third stage.
+    changed, by `widths` (R,).
     """
-    zero, lagging, pulled = 0.0 * b.v_x, is_lagging(e), is_pulled_by_place(e)
+    zero, lagging, pulled, R = 0.0 * b.v_x, is_lagging(e), is_pulled_by_place(e), len(widths)
     rate = total = BodyState(zero, zero, zero, zero, zero, zero)
     first = steady = now = Wrench(zero, zero, zero, zero, lags, zero)
     for stage in range(4):
         act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
-        there, at = add_rates(b, rate, ahead), lags
-        if stage == 2:
+        there, at, own = add_rates(b, rate, ahead), lags, PARAMETER + 6 * R * stage
+        if stage == 2:  # its steady values are the second stage's
             steady = now
             at = lags_at_stage(lags, first, steady, ahead, h, e)
-        # evaluations: of steady values, where lags follow from them, as it is and by each component of the twist; of
-        # rates, as it is, by the twist, by lags, by parameters
-        before, by_lags = (4 if lagging and stage != 2 else 0), (3 if lagging else 0)
-        for k in range(before + 4 + by_lags + (len(widths) if stage == 2 else 0)):
+        # evaluations: of steady values, where lags follow from them, as it is, by the twist and by parameters; of
+        # rates, as it is, by the twist, by lags and by parameters
+        before, by_lags = (4 + R if lagging and stage != 2 else 0), (3 if lagging else 0)
+        for k in range(before + 4 + by_lags + R):
             ahead_of_lags = k < before
             j = k if ahead_of_lags else k - before
-            lag, row = (j - 4 if 4 <= j < 4 + by_lags else -1), max(j - 3 - by_lags, 0)
+            lag, row = -1, 0
+            if ahead_of_lags:
+                row = max(j - 3, 0)
+            else:
+                lag, row = (j - 4 if j < 4 + by_lags else -1), max(j - 3 - by_lags, 0)
             body = move_component(there, TWIST + j - 1 if 0 < j < 4 else -1, BODY_STEP)
             p = car_of_row(cars[row])
             w = wrench_with_effects(body, act, move_lag(lags if ahead_of_lags else at, lag), p, e, c)
+            by = widths[row - 1] if row > 0 else BODY_STEP
             if ahead_of_lags and j > 0:
-                _store_steady(out, STEADY + (stage * 3 + j - 1) * 4, w, steady, BODY_STEP)
+                to = own + 6 * (row - 1) + 3 if row > 0 else STEADY + (stage * 3 + j - 1) * 4
+                _store_steady(out, to, w, steady, by)
+                if row == 0:
+                    put(out, to + 3, (w.v_fx - steady.v_fx) / by)
                 continue
             if j == 0 and (ahead_of_lags or not lagging):
                 steady = w
@@ -221,17 +212,22 @@ def differentiate_step(
             moved = body_rates(body, w, inputs.push, p)
             if j == 0:
                 rate, now = moved, w
-            elif row > 0:
-                _store_added(out, PARAMETER + (row - 1) * 6, (moved, rate), w, now, widths[row - 1])
+                continue
+            if row > 0:
+                to = own + 6 * (row - 1)
+            elif j < 4:
+                to = ACCELERATION + (stage * N_STATE + TWIST + j - 1) * 3
             else:
-                width = BODY_STEP if j < 4 else (ANGLE_STEP if lag == 0 else FORCE_STEP)
-                to = TWIST + j - 1 if j < 4 else LAG + lag
-                _store_accelerations(out, ACCELERATION + (stage * N_STATE + to) * 3, moved, rate, width)
+                to, by = ACCELERATION + (stage * N_STATE + LAG + lag) * 3, ANGLE_STEP if lag == 0 else FORCE_STEP
+            _store_accelerations(out, to, moved, rate, by)
         p = car_of_row(cars[0])
         if lagging:
             if stage == 2:  # the third stage's steady values are the second's
                 for i in range(12):
                     put(out, STEADY + 24 + i, get(out, STEADY + 12 + i))
+                for i in range(6 * R):
+                    if i % 6 > 2:  # noqa: PLR2004
+                        put(out, own + i, get(out, own - 6 * R + i))
             _store_lag_coefficients(out, COEFFICIENT + stage * 15, lags, first, steady, ahead, h, e)
         if pulled:
             _store_pull(out, ACCELERATION + stage * N_STATE * 3, there, now.mass_factor, p, e)
@@ -273,22 +269,23 @@ class SteadyChange(NamedTuple):
 
 
 @njit
-def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool) -> None:
-    """Write to `out` (N_COLUMNS, N_STATE, LANES), flat, how the state after a step of `h` seconds answers each column.
+def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool, parameters: int) -> None:
+    """Write to `out` how the state after a step of `h` seconds answers each column: RK4, linearised.
 
-    Columns are the state before the step, three accelerations and three steady lags that are added within it; `d` are
-    the step's derivatives.  Columns of the pose are left out where nothing varies with it (not `pulled`), columns of
-    lags where nothing is `lagging`.
+    `out` is flat, (N_COLUMNS + R, N_STATE, LANES).  Columns are the state before the step, accelerations that act in it
+    as the three components of a push, and R `parameters`; `d` are the step's derivatives.  Columns of the pose are left
+    out where nothing varies with it (not `pulled`), columns of lags where nothing is `lagging`.
     """
-    for column in range(N_COLUMNS):
-        is_lag = LAG <= column < ADDED or column >= ADDED + 3
-        if (lagging or not is_lag) and (pulled or column >= TWIST):
-            _answer_to_column(out, column, d, h, lagging, pulled)
+    for column in range(N_COLUMNS + parameters):
+        if (lagging or not LAG <= column < PUSH) and (pulled or column >= TWIST):
+            _answer_to_column(out, column, d, h, lagging, pulled, parameters)
 
 
 @njit
-def _answer_to_column(out: Floats, column: int, d: Floats, h: float, lagging: bool, pulled: bool) -> None:
-    """Write to the flat `out` how the state after a step of `h` seconds answers a unit of `column`: RK4, linearised."""
+def _answer_to_column(
+    out: Floats, column: int, d: Floats, h: float, lagging: bool, pulled: bool, parameters: int
+) -> None:
+    """Write to the flat `out` how the state after a step of `h` seconds answers a unit of `column`; see `step_matrix`."""
     none = 0.0 * get(d, MASS_FACTOR)
     rate = total = BodyState(none, none, none, none, none, none)
     begin = move_component(total, column, 1.0)
@@ -298,10 +295,15 @@ def _answer_to_column(out: Floats, column: int, d: Floats, h: float, lagging: bo
     first = now = SteadyChange(none, none, none, none)
     for stage in range(4):
         x, at = add_rates(begin, rate, stage_time(stage) * h), ACCELERATION + stage * N_STATE * 3
-        pushed = 1.0 / get(d, MASS_FACTOR + stage)
-        a_x = pushed if column == ADDED else none
-        a_y = pushed if column == ADDED + 1 else none
-        a_w = pushed if column == ADDED + 2 else none
+        a_x = a_y = a_w = none
+        own = PARAMETER + 6 * (parameters * stage + column - N_COLUMNS) if column >= N_COLUMNS else -1
+        if own >= 0:
+            a_x, a_y, a_w = get(d, own), get(d, own + 1), get(d, own + 2)
+        elif column >= PUSH:
+            pushed = 1.0 / get(d, MASS_FACTOR + stage)
+            a_x = pushed if column == PUSH else none
+            a_y = pushed if column == PUSH + 1 else none
+            a_w = pushed if column == PUSH + 2 else none
         if pulled:
             a_x += get(d, at) * x.p_x + get(d, at + 3) * x.p_y + get(d, at + 6) * x.theta
             a_y += get(d, at + 1) * x.p_x + get(d, at + 4) * x.p_y + get(d, at + 7) * x.theta
@@ -311,7 +313,7 @@ def _answer_to_column(out: Floats, column: int, d: Floats, h: float, lagging: bo
         a_w += get(d, at + 2) * x.v_x + get(d, at + 5) * x.v_y + get(d, at + 8) * x.omega
         if lagging:
             if stage != 2:
-                now = _steady_change(d, STEADY + 12 * stage, x, column - ADDED - 3)
+                now = _steady_change(d, STEADY + 12 * stage, x, own)
                 if stage == 0:
                     first = now
             lags = _lag_change(d, COEFFICIENT + 15 * stage, start, first, now)
@@ -355,14 +357,17 @@ def _unit_lags(none: LagState, j: int) -> LagState:
 
 
 @njit_inline
-def _steady_change(d: Floats, at: int, x: BodyState, added: int) -> SteadyChange:
-    """Change of steady lags and v_fx with a change `x` of the state, 1 being added to steady lag `added` (0 to 2)."""
+def _steady_change(d: Floats, at: int, x: BodyState, own: int) -> SteadyChange:
+    """Change of steady lags and v_fx with a change `x` of the state, and by the parameter that begins at `own`, if any."""
     alpha_f = get(d, at) * x.v_x + get(d, at + 4) * x.v_y + get(d, at + 8) * x.omega
     F_mf = get(d, at + 1) * x.v_x + get(d, at + 5) * x.v_y + get(d, at + 9) * x.omega
     F_mr = get(d, at + 2) * x.v_x + get(d, at + 6) * x.v_y + get(d, at + 10) * x.omega
     v_fx = get(d, at + 3) * x.v_x + get(d, at + 7) * x.v_y + get(d, at + 11) * x.omega
-    steady = _unit_lags(LagState(alpha_f, F_mf, F_mr), added)
-    return SteadyChange(steady.alpha_f, steady.F_mf, steady.F_mr, v_fx)
+    if own >= 0:
+        alpha_f += get(d, own + 3)
+        F_mf += get(d, own + 4)
+        F_mr += get(d, own + 5)
+    return SteadyChange(alpha_f, F_mf, F_mr, v_fx)
 
 
 @njit_inline
@@ -384,20 +389,16 @@ def _follow(d: Floats, at: int, start: float, first: float, first_v: float, now:
 
 @njit_inline
 def advance_change(
-    x: Floats, at: int, matrix: Floats, turned: tuple[float, float], added: Floats, begin: int, lagging: bool,
-    pulled: bool,
-) -> None:  # fmt: skip
+    x: Floats, at: int, matrix: Floats, added: int, turned: tuple[float, float], lagging: bool, pulled: bool
+) -> None:
     """Advance a change of the state, N_STATE vectors of `x` from number `at` on, by a step with its `matrix`, in place.
 
-    What is added within the step, three accelerations and three steady lags, begins at number `begin` of `added`.
-    Where nothing varies with the pose (not `pulled`), a change of it moves the rest of the path as a rigid body, by
-    the step's way in x and y, `turned`.
+    The column `added` of the matrix is added, unless it is negative.  Where nothing varies with the pose (not
+    `pulled`), a change of it moves the rest of the path as a rigid body, by the step's way in x and y, `turned`.
     """
     p_x, p_y, theta = get(x, at), get(x, at + 1), get(x, at + 2)
     v_x, v_y, omega = get(x, at + 3), get(x, at + 4), get(x, at + 5)
-    a_x, a_y, a_w = get(added, begin), get(added, begin + 1), get(added, begin + 2)
     alpha_f, F_mf, F_mr = get(x, at + 6), get(x, at + 7), get(x, at + 8)
-    s_f, s_mf, s_mr = get(added, begin + 3), get(added, begin + 4), get(added, begin + 5)
     if not pulled:
         put(x, at, p_x - turned[1] * theta)
         put(x, at + 1, p_y + turned[0] * theta)
@@ -407,11 +408,9 @@ def advance_change(
             after += get(matrix, i) * p_x + get(matrix, N_STATE + i) * p_y + get(matrix, 2 * N_STATE + i) * theta
         to = TWIST * N_STATE + i
         after += get(matrix, to) * v_x + get(matrix, to + N_STATE) * v_y + get(matrix, to + 2 * N_STATE) * omega
-        to = ADDED * N_STATE + i
-        after += get(matrix, to) * a_x + get(matrix, to + N_STATE) * a_y + get(matrix, to + 2 * N_STATE) * a_w
         if lagging:
             to = LAG * N_STATE + i
             after += get(matrix, to) * alpha_f + get(matrix, to + N_STATE) * F_mf + get(matrix, to + 2 * N_STATE) * F_mr
-            to = (ADDED + 3) * N_STATE + i
-            after += get(matrix, to) * s_f + get(matrix, to + N_STATE) * s_mf + get(matrix, to + 2 * N_STATE) * s_mr
+        if added >= 0:
+            after += get(matrix, added * N_STATE + i)
         put(x, at + i, after)
