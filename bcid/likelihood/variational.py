@@ -209,7 +209,9 @@ def differentiate_step(
             if ahead_of_lags:
                 at = lags_at_stage(lags, first, steady, ahead, h, e)
                 continue
-            moved = body_rates(body, w, inputs.push, p)
+            # a push is an acceleration, whatever mass and inertia
+            m, I_z, push = p.m / cars[0, 0], p.I_z / cars[0, 1], inputs.push
+            moved = body_rates(body, w, (m * push[0], m * push[1], I_z * push[2]), p)
             if j == 0:
                 rate, now = moved, w
                 continue
