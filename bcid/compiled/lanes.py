@@ -22,7 +22,7 @@ from numba.core import cgutils
 from numba.core.typeconv.castgraph import Conversion
 from numba.extending import intrinsic, lower_cast, models, overload, register_jitable, register_model
 
-LANES = 4
+LANES = 8
 _DOUBLE, _BIT, INDEX = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_BIT, LANES)
 numba_intrinsic: Any = intrinsic  # numba's own types know nothing of these

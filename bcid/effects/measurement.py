@@ -1,11 +1,10 @@
 """How the recorded pose and its time differ from the car's; and the car's mass, which may change on the way."""
 
-import math
-
 from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
+from bcid.physics.elementary import sincos
 
 
 @njit
@@ -29,7 +28,7 @@ def clock_drift(time: Floats, rho: float) -> Floats:
 @njit
 def marker_offset(p_x: float, p_y: float, theta: float, d_x: float, d_y: float) -> tuple[float, float]:
     """World position (m) of the tracked point, d_x ahead and d_y left of the CoG (p_x, p_y), at yaw theta (rad)."""
-    cos_t, sin_t = math.cos(theta), math.sin(theta)
+    sin_t, cos_t = sincos(theta)
     return p_x + cos_t * d_x - sin_t * d_y, p_y + sin_t * d_x + cos_t * d_y
 
 

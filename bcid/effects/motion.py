@@ -8,7 +8,7 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, tyres
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState, Wrench, wrench_with_effects
+from bcid.effects.car import Actuation, BodyState, LagState, Wrench, is_lagging, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.lags import mean_of_decay
 from bcid.physics.car import Car
@@ -29,7 +29,7 @@ class StepInputs(NamedTuple):
 
 
 @njit
-def _advance_lags(start: LagState, first: Wrench, now: Wrench, ahead: float, e: Switches) -> LagState:
+def advance_lags(start: LagState, first: Wrench, now: Wrench, ahead: float, e: Switches) -> LagState:
     """Lagging slip angle (rad) and motor forces (N) `ahead` seconds into a step that begins with the values `start`.
 
     Each follows its steady value by a first-order lag, the slip angle over the distance rolled, the forces over
@@ -46,7 +46,7 @@ def _advance_lags(start: LagState, first: Wrench, now: Wrench, ahead: float, e: 
 
 
 @njit
-def _lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h: float, e: Switches) -> LagState:
+def lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h: float, e: Switches) -> LagState:
     """Lagging slip angle (rad) and motor forces (N) for the RK4 stage `ahead` seconds into a step of `h` seconds.
 
     `start` holds their values as the step begins, `first` and `now` the wrenches there and at the stage.  The initial
@@ -54,7 +54,7 @@ def _lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h:
     the step's impulse is right even for time constants far below `h`, which RK4's stages would not resolve.
     """
     steady = first.steady
-    at = _advance_lags(steady, first, now, ahead, e)
+    at = advance_lags(steady, first, now, ahead, e)
     alpha, F_f, F_r = at.alpha_f, at.F_mf, at.F_mr
     if e.tyre_relaxation__sigma > 0.0:
         alpha += mean_of_decay(start.alpha_f - steady.alpha_f, abs(first.v_fx) * h / e.tyre_relaxation__sigma)
@@ -65,7 +65,7 @@ def _lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h:
 
 
 @njit
-def _body_rates(b: BodyState, w: Wrench, push: tuple[float, float, float], p: Car) -> BodyState:
+def body_rates(b: BodyState, w: Wrench, push: tuple[float, float, float], p: Car) -> BodyState:
     """Time derivatives of pose (world) and twist (body) of a car `p` under the wrench `w` and a disturbance `push`.
 
     `push` is a force and moment (N, N, N m) in the body frame that is added to `w`; mass and inertia are multiplied
@@ -81,21 +81,12 @@ def _body_rates(b: BodyState, w: Wrench, push: tuple[float, float, float], p: Ca
 
 
 @njit
-def _add_rates(b: BodyState, r: BodyState, h: float) -> BodyState:
+def add_rates(b: BodyState, r: BodyState, h: float) -> BodyState:
     """Pose and twist b + h r after `h` seconds at the constant rates `r`."""
     return BodyState(
         b.p_x + h * r.p_x, b.p_y + h * r.p_y, b.theta + h * r.theta,
         b.v_x + h * r.v_x, b.v_y + h * r.v_y, b.omega + h * r.omega,
     )  # fmt: skip
-
-
-@njit
-def _wrench_not_inlined(b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants) -> Wrench:
-    """Forces on the car by `wrench_with_effects`, compiled as a function call instead of being inlined.
-
-    An integration step evaluates them twice; inlined, it would contain their machine code twice.
-    """
-    return wrench_with_effects(b, act, lags, p, e, c)
 
 
 @njit
@@ -110,6 +101,33 @@ def step_inputs(k: int, chain: ActuatorChain, T: float, push: Floats) -> StepInp
     )  # fmt: skip
 
 
+@njit
+def stage_actuation(stage: int, inputs: StepInputs, h: float, e: Switches) -> Actuation:
+    """What the actuators give at `stage` (0 to 3) of an RK4 step of `h` seconds under `inputs`.
+
+    Stages 0 and 3 are the step's ends, 1 and 2 its middle.  A throttle that changes within the step is averaged with
+    weights that keep its impulse, s, and how far it carries, s^2/2; a motor lag in `e` smoothes both.
+    """
+    s, weight = inputs.late, inputs.late
+    if e.motor_lag__tau == 0.0:
+        weight = 3.0 * s * s - 2.0 * s if stage == 0 else (4.0 * s - 3.0 * s * s if stage == 3 else s)
+    delta = inputs.delta[0] if stage == 0 else (inputs.delta[2] if stage == 3 else inputs.delta[1])
+    t = inputs.t + stage_time(stage) * h
+    return Actuation(t, inputs.T, delta, inputs.u_m, inputs.u_next, weight, inputs.brake)
+
+
+@njit
+def stage_time(stage: int) -> float:
+    """Share of an RK4 step that has passed at its `stage`, 0 to 3: 0, 1/2, 1/2, 1."""
+    return 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+
+
+@njit
+def stage_weight(stage: int) -> float:
+    """Weight of the rates at `stage` (0 to 3) among those that an RK4 step adds up to six: 1, 2, 2, 1."""
+    return 1.0 if stage == 0 or stage == 3 else 2.0  # noqa: PLR1714
+
+
 @njit_inline
 def rk4_body_step(
     b: BodyState, lags: LagState, inputs: StepInputs, h: float, p: Car, e: Switches, c: Constants
@@ -119,46 +137,37 @@ def rk4_body_step(
     `b` and `lags` hold as the step begins.  Their fields are numbers, or vectors of numbers for as many cars side by
     side.
     """
-    t, T, u_m, u_next, s, brake = inputs.t, inputs.T, inputs.u_m, inputs.u_next, inputs.late, inputs.brake
-    push = inputs.push
-    # weights of a change within the step that keep its impulse, s, and how far it carries, s^2/2; a lag smoothes both
-    at_start, at_end = (s, s) if e.motor_lag__tau > 0.0 else (3.0 * s * s - 2.0 * s, 4.0 * s - 3.0 * s * s)
-    start = Actuation(t, T, inputs.delta[0], u_m, u_next, at_start, brake)
-    middle = Actuation(t + 0.5 * h, T, inputs.delta[1], u_m, u_next, s, brake)
-    end = Actuation(t + h, T, inputs.delta[2], u_m, u_next, at_end, brake)
+    zero = 0.0 * b.v_x
     # a lag's value at a stage follows from the steady one there: only then is the wrench computed twice
-    lagging = e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0
-    first = wrench_with_effects(b, start, lags, p, e, c)
-    w1 = first
-    if lagging:
-        w1 = _wrench_not_inlined(b, start, _lags_at_stage(lags, first, first, 0.0, h, e), p, e, c)
-    k1 = _body_rates(b, w1, push, p)
-    b2 = _add_rates(b, k1, 0.5 * h)
-    w2 = wrench_with_effects(b2, middle, lags, p, e, c)
-    if lagging:
-        w2 = _wrench_not_inlined(b2, middle, _lags_at_stage(lags, first, w2, 0.5 * h, h, e), p, e, c)
-    k2 = _body_rates(b2, w2, push, p)
-    b3 = _add_rates(b, k2, 0.5 * h)
-    w3 = wrench_with_effects(b3, middle, _lags_at_stage(lags, first, w2, 0.5 * h, h, e), p, e, c)
-    k3 = _body_rates(b3, w3, push, p)
-    b4 = _add_rates(b, k3, h)
-    w4 = wrench_with_effects(b4, end, lags, p, e, c)
-    after = _advance_lags(lags, first, w4, h, e)
-    if lagging:
-        w4 = _wrench_not_inlined(b4, end, _lags_at_stage(lags, first, w4, h, h, e), p, e, c)
-    k4 = _body_rates(b4, w4, push, p)
-    total = BodyState(
-        k1.p_x + 2.0 * k2.p_x + 2.0 * k3.p_x + k4.p_x, k1.p_y + 2.0 * k2.p_y + 2.0 * k3.p_y + k4.p_y,
-        k1.theta + 2.0 * k2.theta + 2.0 * k3.theta + k4.theta, k1.v_x + 2.0 * k2.v_x + 2.0 * k3.v_x + k4.v_x,
-        k1.v_y + 2.0 * k2.v_y + 2.0 * k3.v_y + k4.v_y, k1.omega + 2.0 * k2.omega + 2.0 * k3.omega + k4.omega,
-    )  # fmt: skip
-    return _add_rates(b, total, h / 6.0), after
+    lagging = is_lagging(e)
+    rate = total = BodyState(zero, zero, zero, zero, zero, zero)
+    first = now = Wrench(zero, zero, zero, zero, lags, zero)
+    after = lags
+    for stage in range(4):  # a loop, so that the wrench's machine code is there once
+        act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
+        there = add_rates(b, rate, ahead)
+        # the third stage is at the time of the second, whose steady values serve it
+        twice, at = lagging and stage != 2, lags
+        if stage == 2:
+            at = lags_at_stage(lags, first, now, ahead, h, e)
+        for evaluation in range(2 if twice else 1):
+            now = wrench_with_effects(there, act, at, p, e, c)
+            if evaluation == 0:
+                if stage == 0:
+                    first = now
+                if stage == 3:
+                    after = advance_lags(lags, first, now, h, e)
+                if twice:
+                    at = lags_at_stage(lags, first, now, ahead, h, e)
+        rate = body_rates(there, now, inputs.push, p)
+        total = add_rates(total, rate, stage_weight(stage))
+    return add_rates(b, total, h / 6.0), after
 
 
 @njit
 def steady_lags(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
     """Front slip angle (rad) and motor forces (N) in steady state at pose and twist `b`, at an unchanging throttle."""
-    unchanged = Actuation(act.t, act.T, act.delta, act.u_m, act.u_next, 0.0, act.brake)
+    unchanged = Actuation(act.t, act.T, act.delta, act.u_m, act.u_next, 0.0 * act.late, act.brake)
     return wrench_with_effects(b, unchanged, LagState(0.0, 0.0, 0.0), p, e, c).steady
 
 

@@ -22,7 +22,17 @@ ENTRIES: dict[str, Effect] = EFFECTS | CORRECTIONS
 OFF: dict[str, float] = {name: p.off for e in ENTRIES.values() for name, p in zip(e.fields, e.parameters, strict=True)}
 """Every parameter's value at which nothing changes."""
 
-_LAYOUT = np.dtype((np.record, [(name, np.float64) for name in OFF]))
+ANY_ON_BODY = "any_on_body"
+"""Field of the switches beside the parameters: 1 where an effect acts on forces on the body, else 0."""
+
+BESIDE_BODY = (
+    "steering_backlash", "steering_dead_band", "steering_delay", "steering_lag", "steering_rate_asymmetry",
+    "motor_delay", "pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale",
+)  # fmt: skip
+"""Effects that change commands before they reach the body, or poses after: forces on the body are the base model's."""
+
+_ON_BODY = frozenset(name for e in ENTRIES.values() if e.id not in BESIDE_BODY for name in e.fields)
+_LAYOUT = np.dtype((np.record, [(name, np.float64) for name in (*OFF, ANY_ON_BODY)]))
 
 
 def effect_switches(on: Mapping[str, float] | None = None) -> Any:
@@ -32,7 +42,9 @@ def effect_switches(on: Mapping[str, float] | None = None) -> Any:
     off the car is the base model to the last bit.  A record is passed by its address: copying some sixty numbers at
     every call would cost a third of the computing time.
     """
-    return np.array(tuple((OFF | dict(on or {})).values()), dtype=_LAYOUT)[()]
+    values = OFF | dict(on or {})
+    on_body = float(any(values[name] != OFF[name] for name in _ON_BODY))
+    return np.array((*values.values(), on_body), dtype=_LAYOUT)[()]
 
 
 def effect_ids(fields: Iterable[str]) -> tuple[str, ...]:

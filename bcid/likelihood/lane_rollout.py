@@ -1,4 +1,4 @@
-"""Rollouts of LANES segments at a time, side by side in vector registers, and the tracked poses along them."""
+"""Rollouts of LANES segments at a time, side by side in vector registers: the path of the tracked point."""
 
 from typing import NamedTuple
 
@@ -11,9 +11,9 @@ from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
 from bcid.effects.car import Actuation, BodyState, LagState
 from bcid.effects.constants import Constants
-from bcid.effects.measurement import tracked_pose
+from bcid.effects.measurement import marker_offset
 from bcid.effects.motion import StepInputs, rk4_body_step, steady_lags
-from bcid.likelihood.take import Take
+from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
@@ -93,8 +93,27 @@ def allocate_path(steps: int) -> Floats:
     return np.empty((steps + 1, PATH_SIZE, LANES))
 
 
+@njit
+def gather_nuisance(start: Floats, lanes: LaneSegments) -> Floats:
+    """Initial states and pushes (N_NUISANCE, LANES) of the segments in the lanes, from `start` (S, N_NUISANCE)."""
+    return np.ascontiguousarray(start[lanes.s].T)
+
+
+@njit
+def push_wrenches(nuisance: Floats, p: Car) -> Floats:
+    """Disturbance wrenches F_x, F_y (N), M_z (N m) (KNOTS, 3, ...) of the pushes: m or I_z times accelerations.
+
+    `nuisance` (N_NUISANCE, ...) holds the initial state, then a_x, a_y (m/s^2, body frame), alpha_z (rad/s^2) in each
+    third of a segment.
+    """
+    wrench = nuisance[N_START:].copy().reshape((KNOTS, 3, *nuisance.shape[1:]))
+    wrench[:, :2] *= p.m
+    wrench[:, 2] *= p.I_z
+    return wrench
+
+
 @njit_inline
-def _step_inputs(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floats, at: int) -> StepInputs:
+def step_inputs_in_lanes(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floats, at: int) -> StepInputs:
     """Time, steering angles, throttles and disturbance wrench that act on the body of each lane in step `i`.
 
     The wrenches F_x, F_y, M_z (N, N, N m) begin at index `at` of the flat array `pushes`, LANES numbers each.
@@ -110,15 +129,22 @@ def _step_inputs(lanes: LaneSegments, i: int, chain: ActuatorChain, pushes: Floa
 
 
 @njit_inline
-def _store_pose(path: Floats, i: int, b: BodyState) -> None:
-    """Write x, y (m), yaw (rad) of every lane and their time derivatives, all in the world, to row `i` of `path`."""
+def store_pose(path: Floats, i: int, b: BodyState, e: Switches) -> None:
+    """Write the tracked point's x, y (m), the yaw (rad) of every lane, and their time derivatives, to row `i` of `path`.
+
+    All are in the world.  The tracked point stands at the marker offset in `e`; scale and misalignment of the tracking
+    are not applied.
+    """
     flat, at = path.reshape(path.size), i * PATH_SIZE * LANES
     sin_t, cos_t = sincos(b.theta)
-    store_lanes(b.p_x, flat, at)
-    store_lanes(b.p_y, flat, at + LANES)
+    d_x, d_y = e.marker_offset__d_x, e.marker_offset__d_y
+    x, y = marker_offset(b.p_x, b.p_y, b.theta, d_x, d_y)
+    v_x, v_y = b.v_x - d_y * b.omega, b.v_y + d_x * b.omega
+    store_lanes(x, flat, at)
+    store_lanes(y, flat, at + LANES)
     store_lanes(b.theta, flat, at + 2 * LANES)
-    store_lanes(cos_t * b.v_x - sin_t * b.v_y, flat, at + 3 * LANES)
-    store_lanes(sin_t * b.v_x + cos_t * b.v_y, flat, at + 4 * LANES)
+    store_lanes(cos_t * v_x - sin_t * v_y, flat, at + 3 * LANES)
+    store_lanes(sin_t * v_x + cos_t * v_y, flat, at + 4 * LANES)
     store_lanes(b.omega, flat, at + 5 * LANES)
 
 
@@ -131,14 +157,25 @@ def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, 
     Rows of `x` are p_x, p_y, theta (world, m and rad), v_x, v_y (body, m/s), omega (rad/s).  `p` are the car's
     constants, `e` the effects' parameters, `c` constants in the effects' equations that are not fitted.
     """
+    b, act = load_body(x), first_actuation(lanes, chain)
+    return Rollout(b, steady_lags(b, act, p, e, c), 0)
+
+
+@njit_inline
+def load_body(x: Floats) -> BodyState:
+    """Pose and twist of LANES cars from the array `x` (6, LANES) of p_x, p_y, theta, v_x, v_y, omega."""
     flat = x.reshape(x.size)
-    b = BodyState(
+    return BodyState(
         load_lanes(flat, 0), load_lanes(flat, LANES), load_lanes(flat, 2 * LANES), load_lanes(flat, 3 * LANES),
         load_lanes(flat, 4 * LANES), load_lanes(flat, 5 * LANES),
     )  # fmt: skip
-    first = _step_inputs(lanes, 0, chain, np.zeros(3 * LANES), 0)
-    act = Actuation(first.t, first.T, first.delta[0], first.u_m, first.u_next, 0.0, first.brake)
-    return Rollout(b, steady_lags(b, act, p, e, c), 0)
+
+
+@njit_inline
+def first_actuation(lanes: LaneSegments, chain: ActuatorChain) -> Actuation:
+    """What the actuators give as the segments in the lanes begin, the throttle unchanging."""
+    first = step_inputs_in_lanes(lanes, 0, chain, np.zeros(3 * LANES), 0)
+    return Actuation(first.t, first.T, first.delta[0], first.u_m, first.u_next, 0.0 * first.late, first.brake)
 
 
 @njit
@@ -153,59 +190,9 @@ def integrate_segments(
     """
     b, lagged = rollout.b, rollout.lagged
     each, flat = (len(path) - 1) // len(pushes), pushes.reshape(pushes.size)
-    _store_pose(path, rollout.i, b)
+    store_pose(path, rollout.i, b, e)
     for i in range(rollout.i, until):
-        inputs = _step_inputs(lanes, i, chain, flat, 3 * LANES * (i // each))
+        inputs = step_inputs_in_lanes(lanes, i, chain, flat, 3 * LANES * (i // each))
         b, lagged = rk4_body_step(b, lagged, inputs, chain.h, p, e, c)
-        _store_pose(path, i + 1, b)
+        store_pose(path, i + 1, b, e)
     return Rollout(b, lagged, until)
-
-
-@njit_inline
-def _interpolate_pose(path: Floats, i: int, j: int, lane: int, u: float, h: float) -> float:
-    """Cubic Hermite interpolation in `path` of coordinate `j` (0: x, 1: y, 2: yaw) of a lane within step `i` of `h` s.
-
-    `u` is the fraction of the step, 0 to 1.
-    """
-    a, b = path[i, j, lane], path[i + 1, j, lane]
-    rate_a, rate_b = path[i, PATH_RATE + j, lane], path[i + 1, PATH_RATE + j, lane]
-    between: float = (
-        (1.0 + 2.0 * u) * (1.0 - u) ** 2 * a + u * (1.0 - u) ** 2 * h * rate_a
-        + u * u * (3.0 - 2.0 * u) * b - u * u * (1.0 - u) * h * rate_b
-    )  # fmt: skip
-    return between
-
-
-@njit
-def observe_poses(
-    out: Floats,
-    path: Floats,
-    lane: int,
-    first_step: int,
-    lanes: LaneSegments,
-    layout: SegmentLayout,
-    h: float,
-    e: Switches,
-) -> None:
-    """Add a lane's predicted tracked poses to `out` (n, 3), the x, y (m), yaw (rad) of its segment's mean poses.
-
-    A mean pose averages the poses within 0.05 s: `path` is interpolated at each pose's time, changed by the marker
-    offset, scale and yaw misalignment in `e`, and added with weight 1 / (poses in the mean).  Poses in integration
-    steps before `first_step` are skipped.
-    """
-    s, steps = lanes.s[lane], len(path) - 1
-    begin, first = layout.zero_s[s] + lanes.begin[lane], layout.first[s]
-    for j in range(layout.first_stamp[s], layout.first_stamp[s + 1]):
-        at = (layout.stamp_s[j] - begin) / h
-        i = min(max(int(np.ceil(at)) - 1, 0), steps - 1)
-        if i < first_step:
-            continue
-        u = at - i
-        x, y, yaw = tracked_pose(
-            _interpolate_pose(path, i, 0, lane, u, h), _interpolate_pose(path, i, 1, lane, u, h),
-            _interpolate_pose(path, i, 2, lane, u, h), e,
-        )  # fmt: skip
-        row, share = layout.row[j] - first, layout.share[j]
-        out[row, 0] += share * x
-        out[row, 1] += share * y
-        out[row, 2] += share * yaw

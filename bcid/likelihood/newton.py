@@ -3,11 +3,12 @@
 What predicts or estimates scales raises `PredictionDiverged` where these leave the finite numbers.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Bools, Floats
+from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
@@ -15,10 +16,13 @@ from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import move_to_posterior, pose_residuals, remove_pushes
 from bcid.likelihood.predict import wrap_yaw
+from bcid.likelihood.prediction_inputs import ChangedCars
 from bcid.likelihood.take import Take
 
 # difference steps of base parameters, and of effects in units of their size: some have kinks that a smaller step misses
 BASE_STEP, EFFECT_STEP = 1e-3, 0.05
+CAR_STEP = 1e-6  # of base parameters in phi, where rates are differentiated at one state
+SERVO = ("T_s", "d")  # base parameters that act ahead of the body
 MAX_STEP = 3.0  # of any component of phi
 EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 MIN_GAIN = 0.3  # nats, below which a step has gained nothing
@@ -58,10 +62,44 @@ class RefitState(NamedTuple):
     A: Floats  # (N, 3, N_NUISANCE) derivatives of the poses by nuisance parameters, from which the terms come
     terms: MarginalTerms
     objective: float  # log-likelihood plus log prior
+    J: Floats | None = None  # (N, 3, R) by `body_parameters`, where it was found with A
+
+
+def body_parameters(hypothesis: Hypothesis) -> Ints:
+    """Indices (R,) in phi of the base parameters that act on the body: all but those of an unknown servo."""
+    return np.array([j for j, s in enumerate(hypothesis.parameter_names[: hypothesis.base_size]) if s not in SERVO])
+
+
+def changed_cars(hypothesis: Hypothesis, phi: Floats) -> ChangedCars:
+    """The car at the parameter vector phi, and one with each of the `body_parameters` greater by CAR_STEP in phi."""
+    rows, components = [hypothesis.car(phi)], body_parameters(hypothesis)
+    for j in components:
+        moved = phi.copy()
+        moved[j] += CAR_STEP
+        rows.append(hypothesis.car(moved))
+    return ChangedCars(np.array(rows), np.full(len(components), CAR_STEP))
+
+
+def base_jacobian(take: Take, hypothesis: Hypothesis, state: RefitState) -> Floats:
+    """Derivatives (N, 3, base_size) of predicted poses by the base parameters, at a refit's `state`.
+
+    By the variational equation, and by finite differences of predictions for those of an unknown servo.
+    """
+    on_body, J = body_parameters(hypothesis), state.J
+    if J is None:
+        inputs = hypothesis.prediction_inputs(state.phi, take)
+        J = nuisance.linearise_residuals(take, inputs, state.start, changed_cars(hypothesis, state.phi)).J
+    require_finite("a prediction", J)
+    servo = [j for j in range(hypothesis.base_size) if j not in on_body]
+    out = np.empty((*state.r.shape, hypothesis.base_size))
+    out[:, :, on_body] = J
+    if servo:
+        out[:, :, servo] = parameter_jacobian(take, hypothesis, state.phi, state.start, state.r, servo)
+    return out
 
 
 def parameter_jacobian(
-    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, components: range
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, components: Sequence[int]
 ) -> Floats:
     """Derivatives (N, 3, n) of predicted poses by n `components` of phi, by one-sided finite differences.
 
@@ -90,21 +128,28 @@ def linearise_at(
     The derivatives are by base parameters and by nuisance parameters, the initial states and pushes `start` of
     segments.
     """
-    state = evaluate_at(problem, phi, start, scales, em_steps)
-    return tangent_at(problem, state), state
+    state = evaluate_at(problem, phi, start, scales, em_steps, with_parameters=True)
+    return tangent_at(problem, state), state._replace(J=None)
 
 
-def evaluate_at(problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int) -> RefitState:
+def evaluate_at(
+    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int, with_parameters: bool = False
+) -> RefitState:
     """The refit's state (residual, likelihood, nuisances, scales) at the parameter vector phi, which stays fixed.
 
     If `take.pushed`, each segment's initial state and pushes are optimised from `start` (S, N_NUISANCE); otherwise
     `start` stays, except in segments with a high chi^2, which restart from their measured poses.  The standard
     deviations of noise and pushes are estimated from `scales` in at most `em_steps` of expectation maximisation.
+    Where pushes are not optimised, derivatives by base parameters can be found in the same run (`with_parameters`).
     """
-    take = problem.take
-    start, r, A = nuisance.solve_nuisance(take, problem.hypothesis.prediction_inputs(phi, take), start, scales)
-    state = build_state(problem, phi, start, scales, r, A, em_steps)
-    return with_actual_misfit(problem, state) if take.pushed else _restart_misfitting_segments(problem, state, em_steps)
+    take, inputs = problem.take, problem.hypothesis.prediction_inputs(phi, problem.take)
+    if take.pushed:
+        start, r, A = nuisance.solve_nuisance(take, inputs, start, scales)
+        return with_actual_misfit(problem, build_state(problem, phi, start, scales, r, A, em_steps))
+    changed = changed_cars(problem.hypothesis, phi) if with_parameters else None
+    r, A, J = nuisance.linearise_residuals(take, inputs, start, changed)
+    state = build_state(problem, phi, start.copy(), scales, r, A, em_steps)
+    return _restart_misfitting_segments(problem, state._replace(J=J if with_parameters else None), em_steps)
 
 
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
@@ -136,17 +181,20 @@ def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_st
         return state
     part, rows, inputs = take.part(misfits), take.rows(misfits), problem.hypothesis.prediction_inputs(state.phi, take)
     start, all_starts, all_r, all_A = part.start, state.start.copy(), state.r.copy(), state.A.copy()
+    all_J, changed = (None, None) if state.J is None else (state.J.copy(), changed_cars(problem.hypothesis, state.phi))
     best = MarginalTerms(*(term[misfits] for term in state.terms))
     for _ in range(RESTART_TANGENTS):
-        r, A = pose_residuals(part, inputs, start), nuisance.nuisance_sensitivities(part, inputs, start)
+        r, A, J = nuisance.linearise_residuals(part, inputs, start, changed)
         terms = _terms_along_tangent(A, start, r, part, state.scales)
         better = ~(_segment_gains(terms, best) < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(terms.chi2)
         to, of_part = rows[part.rows(np.flatnonzero(better))], part.rows(np.flatnonzero(better))
         all_starts[misfits[better]], all_r[to], all_A[to] = start[better], r[of_part], A[of_part]
+        if all_J is not None:
+            all_J[to] = J[of_part]
         best = _select_terms(better, terms, best)
         finite = np.isfinite(terms.z).all(axis=1, keepdims=True)
         start = np.where(finite, move_to_posterior(part, start, terms.z), start)
-    return build_state(problem, state.phi, all_starts, state.scales, all_r, all_A, em_steps)
+    return build_state(problem, state.phi, all_starts, state.scales, all_r, all_A, em_steps)._replace(J=all_J)
 
 
 def _terms_along_tangent(A: Floats, start: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
@@ -174,11 +222,9 @@ def _select_terms(mask: Bools, first: MarginalTerms, second: MarginalTerms) -> M
 def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
     """Linearisation of the predicted poses at a refit's `state`: their derivatives by nuisance and by base parameters.
 
-    Those by nuisance parameters (each segment's initial state and pushes) are `state.A`; those by base parameters are
-    computed by finite differences.
+    Those by nuisance parameters (each segment's initial state and pushes) are `state.A`.
     """
-    hypothesis, base = problem.hypothesis, range(problem.hypothesis.base_size)
-    return Tangent(state.A, parameter_jacobian(problem.take, hypothesis, state.phi, state.start, state.r, base))
+    return Tangent(state.A, base_jacobian(problem.take, problem.hypothesis, state))
 
 
 def build_state(

@@ -15,9 +15,9 @@ from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.lane_rollout import segment_layout
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moments
-from bcid.likelihood.predict import pose_sensitivities, predict_poses, wrap_yaw
-from bcid.likelihood.prediction_inputs import PredictionInputs
-from bcid.likelihood.take import N_START, Take
+from bcid.likelihood.predict import linearise_poses, predict_poses, wrap_yaw
+from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
+from bcid.likelihood.take import N_NUISANCE, N_START, Take
 
 SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
 MIN_DAMPING = 1e-12  # without which a matrix may be singular
@@ -31,6 +31,28 @@ class NuisanceSolution(NamedTuple):
     start: Floats  # (S, N_NUISANCE)
     r: Floats  # (N, 3)
     A: Floats  # (N, 3, N_NUISANCE)
+
+
+class LinearisedResiduals(NamedTuple):
+    """Measured less predicted poses, and the derivatives of the predicted ones."""
+
+    r: Floats  # (N, 3)
+    A: Floats  # (N, 3, N_NUISANCE) by the nuisance parameters
+    J: Floats  # (N, 3, R) by R parameters of the car
+
+
+def linearise_residuals(
+    take: Take, inputs: PredictionInputs, start: Floats, changed: ChangedCars | None = None
+) -> LinearisedResiduals:
+    """Measured less predicted poses from `start` (S, N_NUISANCE), and derivatives of predicted poses there.
+
+    By the variational equation, in one run: by initial states and pushes, and by each parameter that is `changed`.
+    """
+    chain, car, e, c = inputs.kernel_arguments
+    cars, widths = changed or ChangedCars(np.array([car]), np.zeros(0))
+    poses, derivatives = linearise_poses(segment_layout(take), start, chain, cars, widths, e, c)
+    A, J = (np.ascontiguousarray(part) for part in np.split(derivatives, [N_NUISANCE], axis=2))
+    return LinearisedResiduals(wrap_yaw(take.pose - poses), A, J)
 
 
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
@@ -67,9 +89,9 @@ def residuals_without_pushes(take: Take, inputs: PredictionInputs, start: Floats
 def nuisance_sensitivities(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
     """Derivatives (N, 3, N_NUISANCE) of predicted poses by segments' initial states and pushes, at `start`.
 
-    By finite differences.  Pushes are disturbance accelerations, constant over 0.5 s each.
+    By the variational equation.  Pushes are disturbance accelerations, constant over 0.5 s each.
     """
-    return np.asarray(pose_sensitivities(segment_layout(take), start, *inputs.kernel_arguments))
+    return linearise_residuals(take, inputs, start).A
 
 
 def move_to_posterior(take: Take, start: Floats, z: Floats) -> Floats:
@@ -120,7 +142,8 @@ def solve_nuisance(take: Take, inputs: PredictionInputs, start: Floats, scales: 
 
 def _solution_at(take: Take, inputs: PredictionInputs, start: Floats) -> NuisanceSolution:
     """Initial states and pushes `start` (S, N_NUISANCE), unchanged, with residuals and derivatives of poses there."""
-    return NuisanceSolution(start, pose_residuals(take, inputs, start), nuisance_sensitivities(take, inputs, start))
+    at = linearise_residuals(take, inputs, start)
+    return NuisanceSolution(start, at.r, at.A)
 
 
 def _recorded_start(take: Take, start: Floats, lost: Bools) -> Floats:

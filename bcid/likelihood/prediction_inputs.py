@@ -34,6 +34,13 @@ class PredictionInputs(NamedTuple):
         return self.chain, self.car, self.switches.reshape(1), self.constants
 
 
+class ChangedCars(NamedTuple):
+    """The car, and cars with one constant changed each, by which predictions are differentiated."""
+
+    cars: Floats  # (R + 1, 21) constants in the order of `Car`, the car's own first
+    widths: Floats  # (R,) changes of the parameters
+
+
 def covering_steps(T: float, h: float) -> int:
     """Number of integration steps of `h` s that cover a recording of `T` s, with two to spare: ceil(T/h) + 2."""
     return math.ceil(T / h) + 2

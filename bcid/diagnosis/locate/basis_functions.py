@@ -24,18 +24,20 @@ from bcid.likelihood.lane_rollout import (
     SegmentLayout,
     allocate_path,
     begin_rollout,
+    gather_nuisance,
     integrate_segments,
-    observe_poses,
+    push_wrenches,
     segment_in_all_lanes,
     shift_chain_time,
 )
-from bcid.likelihood.predict import PUSH_STEP, gather_nuisance, push_wrenches
+from bcid.likelihood.observe import observe_means
 from bcid.likelihood.take import KNOTS, N_START
 from bcid.physics.car import Car
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.tyres import lateral_force, slip_angle
 
 ANGLE_STEP_RAD = 1e-4  # of differences by the steered angle
+PUSH_STEP = 1e-2  # m/s^2, rad/s^2: largest acceleration of differences by a basis function
 
 
 class BasisState(NamedTuple):
@@ -284,9 +286,10 @@ def wrench_basis_changes(
         knots, begin = push_wrenches(free, p), begin_rollout(free[:N_START], mine, chain, p, e[0], c)
         for i in range(layout.steps):
             pushes[i] = knots[i // (layout.steps // KNOTS)]
-        still = np.zeros((g - f, 3))
+        seen, place = np.zeros((LANES * (g - f), 3, 1)), (g - f) * np.arange(LANES)
         integrate_segments(path, begin, layout.steps, pushes, mine, chain, p, e[0], c)
-        observe_poses(still, path, 0, 0, mine, layout, chain.h, e[0])
+        observe_means(seen, place, 0, path, 1, mine, layout, chain.h)
+        still = seen[: g - f, :, 0].copy()
         own = shift_chain_time(chain, layout.zero_s[s])
         wrenches = _segment_basis_wrenches(
             start[s], layout.step[s], layout.steps, own, layout.length_s[s], p, e[0], c, circle, n
@@ -298,8 +301,9 @@ def wrench_basis_changes(
             for k, j in enumerate(columns):
                 moved[:, :, k] += PUSH_STEP / strongest[j] * wrenches[:, :, j]
             integrate_segments(path, begin, layout.steps, moved, mine, chain, p, e[0], c)
+            observe_means(seen, place, 0, path, LANES, mine, layout, chain.h)
             for k, j in enumerate(columns):
-                seen = np.zeros((g - f, 3))
-                observe_poses(seen, path, k, 0, mine, layout, chain.h, e[0])
-                out[f:g, :, j] = (seen - still) * (strongest[j] / PUSH_STEP)
+                change = seen[k * (g - f) : (k + 1) * (g - f), :, 0] - still
+                out[f:g, :2, j] = change[:, :2] * (1.0 + e[0].pose_scale__kappa) * (strongest[j] / PUSH_STEP)
+                out[f:g, 2, j] = change[:, 2] * (strongest[j] / PUSH_STEP)
     return out

@@ -1,0 +1,214 @@
+"""Derivatives of predicted poses by the variational equation, against complex steps and central differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from cars import CAR
+
+from bcid.effects.constants import Constants
+from bcid.effects.table import ANY_ON_BODY, BESIDE_BODY, ENTRIES, OFF, effect_switches
+from bcid.estimate.types import Estimate
+from bcid.likelihood import newton
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.newton import RefitProblem, changed_cars, evaluate_at, parameter_jacobian, tangent_at
+from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
+from bcid.likelihood.predict import linearise_poses, predict_poses
+from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, cut_segments
+from bcid.recording.types import Recording
+
+BASE = Hypothesis((), CAR, 2.012, Constants())
+SCALES = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.1, 0.1, 0.1]))
+
+
+@pytest.fixture(scope="module")
+def part(recording: Recording, estimate: Estimate) -> Take:
+    """Segments with full lock, reversing and the patch among them; more than fill a vector."""
+    take = cut_segments(recording, estimate)
+    return take.part(np.arange(4, 32, 2))
+
+
+@pytest.fixture(scope="module")
+def estimate(recording: Recording, vehicle: Any, tuning: Any) -> Estimate:
+    from bcid.estimate.run import estimate_motion
+
+    return estimate_motion(recording, vehicle, tuning)
+
+
+def shove(take: Take) -> np.ndarray:
+    """The take's nuisance parameters (S, N_NUISANCE) with pushes of about 0.3 m/s^2 and 1 rad/s^2."""
+    start = take.start.copy()
+    q = np.tile([0.3, 0.3, 1.0], KNOTS)
+    start[:, N_START:] = np.random.default_rng(4).standard_normal((take.segments, 3 * KNOTS)) * q
+    return start
+
+
+# --- the base car, written anew for complex numbers ---------------------------------------------------------------
+
+
+def clip(x: complex, high: complex, low: complex | None = None) -> complex:
+    """`x` between `low` (-high) and `high` by real parts."""
+    low = -high if low is None else low
+    return low if x.real < low.real else high if x.real > high.real else x
+
+
+def rate(x: np.ndarray, delta: float, u: tuple[float, float, float], push: np.ndarray, p: Any) -> np.ndarray:
+    """Rates of [x, y, theta, v_x, v_y, omega] of a front-driven car at the angle `delta`; `u` = throttles, weight."""
+    _, _, theta, v_x, v_y, w = x
+    c, s = np.cos(delta), np.sin(delta)
+    across = v_y + p["l_f"] * w
+    along_f, across_f = c * v_x + s * across, c * across - s * v_x
+    size = along_f if along_f.real >= 0.0 else -along_f
+
+    def slip(along: complex, across: complex) -> complex:
+        fast = along if along.real >= 0.0 else -along
+        return np.arctan(across / (fast if fast.real > p["v_0"].real else p["v_0"]))
+
+    def motor(u_m: float) -> complex:
+        if u_m < 0.0:
+            return clip(u_m * p["K_b"] * along_f, p["F_m_max"])
+        return clip(p["K_t"] * (u_m - along_f), p["F_m_max"], 0.0 + 0.0j)
+
+    F_l = motor(u[0]) + u[2] * (motor(u[1]) - motor(u[0])) - p["R_1"] * along_f - p["R_2"] * along_f * size
+    F_f = clip(-p["C_f"] * slip(along_f, across_f), p["F_f_max"])
+    F_r = clip(-p["C_r"] * slip(v_x, v_y - p["l_r"] * w), p["F_r_max"])
+    side = s * F_l + c * F_f
+    return np.array([
+        np.cos(theta) * v_x - np.sin(theta) * v_y, np.sin(theta) * v_x + np.cos(theta) * v_y, w,
+        (c * F_l - s * F_f) / p["m"] + w * v_y + push[0], (side + F_r) / p["m"] - w * v_x + push[1],
+        (p["l_f"] * side - p["l_r"] * F_r) / p["I_z"] + push[2],
+    ])  # fmt: skip
+
+
+def drive(x: np.ndarray, inputs: PredictionInputs, step: int, steps: int, p: Any) -> np.ndarray:
+    """Poses (steps + 1, 3) from the nuisance parameters `x` (N_NUISANCE,), by RK4, of complex numbers."""
+    chain, h = inputs.chain, inputs.chain.h
+    state, path = x[:N_START], [x[:3]]
+    for i in range(steps):
+        k, at = step + i, 2 * (step + i)
+        push, s = x[N_START:].reshape(KNOTS, 3)[i // (steps // KNOTS)], chain.late[k]
+        delta, u = chain.delta[at : at + 3], (chain.u_m[k], chain.u_next[k])
+        k1 = rate(state, delta[0], (*u, 3 * s * s - 2 * s), push, p)
+        k2 = rate(state + 0.5 * h * k1, delta[1], (*u, s), push, p)
+        k3 = rate(state + 0.5 * h * k2, delta[1], (*u, s), push, p)
+        k4 = rate(state + h * k3, delta[2], (*u, 4 * s - 3 * s * s), push, p)
+        state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        path.append(state[:3])
+    return np.array(path)
+
+
+def at_steps(take: Take, layout: SegmentLayout) -> SegmentLayout:
+    """The layout with a pose at every integration step but the first, each a row of its own."""
+    n = take.steps * take.segments
+    stamp = (take.step[:, None] + np.arange(1, take.steps + 1)) * take.h
+    first = np.arange(take.segments + 1) * take.steps
+    return layout._replace(
+        stamp_s=stamp.ravel(), row=np.arange(n), share=np.ones(n), first_stamp=first, first=first
+    )
+
+
+def test_derivatives_are_complex_steps_of_the_car_written_anew(part: Take) -> None:
+    """By the state, pushes and every constant of the base car: equations of the test's own, and no differences."""
+    few, phi = part.part(np.arange(0, part.segments, 2)), BASE.phi_of(CAR)
+    inputs, start, tiny = BASE.prediction_inputs(phi, few), shove(few), 1e-30
+    cars, widths = changed_cars(BASE, phi)
+    chain, _, e, c = inputs.kernel_arguments
+    poses, derivatives = linearise_poses(at_steps(few, segment_layout(few)), start, chain, cars, widths, e, c)
+    plain = {s: complex(v) for s, v in CAR._asdict().items()}
+    names = BASE.parameter_names
+    for s in range(few.segments):
+        mine, where = slice(s * few.steps, (s + 1) * few.steps), (int(few.step[s]), few.steps)
+        expected = np.empty((few.steps, 3, N_NUISANCE + len(names)))
+        for j in range(N_NUISANCE):
+            moved = start[s] + 1j * tiny * np.eye(N_NUISANCE)[j]
+            path = drive(moved, inputs, *where, plain)
+            expected[:, :, j] = path[1:].imag / tiny
+        for j, name in enumerate(names):
+            unit = BASE.drag_units[("R_1", "R_2").index(name)] if name in ("R_1", "R_2") else plain[name].real
+            changed = plain | {name: plain[name] + 1j * tiny * unit}
+            path = drive(start[s].astype(complex), inputs, *where, changed)
+            expected[:, :, N_NUISANCE + j] = path[1:].imag / tiny
+        np.testing.assert_allclose(poses[mine], path[1:].real, rtol=0.0, atol=1e-9)
+        size = np.abs(expected).max(axis=(0, 1))
+        assert (np.abs(derivatives[mine] - expected).max(axis=(0, 1)) <= 2e-5 * size + 1e-9).all()
+
+
+SMOOTH = {
+    "motor_lag": (0.08,), "tyre_relaxation": (0.2,), "floor_slope": (0.2, -0.1), "mass_change": (0.2, 30.0),
+    "marker_offset": (0.1, 0.05), "pose_scale": (0.1,), "friction_circle": (1.0,), "load_transfer": (0.1,),
+    "steering_compliance": (9e-5,), "steering_speed_gain": (0.05,), "motor_sag": (0.3,), "drive_lateral_offset": (0.1,),
+    "motor_lag tyre_relaxation floor_slope": (0.08, 0.2, 0.2, -0.1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("names", SMOOTH)
+def test_derivatives_are_central_differences_whatever_the_effect(part: Take, names: str) -> None:
+    hypothesis = BASE.with_effects(*names.split())
+    phi = hypothesis.phi_of(CAR, SMOOTH[names])
+    inputs, start, layout = hypothesis.prediction_inputs(phi, part), shove(part), segment_layout(part)
+    found, h = linearise_residuals(part, inputs, start, changed_cars(hypothesis, phi)), 1e-5
+    columns = []
+    for step in h * np.eye(N_NUISANCE):
+        up, down = (predict_poses(layout, start + sign * step, *inputs.kernel_arguments) for sign in (1.0, -1.0))
+        columns.append((up - down) / (2.0 * h))
+    for step in h * np.eye(hypothesis.size)[: hypothesis.base_size]:
+        up, down = (
+            predict_poses(layout, start, *hypothesis.prediction_inputs(phi + sign * step, part).kernel_arguments)
+            for sign in (1.0, -1.0)
+        )
+        columns.append((up - down) / (2.0 * h))
+    expected = np.stack(columns, axis=2)
+    error = np.abs(np.concatenate([found.A, found.J], axis=2) - expected)
+    size = np.maximum(np.abs(expected).max(axis=(0, 1)), 1e-9)
+    assert np.quantile(error / size, 0.98) < 2e-5  # a kink within a difference is none of these
+    assert np.median((error / size).max(axis=(0, 1))) < 1e-3
+
+
+def test_residuals_come_along(part: Take) -> None:
+    inputs = BASE.prediction_inputs(BASE.phi_of(CAR), part)
+    start = shove(part)
+    np.testing.assert_allclose(
+        linearise_residuals(part, inputs, start).r, pose_residuals(part, inputs, start), rtol=0.0, atol=1e-12
+    )
+
+
+def test_a_tangent_found_with_the_state_is_the_tangent_there(part: Take) -> None:
+    """In one run, or afterwards; and both are what differences of predictions say, an unknown servo's too."""
+    unknown = replace(BASE, unknown_steering=("T_s", "d"))
+    problem, phi = RefitProblem(part, unknown, unknown.prior(unknown.phi_of(CAR))), unknown.phi_of(CAR)
+    tangent, state = newton.linearise_at(problem, phi, part.start, SCALES)
+    afterwards = tangent_at(problem, evaluate_at(problem, phi, part.start, SCALES, 0)._replace(start=state.start))
+    np.testing.assert_allclose(tangent.J, afterwards.J, rtol=1e-9, atol=1e-12)
+    differences = parameter_jacobian(part, unknown, phi, state.start, state.r, range(unknown.base_size))
+    size = np.maximum(np.abs(differences).max(axis=(0, 1)), 1e-9)
+    assert np.quantile(np.abs(tangent.J - differences) / size, 0.95) < 2e-3
+
+
+# --- the base car without switches --------------------------------------------------------------------------------
+
+
+def test_the_switches_say_whether_anything_acts_on_the_body() -> None:
+    assert set(BESIDE_BODY) <= set(ENTRIES)
+    assert getattr(effect_switches(), ANY_ON_BODY) == 0.0
+    for name, e in ENTRIES.items():
+        field = e.fields[0]
+        on = effect_switches({field: OFF[field] + 0.1})
+        assert getattr(on, ANY_ON_BODY) == float(name not in BESIDE_BODY)
+
+
+def test_a_car_without_effects_asks_for_no_switch(part: Take) -> None:
+    """The same path, to the last bit, as with all switches asked for and off."""
+    inputs = BASE.prediction_inputs(BASE.phi_of(CAR), part)
+    asking = inputs.switches.copy()
+    asking[ANY_ON_BODY] = 1.0
+    poses = [
+        predict_poses(segment_layout(part), shove(part), *each.kernel_arguments)
+        for each in (inputs, inputs._replace(switches=asking))
+    ]
+    np.testing.assert_allclose(*poses, rtol=0.0, atol=1e-12)
