@@ -177,7 +177,7 @@ def _steadiest(verticals: dict[str, Floats]) -> str:
 
 
 def _check_turning_axis(stated: UsualVertical, steadiest: UsualVertical, axis: str, path: Path) -> None:
-    """Raise `InputRefused` where the body turns about the world's `axis`, Y or Z, and the other is `stated` to be up."""
+    """Raise `InputRefused` where the body turns about the world's `axis`, Y or Z, and the other one is stated."""
     if stated.upright_share < POSE.max_leaning_share and steadiest.upright_share > POSE.min_upright_share:
         cause = f"the body turns about the {axis} axis, and {'Z' if axis == 'Y' else 'Y'} is up by the vehicle file"
         step = f'set mocap.up_axis = "{axis}" in the vehicle file, or export positions and rotations in the same axes'

@@ -42,7 +42,7 @@ class PlainRows(NamedTuple):
         )
 
     def _is_plain(self, block: bytes, allowed: bytes) -> bool:
-        """Whether complete lines hold only `allowed` bytes, `\\r` only before `\\n`, and the right number of cells."""
+        """Whether complete lines hold only `allowed` bytes, returns only at their ends, and as many cells each."""
         if block.translate(None, allowed):
             return False
         data = np.frombuffer(block, dtype=np.uint8)
