@@ -24,7 +24,7 @@ def lengths_of_rows(vectors: Floats) -> Floats:
     squares = first * first
     for column in others:
         squares += column * column
-    return np.sqrt(squares)
+    return np.asarray(np.sqrt(squares))
 
 
 def total_variance(vectors: Floats) -> float:

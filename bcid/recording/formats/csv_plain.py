@@ -69,7 +69,8 @@ class PlainRows(NamedTuple):
         try:
             parts = self._parse_blocks(columns, {}, options)
             # whole numbers in one block, others in the next: as one column they are read in one way
-            mixed = {c: float for c, arrays in parts.items() if len({a.dtype.kind for a in arrays}) > 1}
+            kinds = {c: {a.dtype.kind for a in arrays} for c, arrays in parts.items()}
+            mixed: dict[int, type] = {c: float for c in columns if len(kinds[c]) > 1}
             if mixed:
                 parts = self._parse_blocks(columns, mixed, options)
         except (ValueError, pd.errors.ParserWarning):

@@ -43,10 +43,11 @@ def parse_rows(file: CsvText, width: int, skiprows: int, columns: Sequence[int],
             if table is not None:
                 return table
             file = read_whole_text(file.path, options.get("comment"))
-        return pd.read_csv(
+        whole: pd.DataFrame = pd.read_csv(
             io.StringIO(file.text), sep=file.separator, decimal=file.decimal, index_col=False, low_memory=False,
             header=None, names=range(width), skiprows=skiprows, **options,
         )  # fmt: skip
+        return whole
 
 
 def read_csv_columns(file: CsvText, wanted: Sequence[str], comment: str | None = None) -> CsvColumns:

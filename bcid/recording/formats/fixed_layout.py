@@ -169,5 +169,7 @@ class RosLayout:
                 begin, letter = self.places[k]
                 raw = np.ascontiguousarray(block[alike, begin : begin + struct.calcsize(letter)])
                 numbers = raw.view(np.dtype(f"{self.order}{letter}"))[:, 0]
-                column.append(numbers.astype(float if letter in "fdQ" else np.int64))
+                # a signalling NaN of 32 bits is one of 64 bits, too
+                with np.errstate(invalid="ignore"):
+                    column.append(numbers.astype(float if letter in "fdQ" else np.int64))
         return same, [np.concatenate(column) for column in columns]

@@ -20,7 +20,8 @@ class StoredMessages(NamedTuple):
 
     def select(self, rows: Ints) -> "StoredMessages":
         """The messages of these numbers."""
-        return StoredMessages(*(x[rows] for x in self[:4]), self.content)
+        channels, log_ns, begins, ends = (x[rows] for x in self[:4])
+        return StoredMessages(channels, log_ns, begins, ends, self.content)
 
     def data(self, row: int) -> bytes:
         """The bytes of one message."""
