@@ -8,7 +8,7 @@ Recordings: `known` (where poses and commands are), `raw_motion` (speeds from po
 (bumps and crashes), `health` (worth fitting or not).
 Commands against the motion: `verdict` (what cannot be used) over `pose_verdict`, `steering_verdict`, `throttle_verdict`
 and `geometry` (words of the vehicle file), on the grid of `commanded_motion`; `agreement` (what commands explain at
-each lag) and `lagged_sums` (in any part of a take); `turning_terms` (what the turning is explained by); `turning` (speed
-and yaw rate), by which `steering_fit` finds servo and delay of the car in `single_track`.  The numbers that decide on
-commands are in `limits`.
+each lag) and `lagged_sums` (in any part of a take); `turning_terms` (what the turning is explained by); `turning`
+(speed and yaw rate), by which `steering_fit` finds servo and delay of the car in `single_track`.  The numbers that
+decide on commands are in `limits`.
 """

@@ -12,7 +12,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.agreement import Feature
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.checks.lagged_sums import LaggedSums, NormalEquations
+from bcid.recording.checks.lagged_sums import LaggedSums, LaggedEquations
 from bcid.recording.checks.limits import CLOCK_JUMP as LIMITS
 from bcid.recording.checks.turning_terms import OTHER_SIGN, turns_leftward
 
@@ -87,7 +87,7 @@ class _SplitTake(NamedTuple):
 
     sums: LaggedSums
 
-    def parts_at(self, cells: Ints) -> tuple[NormalEquations, NormalEquations]:
+    def parts_at(self, cells: Ints) -> tuple[LaggedEquations, LaggedEquations]:
         """The equations (S, L) of the parts before, and from, each of the `cells` (S,) on."""
         first, end = np.zeros_like(cells), np.full_like(cells, len(self.sums.edges) - 1)
         before = self.sums.between(first, cells, LIMITS.least_covered)
@@ -132,7 +132,7 @@ def _in_blocks(cells: Ints) -> list[Ints]:
     return np.split(cells, np.arange(SPLITS_AT_ONCE, len(cells), SPLITS_AT_ONCE))
 
 
-def _fit_other_sign(before: NormalEquations, after: NormalEquations) -> float:
+def _fit_other_sign(before: LaggedEquations, after: LaggedEquations) -> float:
     """The mean square that one map at the best single lag leaves, if the steering's sign changes between two parts."""
     # commands with the other sign: the terms that are odd in the angle change theirs
     turned = after._replace(gram=after.gram * np.outer(OTHER_SIGN, OTHER_SIGN), cross=after.cross * OTHER_SIGN)
@@ -141,22 +141,22 @@ def _fit_other_sign(before: NormalEquations, after: NormalEquations) -> float:
     return float(both.left(both.weights()).min())
 
 
-def _fit_two_lags(before: NormalEquations, after: NormalEquations) -> tuple[Floats, Ints, Ints, Floats]:
+def _fit_two_lags(before: LaggedEquations, after: LaggedEquations) -> tuple[Floats, Ints, Ints, Floats]:
     """The lags of two parts with one map: that of the longer part by itself, that of the shorter one with its help.
 
     Returns of each of S splits the mean square (S,) that is left, the indices (S,) of both lags, the weights (S, n).
     """
     swapped = before.counted.max(axis=1) < after.counted.max(axis=1)
 
-    def choose(first: Bools) -> NormalEquations:
+    def choose(first: Bools) -> LaggedEquations:
         """The parts before where `first` (S,) is true, and after elsewhere."""
-        return NormalEquations(*(
+        return LaggedEquations(*(
             np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in zip(before, after, strict=True)
         ))  # fmt: skip
 
     longer, shorter = choose(~swapped), choose(swapped)
     k = np.argmin(longer.left(longer.weights()), axis=1)
-    known = NormalEquations(*(x[:, None] for x in longer.take(k)))
+    known = LaggedEquations(*(x[:, None] for x in longer.take(k)))
     both = shorter.plus(known)
     both = both._replace(counted=np.where(shorter.counted > 0, both.counted, 0.0))
     weights = both.weights()

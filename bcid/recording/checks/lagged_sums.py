@@ -15,7 +15,7 @@ from bcid.recording.checks.agreement import RIDGE, Feature
 PIECE_ROWS = 64  # of a cell that one transform takes
 
 
-class NormalEquations(NamedTuple):
+class LaggedEquations(NamedTuple):
     """Normal equations of some rows of a take, in arrays that may have leading axes, such as one of L lags."""
 
     gram: Floats  # (..., n, n)
@@ -23,13 +23,13 @@ class NormalEquations(NamedTuple):
     square: Floats  # (...) of what is explained
     counted: Floats  # (...) of rows whose command is known
 
-    def take(self, index: Ints) -> "NormalEquations":
+    def take(self, index: Ints) -> "LaggedEquations":
         """The equations at one lag of each stretch: `index` (S,) where the leading axes are S stretches and L lags."""
-        return NormalEquations(*(x[np.arange(len(index)), index] for x in self))
+        return LaggedEquations(*(x[np.arange(len(index)), index] for x in self))
 
-    def plus(self, other: "NormalEquations") -> "NormalEquations":
+    def plus(self, other: "LaggedEquations") -> "LaggedEquations":
         """The equations of these rows and the other ones together."""
-        return NormalEquations(*(a + b for a, b in zip(self, other, strict=True)))
+        return LaggedEquations(*(a + b for a, b in zip(self, other, strict=True)))
 
     def weights(self) -> Floats:
         """The weights (..., n) that explain these rows best."""
@@ -81,12 +81,12 @@ class LaggedSums:
         for sums in (self.gram, self.cross, self.square, self.counted):
             np.cumsum(sums, axis=0, out=sums)
 
-    def between(self, first: Ints, end: Ints, least_covered: float) -> NormalEquations:
+    def between(self, first: Ints, end: Ints, least_covered: float) -> LaggedEquations:
         """The equations (S, L) of S stretches, of the cells from `first` (S,) to before `end` (S,), at all L lags.
 
         A lag at which less than the share `least_covered` of the rows has a command counts as without any row.
         """
-        part = NormalEquations(*(x[end] - x[first] for x in (self.gram, self.cross, self.square, self.counted)))
+        part = LaggedEquations(*(x[end] - x[first] for x in (self.gram, self.cross, self.square, self.counted)))
         covered = part.counted >= least_covered * (self.edges[end] - self.edges[first])[:, None]
         return part._replace(counted=np.where(covered, part.counted, 0.0))
 
