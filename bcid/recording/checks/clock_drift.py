@@ -10,7 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.checks.lagged_cells import LaggedCells, LaggedEquations
+from bcid.recording.checks.lagged_sums import LaggedSums
 from bcid.recording.checks.limits import CLOCK_DRIFT as LIMITS
 from bcid.recording.checks.limits import CLOCK_JUMP
 from bcid.recording.checks.turning_terms import turns_leftward
@@ -33,16 +33,19 @@ class ClockDrift(NamedTuple):
         return f"the commands' clock drifts against that of the poses: {text}; use one clock"
 
 
-def find_clock_drift(motion: CommandedMotion, parts: LaggedCells) -> ClockDrift | None:
-    """The drift of one clock against the other that the turning shows; None where one lag explains it about as well."""
-    middle_s = parts.middle_s(motion)
+def find_clock_drift(motion: CommandedMotion, sums: LaggedSums) -> ClockDrift | None:
+    """The drift of one clock against the other that the turning shows; None where one lag explains it about as well.
+
+    `sums` are the normal equations of the turning's terms.
+    """
+    middle_s = motion.time_s[sums.rows[(sums.edges[:-1] + sums.edges[1:] - 1) // 2]]
     if len(middle_s) < 2:
         return None
     share = (middle_s - middle_s.mean()) / max(float(np.ptp(middle_s)), 1e-9)
     reach_s = min(LIMITS.max_total_s, LIMITS.max_rate * float(np.ptp(middle_s)))
     steps = int(reach_s * GRID_HZ / LIMITS.total_step_rows)
     totals = LIMITS.total_step_rows * np.arange(-steps, steps + 1)
-    fits = [_fit_drift(parts, share, float(total)) for total in totals]
+    fits = [_fit_drift(sums, share, float(total)) for total in totals]
     best = int(np.argmin([fit.left for fit in fits]))
     fit, steady, total_s = fits[best], fits[steps].left, float(totals[best]) / GRID_HZ
     # at the end of what is tried anything may be the cause
@@ -61,11 +64,10 @@ class _DriftFit(NamedTuple):
     leftward: bool
 
 
-def _fit_drift(parts: LaggedCells, share: Floats, total: float) -> _DriftFit:
-    """The lag that explains the turning best if the lag grows by `total` rows from cell to cell in `share` (cells,)."""
-    at = parts.at_lags(np.round(share * total).astype(int))
+def _fit_drift(sums: LaggedSums, share: Floats, total: float) -> _DriftFit:
+    """The lag that explains the turning best if it grows by `total` rows in all, by its `share` (C,) up to a cell."""
+    at = sums.with_growing_lag(np.round(share * total).astype(int), CLOCK_JUMP.least_covered)
     weights = at.weights()
     left = at.left(weights)
     k = int(np.argmin(left))
-    one: LaggedEquations = at.at(k)
-    return _DriftFit(float(left[k]), float(parts.lags[k]), one.share(weights[k]), bool(turns_leftward(weights[k])))
+    return _DriftFit(float(left[k]), float(sums.lags[k]), float(at.share(weights)[k]), bool(turns_leftward(weights[k])))

@@ -8,7 +8,7 @@ from bcid.recording.checks.agreement import Feature
 from bcid.recording.checks.clock_drift import DRIFT, find_clock_drift
 from bcid.recording.checks.clock_jump import JUMP, find_clock_jump
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.checks.lagged_cells import LaggedCells
+from bcid.recording.checks.lagged_sums import LaggedSums
 from bcid.recording.checks.limits import CLOCK
 from bcid.recording.checks.limits import CLOCK_JUMP as LIMITS
 
@@ -35,10 +35,14 @@ def find_clock_fault(motion: CommandedMotion, features: list[Feature]) -> ClockF
     A drift that is usable is left to the estimate of the clock, which gives its interval.  `features` are the
     `turning_terms` that explain the turning.
     """
-    if np.count_nonzero(motion.use) < 2.0 * LIMITS.min_part_s * GRID_HZ:
+    rows = np.flatnonzero(motion.use)
+    if len(rows) < 2.0 * LIMITS.min_part_s * GRID_HZ:
         return None
-    parts = LaggedCells(motion, features)
-    jump, drift = find_clock_jump(motion, parts), find_clock_drift(motion, parts)
+    gaps = np.flatnonzero(np.diff(rows) > LIMITS.gap_s * GRID_HZ) + 1
+    edges = np.r_[np.union1d(np.arange(0, len(rows), round(LIMITS.cell_s * GRID_HZ)), gaps), len(rows)]
+    reach = round(LIMITS.max_lag_s * GRID_HZ)
+    sums = LaggedSums(motion.turn, motion.known, features, rows, edges, reach)
+    jump, drift = find_clock_jump(motion, sums), find_clock_drift(motion, sums)
     if drift is not None and (jump is None or drift.left < jump.left):
         fault = ClockFault(DRIFT, drift.describe(), drift.total_s)
         if not fault.is_usable:

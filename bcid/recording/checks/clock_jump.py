@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.checks.lagged_cells import LaggedCells, LaggedEquations
+from bcid.recording.checks.lagged_sums import LaggedEquations, LaggedSums
 from bcid.recording.checks.limits import CLOCK_JUMP as LIMITS
-from bcid.recording.checks.turning_terms import turns_leftward
+from bcid.recording.checks.turning_terms import OTHER_SIGN, turns_leftward
 
 JUMP = "clock jump"
 """The kind of the irregularity."""
+SPLITS_AT_ONCE = 16  # whose equations are held together, which bounds memory
 
 
 class ClockJump(NamedTuple):
@@ -42,56 +43,114 @@ class ClockJump(NamedTuple):
         )
 
 
-def find_clock_jump(motion: CommandedMotion, parts: LaggedCells) -> ClockJump | None:
-    """The jump of one clock against the other that the turning shows; None where one lag explains it about as well."""
-    rows, lags, cells, least = parts.rows, parts.lags, parts.count, LIMITS.min_part_s * GRID_HZ
-    inner = np.flatnonzero((parts.edges >= least) & (parts.edges <= len(rows) - least)).tolist()
-    if not inner:
+def find_clock_jump(motion: CommandedMotion, sums: LaggedSums) -> ClockJump | None:
+    """The jump of one clock against the other that the turning shows; None where one lag explains it about as well.
+
+    `sums` are the normal equations of the turning's terms.
+    """
+    rows, edges, lags, least = sums.rows, sums.edges, sums.lags, LIMITS.min_part_s * GRID_HZ
+    inner = np.flatnonzero((edges >= least) & (edges <= len(rows) - least))
+    if not len(inner):
         return None
-    splits = {c: _fit_two_lags(parts.between(0, c), parts.between(c, cells)) for c in inner}
-    c = min(splits, key=lambda c: splits[c].left)
-    best = splits[c]
-    row, beside = int(parts.edges[c]), round(0.5 * LIMITS.cell_s * GRID_HZ)
+    take = _SplitTake(sums)
+    best = take.fit_two_lags(inner)
+    row, beside = int(edges[best.cell]), round(0.5 * LIMITS.cell_s * GRID_HZ)
     from_s, to_s = (float(motion.time_s[rows[k]]) for k in (row - beside, row + beside))
     before_s, after_s = (float(lags[k]) / GRID_HZ for k in best.lags)
     jump = ClockJump(from_s, to_s, before_s, after_s, best.left)
-    if min(_fit_other_sign(parts.between(0, c), parts.between(c, cells)) for c in inner) < best.left:
+    if abs(jump.size_s) < LIMITS.least_s or best.left > LIMITS.max_left * take.left_by_one_lag():
         return None
-    whole = parts.between(0, cells)
-    if abs(jump.size_s) < LIMITS.least_s or best.left > LIMITS.max_left * float(whole.left(whole.weights()).min()):
-        return None
-    sides = parts.between(0, c).at(best.lags[0]), parts.between(c, cells).at(best.lags[1])
-    explained = min(side.share(best.weights) for side in sides) > LIMITS.least_share
-    w = best.weights
+    w, explained = best.weights, take.explained_shares(best)
     # beside the jump, too: a clock that drifts has changed by half as much there
-    near = [parts.between(c // 2, c), parts.between(c, (c + cells + 1) // 2)]
-    steps = np.diff([lags[int(np.argmin(part.left(w)))] for part in near])[0] / GRID_HZ / jump.size_s
-    return jump if explained and turns_leftward(w) and steps > LIMITS.least_step else None
+    steps = np.diff([lags[k] for k in take.lags_beside(best)])[0] / GRID_HZ / jump.size_s
+    if min(explained) <= LIMITS.least_share or not turns_leftward(w) or steps <= LIMITS.least_step:
+        return None
+    return None if take.left_by_other_sign(inner) < best.left else jump
 
 
 class _TwoLags(NamedTuple):
     """Two parts of a take, each explained at a lag of its own."""
 
     left: float  # mean square that is left
+    cell: int  # at which the second part begins
     lags: tuple[int, int]  # indices
     weights: Floats
 
 
+class _SplitTake(NamedTuple):
+    """A take that is split into two parts, at any of its cells."""
+
+    sums: LaggedSums
+
+    def parts_at(self, cells: Ints) -> tuple[LaggedEquations, LaggedEquations]:
+        """The equations (S, L) of the parts before, and from, each of the `cells` (S,) on."""
+        first, end = np.zeros_like(cells), np.full_like(cells, len(self.sums.edges) - 1)
+        before = self.sums.between(first, cells, LIMITS.least_covered)
+        return before, self.sums.between(cells, end, LIMITS.least_covered)
+
+    def left_by_one_lag(self) -> float:
+        """The mean square that the best single lag leaves of the whole take."""
+        whole = self.sums.between(np.array([0]), np.array([len(self.sums.edges) - 1]), LIMITS.least_covered)
+        return float(whole.left(whole.weights()).min())
+
+    def fit_two_lags(self, cells: Ints) -> _TwoLags:
+        """The best of the splits at `cells` (S,) with two lags and one map of the commands."""
+        fits = [_fit_two_lags(*self.parts_at(some)) for some in _in_blocks(cells)]
+        left, before, after, weights = (np.concatenate(x) for x in zip(*fits, strict=True))
+        s = int(np.argmin(left))
+        return _TwoLags(float(left[s]), int(cells[s]), (int(before[s]), int(after[s])), weights[s])
+
+    def left_by_other_sign(self, cells: Ints) -> float:
+        """The least mean square that one map at a single lag leaves, if the steering's sign changes at a cell."""
+        return min(_fit_other_sign(*self.parts_at(some)) for some in _in_blocks(cells))
+
+    def explained_shares(self, fit: _TwoLags) -> list[float]:
+        """The shares that the fit explains, of either part, of what the first term alone leaves."""
+        parts = self.parts_at(np.array([fit.cell]))
+        sides = [part.take(np.array([k])) for part, k in zip(parts, fit.lags, strict=True)]
+        return [float(side.share(fit.weights)[0]) for side in sides]
+
+    def lags_beside(self, fit: _TwoLags) -> list[int]:
+        """The indices of the lags at which the fit's map explains the halves of the parts that lie beside the split."""
+        c, cells = fit.cell, len(self.sums.edges) - 1
+        near = self.sums.between(np.array([c // 2, c]), np.array([c, (c + cells + 1) // 2]), LIMITS.least_covered)
+        return [int(k) for k in np.argmin(near.left(fit.weights), axis=1)]
+
+
+def _in_blocks(cells: Ints) -> list[Ints]:
+    """The cells (S,) in blocks of at most SPLITS_AT_ONCE."""
+    return np.split(cells, np.arange(SPLITS_AT_ONCE, len(cells), SPLITS_AT_ONCE))
+
+
 def _fit_other_sign(before: LaggedEquations, after: LaggedEquations) -> float:
     """The mean square that one map at the best single lag leaves, if the steering's sign changes between two parts."""
-    both = before.plus(after.steered_the_other_way())
+    # commands with the other sign: the terms that are odd in the angle change theirs
+    turned = after._replace(gram=after.gram * np.outer(OTHER_SIGN, OTHER_SIGN), cross=after.cross * OTHER_SIGN)
+    both = before.plus(turned)
     both = both._replace(counted=np.where((before.counted > 0) & (after.counted > 0), both.counted, 0.0))
     return float(both.left(both.weights()).min())
 
 
-def _fit_two_lags(before: LaggedEquations, after: LaggedEquations) -> _TwoLags:
-    """The lags of two parts with one map: that of the longer part by itself, that of the shorter one with its help."""
-    swapped = before.counted.max() < after.counted.max()
-    longer, shorter = (after, before) if swapped else (before, after)
-    k = int(np.argmin(longer.left(longer.weights())))
-    both = shorter.plus(longer.at(k))
+def _fit_two_lags(before: LaggedEquations, after: LaggedEquations) -> tuple[Floats, Ints, Ints, Floats]:
+    """The lags of two parts with one map: that of the longer part by itself, that of the shorter one with its help.
+
+    Returns of each of S splits the mean square (S,) that is left, the indices (S,) of both lags, the weights (S, n).
+    """
+    swapped = before.counted.max(axis=1) < after.counted.max(axis=1)
+
+    def choose(first: Bools) -> LaggedEquations:
+        """The parts before where `first` (S,) is true, and after elsewhere."""
+        return LaggedEquations(*(
+            np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in zip(before, after, strict=True)
+        ))  # fmt: skip
+
+    longer, shorter = choose(~swapped), choose(swapped)
+    k = np.argmin(longer.left(longer.weights()), axis=1)
+    known = LaggedEquations(*(x[:, None] for x in longer.take(k)))
+    both = shorter.plus(known)
     both = both._replace(counted=np.where(shorter.counted > 0, both.counted, 0.0))
     weights = both.weights()
     left = both.left(weights)
-    i = int(np.argmin(left))
-    return _TwoLags(float(left[i]), (i, k) if swapped else (k, i), weights[i])
+    i = np.argmin(left, axis=1)
+    at = np.arange(len(i)), i
+    return left[at], np.where(swapped, i, k), np.where(swapped, k, i), weights[at]

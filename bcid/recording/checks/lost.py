@@ -3,6 +3,7 @@
 import numpy as np
 
 from bcid.aliases import Bools, Floats
+from bcid.recording.checks.rowwise import in_all_columns, in_any_column, lengths_of_rows
 from bcid.recording.checks.samples import Samples, note_rows
 from bcid.recording.limits import LOST as LIMITS
 from bcid.recording.types import Irregularity
@@ -17,23 +18,28 @@ def find_lost_poses(positions: Floats, orientations: Floats) -> Bools:
     zero but for a quaternion's 1, one number throughout, or to the last digit what stands in several places.  A body
     that moves, or noise, never gives the same row twice.
     """
-    rows = np.column_stack([positions, orientations])
-    known = np.flatnonzero(np.isfinite(rows).all(axis=1))
-    lost = np.zeros(len(rows), dtype=bool)
+    finite = in_all_columns(np.isfinite(positions)) & in_all_columns(np.isfinite(orientations))
+    known, lost = np.flatnonzero(finite), np.zeros(len(finite), dtype=bool)
     if len(known) < LIMITS.min_rows:
         return lost
-    _, row_id = np.unique(rows[known], axis=0, return_inverse=True)
-    starts = np.flatnonzero(np.r_[True, np.diff(row_id) != 0])
+    every, at = np.column_stack([positions, orientations])[known], positions.shape[1]
+    starts = np.flatnonzero(np.r_[True, in_any_column(every[1:] != every[:-1])])
     ends = np.r_[starts[1:], len(known)]
-    _, run_id, runs_of_id = np.unique(row_id[starts], return_inverse=True, return_counts=True)
-    written = rows[known[starts]]
-    no_place = (written[:, : positions.shape[1]] == 0.0).all(axis=1) & np.isin(written, (0.0, 1.0)).all(axis=1)
-    no_place |= (written == written[:, :1]).all(axis=1)
-    jumps = _find_far_steps(positions[known]) | _find_far_steps(orientations[known])
+    jumps = _find_far_steps(every[:, :at]) | _find_far_steps(every[:, at:])
     # the ends of the recording count as jumps, but a run needs one inside
     into, out = np.r_[True, jumps][starts], np.r_[jumps, True][ends - 1]
-    inside = (starts > 0) | (ends < len(known))
-    for i in np.flatnonzero((no_place | (runs_of_id[run_id] > 1)) & into & out & inside):
+    runs = np.flatnonzero(into & out & ((starts > 0) | (ends < len(known))))
+    if not len(runs):
+        return lost
+    written = every[starts]
+    held = written[runs]
+    no_place = (held[:, :at] == 0.0).all(axis=1) & np.isin(held, (0.0, 1.0)).all(axis=1)
+    no_place |= (held == held[:, :1]).all(axis=1)
+    # only rows that agree in the first number can be the same
+    like = np.flatnonzero(np.isin(written[:, 0], held[:, 0]))
+    _, row_id, times = np.unique(written[like], axis=0, return_inverse=True, return_counts=True)
+    again = times[row_id[np.searchsorted(like, runs)]] > 1
+    for i in runs[no_place | again]:
         lost[known[starts[i] : ends[i]]] = True
     return lost
 
@@ -42,7 +48,7 @@ def _find_far_steps(values: Floats) -> Bools:
     """Mask (N - 1,) of steps between successive values (N, n) that are far above the usual step of what moves."""
     # numbers near the largest are no measurements, and are left out elsewhere
     with np.errstate(over="ignore"):
-        step = np.linalg.norm(np.diff(values, axis=0), axis=1)
+        step = lengths_of_rows(np.diff(values, axis=0))
     moving = step[step > 0.0]
     return np.asarray(step > LIMITS.step_factor * (float(np.median(moving)) if len(moving) else 0.0))
 

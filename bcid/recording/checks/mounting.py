@@ -68,11 +68,15 @@ def _rear_axle_yaw_offset(motion: RawMotion, vehicle: Vehicle) -> tuple[float, f
     v_ry = motion.v_f * np.sin(motion.beta_f) - vehicle.body.wheelbase_m * motion.yaw_rate
     use = motion.good & (v_x > LIMITS.min_mounting_speed_share * np.quantile(motion.v_f[motion.good], 0.95))
     use &= np.abs(v_x * motion.yaw_rate) < LIMITS.max_mounting_lateral_mps2
-    block = (motion.time_s // LIMITS.mounting_block_s).astype(int)
+    _, block = np.unique(motion.time_s // LIMITS.mounting_block_s, return_inverse=True)
+    lengths, used = np.bincount(block), np.bincount(block[use], minlength=block.max() + 1)
+    slip = np.arctan2(v_ry, v_x)[use]
+    order = np.argsort(block[use], kind="stable")
+    parts = np.split(slip[order], np.cumsum(used)[:-1])
     slips = [
-        float(np.median(np.arctan2(v_ry, v_x)[rows]))
-        for b in np.unique(block[use])
-        if (rows := use & (block == b)).sum() > LIMITS.min_mounting_block_share * (block == b).sum()
+        float(np.median(part))
+        for part, length in zip(parts, lengths, strict=True)
+        if len(part) > LIMITS.min_mounting_block_share * length
     ]
     if len(slips) < LIMITS.min_mounting_blocks:
         return None

@@ -192,7 +192,9 @@ class _Minimum(NamedTuple):
 
 def _block_scores(fit: _Minimum, block: Ints) -> Floats:
     """Gradients (B, n) of half the weighted squares, block by block; `block` (K,) names that of each residual."""
-    return np.array([fit.jacobian[block == b].T @ fit.residuals[block == b] for b in np.unique(block)]) * fit.weight
+    products = fit.jacobian * fit.residuals[:, None]
+    # rows of a block follow each other
+    return np.add.reduceat(products, np.flatnonzero(np.r_[True, np.diff(block) != 0]), axis=0) * fit.weight
 
 
 def _score_ratio(fit: _Minimum, block: Ints) -> float:

@@ -3,10 +3,12 @@
 Filters are no longer than the noise of yaw and position demands, and than the car takes to drive its own length.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.ndimage import convolve1d
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.known import commands_known_at, poses_known_at
@@ -120,18 +122,12 @@ def split_at_blocks(rows: Ints, time_s: Floats, block_s: float) -> list[Ints]:
 def _stretches(usable: Bools, grid_hz: float, half: int) -> tuple[Bools, Ints]:
     """Rows (N,) at which the car is put back to its measured motion, and the rows that count, behind each of these."""
     start = usable & ~np.r_[False, usable[:-1]]
-    age, stretch = np.zeros(len(usable), dtype=np.int64), max(1, round(LIMITS.stretch_s * grid_hz))
-    restart = start.copy()
-    since = 0
-    for k in range(len(usable)):
-        since = 0 if start[k] or since >= stretch else since + 1
-        restart[k] |= since == 0
-        age[k] = since
+    every, stretch = np.arange(len(usable)), max(1, round(LIMITS.stretch_s * grid_hz))
+    age = (every - np.maximum.accumulate(np.where(start, every, -1))) % (stretch + 1)
+    restart = start | (age == 0)
     settle = round(LIMITS.settle_s * grid_hz) + half
     ahead = np.flatnonzero(restart)
-    to_next = np.r_[ahead, len(usable)][np.searchsorted(ahead, np.arange(len(usable)), side="right")] - np.arange(
-        len(usable)
-    )
+    to_next = np.r_[ahead, len(usable)][np.searchsorted(ahead, every, side="right")] - every
     inside = np.convolve(usable, np.ones(2 * half + 1), mode="same") > 2 * half + 0.5
     rows = np.flatnonzero(usable & inside & (age >= settle) & (to_next > half))
     return restart, rows[(rows > half) & (rows < len(usable) - half)]
@@ -139,4 +135,22 @@ def _stretches(usable: Bools, grid_hz: float, half: int) -> tuple[Bools, Ints]:
 
 def filtered_rate(yaw: Floats, half: int, step_s: float) -> Floats:
     """Yaw rate (N,) in rad/s of a `yaw` (N,) in rad, `step_s` (s) apart, by a quadratic filter of 2 `half` + 1 rows."""
-    return np.asarray(savgol_filter(yaw, 2 * half + 1, 2, deriv=1, delta=step_s))
+    size = 2 * half + 1
+    if len(yaw) < size:
+        return np.asarray(savgol_filter(yaw, size, 2, deriv=1, delta=step_s))
+    inner, first, last = _rate_filter(half, step_s)
+    rate = convolve1d(yaw, inner, mode="constant")
+    rate[:half], rate[len(yaw) - half :] = first @ yaw[:size], last @ yaw[-size:]
+    return np.asarray(rate)
+
+
+@functools.lru_cache(maxsize=64)
+def _rate_filter(half: int, step_s: float) -> tuple[Floats, Floats, Floats]:
+    """The quadratic filter of `filtered_rate`: its weights (2 half + 1,), and those of the first and last rows.
+
+    The latter (half, 2 half + 1) are of the parabola through the first and the last 2 half + 1 values.
+    """
+    at = np.arange(-half, half + 1) * step_s
+    parabola = np.linalg.pinv(np.column_stack([np.ones(len(at)), at, at * at]))
+    rates = parabola[1] + 2.0 * at[:, None] * parabola[2]
+    return savgol_coeffs(2 * half + 1, 2, deriv=1, delta=step_s), rates[:half], rates[half + 1 :]

@@ -148,18 +148,21 @@ def label_levels(jumps: YawJumps, time_s: Floats) -> Ints:
     else to a new level.
     """
     edges = np.r_[jumps.rows, len(time_s)]
-    heights, lasts, height = [0.0], [True], 0.0
+    # only lasting levels are returned to, and a take has room for few of these
+    lasting, numbers, count, height = [0.0], [0], 1, 0.0
     levels = np.zeros(len(time_s), dtype=np.int64)
     for row, end, size, slack in zip(jumps.rows, edges[1:], jumps.sizes, jumps.slack, strict=True):
         height += size
         stays = bool(time_s[end - 1] - time_s[row] > LIMITS.min_mounting_s)
-        apart = np.where(lasts, np.abs(wrap_angles(np.array(heights) - height)), math.inf)
-        at = int(np.argmin(apart))
-        if apart[at] > min(LIMITS.same_level_slacks * slack, 0.5 * abs(size)):
-            heights.append(height)
-            lasts.append(stays)
-            at = len(heights) - 1
+        apart = np.abs(wrap_angles(np.array(lasting) - height))
+        nearest = int(np.argmin(apart))
+        at, known = numbers[nearest], lasting[nearest]
+        if apart[nearest] > min(LIMITS.same_level_slacks * slack, 0.5 * abs(size)):
+            at, known, count = count, height, count + 1
+            if stays:
+                lasting.append(height)
+                numbers.append(at)
         # the sum of several jumps close to each other is known better than each of them
-        height = heights[at] if stays else height
+        height = known if stays else height
         levels[row:end] = at
     return levels

@@ -1,6 +1,7 @@
 """CSV tables: their columns by name, as pandas reads the cells."""
 
 import io
+import itertools
 import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -8,7 +9,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from bcid.errors import InputRefused, Problem, Problems
-from bcid.recording.formats.csv_text import CsvText
+from bcid.recording.formats.csv_text import CsvText, read_whole_text
 from bcid.recording.formats.stamps import find_pair
 from bcid.recording.formats.table_head import find_table_head
 from bcid.recording.types import Irregularity
@@ -25,19 +26,28 @@ class CsvColumns(NamedTuple):
     irregularities: tuple[Irregularity, ...]
 
 
-def parse_rows(file: CsvText, **options: Any) -> pd.DataFrame:
-    """The rows of a CSV text as a table, read by `pandas.read_csv` with these options.
+def parse_rows(file: CsvText, width: int, skiprows: int, columns: Sequence[int], **options: Any) -> pd.DataFrame:
+    """The rows of a CSV text below its first `skiprows` lines as a table with the columns 0, 1, ... `width` - 1.
+
+    Of rows of plain numbers only the wanted `columns` are there.  `options` are those of `pandas.read_csv`.
 
     Raises:
-        pandas.errors.ParserError or ParserWarning: a row has more cells than the header.
+        pandas.errors.ParserError or ParserWarning: a row has more than `width` cells.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)
-        text, separator = io.StringIO(file.text), file.separator
-        table: pd.DataFrame = pd.read_csv(
-            text, sep=separator, decimal=file.decimal, index_col=False, low_memory=False, **options
-        )
-    return table
+        if file.rows is not None:
+            plain = file.rows
+            fits = plain.line == skiprows and plain.cells == width
+            table = plain.parse(sorted(set(columns)), **options) if fits and columns else None
+            if table is not None:
+                return table
+            file = read_whole_text(file.path, options.get("comment"))
+        whole: pd.DataFrame = pd.read_csv(
+            io.StringIO(file.text), sep=file.separator, decimal=file.decimal, index_col=False, low_memory=False,
+            header=None, names=range(width), skiprows=skiprows, **options,
+        )  # fmt: skip
+        return whole
 
 
 def read_csv_columns(file: CsvText, wanted: Sequence[str], comment: str | None = None) -> CsvColumns:
@@ -48,30 +58,29 @@ def read_csv_columns(file: CsvText, wanted: Sequence[str], comment: str | None =
     """
     head, problems = find_table_head(file, wanted), Problems()
     width = max(len(head.names), 1)
+    named = max((i for i, name in enumerate(head.names) if name), default=0) + 1
+    pairs = [part for name in wanted for part in find_pair(name, head.names) or ()]
+    places = {name: head.indices(name) for name in [*wanted, *pairs]}
+    chosen = [*itertools.chain.from_iterable(places.values()), *range(named, width)]
     try:
-        table = parse_rows(
-            file, comment=comment, skipinitialspace=True, header=None, names=range(width), skiprows=head.body_row
-        )
+        table = parse_rows(file, width, head.body_row, chosen, comment=comment, skipinitialspace=True)
     except pd.errors.EmptyDataError:
         table = pd.DataFrame({i: pd.Series(dtype=float) for i in range(width)})
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         cause = f"rows are longer than the header, or is no regular CSV (a decimal comma?): {error}"
         raise InputRefused(file.path, "table", cause.strip(), MEND_ROWS) from None
-    named = max((i for i, name in enumerate(head.names) if name), default=0) + 1
     if not table[range(named, width)].isna().all(axis=None):
         cause = f"has {named} column names, and rows of {width} cells: a column without a name, or a decimal comma?"
         step = "write a name above every column, or export with ; between the cells"
         raise InputRefused(file.path, "header", cause, step)
-    pairs = [part for name in wanted for part in find_pair(name, head.names) or ()]
     columns, units = dict[str, pd.Series](), dict[str, str]()
-    for name in dict.fromkeys([*wanted, *pairs]):
-        places = head.indices(name)
-        if len(places) > 1:
-            apart = [both for both in (head.alternatives[i] for i in places) if both]
+    for name, at in places.items():
+        if len(at) > 1:
+            apart = [both for both in (head.alternatives[i] for i in at) if both]
             step = f"name the columns apart{f', or map {apart[0]!r}' if apart else ''}"
             problems.append(Problem(f"column {name!r}", "is there twice", step))
-        elif places:
-            columns[name] = table[places[0]]
-            units |= {name: head.units[places[0]]} if places[0] in head.units else {}
+        elif at:
+            columns[name] = table[at[0]]
+            units |= {name: head.units[at[0]]} if at[0] in head.units else {}
     problems.raise_if_any(file.path)
     return CsvColumns(columns, head.all_names, units, (*file.irregularities, *head.irregularities))

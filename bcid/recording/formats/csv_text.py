@@ -3,11 +3,19 @@
 import csv
 import io
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.csv_rows import FIRST_NUMBERS, check_rows, drop_comment_lines, find_body
+from bcid.recording.formats.csv_plain import PlainRows, read_first_lines
+from bcid.recording.formats.csv_rows import (
+    FIRST_NUMBERS,
+    LINE,
+    SAMPLE_LINES,
+    check_rows,
+    drop_comment_lines,
+    find_body,
+)
 from bcid.recording.formats.detect import UTF_16_MARKS
 from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.types import Irregularity
@@ -32,7 +40,8 @@ APART_BY_BLANKS = re.compile(r"[+-]?[\d.,]+(?:[eEdD][+-]?\d+)?(?:[ \t]+[+-]?[\d.
 class CsvText:
     """The text of a CSV file with complete lines, its separator and its decimal mark.
 
-    Cells that stand for no finite number read `inf`, to distinguish them from blank ones.
+    Cells that stand for no finite number read `inf`, to distinguish them from blank ones.  Where `rows` are plain
+    numbers, the text is that of the first lines only.
     """
 
     path: Path
@@ -40,11 +49,13 @@ class CsvText:
     separator: str
     decimal: str
     irregularities: tuple[Irregularity, ...]
+    rows: PlainRows | None = None
 
     def first_rows(self, count: int) -> list[list[str]]:
         """The cells of the first `count` rows; `InputRefused` where quotes never close."""
         try:
-            reader = csv.reader(io.StringIO(self.text, newline=""), delimiter=self.separator)
+            # line by line, as a copy of the text is large
+            reader = csv.reader((line[0] for line in LINE.finditer(self.text)), delimiter=self.separator)
             return [row for row, _ in zip(reader, range(count), strict=False)]
         except csv.Error as error:
             raise InputRefused(self.path, "header", f"cannot be read as CSV: {error}", EXPORT_AGAIN) from None
@@ -54,12 +65,56 @@ def read_csv_text(path: Path, comment: str | None = None) -> CsvText:
     """The text of a CSV file, decoded, with its separator and decimal mark; a last line that was cut is left out.
 
     Lines that begin with `comment`, or without it with #, % or //, are not taken for rows: they are blank in the text.
+    Of a long table of plain numbers only the first lines are held.
 
     Raises:
         InputRefused: bytes of another encoding, NUL bytes inside, a second header, numbers of two kinds, or rows that
             were cut or swallowed by a quotation mark.
     """
-    text, odd = _decode_file(path)
+    return _read_plain_text(path, comment) or read_whole_text(path, comment)
+
+
+def read_whole_text(path: Path, comment: str | None = None) -> CsvText:
+    """The text of a CSV file as `read_csv_text` has it, with all lines, whatever they hold."""
+    return _prepare_text(path, *_decode_file(path), comment)[0]
+
+
+def _read_plain_text(path: Path, comment: str | None) -> CsvText | None:
+    """The first lines of a CSV file all of whose rows are plain numbers; None of any other one, or of a short one.
+
+    All that is judged of a text is judged by its first lines or by what such rows cannot hold, so that the file is read
+    as if it were looked at as a whole.
+    """
+    head = read_first_lines(path, SAMPLE_LINES)
+    if head is None or path.stat().st_size > LIMITS.max_bytes or b"\0" in head:
+        return None
+    if head.startswith(UTF_16_MARKS) or head.count(b"\r") != head.count(b"\r\n"):
+        return None
+    try:
+        file, top = _prepare_text(path, head.decode("utf-8-sig"), [], comment)
+        before = file.text[:top]
+        rows = list(csv.reader(io.StringIO(before, newline=""), delimiter=file.separator))
+    except (InputRefused, UnicodeDecodeError, csv.Error):
+        return None
+    line = before.count("\n")
+    begin = sum(len(text) for text in head.splitlines(keepends=True)[:line])
+    first = file.text[top:].partition("\n")[0]
+    plain = PlainRows(path, begin, line, file.separator, file.decimal, first.count(file.separator) + 1)
+    # no cell above spans lines; no comment and no other header can look like numbers
+    whole = len(rows) == line and (comment is None or comment[0] not in plain.characters)
+    header = _header_line(file.text)
+    told = not header.strip() or not set(header) <= set(plain.characters)
+    return replace(file, rows=plain) if whole and told and plain.are_proven() else None
+
+
+def _prepare_text(
+    path: Path, text: str, odd: list[Irregularity], comment: str | None
+) -> tuple[CsvText, int]:  # fmt: skip
+    """A decoded `text` as `read_csv_text` has it, `odd` among its irregularities; the character where its rows begin.
+
+    Raises:
+        InputRefused: a second header, numbers of two kinds, or rows that were cut or swallowed by a quotation mark.
+    """
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise InputRefused(path, "line 1", "holds no table", EXPORT_AGAIN)
@@ -83,7 +138,7 @@ def read_csv_text(path: Path, comment: str | None = None) -> CsvText:
     text, comments = drop_comment_lines(path, text, top, separator, comment)
     check_rows(path, text, top, separator)
     body = NON_FINITE_NUMBER.sub("inf", text[top:])
-    return CsvText(path, text[:top] + body, separator, decimal, (*odd, *cut, *comments))
+    return CsvText(path, text[:top] + body, separator, decimal, (*odd, *cut, *comments)), top
 
 
 def _decode_file(path: Path) -> tuple[str, list[Irregularity]]:
@@ -119,13 +174,18 @@ def _decode_file(path: Path) -> tuple[str, list[Irregularity]]:
 
 def _check_single_header(path: Path, text: str) -> None:
     """Raise `InputRefused` where the first line that has letters comes again: two takes in one file."""
-    head = text.split("\n", HEAD_LINES)[:HEAD_LINES]
-    first = next((line for line in head if any(c.isalpha() for c in line) and not FIRST_NUMBERS.match(line)), "")
+    first = _header_line(text)
     key = "Format Version" if first.startswith("Format Version") else first + "\n"
     again = text.find("\n" + key, text.find(key) + 1) if key.strip() else -1
     if again >= 0:
         line = text.count("\n", 0, again + 1) + 1
         raise InputRefused(path, f"line {line}", "a second header: two takes in one file", "cut the file there")
+
+
+def _header_line(text: str) -> str:
+    """The first line that has letters and begins with no number; empty where none of the first HEAD_LINES has."""
+    head = text.split("\n", HEAD_LINES)[:HEAD_LINES]
+    return next((line for line in head if any(c.isalpha() for c in line) and not FIRST_NUMBERS.match(line)), "")
 
 
 def _find_separator(text: str) -> str:

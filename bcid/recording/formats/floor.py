@@ -27,8 +27,10 @@ def poses_in_space(position_m: Floats, xyzw: Floats, up_axis: Literal["Y", "Z"],
     """
     attitude.check_up_axis(position_m, up_axis, path)
     unseen = lost.find_lost_poses(position_m, xyzw)
-    odd = lost.note_lost_poses(time_s, unseen, np.column_stack([position_m, xyzw]))
-    world, turns = (np.where(unseen[:, None], np.nan, values) for values in (position_m, xyzw))
+    odd, world, turns = list[Irregularity](), position_m, xyzw
+    if unseen.any():
+        odd = lost.note_lost_poses(time_s, unseen, np.column_stack([position_m, xyzw]))
+        world, turns = (np.where(unseen[:, None], np.nan, values) for values in (position_m, xyzw))
     floor = attitude.project_to_floor(world, up_axis)
     yaw, of_turns = attitude.checked_yaw(turns, up_axis, time_s, path)
     up, lifts = attitude.find_lifted_samples(floor, world[:, "XYZ".index(up_axis)], time_s)

@@ -7,17 +7,20 @@ import io
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from mcap import records as kinds
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
+from bcid.aliases import Ints
 from bcid.recording.formats.limits import MCAP as LIMITS
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode and length
 CHUNK_HEAD = struct.Struct("<QQQ")  # first time, last time, and bytes of the unpacked content
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence number, log time, publish time
+MESSAGE_HEAD_TYPE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_ns", "<u8"), ("publish_ns", "<u8")])
 RECORD_TYPES = {
     1: kinds.Header, 2: kinds.Footer, 3: kinds.Schema, 4: kinds.Channel, 5: kinds.Message, 6: kinds.Chunk,
     7: kinds.MessageIndex, 8: kinds.ChunkIndex, 9: kinds.Attachment, 10: kinds.AttachmentIndex, 11: kinds.Statistics,
@@ -106,50 +109,72 @@ def _decompress(chunk: kinds.Chunk, most: int, offset: int) -> bytes:
     raise DamagedRecord(offset, f"chunk compression {chunk.compression!r} is not known: zstd, lz4 or none are read")
 
 
-def _iterate_chunk(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, and first and last byte, of each record in the decompressed bytes of the MCAP chunk at `offset`.
+class MessageBatch(NamedTuple):
+    """N messages that follow each other in a chunk: their channels, log times (ns) and places in its bytes."""
+
+    data: bytes
+    channels: Ints
+    log_ns: Ints
+    begins: list[int]
+    ends: list[int]
+
+    def __len__(self) -> int:
+        """The number of messages, N."""
+        return len(self.begins)
+
+    def contents(self, rows: Ints | None = None) -> list[bytes]:
+        """The bytes of all messages, or of those at `rows`, heads aside."""
+        every = range(len(self.begins)) if rows is None else rows.tolist()
+        data, begins, ends, head = self.data, self.begins, self.ends, MESSAGE_HEAD.size
+        return [data[begins[k] + head : ends[k]] for k in every]
+
+    def messages(self) -> Iterator[kinds.Message]:
+        """The messages one by one, as records of the mcap library."""
+        for begin, data in zip(self.begins, self.contents(), strict=True):
+            channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(self.data, begin)
+            yield kinds.Message(channel, log_ns, data, publish_ns, sequence)
+
+
+def scan_chunk(data: bytes, offset: int) -> list[kinds.McapRecord | MessageBatch]:
+    """The schemas and channels in the decompressed bytes of an MCAP chunk, and its messages between them, in order.
+
+    All records are found readable before any is returned.
 
     Raises:
-        DamagedRecord: the chunk ends inside a record, or holds a record of kind 0.
+        DamagedRecord: the chunk, which begins at the byte `offset`, ends inside a record, or a record cannot be read.
     """
-    at, end = 0, len(data)
+    found: list[kinds.McapRecord | MessageBatch] = []
+    begins, ends = list[int](), list[int]()
+    unpack, head, end, at = RECORD_HEAD.unpack_from, RECORD_HEAD.size, len(data), 0
     while at < end:
-        if at + RECORD_HEAD.size > end:
+        if at + head > end:
             raise DamagedRecord(offset, "a chunk ends inside a record")
-        opcode, length = RECORD_HEAD.unpack_from(data, at)
-        begin, at = at + RECORD_HEAD.size, at + RECORD_HEAD.size + length
+        opcode, length = unpack(data, at)
+        begin = at + head
+        at = begin + length
         if at > end:
             raise DamagedRecord(offset, "a chunk ends inside a record")
-        if opcode == 0:
-            raise DamagedRecord(offset, "a chunk holds a record of kind 0")
-        yield opcode, begin, at
-
-
-def count_chunk_messages(data: bytes, offset: int) -> int:
-    """The number of messages in the decompressed bytes of an MCAP chunk, all of whose records were found readable.
-
-    Raises:
-        DamagedRecord: a record in the chunk, which begins at the byte `offset`, cannot be read.
-    """
-    messages = 0
-    for opcode, begin, end in _iterate_chunk(data, offset):
-        if opcode in DECLARATIONS:
-            if end - begin > LIMITS.max_declaration_bytes:
-                most = f"{LIMITS.max_declaration_bytes} are the most"
-                raise DamagedRecord(offset, f"a chunk declares a schema or channel of {end - begin} bytes: {most}")
-            parse_record(opcode, data[begin:end], offset)
-        elif opcode == MESSAGE:
-            messages += 1
-            if end - begin < MESSAGE_HEAD.size:
-                raise DamagedRecord(offset, "a Message record cannot be read: it is too short")
-    return messages
-
-
-def parse_chunk_content(data: bytes, offset: int) -> Iterator[kinds.McapRecord]:
-    """Yield the schemas, channels and messages in the decompressed bytes of the MCAP chunk at the byte `offset`."""
-    for opcode, begin, end in _iterate_chunk(data, offset):
         if opcode == MESSAGE:
-            channel, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, begin)
-            yield kinds.Message(channel, log_ns, data[begin + MESSAGE_HEAD.size : end], publish_ns, sequence)
+            if length < MESSAGE_HEAD.size:
+                raise DamagedRecord(offset, "a Message record cannot be read: it is too short")
+            begins.append(begin)
+            ends.append(at)
+        elif opcode == 0:
+            raise DamagedRecord(offset, "a chunk holds a record of kind 0")
         elif opcode in DECLARATIONS:
-            yield parse_record(opcode, data[begin:end], offset)
+            if length > LIMITS.max_declaration_bytes:
+                most = f"{LIMITS.max_declaration_bytes} are the most"
+                raise DamagedRecord(offset, f"a chunk declares a schema or channel of {length} bytes: {most}")
+            if begins:
+                found.append(_batch(data, begins, ends))
+                begins, ends = [], []
+            found.append(parse_record(opcode, data[begin:at], offset))
+    return [*found, _batch(data, begins, ends)] if begins else found
+
+
+def _batch(data: bytes, begins: list[int], ends: list[int]) -> MessageBatch:
+    """The messages between these bytes of a chunk, with what their heads say."""
+    rows = np.array(begins)
+    every = np.frombuffer(data, dtype=np.uint8)
+    heads = every[rows[:, None] + np.arange(MESSAGE_HEAD.size)].view(MESSAGE_HEAD_TYPE)[:, 0]
+    return MessageBatch(data, heads["channel"].astype(np.int64), heads["log_ns"], begins, ends)

@@ -5,17 +5,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from mcap import records as kinds
 
+from bcid.aliases import Ints
 from bcid.errors import InputRefused
 from bcid.recording.formats.detect import recording_files
+from bcid.recording.formats.fixed_layout import FixedLayout
 from bcid.recording.formats.limits import MCAP, MESSAGE
-from bcid.recording.formats.mcap_chunks import DamagedRecord
-from bcid.recording.formats.mcap_records import McapEntry, iterate_records
-from bcid.recording.formats.message_decoding import message_decoder
+from bcid.recording.formats.mcap_chunks import DamagedRecord, MessageBatch
+from bcid.recording.formats.mcap_records import McapEntry, iterate_entries
+from bcid.recording.formats.message_decoding import fixed_layout, message_decoder
 from bcid.recording.formats.message_fields import MissingField, NotANumber
 from bcid.recording.formats.message_stamps import UnreadableStamp
-from bcid.recording.formats.message_store import MessageStore
+from bcid.recording.formats.message_store import MessageStore, StoredMessages
 from bcid.recording.formats.names import describe_error, printable_name
 from bcid.recording.formats.rosbag import describe_odd_parts, unread_parts
 from bcid.recording.types import Irregularity
@@ -59,26 +62,49 @@ class McapContents:
         Raises:
             InputRefused: a message cannot be read, or none can where parts may be lost.
         """
+        stored = self.stored_messages(topic)
+        log_ns = stored.log_ns
+        for row, message in self.read_rows(topic, stored, np.arange(len(log_ns)), read):
+            yield int(log_ns[row]), message
+
+    def stored_messages(self, topic: str) -> StoredMessages:
+        """A topic's messages in file order, as they were sent."""
+        return self.messages.of_channels({c.id for c in self.published_channels(topic)})
+
+    def fixed_layout(self, topic: str, stored: StoredMessages, row: int) -> FixedLayout | None:
+        """The layout of one of a topic's messages, if others may share it; None where it cannot be decoded."""
+        channel = self.channels[int(stored.channels[row])]
+        return fixed_layout(channel, self.schemas.get(channel.schema_id), stored.data(row))
+
+    def read_rows(
+        self, topic: str, stored: StoredMessages, rows: Ints, read: Callable[[Any], T]
+    ) -> Iterator[tuple[int, T]]:  # fmt: skip
+        """The numbers of those of a topic's messages that are in `rows`, in order, and what `read` takes from each.
+
+        All messages of the topic are `stored`, and those that are not in `rows` can be read.
+
+        Raises:
+            InputRefused: a message cannot be read, or none can where parts may be lost.
+        """
         channels = self.published_channels(topic)
         decoders = {c.id: message_decoder(c, self.schemas.get(c.schema_id), self.path) for c in channels}
-        number, broken, first = 0, 0, None
-        for channel, log_ns, data in self.messages:
-            if channel not in decoders:
-                continue
-            number += 1
+        broken, first = 0, None
+        for row in rows.tolist():
+            channel, log_ns = int(stored.channels[row]), int(stored.log_ns[row])
             try:
-                if len(data) > MESSAGE.max_message_bytes:
-                    raise ValueError(f"it has {len(data)} bytes, {MESSAGE.max_message_bytes} are the most")
-                message = read(decoders[channel](data))
+                if (size := int(stored.ends[row] - stored.begins[row])) > MESSAGE.max_message_bytes:
+                    raise ValueError(f"it has {size} bytes, {MESSAGE.max_message_bytes} are the most")
+                message = read(decoders[channel](stored.data(row)))
             except (InputRefused, MemoryError):
                 raise
             except Exception as error:  # whatever decoders raise on content that nobody vouches for
-                refused = self._refuse_message(topic, number, log_ns, error)
+                refused = self._refuse_message(topic, row + 1, log_ns, error)
                 if not self.allow_partial:
                     raise refused from error
                 broken, first = broken + 1, first or refused
                 continue
-            yield log_ns, message
+            yield row, message
+        number = len(stored.begins)
         if first is not None and broken == number:
             raise first
         if first is not None:
@@ -153,7 +179,7 @@ def _read_part(contents: McapContents, path: Path, shift: int) -> None:
     """
     before, unverified, statistics, vouched, indexed = dict(contents.counts), contents.unverified, None, False, False
     try:
-        for entry in iterate_records(path):
+        for entry in iterate_entries(path):
             record = entry.record
             if isinstance(record, DamagedRecord):
                 begin_ns, end_ns = (c.message_start_time, c.message_end_time) if (c := record.chunk) else (None, None)
@@ -220,12 +246,30 @@ def _add_record(contents: McapContents, entry: McapEntry, shift: int) -> None:
         contents.counts[number] = contents.counts.get(number, 0) + 1
         contents.unverified += not entry.checksummed
         contents.last_ns = record.log_time
-        known = contents.channels.get(number)
-        if known is None or known.topic in contents.topics:
+        if _may_be_wanted(contents, number):
             contents.messages.add(number, record.log_time, record.data)
-            most = min(
-                MCAP.max_content_bytes, max(MCAP.free_content_bytes, MCAP.max_content_factor * contents.file_bytes)
-            )
-            if len(contents.messages) > MCAP.max_messages or contents.messages.content_bytes > most:
-                cause = f"hold more than {MCAP.max_messages} messages, or than {most} bytes, the most of such a file"
-                raise InputRefused(contents.path, "topics", cause, "cut the recording into takes")
+            _check_size(contents)
+    elif isinstance(record, MessageBatch):
+        numbers = record.channels + shift
+        for number, count in zip(*(x.tolist() for x in np.unique(numbers, return_counts=True)), strict=True):
+            contents.counts[number] = contents.counts.get(number, 0) + count
+        contents.unverified += 0 if entry.checksummed else len(record)
+        contents.last_ns = int(record.log_ns[-1])
+        wanted = [number for number in np.unique(numbers).tolist() if _may_be_wanted(contents, number)]
+        rows = np.flatnonzero(np.isin(numbers, wanted))
+        contents.messages.add_all(numbers[rows], record.log_ns[rows], record.contents(rows))
+        _check_size(contents)
+
+
+def _may_be_wanted(contents: McapContents, number: int) -> bool:
+    """Whether messages of the channel of this number are of a wanted topic, as far as that is declared yet."""
+    known = contents.channels.get(number)
+    return known is None or known.topic in contents.topics
+
+
+def _check_size(contents: McapContents) -> None:
+    """Raise `InputRefused` where more is held of the wanted topics than of any recording of that size."""
+    most = min(MCAP.max_content_bytes, max(MCAP.free_content_bytes, MCAP.max_content_factor * contents.file_bytes))
+    if len(contents.messages) > MCAP.max_messages or contents.messages.content_bytes > most:
+        cause = f"hold more than {MCAP.max_messages} messages, or than {most} bytes, the most of such a file"
+        raise InputRefused(contents.path, "topics", cause, "cut the recording into takes")

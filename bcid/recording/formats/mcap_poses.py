@@ -1,6 +1,5 @@
 """Poses on the floor from the messages of an MCAP file's pose topic: known types, transform trees, mapped fields."""
 
-from array import array
 from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any
@@ -17,8 +16,9 @@ from bcid.recording.formats.limits import MCAP as LIMITS
 from bcid.recording.formats.mcap_contents import McapContents
 from bcid.recording.formats.mcap_times import MessageTrack
 from bcid.recording.formats.message_fields import chooses_item, get_field, names_in_list, number_at
-from bcid.recording.formats.message_stamps import Stamp, message_stamp, parse_stamp, resolve_stamps
+from bcid.recording.formats.message_stamps import parse_stamp, resolve_stamps
 from bcid.recording.formats.names import list_names, printable_name
+from bcid.recording.formats.number_tables import BodyRow, NumberFields, NumberTable, read_number_tables
 from bcid.recording.formats.raw import map_field, raw_field_names
 from bcid.recording.types import Irregularity
 from bcid.vehicle import Mocap, Topics, Vehicle
@@ -30,31 +30,6 @@ MAP_FIELDS = (
 )
 
 
-class NumberTable:
-    """Rows of numbers with their times, as they come from messages, in few bytes."""
-
-    def __init__(self, width: int) -> None:
-        """No rows yet, of `width` numbers each."""
-        self.width, self.log_ns, self.stamps = width, list[int](), list[Stamp]()
-        self._numbers = array("d")
-
-    def add(self, log_ns: int, stamp: Stamp, row: Iterable[float]) -> None:
-        """Add a row, logged at `log_ns`."""
-        self.log_ns.append(log_ns)
-        self.stamps.append(stamp)
-        self._numbers.extend(row)
-
-    @property
-    def rows(self) -> Floats:
-        """The numbers (N, width)."""
-        return np.array(self._numbers, dtype=float).reshape(len(self.log_ns), self.width)
-
-    @property
-    def logged_s(self) -> Floats:
-        """The log times (N,) in s from the first."""
-        return np.array([ns - self.log_ns[0] for ns in self.log_ns], dtype=float) / 1e9
-
-
 def read_mapped_fields(
     contents: McapContents, topic: str, names: list[str], topics: Topics, time: str | None
 ) -> NumberTable:
@@ -63,18 +38,15 @@ def read_mapped_fields(
     Stamps are read from the field `time`, or from the usual places in the header where it is None; they are None
     where the vehicle file wants log times.
     """
-    stamped, table = topics.time != "log", NumberTable(len(names))
+    fields = NumberFields(names, stamped=topics.time != "log", stamp=time)
 
-    def read(message: Any) -> tuple[Stamp, list[float]]:
+    def read(message: Any) -> BodyRow:
         """The stamp and the numbers of one message."""
-        stamp = None
-        if stamped:
-            stamp = parse_stamp(get_field(message, time)) if time else message_stamp(message)
-        return stamp, [number_at(message, name) for name in names]
+        stamp = parse_stamp(fields.stamp_of(message))
+        return BodyRow("", stamp, [number_at(message, name) for name in names])
 
-    for log_ns, (stamp, row) in contents.read_messages(topic, read):
-        table.add(log_ns, stamp, row)
-    return table
+    tables = read_number_tables(contents, topic, fields, read)
+    return tables.get("", NumberTable(len(names)))
 
 
 def track_of_table(
@@ -188,16 +160,14 @@ def _read_single(contents: McapContents, where: ros.SinglePose, vehicle: Vehicle
 
     The only body of a topic is taken whatever its name, unless `topics.child_frame` asks for another.
     """
-    stamped = topics.time != "log"
-    tables = dict[str, NumberTable]()
+    fields = NumberFields(where.paths(), where.body, topics.time != "log")
 
-    def read(message: Any) -> tuple[str, ros.StampedPose]:
+    def read(message: Any) -> BodyRow:
         """The body's name, or "" without one, and its pose."""
         name = "" if where.body is None else str(get_field(message, where.body, ""))
-        return name, ros.read_single_pose(message, where, stamped)
+        return BodyRow(name, *ros.read_single_pose(message, where, fields.stamped))
 
-    for log_ns, (name, pose) in contents.read_messages(topics.pose, read):
-        tables.setdefault(name, NumberTable(7)).add(log_ns, pose.stamp, pose.row)
+    tables = read_number_tables(contents, topics.pose, fields, read)
     body = topics.child_frame or vehicle.mocap.rigid_body
     if where.body is not None and body in tables:
         return tables[body]

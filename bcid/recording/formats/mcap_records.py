@@ -24,10 +24,10 @@ from bcid.recording.formats.mcap_chunks import (
     RECORD_HEAD,
     RECORD_TYPES,
     DamagedRecord,
-    count_chunk_messages,
+    MessageBatch,
     largest_expansion,
-    parse_chunk_content,
     parse_record,
+    scan_chunk,
     unpack_chunk,
 )
 
@@ -35,9 +35,12 @@ SKIP_BLOCK_BYTES = 1 << 20
 
 
 class McapEntry(NamedTuple):
-    """A record of an MCAP file, or the damage of a chunk in its place; and whether a chunk's checksum covers it."""
+    """A record of an MCAP file, some messages of a chunk, or the damage of a chunk in its place.
 
-    record: kinds.McapRecord | DamagedRecord
+    Also, whether a chunk's checksum covers it.
+    """
+
+    record: kinds.McapRecord | MessageBatch | DamagedRecord
     checksummed: bool
 
 
@@ -71,6 +74,15 @@ def _skip_with_checksum(file: IO[bytes], length: int, offset: int, crc: int) -> 
 
 
 def iterate_records(path: Path, attachments: bool = False) -> Iterator[McapEntry]:
+    """The records of an MCAP file as `iterate_entries` has them, but all messages one by one."""
+    for entry in iterate_entries(path, attachments):
+        if isinstance(entry.record, MessageBatch):
+            yield from (McapEntry(message, entry.checksummed) for message in entry.record.messages())
+        else:
+            yield entry
+
+
+def iterate_entries(path: Path, attachments: bool = False) -> Iterator[McapEntry]:
     """The records of an MCAP file in file order, also those in chunks; for an unreadable chunk its `DamagedRecord`.
 
     Attachments, which may be large, are skipped unless wanted, and so is the index of messages, which is not followed.
@@ -131,11 +143,11 @@ def _open_record(opcode: int, body: bytes, offset: int, crc: int) -> tuple[Itera
     if isinstance(record, kinds.Chunk):
         checksummed = bool(record.uncompressed_crc)
         try:
-            data = unpack_chunk(record, offset)
-            messages = count_chunk_messages(data, offset)
+            content = scan_chunk(unpack_chunk(record, offset), offset)
         except DamagedRecord as error:
             return [McapEntry(DamagedRecord(offset, error.cause, record), checksummed)], 0
-        return (McapEntry(r, checksummed) for r in parse_chunk_content(data, offset)), messages
+        messages = sum(len(part) for part in content if isinstance(part, MessageBatch))
+        return [McapEntry(part, checksummed) for part in content], messages
     if isinstance(record, kinds.Attachment):
         n = 24 + len(record.name.encode()) + len(record.media_type.encode()) + 8 + len(record.data)
         (stated,) = struct.unpack_from("<I", body, n)

@@ -78,7 +78,7 @@ def common_times(pose: MessageTrack, commands: Sequence[MessageTrack], topics: T
         InputRefused: times are invalid, or stamps are missing where the vehicle file asks for them.
     """
     tracks, odd = (pose, *commands), list[Irregularity]()
-    stamped = all(s is not None for track in tracks for s in track.stamp_ns)
+    stamped = not any(None in track.stamp_ns for track in tracks)
     if topics.time == "header" and not stamped:
         cause = "topics.time is header, but a message carries none"
         raise InputRefused(path, "stamps", cause, 'set topics.time = "log"')

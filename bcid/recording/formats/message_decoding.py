@@ -11,11 +11,15 @@ from typing import Any
 from mcap import records as kinds
 
 from bcid.errors import InputRefused
+from bcid.recording.formats.fixed_layout import FixedLayout, JsonLayout, RosLayout
 from bcid.recording.formats.limits import MESSAGE as LIMITS
 from bcid.recording.formats.names import describe_error, printable_name
-from bcid.recording.formats.ros_encoding import compile_ros_decoder
+from bcid.recording.formats.ros_encoding import compile_ros_decoder, compile_ros_reader
 
 REMEDY = "record as JSON, CDR (ros2msg) or protobuf"
+
+ROS_NOTATIONS = {"cdr": "ros2msg", "ros1": "ros1msg"}
+"""How the types of each encoding of ROS are defined."""
 
 Decoder = Callable[[bytes], Any]
 
@@ -42,6 +46,23 @@ def message_decoder(channel: kinds.Channel, schema: kinds.Schema | None, path: P
         with_schema = f"a schema in {printable_name(repr(schema.encoding))}" if schema else "no schema"
         raise InputRefused(path, place, f"encoding {encoding!r} with {with_schema} is not read", REMEDY)
     return decode
+
+
+def fixed_layout(channel: kinds.Channel, schema: kinds.Schema | None, data: bytes) -> FixedLayout | None:
+    """The layout of a channel's message, by which others are read as arrays; None where it cannot be decoded."""
+    try:
+        if channel.message_encoding == "json":
+            return JsonLayout(data)
+        notation = ROS_NOTATIONS.get(channel.message_encoding)
+        if notation is None or schema is None or schema.encoding != notation or len(data) > LIMITS.max_message_bytes:
+            return None
+        ros_1 = notation == "ros1msg"
+        read = compile_ros_reader(schema.name, schema.data.decode("utf-8", "replace"), ros_1)
+        return RosLayout(data, read, ros_1)
+    except MemoryError:
+        raise
+    except Exception:  # whatever decoders raise: each message is then decoded by itself, and refused there
+        return None
 
 
 def _ros_decoder(schema: kinds.Schema, notation: str) -> Decoder | None:
@@ -76,7 +97,7 @@ def _protobuf_decoder(schema: kinds.Schema) -> Decoder | None:
 
 
 MAKERS: dict[str, Callable[[kinds.Schema], Decoder | None]] = {
-    "cdr": partial(_ros_decoder, notation="ros2msg"), "ros1": partial(_ros_decoder, notation="ros1msg"),
+    **{encoding: partial(_ros_decoder, notation=notation) for encoding, notation in ROS_NOTATIONS.items()},
     "protobuf": _protobuf_decoder,
 }  # fmt: skip
 """What makes the decoder of each encoding but JSON, whose messages need no schema."""

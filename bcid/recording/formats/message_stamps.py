@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -136,6 +136,8 @@ def resolve_stamps(stamps: Sequence[Stamp], log_ns: Sequence[int], topic: str, p
     Raises:
         InputRefused: the unit of plain numbers cannot be told.
     """
+    if PlainStamp not in set(map(type, stamps)):
+        return list(cast("Sequence[int | None]", stamps))
     plain = [s.value for s in stamps if isinstance(s, PlainStamp)]
     unit = _plain_unit_ns(plain, log_ns) if plain else NS_PER_S
     if unit is None:

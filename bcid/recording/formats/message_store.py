@@ -2,6 +2,30 @@
 
 from array import array
 from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Ints
+
+
+class StoredMessages(NamedTuple):
+    """N messages by number: their channels and log times (ns), and where each lies in the bytes of all."""
+
+    channels: Ints
+    log_ns: Ints
+    begins: Ints
+    ends: Ints
+    content: memoryview
+
+    def select(self, rows: Ints) -> "StoredMessages":
+        """The messages of these numbers."""
+        channels, log_ns, begins, ends = (x[rows] for x in self[:4])
+        return StoredMessages(channels, log_ns, begins, ends, self.content)
+
+    def data(self, row: int) -> bytes:
+        """The bytes of one message."""
+        return bytes(self.content[self.begins[row] : self.ends[row]])
 
 
 class MessageStore:
@@ -9,7 +33,7 @@ class MessageStore:
 
     def __init__(self) -> None:
         """A store without messages."""
-        self._channels, self._log_ns, self._ends = array("L"), array("Q"), array("Q")
+        self._channels, self._log_ns, self._ends = array("q"), array("Q"), array("q")
         self._content = bytearray()
 
     def __len__(self) -> int:
@@ -26,7 +50,7 @@ class MessageStore:
     @property
     def channels(self) -> set[int]:
         """The channels that messages are of."""
-        return set(self._channels)
+        return set(np.unique(np.array(self._channels, dtype=np.int64)).tolist())
 
     @property
     def content_bytes(self) -> int:
@@ -39,6 +63,23 @@ class MessageStore:
         self._log_ns.append(log_ns)
         self._content += data
         self._ends.append(len(self._content))
+
+    def add_all(self, channels: Ints, log_ns: Ints, contents: list[bytes]) -> None:
+        """Add messages of these channels (N,), log times (N,) in ns, as unsigned numbers, and N `contents`."""
+        sizes = np.fromiter(map(len, contents), dtype=np.int64, count=len(contents))
+        self._channels.frombytes(channels.astype(np.int64).tobytes())
+        self._log_ns.frombytes(log_ns.astype(np.uint64).tobytes())
+        self._ends.frombytes((len(self._content) + np.cumsum(sizes)).tobytes())
+        self._content += b"".join(contents)
+
+    def of_channels(self, channels: set[int]) -> StoredMessages:
+        """The messages of these channels, in file order."""
+        ends = np.array(self._ends, dtype=np.int64)
+        stored = StoredMessages(
+            np.array(self._channels, dtype=np.int64), np.array(self._log_ns, dtype=np.uint64), np.r_[0, ends[:-1]],
+            ends, memoryview(self._content),
+        )  # fmt: skip
+        return stored.select(np.flatnonzero(np.isin(stored.channels, list(channels))))
 
     def keep(self, channels: set[int]) -> None:
         """Drop the messages of all but these channels."""

@@ -12,27 +12,33 @@ from bcid.recording.checks import attitude
 from bcid.recording.formats import motive_header
 from bcid.recording.formats.commands_file import TakeStart, read_commands_file
 from bcid.recording.formats.csv_table import parse_rows
-from bcid.recording.formats.csv_text import CsvText, read_csv_text
+from bcid.recording.formats.csv_text import CsvText, read_csv_text, read_whole_text
 from bcid.recording.formats.floor import poses_in_space
 from bcid.recording.formats.limits import TABLE as LIMITS
 from bcid.recording.formats.motive_header import MotiveHeader
 from bcid.recording.formats.names import printable_name
 from bcid.recording.formats.numbers import parse_numbers
 from bcid.recording.formats.raw import RawTake, identify_file
-from bcid.recording.types import Irregularity
+from bcid.recording.types import Irregularity, SourceFile
 from bcid.vehicle import Vehicle
 
 
-def _parse_frames(file: CsvText, header: MotiveHeader) -> pd.DataFrame:
-    """The rows of a Motive export below its header, a frame each, as a table with columns 0, 1, ...; no blank rows."""
-    names = list(range(len(header.axes)))
+def _parse_frames(file: CsvText, header: MotiveHeader, columns: list[int]) -> pd.DataFrame:
+    """The rows of a Motive export below its header, a frame each, as a table with columns 0, 1, ...; no blank rows.
+
+    Of a table of plain numbers only the wanted `columns` are there.
+    """
     try:
-        table = parse_rows(file, skiprows=header.table_row + 1, header=None, names=names, skip_blank_lines=False)
+        table = parse_rows(file, len(header.axes), header.table_row + 1, columns, skip_blank_lines=False)
+        if file.rows is not None and table[0].isna().any():
+            # whether a row without frame number is blank is seen by all of its cells
+            whole = read_whole_text(file.path)
+            table = parse_rows(whole, len(header.axes), header.table_row + 1, columns, skip_blank_lines=False)
     except pd.errors.EmptyDataError:
         return pd.DataFrame()
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         raise InputRefused(file.path, "table", f"cannot be read: {error}", "export the take again") from None
-    return table.dropna(how="all")
+    return table.dropna(how="all") if table[0].isna().any() else table
 
 
 def _numeric_cells(table: pd.DataFrame, columns: list[int], header: MotiveHeader, path: Path) -> Floats:
@@ -83,16 +89,20 @@ def _pose_columns(header: MotiveHeader, body: str, path: Path) -> tuple[dict[str
     return position, rotation
 
 
-def _find_poor_solutions(header: MotiveHeader, body: str, table: pd.DataFrame, scale: float, path: Path) -> Bools:
-    """Mask (N,) of the rows whose pose was not measured, by Motive's mean marker error, which `scale` turns into m.
+def _marker_error_columns(header: MotiveHeader, body: str) -> list[int]:
+    """The index of the column of the body's mean marker error, in a list that is empty where there is none."""
+    names = ("Mean Marker Error", "Marker Error")
+    return [i for name in names for i in header.column_indices(body, name).values()][:1]
+
+
+def _find_poor_solutions(error: Floats) -> Bools:
+    """Mask (N,) of the rows whose pose was not measured, by Motive's mean marker error (N,) in m.
 
     Such an error is far above the usual one (LIMITS.max_marker_error_*), or exactly zero where few are.
     """
-    columns = [i for name in ("Mean Marker Error", "Marker Error") for i in header.column_indices(body, name).values()]
-    error = scale * _numeric_cells(table, columns[:1], header, path)[:, 0] if columns else np.empty(0)
     known = error[np.isfinite(error)]
     if not len(known):
-        return np.zeros(len(table), dtype=bool)
+        return np.zeros(len(error), dtype=bool)
     usual = float(np.median(known))
     # an error of exactly zero: the pose was interpolated, unless the errors are as small as their digits
     zero = error == 0.0
@@ -119,15 +129,9 @@ def _read_rotations(header: MotiveHeader, rotations: Floats, path: Path) -> tupl
     return attitude.quaternions_of_euler(rotations, order), odd
 
 
-def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
-    """The vehicle's poses (N, 3) in a Motive CSV export, x, y (m) and yaw (rad) on the floor, without commands (M = 0).
-
-    Poses that were not measured, or off the floor, are NaN.
-
-    Raises:
-        InputRefused: the export lacks the body, a column, the frame rate or a unit, or a cell is no number.
-    """
-    source, file = identify_file(path, "motive-csv"), read_csv_text(path)
+def _read_poses(file: CsvText, source: SourceFile, vehicle: Vehicle) -> RawTake:
+    """The vehicle's poses (N, 3) in the text of a Motive CSV export, as `read_motive_poses` has them."""
+    path = file.path
     header, problems = motive_header.read_motive_header(file), Problems()
     if header.keys.get("Coordinate Space", "Global") != "Global":
         problems.append(Problem("line 1", "Coordinate Space is not Global", "export with global coordinates"))
@@ -144,21 +148,25 @@ def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
         if "W" not in rotation:
             motive_header.euler_rotation_order(header, path)
     problems.raise_if_any(path)
-    table = _parse_frames(file, header)
+    places, turns = [position[a] for a in "XYZ"], [rotation[a] for a in "XYZW" if a in rotation]
+    errors = _marker_error_columns(header, body)
+    table = _parse_frames(file, header, [0, *clock[:1], *places, *turns, *errors])
     if table.empty:
         raise InputRefused(path, f"line {header.table_row + 2}", "no frame follows the header", "export the take again")
     frames, stated = _numeric_cells(table, [0, *clock[:1]], header, path).T
     time_s = _frame_times(frames, stated, rate, path, header)
-    world = scale * _numeric_cells(table, [position[a] for a in "XYZ"], header, path)
-    turn = _numeric_cells(table, [rotation[a] for a in "XYZW" if a in rotation], header, path)
-    quaternions, odd_turns = _read_rotations(header, turn, path)
+    world = scale * _numeric_cells(table, places, header, path)
+    quaternions, odd_turns = _read_rotations(header, _numeric_cells(table, turns, header, path), path)
+    error = scale * _numeric_cells(table, errors, header, path)[:, 0] if errors else np.full(len(table), np.nan)
+    missing = _find_missing_frames(header, len(table), path)
+    # large, and no longer needed
+    del table
     pose, odd_poses = poses_in_space(world, quaternions, vehicle.mocap.up_axis, time_s, path)
     if "W" not in rotation:
         # the signs of quaternions are made here, not recorded
         odd_poses = [i for i in odd_poses if i.kind != "quaternion sign"]
-    poor = _find_poor_solutions(header, body, table, scale, path)
+    poor = _find_poor_solutions(error)
     pose[poor] = np.nan
-    missing = _find_missing_frames(header, len(table), path)
     odd = [*file.irregularities, *odd_rate, *missing, *odd_turns, *odd_poses]
     if poor.any():
         text = "the mean marker error is far above the usual, or exactly zero: not measured"
@@ -166,14 +174,28 @@ def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
     return RawTake(path.stem, (source,), time_s, pose, np.empty(0), np.empty((0, 2)), rate, {}, tuple(odd))
 
 
+def read_motive_poses(path: Path, vehicle: Vehicle) -> RawTake:
+    """The vehicle's poses (N, 3) in a Motive CSV export, x, y (m) and yaw (rad) on the floor, without commands (M = 0).
+
+    Poses that were not measured, or off the floor, are NaN.
+
+    Raises:
+        InputRefused: the export lacks the body, a column, the frame rate or a unit, or a cell is no number.
+    """
+    source = identify_file(path, "motive-csv")
+    return _read_poses(read_csv_text(path), source, vehicle)
+
+
 def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
     """The unchecked poses of a Motive CSV export with the commands of its commands file; refused if either is bad."""
-    problems = Problems()
+    problems, text = Problems(), None
     with problems.gather_refusals():
-        poses = read_motive_poses(path, vehicle)
+        source = identify_file(path, "motive-csv")
+        text = read_csv_text(path)
+        poses = _read_poses(text, source, vehicle)
     with problems.gather_refusals():
         offset_s = vehicle.clock.offset_s if vehicle.clock else 0.0
-        start = TakeStart(motive_header.capture_start_time(path), None, offset_s)
+        start = TakeStart(motive_header.capture_start_time(text or read_csv_text(path)), None, offset_s)
         file = read_commands_file(commands, vehicle.commands, start)
     problems.raise_if_any(path)
     return replace(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bcid.errors import InputRefused
-from bcid.recording.formats.csv_text import CsvText, read_csv_text
+from bcid.recording.formats.csv_text import CsvText
 from bcid.recording.formats.names import list_names, printable_name
 from bcid.recording.formats.raw import nearest_hint
 from bcid.recording.types import Irregularity
@@ -121,6 +121,6 @@ def euler_rotation_order(header: MotiveHeader, path: Path) -> str:
     return order
 
 
-def capture_start_time(path: Path) -> str | None:
+def capture_start_time(file: CsvText) -> str | None:
     """The export's Capture Start Time as it is written, a local time of Motive's computer; None where there is none."""
-    return _read_keys(read_csv_text(path).first_rows(1)[0]).get("Capture Start Time") or None
+    return _read_keys(file.first_rows(1)[0]).get("Capture Start Time") or None

@@ -227,10 +227,19 @@ def compile_ros_decoder(name: str, text: str, ros_1: bool = False) -> Callable[[
         BadDefinition: the definition cannot be read, refers to itself, or is larger than any real one; the function
             that is returned raises `BadMessage` where a message does not agree with the definition.
     """
-    read, _ = _Compiler(parse_definition(name, text), ros_1).message(_short_name(name))
+    read = compile_ros_reader(name, text, ros_1)
 
     def decode(data: bytes) -> dict[str, Any]:
         message: dict[str, Any] = read(Cursor(data, ros_1))
         return message
 
     return decode
+
+
+def compile_ros_reader(name: str, text: str, ros_1: bool = False) -> Reader:
+    """A function that reads a message of the type `name`, defined by `text`, from a `Cursor` at its beginning.
+
+    Raises:
+        BadDefinition: as of `compile_ros_decoder`.
+    """
+    return _Compiler(parse_definition(name, text), ros_1).message(_short_name(name))[0]

@@ -35,6 +35,11 @@ class SinglePose(NamedTuple):
     unit_m: float = 1.0  # of the position, by the type's own definition
     names: tuple[str, ...] = ("x", "y", "z", "x", "y", "z", "w")  # of the numbers in both
 
+    def paths(self) -> list[str]:
+        """The paths of the seven numbers."""
+        above = [self.position] * 3 + [self.orientation] * 4
+        return [f"{part}.{name}" if part else name for part, name in zip(above, self.names, strict=True)]
+
 
 class PoseList(NamedTuple):
     """Where a message of several bodies has its list, and each item its name and its pose."""
