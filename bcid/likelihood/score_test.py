@@ -12,9 +12,9 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import NU, estimate_scales, robust_weights, segment_moments
-from bcid.likelihood.newton import parameter_jacobian
 from bcid.likelihood.nuisance import pose_residuals, remove_pushes
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.refit import Fit
