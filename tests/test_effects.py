@@ -32,7 +32,7 @@ from bcid.effects.lags import first_order_lag
 from bcid.effects.listing import describe_effect, effect_json
 from bcid.effects.measurement import to_pose_clock
 from bcid.effects.motion import integrate_body, steady_lags
-from bcid.effects.table import EFFECTS, ENTRIES, effect_switches
+from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, effect_switches
 from bcid.effects.tyres import load_transfer
 from bcid.likelihood import lane_rollout
 from bcid.models.newton_euler import augmented_step
@@ -113,7 +113,7 @@ def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade"]
     assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
-    assert sorted(fields) == sorted(effect_switches().dtype.names)
+    assert sorted([*fields, ANY_ON_BODY]) == sorted(effect_switches().dtype.names)
     for e in ENTRIES.values():
         assert [getattr(effect_switches(), f) for f in e.fields] == [p.off for p in e.parameters]
 

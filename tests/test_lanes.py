@@ -15,7 +15,8 @@ from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
 from bcid.compiled.lanes import LANES, any_lane, floor, where
 from bcid.physics.elementary import arctan, clip, sincos
 
-X, Y = np.array([1.5, -2.0, 0.0, 1e3]), np.array([-0.5, -2.0, 3.0, 0.25])
+X = np.array([1.5, -2.0, 0.0, 1e3, 0.7, -1e-9, 12.0, -3.5])
+Y = np.array([-0.5, -2.0, 3.0, 0.25, -7.0, 1e-9, 2.0, 0.1])
 
 
 def _grown(x: Any, y: Any) -> Any:
@@ -116,7 +117,9 @@ def test_numbers_are_picked_from_anywhere() -> None:
         store_lanes(gather_lanes(numbers, places, 2), out, 0)
         return out
 
-    assert every(np.arange(20.0), np.array([3, 0, 17, 3])).tolist() == [5.0, 2.0, 19.0, 5.0]
+    assert every(np.arange(20.0), np.array([3, 0, 17, 3, 1, 2, 9, 5])).tolist() == [
+        5.0, 2.0, 19.0, 5.0, 3.0, 4.0, 11.0, 7.0,
+    ]  # fmt: skip
 
 
 def test_only_contiguous_doubles_are_taken_abreast() -> None:

@@ -25,6 +25,7 @@ from bcid.estimate.types import Estimate
 from bcid.experiment.simulate import observe_states
 from bcid.likelihood import nuisance
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.lane_rollout import segment_layout
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import (
@@ -40,7 +41,7 @@ from bcid.likelihood.marginal import (
     student_log_densities,
 )
 from bcid.likelihood.newton import RefitProblem as Fitted
-from bcid.likelihood.newton import evaluate_at, move_initial_states, parameter_jacobian
+from bcid.likelihood.newton import evaluate_at, move_initial_states
 from bcid.likelihood.nuisance import (
     NuisanceSolution,
     _damped_step,
@@ -508,7 +509,7 @@ def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> No
     """Whatever the effect, at rest and under pushes; the number of segments fills no whole number of vectors."""
     car = CAR._replace(sets_force=1.0, K_v=20.0) if name == "motor_fade" else CAR
     base = replace(BASE, raw_commands=True, nominal=car)
-    own, few = base.entries[name].parameters, part.part(np.arange(0, part.segments, 2))
+    own, few = base.entries[name].parameters, part
     values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.is_place else 3.0 * p.size for p in own])
     hypothesis = base.with_effects(name)
     setting = hypothesis.prediction_inputs(hypothesis.phi_of(base.nominal, values), few)

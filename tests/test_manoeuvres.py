@@ -37,9 +37,9 @@ from bcid.experiment.patterns import COMMAND_HZ, PATTERNS
 from bcid.experiment.plan import NOMINAL_SCALES, REST_S, largest_throttle, nominal_car, plan_drives
 from bcid.experiment.simulate import NO_NOISE, commands_only_take, simulate_states, simulate_take
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import parameter_jacobian
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
 from bcid.likelihood.prepare import fit_base, scale_at_speed
 from bcid.likelihood.refit import Fit

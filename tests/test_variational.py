@@ -14,9 +14,10 @@ from bcid.effects.table import ANY_ON_BODY, BESIDE_BODY, ENTRIES, OFF, effect_sw
 from bcid.estimate.types import Estimate
 from bcid.likelihood import newton
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.jacobian import changed_cars, parameter_jacobian
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import RefitProblem, changed_cars, evaluate_at, parameter_jacobian, tangent_at
+from bcid.likelihood.newton import RefitProblem, evaluate_at, tangent_at
 from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
 from bcid.likelihood.predict import linearise_poses, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
@@ -108,9 +109,7 @@ def at_steps(take: Take, layout: SegmentLayout) -> SegmentLayout:
     n = take.steps * take.segments
     stamp = (take.step[:, None] + np.arange(1, take.steps + 1)) * take.h
     first = np.arange(take.segments + 1) * take.steps
-    return layout._replace(
-        stamp_s=stamp.ravel(), row=np.arange(n), share=np.ones(n), first_stamp=first, first=first
-    )
+    return layout._replace(stamp_s=stamp.ravel(), row=np.arange(n), share=np.ones(n), first_stamp=first, first=first)
 
 
 def test_derivatives_are_complex_steps_of_the_car_written_anew(part: Take) -> None:

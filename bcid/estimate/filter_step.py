@@ -19,7 +19,18 @@ from bcid.compiled.lane_access import load_lanes, store_lanes
 from bcid.compiled.lanes import LANES, multiply_add
 from bcid.compiled.njit import njit, njit_inline
 from bcid.estimate.process import (
-    BETAF, BETAR, DELTA, N_MEASURED, N_STATE, PX, PY, THETA, VF, Chassis, fill_measurement, fill_state_rate,
+    BETAF,
+    BETAR,
+    DELTA,
+    N_MEASURED,
+    N_STATE,
+    PX,
+    PY,
+    THETA,
+    VF,
+    Chassis,
+    fill_measurement,
+    fill_state_rate,
 )  # fmt: skip
 from bcid.physics.kinematics import wrap_angle
 

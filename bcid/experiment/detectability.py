@@ -18,9 +18,10 @@ from bcid.aliases import Floats
 from bcid.effects.entry import Effect, Parameter
 from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import Tangent, parameter_jacobian
+from bcid.likelihood.newton import Tangent
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit

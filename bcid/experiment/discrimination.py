@@ -13,9 +13,9 @@ from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.experiment.manoeuvres import ARENA, Arena, PlannedDrive, feasible_drives, stays_inside
 from bcid.experiment.simulate import NO_NOISE, commands_only_take, simulate_states, simulate_take
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales, checked_marginal_terms, score_and_information, segment_moments
-from bcid.likelihood.newton import parameter_jacobian
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.prediction_inputs import PredictionInputs

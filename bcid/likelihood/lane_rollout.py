@@ -130,7 +130,7 @@ def step_inputs_in_lanes(lanes: LaneSegments, i: int, chain: ActuatorChain, push
 
 @njit_inline
 def store_pose(path: Floats, i: int, b: BodyState, e: Switches) -> None:
-    """Write the tracked point's x, y (m), the yaw (rad) of every lane, and their time derivatives, to row `i` of `path`.
+    """Write the tracked point's x, y (m), the yaw (rad) of every lane, and their time derivatives, to row `i`.
 
     All are in the world.  The tracked point stands at the marker offset in `e`; scale and misalignment of the tracking
     are not applied.

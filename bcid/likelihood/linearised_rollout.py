@@ -18,22 +18,19 @@ from bcid.likelihood.lane_rollout import (
     step_inputs_in_lanes,
     store_pose,
 )
+from bcid.likelihood.step_matrix import N_COLUMNS, PUSH, advance_change, step_matrix
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 from bcid.likelihood.variational import (
     BODY_STEP,
     LAG,
-    N_COLUMNS,
     N_STATE,
-    PUSH,
     TWIST,
-    advance_change,
     allocate_derivatives,
     car_of_row,
     differentiate_step,
     get,
     move_component,
     put,
-    step_matrix,
 )
 from bcid.physics.elementary import sincos
 

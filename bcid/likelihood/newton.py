@@ -3,26 +3,19 @@
 What predicts or estimates scales raises `PredictionDiverged` where these leave the finite numbers.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Bools, Floats, Ints
+from bcid.aliases import Bools, Floats
 from bcid.likelihood import marginal, nuisance
-from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
+from bcid.likelihood.jacobian import base_jacobian, changed_cars, parameter_jacobian
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import move_to_posterior, pose_residuals, remove_pushes
-from bcid.likelihood.predict import wrap_yaw
-from bcid.likelihood.prediction_inputs import ChangedCars
 from bcid.likelihood.take import Take
 
-# difference steps of base parameters, and of effects in units of their size: some have kinks that a smaller step misses
-BASE_STEP, EFFECT_STEP = 1e-3, 0.05
-CAR_STEP = 1e-6  # of base parameters in phi, where rates are differentiated at one state
-SERVO = ("T_s", "d")  # base parameters that act ahead of the body
 MAX_STEP = 3.0  # of any component of phi
 EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 MIN_GAIN = 0.3  # nats, below which a step has gained nothing
@@ -63,61 +56,6 @@ class RefitState(NamedTuple):
     terms: MarginalTerms
     objective: float  # log-likelihood plus log prior
     J: Floats | None = None  # (N, 3, R) by `body_parameters`, where it was found with A
-
-
-def body_parameters(hypothesis: Hypothesis) -> Ints:
-    """Indices (R,) in phi of the base parameters that act on the body: all but those of an unknown servo."""
-    return np.array([j for j, s in enumerate(hypothesis.parameter_names[: hypothesis.base_size]) if s not in SERVO])
-
-
-def changed_cars(hypothesis: Hypothesis, phi: Floats) -> ChangedCars:
-    """The car at the parameter vector phi, and one with each of the `body_parameters` greater by CAR_STEP in phi."""
-    rows, components = [hypothesis.car(phi)], body_parameters(hypothesis)
-    for j in components:
-        moved = phi.copy()
-        moved[j] += CAR_STEP
-        rows.append(hypothesis.car(moved))
-    return ChangedCars(np.array(rows), np.full(len(components), CAR_STEP))
-
-
-def base_jacobian(take: Take, hypothesis: Hypothesis, state: RefitState) -> Floats:
-    """Derivatives (N, 3, base_size) of predicted poses by the base parameters, at a refit's `state`.
-
-    By the variational equation, and by finite differences of predictions for those of an unknown servo.
-    """
-    on_body, J = body_parameters(hypothesis), state.J
-    if J is None:
-        inputs = hypothesis.prediction_inputs(state.phi, take)
-        J = nuisance.linearise_residuals(take, inputs, state.start, changed_cars(hypothesis, state.phi)).J
-    require_finite("a prediction", J)
-    servo = [j for j in range(hypothesis.base_size) if j not in on_body]
-    out = np.empty((*state.r.shape, hypothesis.base_size))
-    out[:, :, on_body] = J
-    if servo:
-        out[:, :, servo] = parameter_jacobian(take, hypothesis, state.phi, state.start, state.r, servo)
-    return out
-
-
-def parameter_jacobian(
-    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, components: Sequence[int]
-) -> Floats:
-    """Derivatives (N, 3, n) of predicted poses by n `components` of phi, by one-sided finite differences.
-
-    The parameter vector phi holds the logarithms of base parameters, drag, then effects' parameters.  Predictions
-    begin at the nuisance parameters `start` (S, N_NUISANCE), initial states and pushes; `r` (N, 3) is the residual at
-    phi.  A difference is taken downwards where an upward one would leave the plausible bounds; the narrower bounds of
-    a trusted simulation's prior are ignored.
-    """
-    _, high = hypothesis.plausible_bounds()
-    columns = []
-    for j in components:
-        width = BASE_STEP if j < hypothesis.base_size else EFFECT_STEP
-        moved = phi.copy()
-        moved[j] += width if phi[j] + width <= high[j] else -width
-        there = pose_residuals(take, hypothesis.prediction_inputs(moved, take), start)
-        columns.append(wrap_yaw(r - there) / (moved[j] - phi[j]))
-        require_finite("a prediction", columns[-1])  # LAPACK would not come back from it
-    return np.stack(columns, axis=2) if columns else np.zeros((*r.shape, 0))
 
 
 def linearise_at(
@@ -224,7 +162,7 @@ def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
 
     Those by nuisance parameters (each segment's initial state and pushes) are `state.A`.
     """
-    return Tangent(state.A, base_jacobian(problem.take, problem.hypothesis, state))
+    return Tangent(state.A, base_jacobian(problem.take, problem.hypothesis, state.phi, state.start, state.r, state.J))
 
 
 def build_state(

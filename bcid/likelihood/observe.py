@@ -5,8 +5,6 @@ weighted sum: a mean pose is linear in the path.  So its weights are found once 
 coordinates, and to all their derivatives.
 """
 
-import math
-
 import numpy as np
 
 from bcid.aliases import Floats, Ints, Switches
@@ -23,8 +21,9 @@ def observe_means(
 ) -> None:
     """Write the mean x, y, yaw of C paths at the rows of the segments in the first `count` lanes to `out`.
 
-    They are its columns (N, 3, begin + C) from `begin` on; the rows of a lane begin at `place` (LANES,).  `path` (steps + 1, C PATH_SIZE, LANES) holds x, y, yaw and their rates of C paths, or of C derivatives of one, at
-    steps of `h` s.  A row averages the poses within 0.05 s.
+    They are its columns (N, 3, begin + C) from `begin` on; the rows of a lane begin at `place` (LANES,).  `path`
+    (steps + 1, C PATH_SIZE, LANES) holds x, y, yaw and their rates of C paths, or of C derivatives of one, at steps of
+    `h` s.  A row averages the poses within 0.05 s.
     """
     n, steps, paths = path.shape[1], len(path) - 1, path.shape[1] // PATH_SIZE
     flat, mean = path.reshape(path.size), np.empty(LANES)
@@ -63,7 +62,7 @@ def _row_weights(
         while stamp[lane] < layout.first_stamp[s + 1] and layout.row[stamp[lane]] == row:
             j = stamp[lane]
             at = (layout.stamp_s[j] - begin) / h
-            i = min(max(int(math.ceil(at)) - 1, 0), len(weights) - 2)
+            i = min(max(int(np.ceil(at)) - 1, 0), len(weights) - 2)
             u, share = at - i, layout.share[j]
             v = 1.0 - u
             weights[i, 0, lane] += share * (1.0 + 2.0 * u) * v * v
@@ -77,7 +76,7 @@ def _row_weights(
 
 @njit
 def apply_tracking(poses: Floats, e: Switches) -> None:
-    """Change `poses` (n, 3), x, y (m), yaw (rad) of the tracked point, by the tracking's scale and misalignment in `e`."""
+    """Change `poses` (n, 3), x, y (m), yaw (rad), by the scale and the misalignment of the tracking in `e`."""
     for i in range(len(poses)):
         poses[i, 0], poses[i, 1] = pose_scale(poses[i, 0], poses[i, 1], e.pose_scale__kappa)
         poses[i, 2] = body_yaw_misalignment(poses[i, 2], e.body_yaw_misalignment__psi)

@@ -16,8 +16,8 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.marginal import estimate_scales, robust_weights, segment_moments
-from bcid.likelihood.newton import parameter_jacobian
 from bcid.likelihood.nuisance import pose_residuals, remove_pushes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, Take

@@ -12,10 +12,9 @@ from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import LagState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.motion import integrate_body, steady_lags
-from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout, shift_chain_time
+from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
 from bcid.likelihood.marginal import eliminate_nuisance, estimate_scales, segment_moments
 from bcid.likelihood.nuisance import residuals_without_pushes
-from bcid.likelihood.predict import push_wrenches
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car

@@ -19,7 +19,6 @@ from bcid.physics.car import STEP_MARGIN, Car, rk4_step, step_cars, with_brake
 from bcid.physics.elementary import arctan_ratio, arctan_ratio_by_jumps, sincos
 from bcid.physics.elementary_single import arctan_ratio_single, sincos_single
 
-
 CARS_ABREAST = 256
 """Cars whose states advance together: enough for long loops, and few enough for all of them to stay in the cache."""
 REGISTER_BYTES = 64

@@ -1,0 +1,82 @@
+"""Derivatives of predicted poses by the parameters of a hypothesis.
+
+Base parameters that act on the body go along with the variational equation; effects, and an unknown servo, which acts
+ahead of the body, are differences of predictions, wide enough that a kink met or missed does not rule.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bcid.aliases import Floats, Ints
+from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
+from bcid.likelihood.predict import wrap_yaw
+from bcid.likelihood.prediction_inputs import ChangedCars
+from bcid.likelihood.take import Take
+
+# difference steps of base parameters, and of effects in units of their size: some have kinks that a smaller step misses
+BASE_STEP, EFFECT_STEP = 1e-3, 0.05
+CAR_STEP = 1e-6  # of base parameters in phi, where rates are differentiated at one state
+SERVO = ("T_s", "d")  # base parameters that act ahead of the body
+
+
+def body_parameters(hypothesis: Hypothesis) -> Ints:
+    """Indices (R,) in phi of the base parameters that act on the body: all but those of an unknown servo."""
+    return np.array([j for j, s in enumerate(hypothesis.parameter_names[: hypothesis.base_size]) if s not in SERVO])
+
+
+def changed_cars(hypothesis: Hypothesis, phi: Floats) -> ChangedCars:
+    """The car at the parameter vector phi, and one with each of the `body_parameters` greater by CAR_STEP in phi."""
+    rows, components = [hypothesis.car(phi)], body_parameters(hypothesis)
+    for j in components:
+        moved = phi.copy()
+        moved[j] += CAR_STEP
+        rows.append(hypothesis.car(moved))
+    return ChangedCars(np.array(rows), np.full(len(components), CAR_STEP))
+
+
+def base_jacobian(
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, J: Floats | None = None
+) -> Floats:
+    """Derivatives (N, 3, base_size) of predicted poses by the base parameters at phi, from `start` (S, N_NUISANCE).
+
+    By the variational equation, and by finite differences of predictions for those of an unknown servo.  `r` (N, 3) is
+    the residual there, `J` (N, 3, R) the derivatives by `body_parameters`, if they are known already.
+
+    Raises:
+        PredictionDiverged: where a derivative is not finite.
+    """
+    on_body = body_parameters(hypothesis)
+    if J is None:
+        J = linearise_residuals(take, hypothesis.prediction_inputs(phi, take), start, changed_cars(hypothesis, phi)).J
+    require_finite("a prediction", J)
+    servo = [j for j in range(hypothesis.base_size) if j not in on_body]
+    out = np.empty((*r.shape, hypothesis.base_size))
+    out[:, :, on_body] = J
+    if servo:
+        out[:, :, servo] = parameter_jacobian(take, hypothesis, phi, start, r, servo)
+    return out
+
+
+def parameter_jacobian(
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, components: Sequence[int]
+) -> Floats:
+    """Derivatives (N, 3, n) of predicted poses by n `components` of phi, by one-sided finite differences.
+
+    The parameter vector phi holds the logarithms of base parameters, drag, then effects' parameters.  Predictions
+    begin at the nuisance parameters `start` (S, N_NUISANCE), initial states and pushes; `r` (N, 3) is the residual at
+    phi.  A difference is taken downwards where an upward one would leave the plausible bounds; the narrower bounds of
+    a trusted simulation's prior are ignored.
+    """
+    _, high = hypothesis.plausible_bounds()
+    columns = []
+    for j in components:
+        width = BASE_STEP if j < hypothesis.base_size else EFFECT_STEP
+        moved = phi.copy()
+        moved[j] += width if phi[j] + width <= high[j] else -width
+        there = pose_residuals(take, hypothesis.prediction_inputs(moved, take), start)
+        columns.append(wrap_yaw(r - there) / (moved[j] - phi[j]))
+        require_finite("a prediction", columns[-1])  # LAPACK would not come back from it
+    return np.stack(columns, axis=2) if columns else np.zeros((*r.shape, 0))
