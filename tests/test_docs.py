@@ -10,6 +10,7 @@ from catalogue.table import catalogue_table, counts_told, faults_table, kills_to
 from docs_tables import answers_table, evidence_table, methods_table
 
 from bcid.bench.limits import ACCURACY
+from bcid.cli.show import goal_of_timing
 from bcid.documents.prove import ProveDocument
 from bcid.report.formats import format_thousandths
 
@@ -40,12 +41,14 @@ def losses(report: dict[str, object]) -> str:
 
 
 def bench_table(bench: dict[str, object]) -> str:
-    rows = ["| path | ours (ms) | peer | peer (ms) | ratio | goal |", "|---|---|---|---|---|---|"]
+    rows = [
+        "| path | ours (ms) | peer | peer (ms) | ratio | goal | results differ by |", "|---|---|---|---|---|---|---|"
+    ]  # fmt: skip
     for r in bench["rows"]:  # type: ignore[attr-defined]
-        goal = f"{r['goal']:g} ×" + (" **missed**" if r["missed"] else "")
-        rows.append(
-            f"| {r['path']} | {r['ours_ms']:.3g} | {r['peer']} | {r['peer_ms']:.4g} | {r['ratio']:.3g} × | {goal} |"
-        )
+        goal = goal_of_timing(r).replace("missed", "**missed**")
+        apart = "–" if r["difference"] is None else f"{r['difference']:.1g}"
+        cells = [r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.4g}", f"{r['ratio']:.3g} ×", goal, apart]
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows)
 
 

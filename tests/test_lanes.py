@@ -12,7 +12,7 @@ import pytest
 from numba.core.errors import TypingError
 
 from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
-from bcid.compiled.lanes import LANES, any_lane, floor, where
+from bcid.compiled.lanes import LANES, any_lane, floor, multiply_add, where
 from bcid.physics.elementary import arctan, clip, sincos
 
 X = np.array([1.5, -2.0, 0.0, 1e3, 0.7, -1e-9, 12.0, -3.5])
@@ -40,6 +40,7 @@ FUNCTIONS: dict[str, Callable[[Any, Any], Any]] = {
     "called": lambda x, y: math.tanh(x) + math.exp(y) + math.hypot(x, y),
     "turned": lambda x, y: sincos(x)[0] + sincos(y)[1],
     "slip": lambda x, y: arctan(x / y) + clip(x, -1.0, 1.0),
+    "fused": lambda x, y: multiply_add(x, y, 2.0) + multiply_add(0.5, x, y) + multiply_add(2.0, 0.5, x),
     "none": lambda x, y: x if any_lane(x > 1e6) else y,
 }
 

@@ -5,30 +5,51 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SpeedGoals:
-    """Lowest ratios of a peer's time to ours; docs/results/bench.json reaches 1.03 to 9.4 times as much."""
+    """Lowest ratios of a peer's time to ours, and longest times; docs/results/bench.json shows what is reached."""
 
-    # A Newton-Euler rollout against a loop in numpy.
-    numpy_rollout: float = 100.0
-    # The same rollout against casadi's virtual machine.
+    # A Newton-Euler rollout against hand-written C, C that casadi generates, casadi's virtual machine, JAX and numpy.
+    c_rollout: float = 1.0
+    casadi_c_rollout: float = 1.0
     casadi_rollout: float = 3.0
-    # A thousand Newton-Euler rollouts against torch.
+    jax_rollout: float = 5.0
+    numpy_rollout: float = 100.0
+    # A thousand Newton-Euler rollouts against C abreast, numpy, torch and JAX.
+    c_many_rollouts: float = 1.0
+    numpy_many_rollouts: float = 10.0
     torch_many_rollouts: float = 10.0
+    jax_many_rollouts: float = 10.0
+    # The same in single precision against our double precision, and against C in single precision.
+    single_over_double: float = 2.0
+    c_many_single_rollouts: float = 1.0
     # A K-MLP rollout with hidden layers of 256 and 128 units against torch.
     torch_network_256: float = 30.0
     # A K-MLP rollout with hidden layers of 128 and 64 units against torch.
     torch_network_128: float = 80.0
-    # A K-MLP rollout of either size against onnxruntime.
+    # A K-MLP rollout of either size against onnxruntime, called once a period, and with the rollout in its graph.
     onnxruntime_network: float = 5.0
-    # A K-SINDy rollout against pysindy's.
+    onnxruntime_scan: float = 3.0
+    # A K-SINDy rollout against numpy and pysindy, and its longest time (ms).
+    numpy_sindy: float = 30.0
     pysindy_rollout: float = 10_000.0
-    # The EKF's forward pass against filterpy's.
+    longest_sindy_ms: float = 0.06
+    # The EKF's forward pass against C and filterpy, and its longest time (us) an event.
+    c_filter: float = 1.0
     filterpy_filter: float = 50.0
+    longest_event_us: float = 0.5
     # The smoother against filterpy's.
     filterpy_smoother: float = 20.0
     # A training epoch against torch's DataLoader.
     data_loader_epoch: float = 1.5
-    # A Newton-Euler fit against deap's genetic algorithm.
+    # A Newton-Euler fit against deap's genetic algorithm, and scipy's least squares on the same residuals.
     deap_fit: float = 30.0
+    scipy_fit: float = 1.0
+    # Slowest reading (MB/s) of a Motive export, and longest (us) of a message of an MCAP file, all of it verified.
+    slowest_motive_mb_s: float = 120.0
+    longest_message_us: float = 4.0
+    # Largest difference (SI) of results that should be the same.
+    max_difference: float = 1e-9
+    # Largest difference of the NMSE that two descents end at.
+    max_nmse_difference: float = 1e-7
     # Largest share by which least squares may end at a higher NMSE than the genetic algorithm.
     max_nmse_excess: float = 0.0
 

@@ -1,35 +1,44 @@
 """The table of what can be timed, and the JSON of the timings."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from bcid.bench import fits, rollouts
-from bcid.bench.timing import Timing
+from bcid.bench import filters, fits, reading, rollouts
+from bcid.bench.timing import Skipped, Timing
 
 SCHEMA = "bcid.bench/1"
-PEERS = ("numpy", "casadi", "torch", "onnxruntime", "pysindy", "deepSI", "deap", "filterpy")
+PEERS = (
+    "numpy", "casadi", "jax", "torch", "onnxruntime", "pysindy", "deepSI", "deap", "filterpy", "scipy", "pyarrow",
+    "pandas", "mcap",
+)  # fmt: skip
 
-HOT_PATHS: dict[str, Callable[[int], Iterator[Timing]]] = {
+HOT_PATHS: dict[str, Callable[[int], Iterator[Timing | Skipped]]] = {
     "newton-euler": rollouts.time_newton_euler_rollout,
     "newton-euler-many": rollouts.time_many_newton_euler_rollouts,
     "perceptrons": rollouts.time_k_mlp_rollout,
     "k-sindy": rollouts.time_k_sindy_rollout,
-    "filters": fits.time_filters,
+    "filters": filters.time_filters,
+    "reading": reading.time_reading,
     "training": fits.time_training_epoch,
+    "least-squares": fits.time_least_squares,
     "fit": fits.time_white_box_fit,
 }
 """Functions that time a hot path, by the name that `bcid bench --only` takes; their argument is the number of turns."""
 
 
-def summarise_timings(rows: Sequence[Timing], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
-    """The speed benchmark's JSON (`bcid.bench/1`): timings, versions of all libraries, and hot paths that miss a goal.
+def summarise_timings(rows: Sequence[Timing | Skipped], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
+    """The speed benchmark's JSON (`bcid.bench/1`): timings, peers skipped and why, versions, and goals that are missed.
 
     `repeats` is the number of turns that were timed, `machine` describes the computer; both are taken over as they are.
     """
+    timings = [row for row in rows if isinstance(row, Timing)]
     return {
         "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": library_versions(),
-        "rows": [row.as_json() for row in rows], "missed": [f"{r.path} against {r.peer}" for r in rows if r.missed],
+        "rows": [row.as_json() for row in timings],
+        "skipped": [asdict(row) for row in rows if isinstance(row, Skipped)],
+        "missed": [f"{r.path} against {r.peer}" for r in timings if r.missed],
     }  # fmt: skip
 
 

@@ -89,13 +89,13 @@ def _measure_speed(only: list[str], repeats: int, progress: Progress) -> dict[st
     Returns the benchmark's JSON (`bcid.bench/1`): medians of `repeats` turns, their ratios, and the goals missed.
     """
     from bcid.bench.run import HOT_PATHS, summarise_timings
-    from bcid.bench.timing import Timing
+    from bcid.bench.timing import Skipped, Timing
     from bcid.report.content import describe_machine
 
     strange = [name for name in only if name not in HOT_PATHS]
     if strange:
         raise UsageError(f"there is no path {strange[0]!r}\n  next: choose from {', '.join(HOT_PATHS)}")
-    rows, names = list[Timing](), only or list(HOT_PATHS)
+    rows, names = list[Timing | Skipped](), only or list(HOT_PATHS)
     for k, name in enumerate(names):
         progress(k / len(names), name)
         rows += HOT_PATHS[name](repeats)

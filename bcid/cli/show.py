@@ -219,22 +219,30 @@ def real_proof_table(outcome: dict[str, Any]) -> Table:
     return plain_table("real recordings", columns, rows, counts, ["what", "answered"])
 
 
+def goal_of_timing(row: Mapping[str, Any]) -> str:
+    """What is wanted of a row of the speed benchmark, in print: a ratio, a longest time, or both; and whether missed."""
+    wanted = [f"{row['goal']:g} ×"] if row["goal"] is not None else []
+    wanted += [f"≤ {row['longest_ms']:.3g} ms"] if row["longest_ms"] is not None else []
+    return (", ".join(wanted) or "–") + (" missed" if row["missed"] else "")
+
+
 def speed_table(outcome: Mapping[str, Any]) -> Table:
     """Table of `bcid bench speed`: each hot path's time beside that of other libraries, ratio, goal and difference."""
     rows = [
         [
             r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.3g}", f"{r['ratio']:.3g} ×",
-            "–" if r["goal"] is None else f"{r['goal']:g} ×{' missed' if r['missed'] else ''}",
+            goal_of_timing(r),
             "–" if r["difference"] is None else f"{r['difference']:.1g}",
         ]
         for r in outcome["rows"]
     ]  # fmt: skip
-    absent = [name for name, version in outcome["versions"].items() if version is None]
+    skipped = [f"{s['peer']} ({s['path']}): {s['reason']}" for s in outcome["skipped"]]
     caption = (
         f"{outcome['machine']['processor']}, {outcome['machine']['cores']} cores; medians of {outcome['repeats']} turns"
+        " of CPU time"
     )
-    if absent:
-        caption += f"; not installed and left out: {', '.join(absent)} (pip install -e '.[bench]')"
+    if skipped:
+        caption += f"; left out: {'; '.join(skipped)}"
     columns = ["path", "ours, ms", "peer", "peer, ms", "ratio", "goal", "largest difference"]
     return plain_table("hot paths beside their peers", columns, rows, caption)
 

@@ -181,15 +181,16 @@ def multiply_add(a: float, b: float, c: float) -> float:
     return a * b + c
 
 
-def _call_multiply_add(_typing: Any, a: Any, _b: Any, _c: Any) -> Any:
-    """Numba's type and emitter of LLVM's fused product and sum for numbers of the type of `a`."""
+def _call_multiply_add(_typing: Any, *numbers: Any) -> Any:
+    """Numba's type and emitter of LLVM's fused product and sum, in single precision where all `numbers` are of it."""
+    kind = types.float32 if all(number is types.float32 for number in numbers) else types.float64
 
     def code(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        kind = given[0].type
-        name = "llvm.fmuladd.f32" if a is types.float32 else "llvm.fmuladd.f64"
-        return builder.call(cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind] * 3), name), given)
+        typed = ir.FunctionType(given[0].type, [given[0].type] * 3)
+        name = "llvm.fmuladd.f32" if kind is types.float32 else "llvm.fmuladd.f64"
+        return builder.call(cgutils.get_or_insert_function(builder.module, typed, name), given)
 
-    return a(a, a, a), code
+    return kind(kind, kind, kind), code
 
 
 _overload_for_lanes(where, _select, 3, lambda a, b, c: b if a else c)
@@ -197,7 +198,15 @@ _overload_for_lanes(any_lane, _any, 1, lambda a: a)
 _overload_for_lanes(floor, _floor, 1, lambda a: np.floor(a))  # noqa: PLW0108
 _multiply_add_lanes = _make_operation(lanes, (lanes,) * 3, _call_vector_function("fmuladd"))
 _multiply_add = _intrinsic_of_arity(_call_multiply_add, 3)
-_overload_for_lanes(multiply_add, _multiply_add_lanes, 3, lambda a, b, c: _multiply_add(a, b, c))  # noqa: PLW0108
+
+# any of its three arguments may be a vector
+_overload(multiply_add)(
+    lambda a, b, c: (
+        (lambda a, b, c: _multiply_add_lanes(a, b, c))  # noqa: PLW0108
+        if _has_lanes(a, b, c)
+        else (lambda a, b, c: _multiply_add(a, b, c))  # noqa: PLW0108
+    )
+)
 # as with Python's own, `a` where either is NaN
 _inlined: Any = register_jitable(forceinline=True, error_model="numpy")
 _overload_for_lanes(min, _inlined(lambda a, b: where(b < a, b, a)), 2)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.compiled.njit import njit
 from bcid.estimate.limits import LIMITS
 
 SAME_TIME_S = 1e-6
@@ -58,8 +59,16 @@ def _mean_commands(time_s: Floats, values: Floats, edges: Floats) -> Floats:
 
 def hold_for_periods(command: Floats, period_s: float) -> Floats:
     """Parts (..., N, 1, 4), [duration (s), u_s, u_m, brake share], of commands (..., N, 2) that hold for a period."""
-    parts = np.zeros((*command.shape[:-1], 1, 4))
-    parts[..., 0, 0], parts[..., 0, 1:3] = period_s, command
+    rows = np.ascontiguousarray(command, dtype=np.float64).reshape(-1, 2)
+    return _hold(rows, period_s).reshape(*command.shape[:-1], 1, 4)
+
+
+@njit
+def _hold(command: Floats, period_s: float) -> Floats:
+    """Parts (n, 4) of commands (n, 2) that hold for a period: compiled, since a short rollout takes little longer."""
+    parts = np.empty((len(command), 4))
+    for n in range(len(command)):
+        parts[n, 0], parts[n, 1], parts[n, 2], parts[n, 3] = period_s, command[n, 0], command[n, 1], 0.0
     return parts
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bcid.aliases import Floats, Ints
+from bcid.compiled.lanes import multiply_add
 from bcid.compiled.njit import njit, njit_inline
 from bcid.models.interface import build_scan_kernels, mean_command
 from bcid.models.kinematic.library import ONE, fill_factors
@@ -83,7 +84,7 @@ def f_sindy(state: KinematicState, u_s: float, u_m: float, t: ActiveTerms, c: Ki
             product = (q[t.first[i, 0]] * q[t.first[i, 1]]) * (q[t.first[i, 2]] * q[t.first[i, 3]])
             for j in range(t.later.shape[1]):
                 product *= q[t.later[i, j]]
-            total += t.xi[i] * product
+            total = multiply_add(t.xi[i], product, total)
         t.after[n], begin = total, t.ends[n]
 
 
