@@ -42,7 +42,7 @@ def read_columns(path: Path, units: Mapping[str, str], undefined: Sequence[str] 
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             _check_schema(file, list(units))
             table = file.read(list(units))
-        columns = [table[name].to_numpy() for name in units]
+        columns = [_to_numpy(table[name]) for name in units]
     except FileNotFoundError:
         raise
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
@@ -53,6 +53,13 @@ def read_columns(path: Path, units: Mapping[str, str], undefined: Sequence[str] 
             cause = f"is {column[int(np.argmax(wrong))]} in row {int(np.argmax(wrong)) + 1}, no finite number"
             raise InputRefused(path, f"column {name}", cause, NEXT_STEP)
     return np.column_stack(columns)
+
+
+def _to_numpy(column: pa.ChunkedArray) -> npt.NDArray[np.float64]:
+    """A column's numbers (N,), NaN where one is absent.  Arrow's own way to them would import pandas."""
+    if column.null_count or not column.num_chunks:
+        return np.asarray(column.to_numpy())
+    return np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
 
 
 def _check_schema(file: pq.ParquetFile, names: Sequence[str]) -> None:

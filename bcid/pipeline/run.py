@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,6 +22,7 @@ from bcid.vehicle import read_vehicle
 
 if TYPE_CHECKING:
     from bcid.evaluation.seen_takes import TakeSteps
+    from bcid.models.settings import CarLoss
 
 AXLE_KEYS = ("body.cog_to_front_m", "body.cog_to_rear_m")
 SEEN_TAKES_MODULE = "bcid.evaluation.seen_takes"
@@ -49,6 +51,11 @@ class Pipeline:
         waiting = f"waiting for another run, which is at work in {config.workspace}"
         self.store = Store(config.workspace, lambda: self.watcher.note(waiting), self.watcher.note)
         self._known: dict[str, Artifact] = {}
+        # of each recording, read and checked once
+        self._ingested: dict[Path, Artifact] = {}
+        self._estimated: dict[Path, Artifact] = {}
+        self._usable: set[Path] = set()
+        self._tuned: Artifact | None = None
         self._steps: dict[Path, TakeSteps] = {}
         # what each recording is called where several are shown
         self.names = name_takes([*config.recordings(), *config.diagnose])
@@ -87,8 +94,20 @@ class Pipeline:
         split = {part: part.partition(".") for part in parts}
         return {part: tables[table][key] if key else tables[table] for part, (table, _, key) in split.items()}
 
+    def _with_loss(self, loss: CarLoss) -> Pipeline:
+        """This pipeline with models fitted by `loss`; what is known of recordings is shared."""
+        other = copy(self)
+        other.config = self.config.with_loss(loss)
+        return other
+
     def ingest(self, recording: Path) -> Artifact:
         """Artifact of one ingested recording: poses, commands and irregularities."""
+        if recording not in self._ingested:
+            self._ingested[recording] = self._ingest(recording)
+        return self._ingested[recording]
+
+    def _ingest(self, recording: Path) -> Artifact:
+        """Artifact of one ingested recording, found by the content of its files."""
         kind, commands = detect_format(recording), find_commands_file(recording, self.config.commands)
         tables = {"mcap": ("topics",), "motive": ("commands",), "table": ("columns", "commands")}[kind]
         inputs: dict[str, Any] = {
@@ -121,14 +140,19 @@ class Pipeline:
 
         Nothing is raised where the configuration says to ignore the recordings' health.
         """
-        from bcid.recording.neighbours import name_fitting_commands
         from bcid.recording.saving import RecordingSummary, load_recording
 
         problems = Problems()
         for recording in [] if self.config.ignore_health else dict.fromkeys(recordings):
             folder = self.ingest(recording).folder
-            if all(odd.action != "no-go" for odd in RecordingSummary.read(folder / "recording.json").irregularities):
+            if recording in self._usable:
                 continue
+            if all(odd.action != "no-go" for odd in RecordingSummary.read(folder / "recording.json").irregularities):
+                self._usable.add(recording)
+                continue
+            # it needs the checks, which are slow to import
+            from bcid.recording.neighbours import name_fitting_commands
+
             for odd in name_fitting_commands(recording, load_recording(folder), self.vehicle).irregularities:
                 if odd.action == "no-go":
                     cause, _, mend = odd.detail.rpartition("; ")
@@ -154,6 +178,12 @@ class Pipeline:
         Raises:
             InputRefused: a training recording is given twice, which would count for two.
         """
+        if self._tuned is None:
+            self._tuned = self._tune()
+        return self._tuned
+
+    def _tune(self) -> Artifact:
+        """Artifact of the tuning, found by the content of all training recordings."""
         self._refuse_repeats(self.config.training, (), "training", "name each take once")
         takes = [self.ingest(p) for p in self.config.training]
         table = self.config.estimate
@@ -171,6 +201,12 @@ class Pipeline:
 
     def estimate(self, recording: Path) -> Artifact:
         """Artifact of the smoothed motion of one recording."""
+        if recording not in self._estimated:
+            self._estimated[recording] = self._estimate(recording)
+        return self._estimated[recording]
+
+    def _estimate(self, recording: Path) -> Artifact:
+        """Artifact of the motion, found by the content of the recording and of all training recordings."""
         taken, tuned, table = self.ingest(recording), self.tune(), self.config.estimate
         vehicle = self._vehicle_parts(*ESTIMATOR_KEYS)
         inputs = {"recording": taken.content, "tuning": tuned.content, "vehicle": vehicle}
@@ -346,7 +382,7 @@ class Pipeline:
         """Fit and evaluate the models by each loss that the report compares; returns model, loss and evaluation."""
         found = []
         for loss in self.config.report.losses:
-            work = Pipeline(self.config.with_loss(loss), self.watcher)
+            work = self._with_loss(loss)
             names = [m for m in self.config.models if loss in model_row(m).losses]
             found += [(c, str(loss), work.evaluate(c)) for c in (work.fit_for_comparison(m) for m in names)]
         return found

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from bcid.aliases import Floats
@@ -14,6 +15,7 @@ from bcid.aliases import Floats
 Columns = Mapping[str, Floats]
 
 BEFORE, AFTER, DOT_COLOUR, UNDRIVEN_COLOUR = "#d55e00", "#0072b2", "#808080", "#e3e3e3"
+PIXELS_PER_INCH = 110
 WIDTH = 9.0  # of the widest picture (inches)
 UNCHANGED = "base model"  # the only stage where nothing was changed
 
@@ -28,8 +30,14 @@ class Picture(NamedTuple):
 
 def render_data_uri(figure: Figure) -> str:
     """A figure as the data URI of a PNG image, without metadata: the same figure gives the same bytes."""
-    data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=110, metadata={"Software": None})
+    data, canvas = io.BytesIO(), FigureCanvasAgg(figure)
+    figure.dpi = PIXELS_PER_INCH
+    # laid out here, and drawn once: `savefig` would draw everything once more to lay it out
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    canvas.print_png(data, metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
 
 
