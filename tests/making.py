@@ -13,7 +13,12 @@ from bcid.simulation.writing import write_motive_take
 
 def clear_source_caches() -> None:
     """Forget digests and imports of the package, so that edited sources are read anew."""
-    for cached in (source_code._module_path, source_code._read_module, source_code.digest_with_imports, source_code.stage_code):
+    for cached in (
+        source_code._module_path,
+        source_code._read_module,
+        source_code.digest_with_imports,
+        source_code.stage_code,
+    ):
         cached.cache_clear()
 
 

@@ -5,8 +5,8 @@ Between events mean, covariance and transition matrix are integrated together by
 At an event the measured quantities enter one after the other, which for a diagonal R is the joint update without a
 matrix inverse.
 
-A row of a matrix stands in memory as two vectors of LANES numbers, the last of which is always zero: the processor
-computes half a row at once, and of F only those elements are multiplied that are not always zero.
+A row of a matrix stands in memory as eight numbers, the last of which is always zero, whole vectors of LANES numbers:
+the processor computes these at once, and of F only those elements are multiplied that are not always zero.
 """
 
 import math
@@ -37,7 +37,7 @@ from bcid.physics.kinematics import wrap_angle
 # Longest step of the integration (s).
 MAX_STEP_S = 0.02
 # Numbers of a row in memory, and of a matrix.
-ROW = 2 * LANES
+ROW = 8
 SIZE = N_STATE * ROW
 # Measured quantities that are elements of the state, and their places there: x, y, yaw, steering.
 PLACES = (PX, PY, THETA, DELTA)
@@ -97,11 +97,11 @@ def set_moments(w: Workspace, x: Floats, variances: Floats) -> None:
 
 @njit_inline
 def store_matrix(M: Floats, target: Floats, at: int) -> None:
-    """Write `M` (56,), rows of 8, to `target` from the place `at` on as rows of 7; the number behind it becomes zero."""
+    """Write `M` (56,), rows of 8, to `target` from place `at` on as rows of 7; the number behind it becomes zero."""
     for i in range(N_STATE):
-        store_lanes(load_lanes(M, i * ROW), target, at + i * N_STATE)
         # the row's zero is overwritten by the next row
-        store_lanes(load_lanes(M, i * ROW + LANES), target, at + i * N_STATE + LANES)
+        for part in range(0, ROW, LANES):
+            store_lanes(load_lanes(M, i * ROW + part), target, at + i * N_STATE + part)
 
 
 @njit_inline
@@ -125,7 +125,7 @@ def _multiply_by_jacobian(A: Floats, B: Floats, AB: Floats) -> None:
 
 @njit_inline
 def _fill_rates(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, w: Workspace) -> None:
-    """Fill in the rates of mean `x`, covariance `P` and transition matrix `Phi` under the steering command `u_s` (rad)."""
+    """Fill in the rates of mean `x`, covariance `P` and transition matrix `Phi` under the command `u_s` (rad)."""
     fill_state_rate(x, u_s, c, w.x_rate, w.A, w.J)
     _multiply_by_jacobian(w.A, P, w.AP)
     _multiply_by_jacobian(w.A, Phi, w.Phi_rate)

@@ -86,8 +86,8 @@ def _near_arctan(w: float) -> float:
 def arctan_ratio(y: float, x: float) -> float:
     """The angle (rad) in [-pi/2, pi/2] whose tangent is y/x, for x > 0, by a polynomial without branches.
 
-    A tangent t beyond tan(pi/8) is brought below it by arctan(t) = pi/4 + arctan((t-1)/(t+1)), one beyond 1/tan(pi/8) by
-    arctan(t) = pi/2 - arctan(1/t); all of it is put into the one division of y by x.
+    A tangent t beyond tan(pi/8) is brought below it by arctan(t) = pi/4 + arctan((t-1)/(t+1)), one beyond 1/tan(pi/8)
+    by arctan(t) = pi/2 - arctan(1/t); all of it is put into the one division of y by x.
     """
     size, signed_x = abs(y), math.copysign(x, y)
     flat, steep = size <= _TAN_EIGHTH * x, x <= _TAN_EIGHTH * size
