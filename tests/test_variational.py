@@ -12,7 +12,7 @@ from cars import CAR
 from bcid.effects.constants import Constants
 from bcid.effects.table import ANY_ON_BODY, BESIDE_BODY, ENTRIES, OFF, effect_switches
 from bcid.estimate.types import Estimate
-from bcid.likelihood import newton
+from bcid.likelihood import newton, nuisance
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import changed_cars, parameter_jacobian
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
@@ -175,6 +175,35 @@ def test_residuals_come_along(part: Take) -> None:
     np.testing.assert_allclose(
         linearise_residuals(part, inputs, start).r, pose_residuals(part, inputs, start), rtol=0.0, atol=1e-12
     )
+
+
+def test_a_prediction_is_not_made_twice(part: Take, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor is one taken for another: what differs in a pose, a pose's time, a switch or a start is computed anew."""
+    made = []
+
+    def counted(*given: Any) -> np.ndarray:
+        made.append(given)
+        return np.asarray(predict_poses(*given))
+
+    monkeypatch.setattr(nuisance, "predict_poses", counted)
+    few, on = part.part(np.array([1, 2])), BASE.with_effects("yaw_scrub")
+    inputs, start = BASE.prediction_inputs(BASE.phi_of(CAR), few), shove(few)
+    first = pose_residuals(few, inputs, start)
+    np.testing.assert_array_equal(pose_residuals(few, inputs, start.copy()), first)
+    elsewhere = pose_residuals(few._replace(pose=few.pose + 0.1), inputs, start)
+    np.testing.assert_allclose(elsewhere, first + 0.1, rtol=0.0, atol=1e-12)
+    assert len(made) == 1
+    others = [
+        pose_residuals(few._replace(stamp_s=few.stamp_s + 0.01), inputs, start),
+        pose_residuals(few, on.prediction_inputs(on.phi_of(CAR, (50.0,)), few), start),
+        pose_residuals(few, BASE.prediction_inputs(BASE.phi_of(CAR._replace(C_f=4000.0)), few), start),
+        pose_residuals(few, inputs, start + 1e-9),
+    ]
+    assert len(made) == 1 + len(others)
+    assert not any(np.array_equal(other, first) for other in others)
+    for k in range(2 * nuisance.RECENT_PREDICTIONS):
+        pose_residuals(few, inputs, start + 1e-3 * k)
+    assert len(nuisance._RECENT) <= nuisance.RECENT_PREDICTIONS
 
 
 def test_a_tangent_found_with_the_state_is_the_tangent_there(part: Take) -> None:

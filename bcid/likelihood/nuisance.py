@@ -6,13 +6,13 @@ Levenberg and Marquardt in each segment, and what remains is linear (Laplace's a
 of Bell 1994).  `start` stands for the nuisance parameters (S, N_NUISANCE) of S segments throughout.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
-from bcid.likelihood.lane_rollout import segment_layout
+from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moments
 from bcid.likelihood.predict import linearise_poses, predict_poses, wrap_yaw
@@ -23,6 +23,9 @@ SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the dia
 MIN_DAMPING = 1e-12  # without which a matrix may be singular
 MAX_SEGMENT_STEPS = 16
 MIN_SEGMENT_GAIN = 0.03  # nats, below which a segment has converged
+# predictions that are kept: refits come back to where they were, mostly within a step's trials
+RECENT_PREDICTIONS = 12
+_RECENT: dict[Any, tuple[tuple[Any, ...], Floats]] = {}
 
 
 class NuisanceSolution(NamedTuple):
@@ -61,7 +64,22 @@ def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Float
     `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s); `inputs`
     are the car, the effects' parameters and the commands after the actuators.
     """
-    return wrap_yaw(take.pose - np.asarray(predict_poses(segment_layout(take), start, *inputs.kernel_arguments)))
+    return wrap_yaw(take.pose - _predict_once(segment_layout(take), inputs, start))
+
+
+def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats) -> Floats:
+    """Predicted poses (N, 3) of `predict_poses`; the last RECENT_PREDICTIONS are kept, and not computed again.
+
+    A prediction is known by which arrays its layout and its actuator chain are, and by what else stands in its inputs.
+    """
+    arrays = *layout, *inputs.chain
+    key = (*map(id, arrays), inputs.car, inputs.switches.tobytes(), inputs.constants, start.tobytes())
+    if key not in _RECENT:
+        poses = np.asarray(predict_poses(layout, start, *inputs.kernel_arguments))
+        if len(_RECENT) >= RECENT_PREDICTIONS:
+            _RECENT.pop(next(iter(_RECENT)))
+        _RECENT[key] = arrays, poses  # the arrays are kept, so that their ids stay theirs
+    return _RECENT[key][1]
 
 
 def remove_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:
