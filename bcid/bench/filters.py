@@ -71,7 +71,10 @@ def _filter_in_c(events: Events, c: Chassis, Q: Floats, R: Floats) -> Work:
     others = [numbers(a) for a in (events.x_0[0], events.P_0, c[:4], Q, R)]
 
     def run() -> Floats:
-        states, matrices = [np.empty((M, N_STATE)) for _ in range(2)], [np.empty((M, N_STATE, N_STATE)) for _ in range(3)]
+        states, matrices = (
+            [np.empty((M, N_STATE)) for _ in range(2)],
+            [np.empty((M, N_STATE, N_STATE)) for _ in range(3)],
+        )
         out = [states[0], matrices[0], states[1], matrices[1], matrices[2]]
         library.filter(
             *map(pointer, given), pointer(known), *map(pointer, others), ctypes.c_double(MAX_STEP_S), ctypes.c_long(M),

@@ -87,9 +87,12 @@ def time_least_squares(repeats: int) -> Iterator[Timing | Skipped]:
         def residuals(x: Floats) -> Floats:
             return np.asarray(objective.residuals(x[None])[0])
 
-        return lambda: 2.0 * least_squares(
-            residuals, middle, objective.jacobian, bounds=(0.0, 1.0), xtol=FINAL_TOLERANCE, ftol=FINAL_TOLERANCE
-        ).cost
+        return lambda: (
+            2.0
+            * least_squares(
+                residuals, middle, objective.jacobian, bounds=(0.0, 1.0), xtol=FINAL_TOLERANCE, ftol=FINAL_TOLERANCE
+            ).cost
+        )
 
     peers = {"scipy least_squares": Peer(by_scipy, SPEED.scipy_fit, SPEED.max_nmse_difference)}
     yield from time_against_peers("fit newton-euler, 20 min, one start", ours, peers, max(3, repeats // 3))

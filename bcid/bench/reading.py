@@ -43,7 +43,7 @@ def _read_positions(path: Path) -> Floats:
 
 
 def _time_motive(path: Path, drive: Drive, turns: int) -> Iterator[Timing | Skipped]:
-    """Yield timings of reading `drive` from a Motive export at `path`, against the readers of CSV by pyarrow and pandas."""
+    """Yield timings of reading `drive` from a Motive export at `path`, against pyarrow and pandas."""
     write_motive_take(path, drive, RATE_HZ, 1)
     megabytes = 1e-6 * path.stat().st_size
     peers = {

@@ -13,6 +13,7 @@ from bcid.bench import car_in_arrays, car_in_c, networks
 from bcid.bench.limits import SPEED
 from bcid.bench.timing import Peer, Skipped, Timing, Work, require, time_against_peers
 from bcid.models import published
+from bcid.models.interface import Model
 from bcid.models.kinematic.k_mlp import KMlp
 from bcid.models.kinematic.k_sindy import KSindy
 from bcid.models.limits import LIMITS
@@ -54,7 +55,7 @@ def time_newton_euler_rollout(repeats: int) -> Iterator[Timing | Skipped]:
         "JAX scan": Peer(partial(car_in_arrays.roll_out_in_jax, *task), SPEED.jax_rollout, EXACT),
         "numpy": Peer(partial(car_in_arrays.roll_out_in_numpy, *task), SPEED.numpy_rollout, EXACT),
     }
-    yield from time_against_peers("rollout newton-euler", lambda: model.scan(START, commands)[1], peers, repeats)
+    yield from time_against_peers("rollout newton-euler", partial(_twists, model, commands), peers, repeats)
 
 
 def time_many_newton_euler_rollouts(repeats: int) -> Iterator[Timing | Skipped]:
@@ -106,8 +107,13 @@ def time_k_mlp_rollout(repeats: int) -> Iterator[Timing | Skipped]:
             ),
             "onnxruntime, Scan": Peer(partial(networks.roll_out_in_onnx, *task), SPEED.onnxruntime_scan, SINGLE),
         }
-        path = f"rollout k-mlp {hidden[0]}-{hidden[1]}"
-        yield from time_against_peers(path, lambda m=model, u=commands: m.scan(START, u)[1], peers, repeats)
+        path, ours = f"rollout k-mlp {hidden[0]}-{hidden[1]}", partial(_twists, model, commands)
+        yield from time_against_peers(path, ours, peers, repeats)
+
+
+def _twists(model: Model, commands: Floats) -> Floats:
+    """Twists (N, 3) that `model` rolls out from START under `commands` (N, 2)."""
+    return model.scan(START, commands)[1]
 
 
 def _draw_network_weights(hidden: tuple[int, int]) -> MlpWeights:
@@ -130,13 +136,15 @@ def time_k_sindy_rollout(repeats: int) -> Iterator[Timing | Skipped]:
     """
     model, commands = published.k_sindy(), draw_commands(STEPS)
     numpy_loop = {"numpy": Peer(partial(_roll_out_sums_in_numpy, model, commands), SPEED.numpy_sindy, EXACT)}
-    ours = lambda: model.scan(START, commands)[1]  # noqa: E731
+    ours = partial(_twists, model, commands)
     yield from time_against_peers("rollout k-sindy", ours, numpy_loop, repeats, SPEED.longest_sindy_ms)
     short, longer = commands[:SINDY_STEPS], STEPS / SINDY_STEPS
     peers = {"pysindy predict": Peer(partial(_roll_out_by_pysindy, short), SPEED.pysindy_rollout)}
     for row in time_against_peers("rollout k-sindy", partial(model.scan, START, short), peers, repeats):
-        scaled = isinstance(row, Timing)
-        yield replace(row, ours_ms=row.ours_ms * longer, peer_ms=row.peer_ms * longer) if scaled else row
+        if isinstance(row, Timing):
+            yield replace(row, ours_ms=row.ours_ms * longer, peer_ms=row.peer_ms * longer)
+        else:
+            yield row
 
 
 def _roll_out_sums_in_numpy(model: KSindy, commands: Floats) -> Work:

@@ -176,7 +176,7 @@ def floor(x: float) -> float:
 
 
 def multiply_add(a: float, b: float, c: float) -> float:
-    """a b + c, rounded once where the machine can; on vectors, if `a` is one, number by number."""
+    """A b + c, rounded once where the machine can; on vectors, if `a` is one, number by number."""
     return a * b + c
 
 

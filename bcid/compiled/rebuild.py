@@ -26,7 +26,7 @@ def rebuild(function: F, exchanged: Mapping[Any, Any], module: str, single: bool
 
 
 class Copies:
-    """The compiled functions that stand for others; None for one that stays as it is."""
+    """Copies of compiled functions, by the function they stand for; None where that stays as it is."""
 
     def __init__(self, made: dict[Any, Any], module: str, single: bool) -> None:
         self.made, self.module, self.single = made, module, single
@@ -44,11 +44,11 @@ class Copies:
             numbers = self.single and any(isinstance(x, float) for x in code.co_consts)
             self.made[function] = None
             if others or numbers:
-                constants = tuple(
-                    np.float32(x) if numbers and isinstance(x, float) else x for x in code.co_consts
-                )
+                constants = tuple(np.float32(x) if numbers and isinstance(x, float) else x for x in code.co_consts)
                 copy = FunctionType(code.replace(co_consts=constants), {**globals_, **others, "__name__": self.module})
                 # under which it is cached
-                copy.__qualname__ = f"{plain.__module__}.{plain.__qualname__}_{'single' if self.single else 'exchanged'}"
+                copy.__qualname__ = (
+                    f"{plain.__module__}.{plain.__qualname__}_{'single' if self.single else 'exchanged'}"
+                )
                 self.made[function] = recompile(function, copy)
         return self.made[function]

@@ -19,7 +19,18 @@ from bcid.compiled.lane_access import load_lanes, store_lanes
 from bcid.compiled.lanes import LANES, multiply_add
 from bcid.compiled.njit import njit, njit_inline
 from bcid.estimate.process import (
-    BETAF, BETAR, DELTA, N_MEASURED, N_STATE, PX, PY, THETA, VF, Chassis, fill_measurement, fill_state_rate,
+    BETAF,
+    BETAR,
+    DELTA,
+    N_MEASURED,
+    N_STATE,
+    PX,
+    PY,
+    THETA,
+    VF,
+    Chassis,
+    fill_measurement,
+    fill_state_rate,
 )  # fmt: skip
 from bcid.physics.kinematics import wrap_angle
 
@@ -86,7 +97,7 @@ def set_moments(w: Workspace, x: Floats, variances: Floats) -> None:
 
 @njit_inline
 def store_matrix(M: Floats, target: Floats, at: int) -> None:
-    """Write `M` (56,), rows of 8, to `target` from the place `at` on as rows of 7; the number behind it becomes zero."""
+    """Write `M` (56,), rows of 8, to `target` from the place `at` on as rows of 7, and a zero behind it."""
     for i in range(N_STATE):
         store_lanes(load_lanes(M, i * ROW), target, at + i * N_STATE)
         # the row's zero is overwritten by the next row
@@ -114,7 +125,7 @@ def _multiply_by_jacobian(A: Floats, B: Floats, AB: Floats) -> None:
 
 @njit_inline
 def _fill_rates(x: Floats, P: Floats, Phi: Floats, u_s: float, c: Chassis, w: Workspace) -> None:
-    """Fill in the rates of mean `x`, covariance `P` and transition matrix `Phi` under the steering command `u_s` (rad)."""
+    """Fill in the rates of mean `x`, covariance `P` and transition matrix `Phi` under the steering `u_s` (rad)."""
     fill_state_rate(x, u_s, c, w.x_rate, w.A, w.J)
     _multiply_by_jacobian(w.A, P, w.AP)
     _multiply_by_jacobian(w.A, Phi, w.Phi_rate)

@@ -1,4 +1,4 @@
-"""The compiled EKF, over the events of a recording, and its Rauch-Tung-Striebel smoother; a step is in `filter_step`."""
+"""The compiled EKF, over a recording's events, and its Rauch-Tung-Striebel smoother; a step is in `filter_step`."""
 
 import math
 from typing import NamedTuple

@@ -12,7 +12,6 @@ from bcid.models.interface import build_scan_kernels, mean_command
 from bcid.models.kinematic.library import ONE, fill_factors
 from bcid.models.kinematic.state import KinematicCar, KinematicState, kinematic_twist, next_state
 
-
 Places = npt.NDArray[np.uint64]
 
 
