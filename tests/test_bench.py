@@ -15,7 +15,7 @@ from bcid.bench.car_in_arrays import NUMPY
 from bcid.bench.equations import advance_period
 from bcid.bench.rollouts import draw_commands
 from bcid.bench.run import HOT_PATHS, summarise_timings
-from bcid.bench.timing import Peer, PeerMissing, Skipped, Timing, time_against_peers
+from bcid.bench.timing import PeerMissing, Skipped, TimedPeer, Timing, time_against_peers
 from bcid.cli.app import main
 from bcid.physics.car import advance_period as ours
 
@@ -36,7 +36,7 @@ def test_ratios_are_those_of_the_times(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(timing.time, "process_time", lambda: now[0])
     slower, alike = lasting(0.008), lasting(0.004)
-    peers = {"slow": Peer(lambda: slower, 1.2), "same": Peer(lambda: alike, 10.0), "none": Peer(absent)}
+    peers = {"slow": TimedPeer(lambda: slower, 1.2), "same": TimedPeer(lambda: alike, 10.0), "none": TimedPeer(absent)}
     skipped, slow, same = time_against_peers("a path", lasting(0.004), peers, 5, 3.9)
     assert skipped == Skipped("a path", "none", "no such library")
     assert isinstance(slow, Timing)
@@ -50,8 +50,8 @@ def test_ratios_are_those_of_the_times(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_peer_whose_results_are_others_misses() -> None:
     peers = {
-        "near": Peer(lambda: lambda: np.ones(3) + 1e-7, None, 1e-6),
-        "far": Peer(lambda: lambda: np.ones(2), None, 1e-6),
+        "near": TimedPeer(lambda: lambda: np.ones(3) + 1e-7, None, 1e-6),
+        "far": TimedPeer(lambda: lambda: np.ones(2), None, 1e-6),
     }
     near, far = time_against_peers("a path", lambda: np.ones(3), peers, 1)
     assert isinstance(near, Timing)

@@ -1,1 +1,5 @@
-"""The compiler (`njit`: numba with a cache keyed by imports) and vectors of numbers (`lanes`, `lane_access`)."""
+"""The compiler and its vectors.
+
+`njit` (numba with a cache keyed by imports), `rebuild` (one text compiled more than once), `lanes` and `lane_access`
+(vectors of numbers).
+"""
