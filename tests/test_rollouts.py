@@ -22,6 +22,7 @@ from bcid.models.network.narx_mlp import NarxMlp
 from bcid.models.network.sparse_product import add_product
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.linear import NewtonEulerLinear
+from bcid.models.newton_euler.model import NewtonEuler
 
 RNG = np.random.default_rng(0)
 
@@ -60,6 +61,39 @@ def test_a_batch_is_each_vehicle_alone(name: str, count: int, estimates: list[Es
     assert (diverged_at == -1).all()
     for b in {0, count // 2, count - 1, min(count - 1, 256)}:
         np.testing.assert_allclose(twists[b], model.scan(carries[b], commands[b])[1], rtol=0.0, atol=1e-9)
+
+
+def test_single_precision_is_taken_where_its_error_is_accepted() -> None:
+    """Forward and backward, front and rear driven, 600 cars and one; and only by models that have it."""
+    rng = np.random.default_rng(3)
+    base = published.newton_euler()
+    for car in (base.car, base.car._replace(front_share=0.3, sets_force=1.0, u_0=0.1, K_v=40.0, reverses=1.0)):
+        model = NewtonEuler(car._replace(R_2=4.0), 0.1, {})
+        carries = rng.normal([1.0, 0.0, 0.0, 0.0], [0.5, 0.1, 0.3, 0.5], (600, 4))
+        commands = rng.uniform([-1.5, -1.0], [1.5, 2.0], (600, 40, 2))
+        exact = rollout_batch(model, carries, commands).twist
+        np.testing.assert_array_equal(rollout_batch(model, carries, commands, 9e-6).twist, exact)
+        single = rollout_batch(model, carries, commands, 1e-5).twist
+        assert 0.0 < np.abs(single - exact).max() < 1e-5
+        one = rollout_batch(model, carries[:1], commands[:1], 1e-5).twist
+        np.testing.assert_allclose(one, single[:1], rtol=0.0, atol=1e-6)
+    carries, commands = np.stack([SINDY.init(history_at_rest(0))] * 3), np.tile([0.3, 1.5], (3, 9, 1))
+    np.testing.assert_array_equal(
+        rollout_batch(SINDY, carries, commands, 1.0).twist, rollout_batch(SINDY, carries, commands).twist
+    )
+
+
+def test_cars_abreast_take_each_its_own_parts() -> None:
+    """Of any length, also none, with a brake of its own."""
+    rng, model = np.random.default_rng(4), NewtonEuler(published.newton_euler().car._replace(R_2=4.0), 0.1, {})
+    carries, parts = rng.normal([1.0, 0.0, 0.0, 0.0], 0.1, (300, 4)), rng.uniform(0.0, 1.0, (300, 20, 3, 4))
+    parts[..., 0] *= 0.1 / parts[..., 0].sum(axis=2, keepdims=True)
+    parts[::2, :, 1:, 0], parts[::2, :, 0, 0] = 0.0, 0.1
+    after, twists = model.scan_many(carries, parts)
+    for b in (0, 1, 150, 299):
+        alone_after, alone = model.scan(carries[b], parts[b])
+        np.testing.assert_allclose(twists[b], alone, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(after[b], alone_after, rtol=0.0, atol=1e-12)
 
 
 @every_model

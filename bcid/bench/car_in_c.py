@@ -50,6 +50,7 @@ def roll_out_many_in_c(starts: Floats, commands: Floats, car: Car, period_s: flo
 
 def roll_out_by_casadi(start: Floats, commands: Floats, car: Car, period_s: float) -> Work:
     """The rollout of one car by casadi's virtual machine: the call that gives twists (N, 3)."""
+    require("casadi")
     import casadi as ca
 
     loop, columns = _casadi_step(car, period_s).mapaccum("loop", len(commands)), ca.DM(commands.T)

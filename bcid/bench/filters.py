@@ -9,7 +9,7 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.bench.c_code import load_source, numbers, pointer
 from bcid.bench.limits import SPEED
-from bcid.bench.timing import Peer, Skipped, Timing, Work, require, time_against_peers
+from bcid.bench.timing import Skipped, TimedPeer, Timing, Work, require, time_against_peers
 from bcid.estimate import kernel
 from bcid.estimate.events import build_chassis, build_timeline
 from bcid.estimate.filter_step import MAX_STEP_S
@@ -33,8 +33,8 @@ def time_filters(repeats: int) -> Iterator[Timing | Skipped]:
     events = build_timeline(record_drive(drive, 60.0, vehicle), vehicle, 0.1, 0.3, T_s, d).events
     task = events, build_chassis(vehicle, T_s, d), noise.Q(), noise.R()
     peers = {
-        "C by hand": Peer(partial(_filter_in_c, *task), SPEED.c_filter, SPEED.max_difference),
-        "filterpy": Peer(partial(_filter_by_filterpy, *task), SPEED.filterpy_filter, SPEED.max_difference),
+        "C by hand": TimedPeer(partial(_filter_in_c, *task), SPEED.c_filter, SPEED.max_difference),
+        "filterpy": TimedPeer(partial(_filter_by_filterpy, *task), SPEED.filterpy_filter, SPEED.max_difference),
     }
     longest_ms = 1e-3 * SPEED.longest_event_us * len(events.time_s)
     path = f"EKF, {len(events.time_s)} events"
@@ -47,7 +47,7 @@ def time_filters(repeats: int) -> Iterator[Timing | Skipped]:
 
         return lambda: reference.run_smoother(filtered, events.restart)[0]
 
-    smoother = {"filterpy": Peer(by_filterpy, SPEED.filterpy_smoother, SPEED.max_difference)}
+    smoother = {"filterpy": TimedPeer(by_filterpy, SPEED.filterpy_smoother, SPEED.max_difference)}
     ours = lambda: kernel.run_smoother(filtered, events.restart)[0]  # noqa: E731
     yield from time_against_peers("RTS smoother", ours, smoother, repeats)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.bench.limits import SPEED
-from bcid.bench.timing import Peer, Skipped, Timing, Work, require, time_against_peers
+from bcid.bench.timing import Skipped, TimedPeer, Timing, Work, require, time_against_peers
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.models.fitting.levenberg_marquardt import FINAL_TOLERANCE, minimise_squares
@@ -94,7 +94,7 @@ def time_least_squares(repeats: int) -> Iterator[Timing | Skipped]:
             ).cost
         )
 
-    peers = {"scipy least_squares": Peer(by_scipy, SPEED.scipy_fit, SPEED.max_nmse_difference)}
+    peers = {"scipy least_squares": TimedPeer(by_scipy, SPEED.scipy_fit, SPEED.max_nmse_difference)}
     yield from time_against_peers("fit newton-euler, 20 min, one start", ours, peers, max(3, repeats // 3))
 
 
@@ -122,6 +122,6 @@ def time_training_epoch(repeats: int) -> Iterator[Timing | Skipped]:
             loss.backward()  # type: ignore[no-untyped-call]
             plain.step()
 
-    peers = {"DataLoader loop": Peer(lambda: loader_epoch, SPEED.data_loader_epoch)}
+    peers = {"DataLoader loop": TimedPeer(lambda: loader_epoch, SPEED.data_loader_epoch)}
     our_epoch = partial(train_epoch, ours, fused, x, y, settings.batch_size, torch.Generator().manual_seed(0))
     yield from time_against_peers("training epoch 256-128", our_epoch, peers, max(3, repeats // 3))

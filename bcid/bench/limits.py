@@ -7,44 +7,59 @@ from dataclasses import dataclass
 class SpeedGoals:
     """Lowest ratios of a peer's time to ours, and longest times; docs/results/bench.json shows what is reached."""
 
-    # A Newton-Euler rollout against hand-written C, C that casadi generates, casadi's virtual machine, JAX and numpy.
+    # A Newton-Euler rollout against C written by hand.
     c_rollout: float = 1.0
+    # The same rollout against C that casadi generates.
     casadi_c_rollout: float = 1.0
+    # The same rollout against casadi's virtual machine.
     casadi_rollout: float = 3.0
+    # The same rollout against JAX.
     jax_rollout: float = 5.0
+    # The same rollout against a loop in numpy.
     numpy_rollout: float = 100.0
-    # A thousand Newton-Euler rollouts against C abreast, numpy, torch and JAX.
+    # A thousand Newton-Euler rollouts against C that advances cars abreast.
     c_many_rollouts: float = 1.0
+    # The same thousand against numpy, one operation for all cars.
     numpy_many_rollouts: float = 10.0
+    # The same thousand against torch.
     torch_many_rollouts: float = 10.0
+    # The same thousand against JAX.
     jax_many_rollouts: float = 10.0
-    # The same in single precision against our double precision, and against C in single precision.
+    # The same thousand in single precision against our double precision.
     single_over_double: float = 2.0
+    # The same thousand in single precision against C in single precision.
     c_many_single_rollouts: float = 1.0
     # A K-MLP rollout with hidden layers of 256 and 128 units against torch.
     torch_network_256: float = 30.0
     # A K-MLP rollout with hidden layers of 128 and 64 units against torch.
     torch_network_128: float = 80.0
-    # A K-MLP rollout of either size against onnxruntime, called once a period, and with the rollout in its graph.
+    # A K-MLP rollout of either size against onnxruntime, called once a period.
     onnxruntime_network: float = 5.0
+    # A K-MLP rollout of either size against onnxruntime with the whole rollout in its graph.
     onnxruntime_scan: float = 3.0
-    # A K-SINDy rollout against numpy and pysindy, and its longest time (ms).
+    # A K-SINDy rollout against a loop over its coefficients in numpy.
     numpy_sindy: float = 30.0
+    # A K-SINDy rollout against pysindy's.
     pysindy_rollout: float = 10_000.0
+    # Longest time (ms) of a K-SINDy rollout.
     longest_sindy_ms: float = 0.06
-    # The EKF's forward pass against C and filterpy, and its longest time (us) an event.
+    # The EKF's forward pass against C written by hand.
     c_filter: float = 1.0
+    # The EKF's forward pass against filterpy's.
     filterpy_filter: float = 50.0
+    # Longest time (us) of an event of the EKF.
     longest_event_us: float = 0.5
     # The smoother against filterpy's.
     filterpy_smoother: float = 20.0
     # A training epoch against torch's DataLoader.
     data_loader_epoch: float = 1.5
-    # A Newton-Euler fit against deap's genetic algorithm, and scipy's least squares on the same residuals.
+    # A Newton-Euler fit against deap's genetic algorithm.
     deap_fit: float = 30.0
+    # A descent to a car's constants against scipy's least squares on the same residuals.
     scipy_fit: float = 1.0
-    # Slowest reading (MB/s) of a Motive export, and longest (us) of a message of an MCAP file, all of it verified.
+    # Slowest reading (MB/s) of a Motive export, all of it verified.
     slowest_motive_mb_s: float = 120.0
+    # Longest time (us) of a message of an MCAP file, all of it verified.
     longest_message_us: float = 4.0
     # Largest difference (SI) of results that should be the same.
     max_difference: float = 1e-9

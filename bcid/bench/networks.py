@@ -19,7 +19,7 @@ Network = Callable[[npt.NDArray[np.float32]], Any]
 
 def roll_out_step_by_step(build: Callable[[MlpWeights], Network], w: MlpWeights, c: KinematicCar,
                           start: Floats, commands: Floats) -> Work:  # fmt: skip
-    """The call that gives twists (N, 3) of a K-MLP whose network, made by `build`, is called once a period.
+    """The rollout of a K-MLP whose network, made by `build`, is called once a period: the call: twists (N, 3).
 
     The network maps [v_f, alpha_f, alpha_r, delta, u_s, u_m] (1, 6) to the next [v_f, alpha_f, alpha_r] (3,); `c` has
     the car's axle distances (m) and steering constants.
@@ -60,9 +60,9 @@ def build_torch_network(w: MlpWeights) -> Network:
     return evaluate
 
 
-def _weight_arrays(w: MlpWeights) -> dict[str, npt.NDArray[Any]]:
+def _weight_arrays(w: MlpWeights) -> dict[str, Any]:
     """The perceptron's weights by their names in the graphs, its outputs' scale and mean put into the last layer."""
-    arrays = {
+    arrays: dict[str, Any] = {
         "W1": w.W1, "b1": w.b1, "W2": w.W2, "b2": w.b2, "W3": w.W3 * w.y_sd, "b3": w.b3 * w.y_sd + w.y_mean
     }  # fmt: skip
     return {name: a.astype(np.float32) for name, a in arrays.items()}
@@ -126,9 +126,9 @@ def roll_out_in_onnx(w: MlpWeights, c: KinematicCar, start: Floats, commands: Fl
             node("Reshape", ["after", "rank"], ["delta"]), node("Add", ["delta", "alpha_f"], ["beta_f"]),
             node("Cos", ["beta_f"], ["cos_f"]), node("Sin", ["beta_f"], ["sin_f"]), node("Tan", ["alpha_r"], ["tan_r"]),
             node("Mul", ["cos_f", "v_f"], ["v_x"]), node("Mul", ["sin_f", "v_f"], ["v_fy"]),
-            node("Mul", ["v_x", "tan_r"], ["v_ry"]),
-            node("Mul", ["l_r", "v_fy"], ["a"]), node("Mul", ["l_f", "v_ry"], ["b"]),
-            node("Add", ["a", "b"], ["ab"]), node("Div", ["ab", "wheelbase"], ["v_y"]),
+            node("Mul", ["v_x", "tan_r"], ["v_ry"]), node("Mul", ["l_r", "v_fy"], ["a"]),
+            node("Mul", ["l_f", "v_ry"], ["b"]), node("Add", ["a", "b"], ["ab"]),
+            node("Div", ["ab", "wheelbase"], ["v_y"]),
             node("Sub", ["v_fy", "v_ry"], ["d"]), node("Div", ["d", "wheelbase"], ["omega"]),
             node("Concat", ["v_x", "v_y", "omega"], ["twist"], axis=1),
         ],

@@ -11,7 +11,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.bench.limits import SPEED
-from bcid.bench.timing import Peer, Skipped, Timing, Work, require, time_against_peers
+from bcid.bench.timing import Skipped, TimedPeer, Timing, Work, require, time_against_peers
 from bcid.recording.read import read_raw_take
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import Drive, simulate_drive
@@ -43,12 +43,12 @@ def _read_positions(path: Path) -> Floats:
 
 
 def _time_motive(path: Path, drive: Drive, turns: int) -> Iterator[Timing | Skipped]:
-    """Yield timings of reading `drive` from a Motive export at `path`, against pyarrow's and pandas' readers of CSV."""
+    """Yield timings of reading `drive` from a Motive export at `path`, against pyarrow and pandas."""
     write_motive_take(path, drive, RATE_HZ, 1)
     megabytes = 1e-6 * path.stat().st_size
     peers = {
-        "pyarrow": Peer(partial(_read_by_pyarrow, path), None, ROUNDED),
-        "pandas": Peer(partial(_read_by_pandas, path), None, ROUNDED),
+        "pyarrow": TimedPeer(partial(_read_by_pyarrow, path), None, ROUNDED),
+        "pandas": TimedPeer(partial(_read_by_pandas, path), None, ROUNDED),
     }
     longest_ms = 1e3 * megabytes / SPEED.slowest_motive_mb_s
     work = partial(_read_positions, path)
@@ -86,7 +86,7 @@ def _time_mcap(path: Path, drive: Drive, turns: int) -> Iterator[Timing | Skippe
     """Yield the timing of reading `drive` from an MCAP file of JSON messages at `path`, against the package mcap."""
     write_mcap_take(path, drive, RATE_HZ, 1)
     count = len(drive.frame) + len(drive.command)
-    peers = {"mcap + json": Peer(partial(_read_by_mcap, path), None, ROUNDED)}
+    peers = {"mcap + json": TimedPeer(partial(_read_by_mcap, path), None, ROUNDED)}
     longest_ms = 1e-3 * SPEED.longest_message_us * count
     yield from time_against_peers(
         f"MCAP JSON, {count} messages", partial(_read_positions, path), peers, turns, longest_ms

@@ -11,8 +11,9 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.bench import car_in_arrays, car_in_c, networks
 from bcid.bench.limits import SPEED
-from bcid.bench.timing import Peer, Skipped, Timing, Work, require, time_against_peers
+from bcid.bench.timing import Skipped, TimedPeer, Timing, Work, require, time_against_peers
 from bcid.models import published
+from bcid.models.interface import Model
 from bcid.models.kinematic.k_mlp import KMlp
 from bcid.models.kinematic.k_sindy import KSindy
 from bcid.models.limits import LIMITS
@@ -48,13 +49,13 @@ def time_newton_euler_rollout(repeats: int) -> Iterator[Timing | Skipped]:
     model, commands = NewtonEuler(car, PERIOD_S, {}), draw_commands(STEPS)
     task = START, commands, car, PERIOD_S
     peers = {
-        "C by hand": Peer(partial(car_in_c.roll_out_in_c, *task), SPEED.c_rollout, EXACT),
-        "C by casadi": Peer(partial(car_in_c.roll_out_in_generated_c, *task), SPEED.casadi_c_rollout, EXACT),
-        "casadi": Peer(partial(car_in_c.roll_out_by_casadi, *task), SPEED.casadi_rollout, EXACT),
-        "JAX scan": Peer(partial(car_in_arrays.roll_out_in_jax, *task), SPEED.jax_rollout, EXACT),
-        "numpy": Peer(partial(car_in_arrays.roll_out_in_numpy, *task), SPEED.numpy_rollout, EXACT),
+        "C by hand": TimedPeer(partial(car_in_c.roll_out_in_c, *task), SPEED.c_rollout, EXACT),
+        "C by casadi": TimedPeer(partial(car_in_c.roll_out_in_generated_c, *task), SPEED.casadi_c_rollout, EXACT),
+        "casadi": TimedPeer(partial(car_in_c.roll_out_by_casadi, *task), SPEED.casadi_rollout, EXACT),
+        "JAX scan": TimedPeer(partial(car_in_arrays.roll_out_in_jax, *task), SPEED.jax_rollout, EXACT),
+        "numpy": TimedPeer(partial(car_in_arrays.roll_out_in_numpy, *task), SPEED.numpy_rollout, EXACT),
     }
-    yield from time_against_peers("rollout newton-euler", lambda: model.scan(START, commands)[1], peers, repeats)
+    yield from time_against_peers("rollout newton-euler", partial(_twists, model, commands), peers, repeats)
 
 
 def time_many_newton_euler_rollouts(repeats: int) -> Iterator[Timing | Skipped]:
@@ -76,15 +77,17 @@ def time_many_newton_euler_rollouts(repeats: int) -> Iterator[Timing | Skipped]:
 
     in_c = car_in_c.roll_out_many_in_c
     peers = {
-        "C by hand": Peer(partial(in_c, *task, "double"), SPEED.c_many_rollouts, EXACT),
-        "numpy": Peer(partial(car_in_arrays.roll_out_many_in_numpy, *task), SPEED.numpy_many_rollouts, EXACT),
-        "torch eager": Peer(partial(car_in_arrays.roll_out_many_in_torch, *task), SPEED.torch_many_rollouts, EXACT),
-        "JAX scan": Peer(partial(car_in_arrays.roll_out_in_jax, *task), SPEED.jax_many_rollouts, EXACT),
+        "C by hand": TimedPeer(partial(in_c, *task, "double"), SPEED.c_many_rollouts, EXACT),
+        "numpy": TimedPeer(partial(car_in_arrays.roll_out_many_in_numpy, *task), SPEED.numpy_many_rollouts, EXACT),
+        "torch eager": TimedPeer(
+            partial(car_in_arrays.roll_out_many_in_torch, *task), SPEED.torch_many_rollouts, EXACT
+        ),
+        "JAX scan": TimedPeer(partial(car_in_arrays.roll_out_in_jax, *task), SPEED.jax_many_rollouts, EXACT),
     }
     yield from time_against_peers(path, double, peers, repeats)
     single_peers = {
-        "ours, double": Peer(lambda: double, SPEED.single_over_double, SINGLE),
-        "C by hand, float": Peer(partial(in_c, *task, "float"), SPEED.c_many_single_rollouts, SINGLE),
+        "ours, double": TimedPeer(lambda: double, SPEED.single_over_double, SINGLE),
+        "C by hand, float": TimedPeer(partial(in_c, *task, "float"), SPEED.c_many_single_rollouts, SINGLE),
     }
     yield from time_against_peers(f"{path}, single precision", single, single_peers, repeats)
 
@@ -100,14 +103,19 @@ def time_k_mlp_rollout(repeats: int) -> Iterator[Timing | Skipped]:
         model, commands = KMlp(weights, car, {}), draw_commands(STEPS)
         stepwise, task = networks.roll_out_step_by_step, (weights, car, START, commands)
         peers = {
-            "torch eager": Peer(partial(stepwise, networks.build_torch_network, *task), torch_goal, SINGLE),
-            "onnxruntime": Peer(
+            "torch eager": TimedPeer(partial(stepwise, networks.build_torch_network, *task), torch_goal, SINGLE),
+            "onnxruntime": TimedPeer(
                 partial(stepwise, networks.build_onnx_network, *task), SPEED.onnxruntime_network, SINGLE
             ),
-            "onnxruntime, Scan": Peer(partial(networks.roll_out_in_onnx, *task), SPEED.onnxruntime_scan, SINGLE),
+            "onnxruntime, Scan": TimedPeer(partial(networks.roll_out_in_onnx, *task), SPEED.onnxruntime_scan, SINGLE),
         }
-        path = f"rollout k-mlp {hidden[0]}-{hidden[1]}"
-        yield from time_against_peers(path, lambda m=model, u=commands: m.scan(START, u)[1], peers, repeats)
+        path, ours = f"rollout k-mlp {hidden[0]}-{hidden[1]}", partial(_twists, model, commands)
+        yield from time_against_peers(path, ours, peers, repeats)
+
+
+def _twists(model: Model, commands: Floats) -> Floats:
+    """Twists (N, 3) that `model` rolls out from START under `commands` (N, 2)."""
+    return model.scan(START, commands)[1]
 
 
 def _draw_network_weights(hidden: tuple[int, int]) -> MlpWeights:
@@ -129,14 +137,16 @@ def time_k_sindy_rollout(repeats: int) -> Iterator[Timing | Skipped]:
     are not compared; it rolls out SINDY_STEPS periods, and times are extrapolated to STEPS periods.
     """
     model, commands = published.k_sindy(), draw_commands(STEPS)
-    numpy_loop = {"numpy": Peer(partial(_roll_out_sums_in_numpy, model, commands), SPEED.numpy_sindy, EXACT)}
-    ours = lambda: model.scan(START, commands)[1]  # noqa: E731
+    numpy_loop = {"numpy": TimedPeer(partial(_roll_out_sums_in_numpy, model, commands), SPEED.numpy_sindy, EXACT)}
+    ours = partial(_twists, model, commands)
     yield from time_against_peers("rollout k-sindy", ours, numpy_loop, repeats, SPEED.longest_sindy_ms)
     short, longer = commands[:SINDY_STEPS], STEPS / SINDY_STEPS
-    peers = {"pysindy predict": Peer(partial(_roll_out_by_pysindy, short), SPEED.pysindy_rollout)}
+    peers = {"pysindy predict": TimedPeer(partial(_roll_out_by_pysindy, short), SPEED.pysindy_rollout)}
     for row in time_against_peers("rollout k-sindy", partial(model.scan, START, short), peers, repeats):
-        scaled = isinstance(row, Timing)
-        yield replace(row, ours_ms=row.ours_ms * longer, peer_ms=row.peer_ms * longer) if scaled else row
+        if isinstance(row, Timing):
+            yield replace(row, ours_ms=row.ours_ms * longer, peer_ms=row.peer_ms * longer)
+        else:
+            yield row
 
 
 def _roll_out_sums_in_numpy(model: KSindy, commands: Floats) -> Work:

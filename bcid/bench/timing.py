@@ -57,7 +57,7 @@ class Skipped:
 
 
 @dataclass(frozen=True)
-class Peer:
+class TimedPeer:
     """Another way of doing the work of a hot path."""
 
     # makes the call that is timed; raises `PeerMissing` where the peer cannot be had
@@ -76,7 +76,7 @@ def require(*modules: str) -> None:
 
 
 def time_against_peers(
-    hot_path: str, ours: Work, peers: Mapping[str, Peer], repeats: int, longest_ms: float | None = None
+    hot_path: str, ours: Work, peers: Mapping[str, TimedPeer], repeats: int, longest_ms: float | None = None
 ) -> Iterator[Timing | Skipped]:
     """Time our implementation `ours` of a hot path and those of `peers` alternately, in `repeats` turns each.
 

@@ -220,7 +220,7 @@ def real_proof_table(outcome: dict[str, Any]) -> Table:
 
 
 def goal_of_timing(row: Mapping[str, Any]) -> str:
-    """What is wanted of a row of the benchmark, in print: a ratio, a longest time, or both; and if missed."""
+    """What is wanted of a row of the speed benchmark, in print: a ratio, a longest time, and whether it is missed."""
     wanted = [f"{row['goal']:g} ×"] if row["goal"] is not None else []
     wanted += [f"≤ {row['longest_ms']:.3g} ms"] if row["longest_ms"] is not None else []
     return (", ".join(wanted) or "–") + (" missed" if row["missed"] else "")

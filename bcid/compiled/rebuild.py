@@ -26,7 +26,7 @@ def rebuild(function: F, exchanged: Mapping[Any, Any], module: str, single: bool
 
 
 class Copies:
-    """The compiled functions that stand for others; None for one that stays as it is."""
+    """Copies of compiled functions, by the function they stand for; None where that stays as it is."""
 
     def __init__(self, made: dict[Any, Any], module: str, single: bool) -> None:
         self.made, self.module, self.single = made, module, single

@@ -146,6 +146,14 @@ class ContinuousTimeModel(Protocol):
         """This model advancing by `period_s` (s) a step."""
 
 
+@runtime_checkable
+class SinglePrecisionModel(Protocol):
+    """A model that can compute the rollouts of many vehicles in single precision, which takes half the time."""
+
+    def scan_many_single(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
+        """What `Model.scan_many` is, with twists off by up to LIMITS.single_precision_error."""
+
+
 class RolloutDiverged(ArithmeticError):
     """A rollout passed `fastest_twist`, or left the finite numbers; `step` is the step after which it did."""
 
@@ -178,13 +186,19 @@ class RolloutBatch(NamedTuple):
     diverged_at: Ints  # (B,) index of the command after which a twist passes `fastest_twist`; -1 where none does
 
 
-def rollout_batch(model: Model, carries: Floats, commands: Floats) -> RolloutBatch:
+def rollout_batch(model: Model, carries: Floats, commands: Floats, tolerance: float = 0.0) -> RolloutBatch:
     """Predict the twists of B vehicles under `commands` (B, N, 2), from the model's states `carries` (B, n).
+
+    Where a `tolerance` of LIMITS.single_precision_error (1e-5 m/s, rad/s) or more is accepted, a model that can
+    computes in single precision.
 
     From the step in which a vehicle's twist passes LIMITS.fastest_twist (150 m/s, 100 rad/s) or is NaN, its last
     valid twist is repeated (zeros if there is none); the step's index is returned too, -1 where no such step occurs.
     """
-    _, twist = model.scan_many(carries, commands)
+    if tolerance >= LIMITS.single_precision_error and isinstance(model, SinglePrecisionModel):
+        _, twist = model.scan_many_single(carries, commands)
+    else:
+        _, twist = model.scan_many(carries, commands)
     diverged = np.asarray(~(np.abs(twist) <= LIMITS.fastest_twist).all(axis=-1))
     at = np.where(diverged.any(axis=1), np.argmax(diverged, axis=1), -1)
     for b in np.flatnonzero(at >= 0):

@@ -94,8 +94,13 @@ def forward_motor_line(u_m: float, p: Car) -> MotorLine:
 
 @njit_inline
 def forward_motor_force(u_m: float, v_w: float, p: Car) -> float:
-    """Motor force (N) at the wheel speed `v_w` (m/s) under the throttle `u_m` of a motor that only drives forward."""
-    return force_on_line(forward_motor_line(u_m, p), v_w)
+    """Motor force (N) at the wheel speed `v_w` (m/s) under the throttle `u_m` of a motor that only drives forward.
+
+    It is that of `forward_motor_line`; with vectors for `u_m`, lines of the two laws have no type in common.
+    """
+    if p.sets_force > 0.0:
+        return force_on_line(force_controlled_line(u_m, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max), v_w)
+    return force_on_line(speed_controlled_line(u_m, p.K_t, p.K_b, p.F_m_max), v_w)
 
 
 @njit_inline

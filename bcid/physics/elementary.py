@@ -34,12 +34,12 @@ def near_zero(function: Callable[[Floats], Floats], degree: int, largest: float)
 
 def sine_series(z: Floats) -> Floats:
     """(sin(y)/y - 1)/z (n,) at z = y^2 (n,), by Taylor's series: the difference would cancel."""
-    return sum((-1.0) ** (k + 1) * z**k / math.factorial(2 * k + 3) for k in range(12))
+    return np.asarray(np.sum([(-1.0) ** (k + 1) * z**k / math.factorial(2 * k + 3) for k in range(12)], axis=0))
 
 
 def cosine_series(z: Floats) -> Floats:
     """(cos(y) - 1 + z/2)/z^2 (n,) at z = y^2 (n,), by Taylor's series."""
-    return sum((-1.0) ** k * z**k / math.factorial(2 * k + 4) for k in range(12))
+    return np.asarray(np.sum([(-1.0) ** k * z**k / math.factorial(2 * k + 4) for k in range(12)], axis=0))
 
 
 _S3, _S5, _S7, _S9, _S11, _S13, _S15, _S17 = near_zero(sine_series, 7, (0.5 * math.pi) ** 2)

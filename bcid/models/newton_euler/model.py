@@ -58,7 +58,8 @@ def _fill_steps(parts: Floats, k: int, j: int, period: float, first: Floats, sec
     hold for a whole `period` (s).  A part of more than half a period makes two equal steps, any other one, and a
     second of length 0.  Returns whether any car has a second one.
     """
-    twice, longest = parts.shape[3] == 2, (0.5 + STEP_MARGIN) * period
+    longest = (0.5 + STEP_MARGIN) * period
+    twice: bool = parts.shape[3] == 2
     for b in range(len(parts)):
         if parts.shape[3] == 2:
             first[0, b], first[1, b], first[2, b], first[3, b] = 0.5 * period, parts[b, k, j, 0], parts[b, k, j, 1], 0.0
@@ -68,7 +69,7 @@ def _fill_steps(parts: Floats, k: int, j: int, period: float, first: Floats, sec
             first[0, b] = where(duration > longest, 0.5 * duration, duration)
             second[0, b] = where(duration > longest, 0.5 * duration, 0.0)
             second[1, b], second[2, b], second[3, b] = first[1, b], first[2, b], first[3, b]
-            twice = twice or duration > longest
+            twice = bool(twice or duration > longest)
     return twice
 
 
@@ -184,8 +185,9 @@ class NewtonEuler(CompiledModel):
 
     def scan_many_single(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """What `scan_many` is, computed in single precision: twice as many cars fit into a vector register."""
-        after = np.array(carries, dtype=np.float32, order="C")
-        car = Car(*(np.float32(x) for x in self.car))
+        # numba, not mypy, tells the precisions apart
+        after: Any = np.array(carries, dtype=np.float32, order="C")
+        car = Car(*np.array(self.car, dtype=np.float32))
         twists = _scan_newton_euler_batch_single(after, _as_parts(commands), car, self.period_s)
         return after.astype(np.float64), twists
 
