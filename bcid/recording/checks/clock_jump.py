@@ -12,7 +12,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.agreement import Feature
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.checks.lagged_sums import LaggedSums, LaggedEquations
+from bcid.recording.checks.lagged_sums import LaggedEquations, LaggedSums
 from bcid.recording.checks.limits import CLOCK_JUMP as LIMITS
 from bcid.recording.checks.turning_terms import OTHER_SIGN, turns_leftward
 
