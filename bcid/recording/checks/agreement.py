@@ -7,6 +7,7 @@ The share that the moving features explain beyond the others at the true lag sta
 is the null that any other take's commands would give: no threshold depends on the kind of car.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -59,9 +60,14 @@ def scan_lags(y: Floats, use: Bools, features: list[Feature], known: Bools, leas
     size = next_fast_len(2 * n)
     w, m = use.astype(float), known.astype(float)
 
-    def correlate(still: Floats, moving: Floats) -> Floats:
-        # sum_t still(t) moving(t - lag), for lags -n+1 .. n-1
-        full = irfft(rfft(still, size) * np.conj(rfft(moving, size)), size)
+    transforms = dict[tuple[int, ...], np.ndarray]()
+
+    def correlate(still: Floats, *moving: int) -> Floats:
+        # sum_t still(t) moving(t - lag), for lags -n+1 .. n-1, of the product of moving parts of these features
+        key = tuple(i for i in moving if features[i].moving is not None)
+        if key not in transforms:
+            transforms[key] = np.conj(rfft(math.prod((gs[i] for i in key), start=m), size))
+        full = irfft(rfft(still, size) * transforms[key], size)
         return np.asarray(np.r_[full[-(n - 1) :], full[:n]])
 
     gs = [np.ones(n) if f.moving is None else f.moving for f in features]
@@ -69,15 +75,15 @@ def scan_lags(y: Floats, use: Bools, features: list[Feature], known: Bools, leas
     scale_g = [max(float(np.sqrt(np.mean(g[known] ** 2))), 1e-12) if known.any() else 1.0 for g in gs]
     fs = [w * f.still / a for f, a in zip(features, scale_f, strict=True)]
     gs = [m * g / a for g, a in zip(gs, scale_g, strict=True)]
-    rows = correlate(w, m)
+    rows = correlate(w)
     kept = (rows > least_share * w.sum() + 1.0) & (np.abs(np.arange(-(n - 1), n)) <= LIMITS.max_lags)
     lags = np.arange(-(n - 1), n)[kept]
     gram, cross = np.empty((len(lags), count, count)), np.empty((len(lags), count))
     for i in range(count):
-        cross[:, i] = correlate(fs[i] * y, gs[i])[kept]
+        cross[:, i] = correlate(fs[i] * y, i)[kept]
         for k in range(i, count):
-            gram[:, i, k] = gram[:, k, i] = correlate(fs[i] * fs[k], gs[i] * gs[k])[kept]
-    squares = correlate(w * y * y, m)[kept]
+            gram[:, i, k] = gram[:, k, i] = correlate(fs[i] * fs[k], i, k)[kept]
+    squares = correlate(w * y * y)[kept]
     base = np.array([f.moving is None for f in features])
     left_base, _ = _residual_squares(gram[:, base][:, :, base], cross[:, base], squares)
     left_all, weights = _residual_squares(gram, cross, squares)

@@ -18,12 +18,13 @@ from bcid.aliases import Bools
 from bcid.recording.formats.message_store import StoredMessages
 from bcid.recording.formats.ros_encoding import Cursor, Reader
 
-BLOCK_BYTES, BLOCK_MESSAGES = 1 << 21, 1 << 12  # that are compared at a time
+BLOCK_BYTES, BLOCK_MESSAGES = 1 << 21, 1 << 8  # that are compared at a time, so few that their texts stay in the cache
 MAX_TEXT_BYTES = 1 << 13  # of a text that others are compared with
 STRING_OR_NUMBER = re.compile(rb'"(?:[^"\\]|\\.)*"|-?\d[\d.eE+-]*')
 WHOLE_NUMBER = rb"0|-?[1-9]\d{0,17}"
 """Of JSON, as far as it fits into 64 bits; -0 is the whole number 0."""
-BROKEN_NUMBER = rb"-?(?:0|[1-9]\d{0,99})(?:\.\d{1,99}(?:[eE][-+]?\d{1,3})?|[eE][-+]?\d{1,3})"
+NUMBER = rb"(?:-?[1-9]\d{0,99}+|0|-0(?=[.eE]))(?:\.\d{1,99}+)?+(?:[eE][-+]?+\d{1,3}+)?+"
+"""Of JSON, but for -0 and for what is longer than any number; its parts are never tried shorter than they are."""
 
 
 class MarkedInt(int):
@@ -83,13 +84,12 @@ class JsonLayout:
         """Which of N messages have this layout (N,), and the numbers of these (M,) at each of the `marks`."""
         pattern, order = self.literals[0], list[int]()
         for k, literal in enumerate(self.literals[1:]):
-            number = rb"%b|%b" % (BROKEN_NUMBER, WHOLE_NUMBER)
-            pattern += (rb"(%b)" if k in marks else rb"(?:%b)") % number + literal
+            pattern += (rb"(%b)" if k in marks else rb"%b") % NUMBER + literal
             order += [k] if k in marks else []
         match, content = re.compile(pattern, re.DOTALL).fullmatch, stored.content
         same, parts = np.zeros(len(stored.begins), dtype=bool), list[list[np.ndarray]]()
         for at in range(0, len(same), BLOCK_MESSAGES):
-            # texts of numbers take more memory than numbers
+            # texts of numbers take much more memory than numbers
             block = slice(at, at + BLOCK_MESSAGES)
             found = list(map(match, repeat(content), stored.begins[block].tolist(), stored.ends[block].tolist()))
             same[block] = [m is not None for m in found]
@@ -104,7 +104,7 @@ def _numbers(texts: tuple[bytes, ...], whole: bool) -> np.ndarray:
     if whole:
         try:
             return np.fromiter(map(int, texts), dtype=np.int64, count=len(texts))
-        except ValueError:
+        except (ValueError, OverflowError):
             pass
     return np.fromiter(map(float, texts), dtype=float, count=len(texts))
 
