@@ -13,13 +13,10 @@ from bcid.simulation.writing import write_motive_take
 
 def clear_source_caches() -> None:
     """Forget digests and imports of the package, so that edited sources are read anew."""
-    for cached in (
-        source_code._module_path,
-        source_code._read_module,
-        source_code.digest_with_imports,
-        source_code.stage_code,
-    ):
+    for cached in (source_code._module_path, source_code._read_module):
         cached.cache_clear()
+    for digest in (source_code.digest_with_imports, source_code.stage_code):
+        digest.cache_clear()
 
 
 def circling_take(folder: Path, name: str = "circle", seconds: float = 20.0, rate_hz: float = 60.0) -> Path:

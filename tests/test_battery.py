@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from cars import CAR
 from faults.battery import FAILURES, run_battery
@@ -136,4 +138,10 @@ def test_a_table_of_ours_holds_finite_numbers_of_double_precision(tmp_path: Path
     assert np.isnan(read_columns(path, units, undefined=["x"])[1, 1])
     write_columns(path, np.empty((0, 2)), units)
     with pytest.raises(InputRefused, match="0 rows"):
+        read_columns(path, units)
+    # as others write what is not there, in several groups of rows
+    column = pa.chunked_array([[0.5, None], [2.5]], pa.float64())
+    pq.write_table(pa.table({"time": [0.0, 1.0, 2.0], "x": column}), path, row_group_size=2)
+    np.testing.assert_array_equal(read_columns(path, units, ["x"]), [[0.0, 0.5], [1.0, np.nan], [2.0, 2.5]])
+    with pytest.raises(InputRefused, match="column x: is nan in row 2"):
         read_columns(path, units)

@@ -14,9 +14,12 @@ from making import clear_source_caches
 from bcid.aliases import Progress
 from bcid.errors import InputRefused
 from bcid.files import source_code as code_module
+from bcid.pipeline import run as pipeline_run
 from bcid.pipeline.config import read_pipeline_file
 from bcid.pipeline.run import Pipeline
 from bcid.pipeline.watching import Watcher
+from bcid.recording.formats.detect import recording_files
+from bcid.store.artifact import file_sha256
 
 PLAN = """
 vehicle = "{vehicle}"
@@ -97,6 +100,24 @@ def test_everything_is_made_once(first: tuple[Record, Path], plan_file: Path) ->
     again, _ = run(plan_file)
     assert again.made == []
     assert sorted(again.known) == sorted(record.made)
+
+
+def test_a_run_reads_each_recording_once(
+    first: tuple[Record, Path], plan_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many models are compared, and by both losses; the next run reads it again, and sees what has changed."""
+    read: list[Path] = []
+
+    def read_and_count(path: Path) -> str:
+        read.append(path)
+        return file_sha256(path)
+
+    monkeypatch.setattr(pipeline_run, "file_sha256", read_and_count)
+    config = read_pipeline_file(plan_file)
+    recordings = {part for recording in config.recordings() for part in recording_files(recording)}
+    for times in (1, 2):
+        run(plan_file)
+        assert {path: read.count(path) for path in recordings} == dict.fromkeys(recordings, times)
 
 
 def test_the_report_is_complete_and_offline(first: tuple[Record, Path]) -> None:

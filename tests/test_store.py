@@ -143,6 +143,31 @@ def test_a_template_beside_a_package_is_part_of_its_code(package: Path) -> None:
     assert stage_code("bcid.stage").digest != before.digest
 
 
+def test_what_was_parsed_is_kept_and_believed_only_as_it_was_written(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second process parses nothing; a damaged file, or a folder that cannot be written, costs time alone."""
+    kept = tmp_path / "kept" / "syntax.json"
+
+    def digest_anew(path: Path) -> str:
+        clear_source_caches()
+        monkeypatch.setattr(code_module, "_PARSED_FILES", code_module._ParsedFiles(path))
+        return stage_code("bcid.stage").digest
+
+    before = digest_anew(kept)
+    written = kept.read_text()
+    assert len(list(kept.parent.iterdir())) == 1
+    for text in (written.replace('"numpy"', '"scipy"'), written[:-9], "", "0\n[1]"):
+        kept.write_text(text)
+        assert digest_anew(kept) == before
+    assert kept.read_text() == written
+    assert digest_anew(tmp_path / "src" / "bcid" / "law.py" / "syntax.json") == before  # in no folder
+    monkeypatch.setattr(code_module, "_parse_source", None)
+    assert digest_anew(kept) == before
+    with pytest.raises(TypeError):
+        digest_anew(tmp_path / "other.json")
+
+
 def test_the_second_of_two_runs_waits_and_uses_what_the_first_made(tmp_path: Path) -> None:
     """And its person is told so."""
     begun, may_end, told = Event(), Event(), Event()

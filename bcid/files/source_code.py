@@ -55,8 +55,9 @@ def _read_module(name: str) -> _ModuleCode:
     known = {imported for imported in syntax.imports if imported.split(".")[0] == _PACKAGE}
     inside = {imported for imported in known if _module_path(imported) is not None}
     outside = {imported.split(".")[0] for imported in set(syntax.imports) - known}
-    templates = sorted(path.parent.glob("*.j2")) if path.name == "__init__.py" else []
-    digest = hashlib.sha256(b"".join([syntax.digest.encode(), *(t.read_bytes() for t in templates)])).hexdigest()
+    digest, templates = syntax.digest, sorted(path.parent.glob("*.j2")) if path.name == "__init__.py" else []
+    if templates:
+        digest = hashlib.sha256(b"".join([digest.encode(), *(t.read_bytes() for t in templates)])).hexdigest()
     parents = {name.rpartition(".")[0]} - {""}
     return _ModuleCode(digest, frozenset(inside | parents), frozenset(outside))
 

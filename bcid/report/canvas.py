@@ -37,7 +37,7 @@ def render_data_uri(figure: Figure) -> str:
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine("none")
-    canvas.print_png(data, metadata={"Software": None})
+    canvas.print_png(data, metadata={"Software": None})  # type: ignore[no-untyped-call]  # matplotlib has no types for it
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
 
 
