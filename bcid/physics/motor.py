@@ -34,8 +34,10 @@ def speed_controlled_line(u_m: float, K_t: float, K_b: float, F_max: float) -> M
     `u_m` >= 0 is a reference speed (m/s): the motor only supplies, clip(K_t (u_m - v_w), 0, F_max).  `u_m` < 0 is a
     brake share: clip(u_m K_b v_w, -F_max, F_max) (paper, App. actuators; docs/errata.md row 13).
     """
-    drives = u_m >= 0.0
-    return MotorLine(0.0, max(u_m, 0.0), where(drives, -K_t, u_m * K_b), where(drives, 0.0, -F_max), F_max)
+    # every law's line has numbers of the throttle's kind: single ones, or one for each lane
+    drives, zero = u_m >= 0.0, 0.0 * u_m
+    slope = where(drives, -K_t, u_m * K_b)
+    return MotorLine(zero, max(u_m, 0.0), slope, where(drives, 0.0, -F_max), zero + F_max)
 
 
 @njit_inline
@@ -45,9 +47,9 @@ def force_controlled_line(u_m: float, K: float, u_0: float, K_v: float, K_b: flo
     That holds for a throttle `u_m` above its dead zone u_0; from 0 to u_0 there is no force, and u_m < 0 is a brake
     share, u_m K_b v_w.  All is limited to +-F_max.
     """
-    drives = u_m > u_0
+    drives, zero = u_m > u_0, 0.0 * u_m
     slope = where(drives, -K_v, min(u_m, 0.0) * K_b)
-    return MotorLine(where(drives, K * (u_m - u_0), 0.0), 0.0, slope, -F_max, F_max)
+    return MotorLine(where(drives, K * (u_m - u_0), 0.0), zero, slope, zero - F_max, zero + F_max)
 
 
 @njit_inline
