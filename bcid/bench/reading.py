@@ -20,7 +20,7 @@ from bcid.virtual_lab import simulated_vehicle
 
 READ_S, RATE_HZ = 600.0, 60.0
 # Rows above the table of a Motive export, and its columns of x and z.
-HEAD_ROWS, COLUMNS = 6, (6, 8)
+HEAD_ROWS, COLUMNS = 7, (6, 8)
 # Poses in a file are rounded to 1e-6 m.
 ROUNDED = 2e-6
 
