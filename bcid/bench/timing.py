@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-# Shortest duration of a turn (s): shorter work is repeated within it.
-MIN_TURN_S = 2e-3
+# Shortest duration of a turn (s): shorter work is repeated within it, so that what ran before leaves no cold memory.
+MIN_TURN_S = 1e-2
 Work = Callable[[], Any]
 
 

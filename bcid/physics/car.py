@@ -11,6 +11,7 @@ from typing import NamedTuple
 from bcid.aliases import Floats
 from bcid.compiled.lanes import multiply_add, where
 from bcid.compiled.njit import njit, njit_inline
+from bcid.compiled.rebuild import rebuild
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.motor import MotorLine, drag_force, force_controlled_line, force_on_line, speed_controlled_line
@@ -139,6 +140,18 @@ def with_brake(p: Car, brake_share: float) -> Car:
 
 
 @njit_inline
+def rear_drive(u_m: float, v_w: float, p: Car) -> float:
+    """Force (N) along the rear wheels, of motor and drag, at their speed `v_w` (m/s) under the throttle `u_m`."""
+    return (1.0 - p.front_share) * (motor_force(u_m, v_w, p) - drag_force(v_w, p.R_1, p.R_2))
+
+
+@njit_inline
+def no_rear_drive(u_m: float, v_w: float, p: Car) -> float:
+    """The `rear_drive` of a car with front drive alone: 0 N."""
+    return 0.0
+
+
+@njit_inline
 def wrench_of_axles(
     F_lf: float, F_af: float, F_lr: float, F_ar: float, sin_d: float, cos_d: float, p: Car
 ) -> tuple[float, float, float]:
@@ -162,7 +175,7 @@ def wrench(v_x: float, v_y: float, yaw_rate: float, delta: float, u_m: float, p:
     F_af = lateral_force(slip_angle(v_fx, v_fy, p.v_0), p.C_f, p.F_f_max)
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
     F_lf = p.front_share * (motor_force(u_m, v_fx, p) - drag_force(v_fx, p.R_1, p.R_2))
-    F_lr = (1.0 - p.front_share) * (motor_force(u_m, v_rx, p) - drag_force(v_rx, p.R_1, p.R_2))
+    F_lr = rear_drive(u_m, v_rx, p)
     sin_d, cos_d = sincos(delta)
     return wrench_of_axles(F_lf, F_af, F_lr, F_ar, sin_d, cos_d, p)
 
@@ -219,6 +232,10 @@ def advance_period(state: CarState, u_s: float, u_m: float, p: Car, period: floa
     return rk4_step(rk4_step(state, u_s, u_m, p, half), u_s, u_m, p, half)
 
 
+rk4_step_by_front_drive = rebuild(rk4_step, {rear_drive: no_rear_drive}, __name__)
+"""`rk4_step` of a car with front drive alone."""
+
+
 @njit
 def step_cars(state: Floats, step: Floats, p: Car) -> None:
     """Advance B cars of equal constants `p` by one RK4 step each, of lengths of their own, in place.
@@ -230,6 +247,12 @@ def step_cars(state: Floats, step: Floats, p: Car) -> None:
     # `v_x, v_y, omega, delta = state` would hide that rows are contiguous
     v_x, v_y, omega, delta = state[0], state[1], state[2], state[3]
     h, u_s, u_m, brake = step[0], step[1], step[2], step[3]
+    if p.front_share == 1.0:
+        for b in range(len(v_x)):
+            v_x[b], v_y[b], omega[b], delta[b] = rk4_step_by_front_drive(
+                (v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], with_brake(p, brake[b]), h[b]
+            )
+        return
     for b in range(len(v_x)):
         v_x[b], v_y[b], omega[b], delta[b] = rk4_step(
             (v_x[b], v_y[b], omega[b], delta[b]), u_s[b], u_m[b], with_brake(p, brake[b]), h[b]
