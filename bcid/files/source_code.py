@@ -153,6 +153,15 @@ def digest_with_imports(*roots: str) -> str:
 
 
 @cache
+def _library_version(name: str) -> str | None:
+    """The version of the installed library that is imported as `name`; None for one of the standard library."""
+    try:
+        return importlib.metadata.version(_DISTRIBUTION.get(name, name))
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+@cache
 def stage_code(*roots: str) -> StageCode:
     """Digest of the modules `roots` with all their imports, and the versions of Python and the imported libraries.
 
@@ -160,10 +169,6 @@ def stage_code(*roots: str) -> StageCode:
     """
     modules = import_closure(roots)
     outside = sorted(set().union(*(_read_module(name).outside for name in modules)))
-    packages = {"python": platform.python_version()}
-    for name in outside:
-        try:
-            packages[name] = importlib.metadata.version(_DISTRIBUTION.get(name, name))
-        except importlib.metadata.PackageNotFoundError:
-            continue  # the standard library
+    versions = {name: _library_version(name) for name in outside}
+    packages = {"python": platform.python_version()} | {name: v for name, v in versions.items() if v is not None}
     return StageCode(digest_with_imports(*roots), packages)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.effects.entry import VehicleScale
@@ -18,6 +18,7 @@ from bcid.likelihood.take import KNOTS
 RADII_M = (0.5, 0.8, 1.2, 1.7)  # of the bumper car, as is
 CENTRE_SPACING = 0.5  # of the circles' centres, in radii
 PERMUTATIONS = 499
+SETS_AT_ONCE = 256  # of which statistics are computed together: of all, they would need hundreds of megabytes
 TIME_PARTS = 24  # of a take, of which windows are made
 
 
@@ -64,16 +65,21 @@ def _kulldorff_ratios(inside: Floats, energies: Floats) -> Floats:
     return np.asarray(np.where((mean_in > mean_out) & (n >= LOCATE_LIMITS.min_scan_knots) & (n <= K // 2), ratio, 0.0))
 
 
-def _scan_sets(inside: Floats, disturbances: Disturbances) -> tuple[Floats, float]:
+def _scan_sets(inside: Bools, disturbances: Disturbances) -> tuple[Floats, float]:
     """Kulldorff's scan statistic (M,) of the disturbances' energy in M sets of knots, and the p-value of the largest.
 
-    `inside` (M, K) has 1 where knot k is in set m.  The p-value is by a permutation test: the share of random
+    `inside` (M, K) is true where knot k is in set m.  The p-value is by a permutation test: the share of random
     permutations of whole segments whose largest statistic over all sets is at least as large.
     """
     energies, rng = knot_energies(disturbances), np.random.default_rng(0)
-    ratios, by_segment = _kulldorff_ratios(inside, energies), energies.reshape(-1, KNOTS)
+    by_segment = energies.reshape(-1, KNOTS)
     orders = [rng.permutation(len(by_segment)) for _ in range(PERMUTATIONS)]
-    most = _kulldorff_ratios(inside, np.stack([by_segment[o].ravel() for o in orders], axis=1)).max(axis=0)
+    permuted = np.stack([by_segment[o].ravel() for o in orders], axis=1)
+    ratios, most = np.empty(len(inside)), np.zeros(PERMUTATIONS)
+    for begin in range(0, len(inside), SETS_AT_ONCE):
+        block = inside[begin : begin + SETS_AT_ONCE].astype(float)
+        ratios[begin : begin + SETS_AT_ONCE] = _kulldorff_ratios(block, energies)
+        most = np.maximum(most, _kulldorff_ratios(block, permuted).max(axis=0))
     return ratios, (1 + int(np.sum(most >= ratios.max()))) / (1 + PERMUTATIONS)
 
 
@@ -90,7 +96,7 @@ def scan_circles(disturbances: Disturbances, units: VehicleScale, count: int = 6
         step = CENTRE_SPACING * radius
         centres = np.unique(np.round(place / step).astype(int), axis=0) * step
         tried += [(float(x), float(y), radius) for x, y in centres]
-    inside = np.array([((place - [x, y]) ** 2).sum(axis=1) < r * r for x, y, r in tried], dtype=float)
+    inside = np.array([((place - [x, y]) ** 2).sum(axis=1) < r * r for x, y, r in tried])
     ratios, p_value = _scan_sets(inside, disturbances)
     distance = LOCATE_LIMITS.min_circle_distance_m * units.circle_factor
     best: list[FloorCircle] = []
@@ -112,7 +118,7 @@ def scan_windows(disturbances: Disturbances) -> tuple[TimeWindow, float]:
     time_s = disturbances.time_s
     edges = np.linspace(time_s[0], time_s[-1] + 1e-6, TIME_PARTS + 1)
     spans = [(a, b) for a in range(TIME_PARTS) for b in range(a + 1, TIME_PARTS + 1) if b - a < TIME_PARTS]
-    inside = np.array([(time_s >= edges[a]) & (time_s < edges[b]) for a, b in spans], dtype=float)
+    inside = np.array([(time_s >= edges[a]) & (time_s < edges[b]) for a, b in spans])
     ratios, p_value = _scan_sets(inside, disturbances)
     a, b = spans[int(np.argmax(ratios))]
     return TimeWindow(float(edges[a]), float(edges[b]), float(ratios.max())), p_value
