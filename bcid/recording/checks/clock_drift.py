@@ -10,7 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.recording.checks.commanded_motion import GRID_HZ, CommandedMotion
-from bcid.recording.checks.lagged_cells import LaggedCells, LaggedEquations
+from bcid.recording.checks.lagged_cells import LaggedCells
 from bcid.recording.checks.limits import CLOCK_DRIFT as LIMITS
 from bcid.recording.checks.limits import CLOCK_JUMP
 from bcid.recording.checks.turning_terms import turns_leftward
@@ -22,7 +22,6 @@ DRIFT = "clock drift"
 class ClockDrift(NamedTuple):
     """A lag of the commands against the poses that grows evenly."""
 
-    middle_s: float  # lag in the middle of the take
     total_s: float  # by which the lag is larger in the last cell than in the first
     left: float  # mean square of the turning that is left
 
@@ -49,23 +48,21 @@ def find_clock_drift(motion: CommandedMotion, parts: LaggedCells) -> ClockDrift 
     inside = 0 < best < len(totals) - 1 and abs(total_s) >= CLOCK_JUMP.least_s
     if not inside or fit.left > CLOCK_JUMP.max_left * steady or fit.share < CLOCK_JUMP.least_share:
         return None
-    return ClockDrift(fit.lag / GRID_HZ, total_s, fit.left) if fit.leftward else None
+    return ClockDrift(total_s, fit.left) if fit.leftward else None
 
 
 class _DriftFit(NamedTuple):
-    """The best lag (rows) in the middle of a take at some drift."""
+    """What the best lag in the middle of a take explains at some drift."""
 
     left: float  # mean square that is left
-    lag: float
     share: float  # of the turning that is explained
     leftward: bool
 
 
 def _fit_drift(parts: LaggedCells, share: Floats, total: float) -> _DriftFit:
-    """The lag that explains the turning best if the lag grows by `total` rows from cell to cell in `share` (cells,)."""
+    """What the best lag explains of the turning if it grows by `total` rows, by their `share` (cells,) up to a cell."""
     at = parts.at_lags(np.round(share * total).astype(int))
     weights = at.weights()
     left = at.left(weights)
     k = int(np.argmin(left))
-    one: LaggedEquations = at.at(k)
-    return _DriftFit(float(left[k]), float(parts.lags[k]), one.share(weights[k]), bool(turns_leftward(weights[k])))
+    return _DriftFit(float(left[k]), at.at(k).share(weights[k]), bool(turns_leftward(weights[k])))
