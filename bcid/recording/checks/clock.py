@@ -12,6 +12,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.documents.health import ClockEstimate
+from bcid.recording.checks.clock_drift import DRIFT
 from bcid.recording.checks.clock_fault import CLOCK_FAULTS
 from bcid.recording.checks.geometry import hint_at_drive
 from bcid.recording.checks.limits import CLOCK as LIMITS
@@ -141,7 +142,7 @@ def _say(clock: ClockEstimate, recording: Recording, vehicle: Vehicle) -> list[I
         by_the_end = sorted(recording.duration_s * x for x in clock.drift_ci95)
         if by_the_end[0] > LIMITS.max_drift_s or by_the_end[1] < -LIMITS.max_drift_s:
             text = f"the commands' clock drifts: by the end they are another {_interval(*by_the_end)}; use one clock"
-            said.append(Irregularity("clock drift", "warning", 1, source, text))
+            said.append(Irregularity(DRIFT, "warning", 1, source, text))
     return said
 
 

@@ -22,7 +22,6 @@ DRIFT = "clock drift"
 class ClockDrift(NamedTuple):
     """A lag of the commands against the poses that grows evenly."""
 
-    middle_s: float  # lag in the middle of the take
     total_s: float  # by which the lag is larger in the last cell than in the first
     left: float  # mean square of the turning that is left
 
@@ -52,22 +51,21 @@ def find_clock_drift(motion: CommandedMotion, sums: LaggedSums) -> ClockDrift | 
     inside = 0 < best < len(totals) - 1 and abs(total_s) >= CLOCK_JUMP.least_s
     if not inside or fit.left > CLOCK_JUMP.max_left * steady or fit.share < CLOCK_JUMP.least_share:
         return None
-    return ClockDrift(fit.lag / GRID_HZ, total_s, fit.left) if fit.leftward else None
+    return ClockDrift(total_s, fit.left) if fit.leftward else None
 
 
 class _DriftFit(NamedTuple):
-    """The best lag (rows) in the middle of a take at some drift."""
+    """What the best lag in the middle of a take explains at some drift."""
 
     left: float  # mean square that is left
-    lag: float
     share: float  # of the turning that is explained
     leftward: bool
 
 
 def _fit_drift(sums: LaggedSums, share: Floats, total: float) -> _DriftFit:
-    """The lag that explains the turning best if it grows by `total` rows in all, by its `share` (C,) up to a cell."""
+    """What the best lag explains of the turning if it grows by `total` rows, by its `share` (C,) up to a cell."""
     at = sums.with_growing_lag(np.round(share * total).astype(int), CLOCK_JUMP.least_covered)
     weights = at.weights()
     left = at.left(weights)
     k = int(np.argmin(left))
-    return _DriftFit(float(left[k]), float(sums.lags[k]), float(at.share(weights)[k]), bool(turns_leftward(weights[k])))
+    return _DriftFit(float(left[k]), float(at.share(weights)[k]), bool(turns_leftward(weights[k])))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
-from bcid.aliases import Bools, Floats
+from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.known import commands_known_at, poses_known_at
 from bcid.recording.checks.limits import AGREEMENT as LIMITS
 from bcid.recording.checks.pose_noise import white_noise_sd
@@ -36,10 +36,19 @@ class CommandedMotion(NamedTuple):
 
     def commands_at(self, lag_s: float) -> tuple[Floats, Bools]:
         """The commands (N, 2) that act `lag_s` (s) later than stamped in each row, and where (N,) they are known."""
-        rows = np.arange(len(self.time_s)) - round(lag_s * GRID_HZ)
-        inside = (rows >= 0) & (rows < len(rows))
-        rows = np.clip(rows, 0, len(rows) - 1)
-        return self.commands[rows], inside & self.known[rows]
+        at, under = command_rows(self.known, np.arange(len(self.time_s)), round(lag_s * GRID_HZ))
+        return self.commands[at], under
+
+
+def command_rows(known: Bools, rows: Ints, lag: int) -> tuple[Ints, Bools]:
+    """The rows (K,) of the commands that act at `rows` (K,), `lag` rows later than stamped, and where they are `known`.
+
+    Of commands outside the recording the nearest row is given, and they are not known.  `known` is (N,).
+    """
+    at = rows - lag
+    inside = (at >= 0) & (at < len(known))
+    at = np.clip(at, 0, len(known) - 1)
+    return at, inside & known[at]
 
 
 def compare_on_grid(recording: Recording, data: TurningData, vehicle: Vehicle) -> CommandedMotion:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.recording.checks.agreement import Feature
-from bcid.recording.checks.commanded_motion import CommandedMotion
+from bcid.recording.checks.commanded_motion import CommandedMotion, command_rows
 
 OTHER_SIGN = np.array([1.0, -1.0, 1.0, -1.0, -1.0])
 """By what each term is multiplied when the angle changes its sign."""
@@ -35,8 +35,5 @@ def terms_at(terms: list[Feature], known: Bools, rows: Ints, lag: int) -> tuple[
 
     Also returns in which of these rows (K,) the command is `known` (N,).
     """
-    at = rows - lag
-    inside = (at >= 0) & (at < len(known))
-    at = np.clip(at, 0, len(known) - 1)
-    under = inside & known[at]
+    at, under = command_rows(known, rows, lag)
     return np.column_stack([under * f.still[rows] * (1.0 if f.moving is None else f.moving[at]) for f in terms]), under
