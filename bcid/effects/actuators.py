@@ -11,10 +11,12 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, steering
 from bcid.effects.car import Actuation
+from bcid.effects.remainder import Remainder
 from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
 
 SAME_TIME_S = 1e-9
+NO_REMAINDER = Remainder(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class ActuatorChain(NamedTuple):
@@ -45,8 +47,16 @@ def actuation_at(k: int, chain: ActuatorChain, T: float) -> Actuation:
     with time.
     """
     return Actuation(
-        chain.t_0 + k * chain.h, T, chain.delta[2 * k], chain.u_m[k], chain.u_next[k], chain.late[k], chain.brake[k]
+        chain.t_0 + k * chain.h, T, chain.delta[2 * k], _steering_rate(2 * k, chain), chain.u_m[k], chain.u_next[k],
+        chain.late[k], chain.brake[k], NO_REMAINDER,
     )  # fmt: skip
+
+
+@njit_inline
+def _steering_rate(i: int, chain: ActuatorChain) -> float:
+    """Rate (rad/s) of the steering angle at half step `i` of `chain`, over the half steps before and after it."""
+    before, after = max(i - 1, 0), min(i + 1, len(chain.delta) - 1)
+    return (chain.delta[after] - chain.delta[before]) / (0.5 * chain.h * (after - before))
 
 
 @njit

@@ -11,6 +11,7 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
+from bcid.effects.remainder import Remainder, RemainderInputs, WheelDirections, remainder_inputs, sum_remainder
 from bcid.physics.car import Car, forward_motor_force, motor_force, wrench_of_axles
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
@@ -40,10 +41,12 @@ class Actuation(NamedTuple):
     t: float  # s since the recording began
     T: float  # its length, s
     delta: float  # angle at the end of the steering chain (rad)
+    delta_rate: float  # and its rate over the step (rad/s)
     u_m: float  # throttle after its delay
     u_next: float  # throttle after its change within the step
     late: float  # weight of u_next: 0 where the throttle stays
     brake: float  # share of a brake that is no part of the throttle
+    rest: Remainder  # what has no name; zeros where there is none
 
 
 class LagState(NamedTuple):
@@ -268,6 +271,12 @@ def is_pulled_by_place(e: Switches) -> bool:
 
 
 @njit
+def varies_with_pose(e: Switches) -> bool:
+    """Whether forces on the body depend smoothly on its pose: a cable's, a slope's, or some without a name in `e`."""
+    return bool(is_pulled_by_place(e) or e.remainders > 0.0)
+
+
+@njit
 def is_lagging(e: Switches) -> bool:
     """Whether the motor's force or the front tyre's slip angle lags behind its steady value in `e`."""
     return bool(e.motor_lag__tau > 0.0 or e.tyre_relaxation__sigma > 0.0)
@@ -306,6 +315,37 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car) -> Wrench:
 
 
 @njit_inline
+def replace_remainder(act: Actuation, rest: Remainder) -> Actuation:
+    """What the actuators give, with what has no name replaced by `rest`."""
+    return Actuation(
+        act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, rest
+    )  # fmt: skip
+
+
+@njit
+def add_remainder(act: Actuation, b: BodyState, p: Car, e: Switches) -> Actuation:
+    """What the actuators give, with what the functions without a name in `e` add at the state `b`."""
+    if e.remainders == 0.0:
+        return act
+    return replace_remainder(act, sum_remainder(inputs_of_remainder(act, b, p), wheel_directions(b, act), p, e))
+
+
+@njit_inline
+def inputs_of_remainder(act: Actuation, b: BodyState, p: Car) -> RemainderInputs:
+    """What a remainder depends on at a state; of a throttle that changes within a step, the mean."""
+    u_m = act.u_m + act.late * (act.u_next - act.u_m)
+    return remainder_inputs(b.p_x, b.p_y, b.v_x, b.v_y, b.omega, act.delta, act.delta_rate, u_m, act.t, p)
+
+
+@njit_inline
+def wheel_directions(b: BodyState, act: Actuation) -> WheelDirections:
+    """Sines and cosines of the steering angle and of the heading."""
+    sin_d, cos_d = sincos(act.delta)
+    sin_t, cos_t = sincos(b.theta)
+    return WheelDirections(sin_d, cos_d, sin_t, cos_t)
+
+
+@njit_inline
 def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants) -> Wrench:
     """Force F_x, F_y (N) and moment M_z (N m) on the body: the base model's, with every effect that is on in `e`.
 
@@ -323,7 +363,7 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     F_mr = motor_force_with_effects(v_rx, act, p, e, c) if p.front_share < 1.0 else 0.0
     pull_r = lags.F_mr if e.motor_lag__tau > 0.0 else F_mr
     F_lr = (1.0 - p.front_share) * (pull_r - drag_force(v_rx, p.R_1 + act.brake * p.K_b, p.R_2))
-    delta_w = _solve_wheel_angle(b, act, lags, grip, F_lr, p, e, c)
+    delta_w = _solve_wheel_angle(b, act, lags, grip, F_lr, p, e, c) + act.rest.turn
     front = _front_wheel_forces(delta_w, b, act, lags, grip, F_lr, p, e, c)
     F_ar = _rear_side_force(b, v_rx, v_ry, grip, p, e)
     sin_d, cos_d = sincos(delta_w)
@@ -335,11 +375,12 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     air_x, air_y = forces.quadratic_drag(b.v_x, b.v_y, e.quadratic_drag__k)
     wheel_x, wheel_m = forces.rear_drag_asymmetry(b.v_x, b.omega, e.rear_drag_asymmetry__b, c.track)
     mass_factor = measurement.mass_change(act.t, e.mass_change__d, e.mass_change__t_s)
-    F_x += air_x + wheel_x
-    F_y += air_y
+    F_x += air_x + wheel_x + p.m * act.rest.f_x
+    F_y += air_y + p.m * act.rest.f_y
     if is_pulled_by_place(e):
         pull_x, pull_y = force_by_place(b, mass_factor, p, e)
         F_x += pull_x
         F_y += pull_y
     M_z += wheel_m + forces.yaw_scrub(b.omega, e.yaw_scrub__c) + forces.yaw_coulomb(b.omega, e.yaw_coulomb__c, c.w_c)
+    M_z += p.m * act.rest.arm + p.I_z * act.rest.alpha
     return Wrench(F_x, F_y, M_z, mass_factor, LagState(front.alpha_s, front.F_m, F_mr), front.v_fx)

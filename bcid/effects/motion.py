@@ -8,9 +8,10 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, tyres
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState, Wrench, is_lagging, wrench_with_effects
+from bcid.effects.car import Actuation, BodyState, LagState, Wrench, add_remainder, is_lagging, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.lags import mean_of_decay
+from bcid.effects.remainder import no_remainder
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
@@ -113,7 +114,8 @@ def stage_actuation(stage: int, inputs: StepInputs, h: float, e: Switches) -> Ac
         weight = 3.0 * s * s - 2.0 * s if stage == 0 else (4.0 * s - 3.0 * s * s if stage == 3 else s)
     delta = inputs.delta[0] if stage == 0 else (inputs.delta[2] if stage == 3 else inputs.delta[1])
     t = inputs.t + stage_time(stage) * h
-    return Actuation(t, inputs.T, delta, inputs.u_m, inputs.u_next, weight, inputs.brake)
+    rate = (inputs.delta[2] - inputs.delta[0]) / h
+    return Actuation(t, inputs.T, delta, rate, inputs.u_m, inputs.u_next, weight, inputs.brake, no_remainder(delta))
 
 
 @njit
@@ -146,6 +148,7 @@ def rk4_body_step(
     for stage in range(4):  # a loop, so that the wrench's machine code is there once
         act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
         there = add_rates(b, rate, ahead)
+        act = add_remainder(act, there, p, e)
         # the third stage is at the time of the second, whose steady values serve it
         twice, at = lagging and stage != 2, lags
         if stage == 2:
@@ -167,8 +170,16 @@ def rk4_body_step(
 @njit
 def steady_lags(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
     """Front slip angle (rad) and motor forces (N) in steady state at pose and twist `b`, at an unchanging throttle."""
-    unchanged = Actuation(act.t, act.T, act.delta, act.u_m, act.u_next, 0.0 * act.late, act.brake)
-    return wrench_with_effects(b, unchanged, LagState(0.0, 0.0, 0.0), p, e, c).steady
+    unchanged = Actuation(
+        act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, 0.0 * act.late, act.brake, act.rest
+    )  # fmt: skip
+    return steady_lags_beside(b, add_remainder(unchanged, b, p, e), p, e, c)
+
+
+@njit_inline
+def steady_lags_beside(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
+    """Front slip angle (rad) and motor forces (N) in steady state at `b`, beside the remainder that `act` holds."""
+    return wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), p, e, c).steady
 
 
 @njit

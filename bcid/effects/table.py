@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from bcid.effects import forces, measurement, motor, steering, tyres
+from bcid.aliases import Floats
+from bcid.effects import forces, measurement, motor, remainder, steering, tyres
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect
 from bcid.errors import UsageError
@@ -25,6 +26,9 @@ OFF: dict[str, float] = {name: p.off for e in ENTRIES.values() for name, p in zi
 ANY_ON_BODY = "any_on_body"
 """Field of the switches beside the parameters: 1 where an effect acts on forces on the body, else 0."""
 
+REMAINDERS, REMAINDER = "remainders", "remainder"
+"""Fields of the switches for what has no name: how many functions, and the table of them (`bcid.effects.remainder`)."""
+
 BESIDE_BODY = (
     "steering_backlash", "steering_dead_band", "steering_delay", "steering_lag", "steering_rate_asymmetry",
     "motor_delay", "pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale",
@@ -32,19 +36,35 @@ BESIDE_BODY = (
 """Effects that change commands before they reach the body, or poses after: forces on the body are the base model's."""
 
 _ON_BODY = frozenset(name for e in ENTRIES.values() if e.id not in BESIDE_BODY for name in e.fields)
-_LAYOUT = np.dtype((np.record, [(name, np.float64) for name in (*OFF, ANY_ON_BODY)]))
+_LAYOUT = np.dtype(
+    (
+        np.record,
+        [
+            *((name, np.float64) for name in (*OFF, ANY_ON_BODY, REMAINDERS)),
+            (REMAINDER, np.float64, (remainder.MOST, remainder.COLUMNS)),
+        ],
+    )
+)
+NO_FUNCTIONS = np.zeros((0, remainder.COLUMNS))
 
 
-def effect_switches(on: Mapping[str, float] | None = None) -> Any:
+def effect_switches(on: Mapping[str, float] | None = None, functions: Floats = NO_FUNCTIONS) -> Any:
     """Parameters of all effects as one numpy record with fields such as "rough_patch__b", for the compiled functions.
+
+    With it go the `functions` (K, COLUMNS) of a remainder, which has no name (`bcid.effects.remainder`).
 
     Values come from `on`, by field; parameters not in `on` have the value at which their effect is off, and with all
     off the car is the base model to the last bit.  A record is passed by its address: copying some sixty numbers at
     every call would cost a third of the computing time.
     """
     values = OFF | dict(on or {})
-    on_body = float(any(values[name] != OFF[name] for name in _ON_BODY))
-    return np.array((*values.values(), on_body), dtype=_LAYOUT)[()]
+    on_body = float(len(functions) > 0 or any(values[name] != OFF[name] for name in _ON_BODY))
+    switches = np.zeros((), dtype=_LAYOUT)
+    for name, value in values.items():
+        switches[name] = value
+    switches[ANY_ON_BODY], switches[REMAINDERS] = on_body, len(functions)
+    switches[REMAINDER][: len(functions)] = functions
+    return switches[()]
 
 
 def effect_ids(fields: Iterable[str]) -> tuple[str, ...]:

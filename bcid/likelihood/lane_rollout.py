@@ -13,6 +13,7 @@ from bcid.effects.car import Actuation, BodyState, LagState
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import marker_offset
 from bcid.effects.motion import StepInputs, rk4_body_step, steady_lags
+from bcid.effects.remainder import no_remainder
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
@@ -175,7 +176,11 @@ def load_body(x: Floats) -> BodyState:
 def first_actuation(lanes: LaneSegments, chain: ActuatorChain) -> Actuation:
     """What the actuators give as the segments in the lanes begin, the throttle unchanging."""
     first = step_inputs_in_lanes(lanes, 0, chain, np.zeros(3 * LANES), 0)
-    return Actuation(first.t, first.T, first.delta[0], first.u_m, first.u_next, 0.0 * first.late, first.brake)
+    rate = (first.delta[2] - first.delta[0]) / chain.h
+    none = 0.0 * first.late
+    return Actuation(
+        first.t, first.T, first.delta[0], rate, first.u_m, first.u_next, none, first.brake, no_remainder(none)
+    )
 
 
 @njit

@@ -6,9 +6,18 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import BodyState, is_lagging, is_pulled_by_place
+from bcid.effects.car import (
+    Actuation,
+    BodyState,
+    LagState,
+    add_remainder,
+    inputs_of_remainder,
+    is_lagging,
+    varies_with_pose,
+)
 from bcid.effects.constants import Constants
-from bcid.effects.motion import steady_lags
+from bcid.effects.motion import steady_lags, steady_lags_beside
+from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
@@ -31,7 +40,9 @@ from bcid.likelihood.variational import (
     get,
     move_component,
     put,
+    turn_wheel,
 )
+from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
 N_PUSH = 3  # components of a push
@@ -45,22 +56,23 @@ def linearise_segments(
     """Write the predicted path of LANES segments to `path`, and its derivatives to `changes`.
 
     `path` is (steps + 1, PATH_SIZE, LANES), `changes` (steps + 1, C PATH_SIZE, LANES), zeros before: C derivatives,
-    by initial states and pushes, which `nuisance` (N_NUISANCE, LANES) holds, then by R parameters; without those by the
-    initial pose where nothing varies with the pose.  `cars` (R + 1, 21) and `widths` (R,) are those of
+    by initial states and pushes, which `nuisance` (N_NUISANCE, LANES) holds, by R parameters, then by K coefficients of
+    a remainder; without those by the initial pose where nothing varies with the pose.  `cars` (R + 1, 21) and `widths` (R,) are those of
     `linearise_poses`.
     """
-    lagging, pulled, p, steps = is_lagging(e), is_pulled_by_place(e), car_of_row(cars[0]), len(path) - 1
-    columns, begin, each = N_NUISANCE + len(widths), 0 if pulled else TWIST, steps // KNOTS
+    lagging, pulled, p, steps = is_lagging(e), varies_with_pose(e), car_of_row(cars[0]), len(path) - 1
+    fitted = len(widths) + int(e.remainders)
+    columns, begin, each = N_NUISANCE + fitted, 0 if pulled else TWIST, steps // KNOTS
     wrenches = push_wrenches(nuisance, p)
-    pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(len(widths))
-    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + len(widths)) * N_STATE * LANES)
+    pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(fitted)
+    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + fitted) * N_STATE * LANES)
     to, along = changes.reshape(changes.size), path.reshape(path.size)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
     lags = steady_lags(b, act, p, e, c)
     if lagging:
-        for j in range(TWIST, columns):
+        for j in range(TWIST, N_NUISANCE + len(widths)):
             row = max(j - N_NUISANCE + 1, 0)
             if j < N_START or row > 0:
                 own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
@@ -68,6 +80,8 @@ def linearise_segments(
                 put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
                 put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
                 put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
+        if e.remainders > 0.0:
+            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, p, e, c)
     store_pose(path, 0, b, e)
     _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
@@ -75,7 +89,7 @@ def linearise_segments(
         ends = mine + N_PUSH
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, (mine - N_START) * LANES)
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, e, c)
-        step_matrix(matrix, d, chain.h, lagging, pulled, len(widths))
+        step_matrix(matrix, d, chain.h, lagging, pulled, fitted)
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, columns):
             if ends <= j < N_NUISANCE:  # a push changes nothing before it begins
@@ -84,6 +98,21 @@ def linearise_segments(
             advance_change(x, j * N_STATE, matrix, added, turned, lagging, pulled)
         store_pose(path, i + 1, b, e)
         _store_changes(to, (i + 1) * changes.shape[1], x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b)
+
+
+@njit
+def _begin_turned(
+    x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants
+) -> None:
+    """Write the changes of steady lags by each function of the remainder that turns the wheel to `x` from `at` on."""
+    here = add_remainder(act, b, p, e)
+    turned, s = steady_lags_beside(b, turn_wheel(here, BODY_STEP), p, e, c), inputs_of_remainder(act, b, p)
+    for j in range(int(e.remainders)):
+        if e.remainder[j, DIRECTION] == WHEEL_ANGLE:
+            share, to = remainder_function(e, j, s) / BODY_STEP, at + j * N_STATE + LAG
+            put(x, to, share * (turned.alpha_f - lags.alpha_f))
+            put(x, to + 1, share * (turned.F_mf - lags.F_mf))
+            put(x, to + 2, share * (turned.F_mr - lags.F_mr))
 
 
 @njit_inline

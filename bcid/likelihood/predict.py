@@ -7,7 +7,7 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_parallel
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import is_pulled_by_place
+from bcid.effects.car import varies_with_pose
 from bcid.effects.constants import Constants
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
@@ -55,14 +55,15 @@ def predict_poses(
 def linearise_poses(
     layout: SegmentLayout, start: Floats, chain: ActuatorChain, cars: Floats, widths: Floats, e: Switches, c: Constants
 ) -> tuple[Floats, Floats]:
-    """Predicted poses (N, 3), and their derivatives (N, 3, N_NUISANCE + R) by the variational equation.
+    """Predicted poses (N, 3), and their derivatives (N, 3, N_NUISANCE + R + K) by the variational equation.
 
-    The derivatives are by initial states and pushes, the rows of `start` (S, N_NUISANCE), then by R parameters.
+    The derivatives are by initial states and pushes, the rows of `start` (S, N_NUISANCE), by R parameters, then by the K
+    coefficients of the remainder in `e`.
     `cars` (R + 1, 21) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
     own.
     """
-    N, columns = layout.first[-1], N_NUISANCE + len(widths)
-    out, derivatives, pulled = np.zeros((N, 3, 1)), np.zeros((N, 3, columns)), is_pulled_by_place(e[0])
+    N, columns = layout.first[-1], N_NUISANCE + len(widths) + int(e[0].remainders)
+    out, derivatives, pulled = np.zeros((N, 3, 1)), np.zeros((N, 3, columns)), varies_with_pose(e[0])
     scale = 1.0 + e[0].pose_scale__kappa
     for group in numba.prange((len(layout.step) + LANES - 1) // LANES):
         lanes, path = segments_in_lanes(group * LANES, layout, chain), allocate_path(layout.steps)

@@ -77,6 +77,7 @@ def _answer_to_column(
         if pulled:
             a_x += get(d, at) * x.p_x + get(d, at + 3) * x.p_y + get(d, at + 6) * x.theta
             a_y += get(d, at + 1) * x.p_x + get(d, at + 4) * x.p_y + get(d, at + 7) * x.theta
+            a_w += get(d, at + 2) * x.p_x + get(d, at + 5) * x.p_y + get(d, at + 8) * x.theta
         at += 3 * TWIST
         a_x += get(d, at) * x.v_x + get(d, at + 3) * x.v_y + get(d, at + 6) * x.omega
         a_y += get(d, at + 1) * x.v_x + get(d, at + 4) * x.v_y + get(d, at + 7) * x.omega

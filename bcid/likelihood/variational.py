@@ -17,12 +17,17 @@ from bcid.compiled.lane_access import load_lanes, store_lanes
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.car import (
+    Actuation,
     BodyState,
     LagState,
     Wrench,
+    add_remainder,
     force_by_place,
+    inputs_of_remainder,
     is_lagging,
-    is_pulled_by_place,
+    replace_remainder,
+    varies_with_pose,
+    wheel_directions,
     wrench_with_effects,
 )
 from bcid.effects.constants import Constants
@@ -36,6 +41,7 @@ from bcid.effects.motion import (
     stage_time,
     stage_weight,
 )
+from bcid.effects.remainder import DIRECTION, Remainder, remainder_function, unit_remainder
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
@@ -50,12 +56,13 @@ STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, 3, 4) of alpha_f, F_mf, F_mr with
 COEFFICIENT = STEADY + 4 * 3 * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
 POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
 MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)
-PARAMETER = MASS_FACTOR + 4  # (4, R, 6) at each stage, of accelerations and steady lags by each of R parameters
+PARAMETER = MASS_FACTOR + 4  # (4, R + K, 6) at each stage, of accelerations and steady lags by R parameters of a car
+# and by K coefficients of a remainder, which has no name
 
 
 @njit
 def allocate_derivatives(parameters: int) -> Floats:
-    """The flat array for the derivatives of a step, of LANES segments and by so many `parameters`: zeros."""
+    """The flat array for a step's derivatives, of LANES segments, by so many `parameters` and coefficients: zeros."""
     return np.zeros((PARAMETER + 4 * 6 * parameters) * LANES)
 
 
@@ -167,31 +174,43 @@ def differentiate_step(
     """State and lags after an RK4 step of `h` seconds, as `rk4_body_step` gives them, and its stages' derivatives.
 
     They are written to `out`.  `cars` (R + 1, 21) holds the car, then one for each of R parameters with that parameter
-    changed, by `widths` (R,).
+    changed, by `widths` (R,); derivatives by the remainder's coefficients follow theirs.
     """
-    zero, lagging, pulled, R = 0.0 * b.v_x, is_lagging(e), is_pulled_by_place(e), len(widths)
+    zero, lagging, pulled, R, K = 0.0 * b.v_x, is_lagging(e), varies_with_pose(e), len(widths), int(e.remainders)
+    turning = 1 if K > 0 else 0
     rate = total = BodyState(zero, zero, zero, zero, zero, zero)
     first = steady = now = Wrench(zero, zero, zero, zero, lags, zero)
     for stage in range(4):
         act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
-        there, at, own = add_rates(b, rate, ahead), lags, PARAMETER + 6 * R * stage
+        there = add_rates(b, rate, ahead)
+        act = add_remainder(act, there, car_of_row(cars[0]), e)
+        at, own = lags, PARAMETER + 6 * (R + K) * stage
         if stage == 2:  # its steady values are the second stage's
             steady = now
             at = lags_at_stage(lags, first, steady, ahead, h, e)
         # evaluations: of steady values, where lags follow from them, as it is, by the twist and by parameters; of
-        # rates, as it is, by the twist, by lags and by parameters
+        # rates, as it is, by the twist, by lags, by parameters and by a turn of the wheel
         before, by_lags = (4 + R if lagging and stage != 2 else 0), (3 if lagging else 0)
-        for k in range(before + 4 + by_lags + R):
+        turned = now
+        for k in range(before + 4 + by_lags + R + turning):
             ahead_of_lags = k < before
             j = k if ahead_of_lags else k - before
-            lag, row = -1, 0
-            if ahead_of_lags:
+            lag, row, turns = -1, 0, not ahead_of_lags and j == 4 + by_lags + R
+            if turns:
+                row = 0
+            elif ahead_of_lags:
                 row = max(j - 3, 0)
             else:
                 lag, row = (j - 4 if j < 4 + by_lags else -1), max(j - 3 - by_lags, 0)
             body = move_component(there, TWIST + j - 1 if 0 < j < 4 else -1, BODY_STEP)
             p = car_of_row(cars[row])
-            w = wrench_with_effects(body, act, move_lag(lags if ahead_of_lags else at, lag), p, e, c)
+            here = turn_wheel(act, ANGLE_STEP if turns else 0.0)
+            if turning == 1 and 0 < j < 4:
+                here = add_remainder(act, body, car_of_row(cars[0]), e)
+            w = wrench_with_effects(body, here, move_lag(lags if ahead_of_lags else at, lag), p, e, c)
+            if turns:
+                turned = w
+                continue
             by = widths[row - 1] if row > 0 else BODY_STEP
             if ahead_of_lags and j > 0:
                 to = own + 6 * (row - 1) + 3 if row > 0 else STEADY + (stage * 3 + j - 1) * 4
@@ -220,16 +239,18 @@ def differentiate_step(
                 to, by = ACCELERATION + (stage * N_STATE + LAG + lag) * 3, ANGLE_STEP if lag == 0 else FORCE_STEP
             _store_accelerations(out, to, moved, rate, by)
         p = car_of_row(cars[0])
+        if K > 0:
+            _store_remainder(out, own + 6 * R, there, act, now, turned, p, e)
         if lagging:
             if stage == 2:  # the third stage's steady values are the second's
                 for i in range(12):
                     put(out, STEADY + 24 + i, get(out, STEADY + 12 + i))
-                for i in range(6 * R):
+                for i in range(6 * (R + K)):
                     if i % 6 > 2:
-                        put(out, own + i, get(out, own - 6 * R + i))
+                        put(out, own + i, get(out, own - 6 * (R + K) + i))
             _store_lag_coefficients(out, COEFFICIENT + stage * 15, lags, first, steady, ahead, h, e)
         if pulled:
-            _store_pull(out, ACCELERATION + stage * N_STATE * 3, there, now.mass_factor, p, e)
+            _store_pull(out, ACCELERATION + stage * N_STATE * 3, there, act, now, turned, p, e)
         _store_pose_rates(out, POSE_RATE + stage * 4, there, rate)
         put(out, MASS_FACTOR + stage, now.mass_factor)
         total = add_rates(total, rate, stage_weight(stage))
@@ -239,13 +260,75 @@ def differentiate_step(
 
 
 @njit_inline
-def _store_pull(out: Floats, at: int, b: BodyState, mass_factor: float, p: Car, e: Switches) -> None:
-    """Write the derivatives of accelerations by the pose, through cable and slope in `e`, to `out` from `at` on."""
-    F_x, F_y = force_by_place(b, mass_factor, p, e)
+def turn_wheel(act: Actuation, by: float) -> Actuation:
+    """What the actuators give, the wheel turned further `by` (rad)."""
+    rest = act.rest
+    return replace_remainder(act, Remainder(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by))
+
+
+@njit
+def _store_remainder(
+    out: Floats, at: int, b: BodyState, act: Actuation, now: Wrench, turned: Wrench, p: Car, e: Switches
+) -> None:
+    """Write derivatives of accelerations and steady lags by each coefficient of the remainder to `out` from `at` on.
+
+    `turned` is the wrench `now` with the wheel turned by ANGLE_STEP.
+    """
+    s, w = inputs_of_remainder(act, b, p), wheel_directions(b, act)
+    for j in range(int(e.remainders)):
+        unit = unit_remainder(e.remainder[j, DIRECTION], w, p)
+        _store_changes_by(out, at + 6 * j, remainder_function(e, j, s), unit, now, turned, p)
+
+
+@njit_inline
+def _store_changes_by(
+    out: Floats, to: int, amount: float, unit: Remainder, now: Wrench, turned: Wrench, p: Car
+) -> None:
+    """Write changes of accelerations and steady lags by `amount` times a `unit` of a remainder to `out` from `to` on."""
+    a_x, a_y, alpha = _accelerations_by(unit, now, turned, p)
+    turn = amount * unit.turn / ANGLE_STEP
+    put(out, to, amount * a_x)
+    put(out, to + 1, amount * a_y)
+    put(out, to + 2, amount * alpha)
+    put(out, to + 3, turn * (turned.steady.alpha_f - now.steady.alpha_f))
+    put(out, to + 4, turn * (turned.steady.F_mf - now.steady.F_mf))
+    put(out, to + 5, turn * (turned.steady.F_mr - now.steady.F_mr))
+
+
+@njit_inline
+def _accelerations_by(rest: Remainder, now: Wrench, turned: Wrench, p: Car) -> tuple[float, float, float]:
+    """Accelerations (m/s^2, m/s^2, rad/s^2) by a small remainder `rest`, to first order, by wrenches as above."""
+    per_rad, ratio = rest.turn / (ANGLE_STEP * now.mass_factor), p.m / p.I_z
+    return (
+        rest.f_x / now.mass_factor + per_rad * (turned.F_x - now.F_x) / p.m,
+        rest.f_y / now.mass_factor + per_rad * (turned.F_y - now.F_y) / p.m,
+        (ratio * rest.arm + rest.alpha) / now.mass_factor + per_rad * (turned.M_z - now.M_z) / p.I_z,
+    )
+
+
+@njit
+def _store_pull(
+    out: Floats, at: int, b: BodyState, act: Actuation, now: Wrench, turned: Wrench, p: Car, e: Switches
+) -> None:
+    """Write derivatives of accelerations by the pose to `out` from `at` on: by cable, slope and remainder in `e`."""
+    F_x, F_y = force_by_place(b, now.mass_factor, p, e)
     for j in range(3):
-        there_x, there_y = force_by_place(move_component(b, j, BODY_STEP), mass_factor, p, e)
-        put(out, at + 3 * j, (there_x - F_x) / (mass_factor * p.m * BODY_STEP))
-        put(out, at + 3 * j + 1, (there_y - F_y) / (mass_factor * p.m * BODY_STEP))
+        there = move_component(b, j, BODY_STEP)
+        there_x, there_y = force_by_place(there, now.mass_factor, p, e)
+        a_x, a_y = (there_x - F_x) / (now.mass_factor * p.m), (there_y - F_y) / (now.mass_factor * p.m)
+        alpha = 0.0 * a_x
+        if e.remainders > 0.0:
+            more, rest = add_remainder(act, there, p, e).rest, act.rest
+            change = Remainder(
+                more.f_x - rest.f_x, more.f_y - rest.f_y, more.arm - rest.arm, more.alpha - rest.alpha,
+                more.turn - rest.turn,
+            )  # fmt: skip
+            more_x, more_y, alpha = _accelerations_by(change, now, turned, p)
+            a_x += more_x
+            a_y += more_y
+        put(out, at + 3 * j, a_x / BODY_STEP)
+        put(out, at + 3 * j + 1, a_y / BODY_STEP)
+        put(out, at + 3 * j + 2, alpha / BODY_STEP)
 
 
 @njit_inline

@@ -244,7 +244,9 @@ def _segment_basis_wrenches(
     for i in range(steps + 1):
         b, lags = unpack_body(path[i]), unpack_lags(path[i])
         act, F_m_before, F_af_before = actuation_at(step + i, chain, T), F_m, F_af
-        more = Actuation(act.t, T, act.delta + ANGLE_STEP_RAD, act.u_m, act.u_next, act.late, act.brake)
+        more = Actuation(
+            act.t, T, act.delta + ANGLE_STEP_RAD, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, act.rest
+        )  # fmt: skip
         w, turned = wrench_with_effects(b, act, lags, p, e, c), wrench_with_effects(b, more, lags, p, e, c)
         dF_x, dF_y, dM_z = turned.F_x - w.F_x, turned.F_y - w.F_y, turned.M_z - w.M_z
         F_m = driving_force(w.steady, p)
