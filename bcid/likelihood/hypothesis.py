@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import NamedTuple
@@ -14,7 +14,8 @@ from bcid.aliases import Bools, Floats
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, VehicleScale, resize_effect
-from bcid.effects.table import ENTRIES, effect_switches
+from bcid.effects.remainder import COEFFICIENT
+from bcid.effects.table import ENTRIES, NO_FUNCTIONS, effect_switches
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
 from bcid.likelihood.take import Take
@@ -57,12 +58,24 @@ class TrustedSimulation(NamedTuple):
     share: float = 1.0  # factor of the prior's stiffness where only this share of a take is fitted
 
 
+class Remainder(NamedTuple):
+    """Functions without a name, which act beside a hypothesis, and how large their coefficients may be."""
+
+    functions: Floats  # (K, COLUMNS) as in `bcid.effects.remainder`, with coefficients of zero
+    channel: tuple[str, ...]  # (K,) in which each acts
+    sd: Floats  # (K,) prior standard deviations of the coefficients (m/s^2, rad/s^2, rad)
+
+
+NO_REMAINDER = Remainder(NO_FUNCTIONS, (), np.zeros(0))
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """The base model with a set of effects, whose parameters form one vector phi.
 
-    phi holds the logarithms of `log_parameters`, R_1 and R_2 in `drag_units`, then the effects' parameters in
-    `effect_units`: their declared sizes, and metres or seconds for places and times.
+    phi holds the logarithms of `log_parameters`, R_1 and R_2 in `drag_units`, the effects' parameters in `effect_units`
+    (their declared sizes, and metres or seconds for places and times), then the remainder's coefficients over their
+    prior standard deviations.
     """
 
     effects: tuple[str, ...]
@@ -75,6 +88,7 @@ class Hypothesis:
     raw_commands: bool = False  # commands have a unit of their own, which a gain in the vehicle file turns into rad
     trusted_simulation: TrustedSimulation | None = None
     measured_point: bool = False  # the vehicle file says where on the car the tracked point is
+    remainder: Remainder = field(default=NO_REMAINDER, compare=False)
 
     @cached_property
     def entries(self) -> dict[str, Effect]:
@@ -123,8 +137,8 @@ class Hypothesis:
 
     def add_effect(self, name: str, phi: Floats, values: Sequence[float]) -> tuple[Hypothesis, Floats]:
         """The hypothesis with effect `name` added, and its parameter vector: `phi`, then the effect's `values` (SI)."""
-        more = self.with_effects(*self.effects, name)
-        return more, np.array([*phi, *(np.array(values) / more.effect_units()[len(phi) - self.base_size :])])
+        more, end = self.with_effects(*self.effects, name), self.named_size
+        return more, np.array([*phi[:end], *(np.array(values) / more.effect_units()[end - self.base_size :]), *phi[end:]])
 
     @property
     def effect_parameters(self) -> list[tuple[str, Parameter]]:
@@ -133,30 +147,40 @@ class Hypothesis:
         return [pair for e in entries for pair in zip(e.fields, e.parameters, strict=True)]
 
     @property
+    def named_size(self) -> int:
+        """Number of parameters that have a name: those of the base model and the effects, which come first in phi."""
+        return self.base_size + len(self.effect_parameters)
+
+    @property
     def size(self) -> int:
         """Number of parameters of the hypothesis: the length of its vector phi."""
-        return self.base_size + len(self.effect_parameters)
+        return self.named_size + len(self.remainder.sd)
 
     @property
     def parameter_names(self) -> list[str]:
         """A name for each component of the parameter vector phi: the base model's symbol, or the effect's id."""
-        return [*self.log_parameters, *DRAG, *(field.partition("__")[0] for field, _ in self.effect_parameters)]
+        effects = (name.partition("__")[0] for name, _ in self.effect_parameters)
+        return [*self.log_parameters, *DRAG, *effects, *self.remainder.channel]
 
     @property
     def is_place(self) -> Bools:
         """Mask of the parameter vector phi: True where a component is a place or a time."""
-        return np.array([False] * self.base_size + [p.is_place for _, p in self.effect_parameters])
+        own = [p.is_place for _, p in self.effect_parameters]
+        return np.array([*[False] * self.base_size, *own, *[False] * len(self.remainder.sd)])
 
     def effect_units(self) -> Floats:
         """Values (SI) of the effect parameters that are 1 in the parameter vector phi."""
         return np.array([1.0 if p.is_place else p.size for _, p in self.effect_parameters])
 
     def phi_of(self, car: Car, values: Sequence[float] = ()) -> Floats:
-        """The parameter vector phi of `car` with the effects' parameters at `values` (SI; all off where empty)."""
+        """The parameter vector phi of `car` with the effects' parameters at `values` (SI; all off where empty).
+
+        The remainder's coefficients are zero.
+        """
         given = list(values) or [p.off for _, p in self.effect_parameters]
         logs = [np.log(getattr(car, s)) for s in self.log_parameters]
         drags = np.array([getattr(car, s) for s in DRAG]) / self.drag_units
-        return np.array([*logs, *drags, *(np.array(given) / self.effect_units())])
+        return np.array([*logs, *drags, *(np.array(given) / self.effect_units()), *np.zeros(len(self.remainder.sd))])
 
     def prior(self, start: Floats) -> GaussianPrior:
         """The prior of the parameter vector phi: a trusted simulation's, or a weak one about `start`.
@@ -169,6 +193,7 @@ class Hypothesis:
         else:
             n = len(trusted.phi)
             centre[:n], stiffness[:n] = trusted.phi, trusted.share / np.array(trusted.sd) ** 2
+        centre[self.named_size :], stiffness[self.named_size :] = 0.0, 1.0
         return GaussianPrior(centre, stiffness)
 
     def trust_simulation(
@@ -231,7 +256,8 @@ class Hypothesis:
             low[k] = min(np.log(usual / factor), np.log(getattr(car, symbol)))
             high[k] = max(np.log(usual * factor), np.log(getattr(car, symbol)))
         own, units = [p for _, p in self.effect_parameters], self.effect_units()
-        return np.r_[low, [p.low for p in own] / units], np.r_[high, [p.high for p in own] / units]
+        free = np.full(len(self.remainder.sd), np.inf)
+        return np.r_[low, [p.low for p in own] / units, -free], np.r_[high, [p.high for p in own] / units, free]
 
     def is_at_bound(self, phi: Floats) -> Bools:
         """Mask of the parameter vector phi: True where a component is at its `bounds`, as near as refits end."""
@@ -240,7 +266,7 @@ class Hypothesis:
 
     def effect_values(self, phi: Floats) -> dict[str, float]:
         """The effects' parameters (SI) in the parameter vector phi, by their field among the switches."""
-        raw = phi[self.base_size :] * self.effect_units()
+        raw = phi[self.base_size : self.named_size] * self.effect_units()
         return dict(zip((f for f, _ in self.effect_parameters), raw.tolist(), strict=True))
 
     def car(self, phi: Floats) -> Car:
@@ -249,7 +275,13 @@ class Hypothesis:
         drags = phi[len(self.log_parameters) : self.base_size] * self.drag_units
         return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
 
+    def functions(self, phi: Floats) -> Floats:
+        """The remainder's functions (K, COLUMNS) with their coefficients in the parameter vector phi."""
+        table = self.remainder.functions.copy()
+        table[:, COEFFICIENT] = phi[self.named_size :] * self.remainder.sd
+        return table
+
     def prediction_inputs(self, phi: Floats, take: Take) -> PredictionInputs:
         """The car, effect switches and commands after the actuators that predict `take` at the parameter vector phi."""
-        car, e = self.car(phi), effect_switches(self.effect_values(phi))
+        car, e = self.car(phi), effect_switches(self.effect_values(phi), self.functions(phi))
         return PredictionInputs(car, e, cached_actuator_chain(take, car, self.angle_limit, e), self.constants)

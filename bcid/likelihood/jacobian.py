@@ -40,10 +40,11 @@ def changed_cars(hypothesis: Hypothesis, phi: Floats) -> ChangedCars:
 def base_jacobian(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, J: Floats | None = None
 ) -> Floats:
-    """Derivatives (N, 3, base_size) of predicted poses by the base parameters at phi, from `start` (S, N_NUISANCE).
+    """Derivatives (N, 3, base_size + K) of predicted poses by base parameters at phi, from `start` (S, N_NUISANCE).
 
-    By the variational equation, and by finite differences of predictions for those of an unknown servo.  `r` (N, 3) is
-    the residual there, `J` (N, 3, R) the derivatives by `body_parameters`, if they are known already.
+    By the variational equation, and by finite differences of predictions for those of an unknown servo.  Those by K
+    coefficients of the hypothesis's remainder follow, over their prior standard deviations.  `r` (N, 3) is the residual
+    there, `J` (N, 3, R + K) the derivatives by `body_parameters` and coefficients, if they are known already.
 
     Raises:
         PredictionDiverged: where a derivative is not finite.
@@ -53,8 +54,10 @@ def base_jacobian(
         J = linearise_residuals(take, hypothesis.prediction_inputs(phi, take), start, changed_cars(hypothesis, phi)).J
     require_finite("a prediction", J)
     servo = [j for j in range(hypothesis.base_size) if j not in on_body]
-    out = np.empty((*r.shape, hypothesis.base_size))
-    out[:, :, on_body] = J
+    R, K = len(on_body), len(hypothesis.remainder.sd)
+    out = np.empty((*r.shape, hypothesis.base_size + K))
+    out[:, :, on_body] = J[:, :, :R]
+    out[:, :, hypothesis.base_size :] = J[:, :, R:] * hypothesis.remainder.sd
     if servo:
         out[:, :, servo] = parameter_jacobian(take, hypothesis, phi, start, r, servo)
     return out

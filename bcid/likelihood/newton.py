@@ -26,7 +26,7 @@ class Tangent(NamedTuple):
     """Derivatives of the predicted poses at a fit."""
 
     A: Floats  # (N, 3, N_NUISANCE) by the segments' nuisance parameters
-    J: Floats  # (N, 3, base_size) by the base parameters
+    J: Floats  # (N, 3, base_size + K) by the base parameters, and by the remainder's coefficients over their prior sd
 
 
 class RefitProblem(NamedTuple):
@@ -55,7 +55,7 @@ class RefitState(NamedTuple):
     A: Floats  # (N, 3, N_NUISANCE) derivatives of the poses by nuisance parameters, from which the terms come
     terms: MarginalTerms
     objective: float  # log-likelihood plus log prior
-    J: Floats | None = None  # (N, 3, R) by `body_parameters`, where it was found with A
+    J: Floats | None = None  # (N, 3, R + K) by `body_parameters` and the remainder, where it was found with A
 
 
 def linearise_at(
@@ -200,9 +200,10 @@ def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitSta
     differences.
     """
     (take, hypothesis, prior), first = problem, problem.take.first
-    own = range(hypothesis.base_size, hypothesis.size)
+    own = range(hypothesis.base_size, hypothesis.named_size)
     effects = parameter_jacobian(take, hypothesis, state.phi, state.start, state.r, own)
-    J = np.concatenate([tangent.J, effects], axis=2)
+    base, functions = np.split(tangent.J, [hypothesis.base_size], axis=2)
+    J = np.concatenate([base, effects, functions], axis=2)
     r = remove_pushes(state.r, state.A, state.start, first)
     g, G = marginal.score_and_information(r, state.A, J, first, state.scales.r, state.terms.V)
     w = marginal.robust_weights(state.terms)

@@ -53,12 +53,13 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
         PredictionDiverged: where a prediction or a change of it is not finite.
     """
     hypothesis, r = fit.hypothesis, pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
-    own = parameter_jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.size))
+    own = parameter_jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.named_size))
     n = fit.tangent.J.shape[2] + own.shape[2]
     rest = remove_pushes(r, fit.tangent.A, fit.start, take.first)
     _, e = estimate_scales(segment_moments(rest, fit.tangent.A, take.first), fit.scales, 0)
     root, noise = np.ascontiguousarray(np.linalg.cholesky(e.V).transpose(0, 2, 1)), fit.scales.r
-    rows = np.concatenate([fit.tangent.A, fit.tangent.J, own, rest[:, :, None]], axis=2) / noise[:, None]
+    base, functions = np.split(fit.tangent.J, [hypothesis.base_size], axis=2)
+    rows = np.concatenate([fit.tangent.A, base, own, functions, rest[:, :, None]], axis=2) / noise[:, None]
     rows = rows.reshape(-1, N_NUISANCE + n + 1)
     products = np.stack([part.T @ part for part in np.split(rows, 3 * take.first[1:-1])])
     # of all of A, F and r with A, and of F and r with themselves

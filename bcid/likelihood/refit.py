@@ -59,8 +59,8 @@ class Fit:
 
     def effect_estimates(self) -> dict[str, tuple[float, float]]:
         """Value and standard error (SI) of each effect parameter, by its field among the switches."""
-        first = self.hypothesis.base_size
-        se = np.sqrt(np.maximum(np.diag(self.covariance)[first:], 0.0)) * self.hypothesis.effect_units()
+        own = slice(self.hypothesis.base_size, self.hypothesis.named_size)
+        se = np.sqrt(np.maximum(np.diag(self.covariance)[own], 0.0)) * self.hypothesis.effect_units()
         return {f: (v, float(s)) for (f, v), s in zip(self.hypothesis.effect_values(self.phi).items(), se, strict=True)}
 
 
