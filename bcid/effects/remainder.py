@@ -126,6 +126,8 @@ def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -
     """What all functions of the remainder in `e` add together at the inputs `s`."""
     f_x = f_y = arm = alpha = turn = 0.0 * s.v_x
     for j in range(int(e.remainders)):
+        if e.remainder[j, COEFFICIENT] == 0.0:
+            continue
         amount = e.remainder[j, COEFFICIENT] * remainder_function(e, j, s)
         unit = unit_remainder(e.remainder[j, DIRECTION], w, p)
         f_x += amount * unit.f_x

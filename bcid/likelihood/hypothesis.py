@@ -19,6 +19,7 @@ from bcid.effects.table import ENTRIES, NO_FUNCTIONS, effect_switches
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
 from bcid.likelihood.take import Take
+from bcid.likelihood.tracking_functions import AMOUNT, NO_TRACKING
 from bcid.physics.car import Car
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
@@ -61,12 +62,13 @@ class TrustedSimulation(NamedTuple):
 class Remainder(NamedTuple):
     """Functions without a name, which act beside a hypothesis, and how large their coefficients may be."""
 
-    functions: Floats  # (K, COLUMNS) as in `bcid.effects.remainder`, with coefficients of zero
-    channel: tuple[str, ...]  # (K,) in which each acts
-    sd: Floats  # (K,) prior standard deviations of the coefficients (m/s^2, rad/s^2, rad)
+    functions: Floats  # (B, COLUMNS) on the body, as in `bcid.effects.remainder`, with coefficients of zero
+    tracking: Floats  # (M, TRACKING_COLUMNS) as in `bcid.likelihood.tracking_functions`, likewise
+    channel: tuple[str, ...]  # (B + M,) in which each acts
+    sd: Floats  # (B + M,) prior standard deviations of the coefficients (m/s^2, rad/s^2, rad, m, s)
 
 
-NO_REMAINDER = Remainder(NO_FUNCTIONS, (), np.zeros(0))
+NO_REMAINDER = Remainder(NO_FUNCTIONS, NO_TRACKING, (), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,9 @@ class Hypothesis:
     def add_effect(self, name: str, phi: Floats, values: Sequence[float]) -> tuple[Hypothesis, Floats]:
         """The hypothesis with effect `name` added, and its parameter vector: `phi`, then the effect's `values` (SI)."""
         more, end = self.with_effects(*self.effects, name), self.named_size
-        return more, np.array([*phi[:end], *(np.array(values) / more.effect_units()[end - self.base_size :]), *phi[end:]])
+        return more, np.array(
+            [*phi[:end], *(np.array(values) / more.effect_units()[end - self.base_size :]), *phi[end:]]
+        )
 
     @property
     def effect_parameters(self) -> list[tuple[str, Parameter]]:
@@ -275,13 +279,14 @@ class Hypothesis:
         drags = phi[len(self.log_parameters) : self.base_size] * self.drag_units
         return self.nominal._replace(**logs, **dict(zip(DRAG, drags.tolist(), strict=True)))
 
-    def functions(self, phi: Floats) -> Floats:
-        """The remainder's functions (K, COLUMNS) with their coefficients in the parameter vector phi."""
-        table = self.remainder.functions.copy()
-        table[:, COEFFICIENT] = phi[self.named_size :] * self.remainder.sd
-        return table
+    def functions(self, phi: Floats) -> tuple[Floats, Floats]:
+        """The remainder's functions on the body and in the tracking, with their coefficients in phi."""
+        body, tracking, c = *(t.copy() for t in self.remainder[:2]), phi[self.named_size :] * self.remainder.sd
+        body[:, COEFFICIENT], tracking[:, AMOUNT] = c[: len(body)], c[len(body) :]
+        return body, tracking
 
     def prediction_inputs(self, phi: Floats, take: Take) -> PredictionInputs:
         """The car, effect switches and commands after the actuators that predict `take` at the parameter vector phi."""
-        car, e = self.car(phi), effect_switches(self.effect_values(phi), self.functions(phi))
-        return PredictionInputs(car, e, cached_actuator_chain(take, car, self.angle_limit, e), self.constants)
+        car, (body, tracking) = self.car(phi), self.functions(phi)
+        e = effect_switches(self.effect_values(phi), body)
+        return PredictionInputs(car, e, cached_actuator_chain(take, car, self.angle_limit, e), self.constants, tracking)

@@ -18,6 +18,7 @@ from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moment
 from bcid.likelihood.predict import linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
 from bcid.likelihood.take import N_NUISANCE, N_START, Take
+from bcid.likelihood.tracking_functions import AMOUNT, tracking_changes
 
 SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
 MIN_DAMPING = 1e-12  # without which a matrix may be singular
@@ -49,11 +50,15 @@ def linearise_residuals(
 ) -> LinearisedResiduals:
     """Measured less predicted poses from `start` (S, N_NUISANCE), and derivatives of predicted poses there.
 
-    By the variational equation, in one run: by initial states and pushes, and by each parameter that is `changed`.
+    By the variational equation, in one run: by initial states and pushes, by each parameter that is `changed`, and by
+    the coefficients of what has no name, on the body and in the tracking.
     """
     chain, car, e, c = inputs.kernel_arguments
     cars, widths = changed or ChangedCars(np.array([car]), np.zeros(0))
     poses, derivatives = linearise_poses(segment_layout(take), start, chain, cars, widths, e, c)
+    seen = tracking_changes(inputs.tracking, poses, take.seen_rows) if len(inputs.tracking) else None
+    if seen is not None:
+        poses, derivatives = poses + seen @ inputs.tracking[:, AMOUNT], np.concatenate([derivatives, seen], axis=2)
     A, J = (np.ascontiguousarray(part) for part in np.split(derivatives, [N_NUISANCE], axis=2))
     return LinearisedResiduals(wrap_yaw(take.pose - poses), A, J)
 
@@ -64,7 +69,10 @@ def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Float
     `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s); `inputs`
     are the car, the effects' parameters and the commands after the actuators.
     """
-    return wrap_yaw(take.pose - _predict_once(segment_layout(take), inputs, start))
+    poses = _predict_once(segment_layout(take), inputs, start)
+    if len(inputs.tracking):
+        poses = poses + tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
+    return wrap_yaw(take.pose - poses)
 
 
 def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats) -> Floats:

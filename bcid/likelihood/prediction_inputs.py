@@ -8,6 +8,7 @@ from bcid.effects.actuators import ActuatorChain, actuator_chain
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import to_pose_clock
 from bcid.likelihood.take import Take
+from bcid.likelihood.tracking_functions import NO_TRACKING
 from bcid.physics.car import Car
 
 CHAIN_SWITCHES = (
@@ -27,6 +28,7 @@ class PredictionInputs(NamedTuple):
     switches: Switches  # record of the effects' parameters
     chain: ActuatorChain
     constants: Constants
+    tracking: Floats = NO_TRACKING  # functions (M, TRACKING_COLUMNS) without a name that are added to seen poses
 
     @property
     def kernel_arguments(self) -> tuple[ActuatorChain, Car, Any, Constants]:

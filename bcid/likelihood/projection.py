@@ -53,7 +53,9 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
         PredictionDiverged: where a prediction or a change of it is not finite.
     """
     hypothesis, r = fit.hypothesis, pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
-    own = parameter_jacobian(take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.named_size))
+    own = parameter_jacobian(
+        take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.named_size)
+    )
     n = fit.tangent.J.shape[2] + own.shape[2]
     rest = remove_pushes(r, fit.tangent.A, fit.start, take.first)
     _, e = estimate_scales(segment_moments(rest, fit.tangent.A, take.first), fit.scales, 0)

@@ -12,6 +12,7 @@ from bcid.aliases import Floats, Ints
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.tracking_functions import SeenRows
 from bcid.physics.car import LONGEST_STEP_S, Car, integration_step
 from bcid.physics.steering import steering_step
 from bcid.recording.checks.contacts import Contact, find_contacts
@@ -66,6 +67,12 @@ class Take(NamedTuple):
     def h(self) -> float:
         """Integration step (s) of the predictions."""
         return SEGMENT_S / self.steps
+
+    @property
+    def seen_rows(self) -> SeenRows:
+        """When the poses in the take's rows were seen, since the recording began."""
+        zero = np.repeat(self.zero_s, np.diff(self.first))
+        return SeenRows(np.bincount(self.row, self.share * self.stamp_s) - zero, self.first)
 
     def rows(self, chosen: Ints) -> Ints:
         """Indices of the rows of the segments `chosen`, in that order."""

@@ -14,7 +14,6 @@ from bcid.aliases import Floats
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
-from bcid.effects.remainder import COEFFICIENT
 from bcid.effects.table import effect_switches
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import NO_REMAINDER, Hypothesis
@@ -35,7 +34,7 @@ REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 ROUNDS = 3  # of refits, each with the spreads found at the one before
 SAME_SPREAD = 0.6  # logarithm of a ratio of spreads below which they are the same
 NEGLIGIBLE = 1e-4  # added to spreads there
-TANGENTS = 6
+TANGENTS = 3
 SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a refit starts
 
 
@@ -126,12 +125,12 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
 
 def _linearise(fit: Fit, take: Take, basis: RemainderBasis, on: Floats) -> _Linearised:
     """Slopes and information of all segments at a fit, which holds the coefficients of the functions `on`."""
-    h, table, c = fit.hypothesis, basis.functions.copy(), np.zeros(len(basis.size))
+    h, c = fit.hypothesis, np.zeros(len(basis.size))
     c[on] = fit.phi[h.named_size :] * h.remainder.sd
-    table[:, COEFFICIENT] = c
+    body, tracking = basis.tables(c)
     named = replace(h, remainder=NO_REMAINDER)
     inputs = h.prediction_inputs(fit.phi, take)
-    every = inputs._replace(switches=effect_switches(h.effect_values(fit.phi), table))
+    every = inputs._replace(switches=effect_switches(h.effect_values(fit.phi), body), tracking=tracking)
     r, A, B = linearise_residuals(take, every, fit.start)
     own = parameter_jacobian(take, h, fit.phi, fit.start, r, range(named.base_size, named.named_size))
     J = np.ascontiguousarray(np.concatenate([fit.tangent.J[:, :, : named.base_size], own, B], axis=2))

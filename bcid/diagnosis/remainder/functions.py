@@ -7,20 +7,34 @@ smooth is likelier.  No function is a law of the vocabulary.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
+from bcid.effects.remainder import COEFFICIENT, COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.hypothesis import Remainder
+from bcid.likelihood.tracking_functions import (
+    AMOUNT,
+    FIRST_WAVE,
+    INTO,
+    SHIFT,
+    TRACKING_COLUMNS,
+    TRACKING_DIRECTIONS,
+    TRACKING_INPUTS,
+)
 from bcid.physics.car import Car
 
 TURN_RAD = 0.1
 """A change of the wheel's angle that counts as much as 1 m/s^2 in the prior's common size."""
 
-Waves = Mapping[str, int]  # half waves over the range of a quantity, by its name; a negative number turns the wave round
+SEEN_SIZE = 0.1
+"""An error of the tracking (m, rad, s) that counts as much."""
+
+Waves = Mapping[
+    str, int
+]  # half waves over the range of a quantity, by its name; a negative number turns the wave round
 
 
 class Term(NamedTuple):
@@ -34,9 +48,10 @@ class Term(NamedTuple):
 class RemainderBasis(NamedTuple):
     """All functions that a remainder may have, with the size to which each is expected to act."""
 
-    functions: Floats  # (K, COLUMNS) with coefficients of zero
-    channel: tuple[str, ...]  # (K,)
-    size: Floats  # (K,) of a coefficient, beside others of its channel (m/s^2, rad/s^2, rad)
+    functions: Floats  # (B, COLUMNS) on the body, with coefficients of zero
+    tracking: Floats  # (M, TRACKING_COLUMNS) in the tracking, likewise
+    channel: tuple[str, ...]  # (K,), K = B + M
+    size: Floats  # (K,) of a coefficient, beside others of its channel (m/s^2, rad/s^2, rad, m, s)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -50,8 +65,15 @@ class RemainderBasis(NamedTuple):
     def choose(self, spread: Mapping[str, float]) -> Remainder:
         """The functions of the channels whose `spread` is not zero."""
         sd = self.sd(spread)
-        on = np.flatnonzero(sd)
-        return Remainder(self.functions[on], tuple(self.channel[i] for i in on), sd[on])
+        on, B = sd > 0.0, len(self.functions)
+        channel = tuple(name for name, needed in zip(self.channel, on, strict=True) if needed)
+        return Remainder(self.functions[on[:B]], self.tracking[on[B:]], channel, sd[on])
+
+    def tables(self, c: Floats) -> tuple[Floats, Floats]:
+        """All functions, on the body and in the tracking, with the coefficients `c` (K,)."""
+        body, tracking = self.functions.copy(), self.tracking.copy()
+        body[:, COEFFICIENT], tracking[:, AMOUNT] = c[: len(body)], c[len(body) :]
+        return body, tracking
 
 
 def _alone(channel: str, direction: str, **most: int) -> Iterator[Term]:
@@ -103,8 +125,19 @@ TERMS: tuple[Term, ...] = (
     *_together("steering", "wheel_angle", "delta", "v_x", *LOW),
     *_together("steering", "wheel_angle", "delta", "t", *LOW),
 )
-"""All functions.  Time and place are among what each may depend on: what changes slowly or here and there is physics,
+"""All functions on the body.  Time and place are among what each may depend on: what changes slowly or here and there is physics,
 too."""
+
+
+SEEN: tuple[Term, ...] = (
+    *(t for d in ("seen_x", "seen_y") for t in _alone("pose", d, p_x=3, p_y=3) if t.waves),
+    *(t for d in ("seen_x", "seen_y") for t in _together("pose", d, "p_x", "p_y", *LOW)),
+    *(t for d in ("seen_along", "seen_across") for t in _alone("pose", d, t=2) if t.waves),
+    *(t for t in _alone("pose", "seen_yaw", p_x=2, p_y=2, t=2) if t.waves),
+    *(t for t in _alone("time", "seen_late", t=3) if t.waves),
+)
+"""All functions in the tracking.  Constants are not among them: an offset of the place is the world's, and those of the
+body's point, of its yaw and of the clock have names."""
 
 
 def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasis:
@@ -114,17 +147,28 @@ def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasi
     """
     ranges = {name: _range(name, quantities[name]) for name in INPUTS}
     per_turn = car.m * 0.5 * (car.l_f + car.l_r) / car.I_z  # rad/s^2 by a force of 1 m/s^2 at an axle
-    size = {"yaw": per_turn, "wheel_angle": TURN_RAD}
-    table, sizes = np.zeros((len(TERMS), COLUMNS)), np.empty(len(TERMS))
-    for j, (_, direction, waves) in enumerate(TERMS):
-        table[j, DIRECTION] = DIRECTIONS.index(direction)
-        for name, a in waves.items():
+    size = {"yaw": per_turn, "wheel_angle": TURN_RAD} | dict.fromkeys(TRACKING_DIRECTIONS, SEEN_SIZE)
+    body, tracking = np.zeros((len(TERMS), COLUMNS)), np.zeros((len(SEEN), TRACKING_COLUMNS))
+    body[:, DIRECTION] = [DIRECTIONS.index(t.direction) for t in TERMS]
+    tracking[:, INTO] = [TRACKING_DIRECTIONS.index(t.direction) for t in SEEN]
+    body[:, PHASE], body[:, WAVE:] = _phases_and_waves(TERMS, INPUTS, ranges)
+    tracking[:, SHIFT], tracking[:, FIRST_WAVE:] = _phases_and_waves(SEEN, TRACKING_INPUTS, ranges)
+    every = (*TERMS, *SEEN)
+    sizes = [size.get(t.direction, 1.0) / (1.0 + sum(a * a for a in t.waves.values())) for t in every]
+    return RemainderBasis(body, tracking, tuple(t.channel for t in every), np.array(sizes))
+
+
+def _phases_and_waves(
+    terms: Sequence[Term], inputs: Sequence[str], ranges: Mapping[str, tuple[float, float]]
+) -> tuple[Floats, Floats]:
+    """Phases (n,) and wave vectors (n, len(inputs)) of terms: half waves from one end of a range on."""
+    phase, wave = np.zeros(len(terms)), np.zeros((len(terms), len(inputs)))
+    for j, term in enumerate(terms):
+        for name, a in term.waves.items():
             centre, half = ranges[name]
-            wave = 0.5 * np.pi * a / half
-            table[j, WAVE + INPUTS.index(name)] = wave
-            table[j, PHASE] -= wave * (centre - half)
-        sizes[j] = size.get(direction, 1.0) / (1.0 + sum(a * a for a in waves.values()))
-    return RemainderBasis(table, tuple(t.channel for t in TERMS), sizes)
+            wave[j, inputs.index(name)] = 0.5 * np.pi * a / half
+            phase[j] -= 0.5 * np.pi * a / half * (centre - half)
+    return phase, wave
 
 
 def _range(name: str, values: Floats) -> tuple[float, float]:
