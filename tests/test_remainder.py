@@ -8,12 +8,22 @@ import numpy as np
 import pytest
 from test_variational import BASE, estimate, part, shove  # noqa: F401  # fixtures
 
+from bcid.diagnosis.diagnose import fit_base_model
+from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
+from bcid.diagnosis.remainder.fit import basis_for, fit_with_remainder
+from bcid.diagnosis.remainder.functions import TERMS, RemainderBasis, remainder_basis
 from bcid.effects.remainder import COEFFICIENT, COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.effects.table import effect_switches
+from bcid.estimate.run import estimate_motion
 from bcid.likelihood.lane_rollout import segment_layout
 from bcid.likelihood.predict import linearise_poses, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.refit import refit
 from bcid.likelihood.take import N_NUISANCE, Take
+from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
+from bcid.simulation.car import Plant, Sensor
+from bcid.simulation.drive import simulate_drive
+from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
 LENGTHS = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.8, 1.0, 1.0, 2.0, 2.0, 40.0])
 
@@ -88,3 +98,88 @@ def test_a_constant_force_is_a_push(part: Take) -> None:  # noqa: F811
     start[:, 6::3] += 0.2
     known: Any = BASE.prediction_inputs(BASE.phi_of(BASE.nominal), part)
     np.testing.assert_allclose(by_function, predict_poses(layout, start, *known.kernel_arguments), atol=1e-12)
+
+
+# --- evidence ------------------------------------------------------------------------------------------------------
+
+
+def test_log_evidence_is_that_of_the_linear_model_integrated() -> None:
+    """log N(r; 0, 1 + B T B^T) - log N(r; 0, 1), by the full covariance."""
+    rng = np.random.default_rng(1)
+    B, sd = rng.standard_normal((40, 6)), np.array([0.3, 0.0, 1.0, 2.0, 0.1, 0.5])
+    r = B @ (sd * rng.standard_normal(6)) + rng.standard_normal(40)
+    whole = np.eye(40) + (B * sd**2) @ B.T
+    expected = 0.5 * (r @ r - r @ np.linalg.solve(whole, r) - np.linalg.slogdet(whole)[1])
+    quadratic = Quadratic(B.T @ r, B.T @ B)
+    assert quadratic.log_evidence(sd) == pytest.approx(expected, abs=1e-9)
+    c = quadratic.posterior_mean(sd)
+    assert c[1] == 0.0
+    on = np.flatnonzero(sd)
+    np.testing.assert_allclose(B[:, on].T @ (r - B @ c), c[on] / sd[on] ** 2, atol=1e-9)
+
+
+def columns_basis(channel: tuple[str, ...]) -> RemainderBasis:
+    K = len(channel)
+    return RemainderBasis(np.zeros((K, COLUMNS)), np.zeros((0, TRACKING_COLUMNS)), channel, np.ones(K))
+
+
+def test_spreads_are_zero_in_noise_and_near_the_truth_where_something_is() -> None:
+    rng = np.random.default_rng(2)
+    basis, zeros, found = columns_basis(("fx",) * 8 + ("mz",) * 8), 0, []
+    for _ in range(20):
+        B = rng.standard_normal((400, 16)) * 10.0
+        noise = Quadratic(B.T @ (r := rng.standard_normal(400)), B.T @ B)
+        zeros += not any(likeliest_spreads(noise, basis, basis.channels).values())
+        more = r + B[:, 8:] @ (0.2 * rng.standard_normal(8))
+        quadratic = Quadratic(B.T @ more, B.T @ B)
+        spread = likeliest_spreads(quadratic, basis, basis.channels)
+        found.append(spread["mz"])
+        worth = channel_worths(quadratic, basis, spread)
+        assert worth.get("fx", 0.0) < 8.0 < worth["mz"]
+    assert zeros >= 5
+    assert 0.1 < np.median(found) < 0.4
+
+
+def concealing(**plant: float) -> tuple[Any, Take]:
+    """The base model fitted to three simulated minutes of a car with something the model lacks."""
+    vehicle = simulated_vehicle()
+    recording = record_drive(simulate_drive(Plant(**plant), Sensor(), 180.0, 4), 60.0, vehicle)
+    base = fit_base_model([recording], [estimate_motion(recording, vehicle, TUNING)], vehicle)
+    return base.fit, base.take
+
+
+def test_a_take_of_nothing_needs_no_remainder() -> None:
+    fit, take = concealing()
+    rest = fit_with_remainder(fit, take, basis_for(fit, take))
+    assert rest.nats < 3.0
+    assert rest.fit.hypothesis.effects == fit.hypothesis.effects
+
+
+@pytest.mark.parametrize(("name", "constants", "channel"), [
+    ("yaw_scrub", {"yaw_scrub": 20.0}, "mz"), ("rear_rolling_viscous", {"rear_rolling_viscous": 25.0}, "fx"),
+])  # fmt: skip
+def test_a_name_adds_much_beside_the_remainder_that_may_replace_it(
+    name: str, constants: dict[str, float], channel: str
+) -> None:
+    """Before it is named the remainder finds its channel; beside the name nothing is left."""
+    fit, take = concealing(**constants)
+    basis = basis_for(fit, take)
+    before = fit_with_remainder(fit, take, basis)
+    assert next(iter(before.worth)) == channel
+    more, phi = fit.hypothesis.add_effect(name, fit.phi, list(constants.values()))
+    named = refit(take, more, phi, fit.start, fit.scales)
+    after = fit_with_remainder(named, take, basis)
+    assert before.nats > 100.0
+    assert after.nats < 5.0
+    assert after.log_evidence - before.log_evidence > 50.0
+
+
+def test_a_missing_moment_is_seen_as_a_curve(part: Take) -> None:  # noqa: F811
+    """Half waves span what a drive went through: at its edges they are 1 and -1."""
+    q = dict.fromkeys(INPUTS, np.linspace(-2.0, 2.0, 101))
+    basis = remainder_basis(q, BASE.nominal)
+    row = next(
+        f for f, t in zip(basis.functions, TERMS, strict=True) if t.direction == "yaw" and dict(t.waves) == {"t": 1}
+    )
+    at = [np.cos(row[PHASE] + row[WAVE + INPUTS.index("t")] * s) for s in (-2.0, 0.0, 2.0)]
+    np.testing.assert_allclose(at, [1.0, 0.0, -1.0], atol=1e-12)

@@ -56,7 +56,8 @@ def actuation_at(k: int, chain: ActuatorChain, T: float) -> Actuation:
 def _steering_rate(i: int, chain: ActuatorChain) -> float:
     """Rate (rad/s) of the steering angle at half step `i` of `chain`, over the half steps before and after it."""
     before, after = max(i - 1, 0), min(i + 1, len(chain.delta) - 1)
-    return (chain.delta[after] - chain.delta[before]) / (0.5 * chain.h * (after - before))
+    rate: float = (chain.delta[after] - chain.delta[before]) / (0.5 * chain.h * (after - before))
+    return rate
 
 
 @njit

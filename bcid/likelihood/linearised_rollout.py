@@ -57,8 +57,8 @@ def linearise_segments(
 
     `path` is (steps + 1, PATH_SIZE, LANES), `changes` (steps + 1, C PATH_SIZE, LANES), zeros before: C derivatives,
     by initial states and pushes, which `nuisance` (N_NUISANCE, LANES) holds, by R parameters, then by K coefficients of
-    a remainder; without those by the initial pose where nothing varies with the pose.  `cars` (R + 1, 21) and `widths` (R,) are those of
-    `linearise_poses`.
+    a remainder; without those by the initial pose where nothing varies with the pose.  `cars` (R + 1, 21) and `widths`
+    (R,) are those of `linearise_poses`.
     """
     lagging, pulled, p, steps = is_lagging(e), varies_with_pose(e), car_of_row(cars[0]), len(path) - 1
     fitted = len(widths) + int(e.remainders)

@@ -57,8 +57,8 @@ def linearise_poses(
 ) -> tuple[Floats, Floats]:
     """Predicted poses (N, 3), and their derivatives (N, 3, N_NUISANCE + R + K) by the variational equation.
 
-    The derivatives are by initial states and pushes, the rows of `start` (S, N_NUISANCE), by R parameters, then by the K
-    coefficients of the remainder in `e`.
+    The derivatives are by initial states and pushes, the rows of `start` (S, N_NUISANCE), by R parameters, then by the
+    K coefficients of the remainder in `e`.
     `cars` (R + 1, 21) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
     own.
     """

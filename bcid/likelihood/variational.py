@@ -284,7 +284,7 @@ def _store_remainder(
 def _store_changes_by(
     out: Floats, to: int, amount: float, unit: Remainder, now: Wrench, turned: Wrench, p: Car
 ) -> None:
-    """Write changes of accelerations and steady lags by `amount` times a `unit` of a remainder to `out` from `to` on."""
+    """Write changes of accelerations and steady lags by `amount` times a `unit` of a remainder to `out` from `to`."""
     a_x, a_y, alpha = _accelerations_by(unit, now, turned, p)
     turn = amount * unit.turn / ANGLE_STEP
     put(out, to, amount * a_x)

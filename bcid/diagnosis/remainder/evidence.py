@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
 from bcid.diagnosis.remainder.functions import RemainderBasis
 
 SPREADS = (0.0, *np.geomspace(1e-3, 3.0, 15).tolist())
@@ -50,7 +50,7 @@ class Quadratic(NamedTuple):
         on = np.flatnonzero(sd)
         return 0.5 * float(np.linalg.slogdet(self._whitened(on, sd))[1]) if len(on) else 0.0
 
-    def _whitened(self, on: Floats, sd: Floats) -> Floats:
+    def _whitened(self, on: Ints, sd: Floats) -> Floats:
         """1 + T^(1/2) G T^(1/2) of the coefficients `on`."""
         s = sd[on]
         return np.asarray(np.eye(len(on)) + s[:, None] * self.G[np.ix_(on, on)] * s)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
@@ -123,7 +123,7 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
     return None
 
 
-def _linearise(fit: Fit, take: Take, basis: RemainderBasis, on: Floats) -> _Linearised:
+def _linearise(fit: Fit, take: Take, basis: RemainderBasis, on: Ints) -> _Linearised:
     """Slopes and information of all segments at a fit, which holds the coefficients of the functions `on`."""
     h, c = fit.hypothesis, np.zeros(len(basis.size))
     c[on] = fit.phi[h.named_size :] * h.remainder.sd

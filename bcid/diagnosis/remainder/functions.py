@@ -60,7 +60,7 @@ class RemainderBasis(NamedTuple):
 
     def sd(self, spread: Mapping[str, float]) -> Floats:
         """Prior standard deviations (K,) of the coefficients, by the `spread` of each channel."""
-        return self.size * np.array([spread[name] for name in self.channel])
+        return np.asarray(self.size * np.array([spread[name] for name in self.channel]))
 
     def choose(self, spread: Mapping[str, float]) -> Remainder:
         """The functions of the channels whose `spread` is not zero."""
@@ -125,8 +125,8 @@ TERMS: tuple[Term, ...] = (
     *_together("steering", "wheel_angle", "delta", "v_x", *LOW),
     *_together("steering", "wheel_angle", "delta", "t", *LOW),
 )
-"""All functions on the body.  Time and place are among what each may depend on: what changes slowly or here and there is physics,
-too."""
+"""All functions on the body.  Time and place are among what each may depend on: what changes slowly, or here and there,
+is physics, too."""
 
 
 SEEN: tuple[Term, ...] = (
