@@ -1,7 +1,9 @@
-"""Names for what a take shows: forward by joint refits, and each judged by what it adds beside a free remainder.
+"""Names for what a take shows: each must add more than chance beside a free remainder that may take its place.
 
-A name counts by the evidence of the take with all names and the remainder, less that without it, where the remainder
-may grow into its place.  What the remainder still adds beside all names is unknown.
+Beside the names found so far stands a remainder, whose size is found by evidence.  Of all effects the score test says
+what each would add beside it, to first order; the most promising are refitted in earnest, with the remainder found anew
+beside them, and the best is a name if the evidence grows by more than the gate.  What the remainder still explains when
+no name adds more is unknown.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,16 +12,19 @@ from typing import NamedTuple
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.fit import RemainderFit, basis_for, fit_with_remainder
 from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.scores import score_names
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.forward_backward import _fit_corrections, _replace_delays_by_latency
 from bcid.diagnosis.search.place_search import refine_places
-from bcid.diagnosis.search.refits import gain_nats, named_effects, rank_credible_fits, refit_with_effects
-from bcid.diagnosis.search.screen import NullGains, sample_null_gains, screen_effects, simulate_trials
+from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects, refit_with_effects
+from bcid.diagnosis.search.screen import NullGains, sample_null_gains, simulate_trials
+from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import Take
 
 Report = Callable[[str], None]
+MOST_REFITS = 3  # candidates of a round that are refitted in earnest
+NEAR_BEST = 0.3  # share of the best score from which a candidate is
 
 
 class Naming(NamedTuple):
@@ -31,7 +36,7 @@ class Naming(NamedTuple):
     rest: RemainderFit  # what is left beside them
     gains: dict[str, float]  # nats by which each name makes the take likelier beside the remainder
     plain_gains: dict[str, float]  # and without it
-    dropped: tuple[tuple[str, float], ...]  # effects that the remainder replaces, with what they add beside it
+    dropped: tuple[tuple[str, float], ...]  # effects that were tried or taken, with what they add beside it
     nulls: NullGains
     basis: RemainderBasis
 
@@ -44,51 +49,60 @@ def name_effects(base: Fit, take: Take, excluded: Sequence[str] = (), report: Re
     report("a score test of every effect")
     trials = simulate_trials(corrected, take).without(excluded)
     nulls = sample_null_gains(corrected, take, trials)
-    fit = _add_names(corrected, take, trials, nulls.gate, excluded, basis, report)
-    if "pose_latency" not in excluded:
-        fit = _replace_delays_by_latency(fit, take)
-    fit = refine_places(fit, take)
-    return _keep_names(base, corrected, fit, take, nulls, basis, report)
-
-
-def _add_names(
-    fit: Fit, take: Take, trials: TrialChanges, gate: float, excluded: Sequence[str], basis: RemainderBasis,
-    report: Report,
-) -> Fit:  # fmt: skip
-    """The fit with one effect after another added, that whose refit gains most, while it gains more than the gate."""
-    while len(named_effects(fit)) < SEARCH_LIMITS.max_effects_under_pushes:
-        candidates = screen_effects(fit, take, trials.without(fit.hypothesis.effects))
-        least = max(SEARCH_LIMITS.min_score_nats, SEARCH_LIMITS.min_score_share * candidates[0].score)
-        shortlist = [c for c in candidates[: SEARCH_LIMITS.max_candidates] if c.score > least]
-        report(f"{len(shortlist)} candidates beside {', '.join(fit.hypothesis.effects) or 'the base model'}")
-        fits = rank_credible_fits(refits.refit_candidates(fit, take, shortlist), take)
-        # what the base model takes up shows beside no fit of it, but the remainder tells that something is missing
-        if not fits or gain_nats(fits[0], fit) < gate:
-            if fit_with_remainder(fit, take, basis).nats < gate:
-                break
-            fits = rank_credible_fits(refits.refit_from_large_sizes(fit, take, excluded), take)
-        if not fits or gain_nats(fits[0], fit) < gate:
+    rest, refused = fit_with_remainder(corrected, take, basis), dict[str, float]()
+    while len(named_effects(rest.named)) < SEARCH_LIMITS.max_effects_under_pushes:
+        fit = rest.named
+        scored = score_names(fit, take, basis, trials.without((*fit.hypothesis.effects, *refused)))
+        first = [c for c in scored.candidates if c.score > SEARCH_LIMITS.min_score_nats]
+        first = [c for c in first if c.score > NEAR_BEST * first[0].score][:MOST_REFITS]
+        report(f"{', '.join(c.effect for c in first) or 'none'} beside {', '.join(fit.hypothesis.effects) or 'nothing'}")
+        tried = [none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in first]
+        better = _best_beside_remainder([refits.refit_fully(f, take) for f in tried if f], take, basis, refused, rest)
+        if (better is None or better.log_evidence < rest.log_evidence + nulls.gate) and rest.nats > nulls.gate:
+            # what the base model takes up shows beside no fit of it
+            large = refits.refit_from_large_sizes(fit, take, (*excluded, *refused))
+            better = _best_beside_remainder(large, take, basis, refused, rest)
+        if better is None or better.log_evidence < rest.log_evidence + nulls.gate:
             break
-        fit = fits[0]
-    return fit
+        rest = better
+    return _keep_names(base, corrected, rest, take, excluded, nulls, basis, refused)
+
+
+def _best_beside_remainder(
+    fits: Sequence[Fit], take: Take, basis: RemainderBasis, refused: dict[str, float], rest: RemainderFit
+) -> RemainderFit | None:
+    """The fit of greatest evidence with a remainder beside it, of those of a size that a car may have."""
+    found = [fit_with_remainder(f, take, basis) for f in fits if not effects_at_bounds(f, take)]
+    best = max(found, key=lambda f: f.log_evidence, default=None)
+    for f in found:
+        gained = f.log_evidence - rest.log_evidence
+        if gained < SEARCH_LIMITS.min_score_nats:
+            refused[f.named.hypothesis.effects[-1]] = gained
+    return best
 
 
 def _keep_names(
-    base: Fit, corrected: Fit, fit: Fit, take: Take, nulls: NullGains, basis: RemainderBasis, report: Report
-) -> Naming:
-    """The names that add more than the gate beside the remainder; the one that adds least goes first."""
-    dropped: list[tuple[str, float]] = []
+    base: Fit, corrected: Fit, rest: RemainderFit, take: Take, excluded: Sequence[str], nulls: NullGains,
+    basis: RemainderBasis, refused: dict[str, float],
+) -> Naming:  # fmt: skip
+    """The names that add more than the gate beside the remainder and each other; the least goes first."""
+    fit = rest.named
+    if "pose_latency" not in excluded:
+        fit = _replace_delays_by_latency(fit, take)
+    fit = refine_places(fit, take)
+    if fit is not rest.named:
+        rest = fit_with_remainder(fit, take, basis)
     while True:
-        report("what is left without a name")
-        rest, gains, plain = fit_with_remainder(fit, take, basis), {}, {}
-        without = {}
-        for name in named_effects(fit):
-            held = tuple(n for n in fit.hypothesis.effects if n != name)
-            without[name] = refit_with_effects(fit, take, held) if held != corrected.hypothesis.effects else corrected
-            plain[name] = gain_nats(fit, without[name])
-            gains[name] = rest.log_evidence - fit_with_remainder(without[name], take, basis).log_evidence
+        gains, plain, without = dict[str, float](), dict[str, float](), dict[str, RemainderFit]()
+        for name in named_effects(rest.named):
+            held = tuple(n for n in rest.named.hypothesis.effects if n != name)
+            less = corrected if held == corrected.hypothesis.effects else refit_with_effects(rest.named, take, held)
+            without[name] = fit_with_remainder(less, take, basis)
+            plain[name] = gain_nats(rest.named, less)
+            # what helps only beside a remainder, or only without one, is none
+            gains[name] = min(rest.log_evidence - without[name].log_evidence, plain[name])
         weakest = min(gains, key=lambda n: gains[n], default="")
         if not weakest or gains[weakest] > nulls.gate:
-            return Naming(base, corrected, fit, rest, gains, plain, tuple(dropped), nulls, basis)
-        dropped.append((weakest, gains[weakest]))
-        fit = without[weakest]
+            return Naming(base, corrected, rest.named, rest, gains, plain, tuple(refused.items()), nulls, basis)
+        refused[weakest] = gains[weakest]
+        rest = without[weakest]

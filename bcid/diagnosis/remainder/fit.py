@@ -81,7 +81,7 @@ def fit_with_remainder(fit: Fit, take: Take, basis: RemainderBasis) -> Remainder
     named, on = fit.hypothesis, np.zeros(0, dtype=np.int64)
     nothing = RemainderFit(fit, fit, dict.fromkeys(basis.channels, 0.0), fit.penalised_log_likelihood, {})
     at = _linearise(fit, take, basis, on)
-    spread, quadratic, c = _explain_robustly(at, fit, basis)
+    spread, quadratic, c, _ = _explain_robustly(at, fit, basis)
     best, now = nothing, fit
     for _ in range(ROUNDS):
         sd = basis.sd(spread)
@@ -152,8 +152,10 @@ def _project(at: _Linearised, weights: Floats, fit: Fit, named: Hypothesis) -> Q
     return Quadratic(g[n:] - answer.T @ g[:n], G[n:, n:] - G[n:, :n] @ answer)
 
 
-def _explain_robustly(at: _Linearised, fit: Fit, basis: RemainderBasis) -> tuple[dict[str, float], Quadratic, Floats]:
-    """Spreads, the quadratic log-likelihood and coefficients, to first order about a fit without a remainder.
+def _explain_robustly(
+    at: _Linearised, fit: Fit, basis: RemainderBasis
+) -> tuple[dict[str, float], Quadratic, Floats, Floats]:
+    """Spreads, the quadratic log-likelihood, coefficients and weights of segments, about a fit without a remainder.
 
     Segments that the remainder explains gain weight, as in the likelihood.
     """
@@ -169,4 +171,4 @@ def _explain_robustly(at: _Linearised, fit: Fit, basis: RemainderBasis) -> tuple
         a = np.r_[moved, c]
         chi2 = np.maximum(at.terms.chi2 - 2.0 * at.g @ a + np.einsum("i,sij,j->s", a, at.G, a), 0.0)
         weights = (NU + at.terms.numbers) / (NU + chi2)
-    return spread, quadratic, c
+    return spread, quadratic, c, weights
