@@ -50,6 +50,7 @@ def name_effects(base: Fit, take: Take, excluded: Sequence[str] = (), report: Re
     trials = simulate_trials(corrected, take).without(excluded)
     nulls = sample_null_gains(corrected, take, trials)
     rest, refused = fit_with_remainder(corrected, take, basis), dict[str, float]()
+    known = {frozenset(corrected.hypothesis.effects): rest}
     while len(named_effects(rest.named)) < SEARCH_LIMITS.max_effects_under_pushes:
         fit = rest.named
         scored = score_names(fit, take, basis, trials.without((*fit.hypothesis.effects, *refused)))
@@ -65,7 +66,8 @@ def name_effects(base: Fit, take: Take, excluded: Sequence[str] = (), report: Re
         if better is None or better.log_evidence < rest.log_evidence + nulls.gate:
             break
         rest = better
-    return _keep_names(base, corrected, rest, take, excluded, nulls, basis, refused)
+        known[frozenset(rest.named.hypothesis.effects)] = rest
+    return _keep_names(base, corrected, rest, take, excluded, nulls, basis, refused, known)
 
 
 def _best_beside_remainder(
@@ -83,9 +85,12 @@ def _best_beside_remainder(
 
 def _keep_names(
     base: Fit, corrected: Fit, rest: RemainderFit, take: Take, excluded: Sequence[str], nulls: NullGains,
-    basis: RemainderBasis, refused: dict[str, float],
+    basis: RemainderBasis, refused: dict[str, float], known: dict[frozenset[str], RemainderFit],
 ) -> Naming:  # fmt: skip
-    """The names that add more than the gate beside the remainder and each other; the least goes first."""
+    """The names that add more than the gate beside the remainder and each other; the least goes first.
+
+    Fits with fewer effects that are `known` from the search are not made again.
+    """
     fit = rest.named
     if "pose_latency" not in excluded:
         fit = _replace_delays_by_latency(fit, take)
@@ -96,9 +101,9 @@ def _keep_names(
         gains, plain, without = dict[str, float](), dict[str, float](), dict[str, RemainderFit]()
         for name in named_effects(rest.named):
             held = tuple(n for n in rest.named.hypothesis.effects if n != name)
-            less = corrected if held == corrected.hypothesis.effects else refit_with_effects(rest.named, take, held)
-            without[name] = fit_with_remainder(less, take, basis)
-            plain[name] = gain_nats(rest.named, less)
+            less = known.get(frozenset(held))
+            without[name] = less or fit_with_remainder(refit_with_effects(rest.named, take, held), take, basis)
+            plain[name] = gain_nats(rest.named, without[name].named)
             # what helps only beside a remainder, or only without one, is none
             gains[name] = min(rest.log_evidence - without[name].log_evidence, plain[name])
         weakest = min(gains, key=lambda n: gains[n], default="")

@@ -28,7 +28,7 @@ moment over the inertia (rad/s^2), or as a change of the steered wheel's angle (
 BODY_X, FRONT_ALONG, FRONT_ACROSS, REAR_ACROSS, YAW, WORLD_X, WORLD_Y, DRIVEN_ALONG, WHEEL_ANGLE = range(9)
 COEFFICIENT, DIRECTION, PHASE, WAVE = 0, 1, 2, 3  # columns of the table of functions; the last and those behind it: k_j
 COLUMNS = WAVE + len(INPUTS)
-MOST = 160
+MOST = 224
 """Functions that the table has room for."""
 
 
