@@ -48,15 +48,17 @@ def name_effects(base: Fit, take: Take, excluded: Sequence[str] = (), report: Re
     basis = basis_for(corrected, take)
     report("a score test of every effect")
     trials = simulate_trials(corrected, take).without(excluded)
-    nulls = sample_null_gains(corrected, take, trials)
     rest, refused = fit_with_remainder(corrected, take, basis), dict[str, float]()
+    # chance has nothing to do with what is missing, which the remainder has taken up
+    nulls = sample_null_gains(rest.fit, take, trials)
     known = {frozenset(corrected.hypothesis.effects): rest}
     while len(named_effects(rest.named)) < SEARCH_LIMITS.max_effects_under_pushes:
         fit = rest.named
         scored = score_names(fit, take, basis, trials.without((*fit.hypothesis.effects, *refused)))
         first = [c for c in scored.candidates if c.score > SEARCH_LIMITS.min_score_nats]
         first = [c for c in first if c.score > NEAR_BEST * first[0].score][:MOST_REFITS]
-        report(f"{', '.join(c.effect for c in first) or 'none'} beside {', '.join(fit.hypothesis.effects) or 'nothing'}")
+        promising = ", ".join(c.effect for c in first) or "none"
+        report(f"{promising} beside {', '.join(fit.hypothesis.effects) or 'the base model'}")
         tried = [none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in first]
         better = _best_beside_remainder([refits.refit_fully(f, take) for f in tried if f], take, basis, refused, rest)
         if (better is None or better.log_evidence < rest.log_evidence + nulls.gate) and rest.nats > nulls.gate:

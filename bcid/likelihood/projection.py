@@ -71,7 +71,7 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
     centre, known = hypothesis.prior(fit.phi)
     bends = np.ones(n, dtype=bool)
     if hypothesis.trusted_simulation is None:
-        known = np.zeros(n)
+        known[: hypothesis.named_size] = 0.0
     else:  # a parameter at its bound goes no farther
         bends = ~hypothesis.is_at_bound(fit.phi)
     rows.reshape(-1, 3, rows.shape[1])[:] /= noise[:, None]

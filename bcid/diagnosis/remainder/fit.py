@@ -53,7 +53,7 @@ class RemainderFit(NamedTuple):
         return self.log_evidence - self.named.penalised_log_likelihood
 
 
-class _Linearised(NamedTuple):
+class LinearisedNames(NamedTuple):
     """Slopes and information of each segment for the n named parameters, then for K coefficients, at a fit."""
 
     g: Floats  # (S, n + K)
@@ -80,8 +80,8 @@ def fit_with_remainder(fit: Fit, take: Take, basis: RemainderBasis) -> Remainder
     """
     named, on = fit.hypothesis, np.zeros(0, dtype=np.int64)
     nothing = RemainderFit(fit, fit, dict.fromkeys(basis.channels, 0.0), fit.penalised_log_likelihood, {})
-    at = _linearise(fit, take, basis, on)
-    spread, quadratic, c, _ = _explain_robustly(at, fit, basis)
+    at = linearise_beside(fit, take, basis, on)
+    spread, quadratic, c, _ = explain_robustly(at, fit, basis)
     best, now = nothing, fit
     for _ in range(ROUNDS):
         sd = basis.sd(spread)
@@ -92,7 +92,7 @@ def fit_with_remainder(fit: Fit, take: Take, basis: RemainderBasis) -> Remainder
         further = _refit_from(now, take, hypothesis, c[on] / sd[on])
         if further is None:
             break
-        now, at = further, _linearise(further, take, basis, on)
+        now, at = further, linearise_beside(further, take, basis, on)
         quadratic = _project(at, robust_weights(at.terms), now, named)
         nats = _penalised(now, named, take) - quadratic.occam_nats(sd)
         if nats > best.log_evidence:
@@ -123,7 +123,7 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
     return None
 
 
-def _linearise(fit: Fit, take: Take, basis: RemainderBasis, on: Ints) -> _Linearised:
+def linearise_beside(fit: Fit, take: Take, basis: RemainderBasis, on: Ints) -> LinearisedNames:
     """Slopes and information of all segments at a fit, which holds the coefficients of the functions `on`."""
     h, c = fit.hypothesis, np.zeros(len(basis.size))
     c[on] = fit.phi[h.named_size :] * h.remainder.sd
@@ -137,10 +137,10 @@ def _linearise(fit: Fit, take: Take, basis: RemainderBasis, on: Ints) -> _Linear
     rest = remove_pushes(r, A, fit.start, take.first)
     _, terms = estimate_scales(segment_moments(rest, A, take.first), fit.scales, 0)
     g, G = score_and_information(rest, A, J, take.first, fit.scales.r, terms.V)
-    return _Linearised(g, G, terms, c)
+    return LinearisedNames(g, G, terms, c)
 
 
-def _project(at: _Linearised, weights: Floats, fit: Fit, named: Hypothesis) -> Quadratic:
+def _project(at: LinearisedNames, weights: Floats, fit: Fit, named: Hypothesis) -> Quadratic:
     """The log-likelihood of the coefficients, about none, with the named parameters projected out."""
     n = named.named_size
     prior, phi = named.prior(fit.phi[:n]), fit.phi[:n]
@@ -152,8 +152,8 @@ def _project(at: _Linearised, weights: Floats, fit: Fit, named: Hypothesis) -> Q
     return Quadratic(g[n:] - answer.T @ g[:n], G[n:, n:] - G[n:, :n] @ answer)
 
 
-def _explain_robustly(
-    at: _Linearised, fit: Fit, basis: RemainderBasis
+def explain_robustly(
+    at: LinearisedNames, fit: Fit, basis: RemainderBasis
 ) -> tuple[dict[str, float], Quadratic, Floats, Floats]:
     """Spreads, the quadratic log-likelihood, coefficients and weights of segments, about a fit without a remainder.
 

@@ -5,17 +5,18 @@ free and the named parameters projected out, the evidence of trial and remainder
 remainder alone, whose spreads are found anew beside the trial.
 """
 
+import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.diagnosis.remainder.evidence import Quadratic, likeliest_spreads
-from bcid.diagnosis.remainder.fit import _explain_robustly, _linearise
+from bcid.diagnosis.remainder.evidence import Quadratic
+from bcid.diagnosis.remainder.fit import explain_robustly, linearise_beside
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
-from bcid.effects.table import ENTRIES
+from bcid.effects.table import ENTRIES, effect_switches
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
@@ -36,8 +37,8 @@ class ScoredNames(NamedTuple):
 
 def score_names(fit: Fit, take: Take, basis: RemainderBasis, trials: TrialChanges) -> ScoredNames:
     """The effects of the `trials` by the evidence (nats) that each adds beside a remainder, to first order."""
-    at = _linearise(fit, take, basis, np.zeros(0, dtype=np.int64))
-    spread, _, _, weights = _explain_robustly(at, fit, basis)
+    at = linearise_beside(fit, take, basis, np.zeros(0, dtype=np.int64))
+    spread, _, _, weights = explain_robustly(at, fit, basis)
     g, G = _weighted_products(fit, take, basis, trials.columns, weights)
     n, K = fit.hypothesis.named_size, len(basis.size)
     _add_prior(g, G, fit.hypothesis, fit.phi)
@@ -60,7 +61,8 @@ def score_names(fit: Fit, take: Take, basis: RemainderBasis, trials: TrialChange
         c = beside.posterior_mean(basis.sd(again))
         amplitude = amplitude - taken @ c
         score = 0.5 * float(own_b @ np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0])
-        score += beside.log_evidence(basis.sd(again)) - nothing - 0.5 * len(trial.vectors) * float(np.log(take.segments))
+        price = 0.5 * len(trial.vectors) * float(np.log(take.segments))
+        score += beside.log_evidence(basis.sd(again)) - nothing - price
         values = _combine_vectors(trial, amplitude)
         p = ENTRIES[trial.effect].parameters
         if any(not q.is_place and q.low >= 0.0 and v <= 0.0 for q, v in zip(p, values, strict=True)):
@@ -82,8 +84,6 @@ def _weighted_products(
 ) -> tuple[Floats, Floats]:
     """Slope (m,) and information (m, m) for names, coefficients and trials, initial states and pushes projected out."""
     h, inputs = fit.hypothesis, fit.hypothesis.prediction_inputs(fit.phi, take)
-    from bcid.effects.table import effect_switches
-
     body, tracking = basis.tables(np.zeros(len(basis.size)))
     every = inputs._replace(switches=effect_switches(h.effect_values(fit.phi), body), tracking=tracking)
     r, A, B = linearise_residuals(take, every, fit.start)
@@ -98,8 +98,7 @@ def _weighted_products(
     # V holds for weight one: A has the weight's root twice
     C = np.linalg.cholesky(terms.V)
     answered = [
-        C[s].T @ (A[a:b].T @ J[a:b]) / np.sqrt(weights[s])
-        for s, (a, b) in enumerate(zip(edges, edges[1:], strict=False))
+        C[s].T @ (A[a:b].T @ J[a:b]) / np.sqrt(weights[s]) for s, (a, b) in enumerate(itertools.pairwise(edges))
     ]
     N = np.concatenate(answered)
     products = J.T @ J - N.T @ N
