@@ -87,7 +87,7 @@ def test_the_answer_changes_nothing_that_the_diagnosis_is_handed(monkeypatch: py
     one, _ = handed
     assert [type(v).__name__ for v in one[0]] == ["list", "list", "Vehicle"]
     assert [[type(v).__name__ for v in of] for of in one[0][:2]] == [["Recording"], ["Estimate"]]
-    assert one[1] == {"excluded": ("motor_lag",)}
+    assert one[1] == {"excluded": ("motor_lag",), "reference": None}
     leaves = [_leaves([asdict(of[0][0][0]), asdict(of[0][1][0]), of[0][2].model_dump(), of[1]]) for of in handed]
     assert len(leaves[0]) == len(leaves[1]) > 10
     for a, b in zip(*leaves, strict=True):
