@@ -13,7 +13,7 @@ from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, advance_plant
 from bcid.simulation.room_drivers import DRAWS, DRIVERS, MEMORY, Handling, decide
 from bcid.simulation.wheels import PlantInputs
 
-ROOM = SimulatedArena(length=6.0, width=4.4, margin=0.45)
+ROOM = SimulatedArena(length=6.0, width=4.4, margin=0.55)
 """A room with motion capture for small cars, m."""
 
 CORNERING = 1.25  # times the drag on a straight

@@ -20,7 +20,7 @@ GUARD_LEFT, GUARD_STEER, GUARD_THROTTLE = 7, 8, 9  # s, rad, share: places in th
 GUARD_HOLDS_S = 0.35
 LOOK_S, LOOK_STEP_S = 2.2, 0.05  # ahead of who holds an angle
 ESCAPE_LOOK_S = 3.2
-PATH_LOOK_S = 1.4  # of who follows a path, and turns with it
+PATH_LOOK_S = 1.8  # of who follows a path, and turns with it
 KEEPING_SIDE_M = 1.0
 ESCAPES = 4  # full lock either way, slowly, and braking
 AIM_M = 0.7  # ahead of the car, on a lap
@@ -120,7 +120,7 @@ def _pursue(s: Floats, mine: Floats, u: Floats, step: float, h: Handling, a: Sim
         # the one of two that lies farther ahead: what is close behind would be circled
         farthest = -1e9
         for k in range(2):
-            x, y = (u[2 * k + 4] - 0.5) * (a.length - 3.0 * a.margin), (u[2 * k + 5] - 0.5) * (a.width - 3.0 * a.margin)
+            x, y = (u[2 * k + 4] - 0.5) * (a.length - 2.5 * a.margin), (u[2 * k + 5] - 0.5) * (a.width - 2.5 * a.margin)
             ahead = math.cos(s[2]) * (x - s[0]) + math.sin(s[2]) * (y - s[1])
             if ahead > farthest:
                 farthest, mine[0], mine[1] = ahead, x, y
@@ -131,7 +131,7 @@ def _pursue(s: Floats, mine: Floats, u: Floats, step: float, h: Handling, a: Sim
 @njit
 def _lap(s: Floats, mine: Floats, time: float, step: float, h: Handling, a: SimulatedArena) -> tuple[float, float]:
     """Steering (rad) and throttle of a driver of laps: an oval, or on a slow day an eight, now faster, now slower."""
-    half_x, half_y = 0.5 * a.length - 2.2 * a.margin, 0.5 * a.width - 2.0 * a.margin
+    half_x, half_y = 0.5 * a.length - 1.6 * a.margin, 0.5 * a.width - 1.5 * a.margin
     eight = h.rhythm > 0.5
     best, aim_x, aim_y = 1e9, 0.0, 0.0
     for k in range(120):
@@ -271,7 +271,7 @@ def decide(
     room, _ = room_ahead(s, steer, speed_at_throttle(throttle, h), throttle < 0.0, look, p, h, a)
     if room >= 0.0:
         return steer, throttle
-    along, slow, best = _body_motion(s)[1], throttle_for(h.slow + 0.3 * (h.fast - h.slow) * u[6], h), -1e9
+    along, slow, best = _body_motion(s)[1], throttle_for(h.slow + 0.4 * (h.fast - h.slow) * u[6], h), -1e9
     for k in range(ESCAPES):
         angle = (1.0 if k % 2 == 0 else -1.0) * h.lock
         press = -0.4 if k >= 2 and along > h.slow else slow

@@ -1,4 +1,4 @@
-"""Cases of small cars: a published simulation is there to compare with, exact or not, but something is missing in it."""
+"""Cases of small cars: there is a published simulation to compare with, exact or not, and something lacks in it."""
 
 import hashlib
 from dataclasses import dataclass
