@@ -8,7 +8,7 @@ from bcid.simulation.car import Plant
 RIPPLE_MPS = 0.04  # of speed per radian
 DROPOUT_PERIOD_S, DROPOUT_S = 7.3, 0.6
 HEATING_S = 8.0  # in which heat comes and goes
-HOT_SHARE = 0.3  # of the largest force: what heats up to 1 in the long run
+HOT_SHARE = 0.3  # of the motor's largest force, or of the whole brake at 1 m/s: what heats up to 1 in the long run
 LEAST_SHARE = 0.1  # of its force that is left to a hot motor or brake
 
 
@@ -64,6 +64,9 @@ def heating_rate(heat: float, force: float, p: Plant) -> float:
 
     The motor is heated by what it pulls, the brake by what it holds back; without either effect nothing is heated.
     """
-    works = (p.motor_heating > 0.0 and force > 0.0) or (p.brake_fading > 0.0 and force < 0.0)
-    source = (force / (HOT_SHARE * p.motor_limit)) ** 2 if works else 0.0
+    source = 0.0
+    if p.motor_heating > 0.0 and force > 0.0:
+        source = (force / (HOT_SHARE * p.motor_limit)) ** 2
+    if p.brake_fading > 0.0 and force < 0.0:
+        source = (force / (HOT_SHARE * p.brake_gain)) ** 2
     return (source - heat) / HEATING_S

@@ -165,7 +165,7 @@ def _step(mine: Floats, u: Floats, step: float, h: Handling) -> tuple[float, flo
         mine[1] = 0.8 + 2.5 * u[3]
         mine[4] = h.lock * (0.15 + 0.85 * u[4]) * (1.0 if u[5] < 0.5 else -1.0)
     mine[2] += step * mine[3]
-    return mine[4], mine[2]
+    return mine[4], min(mine[2], 1.0)
 
 
 @njit

@@ -105,9 +105,9 @@ MORE_OUTSIDE_EFFECTS: dict[str, tuple[str, SizeRange]] = {
     "tyre_warming": ("fy", SizeRange("tyre_warming", "", 0.15, 0.4)),
     "compass_moment": ("mz", SizeRange("compass_moment", "", 15, 35, signed=True)),
     "motor_heating": ("motor", SizeRange("motor_heating", "", 0.15, 0.4)),
-    "brake_fading": ("motor", SizeRange("brake_fading", "", 1.0, 2.5)),
+    "brake_fading": ("motor", SizeRange("brake_fading", "", 1.5, 3.5)),
     "steering_creep": ("steering", SizeRange("steering_creep", "", 0.012, 0.03, signed=True)),
-    "camera_shake": ("pose", SizeRange("camera_shake", "", 0.002, 0.006)),
+    "camera_shake": ("pose", SizeRange("camera_shake", "", 0.001, 0.003)),
 }
 """Further ones: slow changes, periodic forces, attractions, fading, resonance; a suite has them after all that it had.
 """
