@@ -10,7 +10,8 @@ from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import ROUGHNESS_TIME_S, SAME_TIME_S, TRUTH_HZ, Drive, capture_poses, sample_truth
 from bcid.simulation.driver import SimulatedArena
 from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, advance_plant
-from bcid.simulation.room_drivers import DRAWS, DRIVERS, MEMORY, Handling, decide
+from bcid.simulation.handling import Handling
+from bcid.simulation.room_drivers import DRAWS, DRIVERS, MEMORY, decide
 from bcid.simulation.wheels import PlantInputs
 
 ROOM = SimulatedArena(length=6.0, width=4.4, margin=0.55)
