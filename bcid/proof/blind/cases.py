@@ -1,5 +1,6 @@
 """The suites of a blind test: cases of all tiers, drawn from one seed."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -85,7 +86,7 @@ def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs:
     for number, draft in enumerate(big):
         hidden = draft.draw_effects(np.random.default_rng([seed, number, 3]))
         yield BlindCase(draft.tier, number, hidden, seed=seed, **draft.fields)
-    small = draft_small_cases(repeats, nulls // NULLS_PER_SMALL_NULL)
+    small = draft_small_cases(repeats, math.ceil(nulls / NULLS_PER_SMALL_NULL))
     yield from (draw_case(seed, number) for number, draw_case in enumerate(small, len(big)))
 
 
