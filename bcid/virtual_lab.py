@@ -1,8 +1,13 @@
 """The simulated car as a lab would see it: its vehicle file, and its drives as recordings."""
 
 import tomllib
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from bcid.diagnosis.reference import reference_from_parameters
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.estimate.tuning import Noise, Tuning
+from bcid.estimate.types import Estimate
 from bcid.recording.assemble import assemble_recording
 from bcid.recording.formats.raw import RawTake
 from bcid.recording.types import Recording, SourceFile
@@ -18,7 +23,20 @@ TUNING = Tuning(
 
 def simulated_vehicle() -> Vehicle:
     """The checked settings of the vehicle file that belongs to the simulated bumper car."""
-    return Vehicle.model_validate(tomllib.loads(VEHICLE))
+    return read_vehicle_text(VEHICLE)
+
+
+def read_vehicle_text(text: str) -> Vehicle:
+    """The checked settings in the text (TOML) of a vehicle file."""
+    return Vehicle.model_validate(tomllib.loads(text))
+
+
+def read_simulation_text(text: str, estimate: Estimate, vehicle: Vehicle) -> ReferenceModel:
+    """The reference model in the text (TOML) of a published simulation, read as a file of it would be."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "simulation.toml"
+        path.write_text(text, encoding="utf-8")
+        return reference_from_parameters(path, [estimate], vehicle)
 
 
 def record_drive(drive: Drive, rate_hz: float, vehicle: Vehicle, name: str = "simulated") -> Recording:

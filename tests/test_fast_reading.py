@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,11 @@ from bcid.recording.checks.agreement import Feature
 from bcid.recording.checks.turning_terms import terms_at
 from bcid.recording.formats import csv_plain, csv_text, mcap_contents
 from bcid.recording.formats.csv_table import read_csv_columns
+from bcid.recording.formats.fixed_layout import RosLayout
+from bcid.recording.formats.message_store import StoredMessages
 from bcid.recording.formats.motive import read_motive_poses
+from bcid.recording.formats.number_tables import NumberFields, read_number_tables
+from bcid.recording.formats.ros_encoding import compile_ros_reader
 from bcid.recording.read import read_raw_take
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle, read_vehicle
@@ -143,16 +149,52 @@ def odd_messages(odd: str) -> list[tuple[float, dict[str, Any]]]:
             del message["rotation"]["w"]
         elif at and odd == "late part":
             message["timestamp"]["nsec"] = 1_000_000_000
+        elif odd == "nanoseconds":
+            message["timestamp"] = START_NS + 20_000_000 * k + 123
         elif at and odd == "plain stamp":
             message["timestamp"] = START_NS / 1e9 + 0.02 * k
         rows.append((0.02 * k, message))
     return rows
 
 
+def count_decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A list to which the number of messages that are decoded one by one is added at each reading."""
+    decoded: list[int] = []
+    rows_read = mcap_contents.McapContents.read_rows
+
+    def counted(self: Any, topic: str, stored: Any, rows: np.ndarray, read: Any) -> Any:
+        decoded.append(len(rows))
+        return rows_read(self, topic, stored, rows, read)
+
+    monkeypatch.setattr(mcap_contents.McapContents, "read_rows", counted)
+    return decoded
+
+
+def test_a_layout_is_that_of_one_channel() -> None:
+    """Another channel of the topic may have its fields in another order, in messages of as many bytes."""
+    texts = [b"\0\1\0\0" + struct.pack("<2d", 2 * k, 2 * k + 1) for k in range(6)]
+    ends = 20 * np.arange(1, 7)
+    stored = StoredMessages(
+        np.array([1, 2, 1, 2, 1, 2]), np.arange(6, dtype=np.uint64), ends - 20, ends, memoryview(b"".join(texts))
+    )
+    readers = {
+        1: compile_ros_reader("p", "float64 x\nfloat64 y"), 2: compile_ros_reader("p", "float64 y\nfloat64 x")
+    }  # fmt: skip
+    contents: Any = SimpleNamespace(
+        stored_messages=lambda topic: stored, read_rows=lambda *given: iter(()),
+        fixed_layout=lambda topic, messages, row: RosLayout(
+            messages.data(row), readers[int(messages.channels[row])], False
+        ),
+    )  # fmt: skip
+    fields: Any = NumberFields(["x", "y"], stamped=False)
+    table = read_number_tables(contents, "/p", fields, lambda message: None)[""]  # type: ignore[arg-type,return-value]
+    assert table.rows.tolist() == [[0, 1], [3, 2], [4, 5], [7, 6], [8, 9], [11, 10]]
+
+
 @pytest.mark.parametrize(
     "odd",
     ["nothing", "bodies", "whole numbers", "order", "null", "true", "text", "none", "list", "large", "missing",
-     "late part", "plain stamp", "-0", "1e999", "NaN", "01", "+1", "1."],
+     "late part", "nanoseconds", "plain stamp", "-0", "1e999", "NaN", "01", "+1", "1."],
 )  # fmt: skip
 def test_json_messages_of_one_layout_are_read_as_each_by_itself(
     odd: str, vehicle: Vehicle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -171,8 +213,13 @@ def test_json_messages_of_one_layout_are_read_as_each_by_itself(
         for k in range(17, 300, 50):
             poses[k][1]["translation"]["x"] = "odd"
     json_mcap(path, {"/pose": ("foxglove.FrameTransform", poses), "/command": ("bcid.Command", commands)})
+    decoded = count_decoded(monkeypatch)
     for partial in (False, True):
+        decoded.clear()
         one = outcome(lambda partial=partial: read_raw_take(path, car, allow_partial=partial))
+        if odd in ("nothing", "nanoseconds"):
+            # commands are decoded to see what they hold; no pose is
+            assert max(decoded) == len(commands)
         with monkeypatch.context() as patch:
             patch.setattr(mcap_contents, "fixed_layout", lambda channel, schema, data: None)
             assert one == outcome(lambda partial=partial: read_raw_take(path, car, allow_partial=partial))
@@ -186,14 +233,7 @@ def test_messages_of_ros_of_one_layout_are_read_as_each_by_itself(
     car = vehicle.model_copy(update={
         "topics": vehicle.topics.model_copy(update={"pose": "/pose", "command": "/command"})
     })  # fmt: skip
-    decoded: list[int] = []
-    rows_read = mcap_contents.McapContents.read_rows
-
-    def counted(self: Any, topic: str, stored: Any, rows: np.ndarray, read: Any) -> Any:
-        decoded.append(len(rows))
-        return rows_read(self, topic, stored, rows, read)
-
-    monkeypatch.setattr(mcap_contents.McapContents, "read_rows", counted)
+    decoded = count_decoded(monkeypatch)
     one = outcome(lambda: read_raw_take(path, car))
     # the first command is decoded to see what it holds; nothing else is
     assert [n for n in decoded if n] == [len(recording.commands)]
@@ -204,7 +244,11 @@ def test_messages_of_ros_of_one_layout_are_read_as_each_by_itself(
 READ_AND_MEASURE = """
 import resource, sys
 from pathlib import Path
+from bcid.recording.formats.fixed_layout import RosLayout
+from bcid.recording.formats.message_store import StoredMessages
 from bcid.recording.formats.motive import read_motive_poses
+from bcid.recording.formats.number_tables import NumberFields, read_number_tables
+from bcid.recording.formats.ros_encoding import compile_ros_reader
 from bcid.vehicle import read_vehicle
 small, large, vehicle = Path(sys.argv[1]), Path(sys.argv[2]), read_vehicle(Path(sys.argv[3]))
 read_motive_poses(small, vehicle)

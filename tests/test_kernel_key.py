@@ -86,7 +86,8 @@ def test_an_edit_of_what_a_kernel_does_not_run_leaves_its_key(old: str, new: str
     [
         ("GAIN * x", "x * GAIN * x"), ("OFFSET = 2.0, 3.0", "OFFSET = 2.5, 3.0"), ("{1.0, 2.0}", "{1.0, 2.5}"),
         ("np.array([1.0, 2.0])", "np.array([1.5, 2.0])"), ('("slow", 4)', '("slow", 5)'), ("x > 0.0", "x >= 0.0"),
-        ("@njit_inline", "@njit"), ("    m: float\n    tyre: Tyre", "    tyre: Tyre\n    m: float"),
+        ("@njit_inline", "@njit"), ("@njit\ndef kernel", "@njit_inline\ndef kernel"),
+        ("    m: float\n    tyre: Tyre", "    tyre: Tyre\n    m: float"),
         ("    stiffness: float\n    grip: float", "    grip: float\n    stiffness: float"),
         ("steering.steering_step(x, x, x, x, x)", "x"), ("TABLE[0]", "TABLE[1]"),
     ],

@@ -12,7 +12,7 @@ import numpy as np
 
 from bcid.bench.timing import PeerMissing
 
-FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp-simd", "-shared", "-fPIC")
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-fopenmp-simd", "-fPIC")
 # The widest vector registers, which compilers do not use by themselves.
 WIDE = ("-mprefer-vector-width=512",)
 SOURCES = Path(__file__).parent
@@ -28,13 +28,19 @@ def load_c(source: str, options: Sequence[str] = ()) -> ctypes.CDLL:
     if compiler is None:
         raise PeerMissing("no C compiler (cc) here")
     with tempfile.TemporaryDirectory() as folder:
-        text, library = Path(folder) / "peer.c", Path(folder) / "peer.so"
+        text, code, library = (Path(folder) / name for name in ("peer.c", "peer.o", "peer.so"))
         text.write_text(source, encoding="utf-8")
         # a compiler for other processors knows no width of registers
         for wide in (WIDE, ()):
-            command = [compiler, *FLAGS, *wide, *options, str(text), "-o", str(library), "-lm"]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-            if done.returncode == 0:
+            # linked by itself: with -ffast-math a library sets small numbers to zero in the whole process
+            for command in (
+                [compiler, *FLAGS, *wide, *options, "-c", str(text), "-o", str(code)],
+                [compiler, "-shared", str(code), "-o", str(library), "-lm"],
+            ):
+                done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+                if done.returncode != 0:
+                    break
+            else:
                 return ctypes.CDLL(str(library))
     raise PeerMissing(f"cc does not compile the peer: {done.stderr.strip().splitlines()[-1:]}")
 

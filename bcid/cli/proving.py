@@ -27,7 +27,7 @@ REAL_FILE = "real.json"
 def prove(
     out: Annotated[Path, typer.Option("--out", help="The folder for results; a second run there continues.")],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Run eighteen cases of ten tiers, and --baselines: some eight minutes.")
+        bool, typer.Option("--quick", help="Run twenty cases of twelve tiers, and --baselines: some ten minutes.")
     ] = False,
     seed: Annotated[
         int | None, typer.Option(help="Random seed of concealed effects, drivers and noise. Default: 1.")
@@ -107,7 +107,7 @@ def _write_case(test: BlindTest, name: str, out: Path, sink: Sink, force: bool) 
     """Write the simulated take `name` of a blind test into `out`: recording, vehicle file and concealed effects."""
     from bcid.files.outputs import staged_outputs
     from bcid.proof.blind.blind_test import write_case_files
-    from bcid.simulation.samples import VEHICLE_FILE
+    from bcid.proof.blind.small_files import SIMULATION_FILE
 
     chosen = next((c for c in test.cases if c.name == name), None)
     if chosen is None:
@@ -115,9 +115,12 @@ def _write_case(test: BlindTest, name: str, out: Path, sink: Sink, force: bool) 
         raise UsageError(f"--case {name}: seed {test.seed} has no such case\n  next: name one that it has, {example}")
     with staged_outputs(out, lambda path: force) as staged:
         path = out / write_case_files(chosen, staged).name
-    data = {"recording": str(path), "vehicle": str(out / VEHICLE_FILE), "left_out": list(chosen.left_out)}
+    files, published = chosen.lab_files, str(out / SIMULATION_FILE)
+    data = {"recording": str(path), "vehicle": str(out / files.vehicle_file), "left_out": list(chosen.left_out)}
+    data |= {"simulation": published} if files.simulation else {}
     sink.result(data, lambda: str(path))
-    sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}; the answer is in the same folder")
+    compared = f" --simulation {published}" if files.simulation else ""
+    sink.note(f"next: bcid diagnose {path} --vehicle {data['vehicle']}{compared}; the answer is in the same folder")
     if chosen.left_out:
         sink.note(f"the blind test left out {', '.join(chosen.left_out)}; that command does not, and may name them")
 

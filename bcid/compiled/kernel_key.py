@@ -19,6 +19,9 @@ from numba.core.dispatcher import Dispatcher
 
 from bcid.files.source_code import PACKAGE, digest_with_imports
 
+KERNEL_OPTIONS = "kernel_options"
+"""Name of the attribute of a Python function that tells with which options it is compiled."""
+
 # they make machine code of every kernel: by operators too, which no kernel names
 _COMPILER = ("bcid.compiled.njit", "bcid.compiled.lanes", "bcid.compiled.lane_access")
 
@@ -43,7 +46,8 @@ def _compiler_digest() -> str:
 
 def _function_lines(function: FunctionType, seen: set[Any]) -> Iterator[str]:
     """Lines that describe the Python function `function`, and what it names, unless it is one of those `seen`."""
-    yield f"function {function.__module__}.{function.__qualname__} {function.__defaults__!r}"
+    options = getattr(function, KERNEL_OPTIONS, "")
+    yield f"function {function.__module__}.{function.__qualname__} {function.__defaults__!r} {options}"
     if function in seen:
         return
     seen.add(function)
@@ -90,6 +94,8 @@ def _named_values(function: FunctionType) -> Iterator[tuple[str, Any]]:
         if isinstance(value, ModuleType):
             if _is_ours(value.__name__):
                 yield from ((f"{name}.{further}", getattr(value, further, None)) for further in names)
+            else:
+                yield name, value.__name__
         elif value is not None:
             yield name, value
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
@@ -104,6 +110,8 @@ def _value_lines(value: Any, seen: set[Any]) -> Iterator[str]:
     elif isinstance(value, type) and hasattr(value, "_fields"):
         yield from _tuple_lines(value, seen)
     elif isinstance(value, tuple):
+        if hasattr(value, "_fields"):
+            yield from _tuple_lines(type(value), seen)
         yield f"values {type(value).__qualname__} {len(value)}"
         for item in value:
             yield from _value_lines(item, seen)

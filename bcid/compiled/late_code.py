@@ -6,8 +6,12 @@ level above it, and the body of a parallel loop four times.  Here a function's i
 address is asked for, or it is to be saved, is all that it calls linked into it, each function once; then the whole is
 optimised and made into machine code.  What runs is the same, and is compiled in about half the time.
 
-Two further things make compiling take a third less.  LLVM optimises at its second level: the third gains nothing here,
-where vectors are written out.  And Python looks seldom for garbage, of which compiling makes little.
+Two further things make compiling faster.  Python looks seldom for garbage, of which compiling makes little.  And of
+LLVM's two parts, that which writes machine code works at its second level: its third makes nothing faster here, while
+the passes over the intermediate code need theirs.
+
+An operation that may raise, such as an index into a constant tuple, can keep numba's counting of references to all
+arrays of the function that it is linked into: the calls of NRT_incref in its intermediate code show it.
 """
 
 # mypy: disable-error-code="no-untyped-call,attr-defined"
@@ -23,7 +27,7 @@ from numba.core.registry import cpu_target
 
 # as numba names them: variables for what a function needs of Python, and the bodies of parallel loops
 _ENVIRONMENT, _LOOP_BODY = "_ZN08NumbaEnv", "__numba_parfor_gufunc"
-OPTIMISATION = 2  # LLVM's level
+CODE_GENERATION = 2  # LLVM's level of optimisation there
 # thresholds of Python's garbage collector while numba compiles: it makes millions of objects that stay
 _SELDOM = (50_000, 50, 1000)
 
@@ -119,14 +123,10 @@ class LateCodegen(JITCPUCodegen):
 
     _library_class = LateLibrary
 
-    def _pass_builder(self, **options: Any) -> Any:
-        """LLVM's passes over a module, at our level of optimisation unless `options` name another."""
-        return super()._pass_builder(**{"opt": OPTIMISATION, **options})
-
     def _customize_tm_options(self, options: dict[str, Any]) -> None:
-        """Write the `options` with which LLVM turns intermediate code into machine code."""
+        """Write the `options` with which LLVM turns optimised intermediate code into machine code."""
         super()._customize_tm_options(options)
-        options["opt"] = OPTIMISATION
+        options["opt"] = CODE_GENERATION
 
     def set_env(self, env_name: str, env: Any) -> None:
         """Connect code with what it needs of Python, if it is machine code yet; else that is done once it is."""

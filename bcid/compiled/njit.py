@@ -12,6 +12,7 @@ import numba
 from numba.core.dispatcher import Dispatcher
 
 from bcid.compiled.kernel_cache import KernelCache
+from bcid.compiled.kernel_key import KERNEL_OPTIONS
 from bcid.compiled.late_code import install_late_code
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -31,6 +32,9 @@ def _cached_compiler(**options: Any) -> Callable[[F], F]:
 
     def compile_both_ways(function: F) -> F:
         """The entry of a function, in place of which other compiled functions are given the part."""
+        # a set prints in any order
+        told = sorted((name, str(sorted(x) if isinstance(x, set) else x)) for name, x in options.items())
+        setattr(function, KERNEL_OPTIONS, str(told))
         entry, within = compiled(function), part(function)
         # a plain function where numba is told to compile nothing (NUMBA_DISABLE_JIT)
         if isinstance(entry, Dispatcher):

@@ -46,6 +46,7 @@ class Copies:
             if others or numbers:
                 constants = tuple(np.float32(x) if numbers and isinstance(x, float) else x for x in code.co_consts)
                 copy = FunctionType(code.replace(co_consts=constants), {**globals_, **others, "__name__": self.module})
+                copy.__annotations__, copy.__defaults__ = plain.__annotations__, plain.__defaults__
                 # under which it is cached
                 copy.__qualname__ = (
                     f"{plain.__module__}.{plain.__qualname__}_{'single' if self.single else 'exchanged'}"

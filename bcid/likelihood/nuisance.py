@@ -82,12 +82,13 @@ def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats
     """
     arrays = *layout, *inputs.chain
     key = (*map(id, arrays), inputs.car, inputs.switches.tobytes(), inputs.constants, start.tobytes())
-    if key not in _RECENT:
-        poses = np.asarray(predict_poses(layout, start, *inputs.kernel_arguments))
-        if len(_RECENT) >= RECENT_PREDICTIONS:
-            _RECENT.pop(next(iter(_RECENT)))
-        _RECENT[key] = arrays, poses  # the arrays are kept, so that their ids stay theirs
-    return _RECENT[key][1]
+    if key in _RECENT:
+        return _RECENT[key][1]
+    poses = np.asarray(predict_poses(layout, start, *inputs.kernel_arguments))
+    if len(_RECENT) >= RECENT_PREDICTIONS:
+        _RECENT.pop(next(iter(_RECENT)))
+    _RECENT[key] = arrays, poses  # the arrays are kept, so that their ids stay theirs
+    return poses
 
 
 def remove_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:

@@ -37,8 +37,12 @@ TITLES = {
     "two-minutes": "one effect, two minutes", "thirty-minutes": "one effect, thirty minutes",
     "ten-hertz": "one effect, poses at 10 Hz", "hundred-twenty-hertz": "one effect, poses at 120 Hz",
     "three-times-noise": "one effect, three times the noise",
+    "small-exact": "small car: one effect less than it has", "small-plus": "small car: one effect more",
+    "small-null": "small car: nothing", "small-wrong": "small car: one effect less, four other things wrong",
+    "small-outside": "small car: an effect outside the vocabulary",
 }  # fmt: skip
-"""What is concealed in the takes of a tier; they last ten minutes at 60 Hz where nothing else is said."""
+"""What is concealed in the takes of a tier; they last ten minutes at 60 Hz where nothing else is said, those of small
+cars one to three."""
 
 METHOD_FIGURES = {
     "first": "top1", "detects": "detected", "false alarms": "false", "of the error explained": "explained",

@@ -36,6 +36,7 @@ class Plant(NamedTuple):
     rear_drive: float = 0.0  # share of motor force and rolling drag at the rear axle
     throttle_force: float = 0.0  # N per unit throttle where the throttle sets a force, not a speed
     motor_fade: float = 0.0  # N s/m that such a motor loses with the speed
+    pulsed_fade: float = 0.0  # N s/m at full throttle that it loses besides, in proportion to the throttle
     reverses: float = 0.0  # 1 where a throttle below zero drives backward and does not brake
 
     # extras of a real car: zero switches each off
@@ -106,6 +107,22 @@ class Plant(NamedTuple):
     steering_shimmy: float = 0.0  # rad, the wheel swings by itself
     steering_reaction: float = 0.0  # N m s, moment against the servo's rate
     washboard: float = 0.0  # N, a floor of waves along x
+    tyre_warming: float = 0.0  # share of the front stiffness lost in the middle of the take, and regained
+    bearing_heat: float = 0.0  # N, dry friction that comes until the middle of the take, and goes
+    steering_creep: float = 0.0  # rad, the servo's zero wanders until the middle of the take, and back
+    motor_heating: float = 0.0  # share of its force that a motor loses when it is hot
+    brake_fading: float = 0.0  # share of its force that a brake loses when it is hot
+    stick_slip: float = 0.0  # N, friction that is there near standstill only
+    stick_speed: float = 0.3  # m/s in which it fades
+    floor_stripes: float = 0.0  # N, dry friction on stripes across y
+    attraction: float = 0.0  # N, towards a magnet, at its strongest
+    attraction_x: float = 0.0
+    attraction_y: float = 0.0
+    attraction_reach: float = 1.0  # m, where it is strongest
+    floor_sway: float = 0.0  # N, to and fro in time
+    gusts: float = 0.0  # N, wind from one side of the room, felt broadside
+    compass_moment: float = 0.0  # N m, turns the car towards one heading
+    swinging_load: float = 0.0  # share of the mass that hangs on springs
 
 
 class Sensor(NamedTuple):
@@ -123,6 +140,7 @@ class Sensor(NamedTuple):
     body_yaw_misalignment: float = 0.0
     pose_scale: float = 0.0
     lens_distortion: float = 0.0  # 1/m^2, positions grow with the square of the distance from the middle
+    camera_shake: float = 0.0  # m, all cameras shake together
 
 
 REAL_EXTRAS = {
@@ -134,7 +152,8 @@ REAL_EXTRAS = {
 NOT_NEGATIVE = (
     "friction_circle", "motor_regeneration", "motor_lag", "motor_delay", "motor_dead_zone", "motor_power_limit",
     "steering_lag", "steering_delay", "steering_backlash", "steering_dead_band", "tyre_relaxation", "softness",
-    "tyre_soft_saturation", "tyre_fall", "rear_track", "rough_force", "rough_moment",
+    "tyre_soft_saturation", "tyre_fall", "rear_track", "rough_force", "rough_moment", "motor_heating", "brake_fading",
+    "swinging_load", "stick_speed", "attraction_reach",
 )  # fmt: skip
 """Constants that mean nothing below zero."""
 

@@ -10,12 +10,14 @@ from bcid.aliases import Floats
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.driver import DRAWS_PER_DECISION, SimulatedArena, choose_target, follow_path
-from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, PlantInputs, advance_plant
+from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, advance_plant
+from bcid.simulation.wheels import PlantInputs
 
 COMMAND_HZ = 20
 TRUTH_HZ = 10
 ROUGHNESS_TIME_S = 0.3
 SAME_TIME_S = 1e-9
+SHAKE_S = 0.9  # in which shaking cameras swing once
 
 
 class Drive(NamedTuple):
@@ -109,12 +111,12 @@ def simulate_drive(
     normal = rng.standard_normal((count * (STEPS_PER_S // COMMAND_HZ), 3))
     given = np.empty((0, 2)) if given_commands is None else given_commands
     states, commands = _simulate(plant, arena or SimulatedArena(), duration, uniform, normal, given, follows_path)
-    frame, pose = _capture_poses(states, sensor, duration, rng)
+    frame, pose = capture_poses(states, sensor, duration, rng)
     rows = np.arange(0, len(states), STEPS_PER_S // TRUTH_HZ)
-    return Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, _sample_truth(states[rows], rows / STEPS_PER_S))
+    return Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, sample_truth(states[rows], rows / STEPS_PER_S))
 
 
-def _sample_truth(s: Floats, time: Floats) -> Floats:
+def sample_truth(s: Floats, time: Floats) -> Floats:
     """True motion (K, 8) from plant states (K, STATE_SIZE) at `time` (K,) (s).
 
     Columns are time, x, y (m), yaw (rad), v_x, v_y (m/s, body frame), yaw rate (rad/s), servo angle (rad).
@@ -124,7 +126,7 @@ def _sample_truth(s: Floats, time: Floats) -> Floats:
     return np.column_stack([time, s[:, :3], along, across, s[:, 5], s[:, 6]])
 
 
-def _capture_poses(
+def capture_poses(
     states: Floats, sensor: Sensor, duration: float, rng: np.random.Generator
 ) -> tuple[npt.NDArray[np.int64], Floats]:
     """Frame numbers (F,) and measured poses (F, 3) of the motion capture: x, y (m), yaw (rad), NaN where dropped."""
@@ -137,6 +139,8 @@ def _capture_poses(
     y = y + sin_h * sensor.marker_offset_x + cos_h * sensor.marker_offset_y
     grown = 1.0 + sensor.pose_scale + sensor.lens_distortion * (x * x + y * y)
     pose = np.column_stack([grown * x, grown * y, heading + sensor.body_yaw_misalignment])
+    if sensor.camera_shake != 0.0:
+        pose[:, 0] += sensor.camera_shake * np.sin(2.0 * np.pi * frame / sensor.rate_hz / SHAKE_S)
     pose += rng.standard_normal(pose.shape) * [sensor.position_noise, sensor.position_noise, sensor.yaw_noise]
     for start in rng.uniform(0.5, duration, rng.poisson(sensor.dropouts_per_minute * duration / 60.0)):
         length = rng.uniform(1.0 / sensor.rate_hz, sensor.longest_dropout)

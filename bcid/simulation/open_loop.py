@@ -9,7 +9,8 @@ from bcid.aliases import Floats
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
 from bcid.simulation.drive import ROUGHNESS_TIME_S, SAME_TIME_S
-from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, PlantInputs, advance_plant
+from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, advance_plant
+from bcid.simulation.wheels import PlantInputs
 
 
 class OpenLoopDrive(NamedTuple):

@@ -9,9 +9,8 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.simulation.drive import Drive
 
-POSE_TOPIC = "/mocap/bumper_car/pose"
-COMMAND_TOPIC = "/bumper_car/command"
 BODY = "bumper_car"
+POSE_TOPIC = f"/mocap/{BODY}/pose"
 EPOCH_NS = 1_767_225_600_000_000_000  # the simulated takes all begin at this instant
 POSE_LATENCY_NS = 8_000_000  # what a pose takes to reach the recorder
 HEIGHT_M = 0.35
@@ -74,8 +73,11 @@ _COMMAND_SCHEMA = {
 }  # fmt: skip
 
 
-def write_mcap_take(path: Path, drive: Drive, rate_hz: float, seed: int) -> None:
-    """Write a drive as an MCAP file: foxglove.PoseInFrame poses, JSON commands, Z up; `seed` draws pose delays."""
+def write_mcap_take(path: Path, drive: Drive, rate_hz: float, seed: int, body: str = BODY) -> None:
+    """Write a drive as an MCAP file: foxglove.PoseInFrame poses, JSON commands, Z up; `seed` draws pose delays.
+
+    The topics are /mocap/BODY/pose and /BODY/command, of the car's name `body`.
+    """
     from mcap.writer import CompressionType, Writer
 
     rng = np.random.default_rng([seed, 2])
@@ -83,21 +85,21 @@ def write_mcap_take(path: Path, drive: Drive, rate_hz: float, seed: int) -> None
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(library="bcid simulation")
-        topics = {}
+        topics, pose_topic, command_topic = {}, f"/mocap/{body}/pose", f"/{body}/command"
         for topic, name, schema in (
-            (POSE_TOPIC, "foxglove.PoseInFrame", _POSE_SCHEMA),
-            (COMMAND_TOPIC, "bcid.Command", _COMMAND_SCHEMA),
+            (pose_topic, "foxglove.PoseInFrame", _POSE_SCHEMA),
+            (command_topic, "bcid.Command", _COMMAND_SCHEMA),
         ):
             schema_id = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
             topics[topic] = writer.register_channel(topic, "json", schema_id)
         entries = []
         for k in np.flatnonzero(np.isfinite(drive.pose[:, 0])):
             stamp = EPOCH_NS + round(drive.frame[k] * 1e9 / rate_hz)
-            entries.append((stamp + int(late[k]), stamp, POSE_TOPIC, _pose_message(stamp, drive.pose[k])))
+            entries.append((stamp + int(late[k]), stamp, pose_topic, _pose_message(stamp, drive.pose[k])))
         for t, (steer, throttle) in zip(drive.command_time, drive.command, strict=True):
             stamp = EPOCH_NS + round(t * 1e9)
             command = {"steering_rad": round(steer, 6), "throttle_mps": round(throttle, 6)}
-            entries.append((stamp, stamp, COMMAND_TOPIC, {"timestamp": _timestamp(stamp), **command}))
+            entries.append((stamp, stamp, command_topic, {"timestamp": _timestamp(stamp), **command}))
         for log_time, stamp, topic, message in sorted(entries, key=lambda e: e[0]):
             data = json.dumps(message, separators=(",", ":")).encode()
             writer.add_message(topics[topic], log_time=log_time, publish_time=stamp, data=data)

@@ -1,5 +1,7 @@
 """The blind test: takes that conceal effects, sealed answers, their diagnoses, and other methods on the same takes.
 
-`blind_test` (from end to end), `cases` (a suite, drawn from a seed), `concealed_effects` (what they conceal), `seal`
-(of their answers), `run_cases` (all of them), `diagnose_case` (one), `baselines` (other methods), `limits` (of these).
+`blind_test` (from end to end), `cases` (a suite, drawn from a seed), `blind_case` (one take and its answer),
+`concealed_effects` (what they conceal), `seal` (of their answers), `run_cases` (all of them), `diagnose_case` (one),
+`baselines` (other methods), `limits` (of these).  Of small cars: `small_suite` (their tiers), `small_case` (one take),
+`small_effects` (what they conceal), `small_files` (their vehicle file and published simulation).
 """

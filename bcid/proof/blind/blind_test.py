@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from bcid.documents.prove import ProveDocument
-from bcid.proof.blind.cases import BlindCase, draw_quick_suite, draw_suite, thin_tiers
+from bcid.proof.blind.blind_case import BlindCase
+from bcid.proof.blind.cases import draw_quick_suite, draw_suite, thin_tiers
 from bcid.proof.blind.run_cases import case_code_digest, count_cases_with_rows, run_all_cases
 from bcid.proof.blind.seal import case_answer, open_seals, write_seals
+from bcid.proof.blind.small_files import SIMULATION_FILE
 from bcid.proof.rows import count_written_rows
 from bcid.proof.scores.outcome import blind_outcome
-from bcid.simulation.samples import VEHICLE, VEHICLE_FILE
 from bcid.simulation.writing import write_mcap_take
 
 
@@ -22,8 +23,8 @@ from bcid.simulation.writing import write_mcap_take
 class SuiteSizes:
     """Number of takes in the tiers of a suite."""
 
-    repeats: int = 3  # takes of each effect that conceal it alone
-    nulls: int = 300  # takes that conceal nothing
+    repeats: int = 3  # takes of each effect that conceal it alone, and so many in each tier of small cars
+    nulls: int = 300  # takes that conceal nothing, and a fifth of it of small cars
     imperfect_nulls: int = 100  # and in a car that the base model does not fit
     pairs: int = 50  # takes that conceal two effects
     every: int = 1  # only one case in so many of each tier
@@ -35,7 +36,7 @@ class BlindTest:
 
     seed: int = 1
     salt: str = ""  # without one nothing is sealed
-    quick: bool = False  # eighteen cases
+    quick: bool = False  # twenty cases
     sizes: SuiteSizes = SuiteSizes()
     with_baselines: bool = False  # other methods run on the same takes
 
@@ -50,11 +51,14 @@ class BlindTest:
 def write_case_files(case: BlindCase, folder: Path) -> Path:
     """Write a blind case (a simulated drive with concealed effects) into a folder: recording, vehicle file and answer.
 
-    The recording is MCAP, the answer JSON; a file of one of these names is replaced.  Returns the recording's path.
+    The recording is MCAP, the answer JSON; where there is a published simulation to compare with, it is written, too.
+    A file of one of these names is replaced.  Returns the recording's path.
     """
-    path = folder / f"{case.name}.mcap"
-    write_mcap_take(path, case.simulate(), case.rate_hz, case.seed)
-    (folder / VEHICLE_FILE).write_text(VEHICLE, encoding="utf-8")
+    path, files = folder / f"{case.name}.mcap", case.lab_files
+    write_mcap_take(path, case.simulate(), case.rate_hz, case.seed, files.body)
+    (folder / files.vehicle_file).write_text(files.vehicle, encoding="utf-8")
+    if files.simulation:
+        (folder / SIMULATION_FILE).write_text(files.simulation, encoding="utf-8")
     (folder / f"{case.name}.answer.json").write_text(json.dumps(case_answer(case), indent=1), encoding="utf-8")
     return path
 

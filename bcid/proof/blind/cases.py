@@ -1,29 +1,25 @@
 """The suites of a blind test: cases of all tiers, drawn from one seed."""
 
-import hashlib
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from bcid.proof.blind.blind_case import USUAL_CASE, BlindCase
 from bcid.proof.blind.concealed_effects import (
-    BASE_FLAW_RANGES,
     LARGEST_SIZES,
     MEASUREMENT_EFFECTS,
+    MORE_OUTSIDE_EFFECTS,
     OUTSIDE_EFFECTS,
     SIZE_RANGES,
     ConcealedEffect,
     draw_concealed_effect,
     draw_outside_effect,
 )
-from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.drive import Drive, simulate_drive, slow_circle_commands
+from bcid.proof.blind.small_suite import draft_small_cases
 
-ROUGHNESS = {"rough_force": 3.0, "rough_moment": 1.5}
-"""Random force (N) and moment (N m) of the floor where the base model is imperfect or the recording is not a usual one.
-"""
 FAMILIES = {
     "fx": (
         "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag",
@@ -57,84 +53,14 @@ HARDER_RECORDINGS = (
 UNUSUAL_RECORDINGS = (("thirty-minutes", 1800.0, 60.0, 1.0, 8), ("hundred-twenty-hertz", 600.0, 120.0, 1.0, 4))
 """Tiers of other recordings: name, duration (s), poses per second, times the usual noise; one effect in so many."""
 
+NULLS_PER_SMALL_NULL = 5
+"""Takes of the big car that conceal nothing for each such take of a small car."""
+
 UNEXCITED_BY_CIRCLES = (
     "motor_power_limit", "friction_circle", "tyre_soft_saturation", "load_transfer", "steering_rate_asymmetry",
     "motor_regeneration",
 )  # fmt: skip
 """Effects that slow circles do not show."""
-
-
-@dataclass(frozen=True)
-class BlindCase:
-    """One simulated take with concealed effects, and its answer."""
-
-    tier: str
-    number: int
-    concealed: tuple[ConcealedEffect, ...]
-    imperfect: bool = False
-    left_out: tuple[str, ...] = ()
-    channel: str = ""  # of a left-out family
-    duration_s: float = 600.0
-    rate_hz: float = 60.0
-    noise: float = 1.0  # times the usual
-    driver: Literal["drawn", "pursuit", "circles"] = "drawn"
-    seed: int = 0
-
-    @property
-    def name(self) -> str:
-        """The case's name, unique within a suite: its tier and number."""
-        return f"{self.tier}-{self.number:04d}"
-
-    @property
-    def answer(self) -> tuple[str, ...]:
-        """Ids of the concealed effects."""
-        return tuple(c.effect for c in self.concealed)
-
-    @property
-    def nameable_effects(self) -> dict[str, dict[str, float]]:
-        """True parameters by symbol of each concealed effect that the diagnosis may name."""
-        return {} if self.channel else {c.effect: dict(c.parameters) for c in self.concealed}
-
-    def plant(self) -> Plant:
-        """The simulated car with the concealed effects, and with flaws that no effect describes if it is imperfect."""
-        rng = np.random.default_rng([self.seed, self.number, 7])
-        flaws = {name: float(rng.uniform(low, high)) for name, (low, high) in BASE_FLAW_RANGES.items()}
-        base = {**ROUGHNESS, **flaws} if self.imperfect else {}
-        if (self.duration_s, self.rate_hz, self.noise) != (USUAL_CASE.duration_s, USUAL_CASE.rate_hz, USUAL_CASE.noise):
-            base |= ROUGHNESS
-        more = {k: v for c in self.concealed for k, v in c.plant.items()}
-        return Plant(**{**base, **more})
-
-    def digest(self) -> str:
-        """Digest (16 hex digits) of what is driven and of the names left out, whatever the case's tier and number."""
-        made: list[object] = [self._drive_seed(), self.driver, self.duration_s, self.left_out]
-        for values, usual in ((self.plant(), Plant()), (self.sensor(), Sensor())):
-            made.append([(k, v) for k, v in values._asdict().items() if v != getattr(usual, k)])
-        return hashlib.sha256(repr(made).encode()).hexdigest()[:16]
-
-    def sensor(self) -> Sensor:
-        """The simulated motion capture with the concealed effects."""
-        more = {k: v for c in self.concealed for k, v in c.sensor.items()}
-        usual = Sensor()
-        return usual._replace(
-            rate_hz=self.rate_hz, position_noise=self.noise * usual.position_noise,
-            yaw_noise=self.noise * usual.yaw_noise, **more,
-        )  # fmt: skip
-
-    def simulate(self) -> Drive:
-        """Simulate the case's drive: its car, driver and motion capture."""
-        given = slow_circle_commands(self.duration_s) if self.driver == "circles" else None
-        return simulate_drive(
-            self.plant(), self.sensor(), self.duration_s, self._drive_seed(), given_commands=given,
-            follows_path=self.driver == "pursuit",
-        )  # fmt: skip
-
-    def _drive_seed(self) -> int:
-        """Seed of the driver and of the noise."""
-        return int(np.random.default_rng([self.seed, self.number, 11]).integers(2**31))
-
-
-USUAL_CASE = BlindCase("usual", 0, ())
 
 
 EffectDraw = Callable[[np.random.Generator], tuple[ConcealedEffect, ...]]
@@ -154,11 +80,14 @@ def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs:
 
     A tier is a kind of case.  There are `repeats` cases of each effect alone, `nulls` without any effect,
     `imperfect_nulls` without any, but in a car that the base model cannot fit exactly, and `pairs` of two effects;
-    further tiers have sizes of their own.  Each case has its own random generator.
+    further tiers have sizes of their own, among them those of small cars.  Each case has its own random generator.
     """
-    for number, draft in enumerate(_draft_cases(repeats, nulls, imperfect_nulls, pairs)):
+    big = list(_draft_cases(repeats, nulls, imperfect_nulls, pairs))
+    for number, draft in enumerate(big):
         hidden = draft.draw_effects(np.random.default_rng([seed, number, 3]))
         yield BlindCase(draft.tier, number, hidden, seed=seed, **draft.fields)
+    small = draft_small_cases(repeats, math.ceil(nulls / NULLS_PER_SMALL_NULL))
+    yield from (draw_case(seed, number) for number, draw_case in enumerate(small, len(big)))
 
 
 def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_CaseDraft]:
@@ -192,6 +121,9 @@ def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> 
     for effect in [*SIZE_RANGES][1::2]:
         yield _CaseDraft("closed-loop", _one_effect_draw(effect), {"driver": "pursuit"})
     yield from _draft_recordings(UNUSUAL_RECORDINGS, first=2)
+    # last, so that no case before has another number than it had
+    for effect, (channel, _) in repeats * [*MORE_OUTSIDE_EFFECTS.items()]:
+        yield _CaseDraft("outside", _outside_effect_draw(effect), {"channel": channel})
 
 
 def _draft_recordings(recordings: Sequence[tuple[str, float, float, float, int]], first: int) -> Iterator[_CaseDraft]:
@@ -217,7 +149,8 @@ def _one_effect_draw(effect: str, duration: float = USUAL_CASE.duration_s, facto
 def _outside_effect_draw(effect: str) -> EffectDraw:
     """Return a function that draws the size of an effect that the diagnosis cannot name, from a random generator.
 
-    Such an effect, of OUTSIDE_EFFECTS, exists only in the simulation and not among the 41 that a diagnosis knows.
+    Such an effect, of OUTSIDE_EFFECTS or MORE_OUTSIDE_EFFECTS, exists only in the simulation and not among those that a
+    diagnosis knows.
     """
     return lambda rng: (draw_outside_effect(effect, rng),)
 
@@ -247,14 +180,14 @@ def thin_tiers(cases: list[BlindCase], every: int) -> list[BlindCase]:
 
 
 QUICK_STRIDES = {
-    "single": 30, "single-imperfect": 60, "null": 100, "null-imperfect": 100, "left-out": 20, "pair": 50, "outside": 14,
-    "unexcited": 6, "closed-loop": 20, "two-minutes": 11,
+    "single": 30, "single-imperfect": 60, "null": 100, "null-imperfect": 100, "left-out": 20, "pair": 50, "outside": 40,
+    "unexcited": 6, "closed-loop": 20, "two-minutes": 11, "small-exact": 99, "small-wrong": 99,
 }  # fmt: skip
-"""A quick suite has about one case in so many of each tier, eighteen in all."""
+"""A quick suite has about one case in so many of each tier, and at least one: twenty in all."""
 
 
 def draw_quick_suite(cases: Sequence[BlindCase], seed: int) -> list[BlindCase]:
-    """Draw about eighteen of the `cases` at random: one in QUICK_STRIDES[tier] of each tier (kind of case) listed.
+    """Draw about twenty of the `cases` at random: one in QUICK_STRIDES[tier] of each tier (kind of case) listed.
 
     Cases of one tier conceal different effects where there are enough different ones.
     """

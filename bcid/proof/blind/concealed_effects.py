@@ -94,7 +94,45 @@ BASE_FLAW_RANGES = {"rear_track": (0.4, 0.7), "tyre_fall": (0.1, 0.4), "slip_spe
 """Ranges of the simulation's constants that make the base model imperfect and that no effect describes."""
 
 
-def _draw_size(size: SizeRange, rng: np.random.Generator, factor: float = 1.0, largest: float = np.inf) -> float:
+MORE_OUTSIDE_EFFECTS: dict[str, tuple[str, SizeRange]] = {
+    "bearing_heat": ("fx", SizeRange("bearing_heat", "", 25, 60)),
+    "stick_slip": ("fx", SizeRange("stick_slip", "", 60, 150)),
+    "floor_stripes": ("fx", SizeRange("floor_stripes", "", 30, 70)),
+    "attraction": ("fx", SizeRange("attraction", "", 25, 60)),
+    "floor_sway": ("fx", SizeRange("floor_sway", "", 15, 40)),
+    "swinging_load": ("fx", SizeRange("swinging_load", "", 0.1, 0.3)),
+    "gusts": ("fy", SizeRange("gusts", "", 40, 100)),
+    "tyre_warming": ("fy", SizeRange("tyre_warming", "", 0.15, 0.4)),
+    "compass_moment": ("mz", SizeRange("compass_moment", "", 15, 35, signed=True)),
+    "motor_heating": ("motor", SizeRange("motor_heating", "", 0.15, 0.4)),
+    "brake_fading": ("motor", SizeRange("brake_fading", "", 1.5, 3.5)),
+    "steering_creep": ("steering", SizeRange("steering_creep", "", 0.012, 0.03, signed=True)),
+    "camera_shake": ("pose", SizeRange("camera_shake", "", 0.001, 0.003)),
+}
+"""Further ones: slow changes, periodic forces, attractions, fading, resonance; a suite has them after all that it had.
+"""
+
+OF_THE_CAPTURE = ("lens_distortion", "camera_shake")
+"""Effects outside the vocabulary that are in the motion capture."""
+
+
+class Places(NamedTuple):
+    """Where in an arena an effect is put that has a place: largest |x|, |y|, and ranges, in m."""
+
+    patch_x: float
+    patch_y: float
+    radius: tuple[float, float]
+    anchor_x: float
+    anchor_y: float
+    slack: tuple[float, float]
+    reach: tuple[float, float]
+
+
+ARENA = Places(3.5, 1.5, (0.9, 1.5), 6.0, 3.5, (0.5, 2.0), (1.0, 2.0))
+"""Places in the arena of the bumper car."""
+
+
+def draw_size(size: SizeRange, rng: np.random.Generator, factor: float = 1.0, largest: float = np.inf) -> float:
     """Draw an effect's size log-uniformly from its range, times `factor`, and limit it to `largest`.
 
     If the range is `signed`, the sign is random; otherwise the size is positive.
@@ -112,7 +150,18 @@ def draw_concealed_effect(
     of a cable are uniform; a change of mass happens at 0.3 to 0.7 of `duration` (s).
     """
     size = SIZE_RANGES[effect]
-    value = _draw_size(size, rng, factor, LARGEST_SIZES.get(effect, np.inf))
+    value = draw_size(size, rng, factor, LARGEST_SIZES.get(effect, np.inf))
+    return place_effect(effect, size, value, rng, duration, ARENA)
+
+
+def place_effect(
+    effect: str, size: SizeRange, value: float, rng: np.random.Generator, duration: float, places: Places
+) -> ConcealedEffect:
+    """An effect of the size `value`, with the direction, place or time that it has drawn.
+
+    `size` has the names of the parameter and of the simulation's constant.  Directions, circles on the floor and
+    anchors of a cable are uniform in `places`; a change of mass happens at 0.3 to 0.7 of `duration` (s).
+    """
     constants, parameters = {size.constant: value}, {size.symbol: value}
     if effect in ("floor_slope", "marker_offset"):
         angle = rng.uniform(-np.pi, np.pi)
@@ -120,11 +169,13 @@ def draw_concealed_effect(
         constants = {f"{effect}_{axis}": v for axis, v in vector.items()}
         parameters = {f"{size.symbol}_{axis}": v for axis, v in vector.items()}
     elif effect in ("rough_patch", "slippery_patch"):
-        x, y, radius = (float(v) for v in (rng.uniform(-3.5, 3.5), rng.uniform(-1.5, 1.5), rng.uniform(0.9, 1.5)))
+        x, y = (float(rng.uniform(-reach, reach)) for reach in (places.patch_x, places.patch_y))
+        radius = float(rng.uniform(*places.radius))
         constants |= {f"{effect}_x": x, f"{effect}_y": y, f"{effect}_radius": radius}
         parameters |= {"x": x, "y": y, "radius": radius}
     elif effect == "tether_pull":
-        x, y, slack = (float(v) for v in (rng.uniform(-6.0, 6.0), rng.uniform(-3.5, 3.5), rng.uniform(0.5, 2.0)))
+        x, y = (float(rng.uniform(-reach, reach)) for reach in (places.anchor_x, places.anchor_y))
+        slack = float(rng.uniform(*places.slack))
         constants |= {"tether_x": x, "tether_y": y, "tether_slack": slack}
         parameters |= {"x": x, "y": y, "r_0": slack}
     elif effect == "mass_change":
@@ -135,7 +186,20 @@ def draw_concealed_effect(
 
 
 def draw_outside_effect(name: str, rng: np.random.Generator) -> ConcealedEffect:
-    """Draw size and sign of an effect of OUTSIDE_EFFECTS: only the simulation has it, no diagnosis can name it."""
-    _, size = OUTSIDE_EFFECTS[name]
-    where = {size.constant: _draw_size(size, rng)}
-    return ConcealedEffect(name, sensor=where) if name == "lens_distortion" else ConcealedEffect(name, plant=where)
+    """Draw size, sign and place of an effect that only the simulation has and that no diagnosis can name.
+
+    It is one of OUTSIDE_EFFECTS or MORE_OUTSIDE_EFFECTS.
+    """
+    _, size = (OUTSIDE_EFFECTS | MORE_OUTSIDE_EFFECTS)[name]
+    return place_outside_effect(name, {size.constant: draw_size(size, rng)}, rng, ARENA)
+
+
+def place_outside_effect(
+    name: str, constants: Mapping[str, float], rng: np.random.Generator, places: Places
+) -> ConcealedEffect:
+    """An effect outside the vocabulary with these `constants` of the simulation; a magnet is put into `places`."""
+    where = dict(constants)
+    if name == "attraction":
+        x, y = (float(rng.uniform(-reach, reach)) for reach in (places.patch_x, places.patch_y))
+        where |= {"attraction_x": x, "attraction_y": y, "attraction_reach": float(rng.uniform(*places.reach))}
+    return ConcealedEffect(name, sensor=where) if name in OF_THE_CAPTURE else ConcealedEffect(name, plant=where)

@@ -8,30 +8,39 @@ from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
 from bcid.diagnosis.judge.held_out import held_out_log_likelihoods
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
+from bcid.estimate.tune import tune_estimator
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import refit
 from bcid.proof.rows import diagnosis_row
 from bcid.simulation.drive import Drive
-from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
+from bcid.simulation.samples import VEHICLE
+from bcid.virtual_lab import TUNING, read_simulation_text, read_vehicle_text, record_drive
+
+# as a pipeline file has them where it says nothing else
+PERIOD_S, MAX_GAP_S = 0.1, 0.3
 
 
 def diagnose_concealed_drive(
-    drive: Drive, rate_hz: float, left_out: tuple[str, ...], truth: Mapping[str, Mapping[str, float]]
-) -> tuple[dict[str, Any], Diagnosis]:
+    drive: Drive, rate_hz: float, left_out: tuple[str, ...], truth: Mapping[str, Mapping[str, float]],
+    vehicle_text: str = VEHICLE, simulation_text: str = "",
+) -> tuple[dict[str, Any], Diagnosis]:  # fmt: skip
     """Record and diagnose a simulated drive with concealed effects; return the JSON row to be scored and the Diagnosis.
 
-    The diagnosis is given only the recording, with poses at `rate_hz`, the vehicle file, and `left_out`, ids of
-    effects that it is forbidden to name.  `truth`, the concealed effects' parameters by effect and symbol, is used
-    afterwards for comparison.
+    The diagnosis is given only the recording, with poses at `rate_hz`, the vehicle file, a published simulation if
+    there is one (TOML, `simulation_text`), and `left_out`, ids of effects that it is forbidden to name.  The estimator
+    has what `tune` finds: of the bumper car once for all its takes, of another car from the take.  `truth`, the
+    concealed effects' parameters by effect and symbol, is used afterwards for comparison.
     """
-    vehicle = simulated_vehicle()
+    vehicle = read_vehicle_text(vehicle_text)
     recording = record_drive(drive, rate_hz, vehicle, "concealed")
-    begin = time.perf_counter()
-    estimate = estimate_motion(recording, vehicle, TUNING)
-    diagnosis = diagnose_recordings([recording], [estimate], vehicle, excluded=left_out)
-    seconds = time.perf_counter() - begin
-    row = {**diagnosis_row(diagnosis), "seconds": round(seconds, 2), **_oracle_gain_share(truth, diagnosis)}
-    return row, diagnosis
+    begin, process = time.perf_counter(), time.process_time()
+    tuning = TUNING if vehicle_text == VEHICLE else tune_estimator([recording], vehicle, PERIOD_S, MAX_GAP_S, {})
+    estimate = estimate_motion(recording, vehicle, tuning)
+    reference = read_simulation_text(simulation_text, estimate, vehicle) if simulation_text else None
+    diagnosis = diagnose_recordings([recording], [estimate], vehicle, reference=reference, excluded=left_out)
+    seconds, cpu = time.perf_counter() - begin, time.process_time() - process
+    row = {**diagnosis_row(diagnosis), "seconds": round(seconds, 2), "cpu_seconds": round(cpu, 2)}
+    return {**row, **_oracle_gain_share(truth, diagnosis)}, diagnosis
 
 
 def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diagnosis) -> dict[str, Any]:
@@ -49,7 +58,7 @@ def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diag
     hypothesis, old = corrected.hypothesis.with_effects(*held), fit.effect_estimates()
     values = [
         parameters[p.symbol] if name == effect else old[field][0]
-        for name in held
+        for name in hypothesis.effects
         for field, p in zip(hypothesis.entries[name].fields, hypothesis.entries[name].parameters, strict=True)
     ]
     near = fit if hypothesis.effects == fit.hypothesis.effects else corrected

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from bcid.proof.blind.cases import BlindCase
+from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.diagnose_case import diagnose_concealed_drive
 from bcid.proof.rows import append_row, code_digest, read_rows
 from bcid.proof.workers import run_jobs
 
-ROW_MODULES = ("bcid.simulation.drive", "bcid.proof.blind.diagnose_case")
+ROW_MODULES = ("bcid.simulation.drive", "bcid.simulation.room_drive", "bcid.proof.blind.diagnose_case")
 """Modules whose code, with all that they import, decides what a row holds."""
 
 
@@ -22,12 +22,13 @@ def case_truth(case: BlindCase) -> dict[str, Any]:
 
     They are "case" (name), "tier" (kind of case), "duration_s", "answer" (ids of the concealed effects), "truth"
     (their parameters by effect and symbol), "left_out" (ids that the diagnosis is forbidden to name) and "channel"
-    (where an effect acts that the diagnosis cannot name, such as "fx"; "" if it can).
+    (where an effect acts that the diagnosis cannot name, such as "fx"; "" if it can).  "also" has ids of effects that
+    are there besides and may be named, or not.
     """
     return {
         "case": case.name, "tier": case.tier, "answer": list(case.answer), "channel": case.channel,
-        "truth": {c.effect: dict(c.parameters) for c in case.concealed}, "left_out": list(case.left_out),
-        "duration_s": case.duration_s,
+        "truth": {**{c.effect: dict(c.parameters) for c in case.concealed}, **case.also},
+        "left_out": list(case.left_out), "duration_s": case.duration_s, "also": list(case.also),
     }  # fmt: skip
 
 
@@ -89,7 +90,10 @@ def run_blind_case(case: BlindCase, with_baselines: bool = False) -> dict[str, A
 
     With `with_baselines` the field "others" has the answers of other methods to the same recording.
     """
-    row, diagnosis = diagnose_concealed_drive(case.simulate(), case.rate_hz, case.left_out, case.nameable_effects)
+    files = case.lab_files
+    row, diagnosis = diagnose_concealed_drive(
+        case.simulate(), case.rate_hz, case.left_out, case.nameable_effects, files.vehicle, files.simulation
+    )
     if with_baselines:
         from bcid.proof.blind.baselines import run_baselines
 

@@ -16,7 +16,7 @@ from pydantic import Field
 from bcid.documents.document import Document
 from bcid.errors import InputRefused, UsageError
 from bcid.files.outputs import replace_whole
-from bcid.proof.blind.cases import BlindCase
+from bcid.proof.blind.blind_case import BlindCase
 
 SEALS_FILE, ANSWERS_FILE = "seals.json", "answers.json"
 Count = Annotated[int, Field(ge=0)]
@@ -34,12 +34,14 @@ class SealsDocument(Document):
 def case_answer(case: BlindCase) -> dict[str, Any]:
     """All that is concealed in a blind case, as JSON: effects, parameters, and ids that the diagnosis may not name.
 
-    Also the simulation's constants that make the effects, and whether its car has flaws that no effect describes.
+    Also the simulation's constants that make the effects, and whether its car has flaws that no effect describes; of a
+    small car, the effects that are there beside the answer.
     """
+    beside = {"also": case.also} if case.also else {}
     return {
         "case": case.name, "effects": {c.effect: dict(c.parameters) for c in case.concealed},
         "constants": {c.effect: {**c.plant, **c.sensor} for c in case.concealed}, "left_out": list(case.left_out),
-        "channel": case.channel, "imperfect": case.imperfect,
+        "channel": case.channel, "imperfect": case.imperfect, **beside,
     }  # fmt: skip
 
 

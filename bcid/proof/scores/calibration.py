@@ -17,13 +17,14 @@ def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
     """Calibration of stated probabilities: mean probability and share of true names in bins, and the Brier score.
 
     A blind case's row has "findings" (named effects, each with its "probability") and "answer" (ids of the concealed
-    effects).  Any name for an effect that the diagnosis cannot name, or that was excluded, is false.
+    effects), perhaps "also" (effects there besides).  Any name for an effect that the diagnosis cannot name, or that
+    was excluded, is false.
     """
     stated, there = [], []
     for row in rows:
         for finding in row.get("findings", []):
             stated.append(finding["probability"])
-            there.append(float(finding["effect"] in row["answer"]))
+            there.append(float(finding["effect"] in (*row["answer"], *row.get("also", ()))))
     p, y = np.array(stated), np.array(there)
     bins = []
     for low, high in itertools.pairwise(PROBABILITY_EDGES):

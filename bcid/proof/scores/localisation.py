@@ -9,9 +9,10 @@ from bcid.effects.table import EFFECTS
 ALL_CHANNELS = "any"
 TWO_CHANNEL_EFFECTS = {
     "rear_drag_asymmetry": ("fx", "mz"), "floor_slope": ("fx", "fy"), "tether_pull": ("fx", "fy"),
-    "washboard": ("fx", "fy"),
+    "washboard": ("fx", "fy"), "attraction": ("fx", "fy"), "floor_sway": ("fx", "fy"), "swinging_load": ("fx", "fy"),
+    "gusts": ("fx", "fy"),
 }  # fmt: skip
-"""Effects that act in two channels by the specification: either counts as right."""
+"""Effects that act in two channels, by the specification or their physics: either counts as right."""
 
 
 def effect_channels(effect: str, default: str = "") -> tuple[str, ...]:

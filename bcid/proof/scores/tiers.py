@@ -11,6 +11,8 @@ from bcid.proof.limits import GOALS, LIMITS
 from bcid.proof.scores.localisation import effect_channels, is_channel_right, place_overlap, time_overlap
 
 NORMAL_QUANTILE_975 = 1.96
+NOTHING_THERE = ("null", "small-null")
+"""Tiers whose car is the base model's, so that there is nothing unknown."""
 
 
 def score_tiers(rows: Iterable[dict[str, Any]]) -> list[TierScores]:
@@ -93,7 +95,7 @@ def is_right(row: dict[str, Any]) -> bool:
         return False
     names = {f["effect"] for f in row["findings"]}
     if not row["answer"]:  # flaws of an imperfect base are there, and have no name
-        return not names and (row["tier"] != "null" or row["verdict"] != "unknown")
+        return not names and (row["tier"] not in NOTHING_THERE or row["verdict"] != "unknown")
     if row["channel"]:
         return not names and row["verdict"] == "unknown" and row["remainder"]["channel"] in _accepted_channels(row)
     if not shows_effect(row):
@@ -182,20 +184,19 @@ def _is_in_short_set(row: dict[str, Any]) -> bool:
     """Whether all effects there ("answer") are among a row's findings and their twins, and these are few.
 
     Twins are effects that the recording cannot tell apart; few is fewer than `LIMITS.max_names_per_effect` plus the
-    number of effects there.
+    number of effects there.  Effects in "also", which are there besides, do not count.
     """
-    return set(row["answer"]) <= _names_and_twins(row) and len(
-        _names_and_twins(row)
-    ) < LIMITS.max_names_per_effect + len(row["answer"])
+    said, there = _names_and_twins(row), set(row["answer"])
+    return there <= said and len(said - set(row.get("also", ()))) < LIMITS.max_names_per_effect + len(there)
 
 
 def _excusable_names(row: dict[str, Any]) -> set[str]:
-    """Effects that a row may name without being wrong: those there ("answer"), and findings that have one as a "twin".
+    """Effects that a row may name without being wrong: those there, and findings that have one of them as a "twin".
 
-    Twins are effects that the recording cannot tell apart.  The set is empty where the row has a "channel": its
-    effect has no name or was excluded from the diagnosis.
+    There are those in "answer" and, beside them, in "also".  Twins are effects that the recording cannot tell apart.
+    The set is empty where the row has a "channel": its effect has no name or was excluded from the diagnosis.
     """
-    answer = set(row["answer"]) if not row["channel"] else set()
+    answer = {*row["answer"], *row.get("also", ())} if not row["channel"] else set()
     return answer | {f["effect"] for f in row["findings"] if answer & set(f["twins"])}
 
 

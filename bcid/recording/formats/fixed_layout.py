@@ -21,8 +21,8 @@ from bcid.recording.formats.ros_encoding import Cursor, Reader
 BLOCK_BYTES, BLOCK_MESSAGES = 1 << 21, 1 << 8  # that are compared at a time, so few that their texts stay in the cache
 MAX_TEXT_BYTES = 1 << 13  # of a text that others are compared with
 STRING_OR_NUMBER = re.compile(rb'"(?:[^"\\]|\\.)*"|-?\d[\d.eE+-]*')
-WHOLE_NUMBER = rb"0|-?[1-9]\d{0,17}"
-"""Of JSON, as far as it fits into 64 bits; -0 is the whole number 0."""
+WHOLE_NUMBER = rb"0|-?[1-9]\d{0,18}"
+"""Of JSON, as long as one of 64 bits, nanoseconds since 1970 among them; -0 is the whole number 0."""
 NUMBER = rb"(?:-?[1-9]\d{0,99}+|0|-0(?=[.eE]))(?:\.\d{1,99}+)?+(?:[eE][-+]?+\d{1,3}+)?+"
 """Of JSON, but for -0 and for what is longer than any number; its parts are never tried shorter than they are."""
 
@@ -171,5 +171,6 @@ class RosLayout:
                 numbers = raw.view(np.dtype(f"{self.order}{letter}"))[:, 0]
                 # a signalling NaN of 32 bits is one of 64 bits, too
                 with np.errstate(invalid="ignore"):
-                    column.append(numbers.astype(float if letter in "fdQ" else np.int64))
+                    fits = letter not in "fd" and not (letter == "Q" and (numbers > np.iinfo(np.int64).max).any())
+                    column.append(numbers.astype(np.int64 if fits else float))
         return same, [np.concatenate(column) for column in columns]

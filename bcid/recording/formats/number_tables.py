@@ -99,11 +99,15 @@ def read_number_tables(
     for k in range(MAX_LAYOUTS):
         if not len(left):
             break
-        layout = contents.fixed_layout(topic, stored, int(left[k * len(left) // MAX_LAYOUTS]))
+        like = int(left[k * len(left) // MAX_LAYOUTS])
+        layout = contents.fixed_layout(topic, stored, like)
         places = None if layout is None else _find_places(layout, fields)
         if layout is None or places is None:
             continue
-        alike, values, of_rows = _read_alike(layout, places, stored.select(left))
+        # another channel of the topic may have another schema
+        mine = stored.channels[left] == stored.channels[like]
+        alike = np.zeros(len(left), dtype=bool)
+        alike[mine], values, of_rows = _read_alike(layout, places, stored.select(left[mine]))
         rows[left[alike]], stamps[left[alike]] = values, of_rows
         body[left[alike]] = bodies.setdefault(places.body, len(bodies))
         left = left[~alike]
