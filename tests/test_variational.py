@@ -19,7 +19,7 @@ from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import RefitProblem, evaluate_at, tangent_at
 from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
-from bcid.likelihood.predict import linearise_poses, predict_poses
+from bcid.likelihood.predict import COARSE, linearise_poses, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, cut_segments
 from bcid.recording.types import Recording
@@ -118,7 +118,9 @@ def test_derivatives_are_complex_steps_of_the_car_written_anew(part: Take) -> No
     inputs, start, tiny = BASE.prediction_inputs(phi, few), shove(few), 1e-30
     cars, widths = changed_cars(BASE, phi)
     chain, _, e, c = inputs.kernel_arguments
-    poses, derivatives = linearise_poses(at_steps(few, segment_layout(few)), start, chain, cars, widths, e, c)
+    poses, derivatives, _ = linearise_poses(
+        at_steps(few, segment_layout(few)), start, chain, cars, widths, COARSE, e, c
+    )
     plain = {s: complex(v) for s, v in CAR._asdict().items()}
     names = BASE.parameter_names
     for s in range(few.segments):

@@ -49,15 +49,28 @@ def base_jacobian(
     Raises:
         PredictionDiverged: where a derivative is not finite.
     """
-    on_body = body_parameters(hypothesis)
     if J is None:
         J = linearise_residuals(take, hypothesis.prediction_inputs(phi, take), start, changed_cars(hypothesis, phi)).J
-    require_finite("a prediction", J)
-    servo = [j for j in range(hypothesis.base_size) if j not in on_body]
-    R, K = len(on_body), len(hypothesis.remainder.sd)
-    out = np.empty((*r.shape, hypothesis.base_size + K))
-    out[:, :, on_body] = J[:, :, :R]
-    out[:, :, hypothesis.base_size :] = J[:, :, R:] * hypothesis.remainder.sd
+    R = len(body_parameters(hypothesis))
+    base = on_body_and_servo(take, hypothesis, phi, start, r, J[:, :, :R])
+    return np.concatenate([base, J[:, :, R:] * hypothesis.remainder.sd], axis=2) if J.shape[2] > R else base
+
+
+def on_body_and_servo(
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, on_body: Floats
+) -> Floats:
+    """Derivatives (N, 3, base_size) of predicted poses by base parameters, those by an unknown servo among them.
+
+    `on_body` (N, 3, R) are those by `body_parameters`; the servo's are differences of predictions.
+
+    Raises:
+        PredictionDiverged: where a derivative is not finite.
+    """
+    require_finite("a prediction", on_body)
+    acting = body_parameters(hypothesis)
+    servo = [j for j in range(hypothesis.base_size) if j not in acting]
+    out = np.empty((*r.shape, hypothesis.base_size))
+    out[:, :, acting] = on_body
     if servo:
         out[:, :, servo] = parameter_jacobian(take, hypothesis, phi, start, r, servo)
     return out

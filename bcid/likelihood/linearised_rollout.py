@@ -1,23 +1,17 @@
 """Rollouts of LANES segments with their derivatives: the columns of a state's changes, carried along by each step."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bcid.aliases import Floats, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import (
-    Actuation,
-    BodyState,
-    LagState,
-    add_remainder,
-    inputs_of_remainder,
-    is_lagging,
-    varies_with_pose,
-)
+from bcid.effects.car import Actuation, BodyState, inputs_of_remainder, is_lagging, varies_with_pose
 from bcid.effects.constants import Constants
-from bcid.effects.motion import steady_lags, steady_lags_beside
-from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
+from bcid.effects.motion import stage_actuation, steady_lags
+from bcid.effects.remainder import INPUTS
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
@@ -28,10 +22,11 @@ from bcid.likelihood.lane_rollout import (
     store_pose,
 )
 from bcid.likelihood.step_matrix import N_COLUMNS, PUSH, advance_change, step_matrix
-from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
+from bcid.likelihood.take import KNOTS, N_START
 from bcid.likelihood.variational import (
     BODY_STEP,
     LAG,
+    MASS_FACTOR,
     N_STATE,
     TWIST,
     allocate_derivatives,
@@ -40,95 +35,108 @@ from bcid.likelihood.variational import (
     get,
     move_component,
     put,
-    turn_wheel,
 )
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
 N_PUSH = 3  # components of a push
+ALONG = len(INPUTS) + 2  # quantities that are told of the middle of each knot: INPUTS, heading, and mass factor
+
+
+class Resolution(NamedTuple):
+    """Into how many parts a segment is cut for derivatives by accelerations of the body, and turns of the wheel."""
+
+    knots: int
+    turns: int  # 1 where derivatives by turns are asked for, else 0
 
 
 @njit
 def linearise_segments(
-    path: Floats, changes: Floats, nuisance: Floats, lanes: LaneSegments, chain: ActuatorChain, cars: Floats,
-    widths: Floats, e: Switches, c: Constants,
+    path: Floats, changes: Floats, along: Floats, nuisance: Floats, lanes: LaneSegments, chain: ActuatorChain,
+    cars: Floats, widths: Floats, resolution: Resolution, e: Switches, c: Constants,
 ) -> None:  # fmt: skip
     """Write the predicted path of LANES segments to `path`, and its derivatives to `changes`.
 
-    `path` is (steps + 1, PATH_SIZE, LANES), `changes` (steps + 1, C PATH_SIZE, LANES), zeros before: C derivatives,
-    by initial states and pushes, which `nuisance` (N_NUISANCE, LANES) holds, by R parameters, then by K coefficients of
-    a remainder; without those by the initial pose where nothing varies with the pose.  `cars` (R + 1, 21) and `widths`
-    (R,) are those of `linearise_poses`.
+    `path` is (steps + 1, PATH_SIZE, LANES), `changes` (steps + 1, C PATH_SIZE, LANES), zeros before: C derivatives, by
+    initial states, by three accelerations of the body in each of the knots of the `resolution`, by R parameters, then
+    by a turn of the wheel in each knot; without those by the initial pose where nothing varies with the pose.  To
+    `along` (knots, ALONG, LANES) goes what the car is at in the middle of each knot.  `nuisance` (N_NUISANCE, LANES)
+    holds initial states and pushes; `cars` (R + 1, 21) and `widths` (R,) are those of `linearise_poses`.
     """
     lagging, pulled, p, steps = is_lagging(e), varies_with_pose(e), car_of_row(cars[0]), len(path) - 1
-    fitted = len(widths) + int(e.remainders)
-    columns, begin, each = N_NUISANCE + fitted, 0 if pulled else TWIST, steps // KNOTS
+    (knots, turns), fitted = resolution, len(widths) + resolution.turns
+    after_pushes = N_START + N_PUSH * knots
+    turned_from = after_pushes + len(widths)
+    columns, begin, each = turned_from + turns * knots, 0 if pulled else TWIST, steps // KNOTS
     wrenches = push_wrenches(nuisance, p)
     pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(fitted)
     x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + fitted) * N_STATE * LANES)
-    to, along = changes.reshape(changes.size), path.reshape(path.size)
+    to, told = changes.reshape(changes.size), path.reshape(path.size)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
     lags = steady_lags(b, act, p, e, c)
     if lagging:
-        for j in range(TWIST, N_NUISANCE + len(widths)):
-            row = max(j - N_NUISANCE + 1, 0)
-            if j < N_START or row > 0:
-                own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
-                moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
-                put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
-                put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
-                put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
-        if e.remainders > 0.0:
-            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, p, e, c)
+        for j in range(TWIST, N_START + len(widths)):
+            row = max(j - N_START + 1, 0)
+            own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
+            moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
+            at = (j if row == 0 else after_pushes + row - 1) * N_STATE + LAG
+            put(x, at, (moved.alpha_f - lags.alpha_f) / by)
+            put(x, at + 1, (moved.F_mf - lags.F_mf) / by)
+            put(x, at + 2, (moved.F_mr - lags.F_mr) / by)
     store_pose(path, 0, b, e)
-    _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
+    _store_changes(to, 0, x, begin, N_START, after_pushes, turned_from, told, 0, b)
     for i in range(steps):
-        mine, before = N_START + N_PUSH * (i // each), b
-        ends = mine + N_PUSH
-        inputs = step_inputs_in_lanes(lanes, i, chain, pushes, (mine - N_START) * LANES)
-        b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, e, c)
+        knot, before = i * knots // steps, b
+        mine = N_START + N_PUSH * knot
+        ends, turned_to = mine + N_PUSH, turned_from + turns * (knot + 1)
+        inputs = step_inputs_in_lanes(lanes, i, chain, pushes, N_PUSH * LANES * (i // each))
+        b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, turns, e, c)
+        if i == (2 * knot + 1) * steps // (2 * knots):
+            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h, e), get(d, MASS_FACTOR), p)
         step_matrix(matrix, d, chain.h, lagging, pulled, fitted)
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
-        for j in range(begin, columns):
-            if ends <= j < N_NUISANCE:  # a push changes nothing before it begins
+        for j in range(begin, turned_to):
+            if ends <= j < after_pushes:  # a push changes nothing before it begins, nor does a turn
                 continue
-            added = N_COLUMNS + j - N_NUISANCE if j >= N_NUISANCE else (PUSH + j - mine if j >= mine else -1)
+            added = PUSH + j - mine if mine <= j < ends else -1
+            if j >= after_pushes:
+                added = N_COLUMNS + min(j - after_pushes, len(widths))
+                if turned_from <= j < turned_to - 1:
+                    added = -1
             advance_change(x, j * N_STATE, matrix, added, turned, lagging, pulled)
         store_pose(path, i + 1, b, e)
-        _store_changes(to, (i + 1) * changes.shape[1], x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b)
+        at = (i + 1) * changes.shape[1]
+        _store_changes(to, at, x, begin, ends, after_pushes, turned_to, told, (i + 1) * PATH_SIZE, b)
 
 
 @njit
-def _begin_turned(
-    x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants
-) -> None:
-    """Write the changes of steady lags by each function of the remainder that turns the wheel to `x` from `at` on."""
-    here = add_remainder(act, b, p, e)
-    turned, s = steady_lags_beside(b, turn_wheel(here, BODY_STEP), p, e, c), inputs_of_remainder(act, b, p)
-    for j in range(int(e.remainders)):
-        if e.remainder[j, DIRECTION] == WHEEL_ANGLE:
-            share, to = remainder_function(e, j, s) / BODY_STEP, at + j * N_STATE + LAG
-            put(x, to, share * (turned.alpha_f - lags.alpha_f))
-            put(x, to + 1, share * (turned.F_mf - lags.F_mf))
-            put(x, to + 2, share * (turned.F_mr - lags.F_mr))
+def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, mass_factor: float, p: Car) -> None:
+    """Write what a remainder depends on, the heading and the mass factor to row `knot` of `along` (knots, ALONG, LANES)."""
+    flat, at = along.reshape(along.size), knot * ALONG
+    s = inputs_of_remainder(act, b, p)
+    for k, value in enumerate((
+        s.v_x, s.omega, s.v_fx, s.alpha_f, s.alpha_r, s.delta, s.delta_rate, s.u_m, s.p_x, s.p_y, s.t, b.theta,
+        mass_factor,
+    )):  # fmt: skip
+        put(flat, at + k, value)
 
 
 @njit_inline
 def _store_changes(
-    out: Floats, to: int, x: Floats, begin: int, ends: int, columns: int, path: Floats, at: int, b: BodyState
-) -> None:
+    out: Floats, to: int, x: Floats, begin: int, ends: int, again: int, until: int, path: Floats, at: int, b: BodyState
+) -> None:  # fmt: skip
     """Write the derivatives of the tracked point's pose and of its rates to vectors of `out` from number `to` on.
 
-    `x` holds those of the state, N_STATE vectors for each of `columns`, of which those before `begin`, and pushes
-    from `ends` on, are left out; `path` holds the pose itself from number `at` on, `b` is the state.
+    `x` holds those of the state, N_STATE vectors for each column; written are columns `begin` to `ends`, and `again` to
+    `until`.  `path` holds the pose itself from number `at` on, `b` is the state.
     """
     sin_t, cos_t = sincos(b.theta)
     off_x, off_y = get(path, at) - b.p_x, get(path, at + 1) - b.p_y
     v_x, v_y = get(path, at + 3), get(path, at + 4)
-    for j in range(begin, columns):
-        if ends <= j < N_NUISANCE:
+    for j in range(begin, until):
+        if ends <= j < again:
             continue
         k, own = j * N_STATE, to + (j - begin) * PATH_SIZE
         theta, u, v, omega = get(x, k + 2), get(x, k + 3), get(x, k + 4), get(x, k + 5)

@@ -12,12 +12,21 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
+from bcid.likelihood.force_history import (
+    ACTIONS,
+    HISTORY,
+    ForceHistory,
+    answer_to,
+    history_values,
+    split_history,
+)
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
+from bcid.likelihood.linearised_rollout import N_PUSH, Resolution
 from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moments
-from bcid.likelihood.predict import linearise_poses, predict_poses, wrap_yaw
+from bcid.likelihood.predict import COARSE, FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
-from bcid.likelihood.take import N_NUISANCE, N_START, Take
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take
 from bcid.likelihood.tracking_functions import AMOUNT, tracking_changes
 
 SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
@@ -42,7 +51,17 @@ class LinearisedResiduals(NamedTuple):
 
     r: Floats  # (N, 3)
     A: Floats  # (N, 3, N_NUISANCE) by the nuisance parameters
+    J: Floats  # (N, 3, R + K) by R parameters of the car and K coefficients of what has no name
+
+
+class LinearisedHistories(NamedTuple):
+    """Measured less predicted poses, and derivatives of the predicted ones by all that may act on the car."""
+
+    r: Floats  # (N, 3)
+    A: Floats  # (N, 3, N_NUISANCE) by the nuisance parameters
     J: Floats  # (N, 3, R) by R parameters of the car
+    history: ForceHistory
+    poses: Floats  # (N, 3) that are predicted, before what the tracking does without a name
 
 
 def linearise_residuals(
@@ -53,14 +72,41 @@ def linearise_residuals(
     By the variational equation, in one run: by initial states and pushes, by each parameter that is `changed`, and by
     the coefficients of what has no name, on the body and in the tracking.
     """
+    functions = inputs.functions
+    if not len(functions) and not len(inputs.tracking):
+        poses, derivatives, _ = _linearise(take, inputs, start, changed, COARSE)
+        A, J = (np.ascontiguousarray(part) for part in np.split(derivatives, [N_NUISANCE], axis=2))
+        return LinearisedResiduals(wrap_yaw(take.pose - poses), A, J)
+    r, A, J, history, poses = linearise_histories(take, inputs, start, changed)
+    acting = answer_to(history.D, history_values(functions, history.along, inputs.car), take.first)
+    seen = tracking_changes(inputs.tracking, poses, take.seen_rows)
+    return LinearisedResiduals(r, A, np.concatenate([J, acting, seen], axis=2))
+
+
+def linearise_histories(
+    take: Take, inputs: PredictionInputs, start: Floats, changed: ChangedCars | None = None
+) -> LinearisedHistories:
+    """What `linearise_residuals` gives, with derivatives by accelerations of the body and turns of the wheel.
+
+    They are by what acts in each knot of 0.1 s; pushes last for several.
+    """
+    poses, derivatives, along = _linearise(take, inputs, start, changed, FINE)
+    by_state, rest = np.split(derivatives, [N_START], axis=2)
+    D, J = split_history(rest, derivatives.shape[2] - N_START - HISTORY)
+    by_knot = D.reshape(len(D), 3, KNOTS, -1, ACTIONS)[..., :N_PUSH].sum(axis=3)
+    A = np.concatenate([by_state, by_knot.reshape(len(D), 3, -1)], axis=2)
+    seen = tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
+    r = wrap_yaw(take.pose - poses - seen)
+    return LinearisedHistories(r, A, J, ForceHistory(D, along), poses)
+
+
+def _linearise(
+    take: Take, inputs: PredictionInputs, start: Floats, changed: ChangedCars | None, resolution: Resolution
+) -> tuple[Floats, Floats, Floats]:
+    """What `linearise_poses` gives for a take."""
     chain, car, e, c = inputs.kernel_arguments
     cars, widths = changed or ChangedCars(np.array([car]), np.zeros(0))
-    poses, derivatives = linearise_poses(segment_layout(take), start, chain, cars, widths, e, c)
-    seen = tracking_changes(inputs.tracking, poses, take.seen_rows) if len(inputs.tracking) else None
-    if seen is not None:
-        poses, derivatives = poses + seen @ inputs.tracking[:, AMOUNT], np.concatenate([derivatives, seen], axis=2)
-    A, J = (np.ascontiguousarray(part) for part in np.split(derivatives, [N_NUISANCE], axis=2))
-    return LinearisedResiduals(wrap_yaw(take.pose - poses), A, J)
+    return tuple(linearise_poses(segment_layout(take), start, chain, cars, widths, resolution, e, c))
 
 
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:

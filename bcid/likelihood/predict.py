@@ -19,12 +19,14 @@ from bcid.likelihood.lane_rollout import (
     push_wrenches,
     segments_in_lanes,
 )
-from bcid.likelihood.linearised_rollout import linearise_segments
+from bcid.likelihood.linearised_rollout import ALONG, N_PUSH, Resolution, linearise_segments
 from bcid.likelihood.observe import apply_tracking, observe_means
-from bcid.likelihood.take import N_NUISANCE, N_START
+from bcid.likelihood.take import KNOTS, N_START
 from bcid.likelihood.variational import TWIST
 from bcid.physics.car import Car
 
+COARSE = Resolution(KNOTS, 0)  # by pushes alone
+FINE = Resolution(15, 1)  # by accelerations and turns of the wheel in each 0.1 s
 N_POSE = 3  # leading components of an initial state: the pose in the world
 
 
@@ -53,34 +55,39 @@ def predict_poses(
 
 @njit_parallel
 def linearise_poses(
-    layout: SegmentLayout, start: Floats, chain: ActuatorChain, cars: Floats, widths: Floats, e: Switches, c: Constants
-) -> tuple[Floats, Floats]:
-    """Predicted poses (N, 3), and their derivatives (N, 3, N_NUISANCE + R + K) by the variational equation.
+    layout: SegmentLayout, start: Floats, chain: ActuatorChain, cars: Floats, widths: Floats, resolution: Resolution,
+    e: Switches, c: Constants,
+) -> tuple[Floats, Floats, Floats]:  # fmt: skip
+    """Predicted poses (N, 3), their derivatives (N, 3, C) by the variational equation, and what the car is at.
 
-    The derivatives are by initial states and pushes, the rows of `start` (S, N_NUISANCE), by R parameters, then by the
-    K coefficients of the remainder in `e`.
+    The C columns are by initial states (N_START), by accelerations a_x, a_y, alpha_z of the body in each of the knots
+    of the `resolution`, by R parameters, then by turns of the steered wheel in each knot, at initial states and pushes
+    in the rows of `start` (S, N_NUISANCE).  What the car is at, (S, knots, ALONG), are the quantities on which a
+    remainder depends, the heading and the mass factor, in the middle of each knot.
     `cars` (R + 1, 21) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
     own.
     """
-    N, columns = layout.first[-1], N_NUISANCE + len(widths) + int(e[0].remainders)
-    out, derivatives, pulled = np.zeros((N, 3, 1)), np.zeros((N, 3, columns)), varies_with_pose(e[0])
+    N, S, knots, pulled = layout.first[-1], len(layout.step), resolution.knots, varies_with_pose(e[0])
+    columns = N_START + N_PUSH * knots + len(widths) + resolution.turns * knots
+    out, derivatives, along = np.zeros((N, 3, 1)), np.zeros((N, 3, columns)), np.empty((S, knots, ALONG))
     scale = 1.0 + e[0].pose_scale__kappa
-    for group in numba.prange((len(layout.step) + LANES - 1) // LANES):
+    for group in numba.prange((S + LANES - 1) // LANES):
         lanes, path = segments_in_lanes(group * LANES, layout, chain), allocate_path(layout.steps)
-        count, begin = min(LANES, len(layout.step) - group * LANES), 0 if pulled else TWIST
+        count, begin = min(LANES, S - group * LANES), 0 if pulled else TWIST
         changes = np.zeros((layout.steps + 1, (columns - begin) * PATH_SIZE, LANES))
-        nuisance = gather_nuisance(start, lanes)
-        linearise_segments(path, changes, nuisance, lanes, chain, cars, widths, e[0], c)
+        nuisance, there = gather_nuisance(start, lanes), np.empty((knots, ALONG, LANES))
+        linearise_segments(path, changes, there, nuisance, lanes, chain, cars, widths, resolution, e[0], c)
         place = layout.first[lanes.s]
         observe_means(out, place, 0, path, count, lanes, layout, chain.h)
         observe_means(derivatives, place, begin, changes, count, lanes, layout, chain.h)
         for k in range(count):
             f, g = place[k], layout.first[lanes.s[k] + 1]
+            along[lanes.s[k]] = there[:, :, k]
             apply_tracking(out[f:g, :, 0], e[0])
             derivatives[f:g, :2] *= scale
             if not pulled:
                 _rigid_sensitivities(derivatives[f:g], out[f:g, :, 0], nuisance[:N_POSE, k], scale)
-    return out[:, :, 0].copy(), derivatives
+    return out[:, :, 0].copy(), derivatives, along
 
 
 def pose_sensitivities(
@@ -91,7 +98,7 @@ def pose_sensitivities(
     `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s).
     Derivatives by the initial pose are exact (a rigid motion of the whole path) where no force varies with the pose.
     """
-    return np.asarray(linearise_poses(layout, start, chain, np.array([p]), np.zeros(0), e, c)[1])
+    return np.asarray(linearise_poses(layout, start, chain, np.array([p]), np.zeros(0), COARSE, e, c)[1])
 
 
 @njit

@@ -3,6 +3,8 @@
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bcid.aliases import Floats, Switches
 from bcid.effects.actuators import ActuatorChain, actuator_chain
 from bcid.effects.constants import Constants
@@ -29,6 +31,11 @@ class PredictionInputs(NamedTuple):
     chain: ActuatorChain
     constants: Constants
     tracking: Floats = NO_TRACKING  # functions (M, TRACKING_COLUMNS) without a name that are added to seen poses
+
+    @property
+    def functions(self) -> Floats:
+        """Functions (K, COLUMNS) without a name that act on the body."""
+        return np.asarray(self.switches["remainder"][: int(self.switches["remainders"])])
 
     @property
     def kernel_arguments(self) -> tuple[ActuatorChain, Car, Any, Constants]:

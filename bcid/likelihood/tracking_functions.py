@@ -43,6 +43,25 @@ def _unit_changes(poses: Floats, rows: SeenRows) -> Floats:
         units[:, c, c] = 1.0
     units[:, 0, 3], units[:, 1, 3] = cos_t, sin_t
     units[:, 0, 4], units[:, 1, 4] = -sin_t, cos_t
-    for a, b in zip(rows.first, rows.first[1:], strict=False):
-        units[a:b, :, 5] = -np.gradient(poses[a:b], rows.time_s[a:b], axis=0) if b - a > 1 else 0.0
+    units[:, :, 5] = -_rates(poses, rows)
     return units
+
+
+def _rates(poses: Floats, rows: SeenRows) -> Floats:
+    """Rates (N, 3) of poses, by differences to the rows before and after of the same segment; 0 where it has one row.
+
+    Between two neighbours they are of second order, as of a parabola through three points; at ends of first order.
+    """
+    ends = np.zeros(len(poses) - 1, dtype=bool)  # between the last row of a segment and the first of the next
+    ends[rows.first[1:-1] - 1] = True
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.diff(poses, axis=0) / np.diff(rows.time_s)[:, None]
+    slope[ends] = 0.0
+    gap = np.where(ends, 0.0, np.diff(rows.time_s))
+    before, after = np.r_[0.0, gap], np.r_[gap, 0.0]
+    left, right = np.vstack([np.zeros(3), slope]), np.vstack([slope, np.zeros(3)])
+    whole = before + after
+    shares = np.divide(after, whole, out=np.zeros_like(whole), where=whole > 0.0)[:, None]
+    # the nearer neighbour counts more; where there is but one, it is all there is
+    inner = ((before > 0.0) & (after > 0.0))[:, None]
+    return np.where(inner, shares * left + (1.0 - shares) * right, left + right)

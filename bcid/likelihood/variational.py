@@ -23,11 +23,9 @@ from bcid.effects.car import (
     Wrench,
     add_remainder,
     force_by_place,
-    inputs_of_remainder,
     is_lagging,
     replace_remainder,
     varies_with_pose,
-    wheel_directions,
     wrench_with_effects,
 )
 from bcid.effects.constants import Constants
@@ -41,7 +39,7 @@ from bcid.effects.motion import (
     stage_time,
     stage_weight,
 )
-from bcid.effects.remainder import DIRECTION, Remainder, remainder_function, unit_remainder
+from bcid.effects.remainder import Remainder
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
@@ -56,13 +54,13 @@ STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, 3, 4) of alpha_f, F_mf, F_mr with
 COEFFICIENT = STEADY + 4 * 3 * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
 POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
 MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)
-PARAMETER = MASS_FACTOR + 4  # (4, R + K, 6) at each stage, of accelerations and steady lags by R parameters of a car
-# and by K coefficients of a remainder, which has no name
+PARAMETER = MASS_FACTOR + 4  # (4, R + 1, 6) at each stage, of accelerations and steady lags by R parameters of a car
+# and by a turn of the steered wheel, where that is asked for
 
 
 @njit
 def allocate_derivatives(parameters: int) -> Floats:
-    """The flat array for a step's derivatives, of LANES segments, by so many `parameters` and coefficients: zeros."""
+    """The flat array for a step's derivatives, of LANES segments, by so many `parameters`: zeros."""
     return np.zeros((PARAMETER + 4 * 6 * parameters) * LANES)
 
 
@@ -169,22 +167,22 @@ def _store_accelerations(out: Floats, at: int, moved: BodyState, now: BodyState,
 @njit
 def differentiate_step(
     out: Floats, b: BodyState, lags: LagState, inputs: StepInputs, h: float, cars: Floats, widths: Floats,
-    e: Switches, c: Constants,
+    turns: int, e: Switches, c: Constants,
 ) -> tuple[BodyState, LagState]:  # fmt: skip
     """State and lags after an RK4 step of `h` seconds, as `rk4_body_step` gives them, and its stages' derivatives.
 
     They are written to `out`.  `cars` (R + 1, 21) holds the car, then one for each of R parameters with that parameter
-    changed, by `widths` (R,); derivatives by the remainder's coefficients follow theirs.
+    changed, by `widths` (R,); a derivative by a turn of the steered wheel follows theirs where `turns` is 1, not 0.
     """
-    zero, lagging, pulled, R, K = 0.0 * b.v_x, is_lagging(e), varies_with_pose(e), len(widths), int(e.remainders)
-    turning = 1 if K > 0 else 0
+    zero, lagging, pulled, R = 0.0 * b.v_x, is_lagging(e), varies_with_pose(e), len(widths)
+    fitted, turning = R + turns, 1 if e.remainders > 0.0 or turns > 0 else 0
     rate = total = BodyState(zero, zero, zero, zero, zero, zero)
     first = steady = now = Wrench(zero, zero, zero, zero, lags, zero)
     for stage in range(4):
         act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
         there = add_rates(b, rate, ahead)
         act = add_remainder(act, there, car_of_row(cars[0]), e)
-        at, own = lags, PARAMETER + 6 * (R + K) * stage
+        at, own = lags, PARAMETER + 6 * fitted * stage
         if stage == 2:  # its steady values are the second stage's
             steady = now
             at = lags_at_stage(lags, first, steady, ahead, h, e)
@@ -195,8 +193,8 @@ def differentiate_step(
         for k in range(before + 4 + by_lags + R + turning):
             ahead_of_lags = k < before
             j = k if ahead_of_lags else k - before
-            lag, row, turns = -1, 0, not ahead_of_lags and j == 4 + by_lags + R
-            if turns:
+            lag, row, is_turned = -1, 0, not ahead_of_lags and j == 4 + by_lags + R
+            if is_turned:
                 row = 0
             elif ahead_of_lags:
                 row = max(j - 3, 0)
@@ -204,11 +202,11 @@ def differentiate_step(
                 lag, row = (j - 4 if j < 4 + by_lags else -1), max(j - 3 - by_lags, 0)
             body = move_component(there, TWIST + j - 1 if 0 < j < 4 else -1, BODY_STEP)
             p = car_of_row(cars[row])
-            here = turn_wheel(act, ANGLE_STEP if turns else 0.0)
-            if turning == 1 and 0 < j < 4:
+            here = turn_wheel(act, ANGLE_STEP if is_turned else 0.0)
+            if e.remainders > 0.0 and 0 < j < 4:
                 here = add_remainder(act, body, car_of_row(cars[0]), e)
             w = wrench_with_effects(body, here, move_lag(lags if ahead_of_lags else at, lag), p, e, c)
-            if turns:
+            if is_turned:
                 turned = w
                 continue
             by = widths[row - 1] if row > 0 else BODY_STEP
@@ -239,15 +237,15 @@ def differentiate_step(
                 to, by = ACCELERATION + (stage * N_STATE + LAG + lag) * 3, ANGLE_STEP if lag == 0 else FORCE_STEP
             _store_accelerations(out, to, moved, rate, by)
         p = car_of_row(cars[0])
-        if K > 0:
-            _store_remainder(out, own + 6 * R, there, act, now, turned, p, e)
+        if turns > 0:
+            _store_turn(out, own + 6 * R, now, turned, p)
         if lagging:
             if stage == 2:  # the third stage's steady values are the second's
                 for i in range(12):
                     put(out, STEADY + 24 + i, get(out, STEADY + 12 + i))
-                for i in range(6 * (R + K)):
+                for i in range(6 * fitted):
                     if i % 6 > 2:
-                        put(out, own + i, get(out, own - 6 * (R + K) + i))
+                        put(out, own + i, get(out, own - 6 * fitted + i))
             _store_lag_coefficients(out, COEFFICIENT + stage * 15, lags, first, steady, ahead, h, e)
         if pulled:
             _store_pull(out, ACCELERATION + stage * N_STATE * 3, there, act, now, turned, p, e)
@@ -266,33 +264,18 @@ def turn_wheel(act: Actuation, by: float) -> Actuation:
     return replace_remainder(act, Remainder(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by))
 
 
-@njit
-def _store_remainder(
-    out: Floats, at: int, b: BodyState, act: Actuation, now: Wrench, turned: Wrench, p: Car, e: Switches
-) -> None:
-    """Write derivatives of accelerations and steady lags by each coefficient of the remainder to `out` from `at` on.
+@njit_inline
+def _store_turn(out: Floats, to: int, now: Wrench, turned: Wrench, p: Car) -> None:
+    """Write derivatives of accelerations and steady lags by a turn of the steered wheel to `out` from `to` on.
 
     `turned` is the wrench `now` with the wheel turned by ANGLE_STEP.
     """
-    s, w = inputs_of_remainder(act, b, p), wheel_directions(b, act)
-    for j in range(int(e.remainders)):
-        unit = unit_remainder(e.remainder[j, DIRECTION], w, p)
-        _store_changes_by(out, at + 6 * j, remainder_function(e, j, s), unit, now, turned, p)
-
-
-@njit_inline
-def _store_changes_by(
-    out: Floats, to: int, amount: float, unit: Remainder, now: Wrench, turned: Wrench, p: Car
-) -> None:
-    """Write changes of accelerations and steady lags by `amount` times a `unit` of a remainder to `out` from `to`."""
-    a_x, a_y, alpha = _accelerations_by(unit, now, turned, p)
-    turn = amount * unit.turn / ANGLE_STEP
-    put(out, to, amount * a_x)
-    put(out, to + 1, amount * a_y)
-    put(out, to + 2, amount * alpha)
-    put(out, to + 3, turn * (turned.steady.alpha_f - now.steady.alpha_f))
-    put(out, to + 4, turn * (turned.steady.F_mf - now.steady.F_mf))
-    put(out, to + 5, turn * (turned.steady.F_mr - now.steady.F_mr))
+    none = 0.0 * now.F_x
+    a_x, a_y, alpha = _accelerations_by(Remainder(none, none, none, none, none + 1.0), now, turned, p)
+    put(out, to, a_x)
+    put(out, to + 1, a_y)
+    put(out, to + 2, alpha)
+    _store_steady(out, to + 3, turned, now, ANGLE_STEP)
 
 
 @njit_inline

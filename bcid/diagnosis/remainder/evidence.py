@@ -29,12 +29,16 @@ class Quadratic(NamedTuple):
     b: Floats  # (K,)
     G: Floats  # (K, K)
 
+    def gain(self, c: Floats) -> float:
+        """The log-likelihood with the coefficients `c` (K,), less that with none."""
+        return float(self.b @ c - 0.5 * c @ self.G @ c)
+
     def log_evidence(self, sd: Floats) -> float:
         """Nats by which coefficients with the prior standard deviations `sd` (K,) make the take likelier than none."""
         on = np.flatnonzero(sd)
         if not len(on):
             return 0.0
-        root = np.linalg.cholesky(self._whitened(on, sd))
+        root = np.linalg.cholesky(self.whiten(on, sd))
         y = np.linalg.solve(root, sd[on] * self.b[on])
         return 0.5 * float(y @ y) - float(np.log(np.diag(root)).sum())
 
@@ -42,15 +46,15 @@ class Quadratic(NamedTuple):
         """The likeliest coefficients (K,), with the prior standard deviations `sd` (K,)."""
         on, c = np.flatnonzero(sd), np.zeros(len(sd))
         if len(on):
-            c[on] = sd[on] * np.linalg.solve(self._whitened(on, sd), sd[on] * self.b[on])
+            c[on] = sd[on] * np.linalg.solve(self.whiten(on, sd), sd[on] * self.b[on])
         return c
 
     def occam_nats(self, sd: Floats) -> float:
         """log|1 + T^(1/2) G T^(1/2)| / 2: what the freedom of the coefficients costs."""
         on = np.flatnonzero(sd)
-        return 0.5 * float(np.linalg.slogdet(self._whitened(on, sd))[1]) if len(on) else 0.0
+        return 0.5 * float(np.linalg.slogdet(self.whiten(on, sd))[1]) if len(on) else 0.0
 
-    def _whitened(self, on: Ints, sd: Floats) -> Floats:
+    def whiten(self, on: Ints, sd: Floats) -> Floats:
         """1 + T^(1/2) G T^(1/2) of the coefficients `on`."""
         s = sd[on]
         return np.asarray(np.eye(len(on)) + s[:, None] * self.G[np.ix_(on, on)] * s)
@@ -65,25 +69,49 @@ def likeliest_spreads(
     """
     spread = dict.fromkeys(basis.channels, 0.0) | dict(near or {})
     spread |= {name: 0.0 for name in spread if name not in set(channels)}
-    best = quadratic.log_evidence(basis.sd(spread))
+    member = np.array(basis.channel)
     for _ in range(ROUNDS):
-        before = best
+        gained = 0.0
         for name in channels:
-            nats = [quadratic.log_evidence(basis.sd(spread | {name: tau})) for tau in SPREADS]
-            k = int(np.argmax(nats))
-            if nats[k] > best:
-                spread[name], best = SPREADS[k], nats[k]
-        if best - before < MIN_ROUND_NATS:
+            nats = _evidence_by_spread(quadratic, basis, spread, np.flatnonzero(member == name))
+            k, before = int(np.argmax(nats)), nats[SPREADS.index(spread[name])]
+            if nats[k] > before:
+                spread[name], gained = SPREADS[k], gained + nats[k] - before
+        if gained < MIN_ROUND_NATS:
             break
     return spread
 
 
+def _evidence_by_spread(quadratic: Quadratic, basis: RemainderBasis, spread: Mapping[str, float], own: Ints) -> Floats:
+    """Nats that the functions `own` of one channel add beside the others, by each of SPREADS.
+
+    With the others integrated out and c = size x, the log-likelihood b . x - x . G x / 2 has G = U diag(lambda) U^T;
+    with beta = U^T b, E(tau) = sum tau^2 beta^2 / (1 + lambda tau^2) / 2 - log(1 + lambda tau^2) / 2.
+    """
+    sd = basis.sd(spread)
+    sd[own] = 0.0
+    others, size = np.flatnonzero(sd), basis.size[own]
+    b, G = quadratic.b[own], quadratic.G[np.ix_(own, own)]
+    if len(others):
+        root = np.linalg.cholesky(quadratic.whiten(others, sd))
+        both = np.column_stack([quadratic.G[np.ix_(others, own)], quadratic.b[others]]) * sd[others][:, None]
+        taken = np.linalg.solve(root, both)
+        b, G = b - taken[:, :-1].T @ taken[:, -1], G - taken[:, :-1].T @ taken[:, :-1]
+    values, U = np.linalg.eigh(size[:, None] * G * size)
+    beta, tau2 = U.T @ (size * b), np.square(SPREADS)[:, None]
+    grown = 1.0 + np.maximum(values, 0.0) * tau2
+    return np.asarray((0.5 * tau2 * beta**2 / grown - 0.5 * np.log(grown)).sum(axis=1))
+
+
 def channel_worths(quadratic: Quadratic, basis: RemainderBasis, spread: Mapping[str, float]) -> dict[str, float]:
-    """Nats that each channel's functions add beside those of the others, whose spreads are found again; most first."""
-    whole, on = quadratic.log_evidence(basis.sd(spread)), [name for name, tau in spread.items() if tau > 0.0]
+    """Nats that each channel's functions add beside those of the others, whose spreads are found again; most first.
+
+    A channel's waves (named with a tilde) count as its own.
+    """
+    whole = quadratic.log_evidence(basis.sd(spread))
     worths = {}
-    for name in on:
-        others = [n for n in on if n != name]
+    for name in {n.removesuffix("~") for n, tau in spread.items() if tau > 0.0}:
+        others = [n for n in basis.channels if n.removesuffix("~") != name]
         without = likeliest_spreads(quadratic, basis, others, spread)
         worths[name] = whole - quadratic.log_evidence(basis.sd(without))
     return dict(sorted(worths.items(), key=lambda item: -item[1]))

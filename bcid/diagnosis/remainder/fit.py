@@ -1,8 +1,10 @@
 """A fit with a remainder beside its names: coefficients refitted jointly, their spreads by evidence.
 
 The remainder stands in the model, so that predictions know how it feeds back; noise and pushes are estimated anew
-beside it.
+beside it.  Refitted are the functions that are needed; what the others would add is found to first order.
 """
+
+from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,30 +14,48 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.locate.pushes import estimate_disturbances
-from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
+from bcid.diagnosis.remainder.evidence import Quadratic, likeliest_spreads
 from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
-from bcid.effects.table import effect_switches
+from bcid.diagnosis.remainder.information import TakeInformation, gather_information
+from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.hypothesis import NO_REMAINDER, Hypothesis
-from bcid.likelihood.jacobian import parameter_jacobian
-from bcid.likelihood.marginal import (
-    NU,
-    MarginalTerms,
-    estimate_scales,
-    robust_weights,
-    score_and_information,
-    segment_moments,
-)
-from bcid.likelihood.nuisance import linearise_residuals, remove_pushes
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import NU
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
 REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
-ROUNDS = 3  # of refits, each with the spreads found at the one before
-SAME_SPREAD = 0.6  # logarithm of a ratio of spreads below which they are the same
-NEGLIGIBLE = 1e-4  # added to spreads there
+ROUNDS = 4  # of refits, each with the spreads found at the one before
+CONVERGED_NATS = 2.0  # that a further round is expected to gain, below which there is none
+NEEDED_SD = 0.7  # standard deviations that a coefficient is from zero, from which it is refitted
 TANGENTS = 3
 SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a refit starts
+
+
+class Explained(NamedTuple):
+    """What a remainder explains beside a fit, to first order."""
+
+    at: TakeInformation
+    basis: RemainderBasis
+    spread: Mapping[str, float]
+    quadratic: Quadratic
+    c: Floats  # (K,)
+    weights: Floats  # (S,) of segments
+
+    @classmethod
+    def of_nothing(cls, at: TakeInformation, basis: RemainderBasis) -> Explained:
+        """Nothing explained yet."""
+        none, K = dict.fromkeys(basis.channels, 0.0), len(basis.size)
+        return cls(at, basis, none, Quadratic(np.zeros(K), np.zeros((K, K))), np.zeros(K), at.robust_weights)
+
+    def beside(self, at: TakeInformation, basis: RemainderBasis) -> Explained:
+        """The same with a larger basis."""
+        return self._replace(at=at, basis=basis, spread=dict.fromkeys(basis.channels, 0.0) | dict(self.spread))
+
+    @property
+    def nats(self) -> float:
+        """What the remainder adds, by evidence."""
+        return self.quadratic.log_evidence(self.basis.sd(self.spread)) - self.basis.price
 
 
 class RemainderFit(NamedTuple):
@@ -45,21 +65,14 @@ class RemainderFit(NamedTuple):
     fit: Fit  # with it; `named` itself where none is needed
     spread: Mapping[str, float]  # of each channel, 0 where nothing is needed
     log_evidence: float  # log-likelihood, priors and prices of names, integrated over the remainder
-    worth: Mapping[str, float]  # nats of each channel that is needed beside the others, most first
+    c: Floats  # (K,) likeliest coefficients of all functions
+    basis: RemainderBasis  # in which they are
+    seen: Explained  # to first order, beside the names alone
 
     @property
     def nats(self) -> float:
         """What the remainder adds beside the names."""
         return self.log_evidence - self.named.penalised_log_likelihood
-
-
-class LinearisedNames(NamedTuple):
-    """Slopes and information of each segment for the n named parameters, then for K coefficients, at a fit."""
-
-    g: Floats  # (S, n + K)
-    G: Floats  # (S, n + K, n + K)
-    terms: MarginalTerms
-    c: Floats  # (K,) coefficients there
 
 
 def basis_for(fit: Fit, take: Take) -> RemainderBasis:
@@ -72,44 +85,64 @@ def basis_for(fit: Fit, take: Take) -> RemainderBasis:
     return remainder_basis({**q, "v_fx": v_fx, "t": time_s}, car)
 
 
-def fit_with_remainder(fit: Fit, take: Take, basis: RemainderBasis) -> RemainderFit:
+def fit_with_remainder(
+    fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ...] | None = None, seen: Explained | None = None
+) -> RemainderFit:  # fmt: skip
     """The `fit` with the remainder of greatest evidence beside it, all refitted together.
 
     Spreads are found to first order, with segments weighted anew as they are explained; then coefficients and named
-    parameters are refitted, and spreads found again at the refit, until they stay.
+    parameters are refitted, and spreads found again at the refit, until it gains little.  Only functions of the
+    `channels` may be there, if they are given.
     """
-    named, on = fit.hypothesis, np.zeros(0, dtype=np.int64)
-    nothing = RemainderFit(fit, fit, dict.fromkeys(basis.channels, 0.0), fit.penalised_log_likelihood, {})
-    at = linearise_beside(fit, take, basis, on)
-    spread, quadratic, c, _ = explain_robustly(at, fit, basis)
-    best, now = nothing, fit
+    named, smooth = fit.hypothesis, channels or basis.channels
+    spread = dict.fromkeys(basis.channels, 0.0)
+    seen = seen or explain(fit, take, basis, smooth)
+    best = RemainderFit(fit, fit, spread, fit.penalised_log_likelihood, np.zeros(len(basis.size)), basis, seen)
+    _, basis, spread, quadratic, c, _ = seen
+    allowed, none, now = _with_waves(basis, smooth), np.zeros(len(basis.size)), fit
     for _ in range(ROUNDS):
-        sd = basis.sd(spread)
-        on = np.flatnonzero(sd)
+        on = needed_functions(quadratic, basis.sd(spread), c)
         if not len(on):
             break
-        hypothesis = replace(named, remainder=basis.choose(spread))
-        further = _refit_from(now, take, hypothesis, c[on] / sd[on])
+        hypothesis = replace(named, remainder=basis.choose(on, basis.sd(spread)))
+        further = _refit_from(now, take, hypothesis, c[on] / basis.sd(spread)[on])
         if further is None:
             break
-        now, at = further, linearise_beside(further, take, basis, on)
-        quadratic = _project(at, robust_weights(at.terms), now, named)
-        nats = _penalised(now, named, take) - quadratic.occam_nats(sd)
+        fitted = none.copy()
+        fitted[on] = further.phi[hypothesis.named_size :] * hypothesis.remainder.sd
+        at = gather_information(further, take, basis, fitted)
+        quadratic = at.weigh(at.robust_weights).quadratic
+        spread = likeliest_spreads(quadratic, basis, allowed, spread)
+        c = quadratic.posterior_mean(basis.sd(spread))
+        # about none, to second order about the refit; integrated, this holds what a last step would gain
+        about_none = _without_remainder(further, named, take) - quadratic.gain(fitted)
+        nats = about_none + quadratic.log_evidence(basis.sd(spread)) - basis.price
+        ahead = quadratic.gain(c) - quadratic.gain(fitted)
+        ahead -= 0.5 * float(np.sum(_whiten(c, basis.sd(spread)) ** 2 - _whiten(fitted, basis.sd(spread)) ** 2))
         if nats > best.log_evidence:
-            best = RemainderFit(fit, now, spread, nats, channel_worths(quadratic, basis, spread))
-        again = likeliest_spreads(quadratic, basis, basis.channels, spread)
-        if all(abs(np.log((again[n] + NEGLIGIBLE) / (spread[n] + NEGLIGIBLE))) < SAME_SPREAD for n in spread):
+            best = RemainderFit(fit, further, spread, nats, c, basis, seen)
+        now = further
+        if ahead < CONVERGED_NATS:
             break
-        spread, c = again, quadratic.posterior_mean(basis.sd(again))
     return best
 
 
-def _penalised(fit: Fit, named: Hypothesis, take: Take) -> float:
-    """Log-likelihood plus log priors of names and remainder, less the price of the names (nats)."""
-    names, c = fit.phi[: named.named_size], fit.phi[named.named_size :]
+def _whiten(c: Floats, sd: Floats) -> Floats:
+    """Coefficients over their prior standard deviations; zero where there is none."""
+    return np.divide(c, sd, out=np.zeros_like(c), where=sd > 0.0)
+
+
+def needed_functions(quadratic: Quadratic, sd: Floats, c: Floats) -> Ints:
+    """Indices of the functions whose coefficients `c` are some standard deviations from zero."""
+    strength = np.abs(c) * np.sqrt(np.maximum(np.diag(quadratic.G), 0.0))
+    return np.flatnonzero((sd > 0.0) & (strength > NEEDED_SD))
+
+
+def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
+    """Log-likelihood plus log prior of the names, less their price (nats), at a fit with a remainder."""
+    names = fit.phi[: named.named_size]
     trusted = named.prior(names).log_density(names) if named.trusted_simulation is not None else 0.0
-    price = 0.5 * len(named.effect_parameters) * float(np.log(take.segments))
-    return fit.log_likelihood + trusted - price - 0.5 * float(c @ c)
+    return fit.log_likelihood + trusted - 0.5 * len(named.effect_parameters) * float(np.log(take.segments))
 
 
 def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit | None:
@@ -123,52 +156,38 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
     return None
 
 
-def linearise_beside(fit: Fit, take: Take, basis: RemainderBasis, on: Ints) -> LinearisedNames:
-    """Slopes and information of all segments at a fit, which holds the coefficients of the functions `on`."""
-    h, c = fit.hypothesis, np.zeros(len(basis.size))
-    c[on] = fit.phi[h.named_size :] * h.remainder.sd
-    body, tracking = basis.tables(c)
-    named = replace(h, remainder=NO_REMAINDER)
-    inputs = h.prediction_inputs(fit.phi, take)
-    every = inputs._replace(switches=effect_switches(h.effect_values(fit.phi), body), tracking=tracking)
-    r, A, B = linearise_residuals(take, every, fit.start)
-    own = parameter_jacobian(take, h, fit.phi, fit.start, r, range(named.base_size, named.named_size))
-    J = np.ascontiguousarray(np.concatenate([fit.tangent.J[:, :, : named.base_size], own, B], axis=2))
-    rest = remove_pushes(r, A, fit.start, take.first)
-    _, terms = estimate_scales(segment_moments(rest, A, take.first), fit.scales, 0)
-    g, G = score_and_information(rest, A, J, take.first, fit.scales.r, terms.V)
-    return LinearisedNames(g, G, terms, c)
+def _with_waves(basis: RemainderBasis, channels: tuple[str, ...]) -> tuple[str, ...]:
+    """The `channels`, and those of waves in them."""
+    return tuple(name for name in basis.channels if name.removesuffix("~") in channels)
 
 
-def _project(at: LinearisedNames, weights: Floats, fit: Fit, named: Hypothesis) -> Quadratic:
-    """The log-likelihood of the coefficients, about none, with the named parameters projected out."""
-    n = named.named_size
-    prior, phi = named.prior(fit.phi[:n]), fit.phi[:n]
-    g, G = weights @ at.g, np.tensordot(weights, at.G, axes=1)
-    g[:n] -= prior.stiffness * (phi - prior.centre)
-    G[:n, :n] += np.diag(prior.stiffness)
-    g = g + G[:, n:] @ at.c
-    answer = np.linalg.lstsq(G[:n, :n], G[:n, n:], rcond=1e-12)[0]
-    return Quadratic(g[n:] - answer.T @ g[:n], G[n:, n:] - G[n:, :n] @ answer)
-
-
-def explain_robustly(
-    at: LinearisedNames, fit: Fit, basis: RemainderBasis
-) -> tuple[dict[str, float], Quadratic, Floats, Floats]:
-    """Spreads, the quadratic log-likelihood, coefficients and weights of segments, about a fit without a remainder.
+def explain(fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ...] | None = None) -> Explained:
+    """What a remainder explains beside a `fit`, to first order: smooth functions, and the waves that are needed.
 
     Segments that the remainder explains gain weight, as in the likelihood.
     """
-    named, n = fit.hypothesis, fit.hypothesis.named_size
-    prior, weights, spread = named.prior(fit.phi), robust_weights(at.terms), dict.fromkeys(basis.channels, 0.0)
-    for _ in range(REWEIGHTINGS):
-        quadratic = _project(at, weights, fit, named)
-        spread = likeliest_spreads(quadratic, basis, basis.channels, spread)
+    smooth = channels or basis.channels
+    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+    seen = _reweigh(Explained.of_nothing(at, basis), smooth, REWEIGHTINGS)
+    for _ in range(MOST_WAVES):
+        moved = at.weigh(seen.weights).names_beside(seen.c)
+        wave = find_wave(at, fit.car(), seen.weights, moved, seen.c)
+        if wave is None or wave.channel not in smooth:
+            break
+        basis = add_waves(basis, [wave])
+        at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+        seen = _reweigh(seen.beside(at, basis), smooth, 1)
+    return seen
+
+
+def _reweigh(seen: Explained, smooth: tuple[str, ...], times: int) -> Explained:
+    """What a remainder explains, its spreads found and segments weighed anew so many `times`."""
+    at, basis, weights, spread = seen.at, seen.basis, seen.weights, seen.spread
+    for _ in range(times):
+        weighed = at.weigh(weights)
+        quadratic = weighed.quadratic
+        spread = likeliest_spreads(quadratic, basis, _with_waves(basis, smooth), spread)
         c = quadratic.posterior_mean(basis.sd(spread))
-        g, G = weights @ at.g, np.tensordot(weights, at.G, axes=1)
-        slope = g[:n] - prior.stiffness * (fit.phi - prior.centre) - G[:n, n:] @ c
-        moved = np.linalg.lstsq(G[:n, :n] + np.diag(prior.stiffness), slope, rcond=1e-12)[0]
-        a = np.r_[moved, c]
-        chi2 = np.maximum(at.terms.chi2 - 2.0 * at.g @ a + np.einsum("i,sij,j->s", a, at.G, a), 0.0)
+        chi2 = at.chi2_beside(weighed.names_beside(c), c)
         weights = (NU + at.terms.numbers) / (NU + chi2)
-    return spread, quadratic, c, weights
+    return Explained(at, basis, spread, quadratic, c, weights)

@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
-from bcid.effects.remainder import COEFFICIENT, COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
+from bcid.aliases import Floats, Ints
+from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.hypothesis import Remainder
 from bcid.likelihood.tracking_functions import (
-    AMOUNT,
     FIRST_WAVE,
     INTO,
     SHIFT,
@@ -52,6 +51,8 @@ class RemainderBasis(NamedTuple):
     tracking: Floats  # (M, TRACKING_COLUMNS) in the tracking, likewise
     channel: tuple[str, ...]  # (K,), K = B + M
     size: Floats  # (K,) of a coefficient, beside others of its channel (m/s^2, rad/s^2, rad, m, s)
+    yaw_size: float = 1.0  # rad/s^2 that count as much as 1 m/s^2
+    price: float = 0.0  # nats that the choice of functions costs, where they were chosen after the data
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -62,18 +63,11 @@ class RemainderBasis(NamedTuple):
         """Prior standard deviations (K,) of the coefficients, by the `spread` of each channel."""
         return np.asarray(self.size * np.array([spread[name] for name in self.channel]))
 
-    def choose(self, spread: Mapping[str, float]) -> Remainder:
-        """The functions of the channels whose `spread` is not zero."""
-        sd = self.sd(spread)
-        on, B = sd > 0.0, len(self.functions)
-        channel = tuple(name for name, needed in zip(self.channel, on, strict=True) if needed)
-        return Remainder(self.functions[on[:B]], self.tracking[on[B:]], channel, sd[on])
-
-    def tables(self, c: Floats) -> tuple[Floats, Floats]:
-        """All functions, on the body and in the tracking, with the coefficients `c` (K,)."""
-        body, tracking = self.functions.copy(), self.tracking.copy()
-        body[:, COEFFICIENT], tracking[:, AMOUNT] = c[: len(body)], c[len(body) :]
-        return body, tracking
+    def choose(self, on: Ints, sd: Floats) -> Remainder:
+        """The functions with the indices `on`, with prior standard deviations of `sd` (K,)."""
+        B = len(self.functions)
+        channel = tuple(self.channel[j] for j in on)
+        return Remainder(self.functions[on[on < B]], self.tracking[on[on >= B] - B], channel, sd[on])
 
 
 def _alone(channel: str, direction: str, **most: int) -> Iterator[Term]:
@@ -98,7 +92,7 @@ def _by_place(channel: str, direction: str, name: str, *waves: tuple[int, int]) 
 
 LOW, MORE = ((1, 1),), ((1, 1), (2, 1), (1, 2))
 TERMS: tuple[Term, ...] = (
-    *_alone("fx", "body_x", v_x=4, p_x=2, p_y=2, t=3),
+    *_alone("fx", "body_x", v_x=8, p_x=3, p_y=3, t=4),
     *_together("fx", "body_x", "v_x", "omega", *LOW),
     *_together("fx", "body_x", "p_x", "p_y", *MORE),
     *_together("fx", "body_x", "v_x", "t", *MORE),
@@ -109,20 +103,22 @@ TERMS: tuple[Term, ...] = (
     *_alone("fy", "front_across", alpha_f=4, v_fx=2, t=2),
     *_together("fy", "front_across", "alpha_f", "v_fx", *LOW),
     *_together("fy", "front_across", "alpha_f", "u_m", *LOW),
+    *_alone("fy", "front_across", delta_rate=4),
+    *_together("fy", "front_across", "delta_rate", "v_fx", *MORE),
     *_together("fy", "front_across", "alpha_f", "t", *MORE),
     *_by_place("fy", "front_across", "alpha_f", (1, 1), (2, 2), (1, 2), (2, 1)),
     *_alone("fy", "rear_across", alpha_r=3, v_x=2),
     *_together("fy", "rear_across", "alpha_r", "t", *LOW),
-    *_alone("mz", "yaw", omega=4, delta_rate=2, v_x=2, u_m=2, t=2),
+    *_alone("mz", "yaw", omega=6, delta_rate=2, v_x=2, u_m=2, t=2),
     *_together("mz", "yaw", "omega", "v_x", *LOW),
     *_together("mz", "yaw", "omega", "t", *LOW),
     *_together("mz", "yaw", "u_m", "delta", *LOW),
     *_alone("motor", "driven_along", u_m=6),
     *_together("motor", "driven_along", "u_m", "v_fx", *MORE, (2, 2), (3, 1), (1, 3)),
     *_together("motor", "driven_along", "u_m", "t", *MORE),
-    *_alone("steering", "wheel_angle", delta=4, delta_rate=3, t=1),
-    *_together("steering", "wheel_angle", "delta", "delta_rate", *LOW),
-    *_together("steering", "wheel_angle", "delta", "v_x", *LOW),
+    *_alone("steering", "wheel_angle", delta=6, delta_rate=6, t=3),
+    *_together("steering", "wheel_angle", "delta", "delta_rate", *MORE, (2, 2)),
+    *_together("steering", "wheel_angle", "delta", "v_x", *MORE),
     *_together("steering", "wheel_angle", "delta", "t", *LOW),
 )
 """All functions on the body.  Time and place are among what each may depend on: what changes slowly, or here and there,
@@ -155,7 +151,7 @@ def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasi
     tracking[:, SHIFT], tracking[:, FIRST_WAVE:] = _phases_and_waves(SEEN, TRACKING_INPUTS, ranges)
     every = (*TERMS, *SEEN)
     sizes = [size.get(t.direction, 1.0) / (1.0 + sum(a * a for a in t.waves.values())) for t in every]
-    return RemainderBasis(body, tracking, tuple(t.channel for t in every), np.array(sizes))
+    return RemainderBasis(body, tracking, tuple(t.channel for t in every), np.array(sizes), per_turn)
 
 
 def _phases_and_waves(

@@ -13,15 +13,12 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.fit import explain_robustly, linearise_beside
+from bcid.diagnosis.remainder.fit import Explained
 from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
-from bcid.effects.table import ENTRIES, effect_switches
-from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.jacobian import parameter_jacobian
+from bcid.effects.table import ENTRIES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import estimate_scales, segment_moments
-from bcid.likelihood.nuisance import linearise_residuals, remove_pushes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import N_NUISANCE, Take
@@ -35,13 +32,11 @@ class ScoredNames(NamedTuple):
     spread: Mapping[str, float]
 
 
-def score_names(fit: Fit, take: Take, basis: RemainderBasis, trials: TrialChanges) -> ScoredNames:
+def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> ScoredNames:
     """The effects of the `trials` by the evidence (nats) that each adds beside a remainder, to first order."""
-    at = linearise_beside(fit, take, basis, np.zeros(0, dtype=np.int64))
-    spread, _, _, weights = explain_robustly(at, fit, basis)
-    g, G = _weighted_products(fit, take, basis, trials.columns, weights)
+    basis, at, spread, weights = seen.basis, seen.at, seen.spread, seen.weights
+    g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], weights)
     n, K = fit.hypothesis.named_size, len(basis.size)
-    _add_prior(g, G, fit.hypothesis, fit.phi)
     answer = np.linalg.lstsq(G[:n, :n], G[:n, n:], rcond=1e-12)[0]
     b, H = g[n:] - answer.T @ g[:n], G[n:, n:] - G[n:, :n] @ answer
     alone = Quadratic(b[:K], H[:K, :K])
@@ -79,34 +74,24 @@ def _best_of(
     return max(spreads, key=lambda s: quadratic.log_evidence(basis.sd(s)))
 
 
-def _weighted_products(
-    fit: Fit, take: Take, basis: RemainderBasis, columns: Floats, weights: Floats
-) -> tuple[Floats, Floats]:
-    """Slope (m,) and information (m, m) for names, coefficients and trials, initial states and pushes projected out."""
-    h, inputs = fit.hypothesis, fit.hypothesis.prediction_inputs(fit.phi, take)
-    body, tracking = basis.tables(np.zeros(len(basis.size)))
-    every = inputs._replace(switches=effect_switches(h.effect_values(fit.phi), body), tracking=tracking)
-    r, A, B = linearise_residuals(take, every, fit.start)
-    own = parameter_jacobian(take, h, fit.phi, fit.start, r, range(h.base_size, h.named_size))
-    rest = remove_pushes(r, A, fit.start, take.first)
-    _, terms = estimate_scales(segment_moments(rest, A, take.first), fit.scales, 0)
-    J = np.concatenate([fit.tangent.J[:, :, : h.base_size], own, B, columns, rest[:, :, None]], axis=2)
-    root = np.sqrt(np.repeat(weights, np.diff(take.first)))[:, None] / fit.scales.r
-    J = (J * root[:, :, None]).reshape(-1, J.shape[2])
-    A = (A * root[:, :, None]).reshape(-1, N_NUISANCE)
-    edges = 3 * take.first
-    # V holds for weight one: A has the weight's root twice
-    C = np.linalg.cholesky(terms.V)
-    answered = [
-        C[s].T @ (A[a:b].T @ J[a:b]) / np.sqrt(weights[s]) for s, (a, b) in enumerate(itertools.pairwise(edges))
-    ]
-    N = np.concatenate(answered)
-    products = J.T @ J - N.T @ N
-    return products[:-1, -1].copy(), products[:-1, :-1].copy()
+def _products_with_trials(at: TakeInformation, columns: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Slope (m,) and information (m, m) of n names, K coefficients and T trials, whose `columns` are over the noise.
 
-
-def _add_prior(g: Floats, G: Floats, named: Hypothesis, phi: Floats) -> None:
-    """Add the slope and stiffness of the named parameters' prior, in place."""
-    n, prior = named.named_size, named.prior(phi)
-    g[:n] -= prior.stiffness * (phi - prior.centre)
-    G[:n, :n] += np.diag(prior.stiffness)
+    Initial states and pushes are projected out; the names' prior is included.
+    """
+    slope_n, slope_c, G_n, G_nc, G_c = at.weigh(weights)
+    n, K, T = len(slope_n), len(slope_c), columns.shape[2]
+    to_names, to_carriers = np.zeros((n, T)), np.zeros((K, T))
+    among, slope = np.zeros((T, T)), np.zeros(T)
+    roots = np.linalg.cholesky(at.terms.V).transpose(0, 2, 1)
+    for s, (a, b) in enumerate(itertools.pairwise(at.first)):
+        own, mine = at.rows[a:b].reshape(-1, at.rows.shape[2]), columns[a:b].reshape(-1, T)
+        A, rest = own[:, :N_NUISANCE], own[:, N_NUISANCE:]
+        free, free_T = roots[s] @ (A.T @ rest), roots[s] @ (A.T @ mine)
+        products = rest.T @ mine - free.T @ free_T
+        to_names += weights[s] * products[:n]
+        to_carriers += weights[s] * (at.values[s].T @ products[n:-1])
+        slope += weights[s] * products[-1]
+        among += weights[s] * (mine.T @ mine - free_T.T @ free_T)
+    G = np.block([[G_n, G_nc, to_names], [G_nc.T, G_c, to_carriers], [to_names.T, to_carriers.T, among]])
+    return np.r_[slope_n, slope_c, slope], G

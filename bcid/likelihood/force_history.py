@@ -1,0 +1,98 @@
+"""What any force on the body, and any turn of the wheel, does to the predicted poses of a take: linear in its history.
+
+A segment is cut into knots of 0.1 s.  Its predicted poses answer to accelerations a_x, a_y, alpha_z of the body and to a
+turn of the steered wheel in each knot by derivatives D.  A smooth law without a name has in each knot its value there,
+so that the derivatives by any number of such laws are a product of D and their values.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats, Ints
+from bcid.effects.remainder import (
+    BODY_X,
+    DIRECTION,
+    DRIVEN_ALONG,
+    FRONT_ACROSS,
+    FRONT_ALONG,
+    INPUTS,
+    PHASE,
+    REAR_ACROSS,
+    WAVE,
+    WHEEL_ANGLE,
+    WORLD_X,
+    WORLD_Y,
+    YAW,
+)
+from bcid.likelihood.linearised_rollout import N_PUSH
+from bcid.likelihood.predict import FINE
+from bcid.physics.car import Car
+
+HEADING, MASS = len(INPUTS), len(INPUTS) + 1  # columns of what the car is at, after INPUTS
+ACTIONS = N_PUSH + FINE.turns  # a_x, a_y, alpha_z and a turn
+HISTORY = ACTIONS * FINE.knots  # numbers in a segment's history
+
+
+class ForceHistory(NamedTuple):
+    """Derivatives of predicted poses by what acts in each knot, and what the car is at there."""
+
+    D: Floats  # (N, 3, HISTORY) knots in a row, ACTIONS of each
+    along: Floats  # (S, knots, ALONG) INPUTS, the heading (rad) and the mass over the car's
+
+
+def split_history(derivatives: Floats, parameters: int) -> tuple[Floats, Floats]:
+    """Derivatives by accelerations (N, 3, 3 knots) and turns (N, 3, knots) as those by a history (N, 3, HISTORY).
+
+    `derivatives` has, after accelerations, columns of so many `parameters`, which are the second value.
+    """
+    N, knots = len(derivatives), FINE.knots
+    pushes, J, turns = np.split(derivatives, [N_PUSH * knots, N_PUSH * knots + parameters], axis=2)
+    by_knot = np.concatenate([pushes.reshape(N, 3, knots, N_PUSH), turns[:, :, :, None]], axis=3)
+    return by_knot.reshape(N, 3, HISTORY), J
+
+
+def history_values(functions: Floats, along: Floats, car: Car) -> Floats:
+    """What a unit of each of K `functions` (K, COLUMNS) of a remainder does in each knot: (S, HISTORY, K)."""
+    s, heading = along[:, :, :HEADING], along[:, :, HEADING]
+    values = np.cos(s @ functions[:, WAVE:].T + functions[:, PHASE])
+    units = unit_actions(s[:, :, INPUTS.index("delta")], heading, along[:, :, MASS], car)
+    acted = values[:, :, None, :] * units[:, :, :, functions[:, DIRECTION].astype(int)]
+    return np.asarray(acted.reshape(len(along), HISTORY, len(functions)))
+
+
+def unit_actions(delta: Floats, heading: Floats, mass_factor: Floats, car: Car) -> Floats:
+    """Accelerations of the body and turn of the wheel (S, knots, ACTIONS, 9) by a unit in each of the DIRECTIONS.
+
+    `delta` and `heading` (S, knots) are in rad.  The compiled car has the same in `unit_remainder`.
+    """
+    cos_d, sin_d, cos_t, sin_t = np.cos(delta), np.sin(delta), np.cos(heading), np.sin(heading)
+    ratio, f = car.m / car.I_z, car.front_share  # of an arm in m^2/s^2 to alpha_z
+    units = np.zeros((*delta.shape, ACTIONS, WHEEL_ANGLE + 1))
+    units[..., 0, BODY_X] = 1.0
+    units[..., 0, FRONT_ALONG], units[..., 1, FRONT_ALONG] = cos_d, sin_d
+    units[..., 2, FRONT_ALONG] = ratio * car.l_f * sin_d
+    units[..., 0, FRONT_ACROSS], units[..., 1, FRONT_ACROSS] = -sin_d, cos_d
+    units[..., 2, FRONT_ACROSS] = ratio * car.l_f * cos_d
+    units[..., 1, REAR_ACROSS], units[..., 2, REAR_ACROSS] = 1.0, -ratio * car.l_r
+    units[..., 2, YAW] = 1.0
+    units[..., 0, WORLD_X], units[..., 1, WORLD_X] = cos_t, -sin_t
+    units[..., 0, WORLD_Y], units[..., 1, WORLD_Y] = sin_t, cos_t
+    units[..., 0, DRIVEN_ALONG], units[..., 1, DRIVEN_ALONG] = f * cos_d + 1.0 - f, f * sin_d
+    units[..., 2, DRIVEN_ALONG] = f * ratio * car.l_f * sin_d
+    units[..., :N_PUSH, :] /= mass_factor[..., None, None]
+    units[..., N_PUSH, WHEEL_ANGLE] = 1.0
+    return units
+
+
+def answer_to(D: Floats, values: Floats, first: Ints) -> Floats:
+    """Derivatives (N, 3, K) of predicted poses by K functions with the `values` (S, HISTORY, K) in each knot.
+
+    Segment s has the rows `first[s]` to `first[s + 1]`.
+    """
+    out = np.empty((len(D), 3, values.shape[2]))
+    if not values.shape[2]:
+        return out
+    for a, b, own in zip(first, first[1:], values, strict=False):
+        np.matmul(D[a:b].reshape(-1, HISTORY), own, out=out[a:b].reshape(-1, values.shape[2]))
+    return out
