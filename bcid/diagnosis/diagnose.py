@@ -1,7 +1,6 @@
-"""The diagnosis of recordings step by step: fit the base model, locate the mismatch, search, judge."""
+"""The diagnosis of recordings step by step: fit the base model, name what is missing, locate it, judge."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,18 +9,16 @@ from threadpoolctl import threadpool_limits
 
 from bcid.aliases import Progress
 from bcid.diagnosis.judge.not_excited import find_unexcited_effects
-from bcid.diagnosis.judge.verdict import Judgement, judge_search
+from bcid.diagnosis.judge.verdict import Judgement, judge_names
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
 from bcid.diagnosis.locate.pushes import Disturbances, estimate_disturbances
-from bcid.diagnosis.locate.regression import regress_disturbances
 from bcid.diagnosis.reference_model import ReferenceModel
-from bcid.diagnosis.search.forward_backward import SearchResult, search_effects
+from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.documents.diagnosis import NotExcited
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import ENTRIES, effect_ids
-from bcid.errors import PredictionDiverged
 from bcid.estimate.types import Estimate
 from bcid.likelihood import prepare
 from bcid.likelihood.divergence import none_if_diverged, refuse_divergence
@@ -39,7 +36,7 @@ class Diagnosis:
 
     take: Take
     contacts: tuple[Contact, ...]
-    search: SearchResult
+    naming: Naming
     judgement: Judgement
     location: Location
     pushes_before: Disturbances  # under the refitted base model
@@ -47,15 +44,25 @@ class Diagnosis:
     not_excited: tuple[NotExcited, ...]
 
     @property
+    def fit(self) -> Fit:
+        """The fit with the named effects; the corrected base model where there is none."""
+        return self.naming.best
+
+    @property
     def p_value(self) -> float:
-        """The p-value of nothing missing (Bonferroni): 4 min(p of effects, of places, of times, of corrections)."""
+        """The p-value of nothing missing (Bonferroni): 4 min(p of a remainder, of places, times, corrections).
+
+        A take is exp(x) times likelier with a remainder by chance in a share exp(-x) of takes of nothing at most
+        (Markov's inequality).
+        """
         from scipy.stats import chi2
 
-        base, corrected, location = self.search.base, self.search.corrected, self.location
+        base, corrected, location = self.naming.base, self.naming.corrected, self.location
         free = len(corrected.hypothesis.effect_parameters) - len(base.hypothesis.effect_parameters)
         gained = corrected.log_likelihood - base.log_likelihood
         corrections = float(chi2.sf(2.0 * gained, free)) if free else 1.0
-        smallest = min(self.search.p_value, location.place_p_value, location.window_p_value, corrections)
+        remainder = float(np.exp(-max(self.naming.before.nats, 0.0)))
+        smallest = min(remainder, location.place_p_value, location.window_p_value, corrections)
         return min(1.0, 4.0 * max(smallest, JUDGE_LIMITS.min_p_value))
 
 
@@ -85,12 +92,7 @@ def diagnose_recordings(
 ) -> Diagnosis:  # fmt: skip
     """Diagnose recordings of one vehicle: locate what a base model leaves unexplained, and name the effects behind it.
 
-    The base model is the Newton-Euler model, or `reference`, refitted.  Its pose predictions are linearised about
-    motions without pushes (disturbance forces and moments on the body, constant over 0.5 s).  Where the predictions are
-    too nonlinear for that (`needs_pushes`), even with the named effects, the diagnosis is repeated with predictions
-    linearised about motions under the most likely pushes, at several times the work; effects that the first search
-    dropped as proxies (they only stood in for something without a name) are excluded from the second.  A `reference`
-    with a prior (`relative_sd`) whose predictions are too nonlinear is diagnosed under pushes at once.
+    The base model is the Newton-Euler model, or `reference`, refitted.  How a name is given: docs/method.md.
 
     `progress` is called with the share done and a text; effects with an id in `excluded` are not considered.
 
@@ -98,18 +100,17 @@ def diagnose_recordings(
         InputRefused: too little of the recordings can be used, or no model can follow them.
     """
     base = fit_base_model(recordings, estimates, vehicle, reference, progress)
-    proxies: tuple[str, ...] = ()
+    take, fit = base.take, base.fit
     with threadpool_limits(1, "blas"), refuse_divergence(recordings):
-        if base.fit.hypothesis.trusted_simulation is None or not prepare.needs_pushes(base.fit, base.take):
-            # a search that diverges without pushes may not diverge under them
-            with suppress(PredictionDiverged, np.linalg.LinAlgError):
-                diagnosis = _diagnose_take(base, progress, excluded)
-                if not prepare.needs_pushes(diagnosis.judgement.fit, base.take):
-                    return diagnosis
-                proxies = diagnosis.judgement.search.proxies
-        progress(0.05, "the base model, under pushes")
-        take, fit = prepare.refit_base_with_pushes(base.take, base.fit)
-        return _diagnose_take(base._replace(take=take, fit=fit), progress, excluded, proxies)
+        given = base.evaluate_reference()
+        naming = name_effects(fit, take, excluded, given, lambda text: progress(0.3, text))
+        progress(0.8, "what is left")
+        before = estimate_disturbances(naming.corrected, take)
+        location = locate_mismatch(naming.before.seen, before, fit.hypothesis.units)
+        judgement = judge_names(naming, take)
+        after = estimate_disturbances(naming.best, take)
+        not_excited = find_unexcited_effects(naming.best, take, base.full_speed_units, naming.nulls.gate)
+    return Diagnosis(take, base.contacts, naming, judgement, location, before, after, not_excited)
 
 
 def fit_base_model(
@@ -141,26 +142,3 @@ def fit_base_model(
         take, contacts, fit = prepare.prepare_and_fit_base(recordings, estimates, hypothesis, values)
     units = prepare.scale_at_driven_speed(fit.car(), estimates, vehicle.motor.reference_speed_mps or 0.0)
     return BaseFit(take, contacts, fit, units, reference)
-
-
-def _diagnose_take(
-    base: BaseFit, progress: Progress, excluded: Sequence[str], dropped: tuple[str, ...] = ()
-) -> Diagnosis:
-    """Locate what a base model's fit leaves unexplained, search the effects that explain it, and judge them.
-
-    Effects with an id in `excluded` are not considered; nor are those in `dropped`, proxies of an earlier search (they
-    only stood in for something without a name), which are reported as dropped.
-    """
-    take, fit = base.take, base.fit
-    progress(0.15, "where the mismatch is")
-    pushes = estimate_disturbances(fit, take)
-    regression = regress_disturbances(pushes, fit.car())
-    location = locate_mismatch(fit, take, pushes, regression)
-    search = search_effects(
-        fit, take, regression, lambda text: progress(0.3, text), (*excluded, *dropped), base.evaluate_reference()
-    )
-    progress(0.8, "what is left")
-    judgement = judge_search(search, take, location.place, location.remaining if search.best is fit else None, dropped)
-    pushes_after = estimate_disturbances(judgement.fit, take)
-    not_excited = find_unexcited_effects(judgement.fit, take, base.full_speed_units, search.nulls.gate)
-    return Diagnosis(take, base.contacts, search, judgement, location, pushes, pushes_after, not_excited)

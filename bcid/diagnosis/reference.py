@@ -135,7 +135,7 @@ def identify_reference(
 
     It is the fitted car with the effects that the diagnosis names and the corrections that it makes to the base model.
     """
-    return ReferenceModel.from_fit(diagnose_recordings(recordings, estimates, vehicle).judgement.fit)
+    return ReferenceModel.from_fit(diagnose_recordings(recordings, estimates, vehicle).fit)
 
 
 @dataclass(frozen=True)

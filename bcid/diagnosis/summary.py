@@ -39,7 +39,7 @@ def summarise_diagnosis(
     `horizons` are prediction errors on held-out blocks, empty where they were not computed; `about` holds fields of
     the document that describe its input: vehicle, recordings, duration_s, simulation.
     """
-    judgement, location, unexplained = diagnosis.judgement, diagnosis.location, diagnosis.judgement.unexplained
+    judgement, location, naming, fit = diagnosis.judgement, diagnosis.location, diagnosis.naming, diagnosis.fit
     significant = diagnosis.p_value < LOCATE_LIMITS.significant_p_value
     detected = bool(judgement.findings) or judgement.verdict == "unknown" or significant
     place, window = location.place, location.window
@@ -49,9 +49,9 @@ def summarise_diagnosis(
         mismatch=written.Mismatch(
             detected=detected, p_value=diagnosis.p_value, where=_describe_location(diagnosis) if detected else None
         ),
-        channels={channel: round(nats, 1) for channel, nats in location.remaining.channel_gains.items()},
-        findings=tuple(_describe_finding(f, judgement.fit.hypothesis.entries[f.effect]) for f in judgement.findings),
-        unknown=_describe_unknown(diagnosis) if judgement.verdict == "unknown" or judgement.more_is_missing else None,
+        channels={channel: round(nats, 1) for channel, nats in location.channel_nats.items()},
+        findings=tuple(_describe_finding(f, fit.hypothesis.entries[f.effect]) for f in judgement.findings),
+        unknown=_describe_unknown(diagnosis) if judgement.verdict == "unknown" or naming.unknown_nats > 0.0 else None,
         fit=next((written.FitSummary(**h.as_json()) for h in horizons if h.horizon_s == SUMMARY_S), None),
         horizons=tuple(horizons),
         not_excited=diagnosis.not_excited,
@@ -59,27 +59,25 @@ def summarise_diagnosis(
         corrections=tuple(
             written.Correction(
                 correction=name, equation=ENTRIES[name].equation,
-                parameters=_quote_parameters(ENTRIES[name].parameters, estimates_by_symbol(judgement.fit, name)),
+                parameters=_quote_parameters(ENTRIES[name].parameters, estimates_by_symbol(fit, name)),
             )
-            for name in fitted_corrections(judgement.fit)
+            for name in fitted_corrections(fit)
         ),
         base=written.BaseModel(parameters=tuple(_base_parameters(diagnosis))),
         rivals=tuple(_describe_rivals(diagnosis)),
         placebos=tuple(
             written.Placebo(name=f"{c.effect}, carried half a take away", gain_nats=c.score)
-            for c in diagnosis.search.nulls.placebos[: SUMMARY_LIMITS.max_placebos]
+            for c in naming.nulls.placebos[: SUMMARY_LIMITS.max_placebos]
         ),
-        dropped=judgement.dropped,
+        dropped=tuple(naming.dropped),
         located=written.Located(
-            channel=location.remaining.channel,
+            channel=location.channel,
             place=(place.x, place.y, place.radius) if place else None,
             window_s=(window.begin_s, window.end_s) if window else None,
         ),
         unexplained=written.Unexplained(
-            channel=unexplained.channel, channel_gains=dict(unexplained.channel_gains),
-            correlations=dict(unexplained.regression.correlations), heldout_gain=unexplained.regression.gain_nats,
-            gain_nats=judgement.unexplained_nats,
-            direction_gains={d.channel: d.gain_nats for d in unexplained.direction_gains},
+            channel_nats={c: round(nats, 1) for c, nats in naming.rest.seen.channel_nats().items()},
+            gain_nats=naming.unknown_nats,
         ),
     )  # fmt: skip
 
@@ -91,7 +89,7 @@ def _describe_location(diagnosis: Diagnosis) -> written.Where:
     any, all are as located by the disturbances before the search.
     """
     location, findings = diagnosis.location, diagnosis.judgement.findings
-    channel, depends = location.remaining.channel, location.depends_on
+    channel, depends = location.channel, location.depends_on
     times: tuple[tuple[float, float], ...] = ((0.0, diagnosis.take.T),)
     place: written.Circle | None = None
     if findings:
@@ -140,27 +138,29 @@ def _describe_finding(f: Finding, effect: Effect) -> written.NamedEffect:
 
 
 def _describe_unknown(diagnosis: Diagnosis) -> written.UnknownPart:
-    """Describe the predictable disturbance that no effect of the table explains, for diagnosis.json.
+    """Describe what no effect of the table explains: channel, dependence, and nats by which it makes the take likelier.
 
-    It is what remains beside the best fit; if that is nothing beyond chance, what corrections of the base model's own
+    It is the remainder beside the best fit; if that is nothing beyond chance, what corrections of the base model's own
     simplifications explain.
     """
-    judgement, unexplained = diagnosis.judgement, diagnosis.judgement.unexplained
-    regression = unexplained.regression
-    if judgement.unexplained_nats > 0.0:
-        push = unexplained.significant_direction(judgement.gate_nats)
+    naming, seen = diagnosis.naming, diagnosis.naming.rest.seen
+    if naming.unknown_nats > 0.0:
+        channel = next(iter(seen.channel_nats()), None)
+        depends_on = seen.depends_on(channel) if channel else ()
+        held_out = diagnosis.judgement.unknown
         return written.UnknownPart(
-            channel=unexplained.channel, depends_on=regression.depends_on if regression.predictable else (),
-            form=regression.form if regression.channel == unexplained.channel else None,
-            heldout_gain=regression.gain_nats, gain_nats=judgement.unexplained_nats,
-            direction=push.description if push else None,
+            channel=channel, depends_on=depends_on, gain_nats=naming.unknown_nats,
+            heldout_gain=held_out.nats if held_out else None,
         )  # fmt: skip
-    entries = [ENTRIES[name] for name in fitted_corrections(judgement.fit)]
+    entries, corrections = (
+        [ENTRIES[name] for name in fitted_corrections(diagnosis.fit)],
+        diagnosis.judgement.corrections,
+    )
     return written.UnknownPart(
-        channel=diagnosis.location.remaining.channel,
+        channel=diagnosis.location.channel,
         depends_on=tuple(dict.fromkeys(d for entry in entries for d in entry.depends_on)),
         form="; ".join(entry.equation for entry in entries) or None,
-        heldout_gain=judgement.corrections.nats if judgement.corrections else 0.0,
+        heldout_gain=corrections.nats if corrections else 0.0,
     )
 
 
@@ -170,7 +170,7 @@ def _base_parameters(diagnosis: Diagnosis) -> list[written.BaseParameter]:
     `shown` is false for base parameters with a relative standard error of `SUMMARY_LIMITS.max_relative_se` or more,
     except drag R_1 and R_2; `at_bound` is true for parameters that ended at a bound.
     """
-    fit = diagnosis.judgement.fit
+    fit = diagnosis.fit
     car, hypothesis, values = fit.car(), fit.hypothesis, fit.effect_estimates()
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     units = constant_units(car)
@@ -197,9 +197,8 @@ def _describe_rivals(diagnosis: Diagnosis) -> list[written.Rival]:
 
     Why a fit was not preferred is that it explains less, or that it cannot be told apart on this recording.
     """
-    search = diagnosis.judgement.search
-    best, rows = search.best, []
-    for other in search.rivals[: SUMMARY_LIMITS.max_rivals]:
+    best, rows = diagnosis.fit, []
+    for other in diagnosis.naming.rivals[: SUMMARY_LIMITS.max_rivals]:
         behind = best.penalised_log_likelihood - other.penalised_log_likelihood
         alone = are_indistinguishable(best, other, diagnosis.take)
         why = "cannot be told apart on this recording" if alone else f"explains {behind:.0f} nats less"

@@ -67,8 +67,7 @@ class UnknownPart(Part):
     depends_on: tuple[str, ...] = ()
     form: str | None = None  # a short formula that fits it
     heldout_gain: Number = None
-    gain_nats: Number = None
-    direction: str | None = None  # of its pushes, in words
+    gain_nats: Number = None  # by which free functions make the recording likelier
 
 
 class FitSummary(Part):
@@ -177,22 +176,16 @@ class Placebo(Part):
 class Located(Part):
     """Where the mismatch was found before any effect was named."""
 
-    channel: str
+    channel: str | None = None
     place: tuple[float, float, float] | None = None  # x, y, radius (m)
     window_s: Interval | None = None
 
 
 class Unexplained(Part):
-    """What free functions still predict of the recording beside the findings, by channel and direction."""
+    """What free functions still explain of the recording beside the findings."""
 
-    channel: str
-    channel_gains: dict[str, Figure] = Field(default_factory=dict)  # nats that free functions in one channel explain
-    correlations: dict[str, Figure] = Field(
-        default_factory=dict
-    )  # of held-out predictions with what is left, by channel
-    heldout_gain: Figure = 0.0
-    gain_nats: Figure = 0.0
-    direction_gains: dict[str, Figure] = Field(default_factory=dict)  # nats that pushes of one direction explain
+    channel_nats: dict[str, Figure] = Field(default_factory=dict)  # that those of each channel add beside the others'
+    gain_nats: Figure = 0.0  # that all add, where they add more than chance
 
 
 class DiagnosisDocument(Document):
@@ -219,7 +212,7 @@ class DiagnosisDocument(Document):
     base: BaseModel = BaseModel()
     rivals: tuple[Rival, ...] = ()
     placebos: tuple[Placebo, ...] = ()
-    dropped: tuple[str, ...] = ()  # names that were found and only stood in for something else
+    dropped: tuple[str, ...] = ()  # effects that were tried, and add nothing beside free functions
     located: Located | None = None
     unexplained: Unexplained | None = None
 

@@ -106,7 +106,8 @@ def _linearise(
     """What `linearise_poses` gives for a take."""
     chain, car, e, c = inputs.kernel_arguments
     cars, widths = changed or ChangedCars(np.array([car]), np.zeros(0))
-    return tuple(linearise_poses(segment_layout(take), start, chain, cars, widths, resolution, e, c))
+    poses, derivatives, along = linearise_poses(segment_layout(take), start, chain, cars, widths, resolution, e, c)
+    return poses, derivatives, along
 
 
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:

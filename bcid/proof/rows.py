@@ -72,9 +72,8 @@ def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
     channel, circle on the floor and time window of the mismatch; "p_value" of a perfect base model; "not_excited",
     the smallest detectable size of each effect that the drive could not show.
     """
-    judgement, location = diagnosis.judgement, diagnosis.location
-    place, window = location.place, location.window
-    unexplained, regression = judgement.unexplained, judgement.unexplained.regression
+    judgement, location, naming = diagnosis.judgement, diagnosis.location, diagnosis.naming
+    place, window, left = location.place, location.window, naming.rest.seen.channel_nats()
     return {
         "verdict": judgement.verdict,
         "findings": [
@@ -86,15 +85,14 @@ def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for f in judgement.findings
         ],
-        "dropped": list(judgement.dropped),
-        "corrections": list(fitted_corrections(judgement.fit)),
+        "dropped": {name: round(nats, 1) for name, nats in naming.dropped.items()},
+        "corrections": list(fitted_corrections(diagnosis.fit)),
+        "gate": round(naming.nulls.gate, 1),
         "remainder": {
-            "channel": unexplained.channel, "entering": unexplained.channel_gains,
-            "correlations": regression.correlations,
-            "gain": round(regression.gain_nats, 1), "nats": round(judgement.unexplained_nats, 1),
-            "lying": {way.channel: round(way.gain_nats, 1) for way in unexplained.direction_gains},
+            "channel": next(iter(left), None), "entering": {c: round(nats, 1) for c, nats in left.items()},
+            "nats": round(naming.rest.nats, 1), "before": round(naming.before.nats, 1),
         },
-        "located": location.remaining.channel,
+        "located": location.channel,
         "place": [place.x, place.y, place.radius] if place else None,
         "window": [window.begin_s, window.end_s] if window else None,
         "p_value": diagnosis.p_value,

@@ -101,10 +101,11 @@ def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
 
 
 def _describe_unknown(unknown: UnknownPart) -> str:
-    """Channel, dependence, direction and fitted formula of a disturbance that no named effect explains, as text."""
+    """Channel, dependence, and form or weight of what no named effect explains, as text."""
     channel = unknown.channel
     depends = formats.join_words([plain_name(n) for n in unknown.depends_on])
     text = f"it acts on the {CHANNELS.get(channel, channel)}" if channel else "its channel is not clear"
     text += f" and depends on {depends}" if depends else ""
-    text += f"; the pushes lie {unknown.direction}" if unknown.direction else ""
-    return text + (f"; a short form fits it: {unknown.form}" if unknown.form else "; no short form fits it")
+    if unknown.form:
+        return f"{text}; a short form fits it: {unknown.form}"
+    return text + (f"; free functions explain it by {unknown.gain_nats:.0f} nats" if unknown.gain_nats else "")

@@ -1,80 +1,31 @@
-"""Where a fit's mismatch is, before any hypothesis: what is left by channels, dependence, regime, place and time."""
+"""Where a fit's mismatch is, before any hypothesis: in which channels, on what it depends, in which regime, where, when.
 
-from __future__ import annotations
+Channels and dependence are those of the remainder, the free functions that make the take likelier
+(`bcid.diagnosis.remainder`); regime, place and time those at which disturbances are large.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from bcid.aliases import Floats
 from bcid.diagnosis.limits import LOCATE_LIMITS
-from bcid.diagnosis.locate.channel_gains import channel_gains
-from bcid.diagnosis.locate.push_directions import DirectionGain, direction_gains
-from bcid.diagnosis.locate.pushes import WRENCH_CHANNELS, Disturbances, estimate_disturbances
-from bcid.diagnosis.locate.regression import DisturbanceRegression, regress_disturbances
+from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.locate.scan_statistic import FloorCircle, TimeWindow, scan_circles, scan_windows
-from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take
+from bcid.diagnosis.remainder.fit import Explained
+from bcid.effects.entry import VehicleScale
 
-MEASUREMENT_CHANNELS = ("pose", "time")
-
-
-class RemainingMismatch(NamedTuple):
-    """What a fit leaves unexplained in three views: trees, basis functions at every place of a car, push directions."""
-
-    regression: DisturbanceRegression
-    channel_gains: Mapping[str, float]  # nats that basis functions in each channel would gain, most first
-    direction_gains: tuple[DirectionGain, ...]  # of the best direction in each channel, the likeliest first
-
-    @classmethod
-    def beside(cls, fit: Fit, take: Take, place: FloorCircle | None = None) -> RemainingMismatch:
-        """What a fit leaves unexplained of a take; `place` is a circle that stands out on the floor."""
-        disturbances, car = estimate_disturbances(fit, take), fit.car()
-        regression = regress_disturbances(disturbances, car)
-        return cls(regression, channel_gains(fit, take, place), direction_gains(disturbances, car))
-
-    @property
-    def channel(self) -> str:
-        """The channel in which the remaining mismatch enters.
-
-        It is the one whose basis functions gain most, or the one in whose direction pushes lie if that gains more.  A
-        wrong measurement seems to push in any direction: where its functions gain most, no direction counts.  Where
-        neither explains much of what trees predict, it is the channel in which they predict most.
-        """
-        least = max(LOCATE_LIMITS.min_gain_nats, LOCATE_LIMITS.min_predicted_share * self._regression_nats)
-        first = next(iter(self.channel_gains))
-        direction = next(iter(self.direction_gains), None)
-        nats = direction.gain_nats if direction else 0.0
-        if self.channel_gains[first] > least and (first in MEASUREMENT_CHANNELS or self.channel_gains[first] > nats):
-            return first
-        return direction.channel if direction and nats > least else self.regression.channel
-
-    @property
-    def _regression_nats(self) -> float:
-        """Nats that trees predict of the disturbances, 0 where that may be chance."""
-        return self.regression.gain_nats if self.regression.predictable else 0.0
-
-    def significant_direction(self, gate: float) -> DirectionGain | None:
-        """Direction in which the remaining channel's pushes lie, if it gains more than `gate` nats."""
-        first = next(iter(self.direction_gains), None)
-        return first if first and first.gain_nats > gate and first.channel == self.channel else None
-
-    def gain_nats(self, gate: float) -> float:
-        """Nats that explaining the remaining mismatch would gain: the largest of the three views.
-
-        Gains of basis functions and directions count beyond the `gate`, which chance does not reach.
-        """
-        views = (max(self.channel_gains.values()), max((d.gain_nats for d in self.direction_gains), default=0.0))
-        return max(self._regression_nats, *(nats if nats > gate else 0.0 for nats in views))
+PUSHED_BY = {"fx": (0,), "motor": (0,), "fy": (1, 2), "steering": (1, 2), "mz": (2,)}
+"""Components of a push that what acts in a channel changes; those of the others may be any."""
 
 
 @dataclass(frozen=True)
 class Location:
-    """Where the pushes that a model needs are larger than it expects, or predictable."""
+    """Where the pushes that a model needs are larger than it expects, and what free functions explain."""
 
-    remaining: RemainingMismatch
+    channel: str | None  # in which free functions explain most; None where they explain nothing
+    channel_nats: Mapping[str, float]  # that those of each channel add beside the others', most first
     depends_on: tuple[str, ...]
     regime: str
     place: FloorCircle | None
@@ -83,22 +34,23 @@ class Location:
     window_p_value: float
 
 
-def locate_mismatch(fit: Fit, take: Take, disturbances: Disturbances, regression: DisturbanceRegression) -> Location:
-    """Describe where the residuals of a fit come from: channel, dependence, driving regime, place and time.
+def locate_mismatch(seen: Explained, disturbances: Disturbances, units: VehicleScale) -> Location:
+    """Describe where the residuals of a fit come from: channels, dependence, driving regime, place and time.
 
-    `disturbances` are the accelerations of the body that the fit does not explain, constant over 0.5 s; `regression`
-    is their prediction from the car's state by regression trees.  Channels are compared by the log-likelihood gain of
-    simple functions of the state.  Place and time come from a scan statistic with a permutation test, and are None
-    where its p-value is not below `LOCATE_LIMITS.significant_p_value`.
+    `seen` is what free functions explain beside the fit, `disturbances` are the accelerations of the body that it does
+    not explain, constant over 0.5 s; `units` are the vehicle's.  Place and time come from a scan statistic with a
+    permutation test, and are None where its p-value is not below `LOCATE_LIMITS.significant_p_value`.
     """
-    circles, place_p = scan_circles(disturbances, fit.hypothesis.units, 1)
+    nats = seen.channel_nats()
+    channel = next(iter(nats), None)
+    circles, place_p = scan_circles(disturbances, units, 1)
     place = circles[0] if place_p < LOCATE_LIMITS.significant_p_value else None
     window, window_p = scan_windows(disturbances)
-    energies = disturbances.strength[:, WRENCH_CHANNELS.index(regression.channel)] ** 2
-    remaining = RemainingMismatch(regression, channel_gains(fit, take, place), direction_gains(disturbances, fit.car()))
-    regime = describe_regime(disturbances, energies)
     shown = window if window_p < LOCATE_LIMITS.significant_p_value else None
-    return Location(remaining, regression.depends_on, regime, place, place_p, shown, window_p)
+    energies = (disturbances.strength**2)[:, list(PUSHED_BY.get(channel or "", (0, 1, 2)))].sum(axis=1)
+    regime = describe_regime(disturbances, energies)
+    depends_on = seen.depends_on(channel) if channel else ()
+    return Location(channel, nats, depends_on, regime, place, place_p, shown, window_p)
 
 
 def describe_regime(disturbances: Disturbances, energies: Floats) -> str:

@@ -7,13 +7,12 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints, Switches
 from bcid.compiled.njit import njit_inline, njit_parallel
-from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import LagState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.motion import integrate_body, steady_lags
 from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
-from bcid.likelihood.marginal import eliminate_nuisance, estimate_scales, segment_moments
+from bcid.likelihood.marginal import estimate_scales, segment_moments
 from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import KNOTS, N_START, Take
@@ -21,7 +20,6 @@ from bcid.physics.car import Car
 
 STATE_NAMES = ("p_x", "p_y", "theta", "v_x", "v_y", "omega", "delta", "delta_rate", "u_m", "alpha_f", "alpha_r", "F_m")
 WRENCH_CHANNELS = ("fx", "fy", "mz")
-FLAT_PRIOR_SD = 100.0  # m/s^2 and rad/s^2: a prior of pushes so wide that it says nothing
 
 
 class Disturbances(NamedTuple):
@@ -32,9 +30,6 @@ class Disturbances(NamedTuple):
     push: Floats  # (K, 3) m/s^2, m/s^2, rad/s^2: posterior means
     strength: Floats  # (K, 3) in standard deviations of what the fit expects of them
     states: dict[str, Floats]  # (K,) each, by STATE_NAMES: means over the knots
-    posterior_share: Floats  # (K, 3) of a push that its posterior mean shows: the rest is lost to noise
-    poses_only: Floats  # (S, 3 KNOTS) m/s^2, m/s^2, rad/s^2: estimates from the poses alone, without a prior
-    poses_only_covariance: Floats  # (S, 3 KNOTS, 3 KNOTS)
 
 
 @njit_inline
@@ -79,34 +74,15 @@ def _mean_knot_states(
     return out
 
 
-def push_reduction_shares(without: Disturbances, with_effect: Disturbances) -> dict[str, float]:
-    """How the decrease of disturbances by an effect divides into "along" the car (x) and "across" (y and yaw together).
-
-    The decrease in a channel is the sum of squared disturbances `without` the effect less that `with_effect`, at
-    least 0.  Disturbances are first divided by the channel's robust standard deviation (MAD) with the effect, and
-    clipped at `LOCATE_LIMITS.max_strength_sd`.  Both shares are 0 if nothing decreases.
-    """
-    scale = np.maximum(1.4826 * np.median(np.abs(with_effect.push), axis=0), 1e-12)
-    before, after = (
-        np.minimum(np.abs(d.push) / scale, LOCATE_LIMITS.max_strength_sd) ** 2 for d in (without, with_effect)
-    )
-    saved = np.maximum((before - after).sum(axis=0), 0.0)
-    whole = max(float(saved.sum()), 1e-12)
-    return {"along": float(saved[0]) / whole, "across": float(saved[1:].sum()) / whole}
-
-
 def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
     """Estimate the accelerations of the body, constant over 0.5 s, that explain the pose residuals of a fit.
 
     They are posterior means of a linear Gaussian model with the fitted standard deviations of noise and disturbances.
-    With them come estimates without the prior (from the poses alone), and the car's mean states over the same
-    intervals.
+    With them come the car's mean states over the same intervals.
     """
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
     r = residuals_without_pushes(take, inputs, fit.start, fit.tangent.A)
-    products = segment_moments(r, fit.tangent.A, take.first)
-    _, e = estimate_scales(products, fit.scales, 0)
-    alone = eliminate_nuisance(products, fit.scales.r, np.r_[np.zeros(N_START), np.full(3 * KNOTS, FLAT_PRIOR_SD**-2)])
+    _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
     means = _mean_knot_states(segment_layout(take), fit.start, *inputs.kernel_arguments)
     push = e.z[:, N_START:].reshape(-1, 3)
     spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)
@@ -115,6 +91,5 @@ def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
     columns = means.reshape(-1, len(STATE_NAMES)).T
     return Disturbances(
         knots.ravel(), np.repeat(np.arange(take.segments), KNOTS), push, push / expected,
-        dict(zip(STATE_NAMES, columns, strict=True)), (expected / fit.scales.q) ** 2,
-        alone.z[:, N_START:], alone.V[:, N_START:, N_START:],
+        dict(zip(STATE_NAMES, columns, strict=True)),
     )  # fmt: skip

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
+from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
-from bcid.diagnosis.remainder.evidence import Quadratic, likeliest_spreads
+from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
@@ -57,6 +58,19 @@ class Explained(NamedTuple):
         """What the remainder adds, by evidence."""
         return self.quadratic.log_evidence(self.basis.sd(self.spread)) - self.basis.price
 
+    def channel_nats(self) -> dict[str, float]:
+        """Nats that the functions of each channel add beside those of the others, most first."""
+        return channel_worths(self.quadratic, self.basis, self.spread)
+
+    def depends_on(self, channel: str) -> tuple[str, ...]:
+        """The quantities, most important first, on which what the functions of a `channel` explain depends."""
+        nats = 0.5 * self.c * self.quadratic.b
+        own = np.array([name.removesuffix("~") == channel for name in self.basis.channel])
+        shares = {q: float(nats[own & on].sum()) for q, on in self.basis.quantities().items()}
+        least = LOCATE_LIMITS.min_quantity_share * float(nats[own].sum())
+        first = sorted((q for q, n in shares.items() if n > max(least, 0.0)), key=lambda q: -shares[q])
+        return tuple(first[: LOCATE_LIMITS.max_quantities])
+
 
 class RemainderFit(NamedTuple):
     """A fit, the remainder that is needed beside it, and what the two explain together."""
@@ -95,7 +109,7 @@ def fit_with_remainder(
     `channels` may be there, if they are given.
     """
     named, smooth = fit.hypothesis, channels or basis.channels
-    spread = dict.fromkeys(basis.channels, 0.0)
+    spread: Mapping[str, float] = dict.fromkeys(basis.channels, 0.0)
     seen = seen or explain(fit, take, basis, smooth)
     best = RemainderFit(fit, fit, spread, fit.penalised_log_likelihood, np.zeros(len(basis.size)), basis, seen)
     _, basis, spread, quadratic, c, _ = seen

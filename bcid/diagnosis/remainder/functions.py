@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats, Ints
+from bcid.aliases import Bools, Floats, Ints
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.hypothesis import Remainder
 from bcid.likelihood.tracking_functions import (
@@ -30,6 +30,12 @@ TURN_RAD = 0.1
 
 SEEN_SIZE = 0.1
 """An error of the tracking (m, rad, s) that counts as much."""
+
+QUANTITIES = {
+    "v_x": "v_x", "omega": "yaw_rate", "v_fx": "v_x", "alpha_f": "alpha_f", "alpha_r": "alpha_r", "delta": "steering",
+    "delta_rate": "steering_rate", "u_m": "throttle", "p_x": "place", "p_y": "place", "t": "time",
+}  # fmt: skip
+"""Names in diagnosis.json of what functions depend on."""
 
 Waves = Mapping[
     str, int
@@ -62,6 +68,17 @@ class RemainderBasis(NamedTuple):
     def sd(self, spread: Mapping[str, float]) -> Floats:
         """Prior standard deviations (K,) of the coefficients, by the `spread` of each channel."""
         return np.asarray(self.size * np.array([spread[name] for name in self.channel]))
+
+    def quantities(self) -> dict[str, Bools]:
+        """Which functions (K,) depend on each quantity, by its name in diagnosis.json."""
+        waves = {name: self.functions[:, WAVE + j] != 0.0 for j, name in enumerate(INPUTS)}
+        seen = {name: self.tracking[:, FIRST_WAVE + j] != 0.0 for j, name in enumerate(TRACKING_INPUTS)}
+        out = dict[str, Bools]()
+        for name, body in waves.items():
+            both = np.r_[body, seen.get(name, np.zeros(len(self.tracking), dtype=bool))]
+            written = QUANTITIES[name]
+            out[written] = out[written] | both if written in out else both
+        return out
 
     def choose(self, on: Ints, sd: Floats) -> Remainder:
         """The functions with the indices `on`, with prior standard deviations of `sd` (K,)."""

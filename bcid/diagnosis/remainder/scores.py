@@ -7,7 +7,6 @@ remainder alone, whose spreads are found anew beside the trial.
 
 import itertools
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,15 +23,7 @@ from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import N_NUISANCE, Take
 
 
-class ScoredNames(NamedTuple):
-    """Effects by what they would add beside the remainder, best first, and what the remainder adds alone."""
-
-    candidates: list[CandidateEffect]
-    remainder_nats: float
-    spread: Mapping[str, float]
-
-
-def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> ScoredNames:
+def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> list[CandidateEffect]:
     """The effects of the `trials` by the evidence (nats) that each adds beside a remainder, to first order."""
     basis, at, spread, weights = seen.basis, seen.at, seen.spread, seen.weights
     g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], weights)
@@ -64,7 +55,7 @@ def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> 
             continue
         if trial.effect not in best or score > best[trial.effect].score:
             best[trial.effect] = CandidateEffect(trial.effect, values, score)
-    return ScoredNames(sorted(best.values(), key=lambda c: -c.score), nothing, spread)
+    return sorted(best.values(), key=lambda c: -c.score)
 
 
 def _best_of(

@@ -1,7 +1,4 @@
-"""Joint refits with one effect more: from the score test, beside a reference model's own parameters, from large sizes.
-
-Refits from an effect's own best size: `bcid.diagnosis.search.line_search`.
-"""
+"""Joint refits with one effect more, or fewer: from the score test, or from large sizes."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -9,13 +6,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.search.screen import CandidateEffect, screen_effects, sharpen_places, simulate_trials
+from bcid.diagnosis.search.screen import CandidateEffect, sharpen_places
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
-from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import map_converged, none_if_diverged
-from bcid.likelihood.refit import Fit, evaluate_fixed, refit
+from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
 QUICK_ITERATIONS = 6
@@ -48,54 +44,6 @@ def rank_fits(fits: Iterable[Fit]) -> list[Fit]:
 def rank_credible_fits(fits: Iterable[Fit], take: Take) -> list[Fit]:
     """The fits by penalised log-likelihood, best first, without those with a named effect at a bound of its size."""
     return rank_fits(f for f in fits if not effects_at_bounds(f, take))
-
-
-def refit_candidates(fit: Fit, take: Take, shortlist: Sequence[CandidateEffect]) -> list[Fit]:
-    """Joint refits of `fit` with each candidate effect of the `shortlist` added, best penalised log-likelihood first.
-
-    All are refitted quickly, with the fit's own derivatives of the predictions.  Those whose gain is within
-    `near_best_nats` or `near_best_share` of the best one's (SEARCH_LIMITS), at most `max_finalists`, are refitted
-    fully, with renewed derivatives.  Candidates from whose start predictions diverge are left out.
-    """
-    quick = rank_fits(map_converged(refit_along_tangent, ((fit, take, candidate) for candidate in shortlist)))
-    if not quick:
-        return []
-    reach = max(SEARCH_LIMITS.near_best_share * gain_nats(quick[0], fit), SEARCH_LIMITS.near_best_nats)
-    near = sum(gain_nats(quick[0], f) < reach for f in quick[: SEARCH_LIMITS.max_finalists])
-    full, rest = [refit_fully(f, take) for f in quick[:near]], quick[near:]
-    # a full refit may end lower than a quick one, which is then refitted fully as well
-    while rest and rest[0].penalised_log_likelihood > max(f.penalised_log_likelihood for f in full):
-        full.append(refit_fully(rest.pop(0), take))
-    return rank_fits([*full, *rest])
-
-
-def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
-    """Joint refits with one effect more that start from a reference model's own parameters, best first.
-
-    `reference` is that model as a fit, not refitted; corrections of the base model that `corrected` holds are added
-    first.  The effects are those that a score test beside it promises most from, without those `excluded`.  Empty if
-    predictions of the reference model diverge.
-    """
-    more = corrected.hypothesis
-    try:
-        if more.effects != reference.hypothesis.effects:
-            values = more.effect_values(corrected.phi) | reference.hypothesis.effect_values(reference.phi)
-            phi = more.phi_of(reference.car(), list(values.values()))
-            reference = evaluate_fixed(take, more, phi, reference.scales)
-        candidates = screen_effects(reference, take, simulate_trials(reference, take).without(excluded))
-    except PredictionDiverged:
-        return []
-    shortlist = candidates[: SEARCH_LIMITS.max_candidates]
-    return refit_candidates(reference, take, [c for c in shortlist if c.score > SEARCH_LIMITS.min_score_nats])
-
-
-def score_testable_candidates(fit: Fit, take: Take, candidates: Iterable[CandidateEffect]) -> list[CandidateEffect]:
-    """The candidates for which the score test predicts the gain well: all, unless the take is predicted under pushes.
-
-    Under pushes (disturbances of the body fitted to each 0.5 s) they are only the effects with a place or time: pushes
-    already do the work of any other effect, so that a small change of that effect seems to gain little.
-    """
-    return [c for c in candidates if not take.pushed or fit.hypothesis.entries[c.effect].place_parameters]
 
 
 def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:

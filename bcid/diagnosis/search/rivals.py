@@ -1,11 +1,10 @@
 """The rivals of a fit: its named effects with one of them left out, or exchanged for another."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.search import refits
-from bcid.diagnosis.search.line_search import refit_from_sizes
 from bcid.diagnosis.search.place_search import refine_places
 from bcid.diagnosis.search.screen import screen_effects
 from bcid.likelihood.divergence import none_if_diverged
@@ -24,20 +23,17 @@ class Alternatives(NamedTuple):
     rivals: tuple[Fit, ...]  # each with one named effect exchanged, best first
 
 
-def exchange_until_stable(
-    fit: Fit, take: Take, trials: TrialChanges, known: Iterable[Fit], promising: Sequence[str] = ()
-) -> Alternatives:
+def exchange_until_stable(fit: Fit, take: Take, trials: TrialChanges, known: Iterable[Fit]) -> Alternatives:
     """The fit and its rivals after exchanges of single named effects, while these raise the penalised log-likelihood.
 
     A rival is a fit with one effect exchanged for another.  `trials` are changes of predicted poses by the effects
-    that may come in, for the score test; those in `promising` are also refitted from the multiples of their declared
-    sizes that fit best.  `known` are fits with fewer effects, which are reused instead of refitted.
+    that may come in, for the score test.  `known` are fits with fewer effects, which are reused instead of refitted.
     """
     known = tuple(known)
     rivals: tuple[Fit, ...] = ()
     for _ in range(MAX_EXCHANGE_ROUNDS):
         without = leave_one_out(fit, known, take)
-        rivals = distinct_rivals(fit, [*_refit_exchanges(fit, take, trials, without, promising), *rivals])
+        rivals = distinct_rivals(fit, [*_refit_exchanges(fit, take, trials, without), *rivals])
         if not rivals or rivals[0].penalised_log_likelihood <= fit.penalised_log_likelihood:
             return Alternatives(fit, without, rivals)
         fit, rivals = refine_places(rivals[0], take), (fit, *rivals[1:])
@@ -67,24 +63,20 @@ def leave_one_out(fit: Fit, known: Iterable[Fit], take: Take) -> dict[str, Fit]:
     return {n: fits.get(rest) or refits.refit_with_effects(fit, take, rest) for n, rest in without.items()}
 
 
-def _refit_exchanges(
-    fit: Fit, take: Take, trials: TrialChanges, without: dict[str, Fit], promising: Sequence[str]
-) -> list[Fit]:
+def _refit_exchanges(fit: Fit, take: Take, trials: TrialChanges, without: dict[str, Fit]) -> list[Fit]:
     """Refits with one named effect of `fit` exchanged for another, by penalised log-likelihood, best first.
 
     `without` holds the refit without each named effect, by its id.  Into each come the effects that a score test
-    beside that refit promises most (`trials` holds the changes of predicted poses by them), and the `promising` ones
-    from the multiples of their declared sizes that fit best.
+    beside that refit promises most; `trials` holds the changes of predicted poses by them.
     """
     held, found = fit.hypothesis.effects, list[Fit]()
     for less in without.values():
         lost_nats = refits.gain_nats(fit, less)
         near = SEARCH_LIMITS.near_best_share * lost_nats
-        candidates = refits.score_testable_candidates(less, take, screen_effects(less, take, trials.without(held)))
+        candidates = screen_effects(less, take, trials.without(held))
         for candidate in candidates[: SEARCH_LIMITS.max_exchanges]:
-            if candidate.score > max(SEARCH_LIMITS.min_score_nats, near):
+            if candidate.score > near:
                 quick = none_if_diverged(refits.refit_along_tangent, less, take, candidate)
                 if quick:
                     found.append(refits.refit_fully(quick, take) if refits.gain_nats(fit, quick) < near else quick)
-        found += refit_from_sizes(less, take, [n for n in promising if n not in held], lost_nats)[0]
     return refits.rank_credible_fits(found, take)

@@ -45,7 +45,7 @@ def run_diagnose_stage(
     found = diagnose_recordings(takes, motions, vehicle, against, progress)
     progress(0.85, "held-out proof")
     horizons, tracks = compare_predictions(
-        found.search.base, found.judgement.fit, found.take, takes[0], motions[0], vehicle, tuned, against
+        found.naming.base, found.fit, found.take, takes[0], motions[0], vehicle, tuned, against
     )  # fmt: skip
     document = summarise_diagnosis(
         found, horizons, vehicle=vehicle.name, recordings=tuple(names), duration_s=found.take.T,
@@ -57,9 +57,7 @@ def run_diagnose_stage(
     write_columns(folder / "knots.parquet", knots, KNOT_UNITS)
     write_columns(folder / "tracks.parquet", lines, TRACK_UNITS)
     (folder / "model").mkdir()
-    save_model(
-        model_from_fit(found.judgement.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model"
-    )
+    save_model(model_from_fit(found.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model")
     ModelValidity(None, DataRange.from_estimates(motions)).save(folder / "model")
     write_diagnosis_page(
         document, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
@@ -108,7 +106,7 @@ def _write_next_manoeuvre(folder: Path, diagnosis: Diagnosis) -> NextManoeuvre |
     from bcid.experiment.discrimination import find_discriminating_drive
     from bcid.experiment.manoeuvres import Arena, write_commands
 
-    best, others = diagnosis.judgement.fit, diagnosis.judgement.search.rivals
+    best, others = diagnosis.fit, diagnosis.naming.rivals
     if not others or not diagnosis.judgement.findings:
         return None
     low, high = diagnosis.take.pose[:, :2].min(axis=0), diagnosis.take.pose[:, :2].max(axis=0)

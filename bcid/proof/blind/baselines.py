@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.diagnose import Diagnosis
 from bcid.diagnosis.locate.pushes import Disturbances
-from bcid.diagnosis.locate.regression import blocked_folds, regressor_columns
 from bcid.diagnosis.search.screen import simulate_trials
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.marginal import estimate_scales, robust_weights, score_and_information, segment_moments
@@ -24,6 +23,7 @@ from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.proof.blind.limits import LIMITS
+from bcid.proof.blind.regressors import blocked_folds, regressor_columns
 
 # coefficients below it are dropped by STLSQ; in standard deviations of a push
 STLSQ_THRESHOLD = 0.05
@@ -245,7 +245,7 @@ def run_baselines(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     An answer has "effect" (named first, or None), "detected", "explained" (R^2 of the disturbances), "failed" (the
     error) and "seconds".  Of the diagnosis only the base model's fit and the disturbances beside it are used.
     """
-    residual, answers = ResidualData(diagnosis.take, diagnosis.search.base, diagnosis.pushes_before), {}
+    residual, answers = ResidualData(diagnosis.take, diagnosis.naming.base, diagnosis.pushes_before), {}
     # a suite's workers share the cores; warnings are of sparse fits that keep no term, and of nets that stop early
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

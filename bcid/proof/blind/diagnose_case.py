@@ -52,7 +52,7 @@ def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diag
     """
     if len(truth) != 1:
         return {"oracle_share": None}
-    corrected, fit, take = diagnosis.search.corrected, diagnosis.judgement.fit, diagnosis.take
+    corrected, fit, take = diagnosis.naming.corrected, diagnosis.fit, diagnosis.take
     ((effect, parameters),) = truth.items()
     held = (*(n for n in fit.hypothesis.effects if n not in EFFECTS), effect)
     hypothesis, old = corrected.hypothesis.with_effects(*held), fit.effect_estimates()
@@ -69,5 +69,5 @@ def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diag
     nothing = held_out_log_likelihoods(corrected, take).sum()
     best = held_out_log_likelihoods(oracle, take).sum() - nothing
     reached = held_out_log_likelihoods(fit, take).sum() - nothing if fit is not corrected else 0.0
-    shown = bool(best > diagnosis.judgement.gate_nats)
+    shown = bool(best > diagnosis.naming.nulls.gate)
     return {"oracle_share": float(reached / best) if shown else None, "shown": shown}

@@ -71,7 +71,7 @@ def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
     The model is a car with its named effects; the prior's relative standard deviation is
     `LIMITS.unedited_relative_sd`.
     """
-    return ReferenceModel.from_fit(diagnosis.search.best)._replace(relative_sd=LIMITS.unedited_relative_sd)
+    return ReferenceModel.from_fit(diagnosis.fit)._replace(relative_sd=LIMITS.unedited_relative_sd)
 
 
 def answer_edited_question(question: EditedQuestion, unedited: UneditedDrive, inputs: QuestionInputs) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def _unedited_values(effect: str, unedited: Diagnosis) -> dict[str, tuple[float,
     there have a prior of relative standard deviation `LIMITS.unedited_relative_sd`.  An effect bounded to one sign is
     fitted at about zero if the drive shows the other sign.
     """
-    best = unedited.search.best
+    best = unedited.fit
     values, entry = best.hypothesis.effect_values(best.phi), best.hypothesis.entries[effect]
     rest = {field: v for field, v in values.items() if field not in entry.fields}
     known = replace(best.hypothesis, nominal=best.car(), assumed=effect_ids(rest))

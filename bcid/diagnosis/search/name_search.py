@@ -1,0 +1,204 @@
+"""Names for what a take shows: each must add more than chance beside a free remainder that may take its place.
+
+Beside the names found so far stands a remainder, whose size is found by evidence.  Of all effects the score test says
+what each would add beside it, to first order; the most promising are refitted in earnest, with the remainder found anew
+beside them, and the best is a name if the evidence grows by more than the gate.  What the remainder still explains when
+no name adds more is unknown.  The method as equations: docs/method.md.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.fit import RemainderFit, basis_for, explain, fit_with_remainder
+from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.scores import score_names
+from bcid.diagnosis.search import refits
+from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
+from bcid.diagnosis.search.place_search import refine_places
+from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects, refit_with_effects
+from bcid.diagnosis.search.rivals import exchange_until_stable
+from bcid.diagnosis.search.screen import CandidateEffect, NullGains, sample_null_gains, screen_effects, simulate_trials
+from bcid.errors import PredictionDiverged
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.score_test import TrialChanges
+from bcid.likelihood.take import Take
+
+Report = Callable[[str], None]
+
+
+class Naming(NamedTuple):
+    """The names that a take gives, and what has none."""
+
+    base: Fit
+    corrected: Fit  # the base model with those of its own simplifications put right that are certainly wrong
+    before: RemainderFit  # what is missing beside it
+    rest: RemainderFit  # the fit with the names, and what is missing beside them
+    gains: dict[str, float]  # nats by which each name makes the take likelier, beside the remainder and without it
+    without: dict[str, Fit]  # the refit without each name
+    rivals: tuple[Fit, ...]  # fits with one name exchanged for another, best first
+    dropped: dict[str, float]  # effects that were tried or taken, with what they add beside the remainder
+    nulls: NullGains  # what effects gain by chance
+
+    @property
+    def best(self) -> Fit:
+        """The fit with the names."""
+        return self.rest.named
+
+    @property
+    def unknown_nats(self) -> float:
+        """Nats that the remainder adds beside the names; zero where chance may be all there is."""
+        return self.rest.nats if self.rest.nats > self.nulls.gate else 0.0
+
+
+class WeighedFit(NamedTuple):
+    """A fit, and how likely the take is with it, whatever has no name integrated out."""
+
+    named: Fit
+    log_evidence: float
+
+
+@dataclass
+class NameSearch:
+    """A search for names: what does not change, and what it has found so far."""
+
+    take: Take
+    basis: RemainderBasis
+    trials: TrialChanges
+    excluded: tuple[str, ...]
+    gate: float = 0.0
+    tried: dict[frozenset[str], WeighedFit] = field(default_factory=dict)
+    refused: dict[str, float] = field(default_factory=dict)
+
+    def beside_remainder(self, fits: Iterable[Fit]) -> list[RemainderFit]:
+        """The fits, each with the remainder of greatest evidence beside it, the greatest evidence first.
+
+        Left out are those whose evidence to first order lies clearly below that of another.
+        """
+        explained = [(f, explain(f, self.take, self.basis)) for f in fits]
+        explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
+        found = list[RemainderFit]()
+        for f, seen in explained:
+            reach = (1.0 + SEARCH_LIMITS.remainder_error) * seen.nats + SEARCH_LIMITS.near_nats
+            if any(f.penalised_log_likelihood + reach < r.log_evidence for r in found):
+                continue
+            found.append(fit_with_remainder(f, self.take, self.basis, seen=seen))
+            self.tried[frozenset(f.hypothesis.effects)] = WeighedFit(f, found[-1].log_evidence)
+        return sorted(found, key=lambda r: -r.log_evidence)
+
+    def add_name(self, rest: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit | None:
+        """The fit with one name more of greatest evidence, if that grows by more than the gate.
+
+        Tried are the effects that the score test promises most beside the remainder, and the fits `more`.
+        """
+        fit, take = rest.named, self.take
+        promising = self._promising(rest)
+        report(f"{', '.join(c.effect for c in promising) or 'none'} beside {', '.join(named_effects(fit)) or 'none'}")
+        quick = (none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in promising)
+        better = self._best_credible([*(refits.refit_fully(f, take) for f in quick if f), *more], rest)
+        if better is None and rest.nats > self.gate:
+            # what the base model takes up shows beside no fit of it
+            large = refits.refit_from_large_sizes(fit, take, (*self.excluded, *self.refused))
+            better = self._best_credible(large, rest)
+        return better
+
+    def _promising(self, rest: RemainderFit) -> list[CandidateEffect]:
+        """The effects that the score test promises most beside the remainder, best first."""
+        trials = self.trials.without((*rest.named.hypothesis.effects, *self.refused))
+        candidates = score_names(rest.named, self.take, rest.seen, trials)
+        least = max((SEARCH_LIMITS.near_best_share * c.score for c in candidates[:1]), default=0.0)
+        near = [c for c in candidates if c.score > max(least, SEARCH_LIMITS.min_score_share * self.gate)]
+        return near[: SEARCH_LIMITS.max_candidates]
+
+    def _best_credible(self, fits: Sequence[Fit], rest: RemainderFit) -> RemainderFit | None:
+        """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough."""
+        found = self.beside_remainder(f for f in fits if not effects_at_bounds(f, self.take))
+        for r in found:
+            gained = r.log_evidence - rest.log_evidence
+            if gained < self.gate:
+                self.refused[r.named.hypothesis.effects[-1]] = gained
+        return found[0] if found and found[0].log_evidence > rest.log_evidence + self.gate else None
+
+    def keep_names(self, rest: RemainderFit) -> tuple[RemainderFit, dict[str, float], dict[str, Fit]]:
+        """The names that each add more than the gate, the nats of each, and the refits without it; the least goes first.
+
+        A name must add more than the share of the remainder, too, that smooth functions cannot follow.
+        """
+        while True:
+            without = self._without_each(rest)
+            # what helps only beside a remainder, or only without one, is no name
+            gains = {
+                name: min(rest.log_evidence - less.log_evidence, gain_nats(rest.named, less.named))
+                for name, less in without.items()
+            }
+            required = max(self.gate, SEARCH_LIMITS.remainder_error * rest.nats)
+            weakest = min(gains, key=lambda n: gains[n], default="")
+            if not weakest or gains[weakest] > required:
+                return rest, gains, {name: less.named for name, less in without.items()}
+            self.refused[weakest] = gains[weakest]
+            rest = self.beside_remainder([without[weakest].named])[0]
+
+    def _without_each(self, rest: RemainderFit) -> dict[str, WeighedFit]:
+        """For each name the refit without it, and its evidence."""
+        out = dict[str, WeighedFit]()
+        for name in named_effects(rest.named):
+            held = tuple(n for n in rest.named.hypothesis.effects if n != name)
+            if frozenset(held) not in self.tried:
+                self.beside_remainder([refit_with_effects(rest.named, self.take, held)])
+            out[name] = self.tried[frozenset(held)]
+        return out
+
+
+def name_effects(
+    base: Fit, take: Take, excluded: Sequence[str] = (), reference_fit: Fit | None = None,
+    report: Report = lambda text: None,
+) -> Naming:  # fmt: skip
+    """Name the effects that a take shows beside the fitted `base` model, but for those `excluded`.
+
+    The first effect is also sought beside `reference_fit`, a reference model at its own parameters, since refitted
+    parameters may hide what is missing.  `report` is called with a text in each round.
+    """
+    report("the base model's own simplifications")
+    corrected = fit_corrections(base, take)
+    report("a score test of every effect")
+    trials = simulate_trials(corrected, take).without(excluded)
+    search = NameSearch(take, basis_for(corrected, take), trials, tuple(excluded))
+    before = rest = search.beside_remainder([corrected])[0]
+    # chance has nothing to do with what is missing, which the remainder has taken up
+    nulls = sample_null_gains(rest.fit, take, trials)
+    search.gate = nulls.gate
+    more = refit_beside_reference(reference_fit, take, excluded) if reference_fit else []
+    while len(named_effects(rest.named)) < SEARCH_LIMITS.max_effects:
+        better = search.add_name(rest, more, report)
+        if better is None:
+            break
+        rest, more = better, []
+    report("each name left out, and exchanged")
+    fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)
+    fit = refine_places(fit, take)
+    if fit is not rest.named:
+        rest = search.beside_remainder([fit])[0]
+    rest, gains, without = search.keep_names(rest)
+    others = exchange_until_stable(rest.named, take, trials, (base, corrected, *without.values()))
+    if others.best is not rest.named:
+        exchanged = search.beside_remainder([others.best])[0]
+        if exchanged.log_evidence > rest.log_evidence:
+            rest, gains, without = search.keep_names(exchanged)
+    return Naming(base, corrected, before, rest, gains, without, others.rivals, search.refused, nulls)
+
+
+def refit_beside_reference(reference: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
+    """Joint refits with one effect more that start from a reference model's own parameters.
+
+    `reference` is that model as a fit, not refitted.  The effects are those that a score test beside it promises most
+    from, without those `excluded`.  Empty if predictions of the reference model diverge.
+    """
+    try:
+        candidates = screen_effects(reference, take, simulate_trials(reference, take).without(excluded))
+    except PredictionDiverged:
+        return []
+    first = candidates[: SEARCH_LIMITS.max_candidates]
+    quick = (none_if_diverged(refits.refit_along_tangent, reference, take, c) for c in first)
+    return [refits.refit_fully(f, take) for f in quick if f]
