@@ -113,7 +113,7 @@ def linearise_segments(
 
 @njit
 def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, mass_factor: float, p: Car) -> None:
-    """Write what a remainder depends on, the heading and the mass factor to row `knot` of `along` (knots, ALONG, LANES)."""
+    """Write what a remainder depends on, heading and mass factor to row `knot` of `along` (knots, ALONG, LANES)."""
     flat, at = along.reshape(along.size), knot * ALONG
     s = inputs_of_remainder(act, b, p)
     for k, value in enumerate((

@@ -1,4 +1,4 @@
-"""Where a fit's mismatch is, before any hypothesis: in which channels, on what it depends, in which regime, where, when.
+"""Where a fit's mismatch is, before any hypothesis: channels, dependence, regime, place and time.
 
 Channels and dependence are those of the remainder, the free functions that make the take likelier
 (`bcid.diagnosis.remainder`); regime, place and time those at which disturbances are large.

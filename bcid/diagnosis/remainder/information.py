@@ -6,6 +6,7 @@ and turns of the wheel in each knot (`bcid.likelihood.force_history`), and funct
 J^T P J, J^T P Q, Q^T P Q, J^T P r and Q^T P r are all that the likelihood needs to first order, for any functions.
 """
 
+import itertools
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -126,7 +127,7 @@ def _project_out_nuisance(rows: Floats, V: Floats, take: Take) -> Floats:
     root, first = np.linalg.cholesky(V).transpose(0, 2, 1), take.first
     q = rows.shape[2] - N_NUISANCE
     out = np.empty((take.segments, q, q))
-    for s, (a, b) in enumerate(zip(first, first[1:], strict=False)):
+    for s, (a, b) in enumerate(itertools.pairwise(first)):
         own = rows[a:b].reshape(-1, N_NUISANCE + q)
         free = root[s] @ (own[:, :N_NUISANCE].T @ own[:, N_NUISANCE:])
         out[s] = own[:, N_NUISANCE:].T @ own[:, N_NUISANCE:] - free.T @ free

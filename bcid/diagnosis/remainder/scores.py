@@ -6,7 +6,7 @@ remainder alone, whose spreads are found anew beside the trial.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -41,9 +41,9 @@ def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> 
         taken = np.linalg.lstsq(own_H, H[own, :K], rcond=1e-9)[0]
         amplitude = np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0]
         beside = Quadratic(b[:K] - taken.T @ own_b, H[:K, :K] - H[own, :K].T @ taken)
-        channel = ENTRIES[trial.effect].channel
-        again = _best_of(beside, basis, [spread, spread | {channel: 0.0} if channel in spread else spread,
-                                         dict.fromkeys(spread, 0.0)])  # fmt: skip
+        own_channel = str(ENTRIES[trial.effect].channel)
+        others = {name: 0.0 if name.removesuffix("~") == own_channel else tau for name, tau in spread.items()}
+        again = _best_of(beside, basis, [spread, others, dict.fromkeys(spread, 0.0)])
         c = beside.posterior_mean(basis.sd(again))
         amplitude = amplitude - taken @ c
         score = 0.5 * float(own_b @ np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0])
@@ -59,7 +59,7 @@ def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> 
 
 
 def _best_of(
-    quadratic: Quadratic, basis: RemainderBasis, spreads: list[dict[str, float]] | list[Mapping[str, float]]
+    quadratic: Quadratic, basis: RemainderBasis, spreads: Sequence[Mapping[str, float]]
 ) -> Mapping[str, float]:
     """Of the `spreads` the one of greatest evidence."""
     return max(spreads, key=lambda s: quadratic.log_evidence(basis.sd(s)))

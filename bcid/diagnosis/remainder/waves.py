@@ -1,12 +1,13 @@
 """Fine waves: periodic forces, turns of the wheel and errors of the tracking, by how much likelier each makes a take.
 
-Smooth functions cannot follow what swings many times over the range of a quantity.  A wave cos(k . s + phi) of any wave
-vector k is tried beside what smooth functions explain: with the slope e and the information H of a history of forces,
-projected on the direction in which it acts, its cosine and sine gain |sum e exp(-i k . s)|^2 / (2 g) nats, g being their
-information.  That is a periodogram, weighted as the likelihood is.  By chance the best of N waves gains about log N,
+Smooth functions cannot follow what swings many times over the range of a quantity.  A wave cos(k . s + phi) of any
+wave vector k is tried beside what smooth functions explain: with the slope e and the information H of a history of
+forces, projected on the direction in which it acts, its cosine and sine gain |sum e exp(-i k . s)|^2 / (2 g) nats, g
+being their information.  That is a periodogram, weighted as the likelihood is.  By chance the best of N waves gains about log N,
 which is the price of each.
 """
 
+import itertools
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -145,7 +146,7 @@ def _waves_in_tracking(at: TakeInformation, weights: Floats, moved: Floats, acts
     carried = rows[:, :, N_NUISANCE + n : -1]
     size = int(np.diff(at.first).max())
     slope, mean, counts = np.empty(rows.shape[:2]), np.zeros((3, size, size)), np.zeros((size, size))
-    for s, (a, b) in enumerate(zip(at.first, at.first[1:], strict=False)):
+    for s, (a, b) in enumerate(itertools.pairwise(at.first)):
         r = rows[a:b, :, -1] - J[a:b] @ moved - carried[a:b] @ acts[s]
         own, V = A[a:b], at.terms.V[s]
         slope[a:b] = weights[s] * (r - own @ (V @ np.einsum("ncz,nc->z", own, r)))
@@ -168,7 +169,7 @@ def _waves_in_tracking(at: TakeInformation, weights: Floats, moved: Floats, acts
 
 
 def add_waves(basis: RemainderBasis, waves: list[Wave]) -> RemainderBasis:
-    """The basis with the cosines and sines of `waves` beside its functions, each channel's under a spread of its own."""
+    """The basis with cosines and sines of `waves` beside its functions, each channel's under a spread of its own."""
     body, tracking = [basis.functions], [basis.tracking]
     channel, size = list(basis.channel), list(basis.size)
     B = len(basis.functions)

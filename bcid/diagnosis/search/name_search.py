@@ -122,7 +122,7 @@ class NameSearch:
         return found[0] if found and found[0].log_evidence > rest.log_evidence + self.gate else None
 
     def keep_names(self, rest: RemainderFit) -> tuple[RemainderFit, dict[str, float], dict[str, Fit]]:
-        """The names that each add more than the gate, the nats of each, and the refits without it; the least goes first.
+        """The names that each add more than the gate, the nats of each, the refits without it; the least goes first.
 
         A name must add more than the share of the remainder, too, that smooth functions cannot follow.
         """
