@@ -36,7 +36,6 @@ SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a 
 class Explained(NamedTuple):
     """What a remainder explains beside a fit, to first order."""
 
-    at: TakeInformation
     basis: RemainderBasis
     spread: Mapping[str, float]
     quadratic: Quadratic
@@ -47,11 +46,11 @@ class Explained(NamedTuple):
     def of_nothing(cls, at: TakeInformation, basis: RemainderBasis) -> Explained:
         """Nothing explained yet."""
         none, K = dict.fromkeys(basis.channels, 0.0), len(basis.size)
-        return cls(at, basis, none, Quadratic(np.zeros(K), np.zeros((K, K))), np.zeros(K), at.robust_weights)
+        return cls(basis, none, Quadratic(np.zeros(K), np.zeros((K, K))), np.zeros(K), at.robust_weights)
 
-    def beside(self, at: TakeInformation, basis: RemainderBasis) -> Explained:
+    def beside(self, basis: RemainderBasis) -> Explained:
         """The same with a larger basis."""
-        return self._replace(at=at, basis=basis, spread=dict.fromkeys(basis.channels, 0.0) | dict(self.spread))
+        return self._replace(basis=basis, spread=dict.fromkeys(basis.channels, 0.0) | dict(self.spread))
 
     @property
     def nats(self) -> float:
@@ -112,7 +111,7 @@ def fit_with_remainder(
     spread: Mapping[str, float] = dict.fromkeys(basis.channels, 0.0)
     seen = seen or explain(fit, take, basis, smooth)
     best = RemainderFit(fit, fit, spread, fit.penalised_log_likelihood, np.zeros(len(basis.size)), basis, seen)
-    _, basis, spread, quadratic, c, _ = seen
+    basis, spread, quadratic, c, _ = seen
     allowed, none, now = _with_waves(basis, smooth), np.zeros(len(basis.size)), fit
     for _ in range(ROUNDS):
         on = needed_functions(quadratic, basis.sd(spread), c)
@@ -182,7 +181,7 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ..
     """
     smooth = channels or basis.channels
     at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-    seen = _reweigh(Explained.of_nothing(at, basis), smooth, REWEIGHTINGS)
+    seen = _reweigh(at, Explained.of_nothing(at, basis), smooth, REWEIGHTINGS)
     for _ in range(MOST_WAVES):
         moved = at.weigh(seen.weights).names_beside(seen.c)
         wave = find_wave(at, fit.car(), seen.weights, moved, seen.c)
@@ -190,13 +189,13 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ..
             break
         basis = add_waves(basis, [wave])
         at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-        seen = _reweigh(seen.beside(at, basis), smooth, 1)
+        seen = _reweigh(at, seen.beside(basis), smooth, 1)
     return seen
 
 
-def _reweigh(seen: Explained, smooth: tuple[str, ...], times: int) -> Explained:
+def _reweigh(at: TakeInformation, seen: Explained, smooth: tuple[str, ...], times: int) -> Explained:
     """What a remainder explains, its spreads found and segments weighed anew so many `times`."""
-    at, basis, weights, spread = seen.at, seen.basis, seen.weights, seen.spread
+    basis, weights, spread = seen.basis, seen.weights, seen.spread
     for _ in range(times):
         weighed = at.weigh(weights)
         quadratic = weighed.quadratic
@@ -204,4 +203,4 @@ def _reweigh(seen: Explained, smooth: tuple[str, ...], times: int) -> Explained:
         c = quadratic.posterior_mean(basis.sd(spread))
         chi2 = at.chi2_beside(weighed.names_beside(c), c)
         weights = (NU + at.terms.numbers) / (NU + chi2)
-    return Explained(at, basis, spread, quadratic, c, weights)
+    return Explained(basis, spread, quadratic, c, weights)

@@ -14,7 +14,7 @@ from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.fit import Explained
 from bcid.diagnosis.remainder.functions import RemainderBasis
-from bcid.diagnosis.remainder.information import TakeInformation
+from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
@@ -25,7 +25,8 @@ from bcid.likelihood.take import N_NUISANCE, Take
 
 def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> list[CandidateEffect]:
     """The effects of the `trials` by the evidence (nats) that each adds beside a remainder, to first order."""
-    basis, at, spread, weights = seen.basis, seen.at, seen.spread, seen.weights
+    basis, spread, weights = seen.basis, seen.spread, seen.weights
+    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
     g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], weights)
     n, K = fit.hypothesis.named_size, len(basis.size)
     answer = np.linalg.lstsq(G[:n, :n], G[:n, n:], rcond=1e-12)[0]

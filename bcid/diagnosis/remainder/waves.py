@@ -3,8 +3,8 @@
 Smooth functions cannot follow what swings many times over the range of a quantity.  A wave cos(k . s + phi) of any
 wave vector k is tried beside what smooth functions explain: with the slope e and the information H of a history of
 forces, projected on the direction in which it acts, its cosine and sine gain |sum e exp(-i k . s)|^2 / (2 g) nats, g
-being their information.  That is a periodogram, weighted as the likelihood is.  By chance the best of N waves gains about log N,
-which is the price of each.
+being their information.  That is a periodogram, weighted as the likelihood is.  By chance the best of N waves gains
+about log N, which is the price of each.
 """
 
 import itertools
