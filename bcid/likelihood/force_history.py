@@ -1,6 +1,6 @@
 """What any force on the body, and any turn of the wheel, does to predicted poses: linear in its history.
 
-A segment is cut into knots of 0.1 s.  Its predicted poses answer to accelerations a_x, a_y, alpha_z of the body and
+A segment is cut into knots of 0.125 s.  Its predicted poses answer to accelerations a_x, a_y, alpha_z of the body and
 to a turn of the steered wheel in each knot by derivatives D.  A smooth law without a name has in each knot its value
 there, so that the derivatives by any number of such laws are a product of D and their values.
 """

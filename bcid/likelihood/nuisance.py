@@ -88,7 +88,7 @@ def linearise_histories(
 ) -> LinearisedHistories:
     """What `linearise_residuals` gives, with derivatives by accelerations of the body and turns of the wheel.
 
-    They are by what acts in each knot of 0.1 s; pushes last for several.
+    They are by what acts in each knot of 0.125 s; pushes last for several.
     """
     poses, derivatives, along = _linearise(take, inputs, start, changed, FINE)
     by_state, rest = np.split(derivatives, [N_START], axis=2)

@@ -26,7 +26,7 @@ from bcid.likelihood.variational import TWIST
 from bcid.physics.car import Car
 
 COARSE = Resolution(KNOTS, 0)  # by pushes alone
-FINE = Resolution(15, 1)  # by accelerations and turns of the wheel in each 0.1 s
+FINE = Resolution(12, 1)  # by accelerations and turns of the wheel in each 0.125 s
 N_POSE = 3  # leading components of an initial state: the pose in the world
 
 
