@@ -22,6 +22,7 @@ from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import NU
+from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
@@ -155,7 +156,7 @@ def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
     """Log-likelihood plus log prior of the names, less their price (nats), at a fit with a remainder."""
     names = fit.phi[: named.named_size]
     trusted = named.prior(names).log_density(names) if named.trusted_simulation is not None else 0.0
-    return fit.log_likelihood + trusted - 0.5 * len(named.effect_parameters) * float(np.log(take.segments))
+    return fit.log_likelihood + trusted - price_nats(len(named.effect_parameters), take.segments)
 
 
 def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit | None:

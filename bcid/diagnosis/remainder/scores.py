@@ -18,6 +18,7 @@ from bcid.diagnosis.remainder.information import TakeInformation, gather_informa
 from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import N_NUISANCE, Take
@@ -48,7 +49,7 @@ def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> 
         c = beside.posterior_mean(basis.sd(again))
         amplitude = amplitude - taken @ c
         score = 0.5 * float(own_b @ np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0])
-        price = 0.5 * len(trial.vectors) * float(np.log(take.segments))
+        price = price_nats(len(ENTRIES[trial.effect].parameters), take.segments)
         score += beside.log_evidence(basis.sd(again)) - nothing - price
         values = _combine_vectors(trial, amplitude)
         p = ENTRIES[trial.effect].parameters
