@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.limits import LOCATE_LIMITS
+from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
@@ -185,7 +185,9 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ..
     seen = _reweigh(at, Explained.of_nothing(at, basis), smooth, REWEIGHTINGS)
     for _ in range(MOST_WAVES):
         moved = at.weigh(seen.weights).names_beside(seen.c)
-        wave = find_wave(at, fit.car(), seen.weights, moved, seen.c)
+        # what gains less than smooth functions err by is not worth its refits
+        least = SEARCH_LIMITS.remainder_error * seen.nats
+        wave = find_wave(at, fit.car(), seen.weights, moved, seen.c, least)
         if wave is None or wave.channel not in smooth:
             break
         basis = add_waves(basis, [wave])

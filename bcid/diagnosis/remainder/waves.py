@@ -59,13 +59,18 @@ class Field(NamedTuple):
     information: Floats  # (S, knots, knots)
 
 
-def find_wave(at: TakeInformation, car: Car, weights: Floats, moved: Floats, c: Floats) -> Wave | None:
-    """The best wave beside names `moved` and the coefficients `c`, if it gains enough beyond its price."""
+def find_wave(
+    at: TakeInformation, car: Car, weights: Floats, moved: Floats, c: Floats, least: float = 0.0
+) -> Wave | None:
+    """The best wave beside names `moved` and the coefficients `c`, if it gains enough beyond its price.
+
+    It must gain more than `least` nats, too.
+    """
     acts = at.values @ (c - at.c)
     slope = at.carrier_slopes - np.einsum("snq,n->sq", at.cross, moved) - np.einsum("sqp,sp->sq", at.carriers, acts)
     every = [*_waves_on_body(at, car, weights, slope), *_waves_in_tracking(at, weights, moved, acts)]
     best, price = max((w for w, _ in every), key=lambda w: w.gain), float(np.log(sum(n for _, n in every)))
-    return best._replace(price=price) if best.gain > price + MIN_GAIN_NATS else None
+    return best._replace(price=price) if best.gain > max(price + MIN_GAIN_NATS, least) else None
 
 
 def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[Wave, int]]:

@@ -6,6 +6,7 @@ beside them, and the best is a name if the evidence grows by more than the gate.
 no name adds more is unknown.  The method as equations: docs/method.md.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -72,17 +73,21 @@ class NameSearch:
     tried: dict[frozenset[str], WeighedFit] = field(default_factory=dict)
     refused: dict[str, float] = field(default_factory=dict)
 
-    def beside_remainder(self, fits: Iterable[Fit]) -> list[RemainderFit]:
+    def beside_remainder(self, fits: Iterable[Fit], least: float = -math.inf) -> list[RemainderFit]:
         """The fits, each with the remainder of greatest evidence beside it, the greatest evidence first.
 
-        Left out are those whose evidence to first order lies clearly below that of another.
+        Left out are those whose evidence to first order lies clearly below that of another, or below the `least`.
         """
         explained = [(f, explain(f, self.take, self.basis)) for f in fits]
         explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
         found = list[RemainderFit]()
         for f, seen in explained:
-            reach = (1.0 + SEARCH_LIMITS.remainder_error) * seen.nats + SEARCH_LIMITS.near_nats
-            if any(f.penalised_log_likelihood + reach < r.log_evidence for r in found):
+            error = SEARCH_LIMITS.remainder_error * seen.nats + SEARCH_LIMITS.near_nats
+            highest = f.penalised_log_likelihood + seen.nats + error
+            if highest < least:
+                self.refused[f.hypothesis.effects[-1]] = self.gate + highest - least
+                continue
+            if any(highest < r.log_evidence for r in found):
                 continue
             found.append(fit_with_remainder(f, self.take, self.basis, seen=seen))
             self.tried[frozenset(f.hypothesis.effects)] = WeighedFit(f, found[-1].log_evidence)
@@ -114,7 +119,8 @@ class NameSearch:
 
     def _best_credible(self, fits: Sequence[Fit], rest: RemainderFit) -> RemainderFit | None:
         """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough."""
-        found = self.beside_remainder(f for f in fits if not effects_at_bounds(f, self.take))
+        credible = [f for f in fits if not effects_at_bounds(f, self.take)]
+        found = self.beside_remainder(credible, rest.log_evidence + self.gate)
         for r in found:
             gained = r.log_evidence - rest.log_evidence
             if gained < self.gate:
