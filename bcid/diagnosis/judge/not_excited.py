@@ -23,8 +23,9 @@ def find_unexcited_effects(fit: Fit, take: Take, units: VehicleScale, gate_nats:
 
     The multiple is `JUDGE_LIMITS.unexcited_sizes`.  An effect shows if, at the best of several places, it is expected
     to raise the log-likelihood by `gate_nats` and its price (`required_gain_nats`).  Each is listed with the smallest
-    size that would have shown, None if no size would.  Usual sizes are declared with the effect for the bumper car and scaled by
-    `units` to this vehicle at full speed, since an effect that matters at full speed may not show in a slow drive.
+    size that would have shown, None if no size would.  Usual sizes are declared with the effect for the bumper car and
+    scaled by `units` to this vehicle at full speed, since an effect that matters at full speed may not show in a slow
+    drive.
     """
     at_speed = replace(fit.hypothesis, units=units)
     names = [n for n in EFFECTS if n in at_speed.entries and n not in at_speed.effects]
