@@ -27,21 +27,21 @@ from bcid.likelihood.lane_rollout import (
     step_inputs_in_lanes,
     store_pose,
 )
-from bcid.likelihood.step_matrix import N_COLUMNS, PUSH, advance_change, step_matrix
-from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
-from bcid.likelihood.variational import (
+from bcid.likelihood.remainder_derivatives import directions_in_use, turn_wheel
+from bcid.likelihood.step_derivatives import (
     BODY_STEP,
     LAG,
     N_STATE,
     TWIST,
     allocate_derivatives,
     car_of_row,
-    differentiate_step,
     get,
     move_component,
     put,
-    turn_wheel,
 )
+from bcid.likelihood.step_matrix import N_COLUMNS, PUSH, add_function, advance_change, step_matrix
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
+from bcid.likelihood.variational import differentiate_step
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
@@ -61,18 +61,19 @@ def linearise_segments(
     (R,) are those of `linearise_poses`.
     """
     lagging, pulled, p, steps = is_lagging(e), varies_with_pose(e), car_of_row(cars[0]), len(path) - 1
-    fitted = len(widths) + int(e.remainders)
-    columns, begin, each = N_NUISANCE + fitted, 0 if pulled else TWIST, steps // KNOTS
+    R, K, used = len(widths), int(e.remainders), directions_in_use(e)
+    functions, begin, each = N_NUISANCE + R, 0 if pulled else TWIST, steps // KNOTS
+    columns = functions + K
     wrenches = push_wrenches(nuisance, p)
-    pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(fitted)
-    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + fitted) * N_STATE * LANES)
+    pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(R, K)
+    x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + R) * N_STATE * LANES)
     to, along = changes.reshape(changes.size), path.reshape(path.size)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
     lags = steady_lags(b, act, p, e, c)
     if lagging:
-        for j in range(TWIST, N_NUISANCE + len(widths)):
+        for j in range(TWIST, functions):
             row = max(j - N_NUISANCE + 1, 0)
             if j < N_START or row > 0:
                 own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
@@ -80,22 +81,25 @@ def linearise_segments(
                 put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
                 put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
                 put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
-        if e.remainders > 0.0:
-            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, p, e, c)
+        if K > 0:
+            _begin_turned(x, functions * N_STATE, b, act, lags, p, e, c)
     store_pose(path, 0, b, e)
     _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
         mine, before = N_START + N_PUSH * (i // each), b
         ends = mine + N_PUSH
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, (mine - N_START) * LANES)
-        b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, e, c)
-        step_matrix(matrix, d, chain.h, lagging, pulled, fitted)
+        b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, used, e, c)
+        step_matrix(matrix, d, chain.h, lagging, pulled, used, R)
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, columns):
             if ends <= j < N_NUISANCE:  # a push changes nothing before it begins
                 continue
             added = N_COLUMNS + j - N_NUISANCE if j >= N_NUISANCE else (PUSH + j - mine if j >= mine else -1)
-            advance_change(x, j * N_STATE, matrix, added, turned, lagging, pulled)
+            advance_change(x, j * N_STATE, matrix, added if j < functions else -1, turned, lagging, pulled)
+        for j in range(K):
+            direction = int(e.remainder[j, DIRECTION])
+            add_function(x, (functions + j) * N_STATE, matrix, direction, d, j, R, lagging)
         store_pose(path, i + 1, b, e)
         _store_changes(to, (i + 1) * changes.shape[1], x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b)
 

@@ -21,8 +21,8 @@ from bcid.likelihood.lane_rollout import (
 )
 from bcid.likelihood.linearised_rollout import linearise_segments
 from bcid.likelihood.observe import apply_tracking, observe_means
+from bcid.likelihood.step_derivatives import TWIST
 from bcid.likelihood.take import N_NUISANCE, N_START
-from bcid.likelihood.variational import TWIST
 from bcid.physics.car import Car
 
 N_POSE = 3  # leading components of an initial state: the pose in the world

@@ -6,27 +6,30 @@ accelerations change at each stage, is in `bcid.likelihood.variational`.
 
 from typing import NamedTuple
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.car import BodyState, LagState
 from bcid.effects.motion import add_rates, stage_time, stage_weight
-from bcid.likelihood.variational import (
+from bcid.likelihood.step_derivatives import (
     ACCELERATION,
     COEFFICIENT,
     LAG,
     MASS_FACTOR,
+    N_DIRECTIONS,
     N_STATE,
-    PARAMETER,
     POSE_RATE,
     STEADY,
     TWIST,
     get,
     move_component,
+    place_of_change,
+    place_of_values,
     put,
 )
 
-PUSH = N_STATE  # columns after those of the state: three components of a push, then parameters
-N_COLUMNS = PUSH + 3
+PUSH = N_STATE  # columns after those of the state: three components of a push, functions, then parameters
+FUNCTION = PUSH + 3  # (N_DIRECTIONS, 4) a function of value 1 in a direction, at one stage alone
+N_COLUMNS = FUNCTION + N_DIRECTIONS * 4
 
 
 class SteadyChange(NamedTuple):
@@ -39,16 +42,30 @@ class SteadyChange(NamedTuple):
 
 
 @njit
-def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool, parameters: int) -> None:
+def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool, used: Bools, parameters: int) -> None:
     """Write to `out` how the state after a step of `h` seconds answers each column: RK4, linearised.
 
     `out` is flat, (N_COLUMNS + R, N_STATE, LANES).  Columns are the state before the step, accelerations that act in it
-    as the three components of a push, and R `parameters`; `d` are the step's derivatives.  Columns of the pose are left
-    out where nothing varies with it (not `pulled`), columns of lags where nothing is `lagging`.
+    as the three components of a push, functions of a remainder in the directions `used`, and R `parameters`; `d` are
+    the step's derivatives.  Columns of the pose are left out where nothing varies with it (not `pulled`), columns of
+    lags where nothing is `lagging`.
     """
     for column in range(N_COLUMNS + parameters):
-        if (lagging or not LAG <= column < PUSH) and (pulled or column >= TWIST):
+        if FUNCTION <= column < N_COLUMNS:
+            needed = bool(used[(column - FUNCTION) // 4])
+        else:
+            needed = (lagging or not LAG <= column < PUSH) and (pulled or column >= TWIST)
+        if needed:
             _answer_to_column(out, column, d, h, lagging, pulled, parameters)
+
+
+@njit_inline
+def _place_of_own(column: int, stage: int, parameters: int) -> int:
+    """Where the changes at a `stage` by the `column` itself stand among a step's derivatives; negative for none."""
+    if column >= N_COLUMNS:
+        return place_of_change(stage, N_DIRECTIONS + column - N_COLUMNS, parameters)
+    acts = column >= FUNCTION and (column - FUNCTION) % 4 == stage
+    return place_of_change(stage, (column - FUNCTION) // 4, parameters) if acts else -1
 
 
 @njit
@@ -63,13 +80,14 @@ def _answer_to_column(
     if lagging:
         start = _unit_lags(start, column - LAG)
     first = now = SteadyChange(none, none, none, none)
-    for stage in range(4):
+    # nothing happens before a function acts
+    for stage in range((column - FUNCTION) % 4 if FUNCTION <= column < N_COLUMNS else 0, 4):
         x, at = add_rates(begin, rate, stage_time(stage) * h), ACCELERATION + stage * N_STATE * 3
         a_x = a_y = a_w = none
-        own = PARAMETER + 6 * (parameters * stage + column - N_COLUMNS) if column >= N_COLUMNS else -1
+        own = _place_of_own(column, stage, parameters)
         if own >= 0:
             a_x, a_y, a_w = get(d, own), get(d, own + 1), get(d, own + 2)
-        elif column >= PUSH:
+        elif PUSH <= column < FUNCTION:
             pushed = 1.0 / get(d, MASS_FACTOR + stage)
             a_x = pushed if column == PUSH else none
             a_y = pushed if column == PUSH + 1 else none
@@ -185,3 +203,19 @@ def advance_change(
         if added >= 0:
             after += get(matrix, added * N_STATE + i)
         put(x, at + i, after)
+
+
+@njit_inline
+def add_function(
+    x: Floats, at: int, matrix: Floats, direction: int, d: Floats, j: int, parameters: int, lagging: bool
+) -> None:
+    """Add what function `j` of a remainder, in a `direction`, does in a step to N_STATE vectors of `x` from `at` on.
+
+    `matrix` is the step's, its derivatives `d`, by so many `parameters`, hold the function's value at each stage.
+    """
+    k, to = place_of_values(j, parameters), (FUNCTION + 4 * direction) * N_STATE
+    f_0, f_1, f_2, f_3 = get(d, k), get(d, k + 1), get(d, k + 2), get(d, k + 3)
+    for i in range(N_STATE if lagging else LAG):
+        early = f_0 * get(matrix, to + i) + f_1 * get(matrix, to + N_STATE + i)
+        late = f_2 * get(matrix, to + 2 * N_STATE + i) + f_3 * get(matrix, to + 3 * N_STATE + i)
+        put(x, at + i, get(x, at + i) + early + late)
