@@ -21,12 +21,14 @@ from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
+    SegmentLayout,
     first_actuation,
     load_body,
     push_wrenches,
     step_inputs_in_lanes,
     store_pose,
 )
+from bcid.likelihood.observe import observe_row, row_reader, row_spans
 from bcid.likelihood.remainder_derivatives import directions_in_use, turn_wheel
 from bcid.likelihood.step_derivatives import (
     BODY_STEP,
@@ -50,15 +52,15 @@ N_PUSH = 3  # components of a push
 
 @njit
 def linearise_segments(
-    path: Floats, changes: Floats, nuisance: Floats, lanes: LaneSegments, chain: ActuatorChain, cars: Floats,
-    widths: Floats, e: Switches, c: Constants,
+    path: Floats, derivatives: Floats, nuisance: Floats, lanes: LaneSegments, count: int, layout: SegmentLayout,
+    chain: ActuatorChain, cars: Floats, widths: Floats, e: Switches, c: Constants,
 ) -> None:  # fmt: skip
-    """Write the predicted path of LANES segments to `path`, and its derivatives to `changes`.
+    """Write the predicted path of LANES segments to `path`, and derivatives of their mean poses to `derivatives`.
 
-    `path` is (steps + 1, PATH_SIZE, LANES), `changes` (steps + 1, C PATH_SIZE, LANES), zeros before: C derivatives,
-    by initial states and pushes, which `nuisance` (N_NUISANCE, LANES) holds, by R parameters, then by K coefficients of
-    a remainder; without those by the initial pose where nothing varies with the pose.  `cars` (R + 1, 21) and `widths`
-    (R,) are those of `linearise_poses`.
+    `path` is (steps + 1, PATH_SIZE, LANES), `derivatives` (N, 3, C), of which the rows of the segments in the first
+    `count` lanes are written: by initial states and pushes, which `nuisance` (N_NUISANCE, LANES) holds, by R
+    parameters, then by K coefficients of a remainder; without those by the initial pose where nothing varies with the
+    pose, and without the tracking's scale.  `cars` (R + 1, 21) and `widths` (R,) are those of `linearise_poses`.
     """
     lagging, pulled, p, steps = is_lagging(e), varies_with_pose(e), car_of_row(cars[0]), len(path) - 1
     R, K, used = len(widths), int(e.remainders), directions_in_use(e)
@@ -67,7 +69,11 @@ def linearise_segments(
     wrenches = push_wrenches(nuisance, p)
     pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(R, K)
     x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + R) * N_STATE * LANES)
-    to, along = changes.reshape(changes.size), path.reshape(path.size)
+    along, spans = path.reshape(path.size), row_spans(count, lanes, layout, chain.h)
+    reader, r = row_reader(layout.first[lanes.s], lanes, layout), 0
+    # changes of the tracked point, of the steps that rows still need
+    C = columns - begin
+    changes = np.zeros(spans.kept * C * PATH_SIZE * LANES)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
@@ -84,7 +90,7 @@ def linearise_segments(
         if K > 0:
             _begin_turned(x, functions * N_STATE, b, act, lags, p, e, c)
     store_pose(path, 0, b, e)
-    _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
+    _store_changes(changes, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
         mine, before = N_START + N_PUSH * (i // each), b
         ends = mine + N_PUSH
@@ -101,7 +107,12 @@ def linearise_segments(
             direction = int(e.remainder[j, DIRECTION])
             add_function(x, (functions + j) * N_STATE, matrix, direction, d, j, R, lagging)
         store_pose(path, i + 1, b, e)
-        _store_changes(to, (i + 1) * changes.shape[1], x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b)
+        _store_changes(
+            changes, (i + 1) % spans.kept * C * PATH_SIZE, x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b
+        )
+        while r < len(spans.due) and spans.due[r] <= i + 1:
+            observe_row(derivatives, begin, r, changes, C, reader, count, lanes, layout, chain.h)
+            r += 1
 
 
 @njit

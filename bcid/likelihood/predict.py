@@ -21,7 +21,6 @@ from bcid.likelihood.lane_rollout import (
 )
 from bcid.likelihood.linearised_rollout import linearise_segments
 from bcid.likelihood.observe import apply_tracking, observe_means
-from bcid.likelihood.step_derivatives import TWIST
 from bcid.likelihood.take import N_NUISANCE, N_START
 from bcid.physics.car import Car
 
@@ -45,7 +44,7 @@ def predict_poses(
         begin = begin_rollout(nuisance[:N_START], lanes, chain, p, e[0], c)
         integrate_segments(path, begin, layout.steps, push_wrenches(nuisance, p), lanes, chain, p, e[0], c)
         count = min(LANES, len(layout.step) - group * LANES)
-        observe_means(out, layout.first[lanes.s], 0, path, count, lanes, layout, chain.h)
+        observe_means(out, layout.first[lanes.s], path, count, lanes, layout, chain.h)
     poses = out[:, :, 0].copy()
     apply_tracking(poses, e[0])
     return poses
@@ -67,17 +66,15 @@ def linearise_poses(
     scale = 1.0 + e[0].pose_scale__kappa
     for group in numba.prange((len(layout.step) + LANES - 1) // LANES):
         lanes, path = segments_in_lanes(group * LANES, layout, chain), allocate_path(layout.steps)
-        count, begin = min(LANES, len(layout.step) - group * LANES), 0 if pulled else TWIST
-        changes = np.zeros((layout.steps + 1, (columns - begin) * PATH_SIZE, LANES))
+        count, place = min(LANES, len(layout.step) - group * LANES), layout.first[lanes.s]
         nuisance = gather_nuisance(start, lanes)
-        linearise_segments(path, changes, nuisance, lanes, chain, cars, widths, e[0], c)
-        place = layout.first[lanes.s]
-        observe_means(out, place, 0, path, count, lanes, layout, chain.h)
-        observe_means(derivatives, place, begin, changes, count, lanes, layout, chain.h)
+        linearise_segments(path, derivatives, nuisance, lanes, count, layout, chain, cars, widths, e[0], c)
+        observe_means(out, place, path, count, lanes, layout, chain.h)
         for k in range(count):
             f, g = place[k], layout.first[lanes.s[k] + 1]
             apply_tracking(out[f:g, :, 0], e[0])
-            derivatives[f:g, :2] *= scale
+            if scale != 1.0:
+                derivatives[f:g, :2] *= scale
             if not pulled:
                 _rigid_sensitivities(derivatives[f:g], out[f:g, :, 0], nuisance[:N_POSE, k], scale)
     return out[:, :, 0].copy(), derivatives

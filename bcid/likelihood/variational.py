@@ -103,7 +103,7 @@ def differentiate_step(
     return add_rates(b, total, h / 6.0), advance_lags(lags, first, steady, h, e)
 
 
-@njit
+@njit_inline
 def _differentiate_steady(
     out: Floats, stage: int, b: BodyState, act: Actuation, lags: LagState, cars: Floats, widths: Floats, e: Switches,
     c: Constants,
@@ -131,7 +131,7 @@ def _differentiate_steady(
     return steady
 
 
-@njit
+@njit_inline
 def _differentiate_rates(
     out: Floats, stage: int, b: BodyState, act: Actuation, lags: LagState, push: tuple[float, float, float],
     cars: Floats, widths: Floats, e: Switches, c: Constants,
@@ -189,12 +189,12 @@ def _store_accelerations(out: Floats, at: int, moved: BodyState, now: BodyState,
 def _store_pull(out: Floats, at: int, b: BodyState, now: Wrench, turned: Wrench, cars: Floats, e: Switches) -> None:
     """Write derivatives of accelerations by the pose to `out` from `at` on: by cable, slope and remainder in `e`."""
     p, zero = car_of_row(cars[0]), 0.0 * b.v_x
+    F_x, F_y = force_by_place(b, now.mass_factor, p, e) if is_pulled_by_place(e) else (zero, zero)
     for j in range(3):
         a_x = a_y = alpha = zero
         if e.remainders > 0.0:
             a_x, a_y, alpha = accelerations_by(slope_of_remainder(out, j), now, turned, p)
         if is_pulled_by_place(e):
-            F_x, F_y = force_by_place(b, now.mass_factor, p, e)
             there_x, there_y = force_by_place(move_component(b, j, BODY_STEP), now.mass_factor, p, e)
             a_x += (there_x - F_x) / (now.mass_factor * p.m * BODY_STEP)
             a_y += (there_y - F_y) / (now.mass_factor * p.m * BODY_STEP)

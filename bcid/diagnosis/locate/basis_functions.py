@@ -290,7 +290,7 @@ def wrench_basis_changes(
             pushes[i] = knots[i // (layout.steps // KNOTS)]
         seen, place = np.zeros((LANES * (g - f), 3, 1)), (g - f) * np.arange(LANES)
         integrate_segments(path, begin, layout.steps, pushes, mine, chain, p, e[0], c)
-        observe_means(seen, place, 0, path, 1, mine, layout, chain.h)
+        observe_means(seen, place, path, 1, mine, layout, chain.h)
         still = seen[: g - f, :, 0].copy()
         own = shift_chain_time(chain, layout.zero_s[s])
         wrenches = _segment_basis_wrenches(
@@ -303,7 +303,7 @@ def wrench_basis_changes(
             for k, j in enumerate(columns):
                 moved[:, :, k] += PUSH_STEP / strongest[j] * wrenches[:, :, j]
             integrate_segments(path, begin, layout.steps, moved, mine, chain, p, e[0], c)
-            observe_means(seen, place, 0, path, LANES, mine, layout, chain.h)
+            observe_means(seen, place, path, LANES, mine, layout, chain.h)
             for k, j in enumerate(columns):
                 change = seen[k * (g - f) : (k + 1) * (g - f), :, 0] - still
                 out[f:g, :2, j] = change[:, :2] * (1.0 + e[0].pose_scale__kappa) * (strongest[j] / PUSH_STEP)
