@@ -1,5 +1,7 @@
 """Rollouts of LANES segments with their derivatives: the columns of a state's changes, carried along by each step."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bcid.aliases import Floats, Switches
@@ -50,6 +52,17 @@ from bcid.physics.elementary import sincos
 N_PUSH = 3  # components of a push
 
 
+class TrackedPoint(NamedTuple):
+    """The heading's sine and cosine, and in the world how far from the CoG the tracked point is, and its velocity."""
+
+    sin_t: float
+    cos_t: float
+    off_x: float
+    off_y: float
+    v_x: float
+    v_y: float
+
+
 @njit
 def linearise_segments(
     path: Floats, derivatives: Floats, nuisance: Floats, lanes: LaneSegments, count: int, layout: SegmentLayout,
@@ -70,9 +83,9 @@ def linearise_segments(
     pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(R, K)
     x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + R) * N_STATE * LANES)
     along, spans = path.reshape(path.size), row_spans(count, lanes, layout, chain.h)
-    reader, r = row_reader(layout.first[lanes.s], lanes, layout), 0
+    C, r = columns - begin, 0
+    reader = row_reader(layout.first[lanes.s], C, lanes, layout)
     # changes of the tracked point, of the steps that rows still need
-    C = columns - begin
     changes = np.zeros(spans.kept * C * PATH_SIZE * LANES)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
@@ -90,26 +103,27 @@ def linearise_segments(
         if K > 0:
             _begin_turned(x, functions * N_STATE, b, act, lags, p, e, c)
     store_pose(path, 0, b, e)
-    _store_changes(changes, 0, x, begin, N_START, columns, along, 0, b)
+    point = _tracked_point(along, 0, b)
+    for j in range(begin, columns):
+        if not N_START <= j < N_NUISANCE:
+            _store_change(changes, (j - begin) * PATH_SIZE, x, j * N_STATE, point)
     for i in range(steps):
-        mine, before = N_START + N_PUSH * (i // each), b
+        mine, before, to = N_START + N_PUSH * (i // each), b, (i + 1) % spans.kept * C
         ends = mine + N_PUSH
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, (mine - N_START) * LANES)
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, used, e, c)
         step_matrix(matrix, d, chain.h, lagging, pulled, used, R)
-        turned = (b.p_x - before.p_x, b.p_y - before.p_y)
+        store_pose(path, i + 1, b, e)
+        turned, point = (b.p_x - before.p_x, b.p_y - before.p_y), _tracked_point(along, (i + 1) * PATH_SIZE, b)
         for j in range(begin, columns):
             if ends <= j < N_NUISANCE:  # a push changes nothing before it begins
                 continue
             added = N_COLUMNS + j - N_NUISANCE if j >= N_NUISANCE else (PUSH + j - mine if j >= mine else -1)
             advance_change(x, j * N_STATE, matrix, added if j < functions else -1, turned, lagging, pulled)
-        for j in range(K):
-            direction = int(e.remainder[j, DIRECTION])
-            add_function(x, (functions + j) * N_STATE, matrix, direction, d, j, R, lagging)
-        store_pose(path, i + 1, b, e)
-        _store_changes(
-            changes, (i + 1) % spans.kept * C * PATH_SIZE, x, begin, ends, columns, along, (i + 1) * PATH_SIZE, b
-        )
+            if j >= functions:
+                direction = int(e.remainder[j - functions, DIRECTION])
+                add_function(x, j * N_STATE, matrix, direction, d, j - functions, R, lagging)
+            _store_change(changes, (to + j - begin) * PATH_SIZE, x, j * N_STATE, point)
         while r < len(spans.due) and spans.due[r] <= i + 1:
             observe_row(derivatives, begin, r, changes, C, reader, count, lanes, layout, chain.h)
             r += 1
@@ -131,25 +145,24 @@ def _begin_turned(
 
 
 @njit_inline
-def _store_changes(
-    out: Floats, to: int, x: Floats, begin: int, ends: int, columns: int, path: Floats, at: int, b: BodyState
-) -> None:
-    """Write the derivatives of the tracked point's pose and of its rates to vectors of `out` from number `to` on.
-
-    `x` holds those of the state, N_STATE vectors for each of `columns`, of which those before `begin`, and pushes
-    from `ends` on, are left out; `path` holds the pose itself from number `at` on, `b` is the state.
-    """
+def _tracked_point(path: Floats, at: int, b: BodyState) -> TrackedPoint:
+    """The tracked point of the cars in the state `b`, whose pose and rates stand in `path` from number `at` on."""
     sin_t, cos_t = sincos(b.theta)
-    off_x, off_y = get(path, at) - b.p_x, get(path, at + 1) - b.p_y
-    v_x, v_y = get(path, at + 3), get(path, at + 4)
-    for j in range(begin, columns):
-        if ends <= j < N_NUISANCE:
-            continue
-        k, own = j * N_STATE, to + (j - begin) * PATH_SIZE
-        theta, u, v, omega = get(x, k + 2), get(x, k + 3), get(x, k + 4), get(x, k + 5)
-        put(out, own, get(x, k) - off_y * theta)
-        put(out, own + 1, get(x, k + 1) + off_x * theta)
-        put(out, own + 2, theta)
-        put(out, own + 3, cos_t * u - sin_t * v - off_y * omega - v_y * theta)
-        put(out, own + 4, sin_t * u + cos_t * v + off_x * omega + v_x * theta)
-        put(out, own + 5, omega)
+    return TrackedPoint(
+        sin_t, cos_t, get(path, at) - b.p_x, get(path, at + 1) - b.p_y, get(path, at + 3), get(path, at + 4)
+    )
+
+
+@njit_inline
+def _store_change(out: Floats, to: int, x: Floats, at: int, point: TrackedPoint) -> None:
+    """Write the change of the tracked point's pose and of its rates to vectors of `out` from number `to` on.
+
+    The change of the state is N_STATE vectors of `x` from number `at` on.
+    """
+    theta, u, v, omega = get(x, at + 2), get(x, at + 3), get(x, at + 4), get(x, at + 5)
+    put(out, to, get(x, at) - point.off_y * theta)
+    put(out, to + 1, get(x, at + 1) + point.off_x * theta)
+    put(out, to + 2, theta)
+    put(out, to + 3, point.cos_t * u - point.sin_t * v - point.off_y * omega - point.v_y * theta)
+    put(out, to + 4, point.sin_t * u + point.cos_t * v + point.off_x * omega + point.v_x * theta)
+    put(out, to + 5, omega)

@@ -60,16 +60,14 @@ class RowReader(NamedTuple):
     stamp: Ints  # (LANES,) the first pose of the row to be observed next
     place: Ints  # (LANES,) where a lane's rows begin in what is written
     rows: Ints  # (LANES,) how many each lane has
-    mean: Floats  # (LANES,) scratch
+    mean: Floats  # flat, (3, C, LANES), the means of a row
 
 
 @njit
-def row_reader(place: Ints, lanes: LaneSegments, layout: SegmentLayout) -> RowReader:
-    """A reader that stands before the first row; the rows of a lane begin at `place` (LANES,) of what is written."""
-    rows = layout.first[lanes.s + 1] - layout.first[lanes.s]
-    return RowReader(
-        np.zeros((layout.steps + 1) * 2 * LANES), layout.first_stamp[lanes.s], place, rows, np.empty(LANES)
-    )
+def row_reader(place: Ints, C: int, lanes: LaneSegments, layout: SegmentLayout) -> RowReader:
+    """A reader of `C` paths that stands before the first row; a lane's rows begin at `place` of what is written."""
+    rows, weights = layout.first[lanes.s + 1] - layout.first[lanes.s], np.zeros((layout.steps + 1) * 2 * LANES)
+    return RowReader(weights, layout.first_stamp[lanes.s], place, rows, np.empty(3 * C * LANES))
 
 
 @njit
@@ -81,7 +79,7 @@ def observe_means(
     The rows of a lane begin at `place` (LANES,).  `path` (steps + 1, PATH_SIZE, LANES) holds x, y, yaw and their rates
     at steps of `h` s.  A row averages the poses within 0.05 s.
     """
-    reader = row_reader(place, lanes, layout)
+    reader = row_reader(place, 1, lanes, layout)
     flat = path.reshape(path.size)
     for r in range(reader.rows[:count].max()):
         observe_row(out, 0, r, flat, 1, reader, count, lanes, layout, h)
@@ -98,7 +96,7 @@ def observe_row(
     and their rates of C paths, or of C derivatives of one, at the steps of `h` s that were kept, step i at i modulo
     their number.
     """
-    weights, n = reader.weights, C * PATH_SIZE * LANES
+    weights, mean, n = reader.weights, reader.mean, C * PATH_SIZE * LANES
     low, high = _row_weights(weights, r, reader.stamp, count, lanes, layout, h)
     first = low * n % len(path)
     for k in range(C):
@@ -110,10 +108,13 @@ def observe_row(
                 at += n
                 if at >= len(path):
                     at -= len(path)
-            store_lanes(total, reader.mean, 0)
-            for lane in range(count):
-                if r < reader.rows[lane]:
-                    out[reader.place[lane] + r, j, begin + k] = reader.mean[lane]
+            store_lanes(total, mean, (j * C + k) * LANES)
+    for lane in range(count):
+        if r < reader.rows[lane]:
+            for j in range(3):
+                to = out[reader.place[lane] + r, j]
+                for k in range(C):
+                    to[begin + k] = mean[(j * C + k) * LANES + lane]
     weights[2 * low * LANES : 2 * (high + 1) * LANES] = 0.0
 
 

@@ -10,7 +10,6 @@ from bcid.effects.actuators import ActuatorChain
 from bcid.effects.car import varies_with_pose
 from bcid.effects.constants import Constants
 from bcid.likelihood.lane_rollout import (
-    PATH_SIZE,
     SegmentLayout,
     allocate_path,
     begin_rollout,

@@ -33,9 +33,9 @@ from bcid.effects.remainder import (
     unit_remainder,
 )
 from bcid.likelihood.step_derivatives import (
-    ANGLE_STEP,
     N_DIRECTIONS,
     SLOPE,
+    TURN_STEP,
     get,
     place_of_change,
     place_of_values,
@@ -163,13 +163,13 @@ def store_directions(
 ) -> None:
     """Write changes of accelerations and steady lags by a function of value 1, in each direction `used`, to `out`.
 
-    `turned` is the wrench `now` with the wheel turned by ANGLE_STEP.
+    `turned` is the wrench `now` with the wheel turned by TURN_STEP.
     """
     for direction in range(N_DIRECTIONS):
         if used[direction]:
             unit, at = unit_remainder(direction, w, p), place_of_change(stage, direction, parameters)
             a_x, a_y, alpha = accelerations_by(unit, now, turned, p)
-            per_rad = unit.turn / ANGLE_STEP
+            per_rad = unit.turn / TURN_STEP
             put(out, at, a_x)
             put(out, at + 1, a_y)
             put(out, at + 2, alpha)
@@ -182,9 +182,9 @@ def store_directions(
 def accelerations_by(rest: Remainder, now: Wrench, turned: Wrench, p: Car) -> tuple[float, float, float]:
     """Accelerations (m/s^2, m/s^2, rad/s^2) by a small remainder `rest`, to first order, beside the wrench `now`.
 
-    `turned` is that wrench with the wheel turned by ANGLE_STEP.
+    `turned` is that wrench with the wheel turned by TURN_STEP.
     """
-    per_rad, ratio = rest.turn / (ANGLE_STEP * now.mass_factor), p.m / p.I_z
+    per_rad, ratio = rest.turn / (TURN_STEP * now.mass_factor), p.m / p.I_z
     return (
         rest.f_x / now.mass_factor + per_rad * (turned.F_x - now.F_x) / p.m,
         rest.f_y / now.mass_factor + per_rad * (turned.F_y - now.F_y) / p.m,

@@ -18,6 +18,7 @@ TWIST, LAG, N_STATE = 3, 6, 9  # where twist and lags begin in a state, and its 
 N_DIRECTIONS = len(DIRECTIONS)
 # difference steps of a twist (m/s, rad/s) and of a pose (m, rad), of a lagging slip angle (rad) and force (N)
 BODY_STEP, ANGLE_STEP, FORCE_STEP = 1e-5, 1e-5, 1e-2
+TURN_STEP = 1e-7  # of the wheel's angle (rad): a wide one meets where a tyre saturates
 
 # places in units of LANES numbers
 ACCELERATION = 0  # (4, N_STATE, 3) at each stage, of v_x', v_y', omega' by the state, its lags as at the stage

@@ -54,6 +54,7 @@ from bcid.likelihood.step_derivatives import (
     N_STATE,
     POSE_RATE,
     STEADY,
+    TURN_STEP,
     TWIST,
     car_of_row,
     move_component,
@@ -136,7 +137,7 @@ def _differentiate_rates(
     out: Floats, stage: int, b: BodyState, act: Actuation, lags: LagState, push: tuple[float, float, float],
     cars: Floats, widths: Floats, e: Switches, c: Constants,
 ) -> tuple[BodyState, Wrench, Wrench]:  # fmt: skip
-    """Rates at a stage, the wrench, and that with the wheel turned by ANGLE_STEP, where something has no name.
+    """Rates at a stage, the wrench, and that with the wheel turned by TURN_STEP, where something has no name.
 
     Derivatives of accelerations by twist, lags and parameters go to `out`.
     """
@@ -148,7 +149,7 @@ def _differentiate_rates(
         j, lag, row = (k if k < 4 else 0), (k - 4 if k < 4 + by_lags else -1), k - 3 - by_lags
         turns, row = row > R, (row if 0 < row <= R else 0)
         p = car_of_row(cars[row])
-        here = turn_wheel(_move_with_twist(out, act, j, e), ANGLE_STEP if turns else 0.0)
+        here = turn_wheel(_move_with_twist(out, act, j, e), TURN_STEP if turns else 0.0)
         there = move_component(b, TWIST + j - 1 if j > 0 else -1, BODY_STEP)
         w = wrench_with_effects(there, here, move_lag(lags, lag), p, e, c)
         if turns:
