@@ -20,6 +20,7 @@ from bcid.effects.car import (
 from bcid.effects.constants import Constants
 from bcid.effects.motion import steady_lags, steady_lags_beside
 from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
+from bcid.likelihood.lag_derivatives import store_steady
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
@@ -88,20 +89,7 @@ def linearise_segments(
     # changes of the tracked point, of the steps that rows still need
     changes = np.zeros(spans.kept * C * PATH_SIZE * LANES)
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
-    for j in range(N_START):
-        put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
-    lags = steady_lags(b, act, p, e, c)
-    if lagging:
-        for j in range(TWIST, functions):
-            row = max(j - N_NUISANCE + 1, 0)
-            if j < N_START or row > 0:
-                own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
-                moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
-                put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
-                put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
-                put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
-        if K > 0:
-            _begin_turned(x, functions * N_STATE, b, act, lags, p, e, c)
+    lags = _begin_changes(x, b, act, cars, widths, e, c)
     store_pose(path, 0, b, e)
     point = _tracked_point(along, 0, b)
     for j in range(begin, columns):
@@ -127,6 +115,28 @@ def linearise_segments(
         while r < len(spans.due) and spans.due[r] <= i + 1:
             observe_row(derivatives, begin, r, changes, C, reader, count, lanes, layout, chain.h)
             r += 1
+
+
+@njit
+def _begin_changes(
+    x: Floats, b: BodyState, act: Actuation, cars: Floats, widths: Floats, e: Switches, c: Constants
+) -> LagState:
+    """Lags as a segment begins, in steady state; the changes of the state then are written to `x`, zeros before."""
+    p, functions = car_of_row(cars[0]), N_NUISANCE + len(widths)
+    for j in range(N_START):
+        put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
+    lags = steady_lags(b, act, p, e, c)
+    if not is_lagging(e):
+        return lags
+    for j in range(TWIST, functions):
+        row = max(j - N_NUISANCE + 1, 0)
+        if j < N_START or row > 0:
+            own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
+            moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
+            store_steady(x, j * N_STATE + LAG, moved, lags, by)
+    if e.remainders > 0.0:
+        _begin_turned(x, functions * N_STATE, b, act, lags, p, e, c)
+    return lags
 
 
 @njit
