@@ -112,7 +112,7 @@ def linearise_segments(
                 direction = int(e.remainder[j - functions, DIRECTION])
                 add_function(x, j * N_STATE, matrix, direction, d, j - functions, R, lagging)
             _store_change(changes, (to + j - begin) * PATH_SIZE, x, j * N_STATE, point)
-        while r < len(spans.due) and spans.due[r] <= i + 1:
+        while r < len(spans.high) and spans.high[r] <= i + 1:
             observe_row(derivatives, begin, r, changes, C, reader, count, lanes, layout, chain.h)
             r += 1
 

@@ -22,15 +22,16 @@ class RowSpans(NamedTuple):
     """Which integration steps the rows of LANES segments need, row r of all of them together."""
 
     low: Ints  # (rows,) the first
-    due: Ints  # (rows,) when it and all rows before it can be observed: the last step that any of them needs
-    kept: int  # how many steps must be kept until all rows that need them are due
+    high: Ints  # (rows,) the last
+    kept: int  # how many steps must be kept, if rows are observed one after the other
 
 
 @njit
 def row_spans(count: int, lanes: LaneSegments, layout: SegmentLayout, h: float) -> RowSpans:
     """The integration steps, of `h` s, that the rows of the segments in the first `count` lanes need."""
     rows = layout.first[lanes.s + 1] - layout.first[lanes.s]
-    low, due, kept = np.full(rows[:count].max(), layout.steps), np.ones(rows[:count].max(), dtype=np.int64), 1
+    most = rows[:count].max()
+    low, high = np.full(most, layout.steps), np.ones(most, dtype=np.int64)
     for lane in range(count):
         s = lanes.s[lane]
         begin, first, end = layout.zero_s[s] + lanes.begin[lane], layout.first[s], layout.first_stamp[s + 1]
@@ -40,11 +41,12 @@ def row_spans(count: int, lanes: LaneSegments, layout: SegmentLayout, h: float) 
             if j == layout.first_stamp[s] or layout.row[j - 1] != layout.row[j]:
                 low[r] = min(low[r], _step_before((layout.stamp_s[j] - begin) / h, layout.steps))
             if j + 1 == end or layout.row[j + 1] != layout.row[j]:
-                due[r] = max(due[r], _step_before((layout.stamp_s[j] - begin) / h, layout.steps) + 1)
-    for r in range(len(due)):
-        due[r] = max(due[r], due[max(r - 1, 0)])
-        kept = max(kept, due[r] - low[r] + 1)
-    return RowSpans(low, due, kept)
+                high[r] = max(high[r], _step_before((layout.stamp_s[j] - begin) / h, layout.steps) + 1)
+    kept = 1
+    # a row that waits for one before it begins no earlier than that one, and needs no more
+    for r in range(most):
+        kept = max(kept, high[r] - low[r] + 1)
+    return RowSpans(low, high, kept)
 
 
 @njit_inline
