@@ -86,14 +86,20 @@ def remainder_inputs(
 
 
 @njit_inline
-def remainder_function(e: Switches, j: int, s: RemainderInputs) -> float:
-    """cos(k_j . s + phi_j), function `j` of the remainder in `e` at the inputs `s`, without its coefficient."""
+def function_angle(e: Switches, j: int, s: RemainderInputs) -> float:
+    """k_j . s + phi_j (rad) of function `j` of the remainder in `e` at the inputs `s`."""
     k = e.remainder
-    angle = k[j, PHASE] + k[j, WAVE] * s.v_x + k[j, WAVE + 1] * s.omega + k[j, WAVE + 2] * s.v_fx
+    angle: float = k[j, PHASE] + k[j, WAVE] * s.v_x + k[j, WAVE + 1] * s.omega + k[j, WAVE + 2] * s.v_fx
     angle += k[j, WAVE + 3] * s.alpha_f + k[j, WAVE + 4] * s.alpha_r + k[j, WAVE + 5] * s.delta
     angle += k[j, WAVE + 6] * s.delta_rate + k[j, WAVE + 7] * s.u_m + k[j, WAVE + 8] * s.p_x
-    value: float = sincos(angle + k[j, WAVE + 9] * s.p_y + k[j, WAVE + 10] * s.t)[1]
-    return value
+    angle += k[j, WAVE + 9] * s.p_y + k[j, WAVE + 10] * s.t
+    return angle
+
+
+@njit_inline
+def remainder_function(e: Switches, j: int, s: RemainderInputs) -> float:
+    """cos(k_j . s + phi_j), function `j` of the remainder in `e` at the inputs `s`, without its coefficient."""
+    return sincos(function_angle(e, j, s))[1]
 
 
 @njit_inline
@@ -121,18 +127,25 @@ def unit_remainder(direction: float, w: WheelDirections, p: Car) -> Remainder:
     return Remainder(zero, zero, zero, zero, one)
 
 
+@njit_inline
+def add_to_remainder(rest: Remainder, unit: Remainder, amount: float) -> Remainder:
+    """The remainder `rest` and `amount` times a `unit` more."""
+    return Remainder(
+        rest.f_x + amount * unit.f_x, rest.f_y + amount * unit.f_y, rest.arm + amount * unit.arm,
+        rest.alpha + amount * unit.alpha, rest.turn + amount * unit.turn,
+    )  # fmt: skip
+
+
 @njit
 def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -> Remainder:
     """What all functions of the remainder in `e` add together at the inputs `s`."""
-    f_x = f_y = arm = alpha = turn = 0.0 * s.v_x
-    for j in range(int(e.remainders)):
-        if e.remainder[j, COEFFICIENT] == 0.0:
-            continue
-        amount = e.remainder[j, COEFFICIENT] * remainder_function(e, j, s)
-        unit = unit_remainder(e.remainder[j, DIRECTION], w, p)
-        f_x += amount * unit.f_x
-        f_y += amount * unit.f_y
-        arm += amount * unit.arm
-        alpha += amount * unit.alpha
-        turn += amount * unit.turn
-    return Remainder(f_x, f_y, arm, alpha, turn)
+    j, rest = 0, no_remainder(s.v_x)
+    while j < e.remainders:
+        # functions that follow each other in one direction are turned into it together
+        direction, amount = e.remainder[j, DIRECTION], 0.0 * s.v_x
+        while j < e.remainders and e.remainder[j, DIRECTION] == direction:
+            if e.remainder[j, COEFFICIENT] != 0.0:
+                amount += e.remainder[j, COEFFICIENT] * remainder_function(e, j, s)
+            j += 1
+        rest = add_to_remainder(rest, unit_remainder(direction, w, p), amount)
+    return rest
