@@ -9,10 +9,16 @@ from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState
+from bcid.effects.car import Actuation, BodyState, LagState, add_remainder, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import marker_offset
-from bcid.effects.motion import StepInputs, rk4_body_step, steady_lags
+from bcid.effects.motion import StepInputs, rk4_body_step
+from bcid.effects.motor_past import (
+    follow_throttle,
+    motor_forces_at,
+    rear_wheel_speed,
+    remembered_steps,
+)
 from bcid.effects.remainder import no_remainder
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
@@ -151,15 +157,49 @@ def store_pose(path: Floats, i: int, b: BodyState, e: Switches) -> None:
 
 @njit
 def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Switches, c: Constants) -> Rollout:
-    """Body and lag states of LANES segments at step 0, from initial states `x` (6, LANES); lags are steady.
+    """Body and lag states of LANES segments at step 0, from initial states `x` (6, LANES).
 
-    The lags are those of tyres and motor forces.
+    The lags are those of tyres, in steady state, and of motor forces, which the throttle before has left.
 
     Rows of `x` are p_x, p_y, theta (world, m and rad), v_x, v_y (body, m/s), omega (rad/s).  `p` are the car's
     constants, `e` the effects' parameters, `c` constants in the effects' equations that are not fitted.
     """
     b, act = load_body(x), first_actuation(lanes, chain)
-    return Rollout(b, steady_lags(b, act, p, e, c), 0)
+    return Rollout(b, lags_as_segments_begin(b, add_remainder(act, b, p, e), lanes, chain, p, e, c), 0)
+
+
+@njit
+def lags_as_segments_begin(
+    b: BodyState, act: Actuation, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Switches, c: Constants
+) -> LagState:
+    """Front slip angle (rad) and motor forces (N) of the cars at `b` as their segments in the lanes begin.
+
+    `bcid.effects.motor_past.lags_as_step_begins` for each lane.  `act` is what the actuators give then, with what the
+    remainder adds at `b`; the throttle before, since the recording began, is the chain's.
+    """
+    w = wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), p, e, c)
+    past = np.floor(lanes.begin / chain.h + 1e-6)
+    n = remembered_steps(int(past.max()), chain.h, e)
+    if n == 0:
+        return w.steady
+    v_fx, v_rx, lags = w.v_fx, rear_wheel_speed(b, p), w.steady
+    step, time, acts = np.empty(LANES, dtype=np.int64), np.empty(LANES), np.empty(LANES)
+    for i in range(-n - 1, 0):
+        # a segment whose recording has begun within this time waits at the recording's first throttle
+        for lane in range(LANES):
+            ahead = max(i, -n, -int(past[lane]))
+            step[lane], time[lane] = lanes.step[lane] + ahead, lanes.begin[lane] + ahead * chain.h
+            acts[lane] = 1.0 if ahead == i else 0.0
+        late = gather_lanes(chain.late, step, 0) * load_lanes(acts, 0)
+        u_m, u_next = gather_lanes(chain.u_m, step, 0), gather_lanes(chain.u_next, step, 0)
+        then = Actuation(
+            load_lanes(time, 0), act.T, act.delta, act.delta_rate, u_m, u_next, late, act.brake, act.rest
+        )  # fmt: skip
+        if i < -n:
+            lags = motor_forces_at(lags, v_fx, v_rx, then, p, e, c)
+        else:
+            lags = follow_throttle(lags, v_fx, v_rx, then, chain.h, p, e, c)
+    return lags
 
 
 @njit_inline

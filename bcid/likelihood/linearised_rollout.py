@@ -16,12 +16,12 @@ from bcid.effects.car import (
     varies_with_pose,
 )
 from bcid.effects.constants import Constants
-from bcid.effects.motion import steady_lags, steady_lags_beside
 from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
     first_actuation,
+    lags_as_segments_begin,
     load_body,
     push_wrenches,
     step_inputs_in_lanes,
@@ -70,18 +70,19 @@ def linearise_segments(
     b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
-    lags = steady_lags(b, act, p, e, c)
+    lags = lags_as_segments_begin(b, add_remainder(act, b, p, e), lanes, chain, p, e, c)
     if lagging:
         for j in range(TWIST, N_NUISANCE + len(widths)):
             row = max(j - N_NUISANCE + 1, 0)
             if j < N_START or row > 0:
                 own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
-                moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
+                here, by = add_remainder(act, there, own, e), BODY_STEP if row == 0 else widths[row - 1]
+                moved = lags_as_segments_begin(there, here, lanes, chain, own, e, c)
                 put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
                 put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
                 put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
         if e.remainders > 0.0:
-            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, p, e, c)
+            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, lanes, chain, p, e, c)
     store_pose(path, 0, b, e)
     _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
@@ -102,11 +103,13 @@ def linearise_segments(
 
 @njit
 def _begin_turned(
-    x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, p: Car, e: Switches, c: Constants
-) -> None:
-    """Write the changes of steady lags by each function of the remainder that turns the wheel to `x` from `at` on."""
+    x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, lanes: LaneSegments, chain: ActuatorChain,
+    p: Car, e: Switches, c: Constants,
+) -> None:  # fmt: skip
+    """Write the changes of the first lags by each function of the remainder that turns the wheel to `x` from `at` on."""
     here = add_remainder(act, b, p, e)
-    turned, s = steady_lags_beside(b, turn_wheel(here, BODY_STEP), p, e, c), inputs_of_remainder(act, b, p)
+    turned = lags_as_segments_begin(b, turn_wheel(here, BODY_STEP), lanes, chain, p, e, c)
+    s = inputs_of_remainder(act, b, p)
     for j in range(int(e.remainders)):
         if e.remainder[j, DIRECTION] == WHEEL_ANGLE:
             share, to = remainder_function(e, j, s) / BODY_STEP, at + j * N_STATE + LAG

@@ -18,7 +18,8 @@ from bcid.diagnosis.locate.scan_statistic import FloorCircle
 from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import Actuation, BodyState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
-from bcid.effects.motion import integrate_body, steady_lags
+from bcid.effects.motion import integrate_body
+from bcid.effects.motor_past import lags_as_step_begins, steps_of_recording
 from bcid.effects.tyres import tyre_soft_saturation
 from bcid.likelihood.lane_rollout import (
     SegmentLayout,
@@ -239,7 +240,7 @@ def _segment_basis_wrenches(
     out, ends = np.zeros((steps, 3, n)), np.zeros((2, 3, n))
     pushes, each = push_wrenches(start, p), steps // KNOTS
     b, F_m, F_af, h = unpack_body(start), 0.0, 0.0, chain.h
-    lags = steady_lags(b, actuation_at(step, chain, T), p, e, c)
+    lags = lags_as_step_begins(b, step, steps_of_recording(step, chain), chain, T, p, e, c)
     path = integrate_body(b, lags, step, steps, chain, T, pushes, each, p, e, c)
     for i in range(steps + 1):
         b, lags = unpack_body(path[i]), unpack_lags(path[i])
