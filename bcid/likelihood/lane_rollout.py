@@ -9,17 +9,10 @@ from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState, add_remainder, wrench_with_effects
+from bcid.effects.car import BodyState, LagState
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import marker_offset
 from bcid.effects.motion import StepInputs, rk4_body_step
-from bcid.effects.motor_past import (
-    follow_throttle,
-    motor_forces_at,
-    rear_wheel_speed,
-    remembered_steps,
-)
-from bcid.effects.remainder import no_remainder
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
@@ -153,74 +146,6 @@ def store_pose(path: Floats, i: int, b: BodyState, e: Switches) -> None:
     store_lanes(cos_t * v_x - sin_t * v_y, flat, at + 3 * LANES)
     store_lanes(sin_t * v_x + cos_t * v_y, flat, at + 4 * LANES)
     store_lanes(b.omega, flat, at + 5 * LANES)
-
-
-@njit
-def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Switches, c: Constants) -> Rollout:
-    """Body and lag states of LANES segments at step 0, from initial states `x` (6, LANES).
-
-    The lags are those of tyres, in steady state, and of motor forces, which the throttle before has left.
-
-    Rows of `x` are p_x, p_y, theta (world, m and rad), v_x, v_y (body, m/s), omega (rad/s).  `p` are the car's
-    constants, `e` the effects' parameters, `c` constants in the effects' equations that are not fitted.
-    """
-    b, act = load_body(x), first_actuation(lanes, chain)
-    return Rollout(b, lags_as_segments_begin(b, add_remainder(act, b, p, e), lanes, chain, p, e, c), 0)
-
-
-@njit
-def lags_as_segments_begin(
-    b: BodyState, act: Actuation, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Switches, c: Constants
-) -> LagState:
-    """Front slip angle (rad) and motor forces (N) of the cars at `b` as their segments in the lanes begin.
-
-    `bcid.effects.motor_past.lags_as_step_begins` for each lane.  `act` is what the actuators give then, with what the
-    remainder adds at `b`; the throttle before, since the recording began, is the chain's.
-    """
-    w = wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), p, e, c)
-    past = np.floor(lanes.begin / chain.h + 1e-6)
-    n = remembered_steps(int(past.max()), chain.h, e)
-    if n == 0:
-        return w.steady
-    v_fx, v_rx, lags = w.v_fx, rear_wheel_speed(b, p), w.steady
-    step, time, acts = np.empty(LANES, dtype=np.int64), np.empty(LANES), np.empty(LANES)
-    for i in range(-n - 1, 0):
-        # a segment whose recording has begun within this time waits at the recording's first throttle
-        for lane in range(LANES):
-            ahead = max(i, -n, -int(past[lane]))
-            step[lane], time[lane] = lanes.step[lane] + ahead, lanes.begin[lane] + ahead * chain.h
-            acts[lane] = 1.0 if ahead == i else 0.0
-        late = gather_lanes(chain.late, step, 0) * load_lanes(acts, 0)
-        u_m, u_next = gather_lanes(chain.u_m, step, 0), gather_lanes(chain.u_next, step, 0)
-        then = Actuation(
-            load_lanes(time, 0), act.T, act.delta, act.delta_rate, u_m, u_next, late, act.brake, act.rest
-        )  # fmt: skip
-        if i < -n:
-            lags = motor_forces_at(lags, v_fx, v_rx, then, p, e, c)
-        else:
-            lags = follow_throttle(lags, v_fx, v_rx, then, chain.h, p, e, c)
-    return lags
-
-
-@njit_inline
-def load_body(x: Floats) -> BodyState:
-    """Pose and twist of LANES cars from the array `x` (6, LANES) of p_x, p_y, theta, v_x, v_y, omega."""
-    flat = x.reshape(x.size)
-    return BodyState(
-        load_lanes(flat, 0), load_lanes(flat, LANES), load_lanes(flat, 2 * LANES), load_lanes(flat, 3 * LANES),
-        load_lanes(flat, 4 * LANES), load_lanes(flat, 5 * LANES),
-    )  # fmt: skip
-
-
-@njit_inline
-def first_actuation(lanes: LaneSegments, chain: ActuatorChain) -> Actuation:
-    """What the actuators give as the segments in the lanes begin, the throttle unchanging."""
-    first = step_inputs_in_lanes(lanes, 0, chain, np.zeros(3 * LANES), 0)
-    rate = (first.delta[2] - first.delta[0]) / chain.h
-    none = 0.0 * first.late
-    return Actuation(
-        first.t, first.T, first.delta[0], rate, first.u_m, first.u_next, none, first.brake, no_remainder(none)
-    )
 
 
 @njit

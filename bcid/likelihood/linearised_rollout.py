@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bcid.aliases import Floats, Switches
+from bcid.aliases import Floats, Ints, Switches
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
@@ -20,13 +20,11 @@ from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
-    first_actuation,
-    lags_as_segments_begin,
-    load_body,
     push_wrenches,
     step_inputs_in_lanes,
     store_pose,
 )
+from bcid.likelihood.lane_start import first_actuation, first_lags, known_steps, load_body
 from bcid.likelihood.step_matrix import N_COLUMNS, PUSH, advance_change, step_matrix
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 from bcid.likelihood.variational import (
@@ -67,22 +65,22 @@ def linearise_segments(
     pushes, d = wrenches.reshape(wrenches.size), allocate_derivatives(fitted)
     x, matrix = np.zeros(columns * N_STATE * LANES), np.zeros((N_COLUMNS + fitted) * N_STATE * LANES)
     to, along = changes.reshape(changes.size), path.reshape(path.size)
-    b, act = load_body(nuisance[:N_START]), first_actuation(lanes, chain)
+    b, act, past = load_body(nuisance[:N_START]), first_actuation(lanes, chain), known_steps(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
-    lags = lags_as_segments_begin(b, add_remainder(act, b, p, e), lanes, chain, p, e, c)
+    lags = first_lags(b, add_remainder(act, b, p, e), past, lanes, chain, p, e, c)
     if lagging:
         for j in range(TWIST, N_NUISANCE + len(widths)):
             row = max(j - N_NUISANCE + 1, 0)
             if j < N_START or row > 0:
                 own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
                 here, by = add_remainder(act, there, own, e), BODY_STEP if row == 0 else widths[row - 1]
-                moved = lags_as_segments_begin(there, here, lanes, chain, own, e, c)
+                moved = first_lags(there, here, past, lanes, chain, own, e, c)
                 put(x, j * N_STATE + LAG, (moved.alpha_f - lags.alpha_f) / by)
                 put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
                 put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
         if e.remainders > 0.0:
-            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, lanes, chain, p, e, c)
+            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, past, lanes, chain, p, e, c)
     store_pose(path, 0, b, e)
     _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
@@ -103,12 +101,12 @@ def linearise_segments(
 
 @njit
 def _begin_turned(
-    x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, lanes: LaneSegments, chain: ActuatorChain,
-    p: Car, e: Switches, c: Constants,
+    x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, past: Ints, lanes: LaneSegments,
+    chain: ActuatorChain, p: Car, e: Switches, c: Constants,
 ) -> None:  # fmt: skip
-    """Write the changes of the first lags by each function of the remainder that turns the wheel to `x` from `at` on."""
+    """Write the changes of first lags by each function of the remainder that turns the wheel to `x` from `at` on."""
     here = add_remainder(act, b, p, e)
-    turned = lags_as_segments_begin(b, turn_wheel(here, BODY_STEP), lanes, chain, p, e, c)
+    turned = first_lags(b, turn_wheel(here, BODY_STEP), past, lanes, chain, p, e, c)
     s = inputs_of_remainder(act, b, p)
     for j in range(int(e.remainders)):
         if e.remainder[j, DIRECTION] == WHEEL_ANGLE:

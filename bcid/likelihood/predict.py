@@ -13,12 +13,12 @@ from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     SegmentLayout,
     allocate_path,
-    begin_rollout,
     gather_nuisance,
     integrate_segments,
     push_wrenches,
     segments_in_lanes,
 )
+from bcid.likelihood.lane_start import begin_rollout
 from bcid.likelihood.linearised_rollout import linearise_segments
 from bcid.likelihood.observe import apply_tracking, observe_means
 from bcid.likelihood.take import N_NUISANCE, N_START

@@ -19,18 +19,17 @@ from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import Actuation, BodyState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
 from bcid.effects.motion import integrate_body
-from bcid.effects.motor_past import lags_as_step_begins, steps_of_recording
 from bcid.effects.tyres import tyre_soft_saturation
 from bcid.likelihood.lane_rollout import (
     SegmentLayout,
     allocate_path,
-    begin_rollout,
     gather_nuisance,
     integrate_segments,
     push_wrenches,
     segment_in_all_lanes,
     shift_chain_time,
 )
+from bcid.likelihood.lane_start import begin_rollout, first_lags_of_one, steps_of_recording
 from bcid.likelihood.observe import observe_means
 from bcid.likelihood.take import KNOTS, N_START
 from bcid.physics.car import Car
@@ -240,7 +239,7 @@ def _segment_basis_wrenches(
     out, ends = np.zeros((steps, 3, n)), np.zeros((2, 3, n))
     pushes, each = push_wrenches(start, p), steps // KNOTS
     b, F_m, F_af, h = unpack_body(start), 0.0, 0.0, chain.h
-    lags = lags_as_step_begins(b, step, steps_of_recording(step, chain), chain, T, p, e, c)
+    lags = first_lags_of_one(b, step, steps_of_recording(step, chain), chain, T, p, e, c)
     path = integrate_body(b, lags, step, steps, chain, T, pushes, each, p, e, c)
     for i in range(steps + 1):
         b, lags = unpack_body(path[i]), unpack_lags(path[i])

@@ -15,7 +15,7 @@ from bcid.effects.car import BodyState, LagState, unpack_body, unpack_lags
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import to_pose_clock
 from bcid.effects.motion import integrate_body
-from bcid.effects.motor_past import lags_as_step_begins
+from bcid.likelihood.lane_start import first_lags_of_one
 from bcid.physics.car import Car
 
 N_MOTION = 13  # numbers of the carry before the commands: body, lags, steering and time
@@ -141,7 +141,7 @@ def initial_state(
     still, begin = SteeringState(delta, delta, delta), t - periods * s.period
     arrivals, values = _command_arrivals(commands, s), commands[:, 1:].copy()
     chain, servo = continue_actuator_chain(still, arrivals, values, begin, n, h, s.car, s.limit, e)
-    lagged = lags_as_step_begins(b, n, n, chain, s.T, s.car, e, s.constants)
+    lagged = first_lags_of_one(b, n, n, chain, s.T, s.car, e, s.constants)
     kept = np.empty((s.kept, 4))
     for i in range(s.kept):
         kept[i] = commands[max(len(commands) - s.kept + i, 0)]
