@@ -13,10 +13,12 @@ from bcid.effects.car import (
     add_remainder,
     inputs_of_remainder,
     is_lagging,
+    replace_remainder,
     varies_with_pose,
+    wheel_directions,
 )
 from bcid.effects.constants import Constants
-from bcid.effects.remainder import DIRECTION, WHEEL_ANGLE, remainder_function
+from bcid.effects.remainder import DIRECTION, Remainder, remainder_function, unit_remainder
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
@@ -70,7 +72,7 @@ def linearise_segments(
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
     lags = first_lags(b, add_remainder(act, b, p, e), past, lanes, chain, p, e, c)
     if lagging:
-        for j in range(TWIST, N_NUISANCE + len(widths)):
+        for j in range(begin, N_NUISANCE + len(widths)):
             row = max(j - N_NUISANCE + 1, 0)
             if j < N_START or row > 0:
                 own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
@@ -80,7 +82,8 @@ def linearise_segments(
                 put(x, j * N_STATE + LAG + 1, (moved.F_mf - lags.F_mf) / by)
                 put(x, j * N_STATE + LAG + 2, (moved.F_mr - lags.F_mr) / by)
         if e.remainders > 0.0:
-            _begin_turned(x, (columns - int(e.remainders)) * N_STATE, b, act, lags, past, lanes, chain, p, e, c)
+            at = (columns - int(e.remainders)) * N_STATE + LAG
+            _begin_beside_remainder(x, at, b, act, lags, past, lanes, chain, p, e, c)
     store_pose(path, 0, b, e)
     _store_changes(to, 0, x, begin, N_START, columns, along, 0, b)
     for i in range(steps):
@@ -100,20 +103,25 @@ def linearise_segments(
 
 
 @njit
-def _begin_turned(
+def _begin_beside_remainder(
     x: Floats, at: int, b: BodyState, act: Actuation, lags: LagState, past: Ints, lanes: LaneSegments,
     chain: ActuatorChain, p: Car, e: Switches, c: Constants,
 ) -> None:  # fmt: skip
-    """Write the changes of first lags by each function of the remainder that turns the wheel to `x` from `at` on."""
-    here = add_remainder(act, b, p, e)
-    turned = first_lags(b, turn_wheel(here, BODY_STEP), past, lanes, chain, p, e, c)
-    s = inputs_of_remainder(act, b, p)
+    """Write the changes of first lags by each function of the remainder to `x` from `at` on.
+
+    First lags depend on how the wheel is turned and on what drives the car along, to first order.
+    """
+    here, s, w = add_remainder(act, b, p, e), inputs_of_remainder(act, b, p), wheel_directions(b, act)
+    rest = here.rest
+    driven = replace_remainder(here, Remainder(rest.f_x + BODY_STEP, rest.f_y, rest.arm, rest.alpha, rest.turn))
+    by_force = first_lags(b, driven, past, lanes, chain, p, e, c)
+    by_turn = first_lags(b, turn_wheel(here, BODY_STEP), past, lanes, chain, p, e, c)
     for j in range(int(e.remainders)):
-        if e.remainder[j, DIRECTION] == WHEEL_ANGLE:
-            share, to = remainder_function(e, j, s) / BODY_STEP, at + j * N_STATE + LAG
-            put(x, to, share * (turned.alpha_f - lags.alpha_f))
-            put(x, to + 1, share * (turned.F_mf - lags.F_mf))
-            put(x, to + 2, share * (turned.F_mr - lags.F_mr))
+        unit, amount = unit_remainder(e.remainder[j, DIRECTION], w, p), remainder_function(e, j, s) / BODY_STEP
+        force, turn, to = amount * unit.f_x, amount * unit.turn, at + j * N_STATE
+        put(x, to, force * (by_force.alpha_f - lags.alpha_f) + turn * (by_turn.alpha_f - lags.alpha_f))
+        put(x, to + 1, force * (by_force.F_mf - lags.F_mf) + turn * (by_turn.F_mf - lags.F_mf))
+        put(x, to + 2, force * (by_force.F_mr - lags.F_mr) + turn * (by_turn.F_mr - lags.F_mr))
 
 
 @njit_inline
