@@ -29,7 +29,9 @@ def decay_at_stage(miss: float, ratio: float, share: float) -> float:
         return miss * half
     fades, E = ratio > SHORTEST_RATIO, half * half
     r = where(fades, ratio, 1.0)
-    once = where(fades, (1.0 - E) / r, 1.0 - ratio * (0.5 - ratio * (1.0 / 6.0 - ratio / 24.0)))
-    twice = where(fades, (r - 1.0 + E) / (r * r), 0.5 - ratio * (1.0 / 6.0 - ratio * (1.0 / 24.0 - ratio / 120.0)))
+    series_1 = 1.0 - ratio * (0.5 - ratio * (1.0 / 6.0 - ratio * (1.0 / 24.0 - ratio / 120.0)))
+    series_2 = 0.5 - ratio * (1.0 / 6.0 - ratio * (1.0 / 24.0 - ratio * (1.0 / 120.0 - ratio / 720.0)))
+    once = where(fades, (1.0 - E) / r, series_1)
+    twice = where(fades, (r - 1.0 + E) / (r * r), series_2)
     begin = 6.0 * twice - 2.0 * half
     return miss * begin if share == 0.0 else miss * (6.0 * once - 4.0 * half - begin)

@@ -15,14 +15,24 @@ from bcid.effects.constants import Constants
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
-# time constants of a lag that are gone through: what was before counts e^-12, six millionths
-REMEMBERED = 12.0
+# time constants of a lag that are gone through: what was before counts e^-16, a ten-millionth
+REMEMBERED = 16.0
 
 
 @njit
 def remembered_steps(past: int, h: float, e: Switches) -> int:
     """Number of steps of `h` s, at most `past`, before a beginning that a motor with the lag in `e` remembers."""
     return int(min(float(past), math.ceil(REMEMBERED * e.motor_lag__tau / h)))
+
+
+@njit
+def mean_age_in_step(ratio: float) -> float:
+    """How far back in a step, as a share of it, a steady force stands for all of the step at its end.
+
+    The step lasts `ratio` time constants of the lag.  With the force of that instant held over each step, one that
+    changes steadily is followed exactly, however long the steps are.
+    """
+    return 1.0 / ratio - 1.0 / (math.exp(min(ratio, 700.0)) - 1.0)
 
 
 @njit_inline

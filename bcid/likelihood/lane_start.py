@@ -21,6 +21,7 @@ from bcid.effects.motor_past import (
     follow_throttle,
     forward_acceleration,
     forward_pull,
+    mean_age_in_step,
     motor_forces_at,
     remembered_steps,
 )
@@ -119,7 +120,7 @@ def _go_through_throttle(
     of each step, the last first: n + 1 vectors.  The motor's force (N) along the car there is written to `pull`.
     `past` (LANES,) are the steps before whose throttle is known.
     """
-    cos_d, lags = sincos(act.delta)[1], steady
+    cos_d, lags, back_in_step = sincos(act.delta)[1], steady, mean_age_in_step(chain.h / e.motor_lag__tau)
     step, time, acts = np.empty(LANES, dtype=np.int64), np.empty(LANES), np.empty(LANES)
     for i in range(n + 1, 0, -1):
         # a segment whose recording has begun within this time waits at the recording's first throttle
@@ -132,7 +133,8 @@ def _go_through_throttle(
         then = Actuation(
             load_lanes(time, 0), act.T, act.delta, act.delta_rate, u_m, u_next, late, act.brake, act.rest
         )  # fmt: skip
-        change = 0.5 * (load_lanes(slower, min(i, n) * LANES) + load_lanes(slower, (i - 1) * LANES))
+        change, before = load_lanes(slower, (i - 1) * LANES), load_lanes(slower, min(i, n) * LANES)
+        change += back_in_step * (before - change)
         front, rear = v_fx + cos_d * change, v_rx + change
         if i > n:
             lags = motor_forces_at(lags, front, rear, then, p, e, c)
