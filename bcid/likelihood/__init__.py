@@ -1,8 +1,8 @@
 """How likely a car with some effects makes recorded poses, and the fit that makes them likeliest.
 
 Multi-step output errors: short segments of poses (`take`), each with a free initial state, predicted (`predict`, by
-`lane_rollout` from `lane_start` on and `observe`, from `prediction_inputs`) under random pushes of unknown size, which are eliminated
-(`marginal`, `nuisance`).  Derivatives go along with a prediction (`linearised_rollout`) by the variational equation
+`lane_rollout` from `lane_start` on and `observe`, from `prediction_inputs`) under random pushes of unknown size, which
+are eliminated (`marginal`, `nuisance`).  Derivatives go along with a prediction (`linearised_rollout`) by the variational equation
 (`variational` at a stage, `step_matrix` over a step); `jacobian` has those by a hypothesis's parameters.
 A `hypothesis` is fitted by `prepare` (base model) and `refit` (with effects), by `newton` steps, under pushes as
 `refit_with_pushes` says; `score_test` says what an effect more would gain, by the changes of poses that `projection`
