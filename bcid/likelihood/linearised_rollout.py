@@ -18,19 +18,18 @@ from bcid.effects.car import (
     varies_with_pose,
 )
 from bcid.effects.constants import Constants
-from bcid.effects.motion import stage_actuation, steady_lags, steady_lags_beside
+from bcid.effects.motion import stage_actuation
 from bcid.effects.remainder import INPUTS
 from bcid.likelihood.lag_derivatives import store_steady
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,
     LaneSegments,
     SegmentLayout,
-    first_actuation,
-    load_body,
     push_wrenches,
     step_inputs_in_lanes,
     store_pose,
 )
+from bcid.likelihood.lane_start import first_actuation, first_lags, known_steps, load_body
 from bcid.likelihood.observe import observe_row, row_reader, row_spans
 from bcid.likelihood.remainder_derivatives import turn_wheel
 from bcid.likelihood.step_derivatives import (
@@ -87,7 +86,7 @@ def linearise_segments(
     # changes of the tracked point, of the steps that rows still need; zeros of what has not begun
     changes = np.zeros(spans.kept * C * PATH_SIZE * LANES)
     b = load_body(nuisance[:N_START])
-    lags = _begin_changes(x, b, first_actuation(lanes, chain), turns, cars, widths, e, c)
+    lags = _begin_changes(x, b, turns, lanes, chain, cars, widths, e, c)
     store_pose(path, 0, b, e)
     _store_changes(changes, 0, x, begin, N_START, told, 0, b)
     for i in range(steps):
@@ -97,7 +96,7 @@ def linearise_segments(
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, N_PUSH * LANES * (i // each))
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, turns, e, c)
         if i == (2 * knot + 1) * steps // (2 * knots):
-            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h, e), get(d, MASS_FACTOR), p)
+            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h), get(d, MASS_FACTOR), p)
         step_matrix(matrix, d, chain.h, lagging, pulled, turns, len(widths))
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, begun):
@@ -113,21 +112,26 @@ def linearise_segments(
 
 @njit
 def _begin_changes(
-    x: Floats, b: BodyState, act: Actuation, turns: int, cars: Floats, widths: Floats, e: Switches, c: Constants
-) -> LagState:
-    """Lags as a segment begins, in steady state; the changes of the state then are written to `x`, zeros before."""
-    p, fitted = car_of_row(cars[0]), N_START + len(widths)
+    x: Floats, b: BodyState, turns: int, lanes: LaneSegments, chain: ActuatorChain, cars: Floats, widths: Floats,
+    e: Switches, c: Constants,
+) -> LagState:  # fmt: skip
+    """Lags as the segments in the lanes begin; the changes of the state then are written to `x`, zeros before.
+
+    A lagging motor's force then depends on what slows the car along, too, if little: of accelerations this is left out.
+    """
+    p, fitted, act = car_of_row(cars[0]), N_START + len(widths), first_actuation(lanes, chain)
     for j in range(N_START):
         put(x, j * N_STATE + j, 0.0 * b.v_x + 1.0)
-    lags = steady_lags(b, act, p, e, c)
+    past, here = known_steps(lanes, chain), add_remainder(act, b, p, e)
+    lags = first_lags(b, here, past, lanes, chain, p, e, c)
     if is_lagging(e):
-        for j in range(TWIST, fitted):
+        for j in range(0 if varies_with_pose(e) else TWIST, fitted):
             row = max(j - N_START + 1, 0)
             own, there = car_of_row(cars[row]), move_component(b, j if row == 0 else -1, BODY_STEP)
-            moved, by = steady_lags(there, act, own, e, c), BODY_STEP if row == 0 else widths[row - 1]
-            store_steady(x, j * N_STATE + LAG, moved, lags, by)
+            moved = first_lags(there, add_remainder(act, there, own, e), past, lanes, chain, own, e, c)
+            store_steady(x, j * N_STATE + LAG, moved, lags, BODY_STEP if row == 0 else widths[row - 1])
         if turns > 0:
-            moved = steady_lags_beside(b, turn_wheel(add_remainder(act, b, p, e), TURN_STEP), p, e, c)
+            moved = first_lags(b, turn_wheel(here, TURN_STEP), past, lanes, chain, p, e, c)
             store_steady(x, (fitted + N_PUSH) * N_STATE + LAG, moved, lags, TURN_STEP)
     return lags
 

@@ -12,12 +12,12 @@ from bcid.effects.constants import Constants
 from bcid.likelihood.lane_rollout import (
     SegmentLayout,
     allocate_path,
-    begin_rollout,
     gather_nuisance,
     integrate_segments,
     push_wrenches,
     segments_in_lanes,
 )
+from bcid.likelihood.lane_start import begin_rollout
 from bcid.likelihood.linearised_rollout import ALONG, Resolution, linearise_segments
 from bcid.likelihood.observe import apply_tracking, observe_means
 from bcid.likelihood.step_matrix import N_PUSH

@@ -76,7 +76,7 @@ def differentiate_step(
     rate = total = BodyState(zero, zero, zero, zero, zero, zero)
     first = steady = now = Wrench(zero, zero, zero, zero, lags, zero)
     for stage in range(4):
-        act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
+        act, ahead = stage_actuation(stage, inputs, h), stage_time(stage) * h
         there = add_rates(b, rate, ahead)
         act = differentiate_remainder(out, there, act, p, e)
         at = lags
