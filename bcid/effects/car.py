@@ -11,7 +11,7 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
-from bcid.effects.remainder import Remainder, RemainderInputs, WheelDirections, remainder_inputs, sum_remainder
+from bcid.effects.remainder import RemainderAction, RemainderInputs, WheelDirections, remainder_inputs, sum_remainder
 from bcid.physics.car import Car, forward_motor_force, motor_force, wrench_of_axles
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
@@ -46,7 +46,7 @@ class Actuation(NamedTuple):
     u_next: float  # throttle after its change within the step
     late: float  # weight of u_next: 0 where the throttle stays
     brake: float  # share of a brake that is no part of the throttle
-    rest: Remainder  # what has no name; zeros where there is none
+    rest: RemainderAction  # what has no name; zeros where there is none
 
 
 class LagState(NamedTuple):
@@ -319,7 +319,7 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car, e: Switches) -> Wrench:
 
 
 @njit_inline
-def replace_remainder(act: Actuation, rest: Remainder) -> Actuation:
+def replace_remainder(act: Actuation, rest: RemainderAction) -> Actuation:
     """What the actuators give, with what has no name replaced by `rest`."""
     return Actuation(
         act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, rest

@@ -173,13 +173,7 @@ def steady_lags(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants)
     unchanged = Actuation(
         act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, 0.0 * act.late, act.brake, act.rest
     )  # fmt: skip
-    return steady_lags_beside(b, add_remainder(unchanged, b, p, e), p, e, c)
-
-
-@njit_inline
-def steady_lags_beside(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
-    """Front slip angle (rad) and motor forces (N) in steady state at `b`, beside the remainder that `act` holds."""
-    return wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), p, e, c).steady
+    return wrench_with_effects(b, add_remainder(unchanged, b, p, e), LagState(0.0, 0.0, 0.0), p, e, c).steady
 
 
 @njit

@@ -48,7 +48,7 @@ class RemainderInputs(NamedTuple):
     t: float
 
 
-class Remainder(NamedTuple):
+class RemainderAction(NamedTuple):
     """What acts on a car beside all that has a name."""
 
     f_x: float  # force over the mass along the body, m/s^2
@@ -68,10 +68,10 @@ class WheelDirections(NamedTuple):
 
 
 @njit_inline
-def no_remainder(like: float) -> Remainder:
+def no_remainder(like: float) -> RemainderAction:
     """Nothing beside what has a name: zeros of the kind of number that `like` is."""
     none = 0.0 * like
-    return Remainder(none, none, none, none, none)
+    return RemainderAction(none, none, none, none, none)
 
 
 @njit_inline
@@ -103,41 +103,41 @@ def remainder_function(e: Switches, j: int, s: RemainderInputs) -> float:
 
 
 @njit_inline
-def unit_remainder(direction: float, w: WheelDirections, p: Car) -> Remainder:
+def unit_remainder(direction: float, w: WheelDirections, p: Car) -> RemainderAction:
     """What a function adds whose value is 1 and that acts in a `direction`."""
     zero = 0.0 * w.sin_d
     one = zero + 1.0
     if direction == BODY_X:
-        return Remainder(one, zero, zero, zero, zero)
+        return RemainderAction(one, zero, zero, zero, zero)
     if direction == FRONT_ALONG:
-        return Remainder(w.cos_d, w.sin_d, p.l_f * w.sin_d, zero, zero)
+        return RemainderAction(w.cos_d, w.sin_d, p.l_f * w.sin_d, zero, zero)
     if direction == FRONT_ACROSS:
-        return Remainder(-w.sin_d, w.cos_d, p.l_f * w.cos_d, zero, zero)
+        return RemainderAction(-w.sin_d, w.cos_d, p.l_f * w.cos_d, zero, zero)
     if direction == REAR_ACROSS:
-        return Remainder(zero, one, zero - p.l_r, zero, zero)
+        return RemainderAction(zero, one, zero - p.l_r, zero, zero)
     if direction == YAW:
-        return Remainder(zero, zero, zero, one, zero)
+        return RemainderAction(zero, zero, zero, one, zero)
     if direction == WORLD_X:
-        return Remainder(w.cos_t, -w.sin_t, zero, zero, zero)
+        return RemainderAction(w.cos_t, -w.sin_t, zero, zero, zero)
     if direction == WORLD_Y:
-        return Remainder(w.sin_t, w.cos_t, zero, zero, zero)
+        return RemainderAction(w.sin_t, w.cos_t, zero, zero, zero)
     if direction == DRIVEN_ALONG:
         f = p.front_share
-        return Remainder(f * w.cos_d + (1.0 - f), f * w.sin_d, f * p.l_f * w.sin_d, zero, zero)
-    return Remainder(zero, zero, zero, zero, one)
+        return RemainderAction(f * w.cos_d + (1.0 - f), f * w.sin_d, f * p.l_f * w.sin_d, zero, zero)
+    return RemainderAction(zero, zero, zero, zero, one)
 
 
 @njit_inline
-def add_to_remainder(rest: Remainder, unit: Remainder, amount: float) -> Remainder:
+def add_to_remainder(rest: RemainderAction, unit: RemainderAction, amount: float) -> RemainderAction:
     """The remainder `rest` and `amount` times a `unit` more."""
-    return Remainder(
+    return RemainderAction(
         rest.f_x + amount * unit.f_x, rest.f_y + amount * unit.f_y, rest.arm + amount * unit.arm,
         rest.alpha + amount * unit.alpha, rest.turn + amount * unit.turn,
     )  # fmt: skip
 
 
 @njit
-def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -> Remainder:
+def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -> RemainderAction:
     """What all functions of the remainder in `e` add together at the inputs `s`."""
     j, rest = 0, no_remainder(s.v_x)
     while j < e.remainders:

@@ -22,7 +22,7 @@ from bcid.effects.remainder import (
     WAVE,
     WORLD_X,
     WORLD_Y,
-    Remainder,
+    RemainderAction,
     RemainderInputs,
     WheelDirections,
     add_to_remainder,
@@ -117,20 +117,20 @@ def differentiate_remainder(out: Floats, b: BodyState, act: Actuation, p: Car, e
             _put_remainder(out, i, add_to_remainder(slope_of_remainder(out, i), unit, slope))
         # what points somewhere in the world turns against the body
         if direction in (WORLD_X, WORLD_Y):
-            turned = Remainder(unit.f_y, -unit.f_x, zero, zero, zero)
+            turned = RemainderAction(unit.f_y, -unit.f_x, zero, zero, zero)
             _put_remainder(out, 2, add_to_remainder(slope_of_remainder(out, 2), turned, total.value))
     return replace_remainder(act, rest)
 
 
 @njit_inline
-def slope_of_remainder(d: Floats, i: int) -> Remainder:
+def slope_of_remainder(d: Floats, i: int) -> RemainderAction:
     """The derivative of what has no name by component `i` (0 to 5) of pose and twist, from a step's derivatives."""
     at = SLOPE + 5 * i
-    return Remainder(get(d, at), get(d, at + 1), get(d, at + 2), get(d, at + 3), get(d, at + 4))
+    return RemainderAction(get(d, at), get(d, at + 1), get(d, at + 2), get(d, at + 3), get(d, at + 4))
 
 
 @njit_inline
-def _put_remainder(out: Floats, i: int, slope: Remainder) -> None:
+def _put_remainder(out: Floats, i: int, slope: RemainderAction) -> None:
     """Write the derivative of what has no name by component `i` of pose and twist to a step's derivatives."""
     at = SLOPE + 5 * i
     put(out, at, slope.f_x)
@@ -141,7 +141,7 @@ def _put_remainder(out: Floats, i: int, slope: Remainder) -> None:
 
 
 @njit_inline
-def accelerations_by(rest: Remainder, now: Wrench, turned: Wrench, p: Car) -> tuple[float, float, float]:
+def accelerations_by(rest: RemainderAction, now: Wrench, turned: Wrench, p: Car) -> tuple[float, float, float]:
     """Accelerations (m/s^2, m/s^2, rad/s^2) by a small remainder `rest`, to first order, beside the wrench `now`.
 
     `turned` is that wrench with the wheel turned by TURN_STEP.
@@ -158,4 +158,4 @@ def accelerations_by(rest: Remainder, now: Wrench, turned: Wrench, p: Car) -> tu
 def turn_wheel(act: Actuation, by: float) -> Actuation:
     """What the actuators give, the wheel turned further `by` (rad)."""
     rest = act.rest
-    return replace_remainder(act, Remainder(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by))
+    return replace_remainder(act, RemainderAction(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by))

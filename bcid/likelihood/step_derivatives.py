@@ -20,9 +20,7 @@ TURN_STEP = 1e-7  # of the wheel's angle (rad): a wide one meets where a tyre sa
 
 # places in units of LANES numbers
 ACCELERATION = 0  # (4, N_STATE, 3) at each stage, of v_x', v_y', omega' by the state, its lags as at the stage
-STEADY = (
-    ACCELERATION + 4 * N_STATE * 3
-)  # (4, LAG, 4) of alpha_f, F_mf, F_mr without lag, and v_fx, by pose and twist
+STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, LAG, 4) of alpha_f, F_mf, F_mr without lag, and v_fx, by pose and twist
 COEFFICIENT = STEADY + 4 * LAG * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
 POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
 MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)

@@ -32,7 +32,7 @@ from bcid.effects.motion import (
     stage_time,
     stage_weight,
 )
-from bcid.effects.remainder import Remainder, add_to_remainder
+from bcid.effects.remainder import RemainderAction, add_to_remainder
 from bcid.likelihood.lag_derivatives import move_lag, store_lag_coefficients, store_steady
 from bcid.likelihood.remainder_derivatives import (
     accelerations_by,
@@ -191,7 +191,7 @@ def _store_turn(out: Floats, at: int, now: Wrench, turned: Wrench, p: Car) -> No
     `turned` is the wrench `now` with the wheel turned by TURN_STEP.
     """
     none = 0.0 * now.F_x
-    a_x, a_y, alpha = accelerations_by(Remainder(none, none, none, none, none + 1.0), now, turned, p)
+    a_x, a_y, alpha = accelerations_by(RemainderAction(none, none, none, none, none + 1.0), now, turned, p)
     put(out, at, a_x)
     put(out, at + 1, a_y)
     put(out, at + 2, alpha)
