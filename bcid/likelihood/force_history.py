@@ -27,11 +27,14 @@ from bcid.effects.remainder import (
 )
 from bcid.likelihood.predict import FINE
 from bcid.likelihood.step_matrix import N_PUSH
+from bcid.likelihood.take import KNOTS
 from bcid.physics.car import Car
 
 HEADING, MASS = len(INPUTS), len(INPUTS) + 1  # columns of what the car is at, after INPUTS
 ACTIONS = N_PUSH + FINE.turns  # a_x, a_y, alpha_z and a turn
 HISTORY = ACTIONS * FINE.knots  # numbers in a segment's history
+PUSHES = np.kron(np.eye(KNOTS), np.tile(np.eye(ACTIONS, N_PUSH), (FINE.knots // KNOTS, 1)))
+"""Histories (HISTORY, 3 KNOTS) of the pushes, each of which lasts for several knots."""
 
 
 class ForceHistory(NamedTuple):

@@ -12,20 +12,14 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
-from bcid.likelihood.force_history import (
-    ACTIONS,
-    ForceHistory,
-    answer_to,
-    history_values,
-)
+from bcid.likelihood.force_history import HISTORY, PUSHES, ForceHistory, answer_to, history_values
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.linearised_rollout import Resolution
 from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moments
 from bcid.likelihood.predict import COARSE, FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
-from bcid.likelihood.step_matrix import N_PUSH
-from bcid.likelihood.take import KNOTS, N_START, Take
+from bcid.likelihood.take import N_START, Take
 from bcid.likelihood.tracking_functions import AMOUNT, tracking_changes
 
 SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
@@ -90,8 +84,8 @@ def linearise_histories(
     They are by what acts in each knot of 0.125 s; pushes last for several.
     """
     poses, (by_state, J, D), along = _linearise(take, inputs, start, changed, FINE)
-    by_knot = D.reshape(len(D), 3, KNOTS, -1, ACTIONS)[..., :N_PUSH].sum(axis=3)
-    A = np.concatenate([by_state, by_knot.reshape(len(D), 3, -1)], axis=2)
+    by_pushes = (D.reshape(-1, HISTORY) @ PUSHES).reshape(len(D), 3, -1)
+    A = np.concatenate([by_state, by_pushes], axis=2)
     seen = tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
     r = wrap_yaw(take.pose - poses - seen)
     return LinearisedHistories(r, A, J, ForceHistory(D, along), poses)
