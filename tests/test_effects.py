@@ -32,7 +32,8 @@ from bcid.effects.lags import first_order_lag
 from bcid.effects.listing import describe_effect, effect_json
 from bcid.effects.measurement import to_pose_clock
 from bcid.effects.motion import integrate_body, steady_lags
-from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, effect_switches
+from bcid.effects.remainder import no_remainder
+from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, REMAINDER, REMAINDERS, effect_switches
 from bcid.effects.tyres import load_transfer
 from bcid.likelihood import lane_rollout
 from bcid.models.newton_euler import augmented_step
@@ -109,11 +110,11 @@ def test_the_vocabulary_is_the_specification_s() -> None:
 
 
 def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
-    """Every parameter of both is a switch, and none belongs to two entries."""
+    """Every parameter of both is a switch, and none belongs to two entries; what has no name stands beside them."""
     corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade"]
     assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
-    assert sorted([*fields, ANY_ON_BODY]) == sorted(effect_switches().dtype.names)
+    assert sorted([*fields, ANY_ON_BODY, REMAINDERS, REMAINDER]) == sorted(effect_switches().dtype.names)
     for e in ENTRIES.values():
         assert [getattr(effect_switches(), f) for f in e.fields] == [p.off for p in e.parameters]
 
@@ -132,12 +133,15 @@ def test_an_entry_is_complete(name: str) -> None:
     assert any(not p.is_place for p in effect.parameters)
 
 
+def acting(delta: float, u_m: float, t: float = 0.0, T: float = 1.0) -> Actuation:
+    """A steering angle and a throttle that stay, with no brake besides and nothing without a name."""
+    return Actuation(t, T, delta, 0.0, u_m, u_m, 0.0, 0.0, no_remainder(0.0))
+
+
 def random_body(rng: np.random.Generator) -> tuple[BodyState, Actuation]:
     x, y, theta = rng.uniform(-6, 6, 3)
     v_x, v_y, omega = rng.normal(0, 1, 3)
-    return BodyState(x, y, theta, v_x, v_y, omega), Actuation(
-        3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2), 0.0, 0.0, 0.0
-    )
+    return BodyState(x, y, theta, v_x, v_y, omega), acting(rng.uniform(-2, 2), rng.uniform(-1, 2), 3.0, 20.0)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.0, 0.4])
@@ -280,7 +284,7 @@ def test_a_force_that_fades_is_the_published_motor_s() -> None:
     e = effect_switches({"motor_fade__k": 4.815, "motor_dead_zone__width": 0.164})
     for throttle, v in itertools.product((0.1, 0.164, 0.2, 0.4, 1.0), (0.0, 0.7, 2.5)):
         expected = (25.358 - 4.815 * v) * max(throttle - 0.164, 0.0)
-        force = motor_force_with_effects(v, Actuation(0.0, 1.0, 0.0, throttle, 0.0, 0.0, 0.0), car, e, Constants())
+        force = motor_force_with_effects(v, acting(0.0, throttle), car, e, Constants())
         assert force == pytest.approx(expected)
 
 
@@ -503,7 +507,7 @@ def test_a_bent_wheel_is_in_balance(k: float, beside: str) -> None:
 def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
     """a (F_m - F_d) cos(delta_w) is the moment whichever axle is driven (specification)."""
     car = CAR._replace(front_share=front_share)
-    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.0, 1.8, 1.8, 0.0, 0.0)
+    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), acting(0.0, 1.8)
     nothing, still = LagState(0.0, 0.0, 0.0), Constants()
     plain, offset = (
         wrench_with_effects(b, now, nothing, car, e, still)
@@ -516,7 +520,7 @@ def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
 def test_a_driven_rear_axle_pulls_along_the_body() -> None:
     """Wherever the front wheel points."""
     car = CAR._replace(front_share=0.0, R_1=0.0, R_2=0.0)
-    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.7, 1.8, 1.8, 0.0, 0.0)
+    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), acting(0.7, 1.8)
     plain, offset = (
         wrench_with_effects(b, now, LagState(0.0, 0.0, 0.0), car, e, Constants())
         for e in (effect_switches(), effect_switches({"drive_lateral_offset__a": 0.2}))

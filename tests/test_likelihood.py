@@ -13,10 +13,9 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_t
 
 from bcid.compiled.lanes import LANES
-from bcid.effects.actuators import actuation_at
 from bcid.effects.car import BodyState
 from bcid.effects.constants import Constants
-from bcid.effects.motion import integrate_body, steady_lags
+from bcid.effects.motion import integrate_body
 from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
@@ -27,6 +26,7 @@ from bcid.likelihood import nuisance
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.lane_rollout import segment_layout
+from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
 from bcid.likelihood.marginal import (
     NU,
@@ -496,7 +496,7 @@ def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: Predictio
         own = chain._replace(t_0=chain.t_0 - take.zero_s[s])
         b, each = BodyState(*start[s, :N_START]), take.steps // KNOTS
         driving, acting = (own, take.length_s[s]), (setting.car, setting.switches, setting.constants)
-        lags = steady_lags(b, actuation_at(take.step[s], *driving), *acting)
+        lags = first_lags_of_one(b, take.step[s], steps_of_recording(take.step[s], own), *driving, *acting)
         true = integrate_body(b, lags, take.step[s], take.steps, *driving, pushes[s], each, *acting)[:, :6].copy()
         mine = slice(take.first_stamp[s], take.first_stamp[s + 1])
         seen = observe_states(take.stamp_s[mine] - take.begin_s[s], true, setting)

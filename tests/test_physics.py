@@ -13,7 +13,7 @@ from bcid.physics.car import LONGEST_STEP_S, Car, integration_step, wrench
 from bcid.physics.kinematics import body_twist, kinematic_state, pose_rate, wheel_velocity, wrap_angle
 from bcid.physics.motor import drag_force, force_controlled_line, force_on_line, speed_controlled_line
 from bcid.physics.steering import steering_rate, steering_step
-from bcid.physics.tyres import lateral_force, slip_angle
+from bcid.physics.tyres import lateral_force, slip_angle, slip_angle_slopes
 
 speeds = st.floats(-5.0, 5.0, allow_subnormal=False)  # half of the smallest subnormal is zero
 forward = st.floats(0.05, 5.0)
@@ -130,6 +130,17 @@ def test_slip_angle_does_not_ask_which_way_the_wheel_rolls(along: float, across:
     assert slip_angle(along, across, 1.0) == slip_angle(-along, across, 1.0)
     assert abs(slip_angle(along, across, 1.0)) <= abs(across) + 1e-12
     assert np.sign(slip_angle(along, across, 1.0)) == np.sign(across)
+
+
+@given(speeds, speeds)
+def test_slopes_of_the_slip_angle_are_its_complex_steps(along: float, across: float) -> None:
+    """On either side of the bound v_0, forwards and backwards."""
+    tiny, sign = 1e-30, np.copysign(1.0, along)
+    for v_0 in (0.1, 1.0, 100.0):
+        by_along, by_across = slip_angle_slopes(along, across, v_0)
+        fast = sign * (along + 1j * tiny) if abs(along) > v_0 else complex(v_0)
+        assert by_along == pytest.approx(np.arctan(across / fast).imag / tiny, rel=1e-12, abs=1e-15)
+        assert by_across == pytest.approx(np.arctan((across + 1j * tiny) / fast.real).imag / tiny, rel=1e-12)
 
 
 def test_an_integration_step_suits_the_car() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from test_variational import BASE, estimate, part, shove  # noqa: F401  # fixtures
+from cars import CAR
+from test_variational import BASE, Instant, at_steps, drive, estimate, part, shove  # noqa: F401  # fixtures
 
 from bcid.diagnosis.diagnose import fit_base_model
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
@@ -15,12 +17,13 @@ from bcid.diagnosis.remainder.functions import TERMS, RemainderBasis, remainder_
 from bcid.effects.remainder import COEFFICIENT, COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.effects.table import effect_switches
 from bcid.estimate.run import estimate_motion
+from bcid.likelihood.force_history import ACTIONS, HISTORY
 from bcid.likelihood.lane_rollout import segment_layout
 from bcid.likelihood.nuisance import linearise_residuals
-from bcid.likelihood.predict import predict_poses, wrap_yaw
+from bcid.likelihood.predict import FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import refit
-from bcid.likelihood.take import N_NUISANCE, Take
+from bcid.likelihood.take import N_NUISANCE, N_START, Take
 from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import simulate_drive
@@ -61,7 +64,8 @@ def test_derivatives_of_functions_without_a_name(part: Take, on: dict[str, float
     r, A, J = linearise_residuals(part, inputs, start)
     poses, derivatives = part.pose - r, np.concatenate([A, J], axis=2)
     assert derivatives.shape[2] == N_NUISANCE + len(table)
-    np.testing.assert_allclose(wrap_yaw(poses - predict_poses(layout, start, *inputs.kernel_arguments)), 0.0, atol=1e-12)
+    plain = predict_poses(layout, start, *inputs.kernel_arguments)
+    np.testing.assert_allclose(wrap_yaw(poses - plain), 0.0, atol=1e-12)
     columns, h = [], 1e-5
     for j in range(N_NUISANCE + len(table)):
         ends = []
@@ -77,11 +81,71 @@ def test_derivatives_of_functions_without_a_name(part: Take, on: dict[str, float
     size = np.abs(expected).max(axis=(0, 1))
     assert (size > 1e-4).all()
     error = np.abs(derivatives - expected) / size
-    # a kink within a difference is none of these; functions are held over 0.1 s, and how lags follow a turn of the wheel
-    # by place, or by the state that they change, is left out
+    # a kink within a difference is none of these; functions are held over 0.125 s
     assert np.quantile(error[:, :, :N_NUISANCE], 0.95) < (5e-3 if on else 1e-4)
     assert np.quantile(error, 0.95) < 2e-2
     assert np.median(error.max(axis=(0, 1))) < 5e-2
+
+
+def add_functions(x: np.ndarray, now: Instant, p: Any, table: np.ndarray) -> tuple[complex, np.ndarray]:
+    """How far functions turn the wheel, and the accelerations that they add, written anew for complex numbers."""
+    p_x, p_y, theta, v_x, v_y, w = x
+    c, s, front = np.cos(now.delta), np.sin(now.delta), v_y + p["l_f"] * w
+    along, across = c * v_x + s * front, c * front - s * v_x
+
+    def slip(along: complex, across: complex) -> complex:
+        fast = along if along.real >= 0.0 else -along
+        return np.arctan(across / (fast if fast.real > p["v_0"].real else p["v_0"]))
+
+    alpha_f, alpha_r = slip(along, across), slip(v_x, v_y - p["l_r"] * w)
+    inputs = np.array([v_x, w, along, alpha_f, alpha_r, now.delta, now.delta_rate, now.u_m, p_x, p_y, now.t])
+    value = table[:, COEFFICIENT] * np.cos(table[:, WAVE:] @ inputs + table[:, PHASE])
+    total = dict(zip(DIRECTIONS, (value[table[:, DIRECTION] == i].sum() for i in range(len(DIRECTIONS))), strict=True))
+    driven, share = total["driven_along"], p["front_share"]
+    ahead = total["front_along"] + share * driven
+    side = s * ahead + c * total["front_across"]
+    f_x = total["body_x"] + c * ahead - s * total["front_across"] + (1.0 - share) * driven
+    f_x += np.cos(theta) * total["world_x"] + np.sin(theta) * total["world_y"]
+    f_y = side + total["rear_across"] + np.cos(theta) * total["world_y"] - np.sin(theta) * total["world_x"]
+    moment = p["m"] * (p["l_f"] * side - p["l_r"] * total["rear_across"]) / p["I_z"] + total["yaw"]
+    return total["wheel_angle"], np.array([f_x, f_y, moment])
+
+
+def add_history(
+    x: np.ndarray, now: Instant, p: Any, table: np.ndarray, actions: np.ndarray, begin: tuple[int, int]
+) -> tuple[complex, np.ndarray]:
+    """What `add_functions` gives, and the accelerations and the turn (knots, ACTIONS) that act in a knot besides.
+
+    `begin` holds a segment's first step and its number of steps.
+    """
+    turn, accelerations = add_functions(x, now, p, table)
+    *pushed, turned = actions[(now.step - begin[0]) * FINE.knots // begin[1]]
+    return turn + turned, accelerations + np.array(pushed)
+
+
+def test_derivatives_are_complex_steps_of_functions_written_anew(part: Take) -> None:  # noqa: F811
+    """By initial states, and by what acts in each knot; functions of one direction stand together, or anywhere."""
+    few, rng, tiny = part.part(np.array([0, 3, 6, 9])), np.random.default_rng(6), 1e-30
+    table = draw_functions(rng, 2, 0.05)
+    table[len(DIRECTIONS) :] = rng.permutation(table[len(DIRECTIONS) :])
+    start, plain, inputs = shove(few), {s: complex(v) for s, v in CAR._asdict().items()}, with_functions(few, table, {})
+    chain, car, e, c = inputs.kernel_arguments
+    layout = at_steps(few, segment_layout(few))
+    poses, derivatives, _ = linearise_poses(layout, start, chain, np.array([car]), np.zeros(0), FINE, e, c)
+    assert derivatives.shape[2] == N_START + HISTORY
+    for s in range(few.segments):
+        mine, where = slice(s * few.steps, (s + 1) * few.steps), (int(few.step[s]), few.steps)
+        columns = []
+        for j in range(N_START + HISTORY):
+            state, actions = start[s].astype(complex), np.zeros(HISTORY, dtype=complex)
+            (state if j < N_START else actions)[j if j < N_START else j - N_START] += 1j * tiny
+            acting = partial(add_history, table=table, actions=actions.reshape(FINE.knots, ACTIONS), begin=where)
+            columns.append(drive(state, inputs, *where, plain, acting)[1:])
+        np.testing.assert_allclose(poses[mine], columns[-1].real, rtol=0.0, atol=1e-9)
+        expected = np.stack(columns, axis=2).imag / tiny
+        size = np.abs(expected).max(axis=(0, 1))
+        # by the twist, tyres are one-sided differences
+        np.testing.assert_array_less(np.abs(derivatives[mine] - expected).max(axis=(0, 1)), 2e-5 * size + 5e-6)
 
 
 def test_functions_with_no_coefficient_change_nothing(part: Take) -> None:  # noqa: F811
@@ -168,7 +232,7 @@ def test_a_name_adds_much_beside_the_remainder_that_may_replace_it(
     fit, take = concealing(**constants)
     basis = basis_for(fit, take)
     before = fit_with_remainder(fit, take, basis)
-    assert next(iter(before.worth)) == channel
+    assert next(iter(before.seen.channel_nats())) == channel
     more, phi = fit.hypothesis.add_effect(name, fit.phi, list(constants.values()))
     named = refit(take, more, phi, fit.start, fit.scales)
     after = fit_with_remainder(named, take, basis)

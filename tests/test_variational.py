@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import RefitProblem, evaluate_at, tangent_at
 from bcid.likelihood.nuisance import linearise_residuals, pose_residuals
-from bcid.likelihood.predict import COARSE, linearise_poses, predict_poses
+from bcid.likelihood.predict import COARSE, FINE, linearise_poses, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take, cut_segments
 from bcid.recording.types import Recording
@@ -59,7 +60,7 @@ def clip(x: complex, high: complex, low: complex | None = None) -> complex:
     return low if x.real < low.real else high if x.real > high.real else x
 
 
-def rate(x: np.ndarray, delta: float, u: tuple[float, float, float], push: np.ndarray, p: Any) -> np.ndarray:
+def rate(x: np.ndarray, delta: complex, u: tuple[float, float, float], push: np.ndarray, p: Any) -> np.ndarray:
     """Rates of [x, y, theta, v_x, v_y, omega] of a front-driven car at the angle `delta`; `u` = throttles, weight."""
     _, _, theta, v_x, v_y, w = x
     c, s = np.cos(delta), np.sin(delta)
@@ -87,18 +88,52 @@ def rate(x: np.ndarray, delta: float, u: tuple[float, float, float], push: np.nd
     ])  # fmt: skip
 
 
-def drive(x: np.ndarray, inputs: PredictionInputs, step: int, steps: int, p: Any) -> np.ndarray:
+class Instant(NamedTuple):
+    """What the actuators give at a stage: mean throttle, steering angle and its rate, time of the recording."""
+
+    u_m: float
+    delta: float
+    delta_rate: float
+    t: float
+    u: tuple[float, float, float]  # both throttles, and the weight of the second
+    step: int  # of the actuator chain
+
+
+def instant(inputs: PredictionInputs, k: int, stage: int) -> Instant:
+    """What the actuators give at the beginning, in the middle or at the end (`stage` 0 to 2) of step `k`."""
+    chain, s = inputs.chain, inputs.chain.late[k]
+    weight = (3 * s * s - 2 * s, s, 4 * s - 3 * s * s)[stage]
+    u, delta = (chain.u_m[k], chain.u_next[k], weight), chain.delta[2 * k : 2 * k + 3]
+    t = chain.t_0 + (k + 0.5 * stage) * chain.h
+    return Instant(u[0] + weight * (u[1] - u[0]), delta[stage], (delta[2] - delta[0]) / chain.h, t, u, k)
+
+
+Rest = Callable[[np.ndarray, Instant, Any], tuple[complex, np.ndarray]]
+
+
+def nothing_more(_state: np.ndarray, _now: Instant, _p: Any) -> tuple[complex, np.ndarray]:
+    """How far the wheel is turned further, and accelerations that are added."""
+    return 0.0j, np.zeros(3)
+
+
+def drive(
+    x: np.ndarray, inputs: PredictionInputs, step: int, steps: int, p: Any, rest: Rest = nothing_more
+) -> np.ndarray:
     """Poses (steps + 1, 3) from the nuisance parameters `x` (N_NUISANCE,), by RK4, of complex numbers."""
-    chain, h = inputs.chain, inputs.chain.h
+    h = inputs.chain.h
     state, path = x[:N_START], [x[:3]]
+
+    def rate_at(state: np.ndarray, now: Instant, push: np.ndarray) -> np.ndarray:
+        turn, more = rest(state, now, p)
+        return rate(state, now.delta + turn, now.u, push + more, p)
+
     for i in range(steps):
-        k, at = step + i, 2 * (step + i)
-        push, s = x[N_START:].reshape(KNOTS, 3)[i // (steps // KNOTS)], chain.late[k]
-        delta, u = chain.delta[at : at + 3], (chain.u_m[k], chain.u_next[k])
-        k1 = rate(state, delta[0], (*u, 3 * s * s - 2 * s), push, p)
-        k2 = rate(state + 0.5 * h * k1, delta[1], (*u, s), push, p)
-        k3 = rate(state + 0.5 * h * k2, delta[1], (*u, s), push, p)
-        k4 = rate(state + h * k3, delta[2], (*u, 4 * s - 3 * s * s), push, p)
+        begin, middle, end = (instant(inputs, step + i, stage) for stage in range(3))
+        push = x[N_START:].reshape(KNOTS, 3)[i // (steps // KNOTS)]
+        k1 = rate_at(state, begin, push)
+        k2 = rate_at(state + 0.5 * h * k1, middle, push)
+        k3 = rate_at(state + 0.5 * h * k2, middle, push)
+        k4 = rate_at(state + h * k3, end, push)
         state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         path.append(state[:3])
     return np.array(path)
@@ -137,7 +172,31 @@ def test_derivatives_are_complex_steps_of_the_car_written_anew(part: Take) -> No
             expected[:, :, N_NUISANCE + j] = path[1:].imag / tiny
         np.testing.assert_allclose(poses[mine], path[1:].real, rtol=0.0, atol=1e-9)
         size = np.abs(expected).max(axis=(0, 1))
-        assert (np.abs(derivatives[mine] - expected).max(axis=(0, 1)) <= 2e-5 * size + 1e-9).all()
+        by_state, by_car, by_pushes = np.split(derivatives[mine], [N_START, N_START + len(names)], axis=2)
+        error = np.abs(np.concatenate([by_state, by_pushes, by_car], axis=2) - expected)
+        assert (error.max(axis=(0, 1)) <= 2e-5 * size + 1e-9).all()
+
+
+def test_rows_of_segments_side_by_side_lie_wherever_they_do(part: Take) -> None:
+    """A row counts as soon as all segments beside each other have reached theirs; gaps in one are no other's."""
+    few = part.part(np.arange(0, part.segments, 2))
+    inputs, start = BASE.prediction_inputs(BASE.phi_of(CAR), few), shove(few)
+    cars, widths = changed_cars(BASE, BASE.phi_of(CAR))
+    chain, _, e, c = inputs.kernel_arguments
+    whole = at_steps(few, segment_layout(few))
+    expected = linearise_poses(whole, start, chain, cars, widths, FINE, e, c)
+    rng, n = np.random.default_rng(8), few.steps
+    kept = [np.arange(n), np.arange(n - 3, n), np.arange(3), np.arange(7, 8)]
+    kept += [np.flatnonzero(rng.uniform(size=n) < 0.2) for _ in range(few.segments - len(kept))]
+    rows = np.concatenate([s * n + own for s, own in enumerate(kept)])
+    first = np.r_[0, np.cumsum([len(own) for own in kept])]
+    layout = whole._replace(
+        stamp_s=whole.stamp_s[rows], row=np.arange(len(rows)), share=np.ones(len(rows)), first_stamp=first, first=first
+    )
+    poses, derivatives, along = linearise_poses(layout, start, chain, cars, widths, FINE, e, c)
+    np.testing.assert_allclose(poses, expected[0][rows], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(derivatives, expected[1][rows], rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(along, expected[2])
 
 
 SMOOTH = {

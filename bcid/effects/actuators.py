@@ -11,12 +11,12 @@ from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import motor, steering
 from bcid.effects.car import Actuation
-from bcid.effects.remainder import Remainder
+from bcid.effects.remainder import RemainderAction
 from bcid.physics.car import Car
 from bcid.physics.steering import steering_step
 
 SAME_TIME_S = 1e-9
-NO_REMAINDER = Remainder(0.0, 0.0, 0.0, 0.0, 0.0)
+NO_REMAINDER = RemainderAction(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class ActuatorChain(NamedTuple):

@@ -10,7 +10,7 @@ from bcid.effects import motor, tyres
 from bcid.effects.actuators import ActuatorChain
 from bcid.effects.car import Actuation, BodyState, LagState, Wrench, add_remainder, is_lagging, wrench_with_effects
 from bcid.effects.constants import Constants
-from bcid.effects.lags import mean_of_decay
+from bcid.effects.lags import decay_at_stage
 from bcid.effects.remainder import no_remainder
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
@@ -51,17 +51,18 @@ def lags_at_stage(start: LagState, first: Wrench, now: Wrench, ahead: float, h: 
     """Lagging slip angle (rad) and motor forces (N) for the RK4 stage `ahead` seconds into a step of `h` seconds.
 
     `start` holds their values as the step begins, `first` and `now` the wrenches there and at the stage.  The initial
-    deviation from the steady value decays exponentially; every stage uses the deviation's mean over the step, so that
-    the step's impulse is right even for time constants far below `h`, which RK4's stages would not resolve.
+    deviation from the steady value decays exponentially; the stages' values keep the step's impulse and how far it
+    carries even for time constants far below `h`, which RK4 would not resolve.
     """
-    steady = first.steady
+    steady, share = first.steady, ahead / h
     at = advance_lags(steady, first, now, ahead, e)
     alpha, F_f, F_r = at.alpha_f, at.F_mf, at.F_mr
     if e.tyre_relaxation__sigma > 0.0:
-        alpha += mean_of_decay(start.alpha_f - steady.alpha_f, abs(first.v_fx) * h / e.tyre_relaxation__sigma)
+        rolled = abs(first.v_fx) * h / e.tyre_relaxation__sigma
+        alpha += decay_at_stage(start.alpha_f - steady.alpha_f, rolled, share)
     if e.motor_lag__tau > 0.0:
-        F_f += mean_of_decay(start.F_mf - steady.F_mf, h / e.motor_lag__tau)
-        F_r += mean_of_decay(start.F_mr - steady.F_mr, h / e.motor_lag__tau)
+        F_f += decay_at_stage(start.F_mf - steady.F_mf, h / e.motor_lag__tau, share)
+        F_r += decay_at_stage(start.F_mr - steady.F_mr, h / e.motor_lag__tau, share)
     return LagState(alpha, F_f, F_r)
 
 
@@ -103,15 +104,14 @@ def step_inputs(k: int, chain: ActuatorChain, T: float, push: Floats) -> StepInp
 
 
 @njit
-def stage_actuation(stage: int, inputs: StepInputs, h: float, e: Switches) -> Actuation:
+def stage_actuation(stage: int, inputs: StepInputs, h: float) -> Actuation:
     """What the actuators give at `stage` (0 to 3) of an RK4 step of `h` seconds under `inputs`.
 
     Stages 0 and 3 are the step's ends, 1 and 2 its middle.  A throttle that changes within the step is averaged with
-    weights that keep its impulse, s, and how far it carries, s^2/2; a motor lag in `e` smoothes both.
+    weights that keep its impulse, s, and how far it carries, s^2/2, which a motor's lag does as well.
     """
-    s, weight = inputs.late, inputs.late
-    if e.motor_lag__tau == 0.0:
-        weight = 3.0 * s * s - 2.0 * s if stage == 0 else (4.0 * s - 3.0 * s * s if stage == 3 else s)
+    s = inputs.late
+    weight = 3.0 * s * s - 2.0 * s if stage == 0 else (4.0 * s - 3.0 * s * s if stage == 3 else s)
     delta = inputs.delta[0] if stage == 0 else (inputs.delta[2] if stage == 3 else inputs.delta[1])
     t = inputs.t + stage_time(stage) * h
     rate = (inputs.delta[2] - inputs.delta[0]) / h
@@ -146,7 +146,7 @@ def rk4_body_step(
     first = now = Wrench(zero, zero, zero, zero, lags, zero)
     after = lags
     for stage in range(4):  # a loop, so that the wrench's machine code is there once
-        act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
+        act, ahead = stage_actuation(stage, inputs, h), stage_time(stage) * h
         there = add_rates(b, rate, ahead)
         act = add_remainder(act, there, p, e)
         # the third stage is at the time of the second, whose steady values serve it
@@ -173,13 +173,7 @@ def steady_lags(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants)
     unchanged = Actuation(
         act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, 0.0 * act.late, act.brake, act.rest
     )  # fmt: skip
-    return steady_lags_beside(b, add_remainder(unchanged, b, p, e), p, e, c)
-
-
-@njit_inline
-def steady_lags_beside(b: BodyState, act: Actuation, p: Car, e: Switches, c: Constants) -> LagState:
-    """Front slip angle (rad) and motor forces (N) in steady state at `b`, beside the remainder that `act` holds."""
-    return wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), p, e, c).steady
+    return wrench_with_effects(b, add_remainder(unchanged, b, p, e), LagState(0.0, 0.0, 0.0), p, e, c).steady
 
 
 @njit

@@ -48,7 +48,7 @@ class RemainderInputs(NamedTuple):
     t: float
 
 
-class Remainder(NamedTuple):
+class RemainderAction(NamedTuple):
     """What acts on a car beside all that has a name."""
 
     f_x: float  # force over the mass along the body, m/s^2
@@ -68,10 +68,10 @@ class WheelDirections(NamedTuple):
 
 
 @njit_inline
-def no_remainder(like: float) -> Remainder:
+def no_remainder(like: float) -> RemainderAction:
     """Nothing beside what has a name: zeros of the kind of number that `like` is."""
     none = 0.0 * like
-    return Remainder(none, none, none, none, none)
+    return RemainderAction(none, none, none, none, none)
 
 
 @njit_inline
@@ -86,53 +86,66 @@ def remainder_inputs(
 
 
 @njit_inline
-def remainder_function(e: Switches, j: int, s: RemainderInputs) -> float:
-    """cos(k_j . s + phi_j), function `j` of the remainder in `e` at the inputs `s`, without its coefficient."""
+def function_angle(e: Switches, j: int, s: RemainderInputs) -> float:
+    """k_j . s + phi_j (rad) of function `j` of the remainder in `e` at the inputs `s`."""
     k = e.remainder
-    angle = k[j, PHASE] + k[j, WAVE] * s.v_x + k[j, WAVE + 1] * s.omega + k[j, WAVE + 2] * s.v_fx
+    angle: float = k[j, PHASE] + k[j, WAVE] * s.v_x + k[j, WAVE + 1] * s.omega + k[j, WAVE + 2] * s.v_fx
     angle += k[j, WAVE + 3] * s.alpha_f + k[j, WAVE + 4] * s.alpha_r + k[j, WAVE + 5] * s.delta
     angle += k[j, WAVE + 6] * s.delta_rate + k[j, WAVE + 7] * s.u_m + k[j, WAVE + 8] * s.p_x
-    value: float = sincos(angle + k[j, WAVE + 9] * s.p_y + k[j, WAVE + 10] * s.t)[1]
-    return value
+    angle += k[j, WAVE + 9] * s.p_y + k[j, WAVE + 10] * s.t
+    return angle
 
 
 @njit_inline
-def unit_remainder(direction: float, w: WheelDirections, p: Car) -> Remainder:
+def remainder_function(e: Switches, j: int, s: RemainderInputs) -> float:
+    """cos(k_j . s + phi_j), function `j` of the remainder in `e` at the inputs `s`, without its coefficient."""
+    return sincos(function_angle(e, j, s))[1]
+
+
+@njit_inline
+def unit_remainder(direction: float, w: WheelDirections, p: Car) -> RemainderAction:
     """What a function adds whose value is 1 and that acts in a `direction`."""
     zero = 0.0 * w.sin_d
     one = zero + 1.0
     if direction == BODY_X:
-        return Remainder(one, zero, zero, zero, zero)
+        return RemainderAction(one, zero, zero, zero, zero)
     if direction == FRONT_ALONG:
-        return Remainder(w.cos_d, w.sin_d, p.l_f * w.sin_d, zero, zero)
+        return RemainderAction(w.cos_d, w.sin_d, p.l_f * w.sin_d, zero, zero)
     if direction == FRONT_ACROSS:
-        return Remainder(-w.sin_d, w.cos_d, p.l_f * w.cos_d, zero, zero)
+        return RemainderAction(-w.sin_d, w.cos_d, p.l_f * w.cos_d, zero, zero)
     if direction == REAR_ACROSS:
-        return Remainder(zero, one, zero - p.l_r, zero, zero)
+        return RemainderAction(zero, one, zero - p.l_r, zero, zero)
     if direction == YAW:
-        return Remainder(zero, zero, zero, one, zero)
+        return RemainderAction(zero, zero, zero, one, zero)
     if direction == WORLD_X:
-        return Remainder(w.cos_t, -w.sin_t, zero, zero, zero)
+        return RemainderAction(w.cos_t, -w.sin_t, zero, zero, zero)
     if direction == WORLD_Y:
-        return Remainder(w.sin_t, w.cos_t, zero, zero, zero)
+        return RemainderAction(w.sin_t, w.cos_t, zero, zero, zero)
     if direction == DRIVEN_ALONG:
         f = p.front_share
-        return Remainder(f * w.cos_d + (1.0 - f), f * w.sin_d, f * p.l_f * w.sin_d, zero, zero)
-    return Remainder(zero, zero, zero, zero, one)
+        return RemainderAction(f * w.cos_d + (1.0 - f), f * w.sin_d, f * p.l_f * w.sin_d, zero, zero)
+    return RemainderAction(zero, zero, zero, zero, one)
+
+
+@njit_inline
+def add_to_remainder(rest: RemainderAction, unit: RemainderAction, amount: float) -> RemainderAction:
+    """The remainder `rest` and `amount` times a `unit` more."""
+    return RemainderAction(
+        rest.f_x + amount * unit.f_x, rest.f_y + amount * unit.f_y, rest.arm + amount * unit.arm,
+        rest.alpha + amount * unit.alpha, rest.turn + amount * unit.turn,
+    )  # fmt: skip
 
 
 @njit
-def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -> Remainder:
+def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -> RemainderAction:
     """What all functions of the remainder in `e` add together at the inputs `s`."""
-    f_x = f_y = arm = alpha = turn = 0.0 * s.v_x
-    for j in range(int(e.remainders)):
-        if e.remainder[j, COEFFICIENT] == 0.0:
-            continue
-        amount = e.remainder[j, COEFFICIENT] * remainder_function(e, j, s)
-        unit = unit_remainder(e.remainder[j, DIRECTION], w, p)
-        f_x += amount * unit.f_x
-        f_y += amount * unit.f_y
-        arm += amount * unit.arm
-        alpha += amount * unit.alpha
-        turn += amount * unit.turn
-    return Remainder(f_x, f_y, arm, alpha, turn)
+    j, rest = 0, no_remainder(s.v_x)
+    while j < e.remainders:
+        # functions that follow each other in one direction are turned into it together
+        direction, amount = e.remainder[j, DIRECTION], 0.0 * s.v_x
+        while j < e.remainders and e.remainder[j, DIRECTION] == direction:
+            if e.remainder[j, COEFFICIENT] != 0.0:
+                amount += e.remainder[j, COEFFICIENT] * remainder_function(e, j, s)
+            j += 1
+        rest = add_to_remainder(rest, unit_remainder(direction, w, p), amount)
+    return rest

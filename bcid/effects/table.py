@@ -24,7 +24,7 @@ OFF: dict[str, float] = {name: p.off for e in ENTRIES.values() for name, p in zi
 """Every parameter's value at which nothing changes."""
 
 ANY_ON_BODY = "any_on_body"
-"""Field of the switches beside the parameters: 1 where an effect acts on forces on the body, else 0."""
+"""Field of the switches beside the parameters: 1 where an effect with a name acts on forces on the body, else 0."""
 
 REMAINDERS, REMAINDER = "remainders", "remainder"
 """Fields of the switches for what has no name: how many functions, and the table of them (`bcid.effects.remainder`)."""
@@ -58,7 +58,7 @@ def effect_switches(on: Mapping[str, float] | None = None, functions: Floats = N
     every call would cost a third of the computing time.
     """
     values = OFF | dict(on or {})
-    on_body = float(len(functions) > 0 or any(values[name] != OFF[name] for name in _ON_BODY))
+    on_body = float(any(values[name] != OFF[name] for name in _ON_BODY))
     switches = np.zeros((), dtype=_LAYOUT)
     for name, value in values.items():
         switches[name] = value

@@ -25,13 +25,16 @@ from bcid.effects.remainder import (
     WORLD_Y,
     YAW,
 )
-from bcid.likelihood.linearised_rollout import N_PUSH
 from bcid.likelihood.predict import FINE
+from bcid.likelihood.step_matrix import N_PUSH
+from bcid.likelihood.take import KNOTS
 from bcid.physics.car import Car
 
 HEADING, MASS = len(INPUTS), len(INPUTS) + 1  # columns of what the car is at, after INPUTS
 ACTIONS = N_PUSH + FINE.turns  # a_x, a_y, alpha_z and a turn
 HISTORY = ACTIONS * FINE.knots  # numbers in a segment's history
+PUSHES = np.kron(np.eye(KNOTS), np.tile(np.eye(ACTIONS, N_PUSH), (FINE.knots // KNOTS, 1)))
+"""Histories (HISTORY, 3 KNOTS) of the pushes, each of which lasts for several knots."""
 
 
 class ForceHistory(NamedTuple):
@@ -39,17 +42,6 @@ class ForceHistory(NamedTuple):
 
     D: Floats  # (N, 3, HISTORY) knots in a row, ACTIONS of each
     along: Floats  # (S, knots, ALONG) INPUTS, the heading (rad) and the mass over the car's
-
-
-def split_history(derivatives: Floats, parameters: int) -> tuple[Floats, Floats]:
-    """Derivatives by accelerations (N, 3, 3 knots) and turns (N, 3, knots) as those by a history (N, 3, HISTORY).
-
-    `derivatives` has, after accelerations, columns of so many `parameters`, which are the second value.
-    """
-    N, knots = len(derivatives), FINE.knots
-    pushes, J, turns = np.split(derivatives, [N_PUSH * knots, N_PUSH * knots + parameters], axis=2)
-    by_knot = np.concatenate([pushes.reshape(N, 3, knots, N_PUSH), turns[:, :, :, None]], axis=3)
-    return by_knot.reshape(N, 3, HISTORY), J
 
 
 def history_values(functions: Floats, along: Floats, car: Car) -> Floats:

@@ -9,11 +9,10 @@ from bcid.compiled.lane_access import gather_lanes, load_lanes, store_lanes
 from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.actuators import ActuatorChain
-from bcid.effects.car import Actuation, BodyState, LagState
+from bcid.effects.car import BodyState, LagState
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import marker_offset
-from bcid.effects.motion import StepInputs, rk4_body_step, steady_lags
-from bcid.effects.remainder import no_remainder
+from bcid.effects.motion import StepInputs, rk4_body_step
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
@@ -147,40 +146,6 @@ def store_pose(path: Floats, i: int, b: BodyState, e: Switches) -> None:
     store_lanes(cos_t * v_x - sin_t * v_y, flat, at + 3 * LANES)
     store_lanes(sin_t * v_x + cos_t * v_y, flat, at + 4 * LANES)
     store_lanes(b.omega, flat, at + 5 * LANES)
-
-
-@njit
-def begin_rollout(x: Floats, lanes: LaneSegments, chain: ActuatorChain, p: Car, e: Switches, c: Constants) -> Rollout:
-    """Body and lag states of LANES segments at step 0, from initial states `x` (6, LANES); lags are steady.
-
-    The lags are those of tyres and motor forces.
-
-    Rows of `x` are p_x, p_y, theta (world, m and rad), v_x, v_y (body, m/s), omega (rad/s).  `p` are the car's
-    constants, `e` the effects' parameters, `c` constants in the effects' equations that are not fitted.
-    """
-    b, act = load_body(x), first_actuation(lanes, chain)
-    return Rollout(b, steady_lags(b, act, p, e, c), 0)
-
-
-@njit_inline
-def load_body(x: Floats) -> BodyState:
-    """Pose and twist of LANES cars from the array `x` (6, LANES) of p_x, p_y, theta, v_x, v_y, omega."""
-    flat = x.reshape(x.size)
-    return BodyState(
-        load_lanes(flat, 0), load_lanes(flat, LANES), load_lanes(flat, 2 * LANES), load_lanes(flat, 3 * LANES),
-        load_lanes(flat, 4 * LANES), load_lanes(flat, 5 * LANES),
-    )  # fmt: skip
-
-
-@njit_inline
-def first_actuation(lanes: LaneSegments, chain: ActuatorChain) -> Actuation:
-    """What the actuators give as the segments in the lanes begin, the throttle unchanging."""
-    first = step_inputs_in_lanes(lanes, 0, chain, np.zeros(3 * LANES), 0)
-    rate = (first.delta[2] - first.delta[0]) / chain.h
-    none = 0.0 * first.late
-    return Actuation(
-        first.t, first.T, first.delta[0], rate, first.u_m, first.u_next, none, first.brake, no_remainder(none)
-    )
 
 
 @njit

@@ -12,21 +12,14 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
-from bcid.likelihood.force_history import (
-    ACTIONS,
-    HISTORY,
-    ForceHistory,
-    answer_to,
-    history_values,
-    split_history,
-)
+from bcid.likelihood.force_history import HISTORY, PUSHES, ForceHistory, answer_to, history_values
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS, SEGMENT_LIMITS
-from bcid.likelihood.linearised_rollout import N_PUSH, Resolution
+from bcid.likelihood.linearised_rollout import Resolution
 from bcid.likelihood.marginal import NU, Scales, estimate_scales, segment_moments
 from bcid.likelihood.predict import COARSE, FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
-from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take
+from bcid.likelihood.take import N_START, Take
 from bcid.likelihood.tracking_functions import AMOUNT, tracking_changes
 
 SEGMENT_DAMPINGS = (0.0, 0.01, 1.0, 100.0)  # of a segment's step, times the diagonal of its curvature
@@ -74,9 +67,9 @@ def linearise_residuals(
     """
     functions = inputs.functions
     if not len(functions) and not len(inputs.tracking):
-        poses, derivatives, _ = _linearise(take, inputs, start, changed, COARSE)
-        A, J = (np.ascontiguousarray(part) for part in np.split(derivatives, [N_NUISANCE], axis=2))
-        return LinearisedResiduals(wrap_yaw(take.pose - poses), A, J)
+        poses, (by_state, J, by_pushes), _ = _linearise(take, inputs, start, changed, COARSE)
+        A = np.concatenate([by_state, by_pushes], axis=2)
+        return LinearisedResiduals(wrap_yaw(take.pose - poses), A, np.ascontiguousarray(J))
     r, A, J, history, poses = linearise_histories(take, inputs, start, changed)
     acting = answer_to(history.D, history_values(functions, history.along, inputs.car), take.first)
     seen = tracking_changes(inputs.tracking, poses, take.seen_rows)
@@ -90,11 +83,9 @@ def linearise_histories(
 
     They are by what acts in each knot of 0.125 s; pushes last for several.
     """
-    poses, derivatives, along = _linearise(take, inputs, start, changed, FINE)
-    by_state, rest = np.split(derivatives, [N_START], axis=2)
-    D, J = split_history(rest, derivatives.shape[2] - N_START - HISTORY)
-    by_knot = D.reshape(len(D), 3, KNOTS, -1, ACTIONS)[..., :N_PUSH].sum(axis=3)
-    A = np.concatenate([by_state, by_knot.reshape(len(D), 3, -1)], axis=2)
+    poses, (by_state, J, D), along = _linearise(take, inputs, start, changed, FINE)
+    by_pushes = (D.reshape(-1, HISTORY) @ PUSHES).reshape(len(D), 3, -1)
+    A = np.concatenate([by_state, by_pushes], axis=2)
     seen = tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
     r = wrap_yaw(take.pose - poses - seen)
     return LinearisedHistories(r, A, J, ForceHistory(D, along), poses)
@@ -102,12 +93,12 @@ def linearise_histories(
 
 def _linearise(
     take: Take, inputs: PredictionInputs, start: Floats, changed: ChangedCars | None, resolution: Resolution
-) -> tuple[Floats, Floats, Floats]:
-    """What `linearise_poses` gives for a take."""
+) -> tuple[Floats, list[Floats], Floats]:
+    """What `linearise_poses` gives for a take, its columns split: by initial states, by parameters, by what acts."""
     chain, car, e, c = inputs.kernel_arguments
     cars, widths = changed or ChangedCars(np.array([car]), np.zeros(0))
     poses, derivatives, along = linearise_poses(segment_layout(take), start, chain, cars, widths, resolution, e, c)
-    return poses, derivatives, along
+    return poses, np.split(derivatives, [N_START, N_START + len(widths)], axis=2), along
 
 
 def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:

@@ -10,19 +10,18 @@ from bcid.effects.actuators import ActuatorChain
 from bcid.effects.car import varies_with_pose
 from bcid.effects.constants import Constants
 from bcid.likelihood.lane_rollout import (
-    PATH_SIZE,
     SegmentLayout,
     allocate_path,
-    begin_rollout,
     gather_nuisance,
     integrate_segments,
     push_wrenches,
     segments_in_lanes,
 )
-from bcid.likelihood.linearised_rollout import ALONG, N_PUSH, Resolution, linearise_segments
+from bcid.likelihood.lane_start import begin_rollout
+from bcid.likelihood.linearised_rollout import ALONG, Resolution, linearise_segments
 from bcid.likelihood.observe import apply_tracking, observe_means
+from bcid.likelihood.step_matrix import N_PUSH
 from bcid.likelihood.take import KNOTS, N_START
-from bcid.likelihood.variational import TWIST
 from bcid.physics.car import Car
 
 COARSE = Resolution(KNOTS, 0)  # by pushes alone
@@ -47,7 +46,7 @@ def predict_poses(
         begin = begin_rollout(nuisance[:N_START], lanes, chain, p, e[0], c)
         integrate_segments(path, begin, layout.steps, push_wrenches(nuisance, p), lanes, chain, p, e[0], c)
         count = min(LANES, len(layout.step) - group * LANES)
-        observe_means(out, layout.first[lanes.s], 0, path, count, lanes, layout, chain.h)
+        observe_means(out, layout.first[lanes.s], path, count, lanes, layout, chain.h)
     poses = out[:, :, 0].copy()
     apply_tracking(poses, e[0])
     return poses
@@ -60,31 +59,31 @@ def linearise_poses(
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Predicted poses (N, 3), their derivatives (N, 3, C) by the variational equation, and what the car is at.
 
-    The C columns are by initial states (N_START), by accelerations a_x, a_y, alpha_z of the body in each of the knots
-    of the `resolution`, by R parameters, then by turns of the steered wheel in each knot, at initial states and pushes
-    in the rows of `start` (S, N_NUISANCE).  What the car is at, (S, knots, ALONG), are the quantities on which a
-    remainder depends, the heading and the mass factor, in the middle of each knot.
+    The C columns are by initial states (N_START), by R parameters, then for each knot of the `resolution` by
+    accelerations a_x, a_y, alpha_z of the body in it, and by a turn of the steered wheel where that is asked for, at
+    initial states and pushes in the rows of `start` (S, N_NUISANCE).  What the car is at, (S, knots, ALONG), are the
+    quantities on which a remainder depends, the heading and the mass factor, in the middle of each knot.
     `cars` (R + 1, 21) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
     own.
     """
     N, S, knots, pulled = layout.first[-1], len(layout.step), resolution.knots, varies_with_pose(e[0])
-    columns = N_START + N_PUSH * knots + len(widths) + resolution.turns * knots
+    columns = N_START + len(widths) + (N_PUSH + resolution.turns) * knots
     out, derivatives, along = np.zeros((N, 3, 1)), np.zeros((N, 3, columns)), np.empty((S, knots, ALONG))
     scale = 1.0 + e[0].pose_scale__kappa
     for group in numba.prange((S + LANES - 1) // LANES):
         lanes, path = segments_in_lanes(group * LANES, layout, chain), allocate_path(layout.steps)
-        count, begin = min(LANES, S - group * LANES), 0 if pulled else TWIST
-        changes = np.zeros((layout.steps + 1, (columns - begin) * PATH_SIZE, LANES))
+        count, place = min(LANES, S - group * LANES), layout.first[lanes.s]
         nuisance, there = gather_nuisance(start, lanes), np.empty((knots, ALONG, LANES))
-        linearise_segments(path, changes, there, nuisance, lanes, chain, cars, widths, resolution, e[0], c)
-        place = layout.first[lanes.s]
-        observe_means(out, place, 0, path, count, lanes, layout, chain.h)
-        observe_means(derivatives, place, begin, changes, count, lanes, layout, chain.h)
+        linearise_segments(
+            path, derivatives, there, nuisance, lanes, count, layout, chain, cars, widths, resolution, e[0], c
+        )
+        observe_means(out, place, path, count, lanes, layout, chain.h)
         for k in range(count):
             f, g = place[k], layout.first[lanes.s[k] + 1]
             along[lanes.s[k]] = there[:, :, k]
             apply_tracking(out[f:g, :, 0], e[0])
-            derivatives[f:g, :2] *= scale
+            if scale != 1.0:
+                derivatives[f:g, :2] *= scale
             if not pulled:
                 _rigid_sensitivities(derivatives[f:g], out[f:g, :, 0], nuisance[:N_POSE, k], scale)
     return out[:, :, 0].copy(), derivatives, along

@@ -10,23 +10,25 @@ from bcid.aliases import Floats
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.car import BodyState, LagState
 from bcid.effects.motion import add_rates, stage_time, stage_weight
-from bcid.likelihood.variational import (
+from bcid.likelihood.step_derivatives import (
     ACCELERATION,
     COEFFICIENT,
     LAG,
     MASS_FACTOR,
     N_STATE,
-    PARAMETER,
     POSE_RATE,
-    STEADY,
     TWIST,
     get,
     move_component,
+    place_of_change,
+    place_of_steady,
     put,
 )
 
-PUSH = N_STATE  # columns after those of the state: three components of a push, then parameters
-N_COLUMNS = PUSH + 3
+# columns after those of the state: three components of a push, a turn of the wheel, then parameters
+N_PUSH, PUSH = 3, N_STATE
+TURN = PUSH + N_PUSH
+PARAMETER = TURN + 1
 
 
 class SteadyChange(NamedTuple):
@@ -39,15 +41,16 @@ class SteadyChange(NamedTuple):
 
 
 @njit
-def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool, parameters: int) -> None:
+def step_matrix(out: Floats, d: Floats, h: float, lagging: bool, pulled: bool, turns: int, parameters: int) -> None:
     """Write to `out` how the state after a step of `h` seconds answers each column: RK4, linearised.
 
-    `out` is flat, (N_COLUMNS + R, N_STATE, LANES).  Columns are the state before the step, accelerations that act in it
-    as the three components of a push, and R `parameters`; `d` are the step's derivatives.  Columns of the pose are left
-    out where nothing varies with it (not `pulled`), columns of lags where nothing is `lagging`.
+    `out` is flat, (PARAMETER + R, N_STATE, LANES).  Columns are the state before the step, accelerations that act in it
+    as the three components of a push, a turn of the wheel, and R `parameters`; `d` are the step's derivatives.  Columns
+    of the pose are left out where nothing varies with it (not `pulled`), those of lags where nothing is `lagging`, and
+    that of the turn where `turns` is 0.
     """
-    for column in range(N_COLUMNS + parameters):
-        if (lagging or not LAG <= column < PUSH) and (pulled or column >= TWIST):
+    for column in range(0 if pulled else TWIST, PARAMETER + parameters):
+        if (lagging or not LAG <= column < PUSH) and (turns > 0 or column != TURN):
             _answer_to_column(out, column, d, h, lagging, pulled, parameters)
 
 
@@ -66,7 +69,7 @@ def _answer_to_column(
     for stage in range(4):
         x, at = add_rates(begin, rate, stage_time(stage) * h), ACCELERATION + stage * N_STATE * 3
         a_x = a_y = a_w = none
-        own = PARAMETER + 6 * (parameters * stage + column - N_COLUMNS) if column >= N_COLUMNS else -1
+        own = place_of_change(stage, column - TURN, parameters) if column >= TURN else -1
         if own >= 0:
             a_x, a_y, a_w = get(d, own), get(d, own + 1), get(d, own + 2)
         elif column >= PUSH:
@@ -84,7 +87,7 @@ def _answer_to_column(
         a_w += get(d, at + 2) * x.v_x + get(d, at + 5) * x.v_y + get(d, at + 8) * x.omega
         if lagging:
             if stage != 2:
-                now = _steady_change(d, STEADY + 12 * stage, x, own)
+                now = _steady_change(d, place_of_steady(stage, 0), x, own, pulled)
                 if stage == 0:
                     first = now
             lags = _lag_change(d, COEFFICIENT + 15 * stage, start, first, now)
@@ -128,12 +131,19 @@ def _unit_lags(none: LagState, j: int) -> LagState:
 
 
 @njit_inline
-def _steady_change(d: Floats, at: int, x: BodyState, own: int) -> SteadyChange:
-    """Change of steady lags and v_fx with a change `x` of the state, and by the parameter that begins at `own` >= 0."""
+def _steady_change(d: Floats, at: int, x: BodyState, own: int, pulled: bool) -> SteadyChange:
+    """Change of steady lags and v_fx with a change `x` of the state, and by what begins at `own` >= 0."""
+    by_pose, at = at, at + 4 * TWIST
     alpha_f = get(d, at) * x.v_x + get(d, at + 4) * x.v_y + get(d, at + 8) * x.omega
     F_mf = get(d, at + 1) * x.v_x + get(d, at + 5) * x.v_y + get(d, at + 9) * x.omega
     F_mr = get(d, at + 2) * x.v_x + get(d, at + 6) * x.v_y + get(d, at + 10) * x.omega
     v_fx = get(d, at + 3) * x.v_x + get(d, at + 7) * x.v_y + get(d, at + 11) * x.omega
+    if pulled:
+        at = by_pose
+        alpha_f += get(d, at) * x.p_x + get(d, at + 4) * x.p_y + get(d, at + 8) * x.theta
+        F_mf += get(d, at + 1) * x.p_x + get(d, at + 5) * x.p_y + get(d, at + 9) * x.theta
+        F_mr += get(d, at + 2) * x.p_x + get(d, at + 6) * x.p_y + get(d, at + 10) * x.theta
+        v_fx += get(d, at + 3) * x.p_x + get(d, at + 7) * x.p_y + get(d, at + 11) * x.theta
     if own >= 0:
         alpha_f += get(d, own + 3)
         F_mf += get(d, own + 4)

@@ -4,26 +4,19 @@ With the state x = [pose, twist, lags] and its rate f(x, u, parameters), a small
 dx' = (df/dx) dx + df.  At each stage the wrench is evaluated once more for each component of the twist, for each
 quantity that lags, and for each parameter; all else is linear algebra (`bcid.likelihood.step_matrix`).  Differences are
 of accelerations, within one stage and at one place: the derivative is that of the branch taken, and where a patch of
-floor begins does not enter.
-
-Arrays are flat, of vectors of LANES segments side by side.  Rows of a state: x, y, theta, v_x, v_y, omega, alpha_f,
-F_mf, F_mr.
+floor begins does not enter.  What has no name is differentiated in closed form (`remainder_derivatives`).
 """
 
-import numpy as np
-
 from bcid.aliases import Floats, Switches
-from bcid.compiled.lane_access import load_lanes, store_lanes
-from bcid.compiled.lanes import LANES
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects.car import (
     Actuation,
     BodyState,
     LagState,
     Wrench,
-    add_remainder,
     force_by_place,
     is_lagging,
+    is_pulled_by_place,
     replace_remainder,
     varies_with_pose,
     wrench_with_effects,
@@ -39,129 +32,34 @@ from bcid.effects.motion import (
     stage_time,
     stage_weight,
 )
-from bcid.effects.remainder import Remainder
+from bcid.effects.remainder import RemainderAction, add_to_remainder
+from bcid.likelihood.lag_derivatives import move_lag, store_lag_coefficients, store_steady
+from bcid.likelihood.remainder_derivatives import (
+    accelerations_by,
+    differentiate_remainder,
+    slope_of_remainder,
+    turn_wheel,
+)
+from bcid.likelihood.step_derivatives import (
+    ACCELERATION,
+    ANGLE_STEP,
+    BODY_STEP,
+    COEFFICIENT,
+    FORCE_STEP,
+    LAG,
+    MASS_FACTOR,
+    N_STATE,
+    POSE_RATE,
+    TURN_STEP,
+    TWIST,
+    car_of_row,
+    move_component,
+    place_of_change,
+    place_of_steady,
+    put,
+)
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
-
-TWIST, LAG, N_STATE = 3, 6, 9  # where twist and lags begin in a state, and its size
-# difference steps of a twist (m/s, rad/s) and of a pose (m, rad), of a lagging slip angle (rad) and force (N)
-BODY_STEP, ANGLE_STEP, FORCE_STEP = 1e-5, 1e-5, 1e-2
-
-
-# where the derivatives of a step stand in one flat array, in units of LANES numbers
-ACCELERATION = 0  # (4, N_STATE, 3) at each stage, of v_x', v_y', omega' by the state, its lags as at the stage
-STEADY = ACCELERATION + 4 * N_STATE * 3  # (4, 3, 4) of alpha_f, F_mf, F_mr without lag, and of v_fx, by the twist
-COEFFICIENT = STEADY + 4 * 3 * 4  # (5, 3, 5) of each lag, at a stage or after the step, by what it follows from
-POSE_RATE = COEFFICIENT + 5 * 3 * 5  # (4, 4) cos and sin of theta, x', y'
-MASS_FACTOR = POSE_RATE + 4 * 4  # (4,)
-PARAMETER = MASS_FACTOR + 4  # (4, R + 1, 6) at each stage, of accelerations and steady lags by R parameters of a car
-# and by a turn of the steered wheel, where that is asked for
-
-
-@njit
-def allocate_derivatives(parameters: int) -> Floats:
-    """The flat array for a step's derivatives, of LANES segments, by so many `parameters`: zeros."""
-    return np.zeros((PARAMETER + 4 * 6 * parameters) * LANES)
-
-
-@njit_inline
-def get(x: Floats, i: int) -> float:
-    """Vector number `i` of the flat array `x`."""
-    vector: float = load_lanes(x, i * LANES)
-    return vector
-
-
-@njit_inline
-def put(x: Floats, i: int, value: float) -> None:
-    """Write `value` to vector number `i` of the flat array `x`."""
-    store_lanes(value, x, i * LANES)
-
-
-@njit_inline
-def car_of_row(x: Floats) -> Car:
-    """The car whose constants are the row `x` (21,), in the order of `Car`."""
-    return Car(
-        x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12], x[13], x[14], x[15], x[16],
-        x[17], x[18], x[19], x[20],
-    )  # fmt: skip
-
-
-@njit_inline
-def move_component(b: BodyState, j: int, by: float) -> BodyState:
-    """The state `b` with its component `j` (0 to 5) greater by `by`; `b` itself for j < 0."""
-    return BodyState(
-        b.p_x + (by if j == 0 else 0.0), b.p_y + (by if j == 1 else 0.0), b.theta + (by if j == 2 else 0.0),
-        b.v_x + (by if j == 3 else 0.0), b.v_y + (by if j == 4 else 0.0), b.omega + (by if j == 5 else 0.0),
-    )  # fmt: skip
-
-
-@njit_inline
-def move_lag(lags: LagState, j: int) -> LagState:
-    """The lagging quantities, number `j` (0 to 2) greater by its difference step; as they are for other j."""
-    return LagState(
-        lags.alpha_f + (ANGLE_STEP if j == 0 else 0.0), lags.F_mf + (FORCE_STEP if j == 1 else 0.0),
-        lags.F_mr + (FORCE_STEP if j == 2 else 0.0),
-    )  # fmt: skip
-
-
-@njit_inline
-def _move_lags(lags: LagState) -> LagState:
-    """All lagging quantities, greater by their difference steps."""
-    return LagState(lags.alpha_f + ANGLE_STEP, lags.F_mf + FORCE_STEP, lags.F_mr + FORCE_STEP)
-
-
-@njit_inline
-def _move_steady(w: Wrench, steady: bool, rolling: bool) -> Wrench:
-    """The wrench `w` with its steady lags, or its rolling speed v_fx, greater by their difference steps."""
-    to = _move_lags(w.steady)
-    return Wrench(
-        w.F_x, w.F_y, w.M_z, w.mass_factor,
-        LagState(
-            to.alpha_f if steady else w.steady.alpha_f, to.F_mf if steady else w.steady.F_mf,
-            to.F_mr if steady else w.steady.F_mr,
-        ),
-        w.v_fx + (BODY_STEP if rolling else 0.0),
-    )  # fmt: skip
-
-
-@njit
-def _store_lag_coefficients(
-    out: Floats, at: int, start: LagState, first: Wrench, now: Wrench, ahead: float, h: float, e: Switches
-) -> None:
-    """Write the derivatives of the three lagging quantities by what they follow from to `out` from `at` on.
-
-    Those of a stage `ahead` seconds into a step of `h` seconds; for `ahead` > h, those after the step.  Each follows
-    from its value `start` as the step begins, from its steady value and v_fx in the wrench `first`, and in `now`.
-    """
-    still = start
-    for j in range(6):
-        s = _move_lags(start) if j == 1 else start
-        f, n = _move_steady(first, j == 2, j == 3), _move_steady(now, j == 4, j == 5)
-        lags = advance_lags(s, f, n, h, e) if ahead > h else lags_at_stage(s, f, n, ahead, h, e)
-        if j == 0:
-            still = lags
-        else:
-            angle, force = (BODY_STEP, BODY_STEP) if j in (3, 5) else (ANGLE_STEP, FORCE_STEP)
-            put(out, at + j - 1, (lags.alpha_f - still.alpha_f) / angle)
-            put(out, at + 5 + j - 1, (lags.F_mf - still.F_mf) / force)
-            put(out, at + 10 + j - 1, (lags.F_mr - still.F_mr) / force)
-
-
-@njit_inline
-def _store_steady(out: Floats, at: int, moved: Wrench, now: Wrench, by: float) -> None:
-    """Write derivatives of steady lags, by differences between `moved` and `now` over `by`, to `out` from `at` on."""
-    a, b = moved.steady, now.steady
-    put(out, at, (a.alpha_f - b.alpha_f) / by)
-    put(out, at + 1, (a.F_mf - b.F_mf) / by)
-    put(out, at + 2, (a.F_mr - b.F_mr) / by)
-
-
-@njit_inline
-def _store_accelerations(out: Floats, at: int, moved: BodyState, now: BodyState, by: float) -> None:
-    """Write derivatives of v_x', v_y', omega', by differences between two rates over `by`, to `out` from `at` on."""
-    put(out, at, (moved.v_x - now.v_x) / by)
-    put(out, at + 1, (moved.v_y - now.v_y) / by)
-    put(out, at + 2, (moved.omega - now.omega) / by)
 
 
 @njit
@@ -172,146 +70,158 @@ def differentiate_step(
     """State and lags after an RK4 step of `h` seconds, as `rk4_body_step` gives them, and its stages' derivatives.
 
     They are written to `out`.  `cars` (R + 1, 21) holds the car, then one for each of R parameters with that parameter
-    changed, by `widths` (R,); a derivative by a turn of the steered wheel follows theirs where `turns` is 1, not 0.
+    changed, by `widths` (R,); those by a turn of the steered wheel are asked for where `turns` is 1, not 0.
     """
-    zero, lagging, pulled, R = 0.0 * b.v_x, is_lagging(e), varies_with_pose(e), len(widths)
-    fitted, turning = R + turns, 1 if e.remainders > 0.0 or turns > 0 else 0
+    zero, p, lagging, turning = 0.0 * b.v_x, car_of_row(cars[0]), is_lagging(e), turns > 0 or e.remainders > 0.0
     rate = total = BodyState(zero, zero, zero, zero, zero, zero)
     first = steady = now = Wrench(zero, zero, zero, zero, lags, zero)
     for stage in range(4):
-        act, ahead = stage_actuation(stage, inputs, h, e), stage_time(stage) * h
+        act, ahead = stage_actuation(stage, inputs, h), stage_time(stage) * h
         there = add_rates(b, rate, ahead)
-        act = add_remainder(act, there, car_of_row(cars[0]), e)
-        at, own = lags, PARAMETER + 6 * fitted * stage
-        if stage == 2:  # its steady values are the second stage's
-            steady = now
-            at = lags_at_stage(lags, first, steady, ahead, h, e)
-        # evaluations: of steady values, where lags follow from them, as it is, by the twist and by parameters; of
-        # rates, as it is, by the twist, by lags, by parameters and by a turn of the wheel
-        before, by_lags = (4 + R if lagging and stage != 2 else 0), (3 if lagging else 0)
-        turned = now
-        for k in range(before + 4 + by_lags + R + turning):
-            ahead_of_lags = k < before
-            j = k if ahead_of_lags else k - before
-            lag, row, is_turned = -1, 0, not ahead_of_lags and j == 4 + by_lags + R
-            if is_turned:
-                row = 0
-            elif ahead_of_lags:
-                row = max(j - 3, 0)
-            else:
-                lag, row = (j - 4 if j < 4 + by_lags else -1), max(j - 3 - by_lags, 0)
-            body = move_component(there, TWIST + j - 1 if 0 < j < 4 else -1, BODY_STEP)
-            p = car_of_row(cars[row])
-            here = turn_wheel(act, ANGLE_STEP if is_turned else 0.0)
-            if e.remainders > 0.0 and 0 < j < 4:
-                here = add_remainder(act, body, car_of_row(cars[0]), e)
-            w = wrench_with_effects(body, here, move_lag(lags if ahead_of_lags else at, lag), p, e, c)
-            if is_turned:
-                turned = w
-                continue
-            by = widths[row - 1] if row > 0 else BODY_STEP
-            if ahead_of_lags and j > 0:
-                to = own + 6 * (row - 1) + 3 if row > 0 else STEADY + (stage * 3 + j - 1) * 4
-                _store_steady(out, to, w, steady, by)
-                if row == 0:
-                    put(out, to + 3, (w.v_fx - steady.v_fx) / by)
-                continue
-            if j == 0 and (ahead_of_lags or not lagging):
-                steady = w
-                if stage == 0:
-                    first = w
-            if ahead_of_lags:
-                at = lags_at_stage(lags, first, steady, ahead, h, e)
-                continue
-            # a push is an acceleration, whatever mass and inertia
-            m, I_z, push = p.m / cars[0, 0], p.I_z / cars[0, 1], inputs.push
-            moved = body_rates(body, w, (m * push[0], m * push[1], I_z * push[2]), p)
-            if j == 0:
-                rate, now = moved, w
-                continue
-            if row > 0:
-                to = own + 6 * (row - 1)
-            elif j < 4:
-                to = ACCELERATION + (stage * N_STATE + TWIST + j - 1) * 3
-            else:
-                to, by = ACCELERATION + (stage * N_STATE + LAG + lag) * 3, ANGLE_STEP if lag == 0 else FORCE_STEP
-            _store_accelerations(out, to, moved, rate, by)
-        p = car_of_row(cars[0])
-        if turns > 0:
-            _store_turn(out, own + 6 * R, now, turned, p)
+        act = differentiate_remainder(out, there, act, p, e)
+        at = lags
         if lagging:
-            if stage == 2:  # the third stage's steady values are the second's
-                for i in range(12):
-                    put(out, STEADY + 24 + i, get(out, STEADY + 12 + i))
-                for i in range(6 * fitted):
-                    if i % 6 > 2:
-                        put(out, own + i, get(out, own - 6 * fitted + i))
-            _store_lag_coefficients(out, COEFFICIENT + stage * 15, lags, first, steady, ahead, h, e)
-        if pulled:
-            _store_pull(out, ACCELERATION + stage * N_STATE * 3, there, act, now, turned, p, e)
+            # the third stage is at the time of the second, whose steady values serve it
+            steady = now if stage == 2 else _differentiate_steady(out, stage, there, act, lags, cars, widths, e, c)
+            first = steady if stage == 0 else first
+            at = lags_at_stage(lags, first, steady, ahead, h, e)
+            store_lag_coefficients(out, COEFFICIENT + stage * 15, lags, first, steady, ahead, h, e)
+        rate, now, turned = _differentiate_rates(out, stage, there, act, at, inputs.push, cars, widths, turning, e, c)
+        if not lagging:
+            steady = now
+            first = steady if stage == 0 else first
+        if turning:
+            _store_turn(out, place_of_change(stage, 0, len(widths)), now, turned, p)
+        if varies_with_pose(e):
+            _store_pull(out, stage, there, now, turned, cars, e)
         _store_pose_rates(out, POSE_RATE + stage * 4, there, rate)
         put(out, MASS_FACTOR + stage, now.mass_factor)
         total = add_rates(total, rate, stage_weight(stage))
     if lagging:
-        _store_lag_coefficients(out, COEFFICIENT + 4 * 15, lags, first, steady, 2.0 * h, h, e)
+        store_lag_coefficients(out, COEFFICIENT + 4 * 15, lags, first, steady, 2.0 * h, h, e)
     return add_rates(b, total, h / 6.0), advance_lags(lags, first, steady, h, e)
 
 
 @njit_inline
-def turn_wheel(act: Actuation, by: float) -> Actuation:
-    """What the actuators give, the wheel turned further `by` (rad)."""
-    rest = act.rest
-    return replace_remainder(act, Remainder(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by))
+def _differentiate_steady(
+    out: Floats, stage: int, b: BodyState, act: Actuation, lags: LagState, cars: Floats, widths: Floats, e: Switches,
+    c: Constants,
+) -> Wrench:  # fmt: skip
+    """The wrench at a stage, from which lags follow; derivatives of steady lags by twist and parameters go to `out`.
+
+    The arguments are those of `_differentiate_rates`, `lags` being those as the step begins.
+    """
+    steady = Wrench(b.v_x, b.v_x, b.v_x, b.v_x, lags, b.v_x)
+    for k in range(4 + len(widths)):  # as it is, by twist, by parameters
+        j, row = (k if k < 4 else 0), max(k - 3, 0)
+        w = wrench_with_effects(
+            move_component(b, TWIST + j - 1 if j > 0 else -1, BODY_STEP), _move_with_twist(out, act, j, e), lags,
+            car_of_row(cars[row]), e, c,
+        )  # fmt: skip
+        if k == 0:
+            steady = w
+        elif row == 0:
+            at = place_of_steady(stage, TWIST + j - 1)
+            store_steady(out, at, w.steady, steady.steady, BODY_STEP)
+            put(out, at + 3, (w.v_fx - steady.v_fx) / BODY_STEP)
+        else:
+            at = place_of_change(stage, row, len(widths)) + 3
+            store_steady(out, at, w.steady, steady.steady, widths[row - 1])
+    return steady
 
 
 @njit_inline
-def _store_turn(out: Floats, to: int, now: Wrench, turned: Wrench, p: Car) -> None:
-    """Write derivatives of accelerations and steady lags by a turn of the steered wheel to `out` from `to` on.
+def _differentiate_rates(
+    out: Floats, stage: int, b: BodyState, act: Actuation, lags: LagState, push: tuple[float, float, float],
+    cars: Floats, widths: Floats, turning: bool, e: Switches, c: Constants,
+) -> tuple[BodyState, Wrench, Wrench]:  # fmt: skip
+    """Rates at a stage, the wrench, and that with the wheel turned by TURN_STEP, where this is asked for (`turning`).
 
-    `turned` is the wrench `now` with the wheel turned by ANGLE_STEP.
+    Derivatives of accelerations by twist, lags and parameters go to `out`.
+    """
+    by_lags, R = (3 if is_lagging(e) else 0), len(widths)
+    rate, now = b, Wrench(b.v_x, b.v_x, b.v_x, b.v_x, lags, b.v_x)
+    turned = now
+    # as it is, by twist, by lags, by parameters, by a turn of the wheel
+    for k in range(4 + by_lags + R + (1 if turning else 0)):
+        j, lag, row = (k if k < 4 else 0), (k - 4 if k < 4 + by_lags else -1), k - 3 - by_lags
+        turned_now, row = row > R, (row if 0 < row <= R else 0)
+        p = car_of_row(cars[row])
+        here = turn_wheel(_move_with_twist(out, act, j, e), TURN_STEP if turned_now else 0.0)
+        there = move_component(b, TWIST + j - 1 if j > 0 else -1, BODY_STEP)
+        w = wrench_with_effects(there, here, move_lag(lags, lag), p, e, c)
+        if turned_now:
+            turned = w
+            continue
+        # a push is an acceleration, whatever mass and inertia
+        m, I_z = p.m / cars[0, 0], p.I_z / cars[0, 1]
+        moved = body_rates(there, w, (m * push[0], m * push[1], I_z * push[2]), p)
+        if k == 0:
+            rate, now = moved, w
+        elif row > 0:
+            at = place_of_change(stage, row, R)
+            _store_accelerations(out, at, moved, rate, widths[row - 1])
+        else:
+            by = BODY_STEP if j > 0 else (ANGLE_STEP if lag == 0 else FORCE_STEP)
+            at = ACCELERATION + (stage * N_STATE + (TWIST + j - 1 if j > 0 else LAG + lag)) * 3
+            _store_accelerations(out, at, moved, rate, by)
+    return rate, now, turned
+
+
+@njit_inline
+def _move_with_twist(d: Floats, act: Actuation, j: int, e: Switches) -> Actuation:
+    """What the actuators give, what has no name changed as by BODY_STEP more of v_x, v_y or omega (`j` = 1, 2, 3)."""
+    if e.remainders == 0.0 or j == 0:
+        return act
+    return replace_remainder(act, add_to_remainder(act.rest, slope_of_remainder(d, TWIST + j - 1), BODY_STEP))
+
+
+@njit_inline
+def _store_accelerations(out: Floats, at: int, moved: BodyState, now: BodyState, by: float) -> None:
+    """Write derivatives of v_x', v_y', omega', by differences between two rates over `by`, to `out` from `at` on."""
+    put(out, at, (moved.v_x - now.v_x) / by)
+    put(out, at + 1, (moved.v_y - now.v_y) / by)
+    put(out, at + 2, (moved.omega - now.omega) / by)
+
+
+@njit_inline
+def _store_turn(out: Floats, at: int, now: Wrench, turned: Wrench, p: Car) -> None:
+    """Write derivatives of accelerations and steady lags by a turn of the steered wheel to `out` from `at` on.
+
+    `turned` is the wrench `now` with the wheel turned by TURN_STEP.
     """
     none = 0.0 * now.F_x
-    a_x, a_y, alpha = _accelerations_by(Remainder(none, none, none, none, none + 1.0), now, turned, p)
-    put(out, to, a_x)
-    put(out, to + 1, a_y)
-    put(out, to + 2, alpha)
-    _store_steady(out, to + 3, turned, now, ANGLE_STEP)
-
-
-@njit_inline
-def _accelerations_by(rest: Remainder, now: Wrench, turned: Wrench, p: Car) -> tuple[float, float, float]:
-    """Accelerations (m/s^2, m/s^2, rad/s^2) by a small remainder `rest`, to first order, by wrenches as above."""
-    per_rad, ratio = rest.turn / (ANGLE_STEP * now.mass_factor), p.m / p.I_z
-    return (
-        rest.f_x / now.mass_factor + per_rad * (turned.F_x - now.F_x) / p.m,
-        rest.f_y / now.mass_factor + per_rad * (turned.F_y - now.F_y) / p.m,
-        (ratio * rest.arm + rest.alpha) / now.mass_factor + per_rad * (turned.M_z - now.M_z) / p.I_z,
-    )
+    a_x, a_y, alpha = accelerations_by(RemainderAction(none, none, none, none, none + 1.0), now, turned, p)
+    put(out, at, a_x)
+    put(out, at + 1, a_y)
+    put(out, at + 2, alpha)
+    store_steady(out, at + 3, turned.steady, now.steady, TURN_STEP)
 
 
 @njit
-def _store_pull(
-    out: Floats, at: int, b: BodyState, act: Actuation, now: Wrench, turned: Wrench, p: Car, e: Switches
-) -> None:
-    """Write derivatives of accelerations by the pose to `out` from `at` on: by cable, slope and remainder in `e`."""
-    F_x, F_y = force_by_place(b, now.mass_factor, p, e)
+def _store_pull(out: Floats, stage: int, b: BodyState, now: Wrench, turned: Wrench, cars: Floats, e: Switches) -> None:
+    """Write derivatives of accelerations and steady lags by the pose to `out`: by cable, slope and remainder in `e`."""
+    p, zero = car_of_row(cars[0]), 0.0 * b.v_x
+    F_x, F_y = force_by_place(b, now.mass_factor, p, e) if is_pulled_by_place(e) else (zero, zero)
     for j in range(3):
-        there = move_component(b, j, BODY_STEP)
-        there_x, there_y = force_by_place(there, now.mass_factor, p, e)
-        a_x, a_y = (there_x - F_x) / (now.mass_factor * p.m), (there_y - F_y) / (now.mass_factor * p.m)
-        alpha = 0.0 * a_x
+        a_x = a_y = alpha = zero
         if e.remainders > 0.0:
-            more, rest = add_remainder(act, there, p, e).rest, act.rest
-            change = Remainder(
-                more.f_x - rest.f_x, more.f_y - rest.f_y, more.arm - rest.arm, more.alpha - rest.alpha,
-                more.turn - rest.turn,
-            )  # fmt: skip
-            more_x, more_y, alpha = _accelerations_by(change, now, turned, p)
-            a_x += more_x
-            a_y += more_y
-        put(out, at + 3 * j, a_x / BODY_STEP)
-        put(out, at + 3 * j + 1, a_y / BODY_STEP)
-        put(out, at + 3 * j + 2, alpha / BODY_STEP)
+            slope = slope_of_remainder(out, j)
+            a_x, a_y, alpha = accelerations_by(slope, now, turned, p)
+            # where the place turns the wheel, lags follow that
+            at, per_rad = place_of_steady(stage, j), slope.turn / TURN_STEP
+            put(out, at, per_rad * (turned.steady.alpha_f - now.steady.alpha_f))
+            put(out, at + 1, per_rad * (turned.steady.F_mf - now.steady.F_mf))
+            put(out, at + 2, per_rad * (turned.steady.F_mr - now.steady.F_mr))
+            put(out, at + 3, per_rad * (turned.v_fx - now.v_fx))
+        if is_pulled_by_place(e):
+            there_x, there_y = force_by_place(move_component(b, j, BODY_STEP), now.mass_factor, p, e)
+            a_x += (there_x - F_x) / (now.mass_factor * p.m * BODY_STEP)
+            a_y += (there_y - F_y) / (now.mass_factor * p.m * BODY_STEP)
+        at = ACCELERATION + (stage * N_STATE + j) * 3
+        put(out, at, a_x)
+        put(out, at + 1, a_y)
+        put(out, at + 2, alpha)
 
 
 @njit_inline

@@ -10,8 +10,9 @@ from bcid.compiled.njit import njit_inline, njit_parallel
 from bcid.effects.actuators import ActuatorChain, actuation_at
 from bcid.effects.car import LagState, unpack_body, unpack_lags, wrench_with_effects
 from bcid.effects.constants import Constants
-from bcid.effects.motion import integrate_body, steady_lags
+from bcid.effects.motion import integrate_body
 from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
+from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
 from bcid.likelihood.marginal import estimate_scales, segment_moments
 from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit
@@ -57,7 +58,7 @@ def _mean_knot_states(
     for s in numba.prange(S):
         own, T, pushes = shift_chain_time(chain, layout.zero_s[s]), layout.length_s[s], push_wrenches(start[s], p)
         first, n, b = layout.step[s], per_knot * KNOTS, unpack_body(start[s])
-        lags = steady_lags(b, actuation_at(first, own, T), p, e[0], c)
+        lags = first_lags_of_one(b, first, steps_of_recording(first, own), own, T, p, e[0], c)
         path = integrate_body(b, lags, first, n, own, T, pushes, per_knot, p, e[0], c)
         for i in range(n):
             k, b = first + i, unpack_body(path[i])

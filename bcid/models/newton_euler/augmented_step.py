@@ -10,11 +10,12 @@ import numpy as np
 
 from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit
-from bcid.effects.actuators import SteeringState, actuation_at, continue_actuator_chain
+from bcid.effects.actuators import SteeringState, continue_actuator_chain
 from bcid.effects.car import BodyState, LagState, unpack_body, unpack_lags
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import to_pose_clock
-from bcid.effects.motion import integrate_body, steady_lags
+from bcid.effects.motion import integrate_body
+from bcid.likelihood.lane_start import first_lags_of_one
 from bcid.physics.car import Car
 
 N_MOTION = 13  # numbers of the carry before the commands: body, lags, steering and time
@@ -133,14 +134,14 @@ def initial_state(
     """State at time `t` (s) of a car with effects whose body is at `b`, its steering simulated under the past commands.
 
     The steering starts at `delta` (rad), `periods` periods before `t`; the first of `commands` (n, 4), [time (s), u_s,
-    u_m, brake share], is given then or earlier.  Quantities that lag (front slip angle, motor forces) have their steady
-    values.
+    u_m, brake share], is given then or earlier.  A lagging front slip angle has its steady value; lagging motor forces
+    are what the throttle has left since then.
     """
     n, h, e = periods * s.steps, s.period / s.steps, s.switches
     still, begin = SteeringState(delta, delta, delta), t - periods * s.period
     arrivals, values = _command_arrivals(commands, s), commands[:, 1:].copy()
     chain, servo = continue_actuator_chain(still, arrivals, values, begin, n, h, s.car, s.limit, e)
-    lagged = steady_lags(b, actuation_at(n, chain, s.T), s.car, e, s.constants)
+    lagged = first_lags_of_one(b, n, n, chain, s.T, s.car, e, s.constants)
     kept = np.empty((s.kept, 4))
     for i in range(s.kept):
         kept[i] = commands[max(len(commands) - s.kept + i, 0)]
