@@ -301,7 +301,7 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car, e: Switches) -> Wrench:
     What has no name is added.  Without forty switches to ask for, it takes less than half the time.
     """
     rest, unnamed = act.rest, e.remainders > 0.0
-    delta = act.delta + rest.turn if unnamed else act.delta
+    delta = act.delta + rest.turn  # which derivatives by a turn of the wheel ask for, too
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     zero, R_1 = 0.0 * b.v_x, p.R_1 + act.brake * p.K_b
