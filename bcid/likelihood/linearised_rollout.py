@@ -116,8 +116,8 @@ def _begin_changes(
 ) -> LagState:  # fmt: skip
     """Lags as the segments in the lanes begin; the changes of the state then are written to `x`, zeros before.
 
-    A lagging motor's force then depends a little on what slowed the car before, too.  Of accelerations this is left out:
-    pushes have not begun then, and what has no name does so by 4 % of all that it does at a lag of 0.2 s.
+    A lagging motor's force then depends a little on what slowed the car before, too.  Of accelerations this is left
+    out: pushes have not begun then, and what has no name does so by 4 % of all that it does at a lag of 0.2 s.
     """
     p, fitted, act = car_of_row(cars[0]), N_START + len(widths), first_actuation(lanes, chain)
     for j in range(N_START):
