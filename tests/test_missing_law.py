@@ -36,7 +36,7 @@ class Seen(NamedTuple):
     def change_by(self, name: str, size: float) -> np.ndarray:
         """The change of predicted poses by a named effect, refitted."""
         h, phi = self.fit.hypothesis.add_effect(name, self.fit.phi, [size])
-        change = change_by_names(refit(self.take, h, phi, self.fit.start, self.fit.scales), self.take, [name])
+        change = change_by_names(self.fit, refit(self.take, h, phi, self.fit.start, self.fit.scales), self.take)
         assert change is not None
         return change
 
@@ -80,7 +80,7 @@ def test_the_right_name_lies_in_the_band_and_a_wrong_one_does_not(drag: Seen) ->
 
 
 def test_no_names_change_nothing(drag: Seen) -> None:
-    assert change_by_names(drag.fit, drag.take, []) is None
+    assert change_by_names(drag.fit, drag.fit, drag.take) is None
 
 
 def test_nothing_has_no_curve() -> None:

@@ -123,7 +123,8 @@ def draw_laws(naming: Naming, take: Take, location: Location) -> dict[str, Missi
     Over it, what the named effects alone would have shown.
     """
     outstanding = [channel for channel, nats in location.channel_nats.items() if nats > naming.nulls.gate]
-    change = change_by_names(naming.best, take, named_effects(naming.best)) if outstanding else None
+    named = bool(outstanding and named_effects(naming.best))
+    change = change_by_names(naming.corrected, naming.best, take) if named else None
     return missing_laws(naming.corrected, take, naming.before.seen, outstanding, change)
 
 

@@ -104,8 +104,8 @@ class SummaryLimits:
     max_rivals: int = 4
     # Bins of a curve: as many as a picture shows.
     curve_bins: int = 25
-    # Knots (0.125 s) in a bin below which a curve has no point there.
-    min_knots_per_bin: int = 8
+    # Knots (0.125 s) in a bin below which it is joined with the next.
+    min_knots_per_bin: int = 20
     # Points below which there is no curve.
     min_curve_bins: int = 3
 

@@ -113,6 +113,7 @@ def _describe_law(diagnosis: Diagnosis, channel: str) -> written.LawCurve | None
     return written.LawCurve(
         quantity=law.quantity, unit=unit, y_unit=LAW_UNITS[channel], x=rounded(law.x), y=rounded(law.y),
         sd=rounded(law.sd), named=None if law.named is None else rounded(law.named), period_s=law.period_s,
+        direction=law.direction,
     )  # fmt: skip
 
 

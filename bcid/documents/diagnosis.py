@@ -202,6 +202,7 @@ class LawCurve(Part):
     sd: tuple[Figure, ...] = ()  # standard deviations of y
     named: tuple[Figure, ...] | None = None  # what the findings alone would have shown; null without findings
     period_s: Number = None
+    direction: str | None = None  # in which a wave acts; null for the channel's own component of the body
 
     @model_validator(mode="after")
     def _check_lengths(self) -> Self:

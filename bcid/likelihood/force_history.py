@@ -51,7 +51,7 @@ def history_values(functions: Floats, along: Floats, car: Car) -> Floats:
 
 
 def acting_values(functions: Floats, along: Floats, car: Car) -> Floats:
-    """What `history_values` gives, by knot and action: (S, knots, ACTIONS, K)."""
+    """Accelerations and turn of the wheel (S, knots, ACTIONS, K) by a unit of each of K `functions` in each knot."""
     s, heading = along[:, :, :HEADING], along[:, :, HEADING]
     values = np.cos(s @ functions[:, WAVE:].T + functions[:, PHASE])
     units = unit_actions(s[:, :, INPUTS.index("delta")], heading, car)

@@ -82,9 +82,9 @@ class TakeInformation(NamedTuple):
         return WeighedInformation(slope_n, slope_c + G_c @ self.c, G_n, G_nc, G_c)
 
     def with_residual(self, r: Floats) -> TakeInformation:
-        """The same take and fit, had the residual been `r` (N, 3) over the noise, and its names stood at their prior.
+        """What this fit would say of a take whose residual were `r` (N, 3, over the noise), its names at their prior.
 
-        Of `terms`, which is the take's own, only V may be used.
+        In `terms`, which are those of the actual take, only V holds for both.
         """
         rows = np.concatenate([self.rows[:, :, :-1], r[:, :, None]], axis=2)
         n, slopes = self.names.shape[1], np.empty((len(self.names), rows.shape[2] - N_NUISANCE - 1))
