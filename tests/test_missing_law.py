@@ -7,12 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bcid.diagnosis.diagnose import fit_base_model
-from bcid.diagnosis.remainder.curve import MissingLaw, change_by_names, missing_laws
+from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
+from bcid.diagnosis.limits import SUMMARY_LIMITS
+from bcid.diagnosis.remainder.curve import MissingLaw, _merged_bins, change_by_names, missing_laws
 from bcid.diagnosis.remainder.fit import Explained, basis_for, explain
+from bcid.diagnosis.summary import summarise_diagnosis
+from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
+from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import simulate_drive
 from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
@@ -41,10 +45,14 @@ class Seen(NamedTuple):
         return change
 
 
+def recorded(seconds: float, **plant: float) -> Recording:
+    return record_drive(simulate_drive(Plant(**plant), Sensor(), seconds, 4), 60.0, simulated_vehicle())
+
+
 def seen_of(seconds: float, **plant: float) -> Seen:
-    vehicle = simulated_vehicle()
-    recording = record_drive(simulate_drive(Plant(**plant), Sensor(), seconds, 4), 60.0, vehicle)
-    fit, take = fit_base_model([recording], [estimate_motion(recording, vehicle, TUNING)], vehicle)[2::-2]
+    vehicle, recording = simulated_vehicle(), recorded(seconds, **plant)
+    base = fit_base_model([recording], [estimate_motion(recording, vehicle, TUNING)], vehicle)
+    fit, take = base.fit, base.take
     return Seen(fit, take, explain(fit, take, basis_for(fit, take)))
 
 
@@ -85,3 +93,48 @@ def test_no_names_change_nothing(drag: Seen) -> None:
 
 def test_nothing_has_no_curve() -> None:
     assert seen_of(120.0).laws() == {}
+
+
+def test_a_sway_of_the_floor_is_one_wave_within_its_period() -> None:
+    """A wave of the floor turns with the car's heading: it is told along the floor, over one period."""
+    law = seen_of(120.0, floor_sway=30.0).laws()["fx"]
+    assert law.quantity == "time"
+    assert law.direction in ("world_x", "world_y")
+    assert law.period_s is not None
+    assert 0.0 < law.x.min() < law.x.max() < law.period_s
+    sine, cosine = (f(2.0 * np.pi * law.x / law.period_s) for f in (np.sin, np.cos))
+    left = law.y - np.column_stack([sine, cosine]) @ np.linalg.lstsq(np.column_stack([sine, cosine]), law.y)[0]
+    assert np.abs(left).max() < 0.05 * np.ptp(law.y)
+    assert np.ptp(law.y) > 10.0 * law.sd.max()
+
+
+def test_curves_are_joined_where_little_was_driven() -> None:
+    q = np.r_[np.linspace(0.0, 1.0, 400), np.linspace(1.0, 10.0, 30)]
+    place = _merged_bins(q, 0.0, 10.0)
+    assert np.bincount(place).min() >= SUMMARY_LIMITS.min_knots_per_bin
+    assert (np.diff(place) >= 0).all()
+    assert len(np.bincount(place)) >= 4
+    np.testing.assert_array_equal(_merged_bins(np.zeros(5), 0.0, 0.0), 0)
+
+
+@pytest.mark.parametrize("left_out", [(), tuple(n for n in EFFECTS if n != "tether_pull")], ids=["named", "left out"])
+def test_a_diagnosis_holds_the_law_and_a_named_one_only_where_there_are_names(left_out: tuple[str, ...]) -> None:
+    recording = recorded(120.0, yaw_scrub=20.0)
+    vehicle = simulated_vehicle()
+    estimates = [estimate_motion(recording, vehicle, TUNING)]
+    written = summarise_diagnosis(diagnose_recordings([recording], estimates, vehicle, excluded=left_out))
+    first = written.remainder[0]
+    assert written.kind == "bcid.diagnosis/2"
+    assert (first.channel, first.nats_before > GATE) == ("mz", True)
+    assert first.curve is not None
+    assert (first.curve.quantity, first.curve.unit, first.curve.y_unit) == ("yaw_rate", "rad/s", "rad/s^2")
+    y, sd = np.array(first.curve.y), np.array(first.curve.sd)
+    if left_out:
+        assert written.findings == ()
+        assert first.curve.named is None
+        assert first.nats_left > GATE
+    else:
+        assert [f.effect for f in written.findings] == ["yaw_scrub"]
+        assert np.mean(np.abs(np.array(first.curve.named) - y) < 2.0 * sd) > 0.9
+        assert first.nats_left < GATE
+    assert all(r.curve is None for r in written.remainder if r.nats_before < 1.0)

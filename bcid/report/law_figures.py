@@ -1,6 +1,7 @@
 """The missing law as free functions show it before any hypothesis, with its band, and the named law over it.
 
-No text of the input is drawn.
+Colours are those of the other pictures: orange is what the base model lacks, blue what is named.  No text of the input
+is drawn.
 """
 
 from typing import Any
@@ -70,13 +71,13 @@ def _describe(diagnosis: DiagnosisDocument, part: ChannelRemainder, law: LawCurv
         low, high = sorted((int(np.argmin(y)), int(np.argmax(y))), key=lambda k: x[k])
         at = [f"{format_number(y[k], 2)} {unit} at {format_number(x[k], 2)} {over_unit}" for k in (low, high)]
         size = f"The model lacks {what} that changes with the {over}, from {at[0]} to {at[1]}."
-    band = "Blue: what free functions show, which know no effect, with 95 % band."
+    band = "Orange: what free functions show, which know no effect, with a 95 % band."
     if law.named is None:
         return f"{size} {band} No effect is named."
     names = join_words([plain_name(f.effect) for f in diagnosis.findings]) or "what is named"
     inside = np.abs(np.array(law.named) - y) <= LIMITS.band_sd * np.array(law.sd)
-    lies = "lies in the band throughout" if inside.all() else f"lies in the band at {inside.sum()} of {len(y)} points"
-    return f"{size} {band} Orange: what {names} alone would show; it {lies}."
+    where = "throughout" if inside.all() else f"at {inside.sum()} of {len(y)} points"
+    return f"{size} {band} Blue: what they would show if {names} were all that is missing, within the band {where}."
 
 
 def _draw(channel: str, law: LawCurve) -> str:
@@ -85,10 +86,10 @@ def _draw(channel: str, law: LawCurve) -> str:
     ax: Any = figure.subplots()
     x, y, half = np.array(law.x), np.array(law.y), LIMITS.band_sd * np.array(law.sd)
     ax.axhline(0.0, color="black", lw=0.6)
-    ax.fill_between(x, y - half, y + half, color=AFTER, alpha=0.22, lw=0, label="95 % band")
-    ax.plot(x, y, "o-", color=AFTER, lw=1.6, ms=3.2, label="free functions")
+    ax.fill_between(x, y - half, y + half, color=BEFORE, alpha=0.22, lw=0, label="95 % band")
+    ax.plot(x, y, "o-", color=BEFORE, lw=1.6, ms=3.2, label="free functions")
     if law.named is not None:
-        ax.plot(x, np.array(law.named), "--", color=BEFORE, lw=2.0, label="named law")
+        ax.plot(x, np.array(law.named), "--", color=AFTER, lw=2.0, label="named law")
     _frame(ax, y, half)
     what, unit = _words(channel, law)
     over, over_unit = QUANTITIES[law.quantity]

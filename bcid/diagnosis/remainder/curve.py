@@ -105,9 +105,9 @@ def change_by_names(fit: Fit, named: Fit, take: Take) -> Floats | None:
 
 
 def _choose_functions(seen: Explained, channel: str) -> _Drawn | None:
-    """Choose the functions from which the curve of a `channel` is drawn, and over what; None where a curve cannot show it.
+    """Choose the functions from which the curve of a `channel` is drawn, and over what; None where no curve shows it.
 
-    It is the main quantity of all of the channel's functions; where a wave in time explains most, that wave alone.
+    That is all of the channel's functions, over its main quantity; where a wave in time explains most, that wave alone.
     """
     quantity, basis = next(iter(seen.depends_on(channel)), ""), seen.basis
     if quantity not in INPUT_OF:
