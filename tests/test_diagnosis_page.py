@@ -417,7 +417,7 @@ def test_what_tells_nothing_is_not_drawn_as_a_law() -> None:
     """Nor what is no curve, nor more than a reader compares."""
     d = ambiguous()[0]
     part = d["remainder"][0]
-    for curve in (None, law(0.001), law(0.06, quantity="phase of the moon"), law(0.06, x=[], y=[], sd=[], named=None)):
+    for curve in (None, law(0.001), law(0.06, quantity="phase of the moon"), law(0.06, named=False, x=[], y=[], sd=[])):
         assert law_pictures(d | {"remainder": [part | {"curve": curve}]}) == []
     assert law_pictures(d | {"remainder": [part | {"channel": "pose"}]}) == []
     many = law_pictures(d | {"remainder": [part | {"channel": c} for c in ("mz", "fx", "fy", "steering")]})

@@ -11,6 +11,7 @@ from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
 from bcid.diagnosis.limits import SUMMARY_LIMITS
 from bcid.diagnosis.remainder.curve import MissingLaw, _merged_bins, change_by_names, missing_laws
 from bcid.diagnosis.remainder.fit import Explained, basis_for, explain
+from bcid.diagnosis.remainder.information import gather_information
 from bcid.diagnosis.summary import summarise_diagnosis
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
@@ -85,6 +86,18 @@ def test_the_right_name_lies_in_the_band_and_a_wrong_one_does_not(drag: Seen) ->
     assert wrong.named is not None
     np.testing.assert_array_equal(wrong.y, right.y)
     assert np.abs((wrong.named - wrong.y) / wrong.sd).max() > 4.0
+
+
+def test_the_residual_in_its_own_place_changes_nothing(drag: Seen) -> None:
+    """What names would have shown is linear in the change of poses, and of the actual residual what the take shows."""
+    basis = drag.explained.basis
+    at = gather_information(drag.fit, drag.take, basis, np.zeros(len(basis.size)))
+    own, weights = at.rows[:, :, -1], drag.explained.weights
+    again, twice = (at.with_residual(size * own).weigh(weights).quadratic for size in (1.0, 2.0))
+    expected = at._replace(phi=at.prior.centre).weigh(weights).quadratic
+    np.testing.assert_allclose(again.b, expected.b, rtol=1e-9, atol=1e-9 * np.abs(expected.b).max())
+    np.testing.assert_allclose(twice.b, 2.0 * again.b, rtol=1e-9, atol=1e-9 * np.abs(expected.b).max())
+    np.testing.assert_array_equal(again.G, expected.G)
 
 
 def test_no_names_change_nothing(drag: Seen) -> None:

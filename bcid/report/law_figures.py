@@ -49,9 +49,9 @@ def draw_missing_laws(diagnosis: DiagnosisDocument) -> list[Picture]:
 
 def _tells_something(channel: str, law: LawCurve) -> bool:
     """Whether a curve can be drawn, and is anywhere farther from zero than its band is wide."""
-    y, sd = np.array(law.y), np.array(law.sd)
+    x, y, sd = np.array(law.x), np.array(law.y), np.array(law.sd)
     known = channel in LAWS and law.quantity in QUANTITIES and len(y) > 1
-    return known and bool(np.isfinite([law.x, y, sd]).all() and (np.abs(y) > LIMITS.band_sd * sd).any())
+    return known and bool(np.isfinite(x + y + sd).all() and (np.abs(y) > LIMITS.band_sd * sd).any())
 
 
 def _words(channel: str, law: LawCurve) -> tuple[str, str]:
@@ -60,9 +60,15 @@ def _words(channel: str, law: LawCurve) -> tuple[str, str]:
     return DIRECTIONS.get(law.direction or "", words), unit
 
 
+def _quantity_words(law: LawCurve) -> tuple[str, str]:
+    """What a law is drawn over and its unit, in words."""
+    words, unit = QUANTITIES[law.quantity]
+    return words, "share" if law.unit == "1" else unit
+
+
 def _describe(diagnosis: DiagnosisDocument, part: ChannelRemainder, law: LawCurve) -> str:
     """The caption: how large the missing law is, and how it and the named one lie to each other."""
-    (what, unit), (over, over_unit) = _words(part.channel, law), QUANTITIES[law.quantity]
+    (what, unit), (over, over_unit) = _words(part.channel, law), _quantity_words(law)
     x, y = np.array(law.x), np.array(law.y)
     if law.period_s:
         period = f"within each period of {format_number(law.period_s)} s"
@@ -92,7 +98,7 @@ def _draw(channel: str, law: LawCurve) -> str:
         ax.plot(x, np.array(law.named), "--", color=AFTER, lw=2.0, label="named law")
     _frame(ax, y, half)
     what, unit = _words(channel, law)
-    over, over_unit = QUANTITIES[law.quantity]
+    over, over_unit = _quantity_words(law)
     over = f"time within a period of {law.period_s:.3g} s" if law.period_s else over
     ax.set_ylabel(f"missing {what} ({unit})".replace(" of the", "\nof the").replace(" along", "\nalong"))
     ax.set_xlabel(f"{over} ({over_unit})")
