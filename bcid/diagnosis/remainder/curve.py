@@ -149,11 +149,11 @@ def _merged_bins(q: Floats, low: float, high: float) -> Ints:
     """The bin of each value q (n,) from `low` to `high`: equally wide ones, joined with the next while too empty."""
     bins = SUMMARY_LIMITS.curve_bins
     place = np.clip(((q - low) / max(high - low, 1e-12) * bins).astype(int), 0, bins - 1)
-    joined, now, held = np.empty(bins, dtype=int), 0, 0
+    joined, now, held = np.empty(bins, dtype=np.int64), 0, 0
     for k, count in enumerate(np.bincount(place, minlength=bins).tolist()):
         joined[k], held = now, held + count
         if held >= SUMMARY_LIMITS.min_knots_per_bin:
             now, held = now + 1, 0
     if held or now:  # what is left over belongs to the last bin
         joined[joined == now] = max(now - 1, 0)
-    return joined[place]
+    return np.asarray(joined[place])
