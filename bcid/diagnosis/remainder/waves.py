@@ -4,8 +4,11 @@ Smooth functions cannot follow what swings many times over the range of a quanti
 wave vector k is tried beside what smooth functions explain: with the slope e and the information H of a history of
 forces, projected on the direction in which it acts, its cosine and sine gain |sum e exp(-i k . s)|^2 / (2 g) nats, g
 being their information.  That is a periodogram, weighted as the likelihood is.  By chance the best of N waves gains
-about log N, which is the price of each.
+about log N, which is the price of each.  Pushes are not as white as the likelihood takes them to be: a wave must stand
+out from the scatter of its sums over segments, too.
 """
+
+from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
@@ -18,7 +21,6 @@ from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.force_history import HEADING, HISTORY, unit_actions
-from bcid.likelihood.predict import FINE
 from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
@@ -35,6 +37,9 @@ CHANNEL_OF = {
     "wheel_angle": "steering",
 }  # fmt: skip
 """Directions in which waves are sought, and their channels."""
+
+OVER_PLACE = ("body_x", "world_x", "world_y", "yaw")
+"""Directions in which waves over the floor are sought."""
 
 FINEST_HZ, FINEST_CYCLES_PER_M = 2.0, 1.2
 SLOWEST_CYCLES = 2.0  # over a take, or over the floor: what is slower is smooth
@@ -53,10 +58,27 @@ class Wave(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Slope and information of accelerations in one direction, in each knot of S segments."""
+    """Slope and information of what acts in one direction, at L instants of each of S segments, segments weighted."""
 
-    slope: Floats  # (S, knots)
-    information: Floats  # (S, knots, knots)
+    slope: Floats  # (S, L)
+    information: Floats  # (S, L, L), or their sum (L, L)
+
+
+class Gains(NamedTuple):
+    """What each of F waves would gain (nats), by the likelihood and by how much its sums over segments scatter."""
+
+    likely: Floats  # (F,)
+    scattered: Floats  # (F,)
+    waves: dict[str, Floats]  # wave numbers (F,) by quantity
+
+    @classmethod
+    def of_sums(cls, whole: Floats, each: Floats, information: Floats, waves: dict[str, Floats]) -> Gains:
+        """Gains of waves with squared sums `whole` (F,) over a take, and summed squares `each` (F,) of segments.
+
+        Where the noise is not white, sums scatter more than the `information` (F,) of a wave says.
+        """
+        least = np.maximum(information, 1e-12)
+        return cls(0.5 * whole / least, 0.5 * whole / np.maximum(0.5 * each, least), waves)
 
 
 def find_wave(
@@ -68,109 +90,99 @@ def find_wave(
     """
     acts = at.values @ (c - at.c)
     slope = at.carrier_slopes - np.einsum("snq,n->sq", at.cross, moved) - np.einsum("sqp,sp->sq", at.carriers, acts)
-    every = [*_waves_on_body(at, car, weights, slope), *_waves_in_tracking(at, weights, moved, acts)]
-    best, price = max((w for w, _ in every), key=lambda w: w.gain), float(np.log(sum(n for _, n in every)))
-    return best._replace(price=price) if best.gain > max(price + MIN_GAIN_NATS, least) else None
+    fields = [*_gains_on_body(at, car, weights, slope), *_gains_in_tracking(at, weights, moved, acts)]
+    price, best = float(np.log(sum(len(gains.likely) for _, _, gains in fields))), None
+    for channel, direction, gains in fields:
+        likely = np.where(gains.scattered > price + MIN_GAIN_NATS, gains.likely, 0.0)
+        k = int(np.argmax(likely))
+        if likely[k] > max(least, best.gain if best else 0.0):
+            best = Wave(channel, _wave_functions(channel, direction, gains.waves, k), float(likely[k]), price)
+    return best
 
 
-def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[Wave, int]]:
-    """The best wave of each direction over time, and over place, with the number that were tried."""
+def _wave_functions(channel: str, direction: str, waves: dict[str, Floats], k: int) -> Floats:
+    """The cosine and the sine of the wave number `k`, as rows of a table of functions."""
+    if channel == "pose":
+        seen = np.zeros((2, TRACKING_COLUMNS))
+        seen[:, INTO], seen[1, SHIFT] = TRACKING_DIRECTIONS.index(direction), -0.5 * np.pi
+        for name, numbers in waves.items():
+            seen[:, FIRST_WAVE + TRACKING_INPUTS.index(name)] = numbers[k]
+        return seen
+    functions = np.zeros((2, COLUMNS))
+    functions[:, DIRECTION], functions[1, PHASE] = DIRECTIONS.index(direction), -0.5 * np.pi
+    for name, numbers in waves.items():
+        functions[:, WAVE + INPUTS.index(name)] = numbers[k]
+    return functions
+
+
+def _gains_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[str, str, Gains]]:
+    """Channel, direction and gains of all waves over time, and over place, that act on the body."""
     s = at.along
     units = unit_actions(s[:, :, INPUTS.index("delta")], s[:, :, HEADING], car)
     S, knots = s.shape[:2]
-    e = slope[:, :HISTORY].reshape(S, knots, -1)
-    H = at.carriers[:, :HISTORY, :HISTORY].reshape(S, knots, -1, knots, e.shape[2])
-    t = s[:, :, INPUTS.index("t")]
-    place = s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
+    e = (weights[:, None] * slope[:, :HISTORY]).reshape(S, knots, -1)
+    H = (weights[:, None, None] * at.carriers[:, :HISTORY, :HISTORY]).reshape(S, knots, -1, knots, e.shape[2])
+    t, place = s[:, :, INPUTS.index("t")], s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
     for direction, channel in CHANNEL_OF.items():
         acts = units[..., DIRECTIONS.index(direction)]
-        field = Field(
-            np.einsum("skc,skc->sk", e, acts),
-            np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True),
-        )
-        over = {"t": _spectrum(field, t, weights)}
-        if direction in ("body_x", "world_x", "world_y", "yaw"):
-            over["place"] = _gratings(field, place, weights)
-        for gains, waves in over.values():
-            k = int(np.argmax(gains))
-            functions = np.zeros((2, COLUMNS))
-            functions[:, DIRECTION], functions[1, PHASE] = DIRECTIONS.index(direction), -0.5 * np.pi
-            for name, number in waves.items():
-                functions[:, WAVE + INPUTS.index(name)] = number[k]
-            yield Wave(channel, functions, float(gains[k])), len(gains)
+        field = Field(np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True))
+        yield channel, direction, _spectrum(field.slope, field.information.sum(axis=0), t, KNOT_S * KNOTS / knots)
+        if direction in OVER_PLACE:
+            yield channel, direction, _gratings(field, place)
 
 
-def _spectrum(field: Field, t: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
-    """Gains (F,) of waves in time and their wave numbers (rad/s)."""
-    omega, sums = _fourier((weights[:, None] * field.slope).ravel(), t.ravel())
-    mean = np.tensordot(weights, field.information, axes=1)
-    lag = (np.arange(len(mean))[:, None] - np.arange(len(mean))) * KNOT_S * KNOTS / FINE.knots
-    g = 0.5 * np.array([np.sum(mean * np.cos(w * lag)) for w in omega])
-    return 0.5 * np.abs(sums) ** 2 / np.maximum(g, 1e-12), {"t": omega}
-
-
-def _fourier(values: Floats, t: Floats) -> tuple[Floats, Floats]:
-    """Angular frequencies (F,) and sums of `values` times exp(-i omega t), by bins of BIN_S."""
-    bins = np.round(t / BIN_S).astype(int)
+def _spectrum(slope: Floats, information: Floats, t: Floats, step_s: float) -> Gains:
+    """Gains of waves in time, by slopes (S, L) at times `t` (S, L), `step_s` apart, and their information (L, L)."""
+    bins = np.round(t.ravel() / BIN_S).astype(int)
     bins -= bins.min()
     length = 1 << int(np.ceil(np.log2(2 * (bins.max() + 1))))
-    sums = np.fft.rfft(np.bincount(bins, values, length))
+    sums = np.fft.rfft(np.bincount(bins, slope.ravel(), length))
     hz = np.arange(len(sums)) / (length * BIN_S)
-    span = (bins.max() + 1) * BIN_S
-    on = (hz >= SLOWEST_CYCLES / span) & (hz <= FINEST_HZ)
-    return 2.0 * np.pi * hz[on], sums[on]
+    on = (hz >= SLOWEST_CYCLES / ((bins.max() + 1) * BIN_S)) & (hz <= FINEST_HZ)
+    omega = 2.0 * np.pi * hz[on]
+    turns = np.exp(-1j * step_s * np.arange(slope.shape[1])[:, None] * omega)
+    each = (np.abs(slope @ turns) ** 2).sum(axis=0)
+    g = 0.5 * np.einsum("kf,kf->f", turns.conj(), information @ turns).real
+    return Gains.of_sums(np.abs(sums[on]) ** 2, each, g, {"t": omega})
 
 
-def _gratings(field: Field, place: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
-    """Gains (F,) of waves over the floor, and their wave numbers in x and y (rad/m)."""
+def _gratings(field: Field, place: Floats) -> Gains:
+    """Gains of waves over the floor, the places being `place` (S, L, 2)."""
     size = np.ptp(place.reshape(-1, 2), axis=0)
     n = np.ceil(FINEST_CYCLES_PER_M * size * 2.0).astype(int)
-    a, b = np.meshgrid(np.arange(0, n[0] + 1), np.arange(-n[1], n[1] + 1), indexing="ij")
-    cycles = 0.5 * np.stack([a.ravel() / size[0], b.ravel() / size[1]], axis=1)
-    length = np.hypot(0.5 * a.ravel(), 0.5 * b.ravel())
-    fine = (length >= SLOWEST_CYCLES * 0.5) & (np.hypot(*cycles.T) <= FINEST_CYCLES_PER_M)
-    fine &= (a.ravel() > 0) | (b.ravel() > 0)
-    k = 2.0 * np.pi * cycles[fine]
-    gains = np.empty(len(k))
-    E, H = weights[:, None] * field.slope, weights[:, None, None] * field.information
+    half_waves = np.stack(np.meshgrid(np.arange(n[0] + 1), np.arange(-n[1], n[1] + 1), indexing="ij"), axis=-1)
+    half_waves = half_waves.reshape(-1, 2)
+    fine = np.hypot(*(0.5 * half_waves.T)) >= 0.5 * SLOWEST_CYCLES
+    fine &= np.hypot(*(0.5 * half_waves / size).T) <= FINEST_CYCLES_PER_M
+    k = np.pi * half_waves[fine] / size
+    whole, each, g = (np.empty(len(k)) for _ in range(3))
     for some in np.array_split(np.arange(len(k)), max(1, len(k) // 256)):
         angle = place @ k[some].T
-        u = np.concatenate([np.cos(angle), np.sin(angle)], axis=2)
-        b_both = np.einsum("sk,skf->f", E, u, optimize=True)
-        g = np.einsum("skf,skf->f", u, H @ u)
-        half = len(some)
-        total = np.maximum(0.5 * (g[:half] + g[half:]), 1e-12)
-        gains[some] = 0.5 * (b_both[:half] ** 2 + b_both[half:] ** 2) / total
-    return gains, {"p_x": k[:, 0], "p_y": k[:, 1]}
+        u = np.stack([np.cos(angle), np.sin(angle)])
+        sums = np.einsum("sk,cskf->csf", field.slope, u, optimize=True)
+        whole[some] = (sums.sum(axis=1) ** 2).sum(axis=0)
+        each[some] = (sums**2).sum(axis=(0, 1))
+        g[some] = 0.5 * np.einsum("cskf,cskf->f", u, field.information @ u)
+    return Gains.of_sums(whole, each, g, {"p_x": k[:, 0], "p_y": k[:, 1]})
 
 
-def _waves_in_tracking(at: TakeInformation, weights: Floats, moved: Floats, acts: Floats) -> Iterator[tuple[Wave, int]]:
-    """The best wave over time of each of x, y and yaw as they are seen, with the number that were tried."""
-    rows, n = at.rows, len(moved)
+def _gains_in_tracking(
+    at: TakeInformation, weights: Floats, moved: Floats, acts: Floats
+) -> Iterator[tuple[str, str, Gains]]:
+    """Channel, direction and gains of all waves over time of x, y and yaw as they are seen."""
+    rows, n, S, L = at.rows, len(moved), len(at.first) - 1, int(np.diff(at.first).max())
     A, J = rows[:, :, :N_NUISANCE], rows[:, :, N_NUISANCE : N_NUISANCE + n]
     carried = rows[:, :, N_NUISANCE + n : -1]
-    size = int(np.diff(at.first).max())
-    slope, mean, counts = np.empty(rows.shape[:2]), np.zeros((3, size, size)), np.zeros((size, size))
+    slope, mean, t = np.zeros((S, 3, L)), np.zeros((3, L, L)), np.zeros((S, L))
     for s, (a, b) in enumerate(itertools.pairwise(at.first)):
         r = rows[a:b, :, -1] - J[a:b] @ moved - carried[a:b] @ acts[s]
-        own, V = A[a:b], at.terms.V[s]
-        slope[a:b] = weights[s] * (r - own @ (V @ np.einsum("ncz,nc->z", own, r)))
-        for c in range(3):
-            P = np.eye(b - a) - own[:, c] @ V @ own[:, c].T
-            mean[c, : b - a, : b - a] += weights[s] * P
-        counts[: b - a, : b - a] += 1.0
-    gap = float(np.median(np.diff(at.seen_s)[np.diff(at.seen_s) > 0.0]))
-    lag = (np.arange(size)[:, None] - np.arange(size)) * gap
-    for c in range(3):
-        omega, sums = _fourier(slope[:, c], at.seen_s)
-        g = 0.5 * np.array([np.sum(mean[c] * np.cos(w * lag)) for w in omega])
-        gains = 0.5 * np.abs(sums) ** 2 / np.maximum(g, 1e-12)
-        k = int(np.argmax(gains))
-        functions = np.zeros((2, TRACKING_COLUMNS))
-        functions[:, INTO] = TRACKING_DIRECTIONS.index(("seen_x", "seen_y", "seen_yaw")[c])
-        functions[1, SHIFT] = -0.5 * np.pi
-        functions[:, FIRST_WAVE + TRACKING_INPUTS.index("t")] = omega[k]
-        yield Wave("pose", functions, float(gains[k])), len(gains)
+        own, V, m = A[a:b], at.terms.V[s], b - a
+        slope[s, :, :m] = weights[s] * (r - own @ (V @ np.einsum("ncz,nc->z", own, r))).T
+        mean[:, :m, :m] += weights[s] * (np.eye(m) - np.einsum("ncz,zy,mcy->cnm", own, V, own, optimize=True))
+        t[s, :m], t[s, m:] = at.seen_s[a:b], at.seen_s[b - 1]
+    gap = float(np.median(np.diff(t, axis=1)))
+    for c, direction in enumerate(("seen_x", "seen_y", "seen_yaw")):
+        yield "pose", direction, _spectrum(slope[:, c], mean[c], t, gap)
 
 
 def add_waves(basis: RemainderBasis, waves: list[Wave]) -> RemainderBasis:
