@@ -26,6 +26,8 @@ class SearchLimits:
     min_score_share: float = 0.5
     # Share of the best score below which it is not.
     near_best_share: float = 0.2
+    # Share of what the score test promises of an effect, below which it is tried beside the remainder, too.
+    kept_promise: float = 0.5
     # Candidates that are refitted in one round, best score first.
     max_candidates: int = 4
     # Standard errors from zero at which a correction of the base model is certain.

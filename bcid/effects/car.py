@@ -295,13 +295,13 @@ def _base_motor_force(v_w: float, act: Actuation, p: Car) -> float:
 
 
 @njit_inline
-def _base_wrench(b: BodyState, act: Actuation, p: Car, e: Switches) -> Wrench:
+def _base_wrench(b: BodyState, act: Actuation, p: Car) -> Wrench:
     """Force and moment on the body of the base model: what `wrench_with_effects` returns with all effects off.
 
     What has no name is added.  Without forty switches to ask for, it takes less than half the time.
     """
-    rest, unnamed = act.rest, e.remainders > 0.0
-    delta = act.delta + rest.turn if unnamed else act.delta
+    rest = act.rest
+    delta = act.delta + rest.turn
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     zero, R_1 = 0.0 * b.v_x, p.R_1 + act.brake * p.K_b
@@ -313,8 +313,7 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car, e: Switches) -> Wrench:
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
     sin_d, cos_d = sincos(delta)
     F_x, F_y, M_z = wrench_of_axles(F_l, F_af, F_lr, F_ar, sin_d, cos_d, p)
-    if unnamed:
-        F_x, F_y, M_z = F_x + p.m * rest.f_x, F_y + p.m * rest.f_y, M_z + p.m * rest.arm + p.I_z * rest.alpha
+    F_x, F_y, M_z = F_x + p.m * rest.f_x, F_y + p.m * rest.f_y, M_z + p.m * rest.arm + p.I_z * rest.alpha
     return Wrench(F_x, F_y, M_z, zero + 1.0, LagState(alpha, F_m, F_mr), v_fx)
 
 
@@ -359,7 +358,7 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     lag is on.
     """
     if e.any_on_body == 0.0:
-        return _base_wrench(b, act, p, e)
+        return _base_wrench(b, act, p)
     grip = tyres.slippery_patch(
         b.p_x, b.p_y, e.slippery_patch__D, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius
     )

@@ -8,7 +8,6 @@ per parameter.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -23,6 +22,7 @@ from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.newton import Tangent
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
+from bcid.likelihood.price import price_nats
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import compute_trial_changes, replace_value
@@ -89,12 +89,12 @@ def _typical_places(effect: Effect, take: Take) -> list[dict[str, float]]:
     return [dict(zip("xy", (low + (high - low) * side).tolist(), strict=True)) | slack for side in sides]
 
 
-def required_gain_nats(effect: Effect, segments: int) -> float:
-    """Expected log-likelihood gain (nats) that an effect of k parameters needs to count as detectable.
+def required_gain_nats(effect: Effect, segments: int, gate_nats: float = LIKELIHOOD_LIMITS.usual_gate_nats) -> float:
+    """Expected log-likelihood gain (nats) that an effect needs to count as detectable: the gate, and its price.
 
-    It is `LIKELIHOOD_LIMITS.usual_gate_nats`, a gain that chance hardly reaches, plus k/2 ln(`segments`) as in BIC.
+    The gate is a gain that chance hardly reaches.
     """
-    return LIKELIHOOD_LIMITS.usual_gate_nats + 0.5 * len(effect.parameters) * math.log(max(segments, 1))
+    return gate_nats + price_nats(len(effect.parameters), segments)
 
 
 def tangent_fit(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take) -> Fit:

@@ -35,7 +35,6 @@ from bcid.likelihood.remainder_derivatives import turn_wheel
 from bcid.likelihood.step_derivatives import (
     BODY_STEP,
     LAG,
-    MASS_FACTOR,
     N_STATE,
     TURN_STEP,
     TWIST,
@@ -51,7 +50,7 @@ from bcid.likelihood.variational import differentiate_step
 from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
-ALONG = len(INPUTS) + 2  # quantities that are told of the middle of each knot: INPUTS, heading, and mass factor
+ALONG = len(INPUTS) + 1  # quantities that are told of the middle of each knot: INPUTS, and the heading
 
 
 class Resolution(NamedTuple):
@@ -96,7 +95,7 @@ def linearise_segments(
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, N_PUSH * LANES * (i // each))
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, turns, e, c)
         if i == (2 * knot + 1) * steps // (2 * knots):
-            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h), get(d, MASS_FACTOR), p)
+            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h), p)
         step_matrix(matrix, d, chain.h, lagging, pulled, turns, len(widths))
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, begun):
@@ -117,8 +116,8 @@ def _begin_changes(
 ) -> LagState:  # fmt: skip
     """Lags as the segments in the lanes begin; the changes of the state then are written to `x`, zeros before.
 
-    A lagging motor's force then depends a little on what slowed the car before, too.  Of accelerations this is left out:
-    pushes have not begun then, and what has no name does so by 4 % of all that it does at a lag of 0.2 s.
+    A lagging motor's force then depends a little on what slowed the car before, too.  Of accelerations this is left
+    out: pushes have not begun then, and of what has no name it is 4 % of all that it does, at a lag of 0.2 s.
     """
     p, fitted, act = car_of_row(cars[0]), N_START + len(widths), first_actuation(lanes, chain)
     for j in range(N_START):
@@ -138,13 +137,12 @@ def _begin_changes(
 
 
 @njit
-def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, mass_factor: float, p: Car) -> None:
-    """Write what a remainder depends on, heading and mass factor to row `knot` of `along` (knots, ALONG, LANES)."""
+def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, p: Car) -> None:
+    """Write what a remainder depends on, and the heading, to row `knot` of `along` (knots, ALONG, LANES)."""
     flat, at = along.reshape(along.size), knot * ALONG
     s = inputs_of_remainder(act, b, p)
     for k, value in enumerate((
         s.v_x, s.omega, s.v_fx, s.alpha_f, s.alpha_r, s.delta, s.delta_rate, s.u_m, s.p_x, s.p_y, s.t, b.theta,
-        mass_factor,
     )):  # fmt: skip
         put(flat, at + k, value)
 

@@ -3,20 +3,22 @@
 Fits raise `PredictionDiverged` where the base model cannot follow a take from any start.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from bcid.aliases import Floats
 from bcid.effects.constants import Constants
 from bcid.effects.entry import VehicleScale
 from bcid.estimate.types import Estimate
-from bcid.likelihood.divergence import map_converged
+from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.nuisance import nonlinearity
-from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.take import Take, build_take
 from bcid.physics.car import Car, integration_step, typical_inertia_and_tyres
 from bcid.recording.checks.contacts import Contact
@@ -144,7 +146,8 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     log-likelihood is refitted to the whole take, with its own noise scales, then with the given `scales`, then from
     the next best start.  The first refit is returned that loses less than `max_whole_take_loss_nats` of mean
     log-likelihood per segment against its fit to the part; if none, that of greatest penalised log-likelihood.  If
-    the part is the whole take, the greater of the best fit and its refits is returned.
+    the part is the whole take, the greater of the best fit and its refits is returned.  It is never less likely than
+    the nominal car.
     """
     base, nominal = hypothesis.with_effects(), hypothesis.nominal
     chosen = np.arange(0, take.segments, max(1, take.segments // PART_SEGMENTS))
@@ -163,11 +166,25 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
 
     attempts = [(fit, first) for fit in fits for first in (fit.scales, scales)]
     if part.segments == take.segments:
-        again = next(map_converged(refit_whole, attempts[:2]), fits[:1])
-        return max(again, key=lambda f: f.penalised_log_likelihood)
-    astray = list[Fit]()
-    for fit, whole in map_converged(refit_whole, attempts, required=True):
-        if whole.per_segment.mean() > fit.per_segment.mean() - LIKELIHOOD_LIMITS.max_whole_take_loss_nats:
-            return whole
-        astray.append(whole)
-    return max(astray, key=lambda f: f.penalised_log_likelihood)
+        found = [*fits[:1], *(whole for _, whole in itertools.islice(map_converged(refit_whole, attempts[:2]), 1))]
+    else:
+        found = list[Fit]()
+        for fit, whole in map_converged(refit_whole, attempts, required=True):
+            found.append(whole)
+            if whole.per_segment.mean() > fit.per_segment.mean() - LIKELIHOOD_LIMITS.max_whole_take_loss_nats:
+                found = [whole]
+                break
+    best = max(found, key=lambda f: f.penalised_log_likelihood)
+    return _not_below_start(best, take, base.phi_of(nominal, assumed))
+
+
+def _not_below_start(fit: Fit, take: Take, phi: Floats) -> Fit:
+    """The `fit`, or a better one from its start `phi`, where that is likelier once its initial states have settled.
+
+    A refit sets out with initial states and noise that are rough guesses, so that its start seems worse than it is.
+    """
+    settled = none_if_diverged(evaluate_fixed, take, fit.hypothesis, phi, fit.scales)
+    if settled is None or settled.penalised_log_likelihood <= fit.penalised_log_likelihood:
+        return fit
+    again = none_if_diverged(refit, take, fit.hypothesis, phi, settled.start, settled.scales)
+    return max([fit, *([again] if again else [])], key=lambda f: f.penalised_log_likelihood)

@@ -14,6 +14,7 @@ from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
 from bcid.likelihood.marginal import Scales, student_log_densities
 from bcid.likelihood.newton import MAX_EM_STEPS, RefitProblem, RefitState, Tangent, build_state, linearise_at
 from bcid.likelihood.nuisance import move_to_posterior, solve_nuisance
+from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit_with_pushes import refit_by_leaps
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
@@ -44,8 +45,8 @@ class Fit:
     @property
     def penalised_log_likelihood(self) -> float:
         """Log-likelihood plus log prior, less log(S)/2 for each effect parameter (nats): more is better."""
-        extra = len(self.hypothesis.effect_parameters)
-        return self.log_likelihood + self.log_prior - 0.5 * extra * float(np.log(len(self.per_segment)))
+        price = price_nats(len(self.hypothesis.effect_parameters), len(self.per_segment))
+        return self.log_likelihood + self.log_prior - price
 
     @property
     def log_prior(self) -> float:

@@ -8,7 +8,12 @@ from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.documents.diagnosis import Detectable, NotExcited
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
-from bcid.experiment.detectability import amplitudes_at_typical_places, expected_gains_nats, solve_smallest_sizes
+from bcid.experiment.detectability import (
+    amplitudes_at_typical_places,
+    expected_gains_nats,
+    required_gain_nats,
+    solve_smallest_sizes,
+)
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 
@@ -17,9 +22,10 @@ def find_unexcited_effects(fit: Fit, take: Take, units: VehicleScale, gate_nats:
     """The effects, not in `fit`, that this drive would not have shown even at a multiple of their usual sizes.
 
     The multiple is `JUDGE_LIMITS.unexcited_sizes`.  An effect shows if, at the best of several places, it is expected
-    to raise the log-likelihood by `gate_nats` + ln(segments) / 2.  Each is listed with the smallest size that would
-    have shown, None if no size would.  Usual sizes are declared with the effect for the bumper car and scaled by
-    `units` to this vehicle at full speed, since an effect that matters at full speed may not show in a slow drive.
+    to raise the log-likelihood by `gate_nats` and its price (`required_gain_nats`).  Each is listed with the smallest
+    size that would have shown, None if no size would.  Usual sizes are declared with the effect for the bumper car and
+    scaled by `units` to this vehicle at full speed, since an effect that matters at full speed may not show in a slow
+    drive.
     """
     at_speed = replace(fit.hypothesis, units=units)
     names = [n for n in EFFECTS if n in at_speed.entries and n not in at_speed.effects]
@@ -27,17 +33,17 @@ def find_unexcited_effects(fit: Fit, take: Take, units: VehicleScale, gate_nats:
         a.with_size(min(JUDGE_LIMITS.unexcited_sizes * a.values[a.parameter_index], a.parameter.high))
         for a in amplitudes_at_typical_places(names, take, at_speed)
     ]
-    required = gate_nats + 0.5 * np.log(take.segments)
+    required = np.array([required_gain_nats(at_speed.entries[a.effect], take.segments, gate_nats) for a in amplitudes])
     gains = expected_gains_nats(fit, take, amplitudes)
     best = dict[tuple[str, str], int]()
     for i, a in enumerate(amplitudes):
         key = (a.effect, a.parameter.symbol)
         best[key] = max(best.get(key, i), i, key=lambda j: gains[j])
-    missed = [amplitudes[i] for i in best.values() if gains[i] < required]
+    missed = [i for i in best.values() if gains[i] < required[i]]
     if not missed:
         return ()
-    rows = []
-    for a, size in zip(missed, solve_smallest_sizes(fit, take, missed, np.full(len(missed), required)), strict=True):
+    rows, chosen = [], [amplitudes[i] for i in missed]
+    for a, size in zip(chosen, solve_smallest_sizes(fit, take, chosen, required[missed]), strict=True):
         quoted = a.parameter.quote(size if np.isfinite(size) else 0.0, None)
         smallest = Detectable(value=quoted.value if np.isfinite(size) else None, unit=quoted.unit)
         rows.append(NotExcited(effect=a.effect, parameter=quoted.symbol, smallest_detectable=smallest))

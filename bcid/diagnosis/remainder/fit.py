@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.limits import LOCATE_LIMITS
+from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
@@ -22,6 +22,7 @@ from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import NU
+from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
@@ -76,11 +77,20 @@ class RemainderFit(NamedTuple):
 
     named: Fit  # without the remainder
     fit: Fit  # with it; `named` itself where none is needed
+    basis: RemainderBasis
+    on: Ints  # indices in the basis of the functions that `fit` holds
+    fitted: Floats  # (K,) their coefficients, zero for others
     spread: Mapping[str, float]  # of each channel, 0 where nothing is needed
     log_evidence: float  # log-likelihood, priors and prices of names, integrated over the remainder
-    c: Floats  # (K,) likeliest coefficients of all functions
-    basis: RemainderBasis  # in which they are
     seen: Explained  # to first order, beside the names alone
+
+    @classmethod
+    def without_functions(cls, fit: Fit, seen: Explained) -> RemainderFit:
+        """The `fit` alone, beside which a remainder would explain what is `seen`."""
+        basis = seen.basis
+        none, nothing = np.zeros(0, dtype=np.int64), np.zeros(len(basis.size))
+        zero = dict.fromkeys(basis.channels, 0.0)
+        return cls(fit, fit, basis, none, nothing, zero, fit.penalised_log_likelihood, seen)
 
     @property
     def nats(self) -> float:
@@ -103,40 +113,65 @@ def fit_with_remainder(
 ) -> RemainderFit:  # fmt: skip
     """The `fit` with the remainder of greatest evidence beside it, all refitted together.
 
-    Spreads are found to first order, with segments weighted anew as they are explained; then coefficients and named
-    parameters are refitted, and spreads found again at the refit, until it gains little.  Only functions of the
-    `channels` may be there, if they are given.
+    Spreads are found to first order, with segments weighted anew as they are explained (`seen`, if that is known
+    already); then coefficients and named parameters are refitted, and spreads found again at the refit, until it gains
+    little.  Only functions of the `channels` may be there, if they are given.
     """
-    named, smooth = fit.hypothesis, channels or basis.channels
-    spread: Mapping[str, float] = dict.fromkeys(basis.channels, 0.0)
-    seen = seen or explain(fit, take, basis, smooth)
-    best = RemainderFit(fit, fit, spread, fit.penalised_log_likelihood, np.zeros(len(basis.size)), basis, seen)
-    basis, spread, quadratic, c, _ = seen
-    allowed, none, now = _with_waves(basis, smooth), np.zeros(len(basis.size)), fit
+    seen = seen or explain(fit, take, basis, channels or basis.channels)
+    alone = RemainderFit.without_functions(fit, seen)
+    sd, on = seen.basis.sd(seen.spread), needed_functions(seen.quadratic, seen.basis.sd(seen.spread), seen.c)
+    if not len(on):
+        return alone
+    hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
+    further = _refit_from(fit, take, hypothesis, seen.c[on] / sd[on])
+    return _refit_until_stable(alone, on, further, take, channels or basis.channels)
+
+
+def add_beside_remainder(rest: RemainderFit, named: Fit, seen: Explained, take: Take) -> RemainderFit:
+    """The fit `named`, which has one effect more than that in `rest`, with a remainder found from that in `rest`.
+
+    Where the effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
+    it begins beside what explains them.  `seen` is what a remainder explains beside `named` to first order.
+    """
+    alone = RemainderFit.without_functions(named, seen._replace(basis=rest.basis))
+    name = named.hypothesis.effects[-1]
+    values = [named.hypothesis.effect_values(named.phi)[f] for f in named.hypothesis.entries[name].fields]
+    hypothesis, phi = rest.fit.hypothesis.add_effect(name, rest.fit.phi, values)
+    further = none_if_diverged(refit, take, hypothesis, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS)
+    return _refit_until_stable(alone, rest.on, further, take, rest.basis.channels)._replace(seen=seen)
+
+
+def _refit_until_stable(
+    best: RemainderFit, on: Ints, further: Fit | None, take: Take, channels: tuple[str, ...]
+) -> RemainderFit:
+    """The fit of greatest evidence, of `best` and of refits from `further` on, which holds the functions `on`.
+
+    After each refit spreads are found anew, and functions that are needed.
+    """
+    basis, named, none = best.basis, best.named.hypothesis, np.zeros(len(best.basis.size))
+    allowed, spread = _with_waves(basis, channels), best.spread
     for _ in range(ROUNDS):
-        on = needed_functions(quadratic, basis.sd(spread), c)
-        if not len(on):
-            break
-        hypothesis = replace(named, remainder=basis.choose(on, basis.sd(spread)))
-        further = _refit_from(now, take, hypothesis, c[on] / basis.sd(spread)[on])
         if further is None:
             break
         fitted = none.copy()
-        fitted[on] = further.phi[hypothesis.named_size :] * hypothesis.remainder.sd
+        fitted[on] = further.phi[named.named_size :] * further.hypothesis.remainder.sd
         at = gather_information(further, take, basis, fitted)
         quadratic = at.weigh(at.robust_weights).quadratic
         spread = likeliest_spreads(quadratic, basis, allowed, spread)
-        c = quadratic.posterior_mean(basis.sd(spread))
+        sd, c = basis.sd(spread), quadratic.posterior_mean(basis.sd(spread))
         # about none, to second order about the refit; integrated, this holds what a last step would gain
         about_none = _without_remainder(further, named, take) - quadratic.gain(fitted)
-        nats = about_none + quadratic.log_evidence(basis.sd(spread)) - basis.price
-        ahead = quadratic.gain(c) - quadratic.gain(fitted)
-        ahead -= 0.5 * float(np.sum(_whiten(c, basis.sd(spread)) ** 2 - _whiten(fitted, basis.sd(spread)) ** 2))
+        nats = about_none + quadratic.log_evidence(sd) - basis.price
         if nats > best.log_evidence:
-            best = RemainderFit(fit, further, spread, nats, c, basis, seen)
-        now = further
-        if ahead < CONVERGED_NATS:
+            best = best._replace(fit=further, spread=spread, log_evidence=nats, on=on, fitted=fitted)
+        prior = float(np.sum(_whiten(c, sd) ** 2 - _whiten(fitted, sd) ** 2))
+        if quadratic.gain(c) - quadratic.gain(fitted) - 0.5 * prior < CONVERGED_NATS:
             break
+        on = needed_functions(quadratic, sd, c)
+        if not len(on):
+            break
+        hypothesis = replace(named, remainder=basis.choose(on, sd))
+        further = _refit_from(further, take, hypothesis, c[on] / sd[on])
     return best
 
 
@@ -155,7 +190,7 @@ def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
     """Log-likelihood plus log prior of the names, less their price (nats), at a fit with a remainder."""
     names = fit.phi[: named.named_size]
     trusted = named.prior(names).log_density(names) if named.trusted_simulation is not None else 0.0
-    return fit.log_likelihood + trusted - 0.5 * len(named.effect_parameters) * float(np.log(take.segments))
+    return fit.log_likelihood + trusted - price_nats(len(named.effect_parameters), take.segments)
 
 
 def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit | None:
@@ -184,7 +219,9 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ..
     seen = _reweigh(at, Explained.of_nothing(at, basis), smooth, REWEIGHTINGS)
     for _ in range(MOST_WAVES):
         moved = at.weigh(seen.weights).names_beside(seen.c)
-        wave = find_wave(at, fit.car(), seen.weights, moved, seen.c)
+        # what gains less than smooth functions err by is not worth its refits
+        least = SEARCH_LIMITS.remainder_error * seen.nats
+        wave = find_wave(at, fit.car(), seen.weights, moved, seen.c, least)
         if wave is None or wave.channel not in smooth:
             break
         basis = add_waves(basis, [wave])

@@ -12,22 +12,25 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.fit import Explained
+from bcid.diagnosis.remainder.fit import RemainderFit
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.refit import Fit
+from bcid.likelihood.price import price_nats
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import N_NUISANCE, Take
 
 
-def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> list[CandidateEffect]:
-    """The effects of the `trials` by the evidence (nats) that each adds beside a remainder, to first order."""
-    basis, spread, weights = seen.basis, seen.spread, seen.weights
-    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-    g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], weights)
+def score_names(rest: RemainderFit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
+    """The effects of the `trials` by the evidence (nats) that each adds beside the fit and its remainder.
+
+    To first order about that fit; best first.
+    """
+    fit, basis, spread = rest.fit, rest.basis, rest.spread
+    at = gather_information(fit, take, basis, rest.fitted)
+    g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], at.robust_weights)
     n, K = fit.hypothesis.named_size, len(basis.size)
     answer = np.linalg.lstsq(G[:n, :n], G[:n, n:], rcond=1e-12)[0]
     b, H = g[n:] - answer.T @ g[:n], G[n:, n:] - G[n:, :n] @ answer
@@ -48,7 +51,7 @@ def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> 
         c = beside.posterior_mean(basis.sd(again))
         amplitude = amplitude - taken @ c
         score = 0.5 * float(own_b @ np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0])
-        price = 0.5 * len(trial.vectors) * float(np.log(take.segments))
+        price = price_nats(len(ENTRIES[trial.effect].parameters), take.segments)
         score += beside.log_evidence(basis.sd(again)) - nothing - price
         values = _combine_vectors(trial, amplitude)
         p = ENTRIES[trial.effect].parameters

@@ -17,7 +17,7 @@ from bcid.aliases import Floats
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
-from bcid.likelihood.force_history import HEADING, HISTORY, MASS, unit_actions
+from bcid.likelihood.force_history import HEADING, HISTORY, unit_actions
 from bcid.likelihood.predict import FINE
 from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE
 from bcid.likelihood.tracking_functions import (
@@ -52,26 +52,31 @@ class Wave(NamedTuple):
     price: float = 0.0  # of the choice
 
 
-class Field(NamedTuple):
+class ForceField(NamedTuple):
     """Slope and information of accelerations in one direction, in each knot of S segments."""
 
     slope: Floats  # (S, knots)
     information: Floats  # (S, knots, knots)
 
 
-def find_wave(at: TakeInformation, car: Car, weights: Floats, moved: Floats, c: Floats) -> Wave | None:
-    """The best wave beside names `moved` and the coefficients `c`, if it gains enough beyond its price."""
+def find_wave(
+    at: TakeInformation, car: Car, weights: Floats, moved: Floats, c: Floats, least: float = 0.0
+) -> Wave | None:
+    """The best wave beside names `moved` and the coefficients `c`, if it gains enough beyond its price.
+
+    It must gain more than `least` nats, too.
+    """
     acts = at.values @ (c - at.c)
     slope = at.carrier_slopes - np.einsum("snq,n->sq", at.cross, moved) - np.einsum("sqp,sp->sq", at.carriers, acts)
     every = [*_waves_on_body(at, car, weights, slope), *_waves_in_tracking(at, weights, moved, acts)]
     best, price = max((w for w, _ in every), key=lambda w: w.gain), float(np.log(sum(n for _, n in every)))
-    return best._replace(price=price) if best.gain > price + MIN_GAIN_NATS else None
+    return best._replace(price=price) if best.gain > max(price + MIN_GAIN_NATS, least) else None
 
 
 def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[Wave, int]]:
     """The best wave of each direction over time, and over place, with the number that were tried."""
     s = at.along
-    units = unit_actions(s[:, :, INPUTS.index("delta")], s[:, :, HEADING], s[:, :, MASS], car)
+    units = unit_actions(s[:, :, INPUTS.index("delta")], s[:, :, HEADING], car)
     S, knots = s.shape[:2]
     e = slope[:, :HISTORY].reshape(S, knots, -1)
     H = at.carriers[:, :HISTORY, :HISTORY].reshape(S, knots, -1, knots, e.shape[2])
@@ -79,7 +84,7 @@ def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
     place = s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
     for direction, channel in CHANNEL_OF.items():
         acts = units[..., DIRECTIONS.index(direction)]
-        field = Field(
+        field = ForceField(
             np.einsum("skc,skc->sk", e, acts),
             np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True),
         )
@@ -95,7 +100,7 @@ def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
             yield Wave(channel, functions, float(gains[k])), len(gains)
 
 
-def _spectrum(field: Field, t: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
+def _spectrum(field: ForceField, t: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
     """Gains (F,) of waves in time and their wave numbers (rad/s)."""
     omega, sums = _fourier((weights[:, None] * field.slope).ravel(), t.ravel())
     mean = np.tensordot(weights, field.information, axes=1)
@@ -116,7 +121,7 @@ def _fourier(values: Floats, t: Floats) -> tuple[Floats, Floats]:
     return 2.0 * np.pi * hz[on], sums[on]
 
 
-def _gratings(field: Field, place: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
+def _gratings(field: ForceField, place: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
     """Gains (F,) of waves over the floor, and their wave numbers in x and y (rad/m)."""
     size = np.ptp(place.reshape(-1, 2), axis=0)
     n = np.ceil(FINEST_CYCLES_PER_M * size * 2.0).astype(int)

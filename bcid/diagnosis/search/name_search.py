@@ -6,12 +6,20 @@ beside them, and the best is a name if the evidence grows by more than the gate.
 no name adds more is unknown.  The method as equations: docs/method.md.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import RemainderFit, basis_for, explain, fit_with_remainder
+from bcid.diagnosis.remainder.fit import (
+    Explained,
+    RemainderFit,
+    add_beside_remainder,
+    basis_for,
+    explain,
+    fit_with_remainder,
+)
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.scores import score_names
 from bcid.diagnosis.search import refits
@@ -72,21 +80,17 @@ class NameSearch:
     tried: dict[frozenset[str], WeighedFit] = field(default_factory=dict)
     refused: dict[str, float] = field(default_factory=dict)
 
-    def beside_remainder(self, fits: Iterable[Fit]) -> list[RemainderFit]:
-        """The fits, each with the remainder of greatest evidence beside it, the greatest evidence first.
+    def beside_remainder(self, fit: Fit, seen: Explained | None = None) -> RemainderFit:
+        """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order."""
+        found = fit_with_remainder(fit, self.take, self.basis, seen=seen)
+        return self._remember(found)
 
-        Left out are those whose evidence to first order lies clearly below that of another.
-        """
-        explained = [(f, explain(f, self.take, self.basis)) for f in fits]
-        explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
-        found = list[RemainderFit]()
-        for f, seen in explained:
-            reach = (1.0 + SEARCH_LIMITS.remainder_error) * seen.nats + SEARCH_LIMITS.near_nats
-            if any(f.penalised_log_likelihood + reach < r.log_evidence for r in found):
-                continue
-            found.append(fit_with_remainder(f, self.take, self.basis, seen=seen))
-            self.tried[frozenset(f.hypothesis.effects)] = WeighedFit(f, found[-1].log_evidence)
-        return sorted(found, key=lambda r: -r.log_evidence)
+    def _remember(self, found: RemainderFit) -> RemainderFit:
+        """Keep the evidence of a fit with these effects, the greatest that was found."""
+        key = frozenset(found.named.hypothesis.effects)
+        if key not in self.tried or self.tried[key].log_evidence < found.log_evidence:
+            self.tried[key] = WeighedFit(found.named, found.log_evidence)
+        return found
 
     def add_name(self, rest: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit | None:
         """The fit with one name more of greatest evidence, if that grows by more than the gate.
@@ -97,29 +101,50 @@ class NameSearch:
         promising = self._promising(rest)
         report(f"{', '.join(c.effect for c in promising) or 'none'} beside {', '.join(named_effects(fit)) or 'none'}")
         quick = (none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in promising)
-        better = self._best_credible([*(refits.refit_fully(f, take) for f in quick if f), *more], rest)
+        promised = {c.effect: c.score for c in promising}
+        better = self._best_credible([*(refits.refit_fully(f, take) for f in quick if f), *more], rest, promised)
         if better is None and rest.nats > self.gate:
             # what the base model takes up shows beside no fit of it
             large = refits.refit_from_large_sizes(fit, take, (*self.excluded, *self.refused))
-            better = self._best_credible(large, rest)
+            better = self._best_credible(large, rest, {})
         return better
 
     def _promising(self, rest: RemainderFit) -> list[CandidateEffect]:
         """The effects that the score test promises most beside the remainder, best first."""
         trials = self.trials.without((*rest.named.hypothesis.effects, *self.refused))
-        candidates = score_names(rest.named, self.take, rest.seen, trials)
+        candidates = score_names(rest, self.take, trials)
         least = max((SEARCH_LIMITS.near_best_share * c.score for c in candidates[:1]), default=0.0)
         near = [c for c in candidates if c.score > max(least, SEARCH_LIMITS.min_score_share * self.gate)]
         return near[: SEARCH_LIMITS.max_candidates]
 
-    def _best_credible(self, fits: Sequence[Fit], rest: RemainderFit) -> RemainderFit | None:
-        """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough."""
-        found = self.beside_remainder(f for f in fits if not effects_at_bounds(f, self.take))
-        for r in found:
-            gained = r.log_evidence - rest.log_evidence
-            if gained < self.gate:
-                self.refused[r.named.hypothesis.effects[-1]] = gained
-        return found[0] if found and found[0].log_evidence > rest.log_evidence + self.gate else None
+    def _best_credible(
+        self, fits: Sequence[Fit], rest: RemainderFit, promised: Mapping[str, float]
+    ) -> RemainderFit | None:
+        """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough.
+
+        `fits` have one effect more than `rest` each.  One whose evidence to first order cannot exceed that of `rest`
+        enough, or that of another, is not refitted.  Where little comes of what the score test has `promised` of an
+        effect, it is tried from the remainder of `rest`, too.
+        """
+        least, best = rest.log_evidence + self.gate, None
+        credible = [f for f in fits if not effects_at_bounds(f, self.take)]
+        explained = [(f, explain(f, self.take, self.basis)) for f in credible]
+        explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
+        for f, seen in explained:
+            name, reached = f.hypothesis.effects[-1], -math.inf
+            error = SEARCH_LIMITS.remainder_error * seen.nats + SEARCH_LIMITS.near_nats
+            highest = f.penalised_log_likelihood + seen.nats + error
+            if highest > max(least, best.log_evidence if best else least):
+                found = self.beside_remainder(f, seen)
+                reached, best = found.log_evidence, _greater(best, found)
+            elif highest > least:
+                continue
+            if reached - rest.log_evidence < SEARCH_LIMITS.kept_promise * promised.get(name, 0.0):
+                found = self._remember(add_beside_remainder(rest, f, seen, self.take))
+                reached, best = max(reached, found.log_evidence), _greater(best, found)
+            if reached < least:
+                self.refused[name] = max(reached, highest) - rest.log_evidence
+        return best if best and best.log_evidence > least else None
 
     def keep_names(self, rest: RemainderFit) -> tuple[RemainderFit, dict[str, float], dict[str, Fit]]:
         """The names that each add more than the gate, the nats of each, the refits without it; the least goes first.
@@ -138,7 +163,7 @@ class NameSearch:
             if not weakest or gains[weakest] > required:
                 return rest, gains, {name: less.named for name, less in without.items()}
             self.refused[weakest] = gains[weakest]
-            rest = self.beside_remainder([without[weakest].named])[0]
+            rest = self.beside_remainder(without[weakest].named)
 
     def _without_each(self, rest: RemainderFit) -> dict[str, WeighedFit]:
         """For each name the refit without it, and its evidence."""
@@ -146,9 +171,14 @@ class NameSearch:
         for name in named_effects(rest.named):
             held = tuple(n for n in rest.named.hypothesis.effects if n != name)
             if frozenset(held) not in self.tried:
-                self.beside_remainder([refit_with_effects(rest.named, self.take, held)])
+                self.beside_remainder(refit_with_effects(rest.named, self.take, held))
             out[name] = self.tried[frozenset(held)]
         return out
+
+
+def _greater(one: RemainderFit | None, other: RemainderFit) -> RemainderFit:
+    """The fit of greater evidence of two."""
+    return other if one is None or other.log_evidence > one.log_evidence else one
 
 
 def name_effects(
@@ -165,7 +195,7 @@ def name_effects(
     report("a score test of every effect")
     trials = simulate_trials(corrected, take).without(excluded)
     search = NameSearch(take, basis_for(corrected, take), trials, tuple(excluded))
-    before = rest = search.beside_remainder([corrected])[0]
+    before = rest = search.beside_remainder(corrected)
     # chance has nothing to do with what is missing, which the remainder has taken up
     nulls = sample_null_gains(rest.fit, take, trials)
     search.gate = nulls.gate
@@ -179,11 +209,11 @@ def name_effects(
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)
     fit = refine_places(fit, take)
     if fit is not rest.named:
-        rest = search.beside_remainder([fit])[0]
+        rest = search.beside_remainder(fit)
     rest, gains, without = search.keep_names(rest)
     others = exchange_until_stable(rest.named, take, trials, (base, corrected, *without.values()))
     if others.best is not rest.named:
-        exchanged = search.beside_remainder([others.best])[0]
+        exchanged = search.beside_remainder(others.best)
         if exchanged.log_evidence > rest.log_evidence:
             rest, gains, without = search.keep_names(exchanged)
     return Naming(base, corrected, before, rest, gains, without, others.rivals, search.refused, nulls)
