@@ -89,4 +89,4 @@ def _products_with_trials(at: TakeInformation, columns: Floats, weights: Floats)
         slope += weights[s] * products[-1]
         among += weights[s] * (mine.T @ mine - free_T.T @ free_T)
     G = np.block([[G_n, G_nc, to_names], [G_nc.T, G_c, to_carriers], [to_names.T, to_carriers.T, among]])
-    return np.r_[slope_n, slope_c, slope], G
+    return np.r_[slope_n, slope_c, slope + to_carriers.T @ at.c], G  # all about no functions
