@@ -176,7 +176,7 @@ def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Pat
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert found == json.loads((out / "diagnosis.json").read_text())
-    assert found["schema"] == "bcid.diagnosis/1"
+    assert found["schema"] == "bcid.diagnosis/2"
     assert found["verdict"] == "named"
     assert [f["effect"] for f in found["findings"]] == ["rear_rolling_coulomb"]
     (parameter,) = found["findings"][0]["parameters"].values()

@@ -13,7 +13,7 @@ import pytest
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.table import EFFECTS
-from bcid.report import before_after_figures, diagnosis_page, disturbance, verdict_words, where_figures
+from bcid.report import before_after_figures, diagnosis_page, disturbance, law_figures, verdict_words, where_figures
 from bcid.report.disturbance import knot_variable
 from bcid.report.formats import format_number, format_with_error
 
@@ -36,6 +36,7 @@ def reading(function: Any) -> Any:
 verdict_sentence = reading(verdict_words.verdict_sentence)
 write_diagnosis_page = reading(diagnosis_page.write_diagnosis_page)
 proof_pictures = reading(before_after_figures.draw_before_after_pictures)
+law_pictures = reading(law_figures.draw_missing_laws)
 where_pictures = reading(where_figures.draw_where_pictures)
 residual_of, two_variables = reading(disturbance.choose_residual), reading(disturbance.choose_variables)
 
@@ -162,8 +163,23 @@ def ambiguous() -> Made:
         "why": "Slowing down from full speed tells a drag that grows with speed from one that grows with its square.",
         "file": "next.commands.csv",
     }  # fmt: skip
+    d["schema"] = "bcid.diagnosis/2"
+    d["remainder"] = [
+        {"channel": "fx", "nats_before": 140.0, "nats_left": 0.4, "curve": law(0.06)},
+        {"channel": "pose", "nats_before": 2.0, "nats_left": 0.0, "curve": None},
+    ]
     k = _drive(0.5)
     return d, knots_of({"fx": 0.12 - 0.06 * k["v_x"]}), tracks_of(0.04, 0.01)
+
+
+def law(size: float, named: bool = True, **more: Any) -> dict[str, Any]:
+    """A drag of so many m/s^2 at 1 m/s, as free functions show it."""
+    x = np.linspace(0.1, 1.5, 15)
+    curve = {
+        "quantity": "v_x", "unit": "m/s", "y_unit": "m/s^2", "x": x.tolist(), "y": (-size * x).tolist(),
+        "sd": np.full(15, 0.008).tolist(), "named": (-size * x + 0.004).tolist() if named else None,
+    }  # fmt: skip
+    return curve | more
 
 
 def unknown() -> Made:
@@ -191,7 +207,7 @@ def nothing() -> Made:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are composed but not rendered, which takes most of the time."""
-    for module in (before_after_figures, where_figures):
+    for module in (before_after_figures, law_figures, where_figures):
         monkeypatch.setattr(module, "render_data_uri", lambda figure: PNG)
 
 
@@ -378,6 +394,44 @@ def test_pictures_show_the_component_of_the_channel() -> None:
     d, knots, _ = unknown()
     assert "yaw acceleration" in where_pictures(d, knots)[0].caption.lower()
     assert "steering rate" in where_pictures(d, knots)[0].title
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_missing_law_is_shown_before_any_hypothesis(tmp_path: Path) -> None:
+    d, knots, tracks = ambiguous()
+    (picture,) = law_pictures(d)
+    assert picture.title == "The missing law, before any hypothesis"
+    assert "from −0.0060 m/s² at 0.10 m/s to −0.090 m/s² at 1.5 m/s" in picture.caption
+    assert "if rear rolling viscous were all that is missing, within the band throughout" in picture.caption
+    text, _ = page((d, knots, tracks), tmp_path)
+    assert 0 < text.index(picture.title) < text.index("Over time")
+    (curve,) = [r["curve"] for r in d["remainder"] if r["curve"]]
+    curve["named"][:3] = [0.1, 0.1, 0.1]
+    assert "within the band at 12 of 15 points" in law_pictures(d)[0].caption
+    curve["named"] = None
+    assert law_pictures(d)[0].caption.endswith("No effect is named.")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_tells_nothing_is_not_drawn_as_a_law() -> None:
+    """Nor what is no curve, nor more than a reader compares."""
+    d = ambiguous()[0]
+    part = d["remainder"][0]
+    for curve in (None, law(0.001), law(0.06, quantity="phase of the moon"), law(0.06, named=False, x=[], y=[], sd=[])):
+        assert law_pictures(d | {"remainder": [part | {"curve": curve}]}) == []
+    assert law_pictures(d | {"remainder": [part | {"channel": "pose"}]}) == []
+    many = law_pictures(d | {"remainder": [part | {"channel": c} for c in ("mz", "fx", "fy", "steering")]})
+    assert [p.title.rpartition(": ")[2] for p in many] == [many[0].title, "forward acceleration"]
+    assert law_pictures(named()[0]) == []
+
+
+def test_a_law_that_swings_in_time_is_drawn_within_its_period() -> None:
+    d = ambiguous()[0]
+    wave = law(0.06, named=False, quantity="time", period_s=2.69, direction="world_x")
+    (picture,) = law_pictures(d | {"remainder": [{"channel": "fx", "nats_before": 90.0, "curve": wave}]})
+    assert "acceleration along the floor’s x that swings in time by ± 0.042 m/s²" in picture.caption
+    assert "period of 2.69 s" in picture.caption
+    assert picture.image.startswith(PNG)
 
 
 @pytest.mark.usefixtures("undrawn")

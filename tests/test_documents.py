@@ -17,6 +17,11 @@ from bcid.documents.report import ModelScore, ReportDocument
 from bcid.documents.schemas import DOCUMENTS, schema_text
 from bcid.errors import InputRefused
 
+REMAINDER = """{"schema": "bcid.diagnosis/2", "verdict": "named", "remainder": [
+ {"channel": "fx", "nats_before": 120.0, "nats_left": 1.5, "curve": {"quantity": "v_x", "unit": "m/s",
+  "y_unit": "m/s^2", "x": [0.5, 1.5], "y": [-0.1, null], "sd": [0.1, 0.2], "named": [1.0, 2.0]}},
+ {"channel": "pose", "nats_before": 1.0, "nats_left": 0.0, "curve": null}]}"""
+
 DOCS = Path(__file__).parent.parent / "docs"
 
 
@@ -37,6 +42,23 @@ def test_committed_documents_are_read_and_written_alike(kind: type[Document], na
     assert kind.read(tmp_path / "again.json") == kind.read(path)
 
 
+def test_both_versions_of_a_diagnosis_are_read_and_written_as_they_are(tmp_path: Path) -> None:
+    """Version 2 holds what free functions explain in each channel; in version 1 there is none."""
+    (tmp_path / "2.json").write_text(REMAINDER, encoding="utf-8")
+    (tmp_path / "1.json").write_text('{"schema": "bcid.diagnosis/1", "verdict": "unknown"}', encoding="utf-8")
+    second, first = (DiagnosisDocument.read(tmp_path / f"{n}.json") for n in "21")
+    assert first.remainder == ()
+    law = second.remainder[0].curve
+    assert law is not None
+    assert law.named == (1.0, 2.0)
+    assert math.isnan(law.y[1])
+    for document, kind in ((first, "bcid.diagnosis/1"), (second, "bcid.diagnosis/2")):
+        document.write(tmp_path / "again.json")
+        assert DiagnosisDocument.read(tmp_path / "again.json").as_json() == document.as_json()
+        assert json.loads((tmp_path / "again.json").read_text(encoding="utf-8"))["schema"] == kind
+    assert DiagnosisDocument(verdict="unknown").as_json()["schema"] == "bcid.diagnosis/2"
+
+
 def test_what_is_not_a_number_is_null() -> None:
     assert ModelScore(model="k-mlp", parameters=3, nmse=float("nan")).as_json()["nmse"] is None
 
@@ -47,7 +69,9 @@ def test_what_is_not_a_number_is_null() -> None:
         ('{"verdict": "named"}', "schema"),
         ('{"schema": "bcid.diagnosis/1", "verdict": "named", "duration_s": "600"}', "duration_s"),
         ('{"schema": "bcid.diagnosis/1", "verdict": "named", "duration_s": true}', "duration_s"),
-        ('{"schema": "bcid.diagnosis/2", "verdict": "named"}', "schema"),
+        ('{"schema": "bcid.diagnosis/3", "verdict": "named"}', "schema"),
+        (REMAINDER.replace("[0.1, 0.2]", "[0.1]"), "remainder"),
+        (REMAINDER.replace("[1.0, 2.0]", "[1.0]"), "remainder"),
     ],
 )
 def test_nothing_is_read_into_what_is_written(text: str, place: str, tmp_path: Path) -> None:

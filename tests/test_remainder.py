@@ -184,6 +184,10 @@ def test_log_evidence_is_that_of_the_linear_model_integrated() -> None:
     assert c[1] == 0.0
     on = np.flatnonzero(sd)
     np.testing.assert_allclose(B[:, on].T @ (r - B @ c), c[on] / sd[on] ** 2, atol=1e-9)
+    covariance = quadratic.posterior_covariance(sd)
+    expected = np.linalg.inv(quadratic.G[np.ix_(on, on)] + np.diag(sd[on] ** -2.0))
+    np.testing.assert_allclose(covariance[np.ix_(on, on)], expected, atol=1e-12)
+    assert not covariance[1].any()
 
 
 def columns_basis(channel: tuple[str, ...]) -> RemainderBasis:

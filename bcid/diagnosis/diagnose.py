@@ -1,6 +1,6 @@
 """The diagnosis of recordings step by step: fit the base model, name what is missing, locate it, judge."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,7 +14,9 @@ from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
 from bcid.diagnosis.locate.pushes import Disturbances, estimate_disturbances
 from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.remainder.curve import MissingLaw, change_by_names, missing_laws
 from bcid.diagnosis.search.name_search import Naming, name_effects
+from bcid.diagnosis.search.refits import named_effects
 from bcid.documents.diagnosis import NotExcited
 from bcid.effects.corrections import RAW_COMMANDS
 from bcid.effects.entry import VehicleScale
@@ -39,6 +41,7 @@ class Diagnosis:
     naming: Naming
     judgement: Judgement
     location: Location
+    laws: Mapping[str, MissingLaw]  # before any hypothesis, by the channels that stand out and have one
     pushes_before: Disturbances  # under the refitted base model
     pushes_after: Disturbances  # under the fit with the named effects
     not_excited: tuple[NotExcited, ...]
@@ -107,10 +110,22 @@ def diagnose_recordings(
         progress(0.8, "what is left")
         before = estimate_disturbances(naming.corrected, take)
         location = locate_mismatch(naming.before.seen, before, fit.hypothesis.units)
+        laws = draw_laws(naming, take, location)
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)
         not_excited = find_unexcited_effects(naming.best, take, base.full_speed_units, naming.nulls.gate)
-    return Diagnosis(take, base.contacts, naming, judgement, location, before, after, not_excited)
+    return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, not_excited)
+
+
+def draw_laws(naming: Naming, take: Take, location: Location) -> dict[str, MissingLaw]:
+    """The missing law in each channel where free functions explain more than chance, beside the corrected base model.
+
+    Over it, what the named effects alone would have shown.
+    """
+    outstanding = [channel for channel, nats in location.channel_nats.items() if nats > naming.nulls.gate]
+    named = bool(outstanding and named_effects(naming.best))
+    change = change_by_names(naming.corrected, naming.best, take) if named else None
+    return missing_laws(naming.corrected, take, naming.before.seen, outstanding, change)
 
 
 def fit_base_model(

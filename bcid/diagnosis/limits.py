@@ -102,6 +102,12 @@ class SummaryLimits:
     max_placebos: int = 3
     # Rival explanations that are listed, the best first: as many as a reader compares.
     max_rivals: int = 4
+    # Bins of a curve: as many as a picture shows.
+    curve_bins: int = 25
+    # Knots (0.125 s) in a bin below which it is joined with the next.
+    min_knots_per_bin: int = 20
+    # Points below which there is no curve.
+    min_curve_bins: int = 3
 
 
 SEARCH_LIMITS, JUDGE_LIMITS, LOCATE_LIMITS = SearchLimits(), JudgeLimits(), LocateLimits()

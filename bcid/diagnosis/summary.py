@@ -19,6 +19,8 @@ from bcid.likelihood.hypothesis import DRAG
 from bcid.models.newton_euler.parameters import constant_units
 
 SUMMARY_S = 2.0  # the horizon that stands for all in `fit`
+LAW_DIGITS = 4
+LAW_UNITS = {"fx": "m/s^2", "motor": "m/s^2", "fy": "m/s^2", "mz": "rad/s^2", "steering": "rad"}
 THROTTLE = "m/s; 1 where it sets a force"
 KNOT_UNITS = {
     "time_s": "s", "segment": "1", "x": "m", "y": "m", "heading": "rad", "v_x": "m/s", "v_y": "m/s",
@@ -79,6 +81,39 @@ def summarise_diagnosis(
             channel_nats={c: round(nats, 1) for c, nats in naming.rest.seen.channel_nats().items()},
             gain_nats=naming.unknown_nats,
         ),
+        remainder=_describe_remainder(diagnosis),
+    )  # fmt: skip
+
+
+def _describe_remainder(diagnosis: Diagnosis) -> tuple[written.ChannelRemainder, ...]:
+    """What free functions explain in each channel, before any hypothesis and beside the names; most first."""
+    before, left = diagnosis.location.channel_nats, diagnosis.naming.rest.seen.channel_nats()
+    return tuple(
+        written.ChannelRemainder(
+            channel=channel, nats_before=round(before.get(channel, 0.0), 1), nats_left=round(left.get(channel, 0.0), 1),
+            curve=_describe_law(diagnosis, channel),
+        )
+        for channel in dict.fromkeys((*before, *left))
+    )  # fmt: skip
+
+
+def _describe_law(diagnosis: Diagnosis, channel: str) -> written.LawCurve | None:
+    """The missing law in a channel as a curve, to LAW_DIGITS; None where there is none."""
+    law = diagnosis.laws.get(channel)
+    if law is None:
+        return None
+    unit = KNOT_UNITS.get(law.quantity, "s")
+    if law.quantity == "throttle":
+        unit = "1" if diagnosis.fit.car().sets_force > 0.0 else "m/s"
+
+    def rounded(values: Floats) -> tuple[float, ...]:
+        """The values to LAW_DIGITS significant digits."""
+        return tuple(float(f"{v:.{LAW_DIGITS}g}") for v in values)
+
+    return written.LawCurve(
+        quantity=law.quantity, unit=unit, y_unit=LAW_UNITS[channel], x=rounded(law.x), y=rounded(law.y),
+        sd=rounded(law.sd), named=None if law.named is None else rounded(law.named), period_s=law.period_s,
+        direction=law.direction,
     )  # fmt: skip
 
 

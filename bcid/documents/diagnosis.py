@@ -1,8 +1,8 @@
 """diagnosis.json: what a recording shows that a simulation lacks, with its proof."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bcid.documents.document import Document, Figure, Interval, Number, Part
 
@@ -188,10 +188,44 @@ class Unexplained(Part):
     gain_nats: Figure = 0.0  # that all add, where they add more than chance
 
 
-class DiagnosisDocument(Document):
-    """The whole of diagnosis.json (`bcid.diagnosis/1`)."""
+class LawCurve(Part):
+    """The missing law in one channel, as free functions show it: a curve with a band.
 
-    kind: Literal["bcid.diagnosis/1"] = Field("bcid.diagnosis/1", alias="schema")
+    Where it swings in time, `quantity` is the time within one period.
+    """
+
+    quantity: str  # over which it is drawn, such as v_x
+    unit: str = ""  # of the quantity
+    y_unit: str = ""
+    x: tuple[Figure, ...] = ()
+    y: tuple[Figure, ...] = ()
+    sd: tuple[Figure, ...] = ()  # standard deviations of y
+    named: tuple[Figure, ...] | None = None  # what the findings alone would have shown; null without findings
+    period_s: Number = None
+    direction: str | None = None  # in which a wave acts; null for the channel's own component of the body
+
+    @model_validator(mode="after")
+    def _check_lengths(self) -> Self:
+        """Refuse curves whose columns are not equally long."""
+        columns = (self.x, self.y, self.sd, self.x if self.named is None else self.named)
+        if len({len(column) for column in columns}) > 1:
+            raise ValueError("x, y, sd and named are not equally long")
+        return self
+
+
+class ChannelRemainder(Part):
+    """What free functions explain in one channel (nats, beside those of the others), and the law that they show."""
+
+    channel: str
+    nats_before: Figure = 0.0  # before any hypothesis
+    nats_left: Figure = 0.0  # beside the findings
+    curve: LawCurve | None = None  # before any hypothesis; null where the channel does not stand out
+
+
+class DiagnosisDocument(Document):
+    """The whole of diagnosis.json (`bcid.diagnosis/2`); of version 1, which is read still, `remainder` is empty."""
+
+    kind: Literal["bcid.diagnosis/1", "bcid.diagnosis/2"] = Field("bcid.diagnosis/2", alias="schema")
     vehicle: str = ""
     recordings: tuple[str, ...] = ()
     duration_s: Number = None
@@ -215,6 +249,7 @@ class DiagnosisDocument(Document):
     dropped: tuple[str, ...] = ()  # effects that were tried, and add nothing beside free functions
     located: Located | None = None
     unexplained: Unexplained | None = None
+    remainder: tuple[ChannelRemainder, ...] = ()
 
     @property
     def where(self) -> Where:

@@ -46,11 +46,16 @@ class ForceHistory(NamedTuple):
 
 def history_values(functions: Floats, along: Floats, car: Car) -> Floats:
     """What a unit of each of K `functions` (K, COLUMNS) of a remainder does in each knot: (S, HISTORY, K)."""
+    acted = acting_values(functions, along, car)
+    return np.asarray(acted.reshape(len(along), HISTORY, len(functions)))
+
+
+def acting_values(functions: Floats, along: Floats, car: Car) -> Floats:
+    """Accelerations and turn of the wheel (S, knots, ACTIONS, K) by a unit of each of K `functions` in each knot."""
     s, heading = along[:, :, :HEADING], along[:, :, HEADING]
     values = np.cos(s @ functions[:, WAVE:].T + functions[:, PHASE])
     units = unit_actions(s[:, :, INPUTS.index("delta")], heading, car)
-    acted = values[:, :, None, :] * units[:, :, :, functions[:, DIRECTION].astype(int)]
-    return np.asarray(acted.reshape(len(along), HISTORY, len(functions)))
+    return np.asarray(values[:, :, None, :] * units[:, :, :, functions[:, DIRECTION].astype(int)])
 
 
 def unit_actions(delta: Floats, heading: Floats, car: Car) -> Floats:

@@ -10,6 +10,7 @@ from bcid.report import formats
 from bcid.report.before_after_figures import draw_before_after_pictures
 from bcid.report.canvas import Columns
 from bcid.report.disturbance import located_windows
+from bcid.report.law_figures import draw_missing_laws
 from bcid.report.limits import LIMITS
 from bcid.report.templates import write_page
 from bcid.report.verdict_words import CHANNELS, verdict_sentence
@@ -35,6 +36,6 @@ def write_diagnosis_page(diagnosis: DiagnosisDocument, knots: Columns, tracks: C
         path, "diagnosis.html.j2", filters, sentence=verdict_sentence(diagnosis), d=diagnosis, after=changes,
         windows=located_windows(diagnosis), channels=CHANNELS, entries=ENTRIES, folded=LIMITS.folded_rows,
         channel_gains=[(c, n) for c, n in diagnosis.channels.items() if n > 0.0], with_error=formats.format_with_error,
-        where_pictures=draw_where_pictures(diagnosis, knots),
+        where_pictures=[*draw_missing_laws(diagnosis), *draw_where_pictures(diagnosis, knots)],
         proof_pictures=draw_before_after_pictures(diagnosis, knots, tracks),
     )  # fmt: skip

@@ -25,6 +25,10 @@ class ReportLimits:
     magnitude_factor: float = 1.5
     # Lowest share of the variance of the size that places must explain for the map to show sizes.
     min_explained_share: float = 0.02
+    # Channels whose missing law is drawn, those that explain most first.
+    max_laws: int = 2
+    # Standard deviations to either side of a curve that its band is wide.
+    band_sd: float = 2.0
     # Rows from which a table is folded.
     folded_rows: int = 8
 

@@ -49,6 +49,13 @@ class Quadratic(NamedTuple):
             c[on] = sd[on] * np.linalg.solve(self.whiten(on, sd), sd[on] * self.b[on])
         return c
 
+    def posterior_covariance(self, sd: Floats) -> Floats:
+        """(G + T^-1)^-1 (K, K) of the coefficients, with the prior standard deviations `sd` (K,); 0 where that is 0."""
+        on, out = np.flatnonzero(sd), np.zeros_like(self.G)
+        if len(on):
+            out[np.ix_(on, on)] = sd[on][:, None] * np.linalg.inv(self.whiten(on, sd)) * sd[on]
+        return out
+
     def occam_nats(self, sd: Floats) -> float:
         """log|1 + T^(1/2) G T^(1/2)| / 2: what the freedom of the coefficients costs."""
         on = np.flatnonzero(sd)

@@ -6,6 +6,8 @@ and turns of the wheel in each knot (`bcid.likelihood.force_history`), and funct
 J^T P J, J^T P Q, Q^T P Q, J^T P r and Q^T P r are all that the likelihood needs to first order, for any functions.
 """
 
+from __future__ import annotations
+
 import itertools
 from dataclasses import replace
 from typing import NamedTuple
@@ -78,6 +80,22 @@ class TakeInformation(NamedTuple):
         slope_n = weights @ self.name_slopes - self.prior.stiffness * (self.phi - self.prior.centre) + G_nc @ self.c
         slope_c = np.tensordot(weights[:, None] * self.carrier_slopes, self.values, axes=((0, 1), (0, 1)))
         return WeighedInformation(slope_n, slope_c + G_c @ self.c, G_n, G_nc, G_c)
+
+    def with_residual(self, r: Floats) -> TakeInformation:
+        """What this fit would say of a take whose residual were `r` (N, 3, over the noise), its names at their prior.
+
+        In `terms`, which are those of the actual take, only V holds for both.
+        """
+        rows = np.concatenate([self.rows[:, :, :-1], r[:, :, None]], axis=2)
+        n, slopes = self.names.shape[1], np.empty((len(self.names), rows.shape[2] - N_NUISANCE - 1))
+        for s, (a, b) in enumerate(itertools.pairwise(self.first)):
+            own = rows[a:b].reshape(-1, rows.shape[2])
+            A, acting, seen = own[:, :N_NUISANCE], own[:, N_NUISANCE:-1], own[:, -1]
+            slopes[s] = acting.T @ (seen - A @ (self.terms.V[s] @ (A.T @ seen)))
+        return self._replace(
+            rows=rows, name_slopes=slopes[:, :n], carrier_slopes=slopes[:, n:], phi=self.prior.centre,
+            c=np.zeros_like(self.c),
+        )  # fmt: skip
 
     def chi2_beside(self, moved: Floats, c: Floats) -> Floats:
         """The chi^2 of each segment, the names `moved` (n,) and the coefficients at `c` (K,), to first order."""

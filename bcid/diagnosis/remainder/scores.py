@@ -19,18 +19,37 @@ from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.price import price_nats
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import N_NUISANCE, Take
 
 
 def score_names(rest: RemainderFit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
-    """The effects of the `trials` by the evidence (nats) that each adds beside the fit and its remainder.
+    """The effects of the `trials` by the evidence (nats) that each adds beside the fit and its remainder, best first.
 
-    To first order about that fit; best first.
+    To first order, about the fit with the remainder and about that without it; the greater counts.  Beside a remainder
+    the pushes are small, so that exchanging it for a large effect is far from linear; without it the fit may be far
+    from where a small effect belongs.
     """
-    fit, basis, spread = rest.fit, rest.basis, rest.spread
-    at = gather_information(fit, take, basis, rest.fitted)
-    g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], at.robust_weights)
+    seen = rest.seen
+    none = np.zeros(len(seen.basis.size))
+    without = gather_information(rest.named, take, seen.basis, none)
+    found = _score_about(rest.named, without, seen.weights, seen.basis, seen.spread, take, trials)
+    if rest.fit is not rest.named:
+        beside = gather_information(rest.fit, take, rest.basis, rest.fitted)
+        more = _score_about(rest.fit, beside, beside.robust_weights, rest.basis, rest.spread, take, trials)
+        found = {
+            name: max((c[name] for c in (found, more) if name in c), key=lambda c: c.score) for name in found | more
+        }
+    return sorted(found.values(), key=lambda c: -c.score)
+
+
+def _score_about(
+    fit: Fit, at: TakeInformation, weights: Floats, basis: RemainderBasis, spread: Mapping[str, float], take: Take,
+    trials: TrialChanges,
+) -> dict[str, CandidateEffect]:  # fmt: skip
+    """The effects of the `trials` by the evidence (nats) that each adds, to first order about one fit."""
+    g, G = _products_with_trials(at, trials.columns / fit.scales.r[:, None], weights)
     n, K = fit.hypothesis.named_size, len(basis.size)
     answer = np.linalg.lstsq(G[:n, :n], G[:n, n:], rcond=1e-12)[0]
     b, H = g[n:] - answer.T @ g[:n], G[n:, n:] - G[n:, :n] @ answer
@@ -59,7 +78,7 @@ def score_names(rest: RemainderFit, take: Take, trials: TrialChanges) -> list[Ca
             continue
         if trial.effect not in best or score > best[trial.effect].score:
             best[trial.effect] = CandidateEffect(trial.effect, values, score)
-    return sorted(best.values(), key=lambda c: -c.score)
+    return best
 
 
 def _best_of(

@@ -139,8 +139,8 @@ class NameSearch:
                 reached, best = found.log_evidence, _greater(best, found)
             elif highest > least:
                 continue
-            kept = reached - rest.log_evidence > SEARCH_LIMITS.kept_promise * promised.get(name, -math.inf)
-            if not kept:
+            kept = SEARCH_LIMITS.kept_promise * promised.get(name, 0.0)
+            if name in promised and reached - rest.log_evidence < kept:
                 found = self._remember(add_beside_remainder(rest, f, seen, self.take))
                 reached, best = max(reached, found.log_evidence), _greater(best, found)
             if reached < least:
