@@ -123,10 +123,11 @@ def add_history(
     return turn + turned, accelerations + np.array(pushed)
 
 
-def test_derivatives_are_complex_steps_of_functions_written_anew(part: Take) -> None:  # noqa: F811
+@pytest.mark.parametrize("each", [0, 2])
+def test_derivatives_are_complex_steps_of_functions_written_anew(part: Take, each: int) -> None:  # noqa: F811
     """By initial states, and by what acts in each knot; functions of one direction stand together, or anywhere."""
     few, rng, tiny = part.part(np.array([0, 3, 6, 9])), np.random.default_rng(6), 1e-30
-    table = draw_functions(rng, 2, 0.05)
+    table = draw_functions(rng, each, 0.05)
     table[len(DIRECTIONS) :] = rng.permutation(table[len(DIRECTIONS) :])
     start, plain, inputs = shove(few), {s: complex(v) for s, v in CAR._asdict().items()}, with_functions(few, table, {})
     chain, car, e, c = inputs.kernel_arguments

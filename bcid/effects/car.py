@@ -295,13 +295,11 @@ def _base_motor_force(v_w: float, act: Actuation, p: Car) -> float:
 
 
 @njit_inline
-def _base_wrench(b: BodyState, act: Actuation, p: Car, e: Switches) -> Wrench:
+def _base_wrench(b: BodyState, act: Actuation, delta: float, p: Car) -> Wrench:
     """Force and moment on the body of the base model: what `wrench_with_effects` returns with all effects off.
 
     What has no name is added.  Without forty switches to ask for, it takes less than half the time.
     """
-    rest, unnamed = act.rest, e.remainders > 0.0
-    delta = act.delta + rest.turn  # which derivatives by a turn of the wheel ask for, too
     v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     zero, R_1 = 0.0 * b.v_x, p.R_1 + act.brake * p.K_b
@@ -313,8 +311,6 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car, e: Switches) -> Wrench:
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
     sin_d, cos_d = sincos(delta)
     F_x, F_y, M_z = wrench_of_axles(F_l, F_af, F_lr, F_ar, sin_d, cos_d, p)
-    if unnamed:
-        F_x, F_y, M_z = F_x + p.m * rest.f_x, F_y + p.m * rest.f_y, M_z + p.m * rest.arm + p.I_z * rest.alpha
     return Wrench(F_x, F_y, M_z, zero + 1.0, LagState(alpha, F_m, F_mr), v_fx)
 
 
@@ -323,6 +319,18 @@ def replace_remainder(act: Actuation, rest: RemainderAction) -> Actuation:
     """What the actuators give, with what has no name replaced by `rest`."""
     return Actuation(
         act.t, act.T, act.delta, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, rest
+    )  # fmt: skip
+
+
+@njit_inline
+def turn_wheel(act: Actuation, by: float, e: Switches) -> Actuation:
+    """What the actuators give, the steered wheel turned further `by` (rad), whatever effects are on in `e`."""
+    # a car with neither effects nor anything without a name, whose wheel stands as it is steered, asks for no `rest`
+    steered = by if e.any_on_body == 0.0 and e.remainders == 0.0 else 0.0
+    rest = act.rest
+    turned = RemainderAction(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by)
+    return Actuation(
+        act.t, act.T, act.delta + steered, act.delta_rate, act.u_m, act.u_next, act.late, act.brake, turned
     )  # fmt: skip
 
 
@@ -359,7 +367,13 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
     lag is on.
     """
     if e.any_on_body == 0.0:
-        return _base_wrench(b, act, p, e)
+        if e.remainders == 0.0:
+            return _base_wrench(b, act, act.delta, p)
+        w, rest = _base_wrench(b, act, act.delta + act.rest.turn, p), act.rest
+        return Wrench(
+            w.F_x + p.m * rest.f_x, w.F_y + p.m * rest.f_y, w.M_z + p.m * rest.arm + p.I_z * rest.alpha,
+            w.mass_factor, w.steady, w.v_fx,
+        )  # fmt: skip
     grip = tyres.slippery_patch(
         b.p_x, b.p_y, e.slippery_patch__D, e.slippery_patch__x, e.slippery_patch__y, e.slippery_patch__radius
     )

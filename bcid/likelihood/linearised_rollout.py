@@ -15,6 +15,7 @@ from bcid.effects.car import (
     add_remainder,
     inputs_of_remainder,
     is_lagging,
+    turn_wheel,
     varies_with_pose,
 )
 from bcid.effects.constants import Constants
@@ -31,7 +32,6 @@ from bcid.likelihood.lane_rollout import (
 )
 from bcid.likelihood.lane_start import first_actuation, first_lags, known_steps, load_body
 from bcid.likelihood.observe import observe_row, row_reader, row_spans
-from bcid.likelihood.remainder_derivatives import turn_wheel
 from bcid.likelihood.step_derivatives import (
     BODY_STEP,
     LAG,
@@ -117,7 +117,7 @@ def _begin_changes(
     """Lags as the segments in the lanes begin; the changes of the state then are written to `x`, zeros before.
 
     A lagging motor's force then depends a little on what slowed the car before, too.  Of accelerations this is left
-    out: pushes have not begun then, and what has no name does so by 4 % of all that it does at a lag of 0.2 s.
+    out: pushes have not begun then, and of what has no name it is 4 % of all that it does, at a lag of 0.2 s.
     """
     p, fitted, act = car_of_row(cars[0]), N_START + len(widths), first_actuation(lanes, chain)
     for j in range(N_START):
@@ -131,7 +131,7 @@ def _begin_changes(
             moved = first_lags(there, add_remainder(act, there, own, e), past, lanes, chain, own, e, c)
             store_steady(x, j * N_STATE + LAG, moved, lags, BODY_STEP if row == 0 else widths[row - 1])
         if turns > 0:
-            moved = first_lags(b, turn_wheel(here, TURN_STEP), past, lanes, chain, p, e, c)
+            moved = first_lags(b, turn_wheel(here, TURN_STEP, e), past, lanes, chain, p, e, c)
             store_steady(x, (fitted + N_PUSH) * N_STATE + LAG, moved, lags, TURN_STEP)
     return lags
 

@@ -152,10 +152,3 @@ def accelerations_by(rest: RemainderAction, now: Wrench, turned: Wrench, p: Car)
         rest.f_y / now.mass_factor + per_rad * (turned.F_y - now.F_y) / p.m,
         (ratio * rest.arm + rest.alpha) / now.mass_factor + per_rad * (turned.M_z - now.M_z) / p.I_z,
     )
-
-
-@njit_inline
-def turn_wheel(act: Actuation, by: float) -> Actuation:
-    """What the actuators give, the wheel turned further `by` (rad)."""
-    rest = act.rest
-    return replace_remainder(act, RemainderAction(rest.f_x, rest.f_y, rest.arm, rest.alpha, rest.turn + by))

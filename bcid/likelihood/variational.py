@@ -18,6 +18,7 @@ from bcid.effects.car import (
     is_lagging,
     is_pulled_by_place,
     replace_remainder,
+    turn_wheel,
     varies_with_pose,
     wrench_with_effects,
 )
@@ -38,7 +39,6 @@ from bcid.likelihood.remainder_derivatives import (
     accelerations_by,
     differentiate_remainder,
     slope_of_remainder,
-    turn_wheel,
 )
 from bcid.likelihood.step_derivatives import (
     ACCELERATION,
@@ -147,7 +147,7 @@ def _differentiate_rates(
         j, lag, row = (k if k < 4 else 0), (k - 4 if k < 4 + by_lags else -1), k - 3 - by_lags
         turned_now, row = row > R, (row if 0 < row <= R else 0)
         p = car_of_row(cars[row])
-        here = turn_wheel(_move_with_twist(out, act, j, e), TURN_STEP if turned_now else 0.0)
+        here = turn_wheel(_move_with_twist(out, act, j, e), TURN_STEP if turned_now else 0.0, e)
         there = move_component(b, TWIST + j - 1 if j > 0 else -1, BODY_STEP)
         w = wrench_with_effects(there, here, move_lag(lags, lag), p, e, c)
         if turned_now:
