@@ -4,6 +4,7 @@ Delays, servo, steering lag and play need the commands alone and run ahead of th
 Here follow, at the body's speed: linkage, compliance, tyres, motor, drag, floor.
 """
 
+import math
 from typing import NamedTuple
 
 from bcid.aliases import Floats, Switches
@@ -11,7 +12,14 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
-from bcid.effects.remainder import RemainderAction, RemainderInputs, WheelDirections, remainder_inputs, sum_remainder
+from bcid.effects.remainder import (
+    ROLLING_V,
+    RemainderAction,
+    RemainderInputs,
+    WheelDirections,
+    remainder_inputs,
+    sum_remainder,
+)
 from bcid.physics.car import Car, forward_motor_force, motor_force, wrench_of_axles
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
@@ -351,10 +359,10 @@ def inputs_of_remainder(act: Actuation, b: BodyState, p: Car) -> RemainderInputs
 
 @njit_inline
 def wheel_directions(b: BodyState, act: Actuation) -> WheelDirections:
-    """Sines and cosines of the steering angle and of the heading."""
+    """Sines and cosines of the steering angle and of the heading, and which way the car rolls."""
     sin_d, cos_d = sincos(act.delta)
     sin_t, cos_t = sincos(b.theta)
-    return WheelDirections(sin_d, cos_d, sin_t, cos_t)
+    return WheelDirections(sin_d, cos_d, sin_t, cos_t, math.tanh(b.v_x / ROLLING_V))
 
 
 @njit_inline

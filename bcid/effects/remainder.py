@@ -20,14 +20,16 @@ INPUTS = ("v_x", "omega", "v_fx", "alpha_f", "alpha_r", "delta", "delta_rate", "
 """
 
 DIRECTIONS = (
-    "body_x", "front_along", "front_across", "rear_across", "yaw", "world_x", "world_y", "driven_along", "wheel_angle",
+    "body_x", "front_along", "front_across", "rear_across", "yaw", "world_x", "world_y", "driven_along", "rolling",
+    "wheel_angle",
 )  # fmt: skip
-"""In which a function acts: as a force over the mass (m/s^2) along or across the body, a wheel or the floor, as a
-moment over the inertia (rad/s^2), or as a change of the steered wheel's angle (rad)."""
+"""In which a function acts: as a force over the mass (m/s^2) along or across the body, a wheel or the floor, or the way
+that the car rolls, as a moment over the inertia (rad/s^2), or as a change of the steered wheel's angle (rad)."""
 
-BODY_X, FRONT_ALONG, FRONT_ACROSS, REAR_ACROSS, YAW, WORLD_X, WORLD_Y, DRIVEN_ALONG, WHEEL_ANGLE = range(9)
+BODY_X, FRONT_ALONG, FRONT_ACROSS, REAR_ACROSS, YAW, WORLD_X, WORLD_Y, DRIVEN_ALONG, ROLLING, WHEEL_ANGLE = range(10)
 COEFFICIENT, DIRECTION, PHASE, WAVE = 0, 1, 2, 3  # columns of the table of functions; the last and those behind it: k_j
 COLUMNS = WAVE + len(INPUTS)
+ROLLING_V = 0.05  # m/s, well above which a car rolls: where dry friction has its full size
 MOST = 224
 """Functions that the table has room for."""
 
@@ -59,12 +61,13 @@ class RemainderAction(NamedTuple):
 
 
 class WheelDirections(NamedTuple):
-    """Sines and cosines of the steering angle and of the heading."""
+    """Sines and cosines of the steering angle and of the heading, and which way the car rolls."""
 
     sin_d: float
     cos_d: float
     sin_t: float
     cos_t: float
+    roll: float  # tanh(v_x / ROLLING_V): 1 ahead, -1 backwards
 
 
 @njit_inline
@@ -124,6 +127,8 @@ def unit_remainder(direction: float, w: WheelDirections, p: Car) -> RemainderAct
     if direction == DRIVEN_ALONG:
         f = p.front_share
         return RemainderAction(f * w.cos_d + (1.0 - f), f * w.sin_d, f * p.l_f * w.sin_d, zero, zero)
+    if direction == ROLLING:
+        return RemainderAction(w.roll, zero, zero, zero, zero)
     return RemainderAction(zero, zero, zero, zero, one)
 
 

@@ -19,6 +19,8 @@ from bcid.effects.remainder import (
     INPUTS,
     PHASE,
     REAR_ACROSS,
+    ROLLING,
+    ROLLING_V,
     WAVE,
     WHEEL_ANGLE,
     WORLD_X,
@@ -52,18 +54,18 @@ def history_values(functions: Floats, along: Floats, car: Car) -> Floats:
 
 def acting_values(functions: Floats, along: Floats, car: Car) -> Floats:
     """Accelerations and turn of the wheel (S, knots, ACTIONS, K) by a unit of each of K `functions` in each knot."""
-    s, heading = along[:, :, :HEADING], along[:, :, HEADING]
-    values = np.cos(s @ functions[:, WAVE:].T + functions[:, PHASE])
-    units = unit_actions(s[:, :, INPUTS.index("delta")], heading, car)
+    values = np.cos(along[:, :, :HEADING] @ functions[:, WAVE:].T + functions[:, PHASE])
+    units = unit_actions(along, car)
     return np.asarray(values[:, :, None, :] * units[:, :, :, functions[:, DIRECTION].astype(int)])
 
 
-def unit_actions(delta: Floats, heading: Floats, car: Car) -> Floats:
-    """Accelerations of the body and turn of the wheel (S, knots, ACTIONS, 9) by a unit in each of the DIRECTIONS.
+def unit_actions(along: Floats, car: Car) -> Floats:
+    """Accelerations of the body and turn of the wheel (S, knots, ACTIONS, 10) by a unit in each of the DIRECTIONS.
 
-    `delta` and `heading` (S, knots) are in rad.  The compiled car has the same in `unit_remainder`.  Where the car is
-    heavier than its own mass, accelerations are of that: how much less it answers is in the derivatives by them.
+    `along` (S, knots, ALONG) is what the car is at.  The compiled car has the same in `unit_remainder`.  Where the car
+    is heavier than its own mass, accelerations are of that: how much less it answers is in the derivatives by them.
     """
+    delta, heading, v_x = along[:, :, INPUTS.index("delta")], along[:, :, HEADING], along[:, :, INPUTS.index("v_x")]
     cos_d, sin_d, cos_t, sin_t = np.cos(delta), np.sin(delta), np.cos(heading), np.sin(heading)
     ratio, f = car.m / car.I_z, car.front_share  # of an arm in m^2/s^2 to alpha_z
     units = np.zeros((*delta.shape, ACTIONS, WHEEL_ANGLE + 1))
@@ -78,6 +80,7 @@ def unit_actions(delta: Floats, heading: Floats, car: Car) -> Floats:
     units[..., 0, WORLD_Y], units[..., 1, WORLD_Y] = sin_t, cos_t
     units[..., 0, DRIVEN_ALONG], units[..., 1, DRIVEN_ALONG] = f * cos_d + 1.0 - f, f * sin_d
     units[..., 2, DRIVEN_ALONG] = f * ratio * car.l_f * sin_d
+    units[..., 0, ROLLING] = np.tanh(v_x / ROLLING_V)
     units[..., N_PUSH, WHEEL_ANGLE] = 1.0
     return units
 

@@ -19,6 +19,8 @@ from bcid.effects.car import (
 from bcid.effects.remainder import (
     COEFFICIENT,
     DIRECTION,
+    ROLLING,
+    ROLLING_V,
     WAVE,
     WORLD_X,
     WORLD_Y,
@@ -115,6 +117,11 @@ def differentiate_remainder(out: Floats, b: BodyState, act: Actuation, p: Car, e
         rest = add_to_remainder(rest, unit, total.value)
         for i, slope in ((0, total.p_x), (1, total.p_y), (3, v_x), (4, v_y), (5, omega)):
             _put_remainder(out, i, add_to_remainder(slope_of_remainder(out, i), unit, slope))
+        # friction turns round where the car does
+        if direction == ROLLING:
+            steeper = (1.0 - w.roll * w.roll) * total.value / ROLLING_V
+            ahead = RemainderAction(zero + 1.0, zero, zero, zero, zero)
+            _put_remainder(out, 3, add_to_remainder(slope_of_remainder(out, 3), ahead, steeper))
         # what points somewhere in the world turns against the body
         if direction in (WORLD_X, WORLD_Y):
             turned = RemainderAction(unit.f_y, -unit.f_x, zero, zero, zero)

@@ -113,6 +113,9 @@ TERMS: tuple[Term, ...] = (
     *_together("fx", "body_x", "v_x", "omega", *LOW),
     *_together("fx", "body_x", "p_x", "p_y", *MORE),
     *_together("fx", "body_x", "v_x", "t", *MORE),
+    *(t for t in _alone("fx", "rolling", v_x=4, p_x=2, p_y=2, t=3) if t.waves),  # a constant has a name
+    *_together("fx", "rolling", "p_x", "p_y", *LOW),
+    *_together("fx", "rolling", "v_x", "t", *LOW),
     *_alone("fx", "front_along", v_fx=4, delta=6),
     *_together("fx", "front_along", "v_fx", "delta", *MORE, (2, 2), (1, 3), (1, 4), (1, 5), (1, 6)),
     *(t for d in ("world_x", "world_y") for t in _alone("fx", d, p_x=2, p_y=2)),

@@ -20,7 +20,7 @@ from bcid.aliases import Floats
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
-from bcid.likelihood.force_history import HEADING, HISTORY, unit_actions
+from bcid.likelihood.force_history import HISTORY, unit_actions
 from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
@@ -34,11 +34,11 @@ from bcid.physics.car import Car
 
 CHANNEL_OF = {
     "body_x": "fx", "world_x": "fx", "world_y": "fx", "front_across": "fy", "yaw": "mz", "driven_along": "motor",
-    "wheel_angle": "steering",
+    "rolling": "fx", "wheel_angle": "steering",
 }  # fmt: skip
 """Directions in which waves are sought, and their channels."""
 
-OVER_PLACE = ("body_x", "world_x", "world_y", "yaw")
+OVER_PLACE = ("body_x", "rolling", "world_x", "world_y", "yaw")
 """Directions in which waves over the floor are sought."""
 
 FINEST_HZ, FINEST_CYCLES_PER_M = 2.0, 1.2
@@ -118,7 +118,7 @@ def _wave_functions(channel: str, direction: str, waves: dict[str, Floats], k: i
 def _gains_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[str, str, Gains]]:
     """Channel, direction and gains of all waves over time, and over place, that act on the body."""
     s = at.along
-    units = unit_actions(s[:, :, INPUTS.index("delta")], s[:, :, HEADING], car)
+    units = unit_actions(s, car)
     S, knots = s.shape[:2]
     e = (weights[:, None] * slope[:, :HISTORY]).reshape(S, knots, -1)
     H = (weights[:, None, None] * at.carriers[:, :HISTORY, :HISTORY]).reshape(S, knots, -1, knots, e.shape[2])
