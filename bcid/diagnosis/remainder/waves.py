@@ -125,7 +125,9 @@ def _gains_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
     t, place = s[:, :, INPUTS.index("t")], s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
     for direction, channel in CHANNEL_OF.items():
         acts = units[..., DIRECTIONS.index(direction)]
-        field = ForceField(np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True))
+        field = ForceField(
+            np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True)
+        )
         yield channel, direction, _spectrum(field.slope, field.information.sum(axis=0), t, KNOT_S * KNOTS / knots)
         if direction in OVER_PLACE:
             yield channel, direction, _gratings(field, place)
