@@ -57,7 +57,7 @@ class Wave(NamedTuple):
     price: float = 0.0  # of the choice
 
 
-class Field(NamedTuple):
+class ForceField(NamedTuple):
     """Slope and information of what acts in one direction, at L instants of each of S segments, segments weighted."""
 
     slope: Floats  # (S, L)
@@ -125,7 +125,9 @@ def _gains_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
     t, place = s[:, :, INPUTS.index("t")], s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
     for direction, channel in CHANNEL_OF.items():
         acts = units[..., DIRECTIONS.index(direction)]
-        field = Field(np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True))
+        field = ForceField(
+            np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True)
+        )
         yield channel, direction, _spectrum(field.slope, field.information.sum(axis=0), t, KNOT_S * KNOTS / knots)
         if direction in OVER_PLACE:
             yield channel, direction, _gratings(field, place)
@@ -146,7 +148,7 @@ def _spectrum(slope: Floats, information: Floats, t: Floats, step_s: float) -> G
     return Gains.of_sums(np.abs(sums[on]) ** 2, each, g, {"t": omega})
 
 
-def _gratings(field: Field, place: Floats) -> Gains:
+def _gratings(field: ForceField, place: Floats) -> Gains:
     """Gains of waves over the floor, the places being `place` (S, L, 2)."""
     size = np.ptp(place.reshape(-1, 2), axis=0)
     n = np.ceil(FINEST_CYCLES_PER_M * size * 2.0).astype(int)
