@@ -18,6 +18,8 @@ class SearchLimits:
     # Share of what a remainder explains that smooth functions cannot follow: a name must add more, and evidence to
     # first order is no better known.
     remainder_error: float = 0.03
+    # Share of what a name adds which a channel must add beside all names, for copies of laws in it to take its place.
+    needed_share: float = 0.2
     # Nats within which evidence to first order decides nothing.
     near_nats: float = 10.0
     # Names given in one take.  Three at most are concealed in the blind test.

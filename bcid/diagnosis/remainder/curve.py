@@ -19,7 +19,7 @@ from bcid.aliases import Bools, Floats, Ints
 from bcid.diagnosis.limits import SUMMARY_LIMITS
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.fit import Explained
-from bcid.diagnosis.remainder.functions import QUANTITIES
+from bcid.diagnosis.remainder.functions import QUANTITIES, channel_of
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.effects.remainder import BODY_X, COLUMNS, DIRECTION, DIRECTIONS, DRIVEN_ALONG, INPUTS, WAVE, WHEEL_ANGLE, YAW
 from bcid.likelihood.force_history import acting_values
@@ -113,7 +113,7 @@ def _choose_functions(seen: Explained, channel: str) -> _Drawn | None:
     if quantity not in INPUT_OF:
         return None
     functions = basis.functions
-    own = [name.removesuffix("~") == channel for name in basis.channel[: len(functions)]]
+    own = [channel_of(name) == channel for name in basis.channel[: len(functions)]]
     every = np.array([*own, *[False] * len(basis.tracking)])
     main = int(np.argmax(np.where(every, seen.c * seen.quadratic.b, 0.0)))
     if quantity == "time" and basis.channel[main].endswith("~"):

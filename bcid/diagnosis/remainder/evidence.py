@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of
 
 SPREADS = (0.0, *np.geomspace(1e-3, 3.0, 15).tolist())
 """Spreads of a channel that are compared, in m/s^2."""
@@ -113,12 +113,12 @@ def _evidence_by_spread(quadratic: Quadratic, basis: RemainderBasis, spread: Map
 def channel_worths(quadratic: Quadratic, basis: RemainderBasis, spread: Mapping[str, float]) -> dict[str, float]:
     """Nats that each channel's functions add beside those of the others, whose spreads are found again; most first.
 
-    A channel's waves (named with a tilde) count as its own.
+    A channel's waves (~) and constants (=) count as its own.
     """
     whole = quadratic.log_evidence(basis.sd(spread))
     worths = {}
-    for name in {n.removesuffix("~") for n, tau in spread.items() if tau > 0.0}:
-        others = [n for n in basis.channels if n.removesuffix("~") != name]
+    for name in {channel_of(n) for n, tau in spread.items() if tau > 0.0}:
+        others = [n for n in basis.channels if channel_of(n) != name and (spread[n] > 0.0 or not n.endswith("="))]
         without = likeliest_spreads(quadratic, basis, others, spread)
         worths[name] = whole - quadratic.log_evidence(basis.sd(without))
     return dict(sorted(worths.items(), key=lambda item: -item[1]))

@@ -16,7 +16,7 @@ from bcid.aliases import Floats, Ints
 from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
-from bcid.diagnosis.remainder.functions import RemainderBasis, remainder_basis
+from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of, remainder_basis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.likelihood.divergence import none_if_diverged
@@ -65,7 +65,7 @@ class Explained(NamedTuple):
     def depends_on(self, channel: str) -> tuple[str, ...]:
         """The quantities, most important first, on which what the functions of a `channel` explain depends."""
         nats = 0.5 * self.c * self.quadratic.b
-        own = np.array([name.removesuffix("~") == channel for name in self.basis.channel])
+        own = np.array([channel_of(name) == channel for name in self.basis.channel])
         shares = {q: float(nats[own & on].sum()) for q, on in self.basis.quantities().items()}
         least = LOCATE_LIMITS.min_quantity_share * float(nats[own].sum())
         first = sorted((q for q, n in shares.items() if n > max(least, 0.0)), key=lambda q: -shares[q])
@@ -109,22 +109,22 @@ def basis_for(fit: Fit, take: Take) -> RemainderBasis:
 
 
 def fit_with_remainder(
-    fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ...] | None = None, seen: Explained | None = None
+    fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = (), seen: Explained | None = None
 ) -> RemainderFit:  # fmt: skip
     """The `fit` with the remainder of greatest evidence beside it, all refitted together.
 
     Spreads are found to first order, with segments weighted anew as they are explained (`seen`, if that is known
     already); then coefficients and named parameters are refitted, and spreads found again at the refit, until it gains
-    little.  Only functions of the `channels` may be there, if they are given.
+    little.  Copies of laws that have names may be there in the channels `copied`.
     """
-    seen = seen or explain(fit, take, basis, channels or basis.channels)
+    seen = seen or explain(fit, take, basis, copied)
     alone = RemainderFit.without_functions(fit, seen)
     sd, on = seen.basis.sd(seen.spread), needed_functions(seen.quadratic, seen.basis.sd(seen.spread), seen.c)
     if not len(on):
         return alone
     hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
     further = _refit_from(fit, take, hypothesis, seen.c[on] / sd[on])
-    return _refit_until_stable(alone, on, further, take, channels or basis.channels)
+    return _refit_until_stable(alone, on, further, take, copied)
 
 
 def add_beside_remainder(rest: RemainderFit, named: Fit, seen: Explained, take: Take) -> RemainderFit:
@@ -138,18 +138,18 @@ def add_beside_remainder(rest: RemainderFit, named: Fit, seen: Explained, take: 
     values = [named.hypothesis.effect_values(named.phi)[f] for f in named.hypothesis.entries[name].fields]
     hypothesis, phi = rest.fit.hypothesis.add_effect(name, rest.fit.phi, values)
     further = none_if_diverged(refit, take, hypothesis, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS)
-    return _refit_until_stable(alone, rest.on, further, take, rest.basis.channels)._replace(seen=seen)
+    return _refit_until_stable(alone, rest.on, further, take, ())._replace(seen=seen)
 
 
 def _refit_until_stable(
-    best: RemainderFit, on: Ints, further: Fit | None, take: Take, channels: tuple[str, ...]
+    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...]
 ) -> RemainderFit:
     """The fit of greatest evidence, of `best` and of refits from `further` on, which holds the functions `on`.
 
     After each refit spreads are found anew, and functions that are needed.
     """
     basis, named, none = best.basis, best.named.hypothesis, np.zeros(len(best.basis.size))
-    allowed, spread = _with_waves(basis, channels), best.spread
+    allowed, spread = basis.groups(copied), best.spread
     for _ in range(ROUNDS):
         if further is None:
             break
@@ -204,39 +204,33 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
     return None
 
 
-def _with_waves(basis: RemainderBasis, channels: tuple[str, ...]) -> tuple[str, ...]:
-    """The `channels`, and those of waves in them."""
-    return tuple(name for name in basis.channels if name.removesuffix("~") in channels)
-
-
-def explain(fit: Fit, take: Take, basis: RemainderBasis, channels: tuple[str, ...] | None = None) -> Explained:
+def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = ()) -> Explained:
     """What a remainder explains beside a `fit`, to first order: smooth functions, and the waves that are needed.
 
     Segments that the remainder explains gain weight, as in the likelihood.
     """
-    smooth = channels or basis.channels
     at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-    seen = _reweigh(at, Explained.of_nothing(at, basis), smooth, REWEIGHTINGS)
+    seen = _reweigh(at, Explained.of_nothing(at, basis), copied, REWEIGHTINGS)
     for _ in range(MOST_WAVES):
         moved = at.weigh(seen.weights).names_beside(seen.c)
         # what gains less than smooth functions err by is not worth its refits
         least = SEARCH_LIMITS.remainder_error * seen.nats
         wave = find_wave(at, fit.car(), seen.weights, moved, seen.c, least)
-        if wave is None or wave.channel not in smooth:
+        if wave is None:
             break
         basis = add_waves(basis, [wave])
         at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-        seen = _reweigh(at, seen.beside(basis), smooth, 1)
+        seen = _reweigh(at, seen.beside(basis), copied, 1)
     return seen
 
 
-def _reweigh(at: TakeInformation, seen: Explained, smooth: tuple[str, ...], times: int) -> Explained:
+def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], times: int) -> Explained:
     """What a remainder explains, its spreads found and segments weighed anew so many `times`."""
     basis, weights, spread = seen.basis, seen.weights, seen.spread
     for _ in range(times):
         weighed = at.weigh(weights)
         quadratic = weighed.quadratic
-        spread = likeliest_spreads(quadratic, basis, _with_waves(basis, smooth), spread)
+        spread = likeliest_spreads(quadratic, basis, basis.groups(copied), spread)
         c = quadratic.posterior_mean(basis.sd(spread))
         chi2 = at.chi2_beside(weighed.names_beside(c), c)
         weights = (NU + at.terms.numbers) / (NU + chi2)

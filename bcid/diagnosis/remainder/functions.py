@@ -7,7 +7,7 @@ smooth is likelier.  No function is a law of the vocabulary.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +50,11 @@ class Term(NamedTuple):
     waves: Waves
 
 
+def channel_of(group: str) -> str:
+    """The channel of a group of functions: its waves (~) and its constants (=) are its own."""
+    return group.rstrip("~=")
+
+
 class RemainderBasis(NamedTuple):
     """All functions that a remainder may have, with the size to which each is expected to act."""
 
@@ -62,8 +67,12 @@ class RemainderBasis(NamedTuple):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels, each once, in their order."""
+        """The groups of functions with one spread each: channels, their waves (~) and their constants (=)."""
         return tuple(dict.fromkeys(self.channel))
+
+    def groups(self, copied: Iterable[str]) -> tuple[str, ...]:
+        """All groups, of copies of laws that have names those in the channels `copied` only."""
+        return tuple(name for name in self.channels if not name.endswith("=") or channel_of(name) in copied)
 
     def sd(self, spread: Mapping[str, float]) -> Floats:
         """Prior standard deviations (K,) of the coefficients, by the `spread` of each channel."""
@@ -88,8 +97,7 @@ class RemainderBasis(NamedTuple):
 
 
 def _alone(channel: str, direction: str, **most: int) -> Iterator[Term]:
-    """Half waves of single quantities, from one up to so many of each; a constant goes before them."""
-    yield Term(channel, direction, {})
+    """Half waves of single quantities, from one up to so many of each."""
     for name, count in most.items():
         for a in range(1, count + 1):
             yield Term(channel, direction, {name: a})
@@ -107,13 +115,16 @@ def _by_place(channel: str, direction: str, name: str, *waves: tuple[int, int]) 
         yield Term(channel, direction, {name: 1, "p_x": x * a, "p_y": y * b})
 
 
+CHANNELS = ("fx", "fy", "mz", "motor", "steering", "pose", "time")
+"""All channels in which something without a name may act."""
+
 LOW, MORE = ((1, 1),), ((1, 1), (2, 1), (1, 2))
 TERMS: tuple[Term, ...] = (
     *_alone("fx", "body_x", v_x=8, p_x=3, p_y=3, t=4),
     *_together("fx", "body_x", "v_x", "omega", *LOW),
     *_together("fx", "body_x", "p_x", "p_y", *MORE),
     *_together("fx", "body_x", "v_x", "t", *MORE),
-    *(t for t in _alone("fx", "rolling", v_x=4, p_x=2, p_y=2, t=3) if t.waves),  # a constant has a name
+    *_alone("fx", "rolling", v_x=4, p_x=2, p_y=2, t=3),
     *_together("fx", "rolling", "p_x", "p_y", *LOW),
     *_together("fx", "rolling", "v_x", "t", *LOW),
     *_alone("fx", "front_along", v_fx=4, delta=6),
@@ -123,12 +134,13 @@ TERMS: tuple[Term, ...] = (
     *_alone("fy", "front_across", alpha_f=4, v_fx=2, t=2),
     *_together("fy", "front_across", "alpha_f", "v_fx", *LOW),
     *_together("fy", "front_across", "alpha_f", "u_m", *LOW),
-    *(t for t in _alone("fy", "front_across", delta_rate=4) if t.waves),
+    *_alone("fy", "front_across", delta_rate=4),
     *_together("fy", "front_across", "delta_rate", "v_fx", *MORE),
     *_together("fy", "front_across", "alpha_f", "t", *MORE),
     *_by_place("fy", "front_across", "alpha_f", (1, 1), (2, 2), (1, 2), (2, 1)),
     *_alone("fy", "rear_across", alpha_r=3, v_x=2),
     *_together("fy", "rear_across", "alpha_r", "t", *LOW),
+    Term("mz", "yaw", {}),
     *_alone("mz", "yaw", omega=6, delta_rate=2, v_x=2, u_m=2, t=2),
     *_together("mz", "yaw", "omega", "v_x", *LOW),
     *_together("mz", "yaw", "omega", "t", *LOW),
@@ -141,19 +153,32 @@ TERMS: tuple[Term, ...] = (
     *_together("steering", "wheel_angle", "delta", "v_x", *MORE),
     *_together("steering", "wheel_angle", "delta", "t", *LOW),
 )
-"""All functions on the body.  Time and place are among what each may depend on: what changes slowly, or here and there,
+"""Smooth functions on the body.  Time and place are among what each may depend on: what changes slowly, or here and there,
 is physics, too."""
 
 
 SEEN: tuple[Term, ...] = (
-    *(t for d in ("seen_x", "seen_y") for t in _alone("pose", d, p_x=3, p_y=3) if t.waves),
+    *(t for d in ("seen_x", "seen_y") for t in _alone("pose", d, p_x=3, p_y=3)),
     *(t for d in ("seen_x", "seen_y") for t in _together("pose", d, "p_x", "p_y", *LOW)),
-    *(t for d in ("seen_along", "seen_across") for t in _alone("pose", d, t=2) if t.waves),
-    *(t for t in _alone("pose", "seen_yaw", p_x=2, p_y=2, t=2) if t.waves),
-    *(t for t in _alone("time", "seen_late", t=3) if t.waves),
+    *(t for d in ("seen_along", "seen_across") for t in _alone("pose", d, t=2)),
+    *(t for t in _alone("pose", "seen_yaw", p_x=2, p_y=2, t=2)),
+    *(t for t in _alone("time", "seen_late", t=3)),
 )
-"""All functions in the tracking.  Constants are not among them: an offset of the place is the world's, and those of the
-body's point, of its yaw and of the clock have names."""
+"""Smooth functions in the tracking."""
+
+COPIES: tuple[Term, ...] = (
+    Term("fx=", "body_x", {}), Term("fx=", "rolling", {}), Term("fx=", "front_along", {}), Term("fx=", "world_x", {}),
+    Term("fx=", "world_y", {}), Term("fy=", "front_across", {}), Term("fy=", "rear_across", {}),
+    Term("motor=", "driven_along", {}), Term("steering=", "wheel_angle", {}),
+)  # fmt: skip
+"""Constants on the body: copies of laws that have names.  A name is weighed beside its copy only where the channel is
+needed anyway, as else it could never win."""
+
+SEEN_COPIES: tuple[Term, ...] = (
+    Term("pose=", "seen_along", {}), Term("pose=", "seen_across", {}), Term("pose=", "seen_yaw", {}),
+    Term("time=", "seen_late", {}),
+)  # fmt: skip
+"""Constants in the tracking, likewise; an offset of the place is the world's."""
 
 
 def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasis:
@@ -164,12 +189,13 @@ def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasi
     ranges = {name: _range(name, quantities[name]) for name in INPUTS}
     per_turn = car.m * 0.5 * (car.l_f + car.l_r) / car.I_z  # rad/s^2 by a force of 1 m/s^2 at an axle
     size = {"yaw": per_turn, "wheel_angle": TURN_RAD} | dict.fromkeys(TRACKING_DIRECTIONS, SEEN_SIZE)
-    body, tracking = np.zeros((len(TERMS), COLUMNS)), np.zeros((len(SEEN), TRACKING_COLUMNS))
-    body[:, DIRECTION] = [DIRECTIONS.index(t.direction) for t in TERMS]
-    tracking[:, INTO] = [TRACKING_DIRECTIONS.index(t.direction) for t in SEEN]
-    body[:, PHASE], body[:, WAVE:] = _phases_and_waves(TERMS, INPUTS, ranges)
-    tracking[:, SHIFT], tracking[:, FIRST_WAVE:] = _phases_and_waves(SEEN, TRACKING_INPUTS, ranges)
-    every = (*TERMS, *SEEN)
+    on_body, in_tracking = (*TERMS, *COPIES), (*SEEN, *SEEN_COPIES)
+    body, tracking = np.zeros((len(on_body), COLUMNS)), np.zeros((len(in_tracking), TRACKING_COLUMNS))
+    body[:, DIRECTION] = [DIRECTIONS.index(t.direction) for t in on_body]
+    tracking[:, INTO] = [TRACKING_DIRECTIONS.index(t.direction) for t in in_tracking]
+    body[:, PHASE], body[:, WAVE:] = _phases_and_waves(on_body, INPUTS, ranges)
+    tracking[:, SHIFT], tracking[:, FIRST_WAVE:] = _phases_and_waves(in_tracking, TRACKING_INPUTS, ranges)
+    every = (*on_body, *in_tracking)
     sizes = [size.get(t.direction, 1.0) / (1.0 + sum(a * a for a in t.waves.values())) for t in every]
     return RemainderBasis(body, tracking, tuple(t.channel for t in every), np.array(sizes), per_turn)
 

@@ -13,7 +13,7 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.fit import RemainderFit
-from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
 from bcid.effects.table import ENTRIES
@@ -65,7 +65,7 @@ def _score_about(
         amplitude = np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0]
         beside = Quadratic(b[:K] - taken.T @ own_b, H[:K, :K] - H[own, :K].T @ taken)
         own_channel = str(ENTRIES[trial.effect].channel)
-        others = {name: 0.0 if name.removesuffix("~") == own_channel else tau for name, tau in spread.items()}
+        others = {name: 0.0 if channel_of(name) == own_channel else tau for name, tau in spread.items()}
         again = _best_of(beside, basis, [spread, others, dict.fromkeys(spread, 0.0)])
         c = beside.posterior_mean(basis.sd(again))
         amplitude = amplitude - taken @ c

@@ -20,7 +20,7 @@ from bcid.diagnosis.remainder.fit import (
     explain,
     fit_with_remainder,
 )
-from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis
 from bcid.diagnosis.remainder.scores import score_names
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
@@ -150,21 +150,39 @@ class NameSearch:
     def keep_names(self, rest: RemainderFit) -> tuple[RemainderFit, dict[str, float], dict[str, Fit]]:
         """The names that each add more than the gate, the nats of each, the refits without it; the least goes first.
 
-        A name must add more than the share of the remainder, too, that smooth functions cannot follow.
+        A name must add more than the share of the remainder, too, that smooth functions cannot follow.  The remainder
+        beside the names may hold copies of laws that have names.
         """
         while True:
-            without = self._without_each(rest)
-            # what helps only beside a remainder, or only without one, is no name
-            gains = {
-                name: min(rest.log_evidence - less.log_evidence, gain_nats(rest.named, less.named))
-                for name, less in without.items()
-            }
-            required = max(self.gate, SEARCH_LIMITS.remainder_error * rest.nats)
+            without, full = self._without_each(rest), self._with_copies(rest)
+            gains = {name: self._gain(rest, full, less) for name, less in without.items()}
+            required = max(self.gate, SEARCH_LIMITS.remainder_error * full.nats)
             weakest = min(gains, key=lambda n: gains[n], default="")
             if not weakest or gains[weakest] > required:
-                return rest, gains, {name: less.named for name, less in without.items()}
+                return full, gains, {name: less.named for name, less in without.items()}
             self.refused[weakest] = gains[weakest]
             rest = self.beside_remainder(without[weakest].named)
+
+    def _gain(self, rest: RemainderFit, full: RemainderFit, less: WeighedFit) -> float:
+        """Nats by which a name makes the take likelier, by the fit `less` it: the least of three comparisons.
+
+        What helps only beside a remainder, or only without one, is no name.  Where a channel is needed beside all
+        names, the copies of laws in it may take the name's place; elsewhere they may not, as no name could win.
+        """
+        gain = min(rest.log_evidence - less.log_evidence, gain_nats(rest.named, less.named))
+        least = max(self.gate, SEARCH_LIMITS.needed_share * gain)
+        needed = tuple(c for c, nats in full.seen.channel_nats().items() if nats > least) if full.nats > least else ()
+        if gain < self.gate or not needed:
+            return gain
+        beside = fit_with_remainder(less.named, self.take, self.basis, needed)
+        return min(gain, full.log_evidence - max(beside.log_evidence, less.log_evidence))
+
+    def _with_copies(self, rest: RemainderFit) -> RemainderFit:
+        """The fit `rest`, or that with copies of laws that have names in its remainder, if that is likelier."""
+        seen = explain(rest.named, self.take, self.basis, CHANNELS)
+        if not any(tau > 0.0 for name, tau in seen.spread.items() if name.endswith("=")):
+            return rest
+        return _greater(rest, fit_with_remainder(rest.named, self.take, self.basis, CHANNELS, seen))
 
     def _without_each(self, rest: RemainderFit) -> dict[str, WeighedFit]:
         """For each name the refit without it, and its evidence."""
