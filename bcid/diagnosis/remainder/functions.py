@@ -14,7 +14,7 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
-from bcid.likelihood.hypothesis import Remainder
+from bcid.likelihood.hypothesis import RemainderFunctions
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
     INTO,
@@ -80,11 +80,11 @@ class RemainderBasis(NamedTuple):
             out[written] = out[written] | both if written in out else both
         return out
 
-    def choose(self, on: Ints, sd: Floats) -> Remainder:
+    def choose(self, on: Ints, sd: Floats) -> RemainderFunctions:
         """The functions with the indices `on`, with prior standard deviations of `sd` (K,)."""
         B = len(self.functions)
         channel = tuple(self.channel[j] for j in on)
-        return Remainder(self.functions[on[on < B]], self.tracking[on[on >= B] - B], channel, sd[on])
+        return RemainderFunctions(self.functions[on[on < B]], self.tracking[on[on >= B] - B], channel, sd[on])
 
 
 def _alone(channel: str, direction: str, **most: int) -> Iterator[Term]:

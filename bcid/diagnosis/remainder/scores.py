@@ -62,7 +62,7 @@ def score_names(fit: Fit, take: Take, seen: Explained, trials: TrialChanges) -> 
 def _best_of(
     quadratic: Quadratic, basis: RemainderBasis, spreads: Sequence[Mapping[str, float]]
 ) -> Mapping[str, float]:
-    """Of the `spreads` the one of greatest evidence."""
+    """That of the `spreads` with the greatest evidence."""
     return max(spreads, key=lambda s: quadratic.log_evidence(basis.sd(s)))
 
 

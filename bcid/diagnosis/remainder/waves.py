@@ -52,7 +52,7 @@ class Wave(NamedTuple):
     price: float = 0.0  # of the choice
 
 
-class Field(NamedTuple):
+class ForceField(NamedTuple):
     """Slope and information of accelerations in one direction, in each knot of S segments."""
 
     slope: Floats  # (S, knots)
@@ -79,7 +79,7 @@ def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
     place = s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
     for direction, channel in CHANNEL_OF.items():
         acts = units[..., DIRECTIONS.index(direction)]
-        field = Field(
+        field = ForceField(
             np.einsum("skc,skc->sk", e, acts),
             np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True),
         )
@@ -95,7 +95,7 @@ def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
             yield Wave(channel, functions, float(gains[k])), len(gains)
 
 
-def _spectrum(field: Field, t: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
+def _spectrum(field: ForceField, t: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
     """Gains (F,) of waves in time and their wave numbers (rad/s)."""
     omega, sums = _fourier((weights[:, None] * field.slope).ravel(), t.ravel())
     mean = np.tensordot(weights, field.information, axes=1)
@@ -116,7 +116,7 @@ def _fourier(values: Floats, t: Floats) -> tuple[Floats, Floats]:
     return 2.0 * np.pi * hz[on], sums[on]
 
 
-def _gratings(field: Field, place: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
+def _gratings(field: ForceField, place: Floats, weights: Floats) -> tuple[Floats, dict[str, Floats]]:
     """Gains (F,) of waves over the floor, and their wave numbers in x and y (rad/m)."""
     size = np.ptp(place.reshape(-1, 2), axis=0)
     n = np.ceil(FINEST_CYCLES_PER_M * size * 2.0).astype(int)
