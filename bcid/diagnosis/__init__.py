@@ -5,3 +5,4 @@ Every hypothesis is a car with effects, refitted to the recording (`bcid.likelih
 finds the effects that explain it, and `judge` says which of them are named.  `reference_model` is a simulation that a
 recording is compared with, `reference` reads one, `summary` writes a diagnosis as its document, and `limits` holds all
 numbers that decide.
+"""
