@@ -300,7 +300,8 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car) -> Wrench:
 
     Without forty switches to ask for, it takes less than half the time.
     """
-    v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, act.delta)
+    delta = act.delta + act.rest.turn  # which derivatives by a turn of the wheel ask for
+    v_fx, v_fy = wheel_velocity(b.v_x, b.v_y, b.omega, p.l_f, delta)
     v_rx, v_ry = wheel_velocity(b.v_x, b.v_y, b.omega, -p.l_r, 0.0)
     zero, R_1 = 0.0 * b.v_x, p.R_1 + act.brake * p.K_b
     F_m, alpha = _base_motor_force(v_fx, act, p), slip_angle(v_fx, v_fy, p.v_0)
@@ -309,7 +310,7 @@ def _base_wrench(b: BodyState, act: Actuation, p: Car) -> Wrench:
     F_lr = (1.0 - p.front_share) * (F_mr - drag_force(v_rx, R_1, p.R_2))
     F_af = lateral_force(alpha, p.C_f, p.F_f_max)
     F_ar = lateral_force(slip_angle(v_rx, v_ry, p.v_0), p.C_r, p.F_r_max)
-    sin_d, cos_d = sincos(act.delta)
+    sin_d, cos_d = sincos(delta)
     F_x, F_y, M_z = wrench_of_axles(F_l, F_af, F_lr, F_ar, sin_d, cos_d, p)
     return Wrench(F_x, F_y, M_z, zero + 1.0, LagState(alpha, F_m, F_mr), v_fx)
 
