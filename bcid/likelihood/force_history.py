@@ -29,7 +29,7 @@ from bcid.likelihood.linearised_rollout import N_PUSH
 from bcid.likelihood.predict import FINE
 from bcid.physics.car import Car
 
-HEADING, MASS = len(INPUTS), len(INPUTS) + 1  # columns of what the car is at, after INPUTS
+HEADING = len(INPUTS)  # column of what the car is at, after INPUTS
 ACTIONS = N_PUSH + FINE.turns  # a_x, a_y, alpha_z and a turn
 HISTORY = ACTIONS * FINE.knots  # numbers in a segment's history
 
@@ -38,7 +38,7 @@ class ForceHistory(NamedTuple):
     """Derivatives of predicted poses by what acts in each knot, and what the car is at there."""
 
     D: Floats  # (N, 3, HISTORY) knots in a row, ACTIONS of each
-    along: Floats  # (S, knots, ALONG) INPUTS, the heading (rad) and the mass over the car's
+    along: Floats  # (S, knots, ALONG) INPUTS and the heading (rad)
 
 
 def split_history(derivatives: Floats, parameters: int) -> tuple[Floats, Floats]:
@@ -56,15 +56,16 @@ def history_values(functions: Floats, along: Floats, car: Car) -> Floats:
     """What a unit of each of K `functions` (K, COLUMNS) of a remainder does in each knot: (S, HISTORY, K)."""
     s, heading = along[:, :, :HEADING], along[:, :, HEADING]
     values = np.cos(s @ functions[:, WAVE:].T + functions[:, PHASE])
-    units = unit_actions(s[:, :, INPUTS.index("delta")], heading, along[:, :, MASS], car)
+    units = unit_actions(s[:, :, INPUTS.index("delta")], heading, car)
     acted = values[:, :, None, :] * units[:, :, :, functions[:, DIRECTION].astype(int)]
     return np.asarray(acted.reshape(len(along), HISTORY, len(functions)))
 
 
-def unit_actions(delta: Floats, heading: Floats, mass_factor: Floats, car: Car) -> Floats:
+def unit_actions(delta: Floats, heading: Floats, car: Car) -> Floats:
     """Accelerations of the body and turn of the wheel (S, knots, ACTIONS, 9) by a unit in each of the DIRECTIONS.
 
-    `delta` and `heading` (S, knots) are in rad.  The compiled car has the same in `unit_remainder`.
+    `delta` and `heading` (S, knots) are in rad.  The compiled car has the same in `unit_remainder`.  Where the car is
+    heavier than its own mass, accelerations are of that: how much less it answers is in the derivatives by them.
     """
     cos_d, sin_d, cos_t, sin_t = np.cos(delta), np.sin(delta), np.cos(heading), np.sin(heading)
     ratio, f = car.m / car.I_z, car.front_share  # of an arm in m^2/s^2 to alpha_z
@@ -80,7 +81,6 @@ def unit_actions(delta: Floats, heading: Floats, mass_factor: Floats, car: Car) 
     units[..., 0, WORLD_Y], units[..., 1, WORLD_Y] = sin_t, cos_t
     units[..., 0, DRIVEN_ALONG], units[..., 1, DRIVEN_ALONG] = f * cos_d + 1.0 - f, f * sin_d
     units[..., 2, DRIVEN_ALONG] = f * ratio * car.l_f * sin_d
-    units[..., :N_PUSH, :] /= mass_factor[..., None, None]
     units[..., N_PUSH, WHEEL_ANGLE] = 1.0
     return units
 

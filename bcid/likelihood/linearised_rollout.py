@@ -26,7 +26,6 @@ from bcid.likelihood.take import KNOTS, N_START
 from bcid.likelihood.variational import (
     BODY_STEP,
     LAG,
-    MASS_FACTOR,
     N_STATE,
     TWIST,
     allocate_derivatives,
@@ -40,7 +39,7 @@ from bcid.physics.car import Car
 from bcid.physics.elementary import sincos
 
 N_PUSH = 3  # components of a push
-ALONG = len(INPUTS) + 2  # quantities that are told of the middle of each knot: INPUTS, heading, and mass factor
+ALONG = len(INPUTS) + 1  # quantities that are told of the middle of each knot: INPUTS, and the heading
 
 
 class Resolution(NamedTuple):
@@ -94,7 +93,7 @@ def linearise_segments(
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, N_PUSH * LANES * (i // each))
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, turns, e, c)
         if i == (2 * knot + 1) * steps // (2 * knots):
-            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h, e), get(d, MASS_FACTOR), p)
+            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h, e), p)
         step_matrix(matrix, d, chain.h, lagging, pulled, fitted)
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, turned_to):
@@ -112,13 +111,12 @@ def linearise_segments(
 
 
 @njit
-def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, mass_factor: float, p: Car) -> None:
-    """Write what a remainder depends on, heading and mass factor to row `knot` of `along` (knots, ALONG, LANES)."""
+def _store_along(along: Floats, knot: int, b: BodyState, act: Actuation, p: Car) -> None:
+    """Write what a remainder depends on, and the heading, to row `knot` of `along` (knots, ALONG, LANES)."""
     flat, at = along.reshape(along.size), knot * ALONG
     s = inputs_of_remainder(act, b, p)
     for k, value in enumerate((
         s.v_x, s.omega, s.v_fx, s.alpha_f, s.alpha_r, s.delta, s.delta_rate, s.u_m, s.p_x, s.p_y, s.t, b.theta,
-        mass_factor,
     )):  # fmt: skip
         put(flat, at + k, value)
 

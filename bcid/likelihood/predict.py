@@ -63,7 +63,7 @@ def linearise_poses(
     The C columns are by initial states (N_START), by accelerations a_x, a_y, alpha_z of the body in each of the knots
     of the `resolution`, by R parameters, then by turns of the steered wheel in each knot, at initial states and pushes
     in the rows of `start` (S, N_NUISANCE).  What the car is at, (S, knots, ALONG), are the quantities on which a
-    remainder depends, the heading and the mass factor, in the middle of each knot.
+    remainder depends, and the heading, in the middle of each knot.
     `cars` (R + 1, 21) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
     own.
     """

@@ -17,7 +17,7 @@ from bcid.aliases import Floats
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
-from bcid.likelihood.force_history import HEADING, HISTORY, MASS, unit_actions
+from bcid.likelihood.force_history import HEADING, HISTORY, unit_actions
 from bcid.likelihood.predict import FINE
 from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE
 from bcid.likelihood.tracking_functions import (
@@ -71,7 +71,7 @@ def find_wave(at: TakeInformation, car: Car, weights: Floats, moved: Floats, c: 
 def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[Wave, int]]:
     """The best wave of each direction over time, and over place, with the number that were tried."""
     s = at.along
-    units = unit_actions(s[:, :, INPUTS.index("delta")], s[:, :, HEADING], s[:, :, MASS], car)
+    units = unit_actions(s[:, :, INPUTS.index("delta")], s[:, :, HEADING], car)
     S, knots = s.shape[:2]
     e = slope[:, :HISTORY].reshape(S, knots, -1)
     H = at.carriers[:, :HISTORY, :HISTORY].reshape(S, knots, -1, knots, e.shape[2])
