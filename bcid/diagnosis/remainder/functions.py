@@ -120,7 +120,7 @@ TERMS: tuple[Term, ...] = (
     *_alone("fy", "front_across", alpha_f=4, v_fx=2, t=2),
     *_together("fy", "front_across", "alpha_f", "v_fx", *LOW),
     *_together("fy", "front_across", "alpha_f", "u_m", *LOW),
-    *_alone("fy", "front_across", delta_rate=4),
+    *(t for t in _alone("fy", "front_across", delta_rate=4) if t.waves),
     *_together("fy", "front_across", "delta_rate", "v_fx", *MORE),
     *_together("fy", "front_across", "alpha_f", "t", *MORE),
     *_by_place("fy", "front_across", "alpha_f", (1, 1), (2, 2), (1, 2), (2, 1)),
