@@ -68,7 +68,7 @@ def test_derivatives_of_functions_without_a_name(part: Take, on: dict[str, float
     # a kink within a difference is none of these; functions are held over 0.1 s
     each = np.quantile(error, 0.95, axis=(0, 1))
     assert (each < (0.1 if "tyre_relaxation__sigma" in on else 6e-2)).all()
-    assert np.quantile(error, 0.95) < 2e-2
+    assert np.quantile(error, 0.95) < (2.5e-2 if "tyre_relaxation__sigma" in on else 2e-2)
     assert np.median(error.max(axis=(0, 1))) < 5e-2
     # how a lagging slip angle follows a turn of the wheel by place, or by the state that it changes, is left out
     assert np.quantile(error[:, :, :N_NUISANCE], 0.95) < (1e-2 if "tyre_relaxation__sigma" in on else 1e-3)
