@@ -190,7 +190,7 @@ def test_no_tyre_is_beyond_any_tyre() -> None:
 
 @pytest.mark.parametrize("raw", [True, False])
 def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
-    """Three per cent too much in every command: of a raw one it is the gain, and nothing is missing."""
+    """Three per cent too much in every command: of a raw one it is the gain; of an angle it has no name."""
     scaled = null_take._replace(command=null_take.command * [1.0 / 1.03, 1.0, 1.0])
     hypothesis = replace(BASE, raw_commands=raw)
     found = name_effects(fit_base(scaled, hypothesis, SCALES), scaled)
@@ -199,7 +199,9 @@ def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
         assert found.best.effect_estimates()["steering_scale__g"][0] == pytest.approx(0.03, abs=0.003)
     else:
         assert "steering_scale" not in found.best.hypothesis.entries
-        assert found.best.hypothesis.effects
+        assert found.gains == {}
+        assert found.unknown_nats > 500.0
+        assert next(iter(found.rest.seen.channel_nats())) == "steering"
 
 
 def test_the_scales_are_those_of_the_take(null_fit: Fit, null_take: Take) -> None:
