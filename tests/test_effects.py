@@ -15,7 +15,14 @@ import pytest
 from cars import CAR
 
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
-from bcid.effects.actuators import ActuatorChain, actuation_at, actuator_chain, mean_held_command, servo_step
+from bcid.effects.actuators import (
+    NO_REMAINDER,
+    ActuatorChain,
+    actuation_at,
+    actuator_chain,
+    mean_held_command,
+    servo_step,
+)
 from bcid.effects.car import (
     Actuation,
     BodyState,
@@ -32,7 +39,7 @@ from bcid.effects.lags import first_order_lag
 from bcid.effects.listing import describe_effect, effect_json
 from bcid.effects.measurement import to_pose_clock
 from bcid.effects.motion import integrate_body, steady_lags
-from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, effect_switches
+from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, REMAINDER, REMAINDERS, effect_switches
 from bcid.effects.tyres import load_transfer
 from bcid.likelihood import lane_rollout
 from bcid.models.newton_euler import augmented_step
@@ -113,7 +120,7 @@ def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade"]
     assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
-    assert sorted([*fields, ANY_ON_BODY]) == sorted(effect_switches().dtype.names)
+    assert sorted([*fields, ANY_ON_BODY, REMAINDERS, REMAINDER]) == sorted(effect_switches().dtype.names)
     for e in ENTRIES.values():
         assert [getattr(effect_switches(), f) for f in e.fields] == [p.off for p in e.parameters]
 
@@ -136,7 +143,7 @@ def random_body(rng: np.random.Generator) -> tuple[BodyState, Actuation]:
     x, y, theta = rng.uniform(-6, 6, 3)
     v_x, v_y, omega = rng.normal(0, 1, 3)
     return BodyState(x, y, theta, v_x, v_y, omega), Actuation(
-        3.0, 20.0, rng.uniform(-2, 2), rng.uniform(-1, 2), 0.0, 0.0, 0.0
+        3.0, 20.0, rng.uniform(-2, 2), 0.0, rng.uniform(-1, 2), 0.0, 0.0, 0.0, NO_REMAINDER
     )
 
 
@@ -150,6 +157,22 @@ def test_off_is_the_base_model_to_the_last_bit(share: float) -> None:
         expected = base.wrench(b.v_x, b.v_y, b.omega, drive_now.delta, drive_now.u_m, car)
         assert (w.F_x, w.F_y, w.M_z) == expected
         assert w.mass_factor == 1.0
+
+
+@pytest.mark.parametrize("on", [{}, {"yaw_scrub__c": 10.0}], ids=["off", "on"])
+def test_a_wheel_that_turns_without_a_name_is_one_that_was_steered(on: dict[str, float]) -> None:
+    """Beside effects and without any: derivatives by a turn of the wheel are asked for in both."""
+    rng, e = np.random.default_rng(4), effect_switches(on)
+    for _ in range(50):
+        b, now = random_body(rng)
+        turned = now._replace(rest=NO_REMAINDER._replace(turn=0.1))
+        found, expected = (
+            wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), CAR, e, Constants())
+            for act in (turned, now._replace(delta=now.delta + 0.1))
+        )
+        assert found[:3] == pytest.approx(expected[:3], rel=1e-12)
+        assert found.steady == pytest.approx(expected.steady, rel=1e-12)
+        assert found[:3] != wrench_with_effects(b, now, LagState(0.0, 0.0, 0.0), CAR, e, Constants())[:3]
 
 
 @every_moving
@@ -280,7 +303,9 @@ def test_a_force_that_fades_is_the_published_motor_s() -> None:
     e = effect_switches({"motor_fade__k": 4.815, "motor_dead_zone__width": 0.164})
     for throttle, v in itertools.product((0.1, 0.164, 0.2, 0.4, 1.0), (0.0, 0.7, 2.5)):
         expected = (25.358 - 4.815 * v) * max(throttle - 0.164, 0.0)
-        force = motor_force_with_effects(v, Actuation(0.0, 1.0, 0.0, throttle, 0.0, 0.0, 0.0), car, e, Constants())
+        force = motor_force_with_effects(
+            v, Actuation(0.0, 1.0, 0.0, 0.0, throttle, 0.0, 0.0, 0.0, NO_REMAINDER), car, e, Constants()
+        )
         assert force == pytest.approx(expected)
 
 
@@ -503,7 +528,7 @@ def test_a_bent_wheel_is_in_balance(k: float, beside: str) -> None:
 def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
     """a (F_m - F_d) cos(delta_w) is the moment whichever axle is driven (specification)."""
     car = CAR._replace(front_share=front_share)
-    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.0, 1.8, 1.8, 0.0, 0.0)
+    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.0, 0.0, 1.8, 1.8, 0.0, 0.0, NO_REMAINDER)
     nothing, still = LagState(0.0, 0.0, 0.0), Constants()
     plain, offset = (
         wrench_with_effects(b, now, nothing, car, e, still)
@@ -516,7 +541,7 @@ def test_effects_of_the_drive_take_all_of_it(front_share: float) -> None:
 def test_a_driven_rear_axle_pulls_along_the_body() -> None:
     """Wherever the front wheel points."""
     car = CAR._replace(front_share=0.0, R_1=0.0, R_2=0.0)
-    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.7, 1.8, 1.8, 0.0, 0.0)
+    b, now = BodyState(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), Actuation(0.0, 1.0, 0.7, 0.0, 1.8, 1.8, 0.0, 0.0, NO_REMAINDER)
     plain, offset = (
         wrench_with_effects(b, now, LagState(0.0, 0.0, 0.0), car, e, Constants())
         for e in (effect_switches(), effect_switches({"drive_lateral_offset__a": 0.2}))
