@@ -62,6 +62,13 @@ def test_the_true_name_promises_most_beside_a_remainder(name: str, size: float) 
     assert 0.0 < value < 3.0 * size
 
 
+def test_of_two_that_are_missing_each_promises_much_beside_what_the_other_leaves() -> None:
+    """A name takes the place of its own channel's functions, and those of the other channel stay."""
+    _, _, scores = scored(*concealing(yaw_scrub=20.0, rear_rolling_coulomb=20.0))
+    assert set(list(scores)[:2]) == {"yaw_scrub", "rear_rolling_coulomb"}
+    assert list(scores.values())[1] > 2.0 * list(scores.values())[2]
+
+
 def test_no_name_promises_much_where_nothing_is_missing() -> None:
     fit, take = concealing()
     _, _, scores = scored(fit, take)
