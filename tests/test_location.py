@@ -82,8 +82,10 @@ def test_place_and_time_are_told_where_they_are_significant_only(seed: int) -> N
 
 @pytest.mark.parametrize(
     ("channel", "component", "seen_there"),
-    [("fx", 0, True), ("motor", 0, True), ("fy", 1, True), ("fy", 2, True), ("fy", 0, False), ("steering", 2, True), ("mz", 2, True), ("mz", 0, False),
-     ("fx", 2, False), ("pose", 1, True)],
+    [
+        ("fx", 0, True), ("motor", 0, True), ("fy", 1, True), ("fy", 2, True), ("fy", 0, False),
+        ("steering", 2, True), ("mz", 2, True), ("mz", 0, False), ("fx", 2, False), ("pose", 1, True),
+    ],
 )  # fmt: skip
 def test_the_regime_is_that_of_pushes_in_the_channel_s_components(
     channel: str, component: int, seen_there: bool
