@@ -1,61 +1,64 @@
-"""`python tests/measure_naming.py SEED K/N TIERS MOST OUT`: names by `bcid.diagnosis.naming` on blind cases, a row each.
+"""`python tests/measure_naming.py SEED K/N TIERS MOST OUT`: what is named on blind cases, a row of JSON each.
 
 TIERS are separated by commas, of each MOST cases are drawn; process K of N takes every N-th; rows are added to OUT.
 """
 
+from __future__ import annotations
+
 import json
 import sys
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from bcid.proof.blind.cases import draw_suite
-from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
-from bcid.estimate.run import estimate_motion
-from bcid.diagnosis.diagnose import fit_base_model
-from bcid.diagnosis.naming import name_effects
 from threadpoolctl import threadpool_limits
 
-seed = int(sys.argv[1])
-k0, n = map(int, sys.argv[2].split("/"))
-tiers = sys.argv[3].split(",")
-most = int(sys.argv[4])
-out = open(sys.argv[5], "a")
-suite = list(draw_suite(seed, 1, 6, 6, 12))
-rng = np.random.default_rng(seed)
-chosen = []
-for t in tiers:
-    m = [c for c in suite if c.tier == t]
-    idx = rng.permutation(len(m))[:most]
-    chosen += [m[i] for i in idx]
-for i, c in enumerate(chosen):
-    if i % n != k0:
-        continue
-    v = simulated_vehicle()
-    t0 = time.process_time()
-    r = record_drive(c.simulate(), c.rate_hz, v)
-    est = estimate_motion(r, v, TUNING)
-    row = dict(seed=seed, case=c.name, tier=c.tier, answer=c.answer, channel=c.channel, imperfect=c.imperfect)
-    t1 = time.process_time()
-    try:
-        with threadpool_limits(1, "blas"):
-            b = fit_base_model([r], [est], v)
-            t2 = time.process_time()
-            nm = name_effects(b.fit, b.take, c.left_out)
-        row |= dict(
-            names={k: round(x, 1) for k, x in nm.gains.items()},
-            plain={k: round(x, 1) for k, x in nm.plain_gains.items()},
-            dropped=[(a, round(x, 1)) for a, x in nm.dropped],
-            gate=round(nm.nulls.gate, 1),
-            rest=round(nm.rest.nats, 1),
-            worth={k: round(x, 1) for k, x in nm.rest.worth.items()},
-            corr=[x for x in nm.corrected.hypothesis.effects],
-            base_s=round(t2 - t1, 1),
-            naming_s=round(time.process_time() - t2, 1),
-        )
-    except Exception as e:
-        import traceback
+from bcid.diagnosis.diagnose import fit_base_model
+from bcid.diagnosis.search.name_search import name_effects
+from bcid.diagnosis.search.refits import fitted_corrections
+from bcid.estimate.run import estimate_motion
+from bcid.proof.blind.blind_case import BlindCase
+from bcid.proof.blind.cases import draw_suite
+from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
 
-        row["error"] = repr(e)[:300]
-        traceback.print_exc()
-    out.write(json.dumps(row) + "\n")
-    out.flush()
+
+def name_case(case: BlindCase) -> dict[str, Any]:
+    """What the search names on the take of a `case`, and the CPU time (s) of the base model's fit and of the search."""
+    vehicle = simulated_vehicle()
+    recording = record_drive(case.simulate(), case.rate_hz, vehicle)
+    estimate, began = estimate_motion(recording, vehicle, TUNING), time.process_time()
+    with threadpool_limits(1, "blas"):
+        base = fit_base_model([recording], [estimate], vehicle)
+        fitted = time.process_time()
+        naming = name_effects(base.fit, base.take, case.left_out)
+    return {
+        "names": {name: round(nats, 1) for name, nats in naming.gains.items()},
+        "dropped": {name: round(nats, 1) for name, nats in naming.dropped.items()},
+        "gate": round(naming.nulls.gate, 1), "before": round(naming.before.nats, 1), "rest": round(naming.rest.nats, 1),
+        "channels": {channel: round(nats, 1) for channel, nats in naming.rest.seen.channel_nats().items()},
+        "corrections": list(fitted_corrections(naming.best)),
+        "base_s": round(fitted - began, 1), "naming_s": round(time.process_time() - fitted, 1),
+    }  # fmt: skip
+
+
+def main(seed: int, share: str, tiers: str, most: int, out: Path) -> None:
+    """Name what this process's share of the cases conceals, and add a row of each to `out`."""
+    mine, processes = map(int, share.split("/"))
+    suite, rng = list(draw_suite(seed, 1, 6, 6, 12)), np.random.default_rng(seed)
+    chosen = list[Any]()
+    for tier in tiers.split(","):
+        cases = [c for c in suite if c.tier == tier]
+        chosen += [cases[i] for i in rng.permutation(len(cases))[:most]]
+    for case in chosen[mine::processes]:
+        row = {"seed": seed, "case": case.name, "tier": case.tier, "answer": case.answer, "channel": case.channel}
+        try:
+            row |= name_case(case)
+        except Exception as error:  # a case that fails is a row, too
+            row["error"] = repr(error)[:300]
+        with out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), *sys.argv[2:4], int(sys.argv[4]), Path(sys.argv[5]))

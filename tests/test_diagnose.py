@@ -10,18 +10,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cars import CAR
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
 from bcid.diagnosis import diagnose
-from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
-from bcid.diagnosis.locate.regression import DisturbanceRegression
+from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
+from bcid.diagnosis.limits import JUDGE_LIMITS
+from bcid.diagnosis.reference_model import ReferenceModel
+from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis
+from bcid.effects.constants import Constants
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.likelihood.take import cut_segments, drop_contacts
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
 from bcid.models.saving import load_model
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.read import read_recording
@@ -50,40 +55,63 @@ def verdict_on(
     return diagnose_recordings([recording], [estimate], vehicle, excluded=left_out)
 
 
+def diagnosis(
+    remainder: float = 0.0, place: float = 1.0, window: float = 1.0, corrected: tuple[int, float] = (0, 0.0)
+) -> Diagnosis:
+    """A diagnosis of which only the evidence against nothing missing is known; `corrected`: parameters, and nats."""
+    base: Any = SimpleNamespace(hypothesis=SimpleNamespace(effect_parameters=()), log_likelihood=100.0)
+    free, nats = corrected
+    better: Any = SimpleNamespace(
+        hypothesis=SimpleNamespace(effect_parameters=(None,) * free), log_likelihood=100.0 + nats
+    )
+    naming: Any = SimpleNamespace(base=base, corrected=better, before=SimpleNamespace(nats=remainder))
+    location: Any = SimpleNamespace(place_p_value=place, window_p_value=window)
+    nothing: Any = None
+    return Diagnosis(nothing, (), naming, nothing, location, nothing, nothing, ())
+
+
 @pytest.mark.parametrize(
-    ("trusted", "bent", "fails", "passes"),
+    ("known", "p"),
     [
-        (False, [False], False, ["at rest"]),  # what was found explains all
-        (False, [True], False, ["at rest", "under pushes"]),
-        (False, [], True, ["at rest", "under pushes"]),  # no tangent follows
-        (True, [True], False, ["under pushes"]),
-        (True, [False, False], False, ["at rest"]),
+        ({}, 1.0),
+        ({"remainder": 3.0}, 4.0 * np.exp(-3.0)),  # by chance in one take of e^3 at most, and one of four looks
+        ({"remainder": -5.0}, 1.0),
+        ({"place": 0.002}, 0.008),
+        ({"window": 0.01, "place": 0.5, "remainder": 1.0}, 0.04),
+        ({"corrected": (2, 6.0)}, 4.0 * np.exp(-6.0)),  # a chi-square of two degrees of freedom
+        ({"corrected": (0, 0.0), "place": 0.9}, 1.0),
+        ({"remainder": 500.0}, 4.0 * JUDGE_LIMITS.min_p_value),
     ],
 )
-def test_pushes_are_for_what_is_bent_beside_the_best(
-    trusted: bool, bent: list[bool], fails: bool, passes: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def of_take(of: Any, progress: Any, left_out: tuple[str, ...], dropped: tuple[str, ...] = ()) -> Any:
-        done.append("under pushes" if of.take.pushed else "at rest")
-        out.append((*left_out, *dropped))
-        if fails and not of.take.pushed:
-            raise PredictionDiverged
-        search = SimpleNamespace(proxies=("pose_latency",), at_bounds=("mass_change",))
-        return SimpleNamespace(judgement=SimpleNamespace(fit=None, search=search), take=of.take)
+def test_the_p_value_of_nothing_missing_is_the_least_of_four(known: dict[str, Any], p: float) -> None:
+    assert diagnosis(**known).p_value == pytest.approx(p)
 
-    fit = SimpleNamespace(hypothesis=SimpleNamespace(trusted_simulation=(1.0,) if trusted else None))
-    base = diagnose.BaseFit(SimpleNamespace(pushed=False), (), fit, None)  # type: ignore[arg-type]
-    done, out, answers = list[str](), list[tuple[str, ...]](), list(bent)
-    monkeypatch.setattr(diagnose, "fit_base_model", lambda *_: base)
-    monkeypatch.setattr(diagnose.prepare, "refit_base_with_pushes", lambda *_: (SimpleNamespace(pushed=True), fit))
-    monkeypatch.setattr(diagnose, "_diagnose_take", of_take)
-    monkeypatch.setattr(diagnose.prepare, "needs_pushes", lambda *_: answers.pop(0))
+
+@pytest.mark.parametrize("kind", ["none", "trusted", "given", "diverges"])
+def test_a_reference_is_evaluated_as_given_where_it_is_not_trusted(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its own parameters and effects, and nothing refitted."""
+    h = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", "steering_scale"), raw_commands=True)
+    h = h.with_effects()
+    asked = list[np.ndarray]()
+
+    def held(take: Any, hypothesis: Hypothesis, phi: np.ndarray, scales: Any) -> str:
+        asked.append(phi)
+        if kind == "diverges":
+            raise PredictionDiverged
+        return "held"
+
+    monkeypatch.setattr(diagnose, "evaluate_fixed", held)
+    car = CAR._replace(K_t=1.1 * CAR.K_t)
+    reference = ReferenceModel(car, {"motor_lag__tau": 0.06}, 0.02 if kind == "trusted" else None)
+    fit: Any = SimpleNamespace(hypothesis=h, scales=None)
     nothing: Any = None
-    assert diagnose_recordings([], [], nothing, excluded=("motor_lag",)).take.pushed is (passes[-1] == "under pushes")
-    assert done == passes
-    dropped = ("pose_latency",) if len(passes) == 2 and not fails else ()  # pushes would hide that it stands in
-    assert out[-1] == ("motor_lag", *dropped)
-    assert not answers
+    of = BaseFit(nothing, (), fit, nothing, None if kind == "none" else reference)
+    assert of.evaluate_reference() == ("held" if kind == "given" else None)
+    if kind == "given":
+        assert h.car(asked[0]).K_t == pytest.approx(1.1 * CAR.K_t)
+        assert h.effect_values(asked[0]) == pytest.approx({"motor_lag__tau": 0.06, "steering_scale__g": 0.0})
+    else:
+        assert len(asked) == (kind == "diverges")
 
 
 @pytest.mark.slow
@@ -92,6 +120,14 @@ def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path, vehicle: Vehi
     assert found.judgement.verdict == "nothing-found"
     assert found.judgement.findings == ()
     assert found.p_value > 0.01
+    told = summarise_diagnosis(found)
+    assert (told.unknown, told.findings, told.rivals) == (None, (), ())
+    assert told.unexplained is not None
+    assert told.unexplained.gain_nats == 0.0
+    assert not told.mismatch.detected
+    columns = knot_columns(found)
+    assert columns.shape == (KNOTS * found.take.segments, len(KNOT_UNITS))
+    np.testing.assert_array_equal(columns[:, -3:], columns[:, -6:-3])  # nothing named: before is after
 
 
 @pytest.mark.slow
@@ -104,23 +140,31 @@ def test_an_effect_is_named_with_its_value(tmp_path: Path, vehicle: Vehicle, tun
     assert value == pytest.approx(14.0, abs=4.0 * se)
     assert finding.held_out.ci95[0] > 0.0
     assert finding.probability > 0.9
-    assert found.location.remaining.channel == "mz"
+    assert found.location.channel == "mz"
+    assert found.location.depends_on == ("yaw_rate",)
+    assert found.p_value == pytest.approx(4.0 * JUDGE_LIMITS.min_p_value)
 
 
 @pytest.mark.slow
 def test_what_is_not_in_the_vocabulary_is_unknown_with_its_channel(
     tmp_path: Path, vehicle: Vehicle, tuning: Tuning
 ) -> None:
-    along = tuple(n for n, e in EFFECTS.items() if e.channel == "fx")
+    along = tuple(n for n, e in EFFECTS.items() if e.channel in ("fx", "any", "motor"))
     found = verdict_on(tmp_path, vehicle, tuning, Plant(**ROUGH, rear_rolling_viscous=25.0), along)
-    left: DisturbanceRegression = found.judgement.unexplained.regression
     assert found.judgement.verdict == "unknown"
     assert found.judgement.findings == ()
-    assert left.predictable
-    assert found.judgement.unexplained.channel == "fx"
-    assert "v_x" in left.depends_on
-    assert left.form is not None
-    assert "v_x" in left.form
+    assert found.judgement.unknown is not None
+    assert found.judgement.unknown.ci95[0] > 0.0
+    told = summarise_diagnosis(found)
+    assert told.unknown is not None
+    assert told.unknown.channel == "fx"
+    assert "v_x" in told.unknown.depends_on
+    assert told.unknown.gain_nats == pytest.approx(found.naming.unknown_nats)
+    assert told.unexplained is not None
+    assert next(iter(told.unexplained.channel_nats)) == "fx"
+    assert told.where.channel == "fx"
+    assert told.located is not None
+    assert told.located.channel == "fx"
 
 
 @pytest.mark.slow

@@ -311,11 +311,24 @@ def test_unknown_says_channel_dependence_and_form() -> None:
     assert "tyre fall" in verdict_sentence(unknown()[0] | {"unknown": None})
 
 
-def test_unknown_says_where_pushes_lie() -> None:
+def test_unknown_without_a_form_says_how_much_free_functions_explain() -> None:
     d = unknown()[0]
-    d["unknown"] |= {"channel": "fx", "depends_on": [], "form": None, "direction": "along the front wheel"}
+    d["unknown"] |= {"channel": "fx", "depends_on": [], "form": None, "gain_nats": 73.4}
     said = verdict_sentence(d)
-    assert "it acts on the forward force (fx); the pushes lie along the front wheel" in said, said
+    assert "it acts on the forward force (fx); free functions explain it by 73 nats" in said, said
+    d["unknown"] |= {"channel": None, "gain_nats": None}
+    assert verdict_sentence(d).endswith("its channel is not clear.")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_page_shows_what_is_known_of_what_has_no_name_and_no_more(tmp_path: Path) -> None:
+    d, knots, tracks = unknown()
+    d["unknown"] |= {"form": None, "heldout_gain": None, "gain_nats": 73.4}
+    shown, _ = page((d, knots, tracks), tmp_path)
+    assert "73.4 nats likelier" in shown
+    assert "Still predictable" not in shown
+    assert "<dt>Form</dt>" not in shown
+    assert "<dt>Form</dt>" in page(unknown(), tmp_path)[0]
 
 
 def test_nothing_found_says_so() -> None:

@@ -15,7 +15,14 @@ import pytest
 from cars import CAR
 
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
-from bcid.effects.actuators import ActuatorChain, actuation_at, actuator_chain, mean_held_command, servo_step
+from bcid.effects.actuators import (
+    NO_REMAINDER,
+    ActuatorChain,
+    actuation_at,
+    actuator_chain,
+    mean_held_command,
+    servo_step,
+)
 from bcid.effects.car import (
     Actuation,
     BodyState,
@@ -154,6 +161,22 @@ def test_off_is_the_base_model_to_the_last_bit(share: float) -> None:
         expected = base.wrench(b.v_x, b.v_y, b.omega, drive_now.delta, drive_now.u_m, car)
         assert (w.F_x, w.F_y, w.M_z) == expected
         assert w.mass_factor == 1.0
+
+
+@pytest.mark.parametrize("on", [{}, {"yaw_scrub__c": 10.0}], ids=["off", "on"])
+def test_a_wheel_that_turns_without_a_name_is_one_that_was_steered(on: dict[str, float]) -> None:
+    """Beside effects and without any: derivatives by a turn of the wheel are asked for in both."""
+    rng, e = np.random.default_rng(4), effect_switches(on)
+    for _ in range(50):
+        b, now = random_body(rng)
+        turned = now._replace(rest=NO_REMAINDER._replace(turn=0.1))
+        found, expected = (
+            wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), CAR, e, Constants())
+            for act in (turned, now._replace(delta=now.delta + 0.1))
+        )
+        assert found[:3] == pytest.approx(expected[:3], rel=1e-12)
+        assert found.steady == pytest.approx(expected.steady, rel=1e-12)
+        assert found[:3] != wrench_with_effects(b, now, LagState(0.0, 0.0, 0.0), CAR, e, Constants())[:3]
 
 
 @every_moving

@@ -203,7 +203,7 @@ def test_rows_outlive_what_is_concealed_and_how_it_is_scored() -> None:
     reached = import_closure(run_cases.ROW_MODULES)
     own = {name for name in reached if name.startswith("bcid.proof.")}
     assert own == {"bcid.proof.blind", "bcid.proof.blind.diagnose_case", "bcid.proof.rows"}
-    assert {"bcid.simulation.dynamics", "bcid.diagnosis.search.forward_backward", "bcid.effects.car"} <= reached
+    assert {"bcid.simulation.dynamics", "bcid.diagnosis.search.name_search", "bcid.effects.car"} <= reached
     others = import_closure(("bcid.proof.blind.baselines",))
     assert not others & {"bcid.proof.limits", "bcid.proof.scores.tiers"}
     reached = import_closure(run_questions.ROW_MODULES)
@@ -473,7 +473,7 @@ THE_SIMULATION = ("bcid.simulation.drive", "bcid.simulation.dynamics", "bcid.sim
 @pytest.mark.parametrize(
     ("roots", "among", "never"),
     [
-        (EXPLAINING, "bcid.diagnosis.search.forward_backward", ("bcid.proof", "bcid.simulation")),
+        (EXPLAINING, "bcid.diagnosis.search.name_search", ("bcid.proof", "bcid.simulation")),
         (THE_SIMULATION, "bcid.simulation.car", ("bcid.proof", "bcid.diagnosis", "bcid.likelihood", "bcid.effects",
                                                  "bcid.models", "bcid.physics", "bcid.estimate")),
     ],

@@ -439,7 +439,7 @@ def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest
     found = Hypothesis((), CAR, 2.012, Constants()).with_effects("steering_backlash", "yaw_scrub")
     phi = found.phi_of(CAR._replace(K_t=300.0), [0.02, 3.0])
     best = SimpleNamespace(hypothesis=found, phi=phi, start=None, scales=None, car=lambda: found.car(phi))
-    unedited: Any = SimpleNamespace(search=SimpleNamespace(best=best), take=None)
+    unedited: Any = SimpleNamespace(fit=best, take=None)
     asked = list[tuple[Hypothesis, np.ndarray]]()
 
     def refit(take: Any, more: Hypothesis, start: np.ndarray, *_: Any) -> Any:
@@ -478,7 +478,7 @@ def test_a_drive_is_asked_freely_and_then_as_an_edited_one(
         holding = of.with_effects("steering_backlash", *(["yaw_scrub"] if simulation else []))
         phi = holding.phi_of(CAR, [0.02, 3.0][: len(holding.effects)])
         best = SimpleNamespace(hypothesis=holding, phi=phi, car=lambda: CAR)
-        return SimpleNamespace(search=SimpleNamespace(best=best))
+        return SimpleNamespace(fit=best)
 
     def before(effect: str, _: Any) -> dict[str, tuple[float, float]]:
         if effect == "pose_scale":

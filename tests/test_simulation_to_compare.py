@@ -64,7 +64,7 @@ def test_only_what_the_simulator_lacks_is_named(tmp_path: Path, vehicle: Vehicle
     assert against.effects["yaw_scrub__c"] == pytest.approx(16.0, rel=0.1)
     found = diagnose_recordings([real[0]], [real[1]], vehicle, against)
     assert [f.effect for f in found.judgement.findings] == ["rear_rolling_coulomb"]
-    assert found.judgement.fit.effect_estimates()["yaw_scrub__c"][0] == pytest.approx(16.0, rel=0.1)
+    assert found.fit.effect_estimates()["yaw_scrub__c"][0] == pytest.approx(16.0, rel=0.1)
 
 
 @pytest.mark.proof
@@ -198,7 +198,7 @@ def test_what_has_gone_as_far_as_it_is_trusted_is_told() -> None:
     phi[K_t], phi[scrub] = low[K_t], high[scrub]
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
-    found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
+    found: Any = SimpleNamespace(fit=fit)
     rows = {row.symbol: row for row in summary._base_parameters(found)}
     assert [s for s, row in rows.items() if row.at_bound] == ["K_t", "yaw_scrub.c"]
     assert list(rows)[-2:] == ["motor_lag.tau", "yaw_scrub.c"]
@@ -213,7 +213,7 @@ def test_the_gain_of_raw_commands_is_told_once(assumed: tuple[str, ...]) -> None
     phi = held.phi_of(CAR, [0.03])
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
-    found: Any = SimpleNamespace(judgement=SimpleNamespace(fit=fit))
+    found: Any = SimpleNamespace(fit=fit)
     in_base = [row.symbol for row in summary._base_parameters(found) if row.symbol == "steering_scale.g"]
     assert in_base == ["steering_scale.g"] * len(assumed)
     assert fitted_corrections(fit) == (() if assumed else ("steering_scale",))

@@ -1,4 +1,4 @@
-"""From fits to findings: probabilities, twins, gates; and how values are told."""
+"""From fits to findings: verdicts, probabilities and twins of names; and how values are told."""
 
 from __future__ import annotations
 
@@ -7,101 +7,210 @@ from typing import Any
 
 import numpy as np
 import pytest
+from concealed import concealing
 
 from bcid.diagnosis.judge import verdict
 from bcid.diagnosis.judge.held_out import HeldOutGain
-from bcid.diagnosis.judge.verdict import Finding, _finding_probability, _indistinguishable_effects, _passes_gates
+from bcid.diagnosis.judge.verdict import are_indistinguishable, judge_names
+from bcid.diagnosis.limits import JUDGE_LIMITS
+from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
 from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.likelihood.score_test import null_quantile
 
 SEGMENTS = 80
 TAKE: Any = SimpleNamespace(T=120.0)
+GAINED = HeldOutGain(90.0, (40.0, 140.0))
 
 
-def fit(penalised_log_likelihood: float, *effects: str, per_segment: float = 0.0) -> Any:
+def fit(penalised_log_likelihood: float, *effects: str, per_segment: Any = 0.0) -> Any:
     hypothesis = SimpleNamespace(effects=effects, entries=ENTRIES, assumed=())
     return SimpleNamespace(
-        hypothesis=hypothesis,
-        penalised_log_likelihood=penalised_log_likelihood,
-        per_segment=np.full(SEGMENTS, per_segment),
-    )
+        hypothesis=hypothesis, penalised_log_likelihood=penalised_log_likelihood, log_prior=0.0,
+        per_segment=np.broadcast_to(per_segment, SEGMENTS),
+    )  # fmt: skip
 
 
-def search(best: Any, without: dict[str, Any], *others: Any, placebo: float = 2.0) -> Any:
-    chance = NullGains(0.001, 14.0, 12.0, [CandidateEffect("rear_toe", [0.01], placebo)])
-    return SimpleNamespace(best=best, leave_one_out=without, rivals=others, nulls=chance, corrected=fit(0.0))
+def naming(best: Any, gains: dict[str, float], *rivals: Any, unknown: float = 0.0, corrected: bool = False) -> Any:
+    """What a search has found, of the nats that each name gains, beside a remainder of so many."""
+    base = fit(0.0)
+    without = {name: fit(best.penalised_log_likelihood - nats) for name, nats in gains.items()}
+    rest = SimpleNamespace(named=best, fit=fit(0.0, "with a remainder") if unknown else best, nats=unknown)
+    nulls = NullGains(0.001, 14.0, 12.0, [CandidateEffect("rear_toe", [0.01], 2.0)])
+    return Naming(base, fit(5.0, "tyre_fall") if corrected else base, rest, rest, gains, without, rivals, {}, nulls)
 
 
-def test_a_second_effect_is_as_probable_as_its_own_gain_makes_it() -> None:
-    """A strong first effect lends nothing to a weak second one."""
-    best = fit(1000.0, "yaw_scrub", "rear_toe")
-    found = search(best, {"yaw_scrub": fit(20.0, "rear_toe"), "rear_toe": fit(999.0, "yaw_scrub")})
-    assert _finding_probability(found, "yaw_scrub") > 0.99
-    assert _finding_probability(found, "rear_toe") < 0.63
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The judgement of a naming, without a take."""
+    monkeypatch.setattr(verdict, "held_out_log_likelihoods", lambda fit, take: fit)
+    monkeypatch.setattr(verdict, "bootstrap_gain", lambda better, worse, take, prior=0.0: GAINED)
+    monkeypatch.setattr(verdict.refits, "estimates_by_symbol", lambda fit, name: {"of": (len(name), 0.1)})
+    return lambda found: judge_names(found, TAKE)
 
 
-def test_a_rival_that_explains_as_much_halves_the_probability_and_is_a_twin() -> None:
-    best, other = fit(1000.0, "yaw_scrub"), fit(999.9, "quadratic_drag")
-    found = search(best, {"yaw_scrub": fit(0.0)}, other)
-    assert _indistinguishable_effects(best, found, TAKE, "yaw_scrub") == ("quadratic_drag",)
-    assert _finding_probability(found, "yaw_scrub") == pytest.approx(0.5, abs=0.03)
-    behind = fit(900.0, "quadratic_drag", per_segment=-100.0 / SEGMENTS)
-    assert _indistinguishable_effects(best, search(best, {}, behind), TAKE, "yaw_scrub") == ()
+# --- verdicts ------------------------------------------------------------------------------------------------------
+
+
+def test_names_that_nothing_equals_are_named_by_what_each_gains(judged: Any) -> None:
+    said = judged(naming(fit(300.0, "yaw_scrub", "motor_sag"), {"yaw_scrub": 90.0, "motor_sag": 150.0}))
+    assert said.verdict == "named"
+    assert [(f.effect, f.gain_nats) for f in said.findings] == [("motor_sag", 150.0), ("yaw_scrub", 90.0)]
+    assert all(f.held_out == GAINED for f in said.findings)
+    assert said.findings[0].values == {"of": (len("motor_sag"), 0.1)}
+    assert said.unknown is said.corrections is None
+
+
+def test_a_name_with_a_rival_as_good_is_ambiguous(judged: Any) -> None:
+    best = fit(300.0, "yaw_scrub", "motor_sag")
+    twin = fit(299.0, "motor_sag", "yaw_coulomb")
+    said = judged(naming(best, {"yaw_scrub": 90.0, "motor_sag": 150.0}, twin))
+    assert said.verdict == "ambiguous"
+    assert {f.effect: f.twins for f in said.findings} == {"motor_sag": (), "yaw_scrub": ("yaw_coulomb",)}
 
 
 @pytest.mark.parametrize(
-    ("effect", "value", "gain", "heldout", "passes"),
+    ("unknown", "corrected", "expected"),
+    [(0.0, False, "nothing-found"), (60.0, False, "unknown"), (0.0, True, "unknown"), (60.0, True, "unknown"),
+     (13.0, False, "nothing-found")],
+)  # fmt: skip
+def test_what_has_no_name_is_unknown_only_beyond_chance(
+    unknown: float, corrected: bool, expected: str, judged: Any
+) -> None:
+    """A remainder that adds more than the gate, or a base model whose own simplifications had to be put right."""
+    found = naming(fit(0.0), {}, unknown=unknown, corrected=corrected)
+    said = judged(found)
+    assert said.verdict == expected
+    assert said.findings == ()
+    assert (said.unknown is not None) is (unknown > found.nulls.gate)
+    assert (said.corrections is not None) is corrected
+
+
+def test_beside_names_what_is_left_is_told_and_changes_no_verdict(judged: Any) -> None:
+    said = judged(naming(fit(300.0, "yaw_scrub"), {"yaw_scrub": 90.0}, unknown=500.0))
+    assert said.verdict == "named"
+    assert said.unknown == GAINED
+
+
+# --- probabilities -------------------------------------------------------------------------------------------------
+
+
+def test_a_second_effect_is_as_probable_as_its_own_gain_makes_it(judged: Any) -> None:
+    """A strong first effect lends nothing to a weak second one."""
+    strong, weak = judged(naming(fit(1000.0, "yaw_scrub", "rear_toe"), {"yaw_scrub": 980.0, "rear_toe": 1.0})).findings
+    assert strong.probability > 0.99
+    assert weak.probability == pytest.approx(1.0 / (1.0 + np.exp(-1.0 / JUDGE_LIMITS.probability_temper)))
+
+
+def test_a_rival_that_explains_as_much_halves_the_probability(judged: Any) -> None:
+    best, other = fit(1000.0, "yaw_scrub"), fit(999.9, "quadratic_drag")
+    (finding,) = judged(naming(best, {"yaw_scrub": 1000.0}, other)).findings
+    assert finding.twins == ("quadratic_drag",)
+    assert finding.probability == pytest.approx(0.5, abs=0.03)
+    better = fit(1004.0, "quadratic_drag")  # which search would have taken: no name is likelier than even
+    assert judged(naming(best, {"yaw_scrub": 1000.0}, better)).findings[0].probability == pytest.approx(0.5)
+
+
+def test_every_rival_counts_and_only_those_of_the_name(judged: Any) -> None:
+    """exp(-nats / T) each, as much as nothing in its place; a rival of the other name says nothing of this one."""
+    T, best = JUDGE_LIMITS.probability_temper, fit(1000.0, "yaw_scrub", "rear_toe")
+    rivals = fit(994.0, "quadratic_drag", "rear_toe"), fit(996.0, "motor_sag", "rear_toe"), fit(999.0, "yaw_scrub", "x")
+    probabilities = {f.effect: f.probability for f in judged(
+        naming(best, {"yaw_scrub": 8.0, "rear_toe": 50.0}, *rivals)).findings}  # fmt: skip
+    expected = 1.0 / (1.0 + np.exp(-6.0 / T) + np.exp(-4.0 / T) + np.exp(-8.0 / T))
+    assert probabilities["yaw_scrub"] == pytest.approx(expected)
+    assert probabilities["rear_toe"] > 0.99
+
+
+# --- twins ---------------------------------------------------------------------------------------------------------
+
+
+def scattered(mean: float, sd: float) -> Any:
+    """Differences of segments (S,) with just this mean, which scatter so from one to the next."""
+    each = np.random.default_rng(1).standard_normal(SEGMENTS)
+    return mean + sd * (each - each.mean()) / each.std()
+
+
+@pytest.mark.parametrize(
+    ("behind", "mean", "sd", "alike"),
     [
-        ("yaw_scrub", 13.0, 100.0, (90.0, (40.0, 140.0)), True),
-        ("yaw_scrub", 13.0, 100.0, (30.0, (-10.0, 70.0)), False),  # not sure on blocks not seen
-        ("yaw_scrub", 13.0, 13.0, (90.0, (40.0, 140.0)), False),  # no more than chance
-        ("yaw_scrub", 0.1, 100.0, (90.0, (40.0, 140.0)), False),  # matters to no prediction
-        ("rough_patch", 30.0, 100.0, (30.0, (-10.0, 70.0)), True),  # local: no block but one gains
-        ("rough_patch", 30.0, 100.0, (11.0, (5.0, 20.0)), False),
+        (3.9, 3.9 / SEGMENTS, 0.0, True),  # 55 : 1 is not enough, however it came about
+        (4.1, 4.1 / SEGMENTS, 0.0, False),
+        (15.0, 15.0 / SEGMENTS, 2.0, True),  # far less than it scatters
+        (15.0, 15.0 / SEGMENTS, 0.1, False),
+        (20.5, 15.0 / SEGMENTS, 9.0, False),  # scatter excuses no more
     ],
 )
-def test_gates(
-    effect: str, value: float, gain: float, heldout: tuple[float, tuple[float, float]], passes: bool
-) -> None:
-    parameters = EFFECTS[effect].parameters
-    values = {p.symbol: (value if i == 0 else 1.0, 0.1) for i, p in enumerate(parameters)}
-    finding = Finding(effect, (), 0.9, values, gain, HeldOutGain(*heldout))
-    assert _passes_gates(finding, search(fit(1000.0, effect), {})) is passes
-    above_all = search(fit(1000.0, effect), {}, placebo=150.0)
-    assert not _passes_gates(finding, above_all)
+def test_two_fits_are_alike_as_vuong_says(behind: float, mean: float, sd: float, alike: bool) -> None:
+    best = fit(1000.0, "yaw_scrub", per_segment=scattered(mean, sd))
+    assert are_indistinguishable(best, fit(1000.0 - behind, "rear_toe"), TAKE) is alike
 
 
-def test_what_is_told_in_the_end_is_where_no_range_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A refit without something else may lead what was credible to an end: the weakest such is dropped."""
-    sizes = {"mass_change": 100.0, "marker_offset": 50.0, "yaw_scrub": 10.0}
-    ends = {("mass_change", "marker_offset", "yaw_scrub"): ("mass_change", "marker_offset")}
-    ends[("mass_change", "yaw_scrub")] = ("mass_change",)
+def test_a_take_of_one_block_says_nothing_of_scatter() -> None:
+    short: Any = SimpleNamespace(T=1e4)  # blocks of 20 s
+    best, rival = fit(1000.0, "yaw_scrub"), fit(990.0, "rear_toe")
+    best.per_segment, rival.per_segment = scattered(0.1, 9.0)[:13], np.zeros(13)
+    assert not are_indistinguishable(best, rival, short)
 
-    gone = list[tuple[tuple[str, ...], tuple[str, ...]]]()
 
-    def found(best: Any) -> Any:
-        seen = search(best, {n: fit(best.penalised_log_likelihood - sizes[n]) for n in best.hypothesis.effects})
-        seen.base = fit(0.0)
-        seen.corrected = seen.base
-        seen.reduce_to = lambda rest, take, standing_in, at_ends: gone.append((standing_in, at_ends)) or found(rest)
-        return seen
+def test_twins_are_told_once_most_likely_first_and_not_too_many(judged: Any) -> None:
+    best = fit(1000.0, "yaw_scrub")
+    names = ["quadratic_drag", "motor_sag", "rear_toe", "yaw_coulomb", "floor_slope"]
+    rivals = [fit(999.0 - 0.1 * k, name) for k, name in enumerate(names)]
+    (finding,) = judged(naming(best, {"yaw_scrub": 900.0}, rivals[0], *rivals)).findings
+    assert finding.twins == tuple(names[: JUDGE_LIMITS.max_twins])
 
-    def seen(found: Any, take: Any) -> list[Finding]:
-        return [Finding(n, (), 0.9, {}, sizes[n], HeldOutGain(9.0, (1.0, 9.0))) for n in found.best.hypothesis.effects]
 
-    monkeypatch.setattr(verdict, "_collect_findings", seen)
-    monkeypatch.setattr(verdict, "_passes_gates", lambda *_: True)
-    monkeypatch.setattr(verdict, "find_proxies", lambda *_: ())
-    monkeypatch.setattr(
-        verdict.refits, "refit_with_effects", lambda best, take, effects: fit(sum(map(sizes.get, effects)), *effects)
+def test_what_differs_in_another_way_is_no_twin(judged: Any) -> None:
+    """Without any name, with two others, or with one of the base model's own corrections in its place."""
+    rivals = (
+        fit(999.9),
+        fit(999.9, "rear_toe", "motor_sag"),
+        fit(999.9, "tyre_fall"),
+        fit(999.9, "yaw_scrub", "motor_sag"),
     )
-    monkeypatch.setattr(verdict.refits, "effects_at_bounds", lambda fit, take: ends.get(fit.hypothesis.effects, ()))
-    monkeypatch.setattr(verdict, "RemainingMismatch", SimpleNamespace(beside=lambda *_: None))
-    told = verdict.judge_search(found(fit(160.0, *sizes)), TAKE)
-    assert told.dropped == ("marker_offset", "mass_change")
-    assert gone == [((), ("marker_offset",)), ((), ("mass_change",))]  # which tells nothing of what stands in
-    assert [f.effect for f in told.findings] == ["yaw_scrub"]
+    (finding,) = judged(naming(fit(1000.0, "yaw_scrub"), {"yaw_scrub": 900.0}, *rivals)).findings
+    assert finding.twins == ()
+    assert finding.probability > 0.99
+
+
+def test_a_late_pose_always_has_the_pair_of_delays_as_its_twin(judged: Any) -> None:
+    """Both commands late are the same drive, seen by another clock."""
+    said = judged(naming(fit(1000.0, "pose_latency"), {"pose_latency": 900.0}))
+    assert said.verdict == "ambiguous"
+    assert said.findings[0].twins == ("steering_delay+motor_delay",)
+
+
+# --- of a take -----------------------------------------------------------------------------------------------------
+
+
+def test_a_name_of_a_take_is_judged_with_all_that_belongs_to_it() -> None:
+    base, take = concealing(yaw_scrub=20.0)
+    found = name_effects(base, take)
+    said = judge_names(found, take)
+    assert said.verdict == "named"
+    (finding,) = said.findings
+    value, se = finding.values["c"]
+    assert abs(value - 20.0) < 4.0 * se
+    assert finding.gain_nats == found.gains["yaw_scrub"]
+    assert finding.probability > 0.99
+    assert finding.held_out.ci95[0] > 0.0
+    assert found.unknown_nats == 0.0
+
+
+def test_what_may_not_be_named_is_unknown_and_helps_on_blocks_not_seen() -> None:
+    base, take = concealing(yaw_scrub=20.0)
+    turning = [name for name, e in EFFECTS.items() if e.channel in ("mz", "any", "pose")]
+    found = name_effects(base, take, turning)
+    said = judge_names(found, take)
+    assert (said.verdict, said.findings) == ("unknown", ())
+    assert found.unknown_nats > found.nulls.gate
+    assert said.unknown is not None
+    assert said.unknown.ci95[0] > 0.0
+    assert next(iter(found.rest.seen.channel_nats())) == "mz"
+
+
+# --- how values are told -------------------------------------------------------------------------------------------
 
 
 def test_a_level_is_met_as_rarely_as_it_says() -> None:

@@ -59,7 +59,7 @@ class TrustedSimulation(NamedTuple):
     share: float = 1.0  # factor of the prior's stiffness where only this share of a take is fitted
 
 
-class Remainder(NamedTuple):
+class RemainderFunctions(NamedTuple):
     """Functions without a name, which act beside a hypothesis, and how large their coefficients may be."""
 
     functions: Floats  # (B, COLUMNS) on the body, as in `bcid.effects.remainder`, with coefficients of zero
@@ -68,7 +68,7 @@ class Remainder(NamedTuple):
     sd: Floats  # (B + M,) prior standard deviations of the coefficients (m/s^2, rad/s^2, rad, m, s)
 
 
-NO_REMAINDER = Remainder(NO_FUNCTIONS, NO_TRACKING, (), np.zeros(0))
+NO_REMAINDER = RemainderFunctions(NO_FUNCTIONS, NO_TRACKING, (), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Hypothesis:
     raw_commands: bool = False  # commands have a unit of their own, which a gain in the vehicle file turns into rad
     trusted_simulation: TrustedSimulation | None = None
     measured_point: bool = False  # the vehicle file says where on the car the tracked point is
-    remainder: Remainder = field(default=NO_REMAINDER, compare=False)
+    remainder: RemainderFunctions = field(default=NO_REMAINDER, compare=False)
 
     @cached_property
     def entries(self) -> dict[str, Effect]:

@@ -1,6 +1,5 @@
 """The judgement of a search: which effects are named, how probable they are, what remains, what naming them is worth.
 
-`held_out` (gains on blocks that a refit has not seen), `proxies` (effects that only stand in for something else),
-`verdict` (findings, probabilities, verdict), `prediction_error` (before and after), `not_excited` (what the drive does
-not show).
+`held_out` (gains on blocks that a refit has not seen), `verdict` (findings, probabilities, verdict), `prediction_error`
+(before and after), `not_excited` (what the drive does not show).
 """

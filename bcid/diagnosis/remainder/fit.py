@@ -50,7 +50,7 @@ class Explained(NamedTuple):
         return cls(basis, none, Quadratic(np.zeros(K), np.zeros((K, K))), np.zeros(K), at.robust_weights)
 
     def beside(self, basis: RemainderBasis) -> Explained:
-        """The same with a larger basis."""
+        """What is explained, with the functions of a larger basis, of which nothing is known yet."""
         return self._replace(basis=basis, spread=dict.fromkeys(basis.channels, 0.0) | dict(self.spread))
 
     @property

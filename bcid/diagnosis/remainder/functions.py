@@ -14,7 +14,7 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
-from bcid.likelihood.hypothesis import Remainder
+from bcid.likelihood.hypothesis import RemainderFunctions
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
     INTO,
@@ -89,11 +89,11 @@ class RemainderBasis(NamedTuple):
             out[written] = out[written] | both if written in out else both
         return out
 
-    def choose(self, on: Ints, sd: Floats) -> Remainder:
+    def choose(self, on: Ints, sd: Floats) -> RemainderFunctions:
         """The functions with the indices `on`, with prior standard deviations of `sd` (K,)."""
         B = len(self.functions)
         channel = tuple(self.channel[j] for j in on)
-        return Remainder(self.functions[on[on < B]], self.tracking[on[on >= B] - B], channel, sd[on])
+        return RemainderFunctions(self.functions[on[on < B]], self.tracking[on[on >= B] - B], channel, sd[on])
 
 
 def _alone(channel: str, direction: str, **most: int) -> Iterator[Term]:
@@ -134,7 +134,7 @@ TERMS: tuple[Term, ...] = (
     *_alone("fy", "front_across", alpha_f=4, v_fx=2, t=2),
     *_together("fy", "front_across", "alpha_f", "v_fx", *LOW),
     *_together("fy", "front_across", "alpha_f", "u_m", *LOW),
-    *_alone("fy", "front_across", delta_rate=4),
+    *(t for t in _alone("fy", "front_across", delta_rate=4) if t.waves),
     *_together("fy", "front_across", "delta_rate", "v_fx", *MORE),
     *_together("fy", "front_across", "alpha_f", "t", *MORE),
     *_by_place("fy", "front_across", "alpha_f", (1, 1), (2, 2), (1, 2), (2, 1)),

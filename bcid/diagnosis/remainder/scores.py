@@ -84,7 +84,7 @@ def _score_about(
 def _best_of(
     quadratic: Quadratic, basis: RemainderBasis, spreads: Sequence[Mapping[str, float]]
 ) -> Mapping[str, float]:
-    """Of the `spreads` the one of greatest evidence."""
+    """That of the `spreads` with the greatest evidence."""
     return max(spreads, key=lambda s: quadratic.log_evidence(basis.sd(s)))
 
 

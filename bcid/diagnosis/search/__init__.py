@@ -1,5 +1,6 @@
 """The search for the effects of the vocabulary that explain a take.
 
-`screen` (score tests of trials), `refits` (joint refits of candidates), `line_search` (sizes), `place_search` (places),
-`rivals` (what explains as much), `forward_backward` (the search itself).
+`name_search` (the search itself, beside a remainder), `screen` (score tests of trials), `refits` (joint refits of
+candidates), `corrections` (of the base model's own simplifications), `place_search` (places), `rivals` (what explains
+as much).
 """

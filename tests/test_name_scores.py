@@ -1,0 +1,100 @@
+"""What an effect would add beside a remainder, to first order: against explicit projections, and of takes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from concealed import concealing
+
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.fit import Explained, basis_for, explain
+from bcid.diagnosis.remainder.information import gather_information
+from bcid.diagnosis.remainder.scores import _products_with_trials, score_names
+from bcid.diagnosis.search.screen import screen_effects, simulate_trials
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.score_test import TrialChanges
+from bcid.likelihood.take import N_NUISANCE, Take
+
+
+def scored(fit: Fit, take: Take) -> tuple[Explained, TrialChanges, dict[str, float]]:
+    """What a remainder explains beside a fit, the trials, and each effect's score beside it."""
+    seen, trials = explain(fit, take, basis_for(fit, take)), simulate_trials(fit, take)
+    return seen, trials, {c.effect: c.score for c in score_names(fit, take, seen, trials)}
+
+
+def test_products_with_trials_are_those_of_the_explicit_projection() -> None:
+    """Of names, functions and trials together, segment by segment, initial states and pushes projected out."""
+    fit, take = concealing(60.0, yaw_scrub=20.0)
+    basis = basis_for(fit, take)
+    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+    columns = simulate_trials(fit, take).columns[:, :, :6] / fit.scales.r[:, None]
+    weights = np.random.default_rng(0).uniform(0.2, 1.0, take.segments)
+    slope, G = _products_with_trials(at, columns, weights)
+    n, precisions = fit.hypothesis.named_size, np.diag(fit.scales.nuisance_precisions())
+    b, expected = np.zeros(len(slope)), np.zeros_like(G)
+    for s, (i, j) in enumerate(zip(at.first, at.first[1:], strict=False)):
+        own, mine = at.rows[i:j].reshape(3 * (j - i), -1), columns[i:j].reshape(3 * (j - i), -1)
+        A, J, Q, r = np.split(own, [N_NUISANCE, N_NUISANCE + n, -1], axis=1)
+        P = np.eye(len(A)) - A @ np.linalg.inv(A.T @ A + precisions) @ A.T
+        X = np.column_stack([J, Q @ at.values[s], mine])
+        b += weights[s] * (X.T @ P @ r)[:, 0]
+        expected += weights[s] * X.T @ P @ X
+    expected[:n, :n] += np.diag(at.prior.stiffness)
+    b[:n] -= at.prior.stiffness * (at.phi - at.prior.centre)
+    np.testing.assert_allclose(slope, b, atol=1e-6 * np.abs(b).max())
+    scale = np.sqrt(np.abs(np.diag(expected)))
+    np.testing.assert_allclose(G / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("yaw_scrub", 20.0), ("rear_rolling_coulomb", 20.0), ("steering_delay", 0.013)]
+)
+def test_the_true_name_promises_most_beside_a_remainder(name: str, size: float) -> None:
+    """And stand-ins, which the plain score test promises much of as well, next to nothing beside it."""
+    fit, take = concealing(**{name: size})
+    _, trials, scores = scored(fit, take)
+    (first, second), plain = sorted(scores.values(), reverse=True)[:2], screen_effects(fit, take, trials)
+    assert next(iter(scores)) == name
+    assert first > 30.0
+    others = [c.score for c in plain if c.effect != name]
+    assert max(others) > 2.0 * max(second, 1.0)  # look-alikes keep most, where there are any
+    value = next(c.values[0] for c in score_names(fit, take, explain(fit, take, basis_for(fit, take)), trials))
+    assert 0.0 < value < 3.0 * size
+
+
+def test_of_two_that_are_missing_each_promises_much_beside_what_the_other_leaves() -> None:
+    """A name takes the place of its own channel's functions, and those of the other channel stay."""
+    _, _, scores = scored(*concealing(yaw_scrub=20.0, rear_rolling_coulomb=20.0))
+    assert set(list(scores)[:2]) == {"yaw_scrub", "rear_rolling_coulomb"}
+    assert list(scores.values())[1] > 2.0 * list(scores.values())[2]
+
+
+def test_no_name_promises_much_where_nothing_is_missing() -> None:
+    fit, take = concealing()
+    _, _, scores = scored(fit, take)
+    assert max(scores.values()) < 10.0
+    assert list(scores.values()) == sorted(scores.values(), reverse=True)
+
+
+def test_an_effect_of_one_sign_is_not_promised_with_the_other() -> None:
+    """A car that is pushed where it should be braked has no negative friction."""
+    fit, take = concealing(yaw_scrub=20.0)
+    more, phi = fit.hypothesis.add_effect("yaw_scrub", fit.phi, [60.0])  # three times too much of it
+    from bcid.likelihood.refit import evaluate_fixed
+
+    over = evaluate_fixed(take, more, phi, fit.scales)
+    trials = simulate_trials(over, take)
+    seen = explain(over, take, basis_for(over, take))
+    for c in score_names(over, take, seen, trials):
+        for p, value in zip(more.entries[c.effect].parameters, c.values, strict=True):
+            assert p.is_place or p.low < 0.0 or value > 0.0, c
+
+
+def test_scores_are_of_those_that_are_asked_for_only() -> None:
+    fit, take = concealing(yaw_scrub=20.0)
+    seen, trials, scores = scored(fit, take)
+    fewer = score_names(fit, take, seen, trials.without(("yaw_scrub", "yaw_coulomb")))
+    assert {c.effect for c in fewer} == set(scores) - {"yaw_scrub", "yaw_coulomb"}
+    for c in fewer:
+        assert c.score == pytest.approx(scores[c.effect], rel=1e-6, abs=1e-6)
+    assert scores["yaw_scrub"] > SEARCH_LIMITS.min_score_share * 10.0
