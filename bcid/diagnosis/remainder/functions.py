@@ -134,7 +134,7 @@ TERMS: tuple[Term, ...] = (
     *_alone("fy", "front_across", alpha_f=4, v_fx=2, t=2),
     *_together("fy", "front_across", "alpha_f", "v_fx", *LOW),
     *_together("fy", "front_across", "alpha_f", "u_m", *LOW),
-    *(t for t in _alone("fy", "front_across", delta_rate=4) if t.waves),
+    *_alone("fy", "front_across", delta_rate=4),
     *_together("fy", "front_across", "delta_rate", "v_fx", *MORE),
     *_together("fy", "front_across", "alpha_f", "t", *MORE),
     *_by_place("fy", "front_across", "alpha_f", (1, 1), (2, 2), (1, 2), (2, 1)),
@@ -153,8 +153,8 @@ TERMS: tuple[Term, ...] = (
     *_together("steering", "wheel_angle", "delta", "v_x", *MORE),
     *_together("steering", "wheel_angle", "delta", "t", *LOW),
 )
-"""Smooth functions on the body.  Time and place are among what each may depend on: what changes slowly, or here and there,
-is physics, too."""
+"""Smooth functions on the body.  Time and place are among what each may depend on: what changes slowly, or here and
+there, is physics, too."""
 
 
 SEEN: tuple[Term, ...] = (
