@@ -10,8 +10,9 @@ import pytest
 from concealed import concealing
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.evidence import likeliest_spreads
 from bcid.diagnosis.remainder.fit import RemainderFit
-from bcid.diagnosis.remainder.functions import CHANNELS, channel_of
+from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search import name_search
 from bcid.diagnosis.search.name_search import (
     NameSearch,
@@ -22,7 +23,7 @@ from bcid.diagnosis.search.name_search import (
 )
 from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
-from bcid.effects.remainder import DIRECTION, DIRECTIONS, INPUTS, WAVE
+from bcid.effects.remainder import DIRECTION, DIRECTIONS
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.score_test import Trial, TrialChanges
@@ -461,19 +462,19 @@ def test_a_constant_law_is_named_though_a_copy_of_it_would_explain_as_much() -> 
 
 
 def test_a_friction_that_comes_and_goes_has_no_name() -> None:
-    """What explains it acts along the way that the car rolls and changes with time; a constant friction does not."""
+    """Functions that turn round where the car does explain it best; no constant friction is named for it."""
     base, take = concealing(180.0, bearing_heat=60.0)
     found = name_effects(base, take)
     assert "rear_rolling_coulomb" not in found.gains
     assert found.unknown_nats > 50.0
     seen = found.before.seen
     assert next(iter(seen.channel_nats())) == "fx"
-    body = seen.basis.functions
-    nats = 0.5 * (seen.c * seen.quadratic.b)[: len(body)]
-    rolling = body[:, DIRECTION] == DIRECTIONS.index("rolling")
-    in_time = body[:, WAVE + INPUTS.index("t")] != 0.0
-    fx = np.array([channel_of(name) == "fx" for name in seen.basis.channel[: len(body)]])
-    assert nats[rolling & in_time].sum() > 0.5 * nats[fx].sum()
+    size = seen.basis.size.copy()
+    size[np.flatnonzero(seen.basis.functions[:, DIRECTION] == DIRECTIONS.index("rolling"))] = 0.0
+    less = seen.basis._replace(size=size)
+    spread = likeliest_spreads(seen.quadratic, less, less.groups(()), seen.spread)
+    whole = seen.quadratic.log_evidence(seen.basis.sd(seen.spread))
+    assert whole > seen.quadratic.log_evidence(less.sd(spread)) + 30.0
 
 
 def test_a_late_pose_is_named_instead_of_two_late_commands() -> None:
