@@ -67,7 +67,7 @@ def diagnosis(
     naming: Any = SimpleNamespace(base=base, corrected=better, before=SimpleNamespace(nats=remainder))
     location: Any = SimpleNamespace(place_p_value=place, window_p_value=window)
     nothing: Any = None
-    return Diagnosis(nothing, (), naming, nothing, location, nothing, nothing, ())
+    return Diagnosis(nothing, (), naming, nothing, location, nothing, nothing, nothing, ())
 
 
 @pytest.mark.parametrize(

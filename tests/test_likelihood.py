@@ -820,10 +820,13 @@ def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
 def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: Take, pushed: bool) -> None:
     take = pushed_take(part)[0]._replace(pushed=pushed)
     phi = BASE.phi_of(CAR._replace(C_f=1.1 * CAR.C_f))
-    each = evaluate_fixed(take, BASE, phi, LOUD).per_segment
-    refitted = refit(take, BASE, phi, take.start, LOUD, tangents=0).per_segment
-    np.testing.assert_allclose(each, refitted, atol=5.0 if pushed else 0.1)  # which settles for its scales in turn
-    assert each.sum() < refitted.sum() + 0.1
+    stands = evaluate_fixed(take, BASE, phi, LOUD)
+    again = refit(take, BASE, phi, stands.start, stands.scales, tangents=0)
+    np.testing.assert_allclose(stands.per_segment, again.per_segment, atol=0.1)
+    # from initial states that have not settled a refit is less likely, if anything
+    refitted = refit(take, BASE, phi, take.start, LOUD, tangents=0)
+    assert -0.1 < stands.log_likelihood - refitted.log_likelihood < 10.0
+    np.testing.assert_array_equal(stands.phi, phi)
 
 
 def test_what_pushes_had_taken_over_goes_back_to_the_effect_that_it_is(part: Take) -> None:

@@ -10,7 +10,7 @@ import pytest
 from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
 from bcid.diagnosis.limits import SUMMARY_LIMITS
 from bcid.diagnosis.remainder.curve import MissingLaw, _merged_bins, change_by_names, missing_laws
-from bcid.diagnosis.remainder.fit import Explained, basis_for, explain
+from bcid.diagnosis.remainder.fit import Explained, basis_for, explain, explain_with_copies
 from bcid.diagnosis.remainder.information import gather_information
 from bcid.diagnosis.summary import summarise_diagnosis
 from bcid.effects.table import EFFECTS
@@ -54,7 +54,7 @@ def seen_of(seconds: float, **plant: float) -> Seen:
     vehicle, recording = simulated_vehicle(), recorded(seconds, **plant)
     base = fit_base_model([recording], [estimate_motion(recording, vehicle, TUNING)], vehicle)
     fit, take = base.fit, base.take
-    return Seen(fit, take, explain(fit, take, basis_for(fit, take)))
+    return Seen(fit, take, explain_with_copies(explain(fit, take, basis_for(fit, take)), fit, take))
 
 
 @pytest.fixture(scope="module")

@@ -411,6 +411,16 @@ def test_what_explains_most_says_on_what_it_depends() -> None:
     assert explaining({"v_x": 0.0, "delta": 0.0}).depends_on("fx") == ()
 
 
+@pytest.mark.parametrize(("constant", "told"), [(100.0, ("v_x",)), (200.0, ())])
+def test_a_constant_depends_on_nothing(constant: float, told: tuple[str, ...]) -> None:
+    """Beside it what varies is told, unless that is little."""
+    seen = explaining({"v_x": 60.0, "t": 10.0, "delta": constant})
+    functions = seen.basis.functions.copy()
+    functions[2, WAVE:] = 0.0
+    channel = (*seen.basis.channel[:2], "fx=", "motor")
+    assert seen._replace(basis=seen.basis._replace(functions=functions, channel=channel)).depends_on("fx") == told
+
+
 def test_what_is_explained_is_worth_its_evidence_less_its_price() -> None:
     seen = explaining({"v_x": 60.0, "delta": 40.0})
     whole = seen.quadratic.log_evidence(seen.basis.sd(seen.spread))

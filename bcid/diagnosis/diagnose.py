@@ -15,6 +15,7 @@ from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
 from bcid.diagnosis.locate.pushes import Disturbances, estimate_disturbances
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.curve import MissingLaw, change_by_names, missing_laws
+from bcid.diagnosis.remainder.fit import Explained, explain_with_copies
 from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.diagnosis.search.refits import named_effects
 from bcid.documents.diagnosis import NotExcited
@@ -109,24 +110,24 @@ def diagnose_recordings(
         naming = name_effects(fit, take, excluded, given, lambda text: progress(0.3, text))
         progress(0.8, "what is left")
         before = estimate_disturbances(naming.corrected, take)
-        seen = naming.before.seen
+        seen = explain_with_copies(naming.before.seen, naming.corrected, take)
         location = locate_mismatch(seen.channel_nats(), seen.depends_on, before, fit.hypothesis.units)
-        laws = draw_laws(naming, take, location)
+        laws = draw_laws(naming, take, location, seen)
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)
         not_excited = find_unexcited_effects(naming.best, take, base.full_speed_units, naming.nulls.gate)
     return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, not_excited)
 
 
-def draw_laws(naming: Naming, take: Take, location: Location) -> dict[str, MissingLaw]:
+def draw_laws(naming: Naming, take: Take, location: Location, seen: Explained) -> dict[str, MissingLaw]:
     """The missing law in each channel where free functions explain more than chance, beside the corrected base model.
 
-    Over it, what the named effects alone would have shown.
+    `seen` is what they explain.  Over it, what the named effects alone would have shown.
     """
     outstanding = [channel for channel, nats in location.channel_nats.items() if nats > naming.nulls.gate]
     named = bool(outstanding and named_effects(naming.best))
     change = change_by_names(naming.corrected, naming.best, take) if named else None
-    return missing_laws(naming.corrected, take, naming.before.seen, outstanding, change)
+    return missing_laws(naming.corrected, take, seen, outstanding, change)
 
 
 def fit_base_model(

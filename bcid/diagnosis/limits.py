@@ -86,7 +86,8 @@ class LocateLimits:
     min_circle_distance_m: float = 0.6
     # Energy at which the push of one knot is clipped, so that it makes no place alone.  Not yet justified.
     max_knot_energy: float = 30.0
-    # Share of what a channel's functions explain which must depend on a quantity to name it.  Not yet justified.
+    # Share of what a channel's functions explain which must vary for it to depend on anything, and of that the share
+    # which must depend on a quantity to name it.  Not yet justified.
     min_quantity_share: float = 0.3
     # Quantities that are reported, the strongest first.  Not yet justified.
     max_quantities: int = 2

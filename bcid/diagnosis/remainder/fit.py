@@ -16,7 +16,7 @@ from bcid.aliases import Floats, Ints
 from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
-from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of, remainder_basis
+from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, channel_of, remainder_basis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.likelihood.divergence import none_if_diverged
@@ -63,11 +63,17 @@ class Explained(NamedTuple):
         return channel_worths(self.quadratic, self.basis, self.spread)
 
     def depends_on(self, channel: str) -> tuple[str, ...]:
-        """The quantities, most important first, on which what the functions of a `channel` explain depends."""
-        nats = 0.5 * self.c * self.quadratic.b
+        """The quantities, most important first, on which what the functions of a `channel` explain depends.
+
+        Of what varies each must explain a share; none where a constant explains nearly all.
+        """
+        nats, quantities = 0.5 * self.c * self.quadratic.b, self.basis.quantities()
         own = np.array([channel_of(name) == channel for name in self.basis.channel])
-        shares = {q: float(nats[own & on].sum()) for q, on in self.basis.quantities().items()}
-        least = LOCATE_LIMITS.min_quantity_share * float(nats[own].sum())
+        shares = {q: float(nats[own & on].sum()) for q, on in quantities.items()}
+        varying = float(nats[own & np.any(list(quantities.values()), axis=0)].sum())
+        if varying < LOCATE_LIMITS.min_quantity_share * float(nats[own].sum()):
+            return ()
+        least = LOCATE_LIMITS.min_quantity_share * varying
         first = sorted((q for q, n in shares.items() if n > max(least, 0.0)), key=lambda q: -shares[q])
         return tuple(first[: LOCATE_LIMITS.max_quantities])
 
@@ -222,6 +228,16 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...]
         at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
         seen = _reweigh(at, seen.beside(basis), copied, 1)
     return seen
+
+
+def explain_with_copies(seen: Explained, fit: Fit, take: Take) -> Explained:
+    """What a remainder explains beside the `fit` where copies of laws that have names may be among it.
+
+    `seen` is what it explains without.  No name is weighed against it: it shows a missing law whole, its constant part
+    too, which other functions cannot follow.
+    """
+    at = gather_information(fit, take, seen.basis, np.zeros(len(seen.basis.size)))
+    return _reweigh(at, seen, CHANNELS, 1)
 
 
 def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], times: int) -> Explained:
