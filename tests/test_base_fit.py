@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from cars import CAR
+from concealed import concealing
 
 from bcid.effects.constants import Constants
 from bcid.errors import PredictionDiverged
 from bcid.likelihood import prepare
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.refit import evaluate_fixed
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 USUAL, OF_A_PART = "usual", "of a part"  # scales
@@ -36,6 +39,8 @@ class Found(NamedTuple):
     scales: str
     segments: int = 1
     astray: float = 0.0  # nats per segment that it is worth less than what it began with
+    start: Any = None
+    hypothesis: Hypothesis = BASE
 
     @property
     def per_segment(self) -> np.ndarray:
@@ -49,13 +54,17 @@ class Found(NamedTuple):
 class Refits:
     """Refits that end well but where `lost` says, of (segments, grip, scales), that they leave the finite numbers.
 
-    Or `astray`, by how many nats per segment they end worse than they began.
+    Or `astray`, by how many nats per segment they end worse than they began.  As it stands the nominal car is lost.
     """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any, astray: Any = lambda *_: 0.0) -> None:
         self.whole: list[tuple[float, str]] = []  # grip and scales that refits of the whole take began with
         self._lost, self._astray = lost, astray
         monkeypatch.setattr(prepare, "refit", self)
+        monkeypatch.setattr(prepare, "evaluate_fixed", self._lose_nominal)
+
+    def _lose_nominal(self, *_: object) -> Any:
+        raise PredictionDiverged("lost as it stands")
 
     def __call__(self, take: Take, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any) -> Found:
         grip = round(hypothesis.car(phi).F_f_max)
@@ -150,3 +159,53 @@ def test_of_a_short_take_the_better_fit_of_all_of_it_stands(
     assert len(asked) == 1 + len(prepare.FIRST_GRIPS) + (2 if lost else 1)
     assert found.astray == min(by, 0.0)
     assert BASE.car(found.phi).F_f_max == pytest.approx(best, abs=1.0)
+
+
+# --- never below the nominal car ---------------------------------------------------------------------------------
+
+
+def worth(nats: float, start: str = "", scales: str = "") -> Any:
+    return SimpleNamespace(penalised_log_likelihood=nats, start=start, scales=scales, hypothesis="base")
+
+
+@pytest.mark.parametrize(
+    ("settled", "again", "stands"),
+    [
+        (90.0, 200.0, 100.0),  # the nominal car is less likely as it stands: nothing more is tried
+        (150.0, 200.0, 200.0),
+        (150.0, 99.0, 100.0),
+        (150.0, None, 100.0),  # which leaves the finite numbers
+        (None, 200.0, 100.0),
+    ],
+)
+def test_a_fit_is_never_less_likely_than_the_start_once_that_has_settled(
+    settled: float | None, again: float | None, stands: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From where the start has settled it is fitted again, and the likelier fit is taken."""
+    given = list[tuple[Any, ...]]()
+
+    def at_start(*asked: Any) -> Any:
+        assert asked == ("take", "base", "phi", "of the fit")
+        if settled is None:
+            raise PredictionDiverged
+        return worth(settled, "settled start", "settled scales")
+
+    def refit_again(*asked: Any) -> Any:
+        given.append(asked)
+        if again is None:
+            raise PredictionDiverged
+        return worth(again)
+
+    monkeypatch.setattr(prepare, "evaluate_fixed", at_start)
+    monkeypatch.setattr(prepare, "refit", refit_again)
+    anything: Any = prepare
+    found = anything._not_below_start(worth(100.0, scales="of the fit"), "take", "phi")
+    assert found.penalised_log_likelihood == stands
+    likelier = settled is not None and settled > 100.0
+    assert given == ([("take", "base", "phi", "settled start", "settled scales")] if likelier else [])
+
+
+def test_the_base_model_s_fit_is_no_less_likely_than_the_car_that_it_began_with() -> None:
+    fit, take = concealing(yaw_scrub=20.0)
+    nominal = evaluate_fixed(take, fit.hypothesis, fit.hypothesis.phi_of(fit.hypothesis.nominal), fit.scales)
+    assert fit.penalised_log_likelihood >= nominal.penalised_log_likelihood
