@@ -127,13 +127,15 @@ class NameSearch:
         effect, it is tried from the remainder of `rest`, too.
         """
         least, best = rest.log_evidence + self.gate, None
+        # pushes shrink as a remainder explains them, so that it adds more than it promises to first order
+        understated = max(1.0, rest.nats / max(rest.seen.nats, 1.0))
         credible = [f for f in fits if not effects_at_bounds(f, self.take)]
         explained = [(f, explain(f, self.take, self.basis)) for f in credible]
         explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
         for f, seen in explained:
             name, reached = f.hypothesis.effects[-1], -math.inf
-            error = SEARCH_LIMITS.remainder_error * seen.nats + SEARCH_LIMITS.near_nats
-            highest = f.penalised_log_likelihood + seen.nats + error
+            promise = understated * (1.0 + SEARCH_LIMITS.remainder_error) * seen.nats
+            highest = f.penalised_log_likelihood + promise + SEARCH_LIMITS.near_nats
             if highest > max(least, best.log_evidence if best else least):
                 found = self.beside_remainder(f, seen)
                 reached, best = found.log_evidence, _greater(best, found)
