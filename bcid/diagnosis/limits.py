@@ -32,6 +32,8 @@ class SearchLimits:
     kept_promise: float = 0.5
     # Candidates that are refitted in one round, best score first.
     max_candidates: int = 4
+    # Effects that are refitted for what they promise without a remainder, best score first.
+    plain_candidates: int = 2
     # Standard errors from zero at which a correction of the base model is certain.
     certain_se: float = 8.0
     # Share of a take at each end in which a change of the car only makes up for wrong base parameters.

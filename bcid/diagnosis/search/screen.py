@@ -66,6 +66,10 @@ class NullGains(NamedTuple):
         return max(self.local_chance_level, self.placebos[0].score)
 
 
+NO_NULLS = NullGains(1.0, 0.0, 0.0, [CandidateEffect("", [], 0.0)])
+"""Before any are drawn."""
+
+
 def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
     """Changes of the predicted poses by every trial: an effect that `fit` lacks, switched on at one size and one place.
 
