@@ -55,7 +55,7 @@ from bcid.likelihood.nuisance import (
 from bcid.likelihood.predict import pose_sensitivities, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import effect_constants
-from bcid.likelihood.refit import refit, segment_log_likelihoods
+from bcid.likelihood.refit import evaluate_fixed, refit
 from bcid.likelihood.refit_with_pushes import SLACK
 from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.take import (
@@ -820,7 +820,7 @@ def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
 def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: Take, pushed: bool) -> None:
     take = pushed_take(part)[0]._replace(pushed=pushed)
     phi = BASE.phi_of(CAR._replace(C_f=1.1 * CAR.C_f))
-    each = segment_log_likelihoods(take, BASE, phi, take.start, LOUD)
+    each = evaluate_fixed(take, BASE, phi, LOUD).per_segment
     refitted = refit(take, BASE, phi, take.start, LOUD, tangents=0).per_segment
     np.testing.assert_allclose(each, refitted, atol=5.0 if pushed else 0.1)  # which settles for its scales in turn
     assert each.sum() < refitted.sum() + 0.1

@@ -8,7 +8,7 @@ from test_naming import BUMPER_CAR, driven
 
 from bcid.aliases import Floats
 from bcid.diagnosis.limits import LOCATE_LIMITS
-from bcid.diagnosis.locate.mismatch import describe_regime, locate_mismatch
+from bcid.diagnosis.locate.mismatch import Location, describe_regime, locate_mismatch
 from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.fit import Explained
@@ -28,6 +28,11 @@ def explaining(**channels: tuple[float, str]) -> Explained:
     b = np.array([np.sqrt(2.0 * G * nats) for nats, _ in channels.values()])
     quadratic = Quadratic(b, G * np.eye(len(channels)))
     return Explained(basis, spread, quadratic, quadratic.posterior_mean(basis.sd(spread)), np.ones(3))
+
+
+def located(seen: Explained, of: Disturbances) -> Location:
+    """Where such disturbances are, beside what free functions explain."""
+    return locate_mismatch(seen.channel_nats(), seen.depends_on, of, BUMPER_CAR)
 
 
 def louder(of: Disturbances, inside: Floats, component: int | slice, times: float = 3.0) -> Disturbances:
@@ -51,7 +56,7 @@ def turning(seed: int = 0) -> Disturbances:
 
 def test_the_channel_is_where_free_functions_explain_most() -> None:
     seen = explaining(fx=(30.0, "v_x"), motor=(80.0, "u_m"), fy=(0.0, "alpha_f"))
-    found = locate_mismatch(seen, turning(), BUMPER_CAR)
+    found = located(seen, turning())
     assert found.channel == "motor"
     assert found.depends_on == ("throttle",)
     assert list(found.channel_nats) == ["motor", "fx"]
@@ -59,7 +64,7 @@ def test_the_channel_is_where_free_functions_explain_most() -> None:
 
 
 def test_where_free_functions_explain_nothing_there_is_no_channel() -> None:
-    found = locate_mismatch(explaining(fx=(0.0, "v_x"), mz=(0.0, "omega")), turning(1), BUMPER_CAR)
+    found = located(explaining(fx=(0.0, "v_x"), mz=(0.0, "omega")), turning(1))
     assert (found.channel, dict(found.channel_nats), found.depends_on) == (None, {}, ())
     assert found.regime == "throughout"
 
@@ -67,15 +72,15 @@ def test_where_free_functions_explain_nothing_there_is_no_channel() -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_place_and_time_are_told_where_they_are_significant_only(seed: int) -> None:
     of, seen = driven(seed), explaining(fx=(50.0, "v_x"))
-    nothing = locate_mismatch(seen, of, BUMPER_CAR)
+    nothing = located(seen, of)
     assert nothing.place is None or nothing.place_p_value < LOCATE_LIMITS.significant_p_value
     assert (nothing.place is None) is (nothing.place_p_value >= LOCATE_LIMITS.significant_p_value)
     assert (nothing.window is None) is (nothing.window_p_value >= LOCATE_LIMITS.significant_p_value)
     inside = np.hypot(of.states["p_x"] - 4.0, of.states["p_y"] - 2.5) < 1.0
-    here = locate_mismatch(seen, louder(of, inside, slice(0, 3)), BUMPER_CAR)
+    here = located(seen, louder(of, inside, slice(0, 3)))
     assert here.place is not None
     assert np.hypot(here.place.x - 4.0, here.place.y - 2.5) < 0.5
-    late = locate_mismatch(seen, louder(of, of.time_s > 90.0, slice(0, 3)), BUMPER_CAR)
+    late = located(seen, louder(of, of.time_s > 90.0, slice(0, 3)))
     assert late.window is not None
     assert late.window.begin_s == pytest.approx(90.0, abs=6.0)
 
@@ -93,7 +98,7 @@ def test_the_regime_is_that_of_pushes_in_the_channel_s_components(
     """What acts along the car does not shake it about; what the tracking does may be any."""
     of = turning()
     braking = of.states["u_m"] < 0.0
-    found = locate_mismatch(explaining(**{channel: (50.0, "u_m")}), louder(of, braking, component, 6.0), BUMPER_CAR)
+    found = located(explaining(**{channel: (50.0, "u_m")}), louder(of, braking, component, 6.0))
     assert ("braking" in found.regime) is seen_there
 
 

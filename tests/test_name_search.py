@@ -5,15 +5,25 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from concealed import concealing
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.evidence import likeliest_spreads
 from bcid.diagnosis.remainder.fit import RemainderFit
+from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search import name_search
-from bcid.diagnosis.search.name_search import NameSearch, Naming, name_effects, refit_beside_reference
+from bcid.diagnosis.search.name_search import (
+    NameSearch,
+    Naming,
+    WeighedFit,
+    name_effects,
+    refit_beside_reference,
+)
 from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
+from bcid.effects.remainder import DIRECTION, DIRECTIONS
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.score_test import Trial, TrialChanges
@@ -27,24 +37,53 @@ def fit(nats: float, *effects: str) -> Any:
     return SimpleNamespace(hypothesis=hypothesis, penalised_log_likelihood=nats)
 
 
+def explained(nats: float = 0.0, channels: dict[str, float] | None = None, *copied: str) -> Any:
+    """What a remainder explains: nats in all, by channel, and the channels in which copies of laws are among it."""
+    spread = {f"{channel}=": 1.0 for channel in copied}
+    return SimpleNamespace(nats=nats, spread=spread, channel_nats=lambda: channels or {})
+
+
+def beside(named: Any, remainder: float = 0.0, seen: Any = None) -> RemainderFit:
+    nats = named.penalised_log_likelihood + remainder
+    return RemainderFit(named, named, NOTHING, NOTHING, NOTHING, {}, nats, seen or explained(remainder))
+
+
 class Evidence:
     """What a remainder adds beside fits, by their effects: to first order, and after refits that count themselves."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, adds: dict[tuple[str, ...], float], **sketch: float) -> None:
         self.adds = {frozenset(effects): nats for effects, nats in adds.items()}
         self.sketch = sketch  # where evidence to first order is another
-        self.refitted = list[tuple[str, ...]]()
-        monkeypatch.setattr(name_search, "explain", lambda f, take, basis: self.explain(f))
+        self.seen = dict[tuple[str, ...], Any]()  # what is explained beside some effects, copies of laws among it
+        self.copies = dict[tuple[str, ...], float]()  # what a remainder adds that holds such copies
+        self.from_rest = dict[tuple[str, ...], float]()  # evidence that is found from a remainder's own fit
+        self.refitted, self.tried_from_rest = list[tuple[str, ...]](), list[tuple[str, ...]]()
+        self.copied = list[tuple[tuple[str, ...], tuple[str, ...]]]()
+        monkeypatch.setattr(name_search, "explain", self.explain)
         monkeypatch.setattr(name_search, "fit_with_remainder", self.fit_with_remainder)
+        monkeypatch.setattr(name_search, "add_beside_remainder", self.add_beside_remainder)
 
-    def explain(self, f: Any) -> Any:
-        nats = self.adds.get(frozenset(f.hypothesis.effects), 0.0)
-        return SimpleNamespace(nats=self.sketch.get("+".join(f.hypothesis.effects), nats))
+    def explain(self, f: Any, take: Any, basis: Any, copied: tuple[str, ...] = ()) -> Any:
+        effects = f.hypothesis.effects
+        if copied:
+            return self.seen.get(effects, explained())
+        return explained(self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0)))
 
-    def fit_with_remainder(self, f: Any, take: Any, basis: Any, seen: Any) -> RemainderFit:
-        self.refitted.append(f.hypothesis.effects)
-        adds = self.adds.get(frozenset(f.hypothesis.effects), 0.0)
-        return RemainderFit(f, f, {}, f.penalised_log_likelihood + adds, NOTHING, NOTHING, seen)
+    def fit_with_remainder(
+        self, f: Any, take: Any, basis: Any, copied: tuple[str, ...] = (), seen: Any = None
+    ) -> RemainderFit:
+        effects = f.hypothesis.effects
+        if copied:
+            self.copied.append((effects, copied))
+            return beside(f, self.copies.get(effects, 0.0), seen)
+        self.refitted.append(effects)
+        return beside(f, self.adds.get(frozenset(effects), 0.0), seen)
+
+    def add_beside_remainder(self, rest: RemainderFit, f: Any, seen: Any, take: Any) -> RemainderFit:
+        effects = f.hypothesis.effects
+        self.tried_from_rest.append(effects)
+        nats = self.from_rest.get(effects, f.penalised_log_likelihood)
+        return beside(f, nats - f.penalised_log_likelihood, seen)
 
 
 def search(**more: Any) -> NameSearch:
@@ -54,30 +93,66 @@ def search(**more: Any) -> NameSearch:
 # --- beside a remainder ----------------------------------------------------------------------------------------------
 
 
-def test_fits_are_ranked_by_their_evidence_beside_a_remainder(monkeypatch: pytest.MonkeyPatch) -> None:
-    Evidence(monkeypatch, {("a",): 0.0, ("b",): 30.0})
-    found = search().beside_remainder([fit(20.0, "a"), fit(0.0, "b")])
-    assert [r.named.hypothesis.effects for r in found] == [("b",), ("a",)]
-    assert [r.log_evidence for r in found] == [30.0, 20.0]
+def test_of_fits_with_equal_effects_the_greatest_evidence_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {("a",): 5.0, ("b",): 30.0})
+    looking = search()
+    found = [looking.beside_remainder(f) for f in (fit(20.0, "a"), fit(0.0, "b"), fit(12.0, "a"), fit(21.0, "a"))]
+    assert [r.log_evidence for r in found] == [25.0, 30.0, 17.0, 26.0]
+    assert {key: w.log_evidence for key, w in looking.tried.items()} == {frozenset("a"): 26.0, frozenset("b"): 30.0}
+    assert looking.tried[frozenset("a")].named is found[3].named
 
 
 def test_what_lies_clearly_below_the_best_to_first_order_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """First order is known to a share of what the remainder explains, and some nats."""
     at = Evidence(monkeypatch, {("best",): 0.0, ("near",): 1000.0, ("far",): 1000.0})
+    monkeypatch.setattr(name_search, "effects_at_bounds", lambda f, take: ())
     slack = SEARCH_LIMITS.remainder_error * 1000.0 + SEARCH_LIMITS.near_nats
     fits = [fit(2000.0 - 1000.0 - slack - 1.0, "far"), fit(2000.0, "best"), fit(2000.0 - 1000.0 - slack + 1.0, "near")]
     looking = search()
-    found = looking.beside_remainder(fits)
+    found = looking._best_credible(fits, beside(fit(0.0)), {})
+    assert found is not None
+    assert found.named.hypothesis.effects == ("best",)
     assert at.refitted == [("best",), ("near",)]
-    assert [r.named.hypothesis.effects for r in found] == [("best",), ("near",)]
     assert set(looking.tried) == {frozenset({"best"}), frozenset({"near"})}
+    assert looking.refused == {}  # each is more than the gate
 
 
-def test_a_single_fit_is_always_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("over", "refitted"), [(0.5, True), (-0.5, False)])
+def test_what_cannot_exceed_the_gate_to_first_order_is_refused_without_a_refit(
+    over: float, refitted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it adds is then at most what first order says; a refit knows better."""
     at = Evidence(monkeypatch, {})
-    assert search().beside_remainder([]) == []
-    assert len(search().beside_remainder([fit(-1e6, "a")])) == 1
-    assert at.refitted == [("a",)]
+    monkeypatch.setattr(name_search, "effects_at_bounds", lambda f, take: ())
+    nats = 100.0 + GATE - SEARCH_LIMITS.near_nats + over
+    looking = search()
+    assert looking._best_credible([fit(nats, "a")], beside(fit(0.0), 100.0), {}) is None
+    assert at.refitted == ([("a",)] if refitted else [])
+    assert looking.refused == {"a": pytest.approx(nats - 100.0 if refitted else GATE + over)}
+
+
+@pytest.mark.parametrize(("reached", "again"), [(0.49, True), (0.51, False)])
+def test_where_little_comes_of_a_promise_an_effect_is_tried_from_the_remainder_s_own_fit(
+    reached: float, again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which may hold others that have no name yet."""
+    at, promised = Evidence(monkeypatch, {}), 1000.0
+    monkeypatch.setattr(name_search, "effects_at_bounds", lambda f, take: ())
+    at.from_rest[("a",)] = 900.0
+    share = 2.0 * SEARCH_LIMITS.kept_promise * reached
+    found = search()._best_credible([fit(share * promised, "a")], beside(fit(0.0)), {"a": promised})
+    assert at.tried_from_rest == ([("a",)] if again else [])
+    assert found is not None
+    assert found.log_evidence == pytest.approx(900.0 if again else share * promised)
+    # of what was not promised, nothing is expected
+    at.tried_from_rest.clear()
+    search()._best_credible([fit(share * promised, "a")], beside(fit(0.0)), {"b": promised})
+    assert at.tried_from_rest == []
+
+
+def test_without_fits_there_is_none_of_greatest_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {})
+    assert search()._best_credible([], beside(fit(0.0)), {}) is None
 
 
 # --- one name more ---------------------------------------------------------------------------------------------------
@@ -87,7 +162,7 @@ def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats
     """Score tests that promise so much of effects, and refits of so much likelihood; those that were offered a test."""
     offered = list[str]()
 
-    def score(f: Any, take: Any, seen: Any, trials: TrialChanges) -> list[CandidateEffect]:
+    def score(rest: RemainderFit, take: Any, trials: TrialChanges) -> list[CandidateEffect]:
         names = [t.effect for t in trials.trials]
         offered[:] = names
         return [CandidateEffect(name, [1.0], s) for name, s in scores if name in names]
@@ -107,11 +182,6 @@ def trials(*names: str) -> TrialChanges:
     return TrialChanges(NOTHING, [Trial(name, [], slice(0)) for name in names])
 
 
-def beside(named: Any, remainder: float = 0.0) -> RemainderFit:
-    seen: Any = SimpleNamespace(nats=remainder)
-    return RemainderFit(named, named, {}, named.penalised_log_likelihood + remainder, NOTHING, NOTHING, seen)
-
-
 def quietly(text: str) -> None:
     """No report."""
 
@@ -121,13 +191,14 @@ def test_a_name_must_add_more_than_the_gate_to_what_a_remainder_explains_already
     nats: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The likelihood grows by over 100 nats; beside the remainder by just the gate."""
-    Evidence(monkeypatch, {(): 100.0, ("yaw_scrub",): 0.0})
+    at = Evidence(monkeypatch, {(): 100.0, ("yaw_scrub",): 0.0})
     offering(monkeypatch, ("yaw_scrub", 90.0), yaw_scrub=nats)
     looking = search()
     looking.trials = trials("yaw_scrub")
     found = looking.add_name(beside(fit(0.0), 100.0), [], quietly)
     assert (found is not None) is taken
     assert looking.refused == ({} if taken else {"yaw_scrub": pytest.approx(GATE - 1.0)})
+    assert at.tried_from_rest == [("yaw_scrub",)]  # as it promised far more
 
 
 def test_what_was_refused_or_is_held_is_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,7 +332,7 @@ def test_the_weakest_goes_first_and_the_rest_is_weighed_anew(monkeypatch: pytest
 
 def test_what_was_tried_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
     looking, at = keeping(monkeypatch, {AB: 300.0, A: 150.0, B: 100.0, (): 0.0}, {})
-    looking.beside_remainder([fit(150.0, *A)])
+    looking.beside_remainder(fit(150.0, *A))
     at.refitted.clear()
     rest, kept, _ = looking.keep_names(beside(fit(300.0, *AB)))
     assert at.refitted == [B]
@@ -281,11 +352,76 @@ def test_beside_a_large_remainder_a_name_must_add_more_than_smooth_functions_can
     assert named_effects(rest.named) == (A if stays else ())
 
 
+# --- copies of laws that have names ----------------------------------------------------------------------------------
+
+FULL = {"fx": 200.0, "mz": 5.0}
+"""What the channels explain beside all names."""
+
+
+def test_a_constant_law_is_named_where_its_channel_needs_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else no constant could be named, as its copy would explain as much."""
+    looking, at = keeping(monkeypatch, {A: 100.0, (): 0.0}, {})
+    at.copies[()] = 100.0
+    rest, kept, _ = looking.keep_names(beside(fit(100.0, *A)))
+    assert kept == {"yaw_scrub": 100.0}
+    assert at.copied == []
+    assert named_effects(rest.named) == A
+
+
+@pytest.mark.parametrize(("without", "gain"), [(298.0, 2.0), (270.0, 30.0), (150.0, 100.0)])
+def test_copies_take_the_place_of_a_name_where_the_channel_is_needed_anyway(
+    without: float, gain: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The name is weighed against the remainder with copies in such channels, or without where that is likelier."""
+    looking, at = keeping(monkeypatch, {A: 100.0, (): 0.0}, {A: 200.0, (): 200.0})
+    at.copies[()] = without
+    rest = beside(fit(100.0, *A), 200.0, explained(200.0, FULL))
+    assert looking._gain(rest, rest, WeighedFit(fit(0.0), 200.0)) == pytest.approx(gain)
+    assert at.copied == [((), ("fx",))]
+    kept = looking.keep_names(rest)[1]
+    assert set(kept) == ({"yaw_scrub"} if gain > GATE else set())
+
+
+@pytest.mark.parametrize(("share", "needed"), [(1.05, True), (0.95, False)])
+def test_a_channel_is_needed_that_adds_a_share_of_what_the_name_does(
+    share: float, needed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looking, at = keeping(monkeypatch, {}, {})
+    gain = 1000.0
+    nats = share * SEARCH_LIMITS.needed_share * gain
+    assert nats > GATE
+    full = beside(fit(gain, *A), nats, explained(nats, {"fy": nats}))
+    looking._gain(full, full, WeighedFit(fit(0.0), nats))
+    assert at.copied == ([((), ("fy",))] if needed else [])
+
+
+def test_what_adds_too_little_anyway_is_not_weighed_against_copies(monkeypatch: pytest.MonkeyPatch) -> None:
+    looking, at = keeping(monkeypatch, {}, {})
+    full = beside(fit(GATE - 1.0, *A), 200.0, explained(200.0, FULL))
+    assert looking._gain(full, full, WeighedFit(fit(0.0), 200.0)) == pytest.approx(GATE - 1.0)
+    assert at.copied == []
+
+
+@pytest.mark.parametrize(("adds", "held"), [(60.0, True), (40.0, False)])
+def test_the_remainder_beside_all_names_may_hold_copies(
+    adds: float, held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where they make the take likelier; they are tried only where first order sees any."""
+    looking, at = keeping(monkeypatch, {}, {})
+    rest = beside(fit(100.0, *A), 50.0)
+    assert looking._with_copies(rest) is rest
+    assert at.copied == []
+    at.seen[A], at.copies[A] = explained(70.0, None, "fx"), adds
+    full = looking._with_copies(rest)
+    assert at.copied == [(A, CHANNELS)]
+    assert full.log_evidence == (160.0 if held else 150.0)
+
+
 # --- from end to end -------------------------------------------------------------------------------------------------
 
 
 def test_what_is_left_counts_beyond_chance_only() -> None:
-    chance = NullGains(0.5, GATE, GATE, [CandidateEffect("rear_toe", [0.0], 3.0)])
+    chance = NullGains(0.5, GATE, [CandidateEffect("rear_toe", [0.0], 3.0)])
     for nats, unknown in ((GATE - 1.0, 0.0), (GATE + 1.0, GATE + 1.0)):
         named = fit(0.0)
         found = Naming(named, named, beside(named), beside(named, nats), {}, {}, (), {}, chance)
@@ -314,6 +450,31 @@ def test_two_effects_are_named_each_by_what_it_adds() -> None:
         "yaw_scrub": ("rear_rolling_coulomb",), "rear_rolling_coulomb": ("yaw_scrub",),
     }  # fmt: skip
     assert found.before.log_evidence > found.corrected.penalised_log_likelihood + 500.0
+
+
+def test_a_constant_law_is_named_though_a_copy_of_it_would_explain_as_much() -> None:
+    base, take = concealing(steering_offset=0.0125)
+    found = name_effects(base, take)
+    assert named_effects(found.best) == ("steering_offset",)
+    assert found.gains["steering_offset"] > found.nulls.gate
+    value, se = found.best.effect_estimates()["steering_offset__o"]
+    assert abs(value - 0.0125) < 4.0 * se
+
+
+def test_a_friction_that_comes_and_goes_has_no_name() -> None:
+    """Functions that turn round where the car does explain it best; no constant friction is named for it."""
+    base, take = concealing(180.0, bearing_heat=60.0)
+    found = name_effects(base, take)
+    assert "rear_rolling_coulomb" not in found.gains
+    assert found.unknown_nats > 50.0
+    seen = found.before.seen
+    assert next(iter(seen.channel_nats())) == "fx"
+    size = seen.basis.size.copy()
+    size[np.flatnonzero(seen.basis.functions[:, DIRECTION] == DIRECTIONS.index("rolling"))] = 0.0
+    less = seen.basis._replace(size=size)
+    spread = likeliest_spreads(seen.quadratic, less, less.groups(()), seen.spread)
+    whole = seen.quadratic.log_evidence(seen.basis.sd(seen.spread))
+    assert whole > seen.quadratic.log_evidence(less.sd(spread)) + 30.0
 
 
 def test_a_late_pose_is_named_instead_of_two_late_commands() -> None:

@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from cars import CAR
+from concealed import concealing
 from test_variational import BASE, Instant, at_steps, drive, estimate, part, shove  # noqa: F401  # fixtures
 
 from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.remainder.evidence import SPREADS, Quadratic, channel_worths, likeliest_spreads
 from bcid.diagnosis.remainder.fit import Explained, basis_for, explain, fit_with_remainder, needed_functions
-from bcid.diagnosis.remainder.functions import QUANTITIES, SEEN, TERMS, RemainderBasis, remainder_basis
-from bcid.effects.remainder import COEFFICIENT, COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE, WHEEL_ANGLE
+from bcid.diagnosis.remainder.functions import (
+    CHANNELS,
+    COPIES,
+    QUANTITIES,
+    SEEN,
+    SEEN_COPIES,
+    TERMS,
+    RemainderBasis,
+    channel_of,
+    remainder_basis,
+)
+from bcid.effects.remainder import (
+    COEFFICIENT,
+    COLUMNS,
+    DIRECTION,
+    DIRECTIONS,
+    INPUTS,
+    PHASE,
+    ROLLING_V,
+    WAVE,
+    WHEEL_ANGLE,
+)
 from bcid.effects.table import effect_switches
-from bcid.estimate.run import estimate_motion
 from bcid.likelihood.force_history import ACTIONS, HISTORY
 from bcid.likelihood.lane_rollout import segment_layout
 from bcid.likelihood.nuisance import linearise_residuals
@@ -24,10 +45,7 @@ from bcid.likelihood.predict import FINE, linearise_poses, predict_poses, wrap_y
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import refit
 from bcid.likelihood.take import N_NUISANCE, N_START, Take
-from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
-from bcid.simulation.car import Plant, Sensor
-from bcid.simulation.drive import simulate_drive
-from bcid.virtual_lab import TUNING, record_drive, simulated_vehicle
+from bcid.likelihood.tracking_functions import FIRST_WAVE, INTO, TRACKING_COLUMNS, TRACKING_DIRECTIONS, TRACKING_INPUTS
 
 LENGTHS = np.array([1.0, 1.0, 1.0, 0.3, 0.3, 0.8, 1.0, 1.0, 2.0, 2.0, 40.0])
 
@@ -64,10 +82,29 @@ def test_derivatives_of_functions_without_a_name(part: Take, on: dict[str, float
     r, A, J = linearise_residuals(part, inputs, start)
     poses, derivatives = part.pose - r, np.concatenate([A, J], axis=2)
     assert derivatives.shape[2] == N_NUISANCE + len(table)
-    plain = predict_poses(layout, start, *inputs.kernel_arguments)
-    np.testing.assert_allclose(wrap_yaw(poses - plain), 0.0, atol=1e-12)
-    columns, h = [], 1e-5
-    for j in range(N_NUISANCE + len(table)):
+    predicted = predict_poses(layout, start, *inputs.kernel_arguments)
+    np.testing.assert_allclose(wrap_yaw(poses - predicted), 0.0, atol=1e-12)
+    expected = central_differences(part, table, on)
+    size = np.abs(expected).max(axis=(0, 1))
+    assert (size > 1e-4).all()
+    error = np.abs(derivatives - expected) / size
+    # a kink within a difference is none of these; functions are held over 0.125 s
+    each = np.quantile(error, 0.95, axis=(0, 1))
+    assert (each < 5e-2).all()
+    assert np.quantile(error, 0.95) < 2e-2
+    assert np.median(error.max(axis=(0, 1))) < 5e-2
+    assert np.quantile(error[:, :, :N_NUISANCE], 0.95) < 1e-4
+    turns = table[:, DIRECTION] == WHEEL_ANGLE
+    table[turns, WAVE:-1] = 0.0
+    A = linearise_residuals(part, with_functions(part, table, on), start).A
+    expected = central_differences(part, table, on, N_NUISANCE)
+    assert np.quantile(np.abs(A - expected) / np.abs(expected).max(axis=(0, 1)), 0.95) < 1e-4
+
+
+def central_differences(take: Take, table: np.ndarray, on: dict[str, float], only: int | None = None) -> np.ndarray:
+    """Derivatives (N, 3, C) of predictions by initial states and pushes, then by coefficients: the first `only`."""
+    start, layout, columns, h = shove(take), segment_layout(take), [], 1e-5
+    for j in range(only or N_NUISANCE + len(table)):
         ends = []
         for sign in (1.0, -1.0):
             functions, states = table.copy(), start.copy()
@@ -77,14 +114,7 @@ def test_derivatives_of_functions_without_a_name(part: Take, on: dict[str, float
                 functions[j - N_NUISANCE, COEFFICIENT] += sign * h
             ends.append(predict_poses(layout, states, *with_functions(take, functions, on).kernel_arguments))
         columns.append((ends[0] - ends[1]) / (2.0 * h))
-    expected = np.stack(columns, axis=2)
-    size = np.abs(expected).max(axis=(0, 1))
-    assert (size > 1e-4).all()
-    error = np.abs(derivatives - expected) / size
-    # a kink within a difference is none of these; functions are held over 0.125 s
-    assert np.quantile(error[:, :, :N_NUISANCE], 0.95) < (5e-3 if on else 1e-4)
-    assert np.quantile(error, 0.95) < 2e-2
-    assert np.median(error.max(axis=(0, 1))) < 5e-2
+    return np.stack(columns, axis=2)
 
 
 def add_functions(x: np.ndarray, now: Instant, p: Any, table: np.ndarray) -> tuple[complex, np.ndarray]:
@@ -106,6 +136,7 @@ def add_functions(x: np.ndarray, now: Instant, p: Any, table: np.ndarray) -> tup
     side = s * ahead + c * total["front_across"]
     f_x = total["body_x"] + c * ahead - s * total["front_across"] + (1.0 - share) * driven
     f_x += np.cos(theta) * total["world_x"] + np.sin(theta) * total["world_y"]
+    f_x += np.tanh(v_x / ROLLING_V) * total["rolling"]
     f_y = side + total["rear_across"] + np.cos(theta) * total["world_y"] - np.sin(theta) * total["world_x"]
     moment = p["m"] * (p["l_f"] * side - p["l_r"] * total["rear_across"]) / p["I_z"] + total["yaw"]
     return total["wheel_angle"], np.array([f_x, f_y, moment])
@@ -248,18 +279,32 @@ def test_only_channels_that_are_asked_for_have_a_spread() -> None:
     assert not c[:3].any()
 
 
-def test_waves_count_as_their_channel_s() -> None:
-    """What a channel adds beside the others is what the evidence loses without it, its waves with it."""
+@pytest.mark.parametrize("group", ["fx~", "fx="])
+def test_waves_and_copies_count_as_their_channel_s(group: str) -> None:
+    """What a channel adds beside the others is what the evidence loses without it, its waves and copies with it."""
     rng = np.random.default_rng(13)
-    basis = columns_basis(("fx",) * 3 + ("fx~",) * 2 + ("mz",) * 3)
-    quadratic = random_quadratic(rng, basis, {"fx": 0.5, "fx~": 1.0, "mz": 0.7})
+    basis = columns_basis(("fx",) * 3 + (group,) * 2 + ("mz",) * 3)
+    quadratic = random_quadratic(rng, basis, {"fx": 0.5, group: 1.0, "mz": 0.7})
     spread = likeliest_spreads(quadratic, basis, basis.channels)
     worths = channel_worths(quadratic, basis, spread)
     assert set(worths) == {"fx", "mz"}
     whole = quadratic.log_evidence(basis.sd(spread))
-    best = max(quadratic.log_evidence(basis.sd({"fx": 0.0, "fx~": 0.0, "mz": tau})) for tau in SPREADS)
+    best = max(quadratic.log_evidence(basis.sd({"fx": 0.0, group: 0.0, "mz": tau})) for tau in SPREADS)
     assert worths["fx"] == pytest.approx(whole - best, abs=1e-9)
     assert list(worths.values()) == sorted(worths.values(), reverse=True)
+
+
+def test_copies_that_were_not_asked_for_take_no_channel_s_place() -> None:
+    """They stay out of what the others explain without it, too."""
+    rng = np.random.default_rng(14)
+    basis = columns_basis(("fx",) * 3 + ("mz",) * 3 + ("fy=",) * 3)
+    B = rng.standard_normal((60, 3))
+    B = np.column_stack([rng.standard_normal((60, 3)), B, B])  # copies of what moves in mz
+    quadratic = Quadratic(B.T @ (B[:, 3:6] @ np.ones(3) + rng.standard_normal(60)), B.T @ B)
+    spread = likeliest_spreads(quadratic, basis, basis.groups(()))
+    assert spread["fy="] == 0.0
+    assert spread["mz"] > 0.0
+    assert channel_worths(quadratic, basis, spread)["mz"] > 20.0
 
 
 def test_what_is_needed_is_some_standard_deviations_from_zero() -> None:
@@ -277,32 +322,56 @@ def spanning() -> RemainderBasis:
 
 
 def test_the_basis_has_every_term_once_in_order() -> None:
-    basis = spanning()
-    assert (len(basis.functions), len(basis.tracking)) == (len(TERMS), len(SEEN))
-    assert len(basis.channel) == len(basis.size) == len(TERMS) + len(SEEN)
-    assert set(basis.channels) == {"fx", "fy", "mz", "motor", "steering", "pose", "time"}
+    basis, on_body, in_tracking = spanning(), (*TERMS, *COPIES), (*SEEN, *SEEN_COPIES)
+    assert (len(basis.functions), len(basis.tracking)) == (len(on_body), len(in_tracking))
+    assert basis.channel == tuple(t.channel for t in (*on_body, *in_tracking))
+    assert len(basis.size) == len(basis.channel)
     assert not basis.functions[:, COEFFICIENT].any()
     assert basis.price == 0.0
     rows = np.round(np.column_stack([basis.functions[:, DIRECTION], basis.functions[:, PHASE:]]), 9)
     assert len(np.unique(rows, axis=0)) == len(rows)
-    for k, term in enumerate(SEEN):
-        assert basis.channel[len(TERMS) + k] == term.channel
-        assert TRACKING_DIRECTIONS[int(basis.tracking[k, INTO])] == term.direction
-        assert term.waves  # a constant has a name, or is the world's
+    for row, term in zip(basis.functions, on_body, strict=True):
+        assert DIRECTIONS[int(row[DIRECTION])] == term.direction
+    for row, term in zip(basis.tracking, in_tracking, strict=True):
+        assert TRACKING_DIRECTIONS[int(row[INTO])] == term.direction
     # the more half waves, the smaller
     alone = [(sum(a * a for a in t.waves.values()), s) for t, s in zip(TERMS, basis.size, strict=False)
              if t.direction == "body_x"]  # fmt: skip
     assert all(s == pytest.approx(1.0 / (1.0 + n)) for n, s in alone)
 
 
+def test_constants_are_copies_of_laws_and_stand_apart() -> None:
+    """All but a moment: of a force, of a turn of the wheel and of what is seen each constant has a name."""
+    for term in (*TERMS, *SEEN):
+        assert term.waves or term.direction == "yaw", term
+        assert not term.channel.endswith(("=", "~"))
+    for term in (*COPIES, *SEEN_COPIES):
+        assert not term.waves
+        assert term.channel.endswith("=")
+    assert {t.direction for t in COPIES} == set(DIRECTIONS) - {"yaw"}
+    assert {t.direction for t in SEEN_COPIES} == set(TRACKING_DIRECTIONS) - {"seen_x", "seen_y"}  # the world's
+    basis = spanning()
+    assert {channel_of(name) for name in basis.channels} == set(CHANNELS)
+    own = {name for name in basis.channels if name == channel_of(name)}
+    assert own == set(CHANNELS)
+    assert {*basis.groups(())} == own
+    assert {*basis.groups(("fx", "pose"))} == own | {"fx=", "pose="}
+    assert basis.groups(CHANNELS) == basis.channels
+
+
+@pytest.mark.parametrize("group", ["fx", "fx~", "fx="])
+def test_waves_and_constants_belong_to_their_channel(group: str) -> None:
+    assert channel_of(group) == "fx"
+
+
 def test_quantities_are_told_by_what_functions_depend_on() -> None:
     basis = spanning()
     found = basis.quantities()
     assert set(found) == set(QUANTITIES.values())
-    for k, term in enumerate((*TERMS, *SEEN)):
+    for k, term in enumerate((*TERMS, *COPIES, *SEEN, *SEEN_COPIES)):
         assert {q for q, on in found.items() if on[k]} == {QUANTITIES[name] for name in term.waves}, term
     column = FIRST_WAVE + TRACKING_INPUTS.index("t")
-    np.testing.assert_array_equal(found["time"][len(TERMS) :], basis.tracking[:, column] != 0.0)
+    np.testing.assert_array_equal(found["time"][len(basis.functions) :], basis.tracking[:, column] != 0.0)
 
 
 def test_chosen_functions_keep_channel_and_size() -> None:
@@ -393,15 +462,28 @@ def test_a_missing_moment_is_seen_as_a_curve(part: Take) -> None:  # noqa: F811
     np.testing.assert_allclose(at, [1.0, 0.0, -1.0], atol=1e-12)
 
 
-def test_only_channels_that_are_asked_for_explain() -> None:
-    """A moment that is missing shows in the moment alone, or in what may take its place."""
-    fit, take = concealing(180.0, yaw_scrub=20.0)
+def test_copies_explain_only_in_channels_that_are_asked_for() -> None:
+    """An angle that the wheel always has, which smooth functions explain in part."""
+    fit, take = concealing(180.0, steering_offset=0.02)
     basis = basis_for(fit, take)
-    whole, side = explain(fit, take, basis), explain(fit, take, basis, ("fy", "steering"))
-    assert {n.removesuffix("~") for n, tau in side.spread.items() if tau > 0.0} <= {"fy", "steering"}
-    assert 0.0 < side.nats < whole.nats
-    none = fit_with_remainder(fit, take, basis, ("time",))
-    assert none.nats < 0.5 * whole.nats
+    none, other, own = (explain(fit, take, basis, copied) for copied in ((), ("fx", "pose"), ("steering",)))
+    assert not [n for n, tau in none.spread.items() if n.endswith("=") and tau > 0.0]
+    assert {n for n, tau in other.spread.items() if n.endswith("=") and tau > 0.0} <= {"fx=", "pose="}
+    assert [n for n, tau in own.spread.items() if n.endswith("=") and tau > 0.0] == ["steering="]
+    assert own.nats > other.nats + 30.0
+    j = own.basis.channel.index("steering=")
+    assert abs(own.c[j]) == pytest.approx(0.02, rel=0.3)
+    for seen in (none, other):
+        assert seen.c[j] == 0.0
+
+
+def test_a_refit_holds_copies_only_in_channels_that_are_asked_for() -> None:
+    fit, take = concealing(180.0, steering_offset=0.02)
+    basis = basis_for(fit, take)
+    without, copied = fit_with_remainder(fit, take, basis), fit_with_remainder(fit, take, basis, ("steering",))
+    assert not [n for n in without.fit.hypothesis.remainder.channel if n.endswith("=")]
+    assert [n for n in copied.fit.hypothesis.remainder.channel if n.endswith("=")] == ["steering="]
+    assert copied.log_evidence > without.log_evidence + 30.0
 
 
 @pytest.mark.parametrize("plant", [{"yaw_scrub": 2.0}, {"yaw_scrub": 8.0, "rough_force": 3.0, "rough_moment": 1.5}])

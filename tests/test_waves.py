@@ -17,14 +17,16 @@ from bcid.diagnosis.remainder.waves import (
     CHANNEL_OF,
     FINEST_HZ,
     MIN_GAIN_NATS,
+    OVER_PLACE,
     SLOWEST_CYCLES,
+    Gains,
     Wave,
     add_waves,
     find_wave,
 )
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take
+from bcid.likelihood.take import SEGMENT_S, Take
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
     INTO,
@@ -48,8 +50,8 @@ class Null(NamedTuple):
     basis: RemainderBasis
     at: TakeInformation
 
-    def pushed(self, function: Floats, amount: float) -> TakeInformation:
-        """What the take says where a function acts as well, so much of it, to first order."""
+    def pushed(self, function: Floats, amount: float | Floats) -> TakeInformation:
+        """What the take says where a function acts as well, so much of it (in each segment), to first order."""
         some = add_waves(self.basis, [Wave("fx", np.vstack([function, function]), 0.0)])
         at = gather_information(self.fit, self.take, some, np.zeros(len(some.size)))
         j, n = some.channel.index("fx~") if function.shape[0] == COLUMNS else -2, len(at.phi)
@@ -57,7 +59,8 @@ class Null(NamedTuple):
         moved = np.concatenate(
             [rows[a:b] @ at.values[s, :, j] for s, (a, b) in enumerate(zip(at.first, at.first[1:], strict=False))]
         )
-        poses = self.take.pose + amount * moved * self.fit.scales.r
+        amounts = np.repeat(np.broadcast_to(amount, self.take.segments), np.diff(self.take.first))
+        poses = self.take.pose + amounts[:, None] * moved * self.fit.scales.r
         return gather_information(self.fit, self.take._replace(pose=poses), self.basis, self.at.c)
 
 
@@ -104,7 +107,7 @@ def test_a_periodic_force_is_found_in_its_direction_at_its_frequency(null: Null,
 
 
 @pytest.mark.parametrize("wave", [{"p_x": 3.0, "p_y": 0.0}, {"p_x": 2.0, "p_y": -4.0}, {"p_y": 5.0}])
-@pytest.mark.parametrize("direction", ["body_x", "world_x", "world_y", "yaw"])
+@pytest.mark.parametrize("direction", OVER_PLACE)
 def test_a_grating_over_the_floor_is_found_with_both_its_wave_numbers(
     null: Null, direction: str, wave: dict[str, float]
 ) -> None:
@@ -117,7 +120,11 @@ def test_a_grating_over_the_floor_is_found_with_both_its_wave_numbers(
     assert min(np.abs((k - truth) / spacing).max(), np.abs((k + truth) / spacing).max()) < 1.0
 
 
-@pytest.mark.parametrize("direction", ["seen_x", "seen_y", "seen_yaw"])
+SEEN = ("seen_x", "seen_y", "seen_yaw")
+"""Directions of waves in the tracking."""
+
+
+@pytest.mark.parametrize("direction", SEEN)
 def test_a_swinging_camera_is_found_in_what_is_seen(null: Null, direction: str) -> None:
     omega, row = 7.0, np.zeros(TRACKING_COLUMNS)
     row[INTO], row[FIRST_WAVE + TRACKING_INPUTS.index("t")] = TRACKING_DIRECTIONS.index(direction), omega
@@ -143,38 +150,118 @@ def test_nothing_swings_where_nothing_is(null: Null) -> None:
     assert predicted == [None] * 6
 
 
-def every_wave(null: Null, at: TakeInformation) -> list[tuple[Wave, int]]:
-    """The best wave of each direction, and how many were tried there."""
-    moved = np.zeros(len(at.phi))
-    body = waves._waves_on_body(at, null.fit.car(), at.robust_weights, at.carrier_slopes)
+def every_wave(null: Null, at: TakeInformation) -> list[tuple[str, str, Gains]]:
+    """Channel, direction and gains of all waves, the names left where they are, and no function beside them."""
+    body = waves._gains_on_body(at, null.fit.car(), at.robust_weights, at.carrier_slopes)
     acts = np.zeros(at.values.shape[:2])
-    return [*body, *waves._waves_in_tracking(at, at.robust_weights, moved, acts)]
+    return [*body, *waves._gains_in_tracking(at, at.robust_weights, np.zeros(len(at.phi)), acts)]
 
 
 def test_a_wave_costs_what_the_choice_of_so_many_does(null: Null) -> None:
     at = null.pushed(on_body("body_x", t=4.0), SMALL)
     found, every = look(null, at), every_wave(null, at)
     assert found is not None
-    tried = sum(n for _, n in every)
-    assert found.price == pytest.approx(np.log(tried))
-    assert max(n for w, n in every if w.channel == "motor") > 2.0 * SECONDS * (FINEST_HZ - SLOWEST_CYCLES / SECONDS)
-    assert len(every) == len(CHANNEL_OF) + 4 + 3  # over time, over the floor, and in what is seen
+    counts = {(c, d): len(g.likely) for c, d, g in every if "t" in g.waves}
+    assert found.price == pytest.approx(np.log(sum(len(g.likely) for _, _, g in every)))
+    assert min(counts.values()) > 2.0 * SECONDS * (FINEST_HZ - SLOWEST_CYCLES / SECONDS)
+    assert set(counts) == {(c, d) for d, c in CHANNEL_OF.items()} | {("pose", d) for d in SEEN}
+    assert [d for _, d, g in every if "p_x" in g.waves] == [d for d in CHANNEL_OF if d in OVER_PLACE]
     # by chance the best gains about as much, and never so much more
-    by_chance = max(w.gain for w, _ in every_wave(null, null.at))
+    by_chance = max(g.likely.max() for _, _, g in every_wave(null, null.at))
     assert 0.4 * found.price < by_chance < found.price + MIN_GAIN_NATS
 
 
 def test_a_wave_gains_what_its_two_functions_do(null: Null) -> None:
     """Against the likelihood's own quadratic in both coefficients, the names left where they are."""
     at = null.pushed(on_body("yaw", t=4.0), SIZES["yaw"])
-    for wave, _ in every_wave(null, at):
+    for channel, direction, gains in every_wave(null, at):
+        k = int(np.argmax(gains.likely))
+        wave = Wave(channel, waves._wave_functions(channel, direction, gains.waves, k), float(gains.likely[k]))
         basis = add_waves(null.basis, [wave])
         own = np.flatnonzero([name.endswith("~") for name in basis.channel])
         more = gather_information(null.fit, moved_take(null, at), basis, np.zeros(len(basis.size)))
         weighed = more.weigh(at.robust_weights)
         b, G = weighed.slope_c[own], weighed.G_c[np.ix_(own, own)]
         gain = 0.5 * float(b @ np.linalg.solve(G, b))
-        assert wave.gain == pytest.approx(gain, rel=0.3, abs=3.0), wave
+        assert wave.gain == pytest.approx(gain, rel=0.3, abs=3.0), (channel, direction)
+
+
+def test_a_wave_must_gain_more_than_is_asked_for(null: Null) -> None:
+    """As smooth functions err by a share of what they explain."""
+    at, c = null.pushed(on_body("yaw", t=4.0), SIZES["yaw"]), np.zeros(len(null.basis.size))
+    found = look(null, at)
+    assert found is not None
+    beside = (null.fit.car(), at.robust_weights, at.weigh(at.robust_weights).names_beside(c), c)
+    again = find_wave(at, *beside, least=0.99 * found.gain)
+    assert again is not None
+    assert again.gain == found.gain
+    assert find_wave(at, *beside, least=1.01 * found.gain) is None
+
+
+# --- sums that scatter more than white noise does ----------------------------------------------------------------
+
+SEGMENTS, INSTANTS = 60, 12
+STEP_S = SEGMENT_S / INSTANTS
+
+
+def swinging(rng: np.random.Generator, coloured: float, coherent: float, omega: float = 9.0) -> Gains:
+    """Gains of waves in time, of slopes that carry white noise of unit information, and two kinds of waves.
+
+    The `coherent` one goes through all segments; the `coloured` one begins at a random phase in each.
+    """
+    t = (np.arange(SEGMENTS)[:, None] * INSTANTS + np.arange(INSTANTS)) * STEP_S
+    phase = rng.uniform(0.0, 2.0 * np.pi, (SEGMENTS, 1))
+    slope = rng.standard_normal(t.shape) + coloured * np.cos(omega * t + phase) + coherent * np.cos(omega * t)
+    return waves._spectrum(slope, SEGMENTS * np.eye(INSTANTS), t, STEP_S)
+
+
+def best_gains(coloured: float, coherent: float) -> tuple[float, float]:
+    """The greatest gains by the likelihood and by the scatter, of the median of seven draws."""
+    rng = np.random.default_rng(8)
+    each = [swinging(rng, coloured, coherent) for _ in range(7)]
+    return tuple(float(np.median([gains.max() for gains in kind])) for kind in (  # type: ignore[return-value]
+        [g.likely for g in each], [g.scattered for g in each],
+    ))  # fmt: skip
+
+
+def test_noise_that_is_not_white_makes_no_wave() -> None:
+    """Its sums over segments are as large as a wave's, and scatter as much."""
+    enough = np.log(2.0 * SEGMENTS * SEGMENT_S * FINEST_HZ) + MIN_GAIN_NATS
+    likely, scattered = best_gains(coloured=3.0, coherent=0.0)
+    assert likely > 2.0 * enough
+    assert scattered < enough
+    likely, scattered = best_gains(coloured=0.0, coherent=0.0)
+    assert scattered <= likely < enough
+
+
+def test_what_swings_in_each_segment_as_it_likes_is_no_wave_of_a_take(null: Null) -> None:
+    """Though by the likelihood alone some wave gains far more than it costs."""
+    rng, refused = np.random.default_rng(10), 0
+    for _ in range(4):
+        sign = rng.choice((-1.0, 1.0), null.take.segments)
+        at = null.pushed(on_body("yaw", t=4.0), 2.0 * SIZES["yaw"] * sign)
+        price = np.log(sum(len(g.likely) for _, _, g in every_wave(null, at)))
+        assert look(null, at) is None
+        refused += max(g.likely.max() for _, _, g in every_wave(null, at)) > price + MIN_GAIN_NATS
+    assert refused > 2
+
+
+def test_a_wave_that_goes_through_the_take_stands_out_from_the_scatter() -> None:
+    """Beside coloured noise of the same size, too."""
+    enough = np.log(2.0 * SEGMENTS * SEGMENT_S * FINEST_HZ) + MIN_GAIN_NATS
+    for coloured in (0.0, 1.5):
+        likely, scattered = best_gains(coloured, coherent=1.5)
+        assert scattered > enough
+        assert likely >= scattered
+
+
+def test_scatter_is_that_of_the_sums_over_segments() -> None:
+    """Of a grating as of a wave in time: the whole sum squared, over the sum of squares or the information."""
+    rng = np.random.default_rng(9)
+    whole, each, information = (rng.uniform(0.5, 5.0, 40) for _ in range(3))
+    gains = Gains.of_sums(whole, each, information, {})
+    np.testing.assert_allclose(gains.likely, 0.5 * whole / information)
+    np.testing.assert_allclose(gains.scattered, np.minimum(whole / each, gains.likely))
 
 
 def moved_take(null: Null, at: TakeInformation) -> Take:

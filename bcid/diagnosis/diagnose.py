@@ -109,7 +109,8 @@ def diagnose_recordings(
         naming = name_effects(fit, take, excluded, given, lambda text: progress(0.3, text))
         progress(0.8, "what is left")
         before = estimate_disturbances(naming.corrected, take)
-        location = locate_mismatch(naming.before.seen, before, fit.hypothesis.units)
+        seen = naming.before.seen
+        location = locate_mismatch(seen.channel_nats(), seen.depends_on, before, fit.hypothesis.units)
         laws = draw_laws(naming, take, location)
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)

@@ -94,8 +94,11 @@ def linearise_segments(
         begun = mine + N_PUSH + turns
         inputs = step_inputs_in_lanes(lanes, i, chain, pushes, N_PUSH * LANES * (i // each))
         b, lags = differentiate_step(d, b, lags, inputs, chain.h, cars, widths, turns, e, c)
-        if i == (2 * knot + 1) * steps // (2 * knots):
-            _store_along(along, knot, before, stage_actuation(0, inputs, chain.h), p)
+        middle = (2 * knot + 1) * steps
+        if i == middle // (2 * knots):
+            # of a knot of an odd number of steps the middle is that of a step
+            there, stage = (before, 0) if middle % (2 * knots) == 0 else (_middle_state(before, b), 1)
+            _store_along(along, knot, there, stage_actuation(stage, inputs, chain.h), p)
         step_matrix(matrix, d, chain.h, lagging, pulled, turns, len(widths))
         turned = (b.p_x - before.p_x, b.p_y - before.p_y)
         for j in range(begin, begun):
@@ -134,6 +137,15 @@ def _begin_changes(
             moved = first_lags(b, turn_wheel(here, TURN_STEP, e), past, lanes, chain, p, e, c)
             store_steady(x, (fitted + N_PUSH) * N_STATE + LAG, moved, lags, TURN_STEP)
     return lags
+
+
+@njit_inline
+def _middle_state(begin: BodyState, end: BodyState) -> BodyState:
+    """The mean of two states, as a step begins and at its end: the state in its middle, to second order."""
+    return BodyState(
+        0.5 * (begin.p_x + end.p_x), 0.5 * (begin.p_y + end.p_y), 0.5 * (begin.theta + end.theta),
+        0.5 * (begin.v_x + end.v_x), 0.5 * (begin.v_y + end.v_y), 0.5 * (begin.omega + end.omega),
+    )  # fmt: skip
 
 
 @njit

@@ -184,17 +184,6 @@ def _state_along_tangent(problem: RefitProblem, phi: Floats, state: RefitState) 
     return build_state(problem, phi, state.start, state.scales, problem.residuals(phi, state.start), state.A)
 
 
-def segment_log_likelihoods(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales) -> Floats:
-    """Log-likelihood (S,) in nats of each segment at a fixed parameter vector phi, which is clipped to its bounds.
-
-    Initial states and pushes are estimated from `start` (S, N_NUISANCE), the standard deviations of noise and pushes
-    from `scales`.
-    """
-    phi = np.clip(phi, *hypothesis.bounds())
-    problem = RefitProblem(take, hypothesis, GaussianPrior(phi, np.zeros_like(phi)))
-    return student_log_densities(newton.evaluate_at(problem, phi, start, scales, MAX_EM_STEPS).terms)
-
-
 def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """A fit whose parameter vector is the given phi: only initial states, pushes and standard deviations are estimated.
 

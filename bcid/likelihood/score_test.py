@@ -85,17 +85,6 @@ def _reweighted_amplitudes(changes: ProjectedChanges, first: Ints, k: int) -> tu
     return best, most
 
 
-def unlimited_gain(changes: ProjectedChanges, own: slice) -> float:
-    """Score-test statistic g^T G^+ g / 2: the log-likelihood gain (nats) of the columns `own` at their best multiples.
-
-    Multiples may have any size and sign.  g (k,) is the slope of the log-likelihood by them, G (k, k) its
-    information, G^+ the pseudo-inverse.  A column is the change of predicted poses by an effect.
-    """
-    g, G = changes.slope(own), changes.information(own)
-    scale = np.sqrt(np.maximum(np.diag(G), LIKELIHOOD_LIMITS.min_information))
-    return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
-
-
 def score_test_gain(changes: ProjectedChanges, own: slice) -> float:
     """Log-likelihood gain (nats) g^T a - a^T G a / 2 of the columns `own` by a score test with limited multiples a.
 

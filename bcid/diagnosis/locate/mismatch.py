@@ -4,7 +4,7 @@ Channels and dependence are those of the remainder, the free functions that make
 (`bcid.diagnosis.remainder`); regime, place and time those at which disturbances are large.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ from bcid.aliases import Floats
 from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.locate.scan_statistic import FloorCircle, TimeWindow, scan_circles, scan_windows
-from bcid.diagnosis.remainder.fit import Explained
 from bcid.effects.entry import VehicleScale
 
 PUSHED_BY = {"fx": (0,), "motor": (0,), "fy": (1, 2), "steering": (1, 2), "mz": (2,)}
@@ -34,23 +33,26 @@ class Location:
     window_p_value: float
 
 
-def locate_mismatch(seen: Explained, disturbances: Disturbances, units: VehicleScale) -> Location:
+def locate_mismatch(
+    channel_nats: Mapping[str, float], depends_on: Callable[[str], tuple[str, ...]], disturbances: Disturbances,
+    units: VehicleScale,
+) -> Location:  # fmt: skip
     """Describe where the residuals of a fit come from: channels, dependence, driving regime, place and time.
 
-    `seen` is what free functions explain beside the fit, `disturbances` are the accelerations of the body that it does
-    not explain, constant over 0.5 s; `units` are the vehicle's.  Place and time come from a scan statistic with a
+    `channel_nats` are what free functions of each channel explain beside the fit, most first, and `depends_on` says of
+    a channel on which quantities that depends.  `disturbances` are the accelerations of the body that the fit does not
+    explain, constant over 0.5 s; `units` are the vehicle's.  Place and time come from a scan statistic with a
     permutation test, and are None where its p-value is not below `LOCATE_LIMITS.significant_p_value`.
     """
-    nats = seen.channel_nats()
-    channel = next(iter(nats), None)
+    channel = next(iter(channel_nats), None)
     circles, place_p = scan_circles(disturbances, units, 1)
     place = circles[0] if place_p < LOCATE_LIMITS.significant_p_value else None
     window, window_p = scan_windows(disturbances)
     shown = window if window_p < LOCATE_LIMITS.significant_p_value else None
     energies = (disturbances.strength**2)[:, list(PUSHED_BY.get(channel or "", (0, 1, 2)))].sum(axis=1)
     regime = describe_regime(disturbances, energies)
-    depends_on = seen.depends_on(channel) if channel else ()
-    return Location(channel, nats, depends_on, regime, place, place_p, shown, window_p)
+    quantities = depends_on(channel) if channel else ()
+    return Location(channel, channel_nats, quantities, regime, place, place_p, shown, window_p)
 
 
 def describe_regime(disturbances: Disturbances, energies: Floats) -> str:

@@ -56,11 +56,6 @@ class Quadratic(NamedTuple):
             out[np.ix_(on, on)] = sd[on][:, None] * np.linalg.inv(self.whiten(on, sd)) * sd[on]
         return out
 
-    def occam_nats(self, sd: Floats) -> float:
-        """log|1 + T^(1/2) G T^(1/2)| / 2: what the freedom of the coefficients costs."""
-        on = np.flatnonzero(sd)
-        return 0.5 * float(np.linalg.slogdet(self.whiten(on, sd))[1]) if len(on) else 0.0
-
     def whiten(self, on: Ints, sd: Floats) -> Floats:
         """1 + T^(1/2) G T^(1/2) of the coefficients `on`."""
         s = sd[on]

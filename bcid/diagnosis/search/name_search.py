@@ -21,9 +21,9 @@ from bcid.diagnosis.remainder.fit import (
     fit_with_remainder,
 )
 from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis
-from bcid.diagnosis.remainder.scores import score_names
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
+from bcid.diagnosis.search.name_scores import score_names
 from bcid.diagnosis.search.place_search import refine_places
 from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects, refit_with_effects
 from bcid.diagnosis.search.rivals import exchange_until_stable
@@ -186,7 +186,8 @@ class NameSearch:
                 found = self._remember(add_beside_remainder(rest, f, seen, self.take))
                 reached, best = max(reached, found.log_evidence), _greater(best, found)
             if reached < least:
-                self.refused[name] = max(reached, highest) - rest.log_evidence
+                added = reached if math.isfinite(reached) else highest
+                self.refused[name] = added - rest.log_evidence
         return best if best and best.log_evidence > least else None
 
     def keep_names(self, rest: RemainderFit) -> tuple[RemainderFit, dict[str, float], dict[str, Fit]]:

@@ -52,18 +52,12 @@ class NullGains(NamedTuple):
 
     p_value: float  # of the best of all trials
     chance_level: float  # that the best of all trials exceeds with SEARCH_LIMITS.gate_p_value
-    local_chance_level: float  # that the best trial bound to a place or a time exceeds as rarely
     placebos: list[CandidateEffect]  # trials carried elsewhere in the take, best first
 
     @property
     def gate(self) -> float:
         """Nats that an effect must gain: more than chance, and more than any placebo."""
         return max(self.chance_level, self.placebos[0].score)
-
-    @property
-    def local_gate(self) -> float:
-        """Nats that an effect bound to a place or a time must gain on blocks that its refit has not seen."""
-        return max(self.local_chance_level, self.placebos[0].score)
 
 
 NO_NULLS = NullGains(1.0, 0.0, 0.0, [CandidateEffect("", [], 0.0)])
@@ -202,7 +196,7 @@ def _rank_candidates(changes: ProjectedChanges, trials: Sequence[Trial]) -> list
     all_amplitudes, scores = score_test.robust_amplitudes(changes, [t.own for t in trials])
     for trial, amplitudes, score in zip(trials, all_amplitudes, scores.tolist(), strict=True):
         if trial.effect not in best or score > best[trial.effect].score:
-            best[trial.effect] = CandidateEffect(trial.effect, _combine_vectors(trial, amplitudes), score)
+            best[trial.effect] = CandidateEffect(trial.effect, combine_vectors(trial, amplitudes), score)
     return sorted(best.values(), key=lambda c: -c.score)
 
 
@@ -214,16 +208,15 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     """
     linearised = linearise_fit(fit, take)
     changes = project_out_fit(linearised, trials.columns, trials.widest)
-    local = [t.own for t in trials.trials if ENTRIES[t.effect].place_parameters]
-    maxima, local_maxima = (score_test.null_maxima(changes, own) for own in ([t.own for t in trials.trials], local))
+    maxima = score_test.null_maxima(changes, [t.own for t in trials.trials])
     best = max(score_test.score_test_gain(changes, t.own) for t in trials.trials)
-    level, local_level = (score_test.null_quantile(m, SEARCH_LIMITS.gate_p_value) for m in (maxima, local_maxima))
+    level = score_test.null_quantile(maxima, SEARCH_LIMITS.gate_p_value)
     elsewhere = project_out_fit(linearised, trials.columns, trials.widest, moved=take.segments // 2)
     p_value = (1 + int(np.sum(maxima >= best))) / (1 + len(maxima))
-    return NullGains(p_value, level, local_level, _rank_candidates(elsewhere, trials.trials))
+    return NullGains(p_value, level, _rank_candidates(elsewhere, trials.trials))
 
 
-def _combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:
+def combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:
     """Parameter values (SI) of an effect: the trial's vectors times `amplitudes`, summed; places and times are kept."""
     return [
         trial.vectors[0][i]

@@ -15,7 +15,7 @@ from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.fit import RemainderFit
 from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
-from bcid.diagnosis.search.screen import CandidateEffect, _combine_vectors
+from bcid.diagnosis.search.screen import CandidateEffect, combine_vectors
 from bcid.effects.table import ENTRIES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.price import price_nats
@@ -72,7 +72,7 @@ def _score_about(
         score = 0.5 * float(own_b @ np.linalg.lstsq(own_H, own_b, rcond=1e-9)[0])
         price = price_nats(len(ENTRIES[trial.effect].parameters), take.segments)
         score += beside.log_evidence(basis.sd(again)) - nothing - price
-        values = _combine_vectors(trial, amplitude)
+        values = combine_vectors(trial, amplitude)
         p = ENTRIES[trial.effect].parameters
         if any(not q.is_place and q.low >= 0.0 and v <= 0.0 for q, v in zip(p, values, strict=True)):
             continue
