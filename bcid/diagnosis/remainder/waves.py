@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
@@ -39,7 +40,6 @@ CHANNEL_OF = {
 FINEST_HZ, FINEST_CYCLES_PER_M = 2.0, 1.2
 SLOWEST_CYCLES = 2.0  # over a take, or over the floor: what is slower is smooth
 BIN_S = 0.025
-MIN_GAIN_NATS = 8.0  # beyond the price
 MOST_WAVES = 8
 
 
@@ -70,7 +70,8 @@ def find_wave(
     slope = at.carrier_slopes - np.einsum("snq,n->sq", at.cross, moved) - np.einsum("sqp,sp->sq", at.carriers, acts)
     every = [*_waves_on_body(at, car, weights, slope), *_waves_in_tracking(at, weights, moved, acts)]
     best, price = max((w for w, _ in every), key=lambda w: w.gain), float(np.log(sum(n for _, n in every)))
-    return best._replace(price=price) if best.gain > max(price + MIN_GAIN_NATS, least) else None
+    enough = max(price + SEARCH_LIMITS.min_wave_nats, least)
+    return best._replace(price=price) if best.gain > enough else None
 
 
 def _waves_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats) -> Iterator[tuple[Wave, int]]:
