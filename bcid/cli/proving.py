@@ -1,4 +1,4 @@
-"""`bcid prove`: what a diagnosis finds of concealed effects, and of real ones that are known; whether it hangs on a limit."""
+"""`bcid prove`: what a diagnosis finds of concealed effects and of known real ones; whether it hangs on a limit."""
 
 from __future__ import annotations
 

@@ -8,5 +8,6 @@ of unknown size, which are eliminated (`marginal`, `nuisance`).  Derivatives go 
 hypothesis's parameters, `force_history` those by all that may act on the car.
 A `hypothesis` is fitted by `prepare` (base model) and `refit` (with effects), by `newton` steps, under pushes as
 `refit_with_pushes` says; `score_test` says what an effect more would gain, by the changes of poses that `projection`
-finds no fit to imitate, `divergence` what becomes of predictions that diverge; `limits` holds all numbers that decide.
+finds no fit to imitate, `divergence` what becomes of predictions that diverge; `kept_fits` lets a proof use refits
+again; `limits` holds all numbers that decide.
 """

@@ -16,8 +16,7 @@ PANEL = {
     "three-times-noise": 2, "small-plus": 2, "small-null": 2, "triple": 2, "small-outside": 1, "closed-loop": 1,
     "measurement-and-vehicle": 1, "unexcited": 1,
 }  # fmt: skip
-"""Takes of each tier in the whole panel of 60, besides the example; a smaller one begins with a take of each, in this order.
-"""
+"""Takes of each tier in the whole panel of 60, besides the example; a smaller one begins with one of each, in order."""
 
 EXAMPLE_TIER = "example"
 _EXAMPLE_NUMBER, _EXAMPLE = next((i, take) for i, take in enumerate(TAKES) if take.conceals)

@@ -1,7 +1,8 @@
 """One take told with limits as they are, and with one of them halved or doubled: what is told, and whether it differs.
 
-Simulation, estimate and base fit are made once for a take.  A limit of the search needs a new search; one by which only
-the result of a search is judged does not.
+Simulation, estimate and base fit are made once for a take.  A limit of the search needs a new search, whose refits are
+those of the search with limits as they are, as long as it goes the same way; one by which only the result of a search
+is judged needs none.
 """
 
 from collections.abc import Callable, Iterable
@@ -15,6 +16,7 @@ from bcid.diagnosis.judge.verdict import judge_names
 from bcid.diagnosis.limits import DECIDING_LIMITS, JUDGE_LIMITS, limit_set_to
 from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.likelihood.divergence import refuse_divergence
+from bcid.likelihood.kept_fits import KeptFits, use_kept_fits
 from bcid.likelihood.take import Take
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.diagnose_case import estimate_concealed_drive
@@ -76,12 +78,14 @@ class VariedTake:
         self.recording = record_drive(case.simulate(), case.rate_hz, vehicle, "concealed")
         estimate, reference = estimate_concealed_drive(self.recording, vehicle, files.vehicle, files.simulation)
         self.base = fit_base_model([self.recording], [estimate], vehicle, reference)
-        self.left_out = case.left_out
+        self.left_out, self.kept = case.left_out, KeptFits()
 
     @cached_property
     def naming(self) -> Naming:
-        """The names that a search gives with all limits as they are."""
-        return self._search()
+        """The names that a search gives with all limits as they are; its refits are kept."""
+        naming = self._search()
+        self.kept.is_open = False
+        return naming
 
     def _search(self) -> Naming:
         """The names that a search gives with the limits as they are now."""
@@ -93,12 +97,12 @@ class VariedTake:
         Raises:
             InputRefused: predictions diverge.
         """
-        with threadpool_limits(1, "blas"), refuse_divergence([self.recording]):
+        with threadpool_limits(1, "blas"), refuse_divergence([self.recording]), use_kept_fits(self.kept):
+            naming = self.naming
             if variation == AS_THEY_ARE:
-                return told_verdict(self.naming, self.base.take)
-            naming = None if variation.needs_search else self.naming
+                return told_verdict(naming, self.base.take)
             with limit_set_to(variation.limit, variation.value):
-                return told_verdict(naming or self._search(), self.base.take)
+                return told_verdict(self._search() if variation.needs_search else naming, self.base.take)
 
 
 def tell_variations(
