@@ -337,10 +337,12 @@ def test_a_short_take_is_told_its_verdict_with_other_limits() -> None:
     assert take.kept.looked_up >= made // 2
     assert len(take.kept.by_arguments) == made
     # as a search without kept refits
-    again = take._search()
+    take.kept = KeptFits()
+    again = take.search()
+    assert len(take.kept.by_arguments) == made
     assert again.gains == take.naming.gains
     assert told_verdict(again, take.base.take) == as_is
     assert (JUDGE_LIMITS.rival_nats, SEARCH_LIMITS.near_nats) == (4.0, 10.0)
     # nothing can be a name that must add as much as this
     with limit_set_to("gate_p_value", 1e-300):
-        assert take._search().nulls.gate > 500.0
+        assert take.search().nulls.gate > 500.0

@@ -6,7 +6,6 @@ is judged needs none.
 """
 
 from collections.abc import Callable, Iterable
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from threadpoolctl import threadpool_limits
@@ -60,7 +59,8 @@ def told_verdict(naming: Naming, take: Take) -> dict[str, Any]:
     "channel" is the one in which something unknown acts, as blind tests count it: the first of what a remainder
     explains; empty where the kind is another than "unknown".  Values, gains and probabilities do not count.
     """
-    judgement = judge_names(naming, take)
+    with threadpool_limits(1, "blas"):
+        judgement = judge_names(naming, take)
     channels = naming.rest.seen.channel_nats() if judgement.verdict == "unknown" else {}
     return {
         "verdict": judgement.verdict, "names": sorted(f.effect for f in judgement.findings),
@@ -69,27 +69,29 @@ def told_verdict(naming: Naming, take: Take) -> dict[str, Any]:
 
 
 class VariedTake:
-    """A take with its base fit, of which verdicts are told with one limit or another changed."""
+    """A take with its base fit and names, of which verdicts are told with one limit or another changed."""
 
     def __init__(self, case: BlindCase) -> None:
-        """Simulate, estimate and fit the base model, once for all that is told."""
+        """Simulate, estimate, fit the base model and search for names, once for all that is told.
+
+        Raises:
+            InputRefused: too little of the take can be used, or no model can follow it.
+        """
         files = case.lab_files
         vehicle = read_vehicle_text(files.vehicle)
         self.recording = record_drive(case.simulate(), case.rate_hz, vehicle, "concealed")
         estimate, reference = estimate_concealed_drive(self.recording, vehicle, files.vehicle, files.simulation)
         self.base = fit_base_model([self.recording], [estimate], vehicle, reference)
         self.left_out, self.kept = case.left_out, KeptFits()
-
-    @cached_property
-    def naming(self) -> Naming:
-        """The names that a search gives with all limits as they are; its refits are kept."""
-        naming = self._search()
+        with refuse_divergence([self.recording]):
+            self.reference_fit = self.base.evaluate_reference()
+            self.naming = self.search()
         self.kept.is_open = False
-        return naming
 
-    def _search(self) -> Naming:
+    def search(self) -> Naming:
         """The names that a search gives with the limits as they are now."""
-        return name_effects(self.base.fit, self.base.take, self.left_out, self.base.evaluate_reference())
+        with threadpool_limits(1, "blas"), use_kept_fits(self.kept):
+            return name_effects(self.base.fit, self.base.take, self.left_out, self.reference_fit)
 
     def tell(self, variation: Variation) -> dict[str, Any]:
         """What the take is told (`told_verdict`) with a limit changed.
@@ -97,12 +99,10 @@ class VariedTake:
         Raises:
             InputRefused: predictions diverge.
         """
-        with threadpool_limits(1, "blas"), refuse_divergence([self.recording]), use_kept_fits(self.kept):
-            naming = self.naming
-            if variation == AS_THEY_ARE:
-                return told_verdict(naming, self.base.take)
-            with limit_set_to(variation.limit, variation.value):
-                return told_verdict(self._search() if variation.needs_search else naming, self.base.take)
+        if variation == AS_THEY_ARE:
+            return told_verdict(self.naming, self.base.take)
+        with refuse_divergence([self.recording]), limit_set_to(variation.limit, variation.value):
+            return told_verdict(self.search() if variation.needs_search else self.naming, self.base.take)
 
 
 def tell_variations(
@@ -111,8 +111,8 @@ def tell_variations(
 ) -> None:  # fmt: skip
     """Tell a case's verdict with each of the `variations` of limits, and hand each to `keep` as soon as it is there.
 
-    An exception of any kind is handed over as a row with its text as "error"; one before the first search as that of
-    the limits as they are.  None begins once `in_time` is false.
+    An exception of any kind is handed over as a row with its text as "error"; one that the take ends in with all limits
+    as they are, as theirs, and no other is told.  None begins once `in_time` is false.
     """
     try:
         take = VariedTake(case)
