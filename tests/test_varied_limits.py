@@ -48,6 +48,8 @@ def test_a_dozen_limits_decide_at_most_and_each_is_one_of_its_class() -> None:
     for name, limits in DECIDING_LIMITS.items():
         assert name in vars(limits), name
         assert limits in (SEARCH_LIMITS, JUDGE_LIMITS), name
+    method = (Path(__file__).parent.parent / "docs" / "method.md").read_text(encoding="utf-8")
+    assert [name for name in DECIDING_LIMITS if f"`{name}`" not in method] == []
 
 
 def test_a_limit_is_changed_for_a_block_and_put_back_whatever_is_raised() -> None:
