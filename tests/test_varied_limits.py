@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+import bcid
 from bcid.cli import show
 from bcid.cli.app import main
 from bcid.diagnosis.limits import DECIDING_LIMITS, JUDGE_LIMITS, SEARCH_LIMITS, limit_set_to
 from bcid.documents.varied_limits import VariedLimitsDocument
 from bcid.errors import InputRefused
+from bcid.files.source_code import import_closure
 from bcid.likelihood.kept_fits import KeptFits, content_key, kept_in_proofs, use_kept_fits
 from bcid.proof.blind import vary_limits as runs
 from bcid.proof.blind.blind_case import BlindCase
@@ -130,6 +132,15 @@ def test_a_refit_is_kept_while_it_may_be_and_looked_up_afterwards() -> None:
     assert double(1.0, ys=np.arange(3)) is not first
     assert kept.looked_up == 3
     assert content_key({"a": (1, 2.0)}) == content_key({"a": (np.float64(1.0), 2.0)}) != content_key({"a": (1, 2.5)})
+
+
+def test_what_is_kept_depends_on_no_limit_that_is_varied() -> None:
+    """Its module, and all that this imports, read neither those of the search nor those of judging."""
+    files = [p for p in (Path(bcid.__file__).parent).rglob("*.py") if "@kept_in_proofs" in p.read_text("utf-8")]
+    assert len(files) >= 2
+    for file in files:
+        module = ".".join(file.relative_to(Path(bcid.__file__).parent.parent).with_suffix("").parts)
+        assert "bcid.diagnosis.limits" not in import_closure([module]), module
 
 
 # verdicts

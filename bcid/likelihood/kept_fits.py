@@ -1,7 +1,7 @@
 """Refits that are kept while a proof repeats one search many times, each time with a little changed.
 
-A refit is a pure function: of equal arguments it is the same fit to the last bit.  Nothing is kept, or looked up,
-outside of `use_kept_fits`.
+A refit is a pure function: of equal arguments it is the same fit to the last bit, whatever limits a search has, which
+no module of such a function may read.  Nothing is kept, or looked up, outside of `use_kept_fits`.
 """
 
 import dataclasses
@@ -46,7 +46,7 @@ def use_kept_fits(kept: KeptFits) -> Iterator[None]:
 
 
 def kept_in_proofs(compute: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: the function, whose results `use_kept_fits` keeps.  It has to be pure."""
+    """Decorator: a pure function that makes fits, which `use_kept_fits` keeps."""
 
     @wraps(compute)
     def look_up_or_compute(*args: P.args, **kwargs: P.kwargs) -> T:
