@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
@@ -44,7 +45,6 @@ OVER_PLACE = ("body_x", "rolling", "world_x", "world_y", "yaw")
 FINEST_HZ, FINEST_CYCLES_PER_M = 2.0, 1.2
 SLOWEST_CYCLES = 2.0  # over a take, or over the floor: what is slower is smooth
 BIN_S = 0.025
-MIN_GAIN_NATS = 8.0  # beyond the price
 MOST_WAVES = 8
 PEAKS = 6  # of a spectrum that are solved for
 
@@ -94,7 +94,7 @@ def find_wave(
     fields = [*_gains_on_body(at, car, weights, slope), *_gains_in_tracking(at, weights, moved, acts)]
     price, best = float(np.log(sum(len(gains.likely) for _, _, gains in fields))), None
     for channel, direction, gains in fields:
-        likely = np.where(gains.scattered > price + MIN_GAIN_NATS, gains.likely, 0.0)
+        likely = np.where(gains.scattered > price + SEARCH_LIMITS.min_wave_nats, gains.likely, 0.0)
         k = int(np.argmax(likely))
         if likely[k] > max(least, best.gain if best else 0.0):
             best = Wave(channel, _wave_functions(channel, direction, gains.waves, k), float(likely[k]), price)

@@ -60,7 +60,7 @@ class NullGains(NamedTuple):
         return max(self.chance_level, self.placebos[0].score)
 
 
-NO_NULLS = NullGains(1.0, 0.0, 0.0, [CandidateEffect("", [], 0.0)])
+NO_NULLS = NullGains(1.0, 0.0, [CandidateEffect("", [], 0.0)])
 """Before any are drawn."""
 
 
