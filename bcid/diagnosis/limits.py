@@ -124,16 +124,17 @@ SEARCH_LIMITS, JUDGE_LIMITS, LOCATE_LIMITS = SearchLimits(), JudgeLimits(), Loca
 SUMMARY_LIMITS = SummaryLimits()
 
 DECIDING_LIMITS = {
-    "gate_p_value": SEARCH_LIMITS, "remainder_error": SEARCH_LIMITS, "needed_share": SEARCH_LIMITS,
+    "gate_p_value": SEARCH_LIMITS, "remainder_error": SEARCH_LIMITS, "near_nats": SEARCH_LIMITS,
     "min_score_share": SEARCH_LIMITS, "near_best_share": SEARCH_LIMITS, "kept_promise": SEARCH_LIMITS,
-    "certain_se": SEARCH_LIMITS, "edge_share": SEARCH_LIMITS, "min_wave_nats": SEARCH_LIMITS,
+    "certain_se": SEARCH_LIMITS, "needed_share": SEARCH_LIMITS, "min_wave_nats": SEARCH_LIMITS,
     "rival_nats": JUDGE_LIMITS, "rival_se": JUDGE_LIMITS, "max_rival_nats": JUDGE_LIMITS,
 }  # fmt: skip
 """The limits by which a verdict may be another, and where each stands: a dozen at most.
 
 Those of JUDGE_LIMITS are used after the search only.  Of the others some say how results are shown or how sure they are
 said to be (`max_twins`, `probability_temper`, `unexcited_sizes`), some how far a computation goes (`max_candidates`,
-`max_exchanges`, `max_effects`, `plain_candidates`, `near_nats`, `needed_sd`), and some how a scatter is estimated (`max_block_s`, `min_blocks`).
+`max_exchanges`, `max_effects`, `plain_candidates`, `needed_sd`), some how a scatter is estimated (`max_block_s`,
+`min_blocks`), and one what makes no sense (`edge_share`).
 """
 
 
