@@ -16,7 +16,6 @@ from cars import CAR
 
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.actuators import (
-    NO_REMAINDER,
     ActuatorChain,
     actuation_at,
     actuator_chain,
@@ -30,6 +29,7 @@ from bcid.effects.car import (
     _front_wheel_forces,
     _solve_wheel_angle,
     motor_force_with_effects,
+    turn_wheel,
     wrench_with_effects,
 )
 from bcid.effects.constants import Constants
@@ -39,7 +39,7 @@ from bcid.effects.lags import first_order_lag
 from bcid.effects.listing import describe_effect, effect_json
 from bcid.effects.measurement import to_pose_clock
 from bcid.effects.motion import integrate_body, steady_lags
-from bcid.effects.remainder import no_remainder
+from bcid.effects.remainder import COLUMNS, no_remainder
 from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, REMAINDER, REMAINDERS, effect_switches
 from bcid.effects.tyres import load_transfer
 from bcid.likelihood import lane_rollout
@@ -163,13 +163,14 @@ def test_off_is_the_base_model_to_the_last_bit(share: float) -> None:
         assert w.mass_factor == 1.0
 
 
+@pytest.mark.parametrize("functions", [0, 1], ids=["nothing", "functions"])
 @pytest.mark.parametrize("on", [{}, {"yaw_scrub__c": 10.0}], ids=["off", "on"])
-def test_a_wheel_that_turns_without_a_name_is_one_that_was_steered(on: dict[str, float]) -> None:
-    """Beside effects and without any: derivatives by a turn of the wheel are asked for in both."""
-    rng, e = np.random.default_rng(4), effect_switches(on)
+def test_a_wheel_that_turns_without_a_name_is_one_that_was_steered(on: dict[str, float], functions: int) -> None:
+    """Beside effects and functions and without any: derivatives by a turn of the wheel are asked for in all."""
+    rng, e = np.random.default_rng(4), effect_switches(on, np.zeros((functions, COLUMNS)))
     for _ in range(50):
         b, now = random_body(rng)
-        turned = now._replace(rest=NO_REMAINDER._replace(turn=0.1))
+        turned = turn_wheel(now, 0.1, e)
         found, expected = (
             wrench_with_effects(b, act, LagState(0.0, 0.0, 0.0), CAR, e, Constants())
             for act in (turned, now._replace(delta=now.delta + 0.1))
