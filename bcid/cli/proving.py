@@ -1,9 +1,10 @@
-"""`bcid prove`: what the diagnosis finds of effects concealed in simulated takes, and of real ones that are known."""
+"""`bcid prove`: what a diagnosis finds of concealed effects and of known real ones; whether it hangs on a limit."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 DEFAULT_SEED = 1
 BLIND_FILES = ("prove.json", "prove.html")
 REAL_FILE = "real.json"
+LIMITS_FILE = "limits.json"
 
 
 def prove(
@@ -59,28 +61,38 @@ def prove(
         typer.Option(help="A TOML file of questions to real recordings to ask instead (pipelines/dart/cases.toml)."),
     ] = None,
     recordings: Annotated[Path | None, typer.Option(help="The folder of the recordings for --real.")] = None,
+    limits: Annotated[
+        bool,
+        typer.Option("--limits", help="Halve and double each limit instead, and count verdicts that change."),
+    ] = False,
+    takes: Annotated[
+        int | None, typer.Option(min=1, max=60, help="Takes of the panel for --limits. Default: all 60.")
+    ] = None,
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Conceal effects in simulated takes and count how many the diagnosis finds; takes hours unless --quick."""
-    if real is None:
+    if real is None and not limits:
         _check_blind_options(quick, seed, salt, every, recordings)
         if case is not None and (salt or baselines or minutes is not None):
             raise UsageError("--case only writes a recording\n  next: leave out --salt, --baselines and --minutes")
+    if takes is not None and not limits:
+        raise UsageError("--takes goes with --limits\n  next: add --limits, or leave it out")
     from bcid.cli.sink import Sink
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
     sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every)
+    for_blind_tests = {
+        "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines,
+        "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != SuiteSizes(),
+    }  # fmt: skip
+    if limits:
+        _refuse_options({"real": real is not None, "recordings": recordings is not None, **for_blind_tests}, "limits")
+        _vary_limits(DEFAULT_SEED if seed is None else seed, takes, out, workers, minutes, sink, force)
+        return
     if real is not None:
-        for_simulated = {
-            "quick": quick, "case": case is not None, "seed": seed is not None, "salt": salt, "baselines": baselines,
-            "minutes": minutes is not None,
-            "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != SuiteSizes(),
-        }  # fmt: skip
-        given = [f"--{name}" for name, is_given in for_simulated.items() if is_given]
-        if given:
-            raise UsageError(f"{', '.join(given)}: for simulated takes only\n  next: leave it out with --real")
+        _refuse_options({"seed": seed is not None, "minutes": minutes is not None, **for_blind_tests}, "real")
         _ask_real_questions(real, recordings or Path(), out, workers, sink, force)
         return
     test = BlindTest(DEFAULT_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
@@ -88,6 +100,14 @@ def prove(
         _run_blind_test(test, out, workers, minutes, sink, force)
     else:
         _write_case(test, case, out, sink, force)
+
+
+def _refuse_options(options_given: Mapping[str, object], other: str) -> None:
+    """Raise `UsageError` where options, given by name with whether they were used, go with no run for --`other`."""
+    given = [f"--{name}" for name, is_given in options_given.items() if is_given]
+    if given:
+        why = "for simulated takes only" if other == "real" else "not for the panel on which limits are varied"
+        raise UsageError(f"{', '.join(given)}: {why}\n  next: leave it out with --{other}")
 
 
 def _check_blind_options(quick: bool, seed: int | None, salt: str, every: int, recordings: Path | None) -> None:
@@ -163,6 +183,33 @@ def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | N
     if document.missed:
         missed = "; ".join(document.missed)
         raise GoalMissed(f"goals missed ({missed})\n  next: see the wrong answers in {out / 'prove.html'}")
+
+
+def _vary_limits(
+    seed: int, takes: int | None, out: Path, workers: int, minutes: float | None, sink: Sink, force: bool
+) -> None:
+    """Halve and double each limit that decides, over a panel of simulated takes; tell which verdicts change.
+
+    The panel is drawn from `seed`; it has all its takes where `takes` is None.  The counts are written as limits.json
+    into `out`.
+    """
+    from bcid.cli import show
+    from bcid.proof.blind.blind_test import BlindTest
+    from bcid.proof.blind.limit_panel import draw_panel
+    from bcid.proof.blind.vary_limits import vary_limits
+    from bcid.store.receipt import refuse_to_renew, renew_results
+
+    refuse_to_renew(out, [LIMITS_FILE], force)
+    panel = draw_panel(BlindTest(seed).cases, seed, takes)
+    with sink.stage("prove that no verdict hangs on a limit") as progress:
+        document = vary_limits(
+            panel, seed, out, workers, minutes,
+            lambda done: progress(done / len(panel), f"{done} of {len(panel)}"),
+        )  # fmt: skip
+    renew_results(out, {LIMITS_FILE: document.write}, force)
+    sink.result(document.as_json(), lambda: show.varied_limits_tables(document))
+    if document.missed:
+        raise GoalMissed(f"goals missed ({'; '.join(document.missed)})\n  next: see the changes in {out / LIMITS_FILE}")
 
 
 def _ask_real_questions(file: Path, recordings: Path, out: Path, workers: int, sink: Sink, force: bool) -> None:

@@ -13,6 +13,7 @@ from bcid.documents.diagnosis import Detectable, DiagnosisDocument
 from bcid.documents.health import ClockEstimate, HealthDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.report import ReportDocument
+from bcid.documents.varied_limits import VariedLimitsDocument
 from bcid.errors import printable
 from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary
@@ -188,6 +189,30 @@ def proof_tables(outcome: ProveDocument) -> Group:
             for b in outcome.baselines
         ]
         tables.append(plain_table("the same takes by other methods", ["method", "n", *figures], others))
+    return Group(*tables)
+
+
+def varied_limits_tables(outcome: VariedLimitsDocument) -> Group:
+    """Tables of limits.json: verdicts that change with half and twice of each limit; which; takes without a verdict."""
+    rows = [
+        [
+            v.limit, f"{v.value:g}", str(v.takes), *(f"{n} ({value:g})" for n, value in (
+                (v.changed_halved, v.halved), (v.changed_doubled, v.doubled))),
+            "–" if v.changed_share is None else f"{100.0 * v.changed_share:.2g} %"
+            + " missed" * (v.changed_share > outcome.goal),
+        ]
+        for v in outcome.limits
+    ]  # fmt: skip
+    title = f"verdicts that change, {outcome.diagnosed} of {outcome.takes} takes with all values"
+    columns = ["limit", "value", "takes", "halved", "doubled", "of all"]
+    tables = [plain_table(title, columns, rows, f"goal: ≤ {100.0 * outcome.goal:g} % with each limit")]
+    if outcome.changes:
+        changed = [[f"{c.limit} = {c.value:g}", c.case, c.there or "–", c.before, c.after] for c in outcome.changes]
+        columns = ["limit", "case", "there", "before", "after"]
+        tables.append(plain_table("changed verdicts", columns, changed, "", ["there", "before", "after"]))
+    if outcome.failed:
+        failed = [[f.case, f"{f.limit} = {f.value:g}" if f.limit else "as they are", f.error] for f in outcome.failed]
+        tables.append(plain_table("without a verdict", ["case", "limits", "error"], failed, "", ["error"]))
     return Group(*tables)
 
 

@@ -3,9 +3,11 @@
 Gains are penalised log-likelihoods in nats.  A "take of nothing" lacks no physics of the base model: 300 are the tier
 "null" of the blind test, 400 the tiers "null" and "null-imperfect" (a car whose base model is slightly wrong).  "Blind
 test" stands for docs/results/prove.json with the rows in docs/results/proof, "DART" for docs/results/real_dart.json.
-No limit has been varied alone: the figures show what all of them do together.
+Which of them decide the verdict stands in DECIDING_LIMITS; `bcid prove --limits` halves and doubles each.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -32,12 +34,18 @@ class SearchLimits:
     kept_promise: float = 0.5
     # Candidates that are refitted in one round, best score first.
     max_candidates: int = 4
+    # Effects that are refitted for what they promise without a remainder, best score first.
+    plain_candidates: int = 2
     # Standard errors from zero at which a correction of the base model is certain.
     certain_se: float = 8.0
     # Share of a take at each end in which a change of the car only makes up for wrong base parameters.
     edge_share: float = 0.08
     # Effects for which each name is exchanged, best score first.
     max_exchanges: int = 3
+    # Nats that a wave must gain beyond the price of its choice.  Not yet justified.
+    min_wave_nats: float = 8.0
+    # Standard deviations from zero at which a coefficient of the remainder is refitted.  Not yet justified.
+    needed_sd: float = 0.7
 
 
 @dataclass(frozen=True)
@@ -115,3 +123,37 @@ class SummaryLimits:
 
 SEARCH_LIMITS, JUDGE_LIMITS, LOCATE_LIMITS = SearchLimits(), JudgeLimits(), LocateLimits()
 SUMMARY_LIMITS = SummaryLimits()
+
+DECIDING_LIMITS = {
+    "gate_p_value": SEARCH_LIMITS, "remainder_error": SEARCH_LIMITS, "near_nats": SEARCH_LIMITS,
+    "min_score_share": SEARCH_LIMITS, "near_best_share": SEARCH_LIMITS, "kept_promise": SEARCH_LIMITS,
+    "certain_se": SEARCH_LIMITS, "needed_share": SEARCH_LIMITS, "min_wave_nats": SEARCH_LIMITS,
+    "rival_nats": JUDGE_LIMITS, "rival_se": JUDGE_LIMITS, "max_rival_nats": JUDGE_LIMITS,
+}  # fmt: skip
+"""The limits by which a verdict may be another, and where each stands: a dozen at most.
+
+Those of JUDGE_LIMITS are used after the search only.  Of the others some say how results are shown or how sure they are
+said to be (`max_twins`, `probability_temper`, `unexcited_sizes`), some how far a computation goes (`max_candidates`,
+`max_exchanges`, `max_effects`, `plain_candidates`, `needed_sd`), some how a scatter is estimated (`max_block_s`,
+`min_blocks`), and one what makes no sense (`edge_share`).
+"""
+
+
+@contextmanager
+def limit_set_to(name: str, value: float) -> Iterator[None]:
+    """Context manager: the limit `name`, a key of DECIDING_LIMITS, is `value` in its block, in this process only.
+
+    Only for the proof that verdicts do not hang on a limit (`bcid prove --limits`); nothing else may change one.  All
+    threads of the process see the changed limit.  Afterwards the limit is as it was, whatever is raised.
+
+    Raises:
+        KeyError: there is no such limit.
+    """
+    limits = DECIDING_LIMITS[name]
+    before = getattr(limits, name)
+    # a frozen dataclass keeps everybody from changing a limit, but for this proof
+    object.__setattr__(limits, name, value)
+    try:
+        yield
+    finally:
+        object.__setattr__(limits, name, before)

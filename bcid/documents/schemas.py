@@ -9,11 +9,13 @@ from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.report import EvaluationDocument, ReportDocument
+from bcid.documents.varied_limits import VariedLimitsDocument
 
 DOCUMENTS: dict[str, type[Document]] = {
     "diagnosis": DiagnosisDocument,
     "evaluation": EvaluationDocument,
     "health": HealthDocument,
+    "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,
     "prove": ProveDocument,
     "report": ReportDocument,

@@ -9,5 +9,5 @@ hypothesis's parameters, `force_history` those by all that may act on the car.
 A `hypothesis` is fitted by `prepare` (base model) and `refit` (with effects), by `newton` steps, under pushes as
 `refit_with_pushes` says; `score_test` says what an effect more would gain, by the changes of poses that `projection`
 finds no fit to imitate, `divergence` what becomes of predictions that diverge, `price` what a parameter costs;
-`limits` holds all numbers that decide.
+`kept_fits` lets a proof use refits again; `limits` holds all numbers that decide.
 """

@@ -11,6 +11,7 @@ from bcid.aliases import Floats
 from bcid.likelihood import newton
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
+from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import Scales, student_log_densities
 from bcid.likelihood.newton import MAX_EM_STEPS, RefitProblem, RefitState, Tangent, build_state, linearise_at
 from bcid.likelihood.nuisance import move_to_posterior, solve_nuisance
@@ -65,6 +66,7 @@ class Fit:
         return {f: (v, float(s)) for (f, v), s in zip(self.hypothesis.effect_values(self.phi).items(), se, strict=True)}
 
 
+@kept_in_proofs
 def refit(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
     tangent: Tangent | None = None, tangents: int = MAX_TANGENTS,

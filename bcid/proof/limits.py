@@ -41,7 +41,7 @@ cars are younger and not in it.
 
 @dataclass(frozen=True)
 class ScoreLimits:
-    """What counts as a right answer, as an edit found again, and as chance."""
+    """What counts as a right answer, as an edit found again, as chance, and as a verdict that hangs on a limit."""
 
     # Names (an effect and its twins) that an answer may hold for one effect; a longer set tells too little.  A
     # diagnosis reports three twins at most; docs/results/prove.json has 1.02 names on average.
@@ -52,6 +52,8 @@ class ScoreLimits:
     # Level at which p-values of takes of nothing are counted; their share should equal it.  docs/results/prove.json has
     # 0.037, 95 % interval 0.018 to 0.065, of 300 takes.
     null_p_level: float = 0.05
+    # Share of verdicts that may change where a limit is halved or doubled.  An aim, not derived from data.
+    max_changed_share: float = 0.02
     # Errors of a parameter within which an edit counts as found, as a share of its size.  Not yet justified;
     # docs/results/real_dart.json has 2 to 44 %.
     edit_error_share: float = 0.25

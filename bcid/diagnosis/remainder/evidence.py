@@ -115,5 +115,6 @@ def channel_worths(quadratic: Quadratic, basis: RemainderBasis, spread: Mapping[
     for name in {channel_of(n) for n, tau in spread.items() if tau > 0.0}:
         others = [n for n in basis.channels if channel_of(n) != name and (spread[n] > 0.0 or not n.endswith("="))]
         without = likeliest_spreads(quadratic, basis, others, spread)
-        worths[name] = whole - quadratic.log_evidence(basis.sd(without))
+        # spreads are found one after the other: without a channel they may end at a greater maximum
+        worths[name] = max(whole - quadratic.log_evidence(basis.sd(without)), 0.0)
     return dict(sorted(worths.items(), key=lambda item: -item[1]))

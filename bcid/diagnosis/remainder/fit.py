@@ -29,7 +29,6 @@ from bcid.likelihood.take import Take
 REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 ROUNDS = 4  # of refits, each with the spreads found at the one before
 CONVERGED_NATS = 2.0  # that a further round is expected to gain, below which there is none
-NEEDED_SD = 0.7  # standard deviations that a coefficient is from zero, from which it is refitted
 TANGENTS = 3
 SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a refit starts
 
@@ -189,7 +188,7 @@ def _whiten(c: Floats, sd: Floats) -> Floats:
 def needed_functions(quadratic: Quadratic, sd: Floats, c: Floats) -> Ints:
     """Indices of the functions whose coefficients `c` are some standard deviations from zero."""
     strength = np.abs(c) * np.sqrt(np.maximum(np.diag(quadratic.G), 0.0))
-    return np.flatnonzero((sd > 0.0) & (strength > NEEDED_SD))
+    return np.flatnonzero((sd > 0.0) & (strength > SEARCH_LIMITS.needed_sd))
 
 
 def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:

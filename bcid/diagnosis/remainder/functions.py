@@ -37,9 +37,11 @@ QUANTITIES = {
 }  # fmt: skip
 """Names in diagnosis.json of what functions depend on."""
 
-Waves = Mapping[
-    str, int
-]  # half waves over the range of a quantity, by its name; a negative number turns the wave round
+Waves = Mapping[str, float]
+"""Half waves over the range of a quantity, by its name; a negative number turns the wave round."""
+
+LINEAR = 0.01
+"""Of a half wave: so little about its node is a straight line through the middle of the range."""
 
 
 class Term(NamedTuple):
@@ -170,15 +172,17 @@ COPIES: tuple[Term, ...] = (
     Term("fx=", "body_x", {}), Term("fx=", "rolling", {}), Term("fx=", "front_along", {}), Term("fx=", "world_x", {}),
     Term("fx=", "world_y", {}), Term("fy=", "front_across", {}), Term("fy=", "rear_across", {}),
     Term("motor=", "driven_along", {}), Term("steering=", "wheel_angle", {}),
+    Term("fx=", "body_x", {"v_x": LINEAR}), Term("mz=", "yaw", {"omega": LINEAR}),
+    Term("steering=", "wheel_angle", {"delta": LINEAR}),
 )  # fmt: skip
-"""Constants on the body: copies of laws that have names.  A name is weighed beside its copy only where the channel is
-needed anyway, as else it could never win."""
+"""Constants and straight lines on the body: copies of laws that have names.  A name is weighed beside its copy only
+where the channel is needed anyway, as else it could never win."""
 
 SEEN_COPIES: tuple[Term, ...] = (
     Term("pose=", "seen_along", {}), Term("pose=", "seen_across", {}), Term("pose=", "seen_yaw", {}),
-    Term("time=", "seen_late", {}),
+    Term("time=", "seen_late", {}), Term("pose=", "seen_x", {"p_x": LINEAR}), Term("pose=", "seen_y", {"p_y": LINEAR}),
 )  # fmt: skip
-"""Constants in the tracking, likewise; an offset of the place is the world's."""
+"""Those in the tracking, likewise; an offset of the place is the world's."""
 
 
 def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasis:
@@ -196,8 +200,14 @@ def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasi
     body[:, PHASE], body[:, WAVE:] = _phases_and_waves(on_body, INPUTS, ranges)
     tracking[:, SHIFT], tracking[:, FIRST_WAVE:] = _phases_and_waves(in_tracking, TRACKING_INPUTS, ranges)
     every = (*on_body, *in_tracking)
-    sizes = [size.get(t.direction, 1.0) / (1.0 + sum(a * a for a in t.waves.values())) for t in every]
+    sizes = [size.get(t.direction, 1.0) * _expected_size(t.waves) for t in every]
     return RemainderBasis(body, tracking, tuple(t.channel for t in every), np.array(sizes), per_turn)
+
+
+def _expected_size(waves: Waves) -> float:
+    """To what size a function's coefficient is expected: fine waves are smaller; a straight line is 1 at both ends."""
+    straight = 2.0 / (np.pi * LINEAR) if LINEAR in waves.values() else 1.0
+    return straight / (1.0 + sum(a * a for a in waves.values()))
 
 
 def _phases_and_waves(
@@ -209,7 +219,8 @@ def _phases_and_waves(
         for name, a in term.waves.items():
             centre, half = ranges[name]
             wave[j, inputs.index(name)] = 0.5 * np.pi * a / half
-            phase[j] -= 0.5 * np.pi * a / half * (centre - half)
+            # a wave begins at one end, a straight line is the middle of a node
+            phase[j] -= 0.5 * np.pi * (a * (centre - half) / half if a != LINEAR else 1.0 + a * centre / half)
     return phase, wave
 
 

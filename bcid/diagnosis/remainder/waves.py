@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
@@ -44,8 +45,8 @@ OVER_PLACE = ("body_x", "rolling", "world_x", "world_y", "yaw")
 FINEST_HZ, FINEST_CYCLES_PER_M = 2.0, 1.2
 SLOWEST_CYCLES = 2.0  # over a take, or over the floor: what is slower is smooth
 BIN_S = 0.025
-MIN_GAIN_NATS = 8.0  # beyond the price
 MOST_WAVES = 8
+PEAKS = 6  # of a spectrum that are solved for
 
 
 class Wave(NamedTuple):
@@ -93,7 +94,7 @@ def find_wave(
     fields = [*_gains_on_body(at, car, weights, slope), *_gains_in_tracking(at, weights, moved, acts)]
     price, best = float(np.log(sum(len(gains.likely) for _, _, gains in fields))), None
     for channel, direction, gains in fields:
-        likely = np.where(gains.scattered > price + MIN_GAIN_NATS, gains.likely, 0.0)
+        likely = np.where(gains.scattered > price + SEARCH_LIMITS.min_wave_nats, gains.likely, 0.0)
         k = int(np.argmax(likely))
         if likely[k] > max(least, best.gain if best else 0.0):
             best = Wave(channel, _wave_functions(channel, direction, gains.waves, k), float(likely[k]), price)
@@ -128,7 +129,8 @@ def _gains_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
         field = ForceField(
             np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True)
         )
-        yield channel, direction, _spectrum(field.slope, field.information.sum(axis=0), t, KNOT_S * KNOTS / knots)
+        spectrum = _spectrum(field.slope, field.information.sum(axis=0), t, KNOT_S * KNOTS / knots)
+        yield channel, direction, _solve_peaks(spectrum, field, t)
         if direction in OVER_PLACE:
             yield channel, direction, _gratings(field, place)
 
@@ -146,6 +148,20 @@ def _spectrum(slope: Floats, information: Floats, t: Floats, step_s: float) -> G
     each = (np.abs(slope @ turns) ** 2).sum(axis=0)
     g = 0.5 * np.einsum("kf,kf->f", turns.conj(), information @ turns).real
     return Gains.of_sums(np.abs(sums[on]) ** 2, each, g, {"t": omega})
+
+
+def _solve_peaks(gains: Gains, field: ForceField, t: Floats) -> Gains:
+    """The gains of waves in time with those of the largest peaks solved for cosine and sine together, all others zero.
+
+    What the car is at follows the time, too: the information of a wave is not that of any phase.
+    """
+    likely = np.zeros_like(gains.likely)
+    for k in np.argsort(gains.likely)[-PEAKS:]:
+        angle = gains.waves["t"][k] * t
+        u = np.stack([np.cos(angle), np.sin(angle)], axis=2)
+        b, G = np.einsum("sk,skc->c", field.slope, u), np.einsum("skc,skd->cd", u, field.information @ u)
+        likely[k] = 0.5 * float(b @ np.linalg.lstsq(G, b, rcond=1e-9)[0])
+    return gains._replace(likely=likely)
 
 
 def _gratings(field: ForceField, place: Floats) -> Gains:

@@ -27,7 +27,14 @@ from bcid.diagnosis.search.name_scores import score_names
 from bcid.diagnosis.search.place_search import refine_places
 from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects, refit_with_effects
 from bcid.diagnosis.search.rivals import exchange_until_stable
-from bcid.diagnosis.search.screen import CandidateEffect, NullGains, sample_null_gains, screen_effects, simulate_trials
+from bcid.diagnosis.search.screen import (
+    NO_NULLS,
+    CandidateEffect,
+    NullGains,
+    sample_null_gains,
+    screen_effects,
+    simulate_trials,
+)
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import Fit
@@ -76,9 +83,23 @@ class NameSearch:
     basis: RemainderBasis
     trials: TrialChanges
     excluded: tuple[str, ...]
-    gate: float = 0.0
+    trials_beside: tuple[str, ...]  # effects beside which these trials are
+    nulls: NullGains = NO_NULLS
     tried: dict[frozenset[str], WeighedFit] = field(default_factory=dict)
     refused: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def gate(self) -> float:
+        """Nats that a name must add."""
+        return self.nulls.gate
+
+    def draw_nulls(self, rest: RemainderFit) -> None:
+        """Find what effects gain by chance beside a fit and its remainder.
+
+        Chance has nothing to do with what is missing, which the remainder has taken up; what it follows badly seems to
+        be chance as long as it has no name.
+        """
+        self.nulls = sample_null_gains(rest.fit, self.take, self._trials(rest.named))
 
     def beside_remainder(self, fit: Fit, seen: Explained | None = None) -> RemainderFit:
         """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order."""
@@ -101,7 +122,7 @@ class NameSearch:
         promising = self._promising(rest)
         report(f"{', '.join(c.effect for c in promising) or 'none'} beside {', '.join(named_effects(fit)) or 'none'}")
         quick = (none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in promising)
-        promised = {c.effect: c.score for c in promising}
+        promised = {c.effect: c.score for c in promising if c.score > 0.0}
         better = self._best_credible([*(refits.refit_fully(f, take) for f in quick if f), *more], rest, promised)
         if better is None and rest.nats > self.gate:
             # what the base model takes up shows beside no fit of it
@@ -110,9 +131,28 @@ class NameSearch:
         return better
 
     def _promising(self, rest: RemainderFit) -> list[CandidateEffect]:
+        """The effects that score tests promise most, beside the remainder, then without it.
+
+        Where much is missing, first-order evidence of name against remainder is a small difference of large numbers,
+        and what explains most without a remainder is worth a refit, too.
+        """
+        beside = self._promising_beside(rest)
+        known = {c.effect for c in beside}
+        trials = self._trials(rest.named)
+        plain = [c for c in screen_effects(rest.named, self.take, trials) if c.score > self.gate]
+        more = [c._replace(score=0.0) for c in plain[: SEARCH_LIMITS.plain_candidates] if c.effect not in known]
+        return [*beside, *more]
+
+    def _trials(self, fit: Fit) -> TrialChanges:
+        """Changes of predicted poses by every effect that `fit` lacks and that is not refused or excluded."""
+        if fit.hypothesis.effects != self.trials_beside:
+            self.trials = simulate_trials(fit, self.take).without(self.excluded)
+            self.trials_beside = fit.hypothesis.effects
+        return self.trials.without((*fit.hypothesis.effects, *self.refused))
+
+    def _promising_beside(self, rest: RemainderFit) -> list[CandidateEffect]:
         """The effects that the score test promises most beside the remainder, best first."""
-        trials = self.trials.without((*rest.named.hypothesis.effects, *self.refused))
-        candidates = score_names(rest, self.take, trials)
+        candidates = score_names(rest, self.take, self._trials(rest.named))
         least = max((SEARCH_LIMITS.near_best_share * c.score for c in candidates[:1]), default=0.0)
         near = [c for c in candidates if c.score > max(least, SEARCH_LIMITS.min_score_share * self.gate)]
         return near[: SEARCH_LIMITS.max_candidates]
@@ -127,13 +167,15 @@ class NameSearch:
         effect, it is tried from the remainder of `rest`, too.
         """
         least, best = rest.log_evidence + self.gate, None
+        # pushes shrink as a remainder explains them, so that it adds more than it promises to first order
+        understated = max(1.0, rest.nats / max(rest.seen.nats, 1.0))
         credible = [f for f in fits if not effects_at_bounds(f, self.take)]
         explained = [(f, explain(f, self.take, self.basis)) for f in credible]
         explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
         for f, seen in explained:
             name, reached = f.hypothesis.effects[-1], -math.inf
-            error = SEARCH_LIMITS.remainder_error * seen.nats + SEARCH_LIMITS.near_nats
-            highest = f.penalised_log_likelihood + seen.nats + error
+            promise = understated * (1.0 + SEARCH_LIMITS.remainder_error) * seen.nats
+            highest = f.penalised_log_likelihood + promise + SEARCH_LIMITS.near_nats
             if highest > max(least, best.log_evidence if best else least):
                 found = self.beside_remainder(f, seen)
                 reached, best = found.log_evidence, _greater(best, found)
@@ -214,17 +256,17 @@ def name_effects(
     corrected = fit_corrections(base, take)
     report("a score test of every effect")
     trials = simulate_trials(corrected, take).without(excluded)
-    search = NameSearch(take, basis_for(corrected, take), trials, tuple(excluded))
+    basis = basis_for(corrected, take)
+    search = NameSearch(take, basis, trials, tuple(excluded), corrected.hypothesis.effects)
     before = rest = search.beside_remainder(corrected)
-    # chance has nothing to do with what is missing, which the remainder has taken up
-    nulls = sample_null_gains(rest.fit, take, trials)
-    search.gate = nulls.gate
+    search.draw_nulls(rest)
     more = refit_beside_reference(reference_fit, take, excluded) if reference_fit else []
     while len(named_effects(rest.named)) < SEARCH_LIMITS.max_effects:
         better = search.add_name(rest, more, report)
         if better is None:
             break
         rest, more = better, []
+        search.draw_nulls(rest)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)
     fit = refine_places(fit, take)
@@ -236,7 +278,7 @@ def name_effects(
         exchanged = search.beside_remainder(others.best)
         if exchanged.log_evidence > rest.log_evidence:
             rest, gains, without = search.keep_names(exchanged)
-    return Naming(base, corrected, before, rest, gains, without, others.rivals, search.refused, nulls)
+    return Naming(base, corrected, before, rest, gains, without, others.rivals, search.refused, search.nulls)
 
 
 def refit_beside_reference(reference: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:

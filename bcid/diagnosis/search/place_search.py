@@ -7,6 +7,7 @@ from scipy.optimize import Bounds, direct
 
 from bcid.aliases import Floats
 from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import eliminate_nuisance, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import residuals_without_pushes
 from bcid.likelihood.refit import Fit, refit
@@ -24,6 +25,7 @@ MIN_STEP_NATS, MIN_ROUND_NATS, MAX_ROUNDS = 0.1, 1.0, 4
 DIRECT_EVALUATIONS = 1000
 
 
+@kept_in_proofs
 def refine_places(fit: Fit, take: Take) -> Fit:
     """The refit with the places and times of its effects moved to where the likelihood is highest nearby.
 

@@ -60,6 +60,10 @@ class NullGains(NamedTuple):
         return max(self.chance_level, self.placebos[0].score)
 
 
+NO_NULLS = NullGains(1.0, 0.0, [CandidateEffect("", [], 0.0)])
+"""Before any are drawn."""
+
+
 def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
     """Changes of the predicted poses by every trial: an effect that `fit` lacks, switched on at one size and one place.
 

@@ -2,7 +2,8 @@
 
 `blind_test` (from end to end), `cases` (a suite, drawn from a seed), `blind_case` (one take and its answer),
 `concealed_effects` (what they conceal), `seal` (of their answers), `run_cases` (all of them), `diagnose_case` (one),
-`baselines` (other methods), `regressors` (what they regress on), `limits` (of these).  Of small cars: `small_suite`
+`baselines` (other methods), `regressors` (what they regress on), `limits` (of these).  Limits of the diagnosis halved
+and doubled: `limit_panel` (takes), `varied_take` (one of them), `vary_limits` (all).  Of small cars: `small_suite`
 (their tiers), `small_case` (one take), `small_effects` (what they conceal), `small_files` (their vehicle file and
 published simulation).
 """

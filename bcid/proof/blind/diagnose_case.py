@@ -6,14 +6,18 @@ from typing import Any
 
 from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
 from bcid.diagnosis.judge.held_out import held_out_log_likelihoods
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tune import tune_estimator
+from bcid.estimate.types import Estimate
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import refit
 from bcid.proof.rows import diagnosis_row
+from bcid.recording.types import Recording
 from bcid.simulation.drive import Drive
 from bcid.simulation.samples import VEHICLE
+from bcid.vehicle import Vehicle
 from bcid.virtual_lab import TUNING, read_simulation_text, read_vehicle_text, record_drive
 
 # as a pipeline file has them where it says nothing else
@@ -34,13 +38,23 @@ def diagnose_concealed_drive(
     vehicle = read_vehicle_text(vehicle_text)
     recording = record_drive(drive, rate_hz, vehicle, "concealed")
     begin, process = time.perf_counter(), time.process_time()
-    tuning = TUNING if vehicle_text == VEHICLE else tune_estimator([recording], vehicle, PERIOD_S, MAX_GAP_S, {})
-    estimate = estimate_motion(recording, vehicle, tuning)
-    reference = read_simulation_text(simulation_text, estimate, vehicle) if simulation_text else None
+    estimate, reference = estimate_concealed_drive(recording, vehicle, vehicle_text, simulation_text)
     diagnosis = diagnose_recordings([recording], [estimate], vehicle, reference=reference, excluded=left_out)
     seconds, cpu = time.perf_counter() - begin, time.process_time() - process
     row = {**diagnosis_row(diagnosis), "seconds": round(seconds, 2), "cpu_seconds": round(cpu, 2)}
     return {**row, **_oracle_gain_share(truth, diagnosis)}, diagnosis
+
+
+def estimate_concealed_drive(
+    recording: Recording, vehicle: Vehicle, vehicle_text: str, simulation_text: str
+) -> tuple[Estimate, ReferenceModel | None]:
+    """Estimate the motion of a simulated drive; read the published simulation in `simulation_text`, if there is one.
+
+    `vehicle_text` is the vehicle file (TOML) from which `vehicle` was read.
+    """
+    tuning = TUNING if vehicle_text == VEHICLE else tune_estimator([recording], vehicle, PERIOD_S, MAX_GAP_S, {})
+    estimate = estimate_motion(recording, vehicle, tuning)
+    return estimate, read_simulation_text(simulation_text, estimate, vehicle) if simulation_text else None
 
 
 def _oracle_gain_share(truth: Mapping[str, Mapping[str, float]], diagnosis: Diagnosis) -> dict[str, Any]:
