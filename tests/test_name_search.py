@@ -87,7 +87,11 @@ class Evidence:
 
 
 def search(**more: Any) -> NameSearch:
-    return NameSearch(NOTHING, NOTHING, TrialChanges(NOTHING, []), (), GATE, **more)
+    return NameSearch(NOTHING, NOTHING, TrialChanges(NOTHING, []), (), (), chance(), **more)
+
+
+def chance(gate: float = GATE) -> NullGains:
+    return NullGains(0.5, gate, [CandidateEffect("rear_toe", [0.0], 3.0)])
 
 
 # --- beside a remainder ----------------------------------------------------------------------------------------------
@@ -171,6 +175,8 @@ def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats
         return fit(nats.get(c.effect, 0.0), *f.hypothesis.effects, c.effect)
 
     monkeypatch.setattr(name_search, "score_names", score)
+    monkeypatch.setattr(name_search, "screen_effects", lambda f, take, some: [])
+    monkeypatch.setattr(name_search, "simulate_trials", NOTHING)
     monkeypatch.setattr(name_search.refits, "refit_along_tangent", quick)
     monkeypatch.setattr(name_search.refits, "refit_fully", lambda f, take: f)
     monkeypatch.setattr(name_search, "effects_at_bounds", lambda f, take: ())
@@ -206,6 +212,7 @@ def test_what_was_refused_or_is_held_is_not_tried_again(monkeypatch: pytest.Monk
     offered = offering(monkeypatch, ("rear_toe", 90.0), ("motor_sag", 80.0), rear_toe=5.0, motor_sag=2.0)
     looking = search()
     looking.trials, looking.refused = trials("yaw_scrub", "rear_toe", "motor_sag", "floor_slope"), {"floor_slope": 1.0}
+    looking.trials_beside = ("yaw_scrub",)
     rest = beside(fit(0.0, "yaw_scrub"))
     assert looking.add_name(rest, [], quietly) is None
     assert offered == ["rear_toe", "motor_sag"]
@@ -232,6 +239,44 @@ def test_only_what_promises_much_is_refitted(monkeypatch: pytest.MonkeyPatch) ->
     assert [c.effect for c in looking._promising(beside(fit(0.0)))] == ["a"]
     offering(monkeypatch, *((name, 50.0) for name in names))
     assert len(looking._promising(beside(fit(0.0)))) == SEARCH_LIMITS.max_candidates
+
+
+def test_what_explains_most_without_a_remainder_is_refitted_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If it explains more than chance; nothing is expected of it beside the remainder."""
+    names = ["a", "b", "c", "d", "e"]
+    Evidence(monkeypatch, {})
+    offering(monkeypatch, ("a", 90.0), ("b", 80.0))
+    plain = [CandidateEffect(n, [2.0], s) for n, s in (("c", 70.0), ("a", 60.0), ("d", GATE + 1.0), ("e", GATE - 1.0))]
+    monkeypatch.setattr(name_search, "screen_effects", lambda f, take, some: plain)
+    looking = search()
+    looking.trials = trials(*names)
+    found = looking._promising(beside(fit(0.0)))
+    more = [n for n in ("c", "a", "d")[: SEARCH_LIMITS.plain_candidates] if n != "a"]
+    assert [(c.effect, c.score) for c in found] == [("a", 90.0), ("b", 80.0), *((n, 0.0) for n in more)]
+    assert [c.values for c in found[2:]] == [[2.0]] * len(more)
+
+
+def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulated anew where these change, once, without what is excluded; no trial of what was refused."""
+    simulated, drawn = list[tuple[str, ...]](), list[Any]()
+
+    def simulate(f: Any, take: Any) -> TrialChanges:
+        simulated.append(f.hypothesis.effects)
+        return trials("a", "b", "c", "d")
+
+    def draw(f: Any, take: Any, some: TrialChanges) -> NullGains:
+        drawn.append((f, [t.effect for t in some.trials]))
+        return chance(GATE + len(drawn))
+
+    monkeypatch.setattr(name_search, "simulate_trials", simulate)
+    monkeypatch.setattr(name_search, "sample_null_gains", draw)
+    looking = NameSearch(NOTHING, NOTHING, trials("a", "b", "c"), ("d",), (), chance(), {}, {"c": 1.0})
+    first, second = beside(fit(0.0)), beside(fit(0.0, "a"))
+    for rest in (first, second, second):
+        looking.draw_nulls(rest)
+    assert simulated == [("a",)]
+    assert drawn == [(first.fit, ["a", "b"]), (second.fit, ["b"]), (second.fit, ["b"])]
+    assert looking.gate == GATE + 3.0
 
 
 def test_an_effect_of_a_size_that_no_car_has_is_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,7 +307,7 @@ def test_what_the_base_model_takes_up_is_tried_where_a_remainder_is_left(
         return [fit(200.0, "motor_lag")]
 
     monkeypatch.setattr(name_search.refits, "refit_from_large_sizes", large)
-    looking = NameSearch(NOTHING, NOTHING, trials(), ("motor_delay",), GATE, {}, {"tyre_relaxation": 1.0})
+    looking = NameSearch(NOTHING, NOTHING, trials(), ("motor_delay",), (), chance(), {}, {"tyre_relaxation": 1.0})
     found = looking.add_name(beside(fit(0.0), remainder), [], quietly)
     assert given == ([("motor_delay", "tyre_relaxation")] if asked else [])
     assert (found is not None) is asked
@@ -421,12 +466,11 @@ def test_the_remainder_beside_all_names_may_hold_copies(
 
 
 def test_what_is_left_counts_beyond_chance_only() -> None:
-    chance = NullGains(0.5, GATE, [CandidateEffect("rear_toe", [0.0], 3.0)])
     for nats, unknown in ((GATE - 1.0, 0.0), (GATE + 1.0, GATE + 1.0)):
         named = fit(0.0)
-        found = Naming(named, named, beside(named), beside(named, nats), {}, {}, (), {}, chance)
+        found = Naming(named, named, beside(named), beside(named, nats), {}, {}, (), {}, chance())
         assert found.unknown_nats == unknown
-    louder = chance._replace(placebos=[CandidateEffect("rear_toe", [0.0], GATE + 5.0)])
+    louder = chance()._replace(placebos=[CandidateEffect("rear_toe", [0.0], GATE + 5.0)])
     assert found._replace(nulls=louder).unknown_nats == 0.0
 
 
