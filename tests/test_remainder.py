@@ -18,6 +18,7 @@ from bcid.diagnosis.remainder.fit import Explained, basis_for, explain, fit_with
 from bcid.diagnosis.remainder.functions import (
     CHANNELS,
     COPIES,
+    LINEAR,
     QUANTITIES,
     SEEN,
     SEEN_COPIES,
@@ -345,11 +346,29 @@ def test_constants_are_copies_of_laws_and_stand_apart() -> None:
     for term in (*TERMS, *SEEN):
         assert term.waves or term.direction == "yaw", term
         assert not term.channel.endswith(("=", "~"))
-    for term in (*COPIES, *SEEN_COPIES):
-        assert not term.waves
+    copies = (*COPIES, *SEEN_COPIES)
+    for term in copies:
+        assert set(term.waves.values()) <= {LINEAR}
         assert term.channel.endswith("=")
-    assert {t.direction for t in COPIES} == set(DIRECTIONS) - {"yaw"}
-    assert {t.direction for t in SEEN_COPIES} == set(TRACKING_DIRECTIONS) - {"seen_x", "seen_y"}  # the world's
+    constants = {t.direction for t in copies if not t.waves}
+    # a moment has no name, and an offset of the place is the world's
+    assert constants == {*DIRECTIONS, *TRACKING_DIRECTIONS} - {"yaw", "seen_x", "seen_y"}
+    assert {t.direction for t in copies if t.waves} == {"body_x", "yaw", "wheel_angle", "seen_x", "seen_y"}
+
+
+def test_a_straight_line_is_one_at_both_ends() -> None:
+    """Of the prior's common size at the ends of the range, and zero in its middle."""
+    basis, terms = spanning(), (*TERMS, *COPIES)
+    k = next(i for i, t in enumerate(terms) if t.waves == {"v_x": LINEAR})
+    row, v_x = basis.functions[k], np.linspace(-2.0, 2.0, 5)
+    low, high = -(np.pi / 2.0 + row[PHASE]) / row[WAVE], (np.pi / 2.0 - np.pi - row[PHASE]) / row[WAVE]
+    assert low == pytest.approx(high)  # the node, in the middle of the range
+    slope = np.gradient(np.cos(row[WAVE] * v_x + row[PHASE]), v_x)
+    np.testing.assert_allclose(slope, slope[0], rtol=1e-3)
+    assert basis.size[k] == pytest.approx(2.0 / (np.pi * LINEAR), rel=1e-3)
+
+
+def test_channels_are_groups_of_their_functions() -> None:
     basis = spanning()
     assert {channel_of(name) for name in basis.channels} == set(CHANNELS)
     own = {name for name in basis.channels if name == channel_of(name)}

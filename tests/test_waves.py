@@ -9,6 +9,7 @@ import pytest
 from concealed import concealing
 
 from bcid.aliases import Floats
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder import waves
 from bcid.diagnosis.remainder.fit import basis_for, explain
 from bcid.diagnosis.remainder.functions import RemainderBasis
@@ -16,7 +17,6 @@ from bcid.diagnosis.remainder.information import TakeInformation, gather_informa
 from bcid.diagnosis.remainder.waves import (
     CHANNEL_OF,
     FINEST_HZ,
-    MIN_GAIN_NATS,
     OVER_PLACE,
     SLOWEST_CYCLES,
     Gains,
@@ -168,7 +168,7 @@ def test_a_wave_costs_what_the_choice_of_so_many_does(null: Null) -> None:
     assert [d for _, d, g in every if "p_x" in g.waves] == [d for d in CHANNEL_OF if d in OVER_PLACE]
     # by chance the best gains about as much, and never so much more
     by_chance = max(g.likely.max() for _, _, g in every_wave(null, null.at))
-    assert 0.4 * found.price < by_chance < found.price + MIN_GAIN_NATS
+    assert 0.4 * found.price < by_chance < found.price + SEARCH_LIMITS.min_wave_nats
 
 
 def test_a_wave_gains_what_its_two_functions_do(null: Null) -> None:
@@ -226,7 +226,7 @@ def best_gains(coloured: float, coherent: float) -> tuple[float, float]:
 
 def test_noise_that_is_not_white_makes_no_wave() -> None:
     """Its sums over segments are as large as a wave's, and scatter as much."""
-    enough = np.log(2.0 * SEGMENTS * SEGMENT_S * FINEST_HZ) + MIN_GAIN_NATS
+    enough = np.log(2.0 * SEGMENTS * SEGMENT_S * FINEST_HZ) + SEARCH_LIMITS.min_wave_nats
     likely, scattered = best_gains(coloured=3.0, coherent=0.0)
     assert likely > 2.0 * enough
     assert scattered < enough
@@ -242,13 +242,13 @@ def test_what_swings_in_each_segment_as_it_likes_is_no_wave_of_a_take(null: Null
         at = null.pushed(on_body("yaw", t=4.0), 2.0 * SIZES["yaw"] * sign)
         price = np.log(sum(len(g.likely) for _, _, g in every_wave(null, at)))
         assert look(null, at) is None
-        refused += max(g.likely.max() for _, _, g in every_wave(null, at)) > price + MIN_GAIN_NATS
+        refused += max(g.likely.max() for _, _, g in every_wave(null, at)) > price + SEARCH_LIMITS.min_wave_nats
     assert refused > 2
 
 
 def test_a_wave_that_goes_through_the_take_stands_out_from_the_scatter() -> None:
     """Beside coloured noise of the same size, too."""
-    enough = np.log(2.0 * SEGMENTS * SEGMENT_S * FINEST_HZ) + MIN_GAIN_NATS
+    enough = np.log(2.0 * SEGMENTS * SEGMENT_S * FINEST_HZ) + SEARCH_LIMITS.min_wave_nats
     for coloured in (0.0, 1.5):
         likely, scattered = best_gains(coloured, coherent=1.5)
         assert scattered > enough

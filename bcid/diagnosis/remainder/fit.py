@@ -19,6 +19,7 @@ from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likelie
 from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, channel_of, remainder_basis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
+from bcid.effects.remainder import MOST
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import NU
@@ -186,9 +187,10 @@ def _whiten(c: Floats, sd: Floats) -> Floats:
 
 
 def needed_functions(quadratic: Quadratic, sd: Floats, c: Floats) -> Ints:
-    """Indices of the functions whose coefficients `c` are some standard deviations from zero."""
-    strength = np.abs(c) * np.sqrt(np.maximum(np.diag(quadratic.G), 0.0))
-    return np.flatnonzero((sd > 0.0) & (strength > SEARCH_LIMITS.needed_sd))
+    """Indices of the functions whose coefficients `c` are some standard deviations from zero: MOST of them at most."""
+    strength = np.abs(c) * np.sqrt(np.maximum(np.diag(quadratic.G), 0.0)) * (sd > 0.0)
+    first = np.argsort(-strength, kind="stable")[:MOST]
+    return np.sort(first[strength[first] > SEARCH_LIMITS.needed_sd])
 
 
 def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
