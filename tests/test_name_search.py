@@ -91,7 +91,7 @@ def search(**more: Any) -> NameSearch:
 
 
 def chance(gate: float = GATE) -> NullGains:
-    return NullGains(0.5, gate, [CandidateEffect("rear_toe", [0.0], 3.0)])
+    return NullGains(gate, [CandidateEffect("rear_toe", [0.0], 3.0)])
 
 
 # --- beside a remainder ----------------------------------------------------------------------------------------------

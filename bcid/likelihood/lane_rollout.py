@@ -80,14 +80,6 @@ def segments_in_lanes(first: int, layout: SegmentLayout, chain: ActuatorChain) -
 
 
 @njit
-def segment_in_all_lanes(s: int, layout: SegmentLayout, chain: ActuatorChain) -> LaneSegments:
-    """Index, first step and times of segment `s`, repeated in all LANES lanes of a vector register."""
-    here = segments_in_lanes(s, layout, chain)
-    same = np.zeros(LANES, dtype=np.int64)
-    return LaneSegments(here.s[same], here.step[same], here.half[same], here.begin[same], here.length[same])
-
-
-@njit
 def allocate_path(steps: int) -> Floats:
     """Uninitialised array (steps + 1, PATH_SIZE, LANES) for x, y, yaw and their time derivatives of LANES segments."""
     return np.empty((steps + 1, PATH_SIZE, LANES))

@@ -30,7 +30,8 @@ from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
 ACTION_OF = {"fx": 0, "motor": 0, "fy": 1, "mz": 2, "steering": 3}
-"""Of a_x, a_y, alpha_z and a turn of the wheel the one in which a channel's law is told; the tracking has none."""
+"""By channel the action in which its law is drawn: 0 to 3 for a_x, a_y, alpha_z and a turn of the wheel.  Laws of the
+tracking are not drawn."""
 
 INPUT_OF = {written: name for name, written in reversed(QUANTITIES.items()) if written != "place"}
 """What a curve is drawn over, by the quantity's name in diagnosis.json.  A law of the place is a map, and no curve."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of
+from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of, is_copy
 
 SPREADS = (0.0, *np.geomspace(1e-3, 3.0, 15).tolist())
 """Spreads of a channel that are compared, in m/s^2."""
@@ -113,7 +113,7 @@ def channel_worths(quadratic: Quadratic, basis: RemainderBasis, spread: Mapping[
     whole = quadratic.log_evidence(basis.sd(spread))
     worths = {}
     for name in {channel_of(n) for n, tau in spread.items() if tau > 0.0}:
-        others = [n for n in basis.channels if channel_of(n) != name and (spread[n] > 0.0 or not n.endswith("="))]
+        others = [n for n in basis.channels if channel_of(n) != name and (spread[n] > 0.0 or not is_copy(n))]
         without = likeliest_spreads(quadratic, basis, others, spread)
         # spreads are found one after the other: without a channel they may end at a greater maximum
         worths[name] = max(whole - quadratic.log_evidence(basis.sd(without)), 0.0)

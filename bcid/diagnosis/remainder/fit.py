@@ -22,7 +22,7 @@ from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.effects.remainder import MOST
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import NU
+from bcid.likelihood.marginal import robust_weights
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
@@ -125,7 +125,8 @@ def fit_with_remainder(
     """
     seen = seen or explain(fit, take, basis, copied)
     alone = RemainderFit.without_functions(fit, seen)
-    sd, on = seen.basis.sd(seen.spread), needed_functions(seen.quadratic, seen.basis.sd(seen.spread), seen.c)
+    sd = seen.basis.sd(seen.spread)
+    on = needed_functions(seen.quadratic, sd, seen.c)
     if not len(on):
         return alone
     hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
@@ -164,7 +165,8 @@ def _refit_until_stable(
         at = gather_information(further, take, basis, fitted)
         quadratic = at.weigh(at.robust_weights).quadratic
         spread = likeliest_spreads(quadratic, basis, allowed, spread)
-        sd, c = basis.sd(spread), quadratic.posterior_mean(basis.sd(spread))
+        sd = basis.sd(spread)
+        c = quadratic.posterior_mean(sd)
         # about none, to second order about the refit; integrated, this holds what a last step would gain
         about_none = _without_remainder(further, named, take) - quadratic.gain(fitted)
         nats = about_none + quadratic.log_evidence(sd) - basis.price
@@ -249,6 +251,5 @@ def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], time
         quadratic = weighed.quadratic
         spread = likeliest_spreads(quadratic, basis, basis.groups(copied), spread)
         c = quadratic.posterior_mean(basis.sd(spread))
-        chi2 = at.chi2_beside(weighed.names_beside(c), c)
-        weights = (NU + at.terms.numbers) / (NU + chi2)
+        weights = robust_weights(at.terms._replace(chi2=at.chi2_beside(weighed.names_beside(c), c)))
     return Explained(basis, spread, quadratic, c, weights)

@@ -41,7 +41,7 @@ Waves = Mapping[str, float]
 """Half waves over the range of a quantity, by its name; a negative number turns the wave round."""
 
 LINEAR = 0.01
-"""Of a half wave: so little about its node is a straight line through the middle of the range."""
+"""A hundredth of a half wave, about its node: it is a straight line through the middle of the range."""
 
 
 class Term(NamedTuple):
@@ -55,6 +55,11 @@ class Term(NamedTuple):
 def channel_of(group: str) -> str:
     """The channel of a group of functions: its waves (~) and its constants (=) are its own."""
     return group.rstrip("~=")
+
+
+def is_copy(group: str) -> bool:
+    """Whether the functions of a group are copies of laws that have names (=)."""
+    return group.endswith("=")
 
 
 class RemainderBasis(NamedTuple):
@@ -74,7 +79,7 @@ class RemainderBasis(NamedTuple):
 
     def groups(self, copied: Iterable[str]) -> tuple[str, ...]:
         """All groups, of copies of laws that have names those in the channels `copied` only."""
-        return tuple(name for name in self.channels if not name.endswith("=") or channel_of(name) in copied)
+        return tuple(name for name in self.channels if not is_copy(name) or channel_of(name) in copied)
 
     def sd(self, spread: Mapping[str, float]) -> Floats:
         """Prior standard deviations (K,) of the coefficients, by the `spread` of each channel."""

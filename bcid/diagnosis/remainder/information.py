@@ -20,7 +20,7 @@ from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.likelihood.force_history import history_values
 from bcid.likelihood.hypothesis import NO_REMAINDER, GaussianPrior, Hypothesis
 from bcid.likelihood.jacobian import changed_cars, on_body_and_servo, parameter_jacobian
-from bcid.likelihood.marginal import NU, MarginalTerms, estimate_scales, segment_moments
+from bcid.likelihood.marginal import MarginalTerms, estimate_scales, robust_weights, segment_moments
 from bcid.likelihood.nuisance import LinearisedHistories, linearise_histories, remove_pushes
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, Take
@@ -68,7 +68,7 @@ class TakeInformation(NamedTuple):
     @property
     def robust_weights(self) -> Floats:
         """Weights (S,) of segments under Student's t at the fit."""
-        return (NU + self.terms.numbers) / (NU + self.terms.chi2)
+        return robust_weights(self.terms)
 
     def weigh(self, weights: Floats) -> WeighedInformation:
         """Slopes and information of names and functions, segments summed with their `weights` (S,)."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.remainder.functions import SEEN_SIZE, TURN_RAD, RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
 from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.force_history import HISTORY, unit_actions
@@ -209,7 +209,7 @@ def add_waves(basis: RemainderBasis, waves: list[Wave]) -> RemainderBasis:
     channel, size = list(basis.channel), list(basis.size)
     B = len(basis.functions)
     for wave in waves:
-        per_unit = {"mz": basis.yaw_size, "steering": 0.1, "pose": 0.1}.get(wave.channel, 1.0)
+        per_unit = {"mz": basis.yaw_size, "steering": TURN_RAD, "pose": SEEN_SIZE}.get(wave.channel, 1.0)
         if wave.functions.shape[1] == COLUMNS:
             body.append(wave.functions)
             channel[B:B], size[B:B] = [f"{wave.channel}~"] * 2, [per_unit] * 2

@@ -20,7 +20,7 @@ from bcid.diagnosis.remainder.fit import (
     explain,
     fit_with_remainder,
 )
-from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis
+from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, is_copy
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
 from bcid.diagnosis.search.name_scores import score_names
@@ -223,7 +223,7 @@ class NameSearch:
     def _with_copies(self, rest: RemainderFit) -> RemainderFit:
         """The fit `rest`, or that with copies of laws that have names in its remainder, if that is likelier."""
         seen = explain(rest.named, self.take, self.basis, CHANNELS)
-        if not any(tau > 0.0 for name, tau in seen.spread.items() if name.endswith("=")):
+        if not any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name)):
             return rest
         return _greater(rest, fit_with_remainder(rest.named, self.take, self.basis, CHANNELS, seen))
 

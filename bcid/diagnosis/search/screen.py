@@ -50,7 +50,6 @@ class CandidateEffect(NamedTuple):
 class NullGains(NamedTuple):
     """The gains (nats) that effects reach on this take by chance alone."""
 
-    p_value: float  # of the best of all trials
     chance_level: float  # that the best of all trials exceeds with SEARCH_LIMITS.gate_p_value
     placebos: list[CandidateEffect]  # trials carried elsewhere in the take, best first
 
@@ -60,7 +59,7 @@ class NullGains(NamedTuple):
         return max(self.chance_level, self.placebos[0].score)
 
 
-NO_NULLS = NullGains(1.0, 0.0, [CandidateEffect("", [], 0.0)])
+NO_NULLS = NullGains(0.0, [CandidateEffect("", [], 0.0)])
 """Before any are drawn."""
 
 
@@ -201,7 +200,7 @@ def _rank_candidates(changes: ProjectedChanges, trials: Sequence[Trial]) -> list
 
 
 def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
-    """Gains (nats) that `trials`, effects at one size and place, reach beside `fit` by chance; p-value of the best.
+    """Gains (nats) that `trials`, effects at one size and place, reach beside `fit` by chance.
 
     Chance is drawn by giving each segment's residuals a random sign (a wild bootstrap), and by placebos: each trial's
     change of the predicted poses moved to segments half a take away, where it has nothing to explain.
@@ -209,11 +208,9 @@ def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     linearised = linearise_fit(fit, take)
     changes = project_out_fit(linearised, trials.columns, trials.widest)
     maxima = score_test.null_maxima(changes, [t.own for t in trials.trials])
-    best = max(score_test.score_test_gain(changes, t.own) for t in trials.trials)
     level = score_test.null_quantile(maxima, SEARCH_LIMITS.gate_p_value)
     elsewhere = project_out_fit(linearised, trials.columns, trials.widest, moved=take.segments // 2)
-    p_value = (1 + int(np.sum(maxima >= best))) / (1 + len(maxima))
-    return NullGains(p_value, level, _rank_candidates(elsewhere, trials.trials))
+    return NullGains(level, _rank_candidates(elsewhere, trials.trials))
 
 
 def combine_vectors(trial: Trial, amplitudes: Floats) -> list[float]:
