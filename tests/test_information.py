@@ -187,3 +187,15 @@ def test_a_quadratic_s_gain_is_what_it_says() -> None:
     b, root, c = rng.standard_normal(4), rng.standard_normal((4, 4)), rng.standard_normal(4)
     quadratic = Quadratic(b, root @ root.T)
     assert quadratic.gain(c) == pytest.approx(b @ c - 0.5 * np.sum((root.T @ c) ** 2))
+
+
+def test_functions_on_the_body_may_be_others_without_new_derivatives(
+    at: TakeInformation, basis: RemainderBasis
+) -> None:
+    fit, take = concealing(60.0)
+    less = basis._replace(functions=basis.functions[5:], channel=basis.channel[5:], size=basis.size[5:])
+    whole = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+    anew = gather_information(fit, take, less, np.zeros(len(less.size)))
+    weights = np.linspace(0.5, 1.0, len(whole.names))
+    for one, other in zip(whole.with_functions(less, fit.car()).weigh(weights), anew.weigh(weights), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)

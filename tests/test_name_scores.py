@@ -9,7 +9,7 @@ import pytest
 from concealed import concealing
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import RemainderFit, basis_for, fit_with_remainder
+from bcid.diagnosis.remainder.fit import RemainderFit, basis_for, explain, fit_with_remainder
 from bcid.diagnosis.remainder.information import gather_information
 from bcid.diagnosis.search import name_scores
 from bcid.diagnosis.search.name_scores import _products_with_trials, score_names
@@ -21,7 +21,8 @@ from bcid.likelihood.take import N_NUISANCE, Take
 
 def scored(fit: Fit, take: Take) -> tuple[RemainderFit, TrialChanges, list[CandidateEffect]]:
     """A fit with a remainder beside it, the trials, and the effects by their scores beside it."""
-    rest, trials = fit_with_remainder(fit, take, basis_for(fit, take)), simulate_trials(fit, take)
+    seen = explain(fit, take, basis_for(fit, take))
+    rest, trials = fit_with_remainder(fit, take, seen), simulate_trials(fit, take)
     return rest, trials, score_names(rest, take, trials)
 
 

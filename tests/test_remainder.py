@@ -456,7 +456,7 @@ def test_what_is_explained_is_worth_its_evidence_less_its_price() -> None:
 
 def test_a_take_of_nothing_needs_no_remainder() -> None:
     fit, take = concealing(180.0)
-    rest = fit_with_remainder(fit, take, basis_for(fit, take))
+    rest = fit_with_remainder(fit, take, explain(fit, take, basis_for(fit, take)))
     assert rest.nats < 3.0
     assert rest.fit.hypothesis.effects == fit.hypothesis.effects
 
@@ -470,11 +470,11 @@ def test_a_name_adds_much_beside_the_remainder_that_may_replace_it(
     """Before it is named the remainder finds its channel; beside the name nothing is left."""
     fit, take = concealing(180.0, **constants)
     basis = basis_for(fit, take)
-    before = fit_with_remainder(fit, take, basis)
+    before = fit_with_remainder(fit, take, explain(fit, take, basis))
     assert next(iter(before.seen.channel_nats())) == channel
     more, phi = fit.hypothesis.add_effect(name, fit.phi, list(constants.values()))
     named = refit(take, more, phi, fit.start, fit.scales)
-    after = fit_with_remainder(named, take, basis)
+    after = fit_with_remainder(named, take, explain(named, take, basis))
     assert before.nats > 100.0
     assert after.nats < 8.0  # less than any gate
     assert after.log_evidence - before.log_evidence > 50.0
@@ -509,7 +509,9 @@ def test_copies_explain_only_in_channels_that_are_asked_for() -> None:
 def test_a_refit_holds_copies_only_in_channels_that_are_asked_for() -> None:
     fit, take = concealing(180.0, steering_offset=0.02)
     basis = basis_for(fit, take)
-    without, copied = fit_with_remainder(fit, take, basis), fit_with_remainder(fit, take, basis, ("steering",))
+    without, copied = (
+        fit_with_remainder(fit, take, explain(fit, take, basis, own), own) for own in ((), ("steering",))
+    )
     assert not [n for n in without.fit.hypothesis.remainder.channel if n.endswith("=")]
     assert [n for n in copied.fit.hypothesis.remainder.channel if n.endswith("=")] == ["steering="]
     assert copied.log_evidence > without.log_evidence + 30.0
@@ -521,8 +523,20 @@ def test_a_refit_explains_no_less_than_was_promised_to_first_order(plant: dict[s
     fit, take = concealing(120.0, **plant)
     basis = basis_for(fit, take)
     seen = explain(fit, take, basis)
-    rest = fit_with_remainder(fit, take, basis, seen=seen)
+    rest = fit_with_remainder(fit, take, seen)
     assert seen.nats > 50.0
     assert rest.nats > 0.9 * seen.nats
     assert rest.fit.scales.q[2] < fit.scales.q[2]
     assert rest.named is fit
+
+
+def test_a_refit_that_cannot_reach_what_it_must_exceed_ends_early() -> None:
+    """What it found till then is less than its evidence, which it says; a bound within reach changes nothing."""
+    fit, take = concealing(120.0, yaw_scrub=8.0, rear_rolling_viscous=25.0)
+    seen = explain(fit, take, basis_for(fit, take))
+    whole = fit_with_remainder(fit, take, seen)
+    early = fit_with_remainder(fit, take, seen, to_exceed=whole.log_evidence + 1e4)
+    near = fit_with_remainder(fit, take, seen, to_exceed=whole.log_evidence)
+    assert (whole.settled, early.settled, near.settled) == (True, False, True)
+    assert fit.penalised_log_likelihood < early.log_evidence < whole.log_evidence
+    assert near.log_evidence == whole.log_evidence

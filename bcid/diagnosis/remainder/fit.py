@@ -30,6 +30,7 @@ from bcid.likelihood.take import Take
 REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 ROUNDS = 4  # of refits, each with the spreads found at the one before
 CONVERGED_NATS = 2.0  # that a further round is expected to gain, below which there is none
+CONVERGED_SHARE = 0.01  # of what the remainder explains, likewise: smooth functions miss more than that
 TANGENTS = 3
 SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a refit starts
 
@@ -89,6 +90,7 @@ class RemainderFit(NamedTuple):
     spread: Mapping[str, float]  # of each channel, 0 where nothing is needed
     log_evidence: float  # log-likelihood, priors and prices of names, integrated over the remainder
     seen: Explained  # to first order, beside the names alone
+    settled: bool = True  # False where refits ended early, as their evidence could not reach what it had to exceed
 
     @classmethod
     def without_functions(cls, fit: Fit, seen: Explained) -> RemainderFit:
@@ -115,15 +117,14 @@ def basis_for(fit: Fit, take: Take) -> RemainderBasis:
 
 
 def fit_with_remainder(
-    fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = (), seen: Explained | None = None
-) -> RemainderFit:  # fmt: skip
+    fit: Fit, take: Take, seen: Explained, copied: tuple[str, ...] = (), to_exceed: float = -np.inf
+) -> RemainderFit:
     """The `fit` with the remainder of greatest evidence beside it, all refitted together.
 
-    Spreads are found to first order, with segments weighted anew as they are explained (`seen`, if that is known
-    already); then coefficients and named parameters are refitted, and spreads found again at the refit, until it gains
-    little.  Copies of laws that have names may be there in the channels `copied`.
+    The remainder that is `seen` to first order is refitted with the named parameters, and its spreads are found again
+    at the refit, until that gains little, or its evidence cannot reach `to_exceed`.  Copies of laws that have names may
+    be there in the channels `copied`.
     """
-    seen = seen or explain(fit, take, basis, copied)
     alone = RemainderFit.without_functions(fit, seen)
     sd = seen.basis.sd(seen.spread)
     on = needed_functions(seen.quadratic, sd, seen.c)
@@ -131,33 +132,37 @@ def fit_with_remainder(
         return alone
     hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
     further = _refit_from(fit, take, hypothesis, seen.c[on] / sd[on])
-    return _refit_until_stable(alone, on, further, take, copied)
+    return _refit_until_stable(alone, on, further, take, copied, to_exceed)
 
 
-def add_beside_remainder(rest: RemainderFit, named: Fit, seen: Explained, take: Take) -> RemainderFit:
+def add_beside_remainder(
+    rest: RemainderFit, named: Fit, seen: Explained, take: Take, to_exceed: float = -np.inf
+) -> RemainderFit:
     """The fit `named`, which has one effect more than that in `rest`, with a remainder found from that in `rest`.
 
     Where the effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
-    it begins beside what explains them.  `seen` is what a remainder explains beside `named` to first order.
+    it begins beside what explains them.  `seen` is what a remainder explains beside `named` to first order.  Refits end
+    where their evidence cannot reach `to_exceed`.
     """
     alone = RemainderFit.without_functions(named, seen._replace(basis=rest.basis))
     name = named.hypothesis.effects[-1]
     values = [named.hypothesis.effect_values(named.phi)[f] for f in named.hypothesis.entries[name].fields]
     hypothesis, phi = rest.fit.hypothesis.add_effect(name, rest.fit.phi, values)
     further = none_if_diverged(refit, take, hypothesis, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS)
-    return _refit_until_stable(alone, rest.on, further, take, ())._replace(seen=seen)
+    return _refit_until_stable(alone, rest.on, further, take, (), to_exceed)._replace(seen=seen)
 
 
 def _refit_until_stable(
-    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...]
+    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...], to_exceed: float
 ) -> RemainderFit:
     """The fit of greatest evidence, of `best` and of refits from `further` on, which holds the functions `on`.
 
-    After each refit spreads are found anew, and functions that are needed.
+    After each refit spreads are found anew, and functions that are needed.  What a further round is expected to gain
+    is more than all further ones do gain, as predictions bend.
     """
     basis, named, none = best.basis, best.named.hypothesis, np.zeros(len(best.basis.size))
     allowed, spread = basis.groups(copied), best.spread
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
         if further is None:
             break
         fitted = none.copy()
@@ -170,11 +175,15 @@ def _refit_until_stable(
         # about none, to second order about the refit; integrated, this holds what a last step would gain
         about_none = _without_remainder(further, named, take) - quadratic.gain(fitted)
         nats = about_none + quadratic.log_evidence(sd) - basis.price
+        gained = nats - best.log_evidence
         if nats > best.log_evidence:
             best = best._replace(fit=further, spread=spread, log_evidence=nats, on=on, fitted=fitted)
         prior = float(np.sum(_whiten(c, sd) ** 2 - _whiten(fitted, sd) ** 2))
-        if quadratic.gain(c) - quadratic.gain(fitted) - 0.5 * prior < CONVERGED_NATS:
+        expected = quadratic.gain(c) - quadratic.gain(fitted) - 0.5 * prior
+        if expected < max(CONVERGED_NATS, CONVERGED_SHARE * best.nats) or (round_ and gained < CONVERGED_NATS):
             break
+        if max(nats, best.log_evidence) + expected + SEARCH_LIMITS.near_nats < to_exceed:
+            return best._replace(settled=False)
         on = needed_functions(quadratic, sd, c)
         if not len(on):
             break
@@ -216,7 +225,8 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
 def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = ()) -> Explained:
     """What a remainder explains beside a `fit`, to first order: smooth functions, and the waves that are needed.
 
-    Segments that the remainder explains gain weight, as in the likelihood.
+    Segments that the remainder explains gain weight, as in the likelihood.  Copies of laws that have names may be there
+    in the channels `copied`.
     """
     at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
     seen = _reweigh(at, Explained.of_nothing(at, basis), copied, REWEIGHTINGS)
@@ -227,17 +237,19 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...]
         wave = find_wave(at, fit.car(), seen.weights, moved, seen.c, least)
         if wave is None:
             break
-        basis = add_waves(basis, [wave])
-        at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+        before, basis = basis, add_waves(basis, [wave])
+        if len(basis.tracking) == len(before.tracking):
+            at = at.with_functions(basis, fit.car())
+        else:
+            at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
         seen = _reweigh(at, seen.beside(basis), copied, 1)
     return seen
 
 
 def explain_with_copies(seen: Explained, fit: Fit, take: Take) -> Explained:
-    """What a remainder explains beside the `fit` where copies of laws that have names may be among it.
+    """What a remainder explains beside the `fit` where copies of laws that have names help, in any channel.
 
-    `seen` is what it explains without.  No name is weighed against it: it shows a missing law whole, its constant part
-    too, which other functions cannot follow.
+    `seen` is what it explains without, and its waves are those.
     """
     at = gather_information(fit, take, seen.basis, np.zeros(len(seen.basis.size)))
     return _reweigh(at, seen, CHANNELS, 1)

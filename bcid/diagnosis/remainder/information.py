@@ -25,6 +25,7 @@ from bcid.likelihood.nuisance import LinearisedHistories, linearise_histories, r
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, Take
 from bcid.likelihood.tracking_functions import tracking_changes
+from bcid.physics.car import Car
 
 
 class WeighedInformation(NamedTuple):
@@ -81,6 +82,11 @@ class TakeInformation(NamedTuple):
         slope_c = np.tensordot(weights[:, None] * self.carrier_slopes, self.values, axes=((0, 1), (0, 1)))
         return WeighedInformation(slope_n, slope_c + G_c @ self.c, G_n, G_nc, G_c)
 
+    def with_functions(self, basis: RemainderBasis, car: Car) -> TakeInformation:
+        """The products for another `basis`, whose functions in the tracking are the same; the model holds none."""
+        values = _carried_values(basis, self.along, car)
+        return self._replace(values=values, c=np.zeros(values.shape[2]))
+
     def with_residual(self, r: Floats) -> TakeInformation:
         """What this fit would say of a take whose residual were `r` (N, 3, over the noise), its names at their prior.
 
@@ -118,17 +124,23 @@ def gather_information(fit: Fit, take: Take, basis: RemainderBasis, c: Floats) -
     seen = tracking_changes(basis.tracking, at.poses, take.seen_rows)
     rows = np.concatenate([at.A, J, at.history.D, seen, rest[:, :, None]], axis=2) / fit.scales.r[:, None]
     products = _project_out_nuisance(rows, terms.V, take)
-    acting = history_values(basis.functions, at.history.along, fit.car())
-    S, H, B, M = *acting.shape, len(basis.tracking)
-    values = np.zeros((S, H + M, B + M))
-    values[:, :H, :B] = acting
-    values[:, H:, B:] = np.eye(M)
-    own, carried = slice(n), slice(n, n + H + M)
+    values = _carried_values(basis, at.history.along, fit.car())
+    own, carried = slice(n), slice(n, n + values.shape[1])
     return TakeInformation(
         products[:, own, own], products[:, own, carried], products[:, carried, carried], products[:, own, -1],
         products[:, carried, -1], values, terms, named.prior(phi), phi, c, rows, take.first,
         at.history.along, take.seen_rows.time_s,
     )  # fmt: skip
+
+
+def _carried_values(basis: RemainderBasis, along: Floats, car: Car) -> Floats:
+    """What a unit of each function of a `basis` does to each carrier (S, Q, K), the car being at what is `along`."""
+    acting = history_values(basis.functions, along, car)
+    S, H, B, M = *acting.shape, len(basis.tracking)
+    values = np.zeros((S, H + M, B + M))
+    values[:, :H, :B] = acting
+    values[:, H:, B:] = np.eye(M)
+    return values
 
 
 def _linearise(fit: Fit, take: Take, named: Hypothesis) -> tuple[LinearisedHistories, Floats]:

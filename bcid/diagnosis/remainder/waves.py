@@ -11,7 +11,7 @@ out from the scatter of its sums over segments, too.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +47,7 @@ SLOWEST_CYCLES = 2.0  # over a take, or over the floor: what is slower is smooth
 BIN_S = 0.025
 MOST_WAVES = 8
 PEAKS = 6  # of a spectrum that are solved for
+GRATINGS_AT_ONCE = 64  # that fit the cache
 
 
 class Wave(NamedTuple):
@@ -124,15 +125,18 @@ def _gains_on_body(at: TakeInformation, car: Car, weights: Floats, slope: Floats
     e = (weights[:, None] * slope[:, :HISTORY]).reshape(S, knots, -1)
     H = (weights[:, None, None] * at.carriers[:, :HISTORY, :HISTORY]).reshape(S, knots, -1, knots, e.shape[2])
     t, place = s[:, :, INPUTS.index("t")], s[:, :, [INPUTS.index("p_x"), INPUTS.index("p_y")]]
-    for direction, channel in CHANNEL_OF.items():
-        acts = units[..., DIRECTIONS.index(direction)]
-        field = ForceField(
-            np.einsum("skc,skc->sk", e, acts), np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True)
-        )
+    fields = {d: _act_in_direction(e, H, units[..., DIRECTIONS.index(d)]) for d in CHANNEL_OF}
+    for direction, field in fields.items():
         spectrum = _spectrum(field.slope, field.information.sum(axis=0), t, KNOT_S * KNOTS / knots)
-        yield channel, direction, _solve_peaks(spectrum, field, t)
-        if direction in OVER_PLACE:
-            yield channel, direction, _gratings(field, place)
+        yield CHANNEL_OF[direction], direction, _solve_peaks(spectrum, field, t)
+    for direction, gains in zip(OVER_PLACE, _gratings([fields[d] for d in OVER_PLACE], place), strict=True):
+        yield CHANNEL_OF[direction], direction, gains
+
+
+def _act_in_direction(e: Floats, H: Floats, acts: Floats) -> ForceField:
+    """What acts along a direction with the components `acts` (S, L, C), of the slopes (S, L, C) and information."""
+    slope = np.einsum("skc,skc->sk", e, acts)
+    return ForceField(slope, np.einsum("skc,skcld,sld->skl", acts, H, acts, optimize=True))
 
 
 def _spectrum(slope: Floats, information: Floats, t: Floats, step_s: float) -> Gains:
@@ -164,8 +168,8 @@ def _solve_peaks(gains: Gains, field: ForceField, t: Floats) -> Gains:
     return gains._replace(likely=likely)
 
 
-def _gratings(field: ForceField, place: Floats) -> Gains:
-    """Gains of waves over the floor, the places being `place` (S, L, 2)."""
+def _gratings(fields: Sequence[ForceField], place: Floats) -> Iterator[Gains]:
+    """Gains, for each of the `fields`, of waves over the floor, the places being `place` (S, L, 2)."""
     size = np.ptp(place.reshape(-1, 2), axis=0)
     n = np.ceil(FINEST_CYCLES_PER_M * size * 2.0).astype(int)
     half_waves = np.stack(np.meshgrid(np.arange(n[0] + 1), np.arange(-n[1], n[1] + 1), indexing="ij"), axis=-1)
@@ -173,15 +177,17 @@ def _gratings(field: ForceField, place: Floats) -> Gains:
     fine = np.hypot(*(0.5 * half_waves.T)) >= 0.5 * SLOWEST_CYCLES
     fine &= np.hypot(*(0.5 * half_waves / size).T) <= FINEST_CYCLES_PER_M
     k = np.pi * half_waves[fine] / size
-    whole, each, g = (np.empty(len(k)) for _ in range(3))
-    for some in np.array_split(np.arange(len(k)), max(1, len(k) // 256)):
+    whole, each, g = (np.empty((len(fields), len(k))) for _ in range(3))
+    for some in np.array_split(np.arange(len(k)), max(1, len(k) // GRATINGS_AT_ONCE)):
         angle = place @ k[some].T
-        u = np.stack([np.cos(angle), np.sin(angle)])
-        sums = np.einsum("sk,cskf->csf", field.slope, u, optimize=True)
-        whole[some] = (sums.sum(axis=1) ** 2).sum(axis=0)
-        each[some] = (sums**2).sum(axis=(0, 1))
-        g[some] = 0.5 * np.einsum("cskf,cskf->f", u, field.information @ u)
-    return Gains.of_sums(whole, each, g, {"p_x": k[:, 0], "p_y": k[:, 1]})
+        u = np.concatenate([np.cos(angle), np.sin(angle)], axis=2)
+        for d, (slope, information) in enumerate(fields):
+            sums = np.matmul(slope[:, None, :], u)[:, 0].reshape(len(u), 2, -1)
+            whole[d, some] = (sums.sum(axis=0) ** 2).sum(axis=0)
+            each[d, some] = (sums**2).sum(axis=(0, 1))
+            g[d, some] = 0.5 * np.einsum("skf,skf->f", u, np.matmul(information, u)).reshape(2, -1).sum(axis=0)
+    waves = {"p_x": k[:, 0], "p_y": k[:, 1]}
+    return (Gains.of_sums(*sums, waves) for sums in zip(whole, each, g, strict=True))
 
 
 def _gains_in_tracking(

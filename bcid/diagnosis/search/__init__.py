@@ -1,6 +1,7 @@
 """The search for the effects of the vocabulary that explain a take.
 
-`name_search` (the search itself, beside a remainder), `name_scores` (what effects promise beside it), `screen` (score
-tests of trials), `refits` (joint refits of candidates), `corrections` (of the base model's own simplifications),
+`name_search` (the search itself), `add_names` (one name after the other, without a remainder and beside one),
+`name_weights` (what each is worth, and which stay), `name_scores` (what effects promise beside a remainder), `screen`
+(score tests of trials), `refits` (joint refits of candidates), `corrections` (of the base model's own simplifications),
 `place_search` (places), `rivals` (what explains as much).
 """

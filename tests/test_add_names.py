@@ -1,0 +1,296 @@
+"""Names added one after the other: without a remainder, and beside one; what is not tried in vain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from weighed_names import GATE, NOTHING, Evidence, beside, chance, fit, trials, weights_of
+
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.fit import RemainderFit
+from bcid.diagnosis.search import add_names, name_weights, refits
+from bcid.diagnosis.search.add_names import (
+    _best_credible,
+    _promising,
+    add_name,
+    add_names_beside_remainder,
+    add_names_plainly,
+)
+from bcid.diagnosis.search.name_weights import NameWeights
+from bcid.diagnosis.search.screen import CandidateEffect, NullGains
+from bcid.likelihood.score_test import TrialChanges
+
+
+def test_what_lies_clearly_below_the_best_to_first_order_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """First order is known to a share of what the remainder explains, and some nats."""
+    at = Evidence(monkeypatch, {("best",): 0.0, ("near",): 1000.0, ("far",): 1000.0})
+    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
+    slack = SEARCH_LIMITS.remainder_error * 1000.0 + SEARCH_LIMITS.near_nats
+    fits = [fit(2000.0 - 1000.0 - slack - 1.0, "far"), fit(2000.0, "best"), fit(2000.0 - 1000.0 - slack + 1.0, "near")]
+    looking = weights_of()
+    found = _best_credible(looking, fits, beside(fit(0.0)), {})
+    assert found is not None
+    assert found.named.hypothesis.effects == ("best",)
+    assert at.refitted == [("best",), ("near",)]
+    assert set(looking.tried) == {frozenset({"best"}), frozenset({"near"})}
+    assert looking.refused == {}  # each is more than the gate
+
+
+@pytest.mark.parametrize(("over", "refitted"), [(0.5, True), (-0.5, False)])
+def test_what_cannot_exceed_the_gate_to_first_order_is_refused_without_a_refit(
+    over: float, refitted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it adds is then at most what first order says; a refit knows better."""
+    at = Evidence(monkeypatch, {})
+    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
+    nats = 100.0 + GATE - SEARCH_LIMITS.near_nats + over
+    looking = weights_of()
+    assert _best_credible(looking, [fit(nats, "a")], beside(fit(0.0), 100.0), {}) is None
+    assert at.refitted == ([("a",)] if refitted else [])
+    assert looking.refused == {"a": pytest.approx(nats - 100.0 if refitted else GATE + over)}
+
+
+@pytest.mark.parametrize(("reached", "again"), [(0.49, True), (0.51, False)])
+def test_where_little_comes_of_a_promise_an_effect_is_tried_from_the_remainder_s_own_fit(
+    reached: float, again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which may hold others that have no name yet."""
+    at, promised = Evidence(monkeypatch, {}), 1000.0
+    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
+    at.from_rest[("a",)] = 900.0
+    share = 2.0 * SEARCH_LIMITS.kept_promise * reached
+    found = _best_credible(weights_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"a": promised})
+    assert at.tried_from_rest == ([("a",)] if again else [])
+    assert found is not None
+    assert found.log_evidence == pytest.approx(900.0 if again else share * promised)
+    # of what was not promised, nothing is expected
+    at.tried_from_rest.clear()
+    _best_credible(weights_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"b": promised})
+    assert at.tried_from_rest == []
+
+
+def test_without_fits_there_is_none_of_greatest_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {})
+    assert _best_credible(weights_of(), [], beside(fit(0.0)), {}) is None
+
+
+# --- one name more ---------------------------------------------------------------------------------------------------
+
+
+def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats: float) -> list[str]:
+    """Score tests that promise so much of effects, and refits of so much likelihood; those that were offered a test."""
+    offered = list[str]()
+
+    def score(rest: RemainderFit, take: Any, trials: TrialChanges) -> list[CandidateEffect]:
+        names = [t.effect for t in trials.trials]
+        offered[:] = names
+        return [CandidateEffect(name, [1.0], s) for name, s in scores if name in names]
+
+    def quick(f: Any, take: Any, c: CandidateEffect) -> Any:
+        return fit(nats.get(c.effect, 0.0), *f.hypothesis.effects, c.effect)
+
+    monkeypatch.setattr(add_names, "score_names", score)
+    monkeypatch.setattr(add_names, "screen_effects", lambda f, take, some: [])
+    monkeypatch.setattr(name_weights, "simulate_trials", NOTHING)
+    monkeypatch.setattr(refits, "refit_along_tangent", quick)
+    monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
+    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
+    monkeypatch.setattr(refits, "refit_from_large_sizes", lambda *_: [])
+    return offered
+
+
+def quietly(text: str) -> None:
+    """No report."""
+
+
+@pytest.mark.parametrize(("nats", "taken"), [(100.0 + GATE + 1.0, True), (100.0 + GATE - 1.0, False)])
+def test_a_name_must_add_more_than_the_gate_to_what_a_remainder_explains_already(
+    nats: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The likelihood grows by over 100 nats; beside the remainder by just the gate."""
+    at = Evidence(monkeypatch, {(): 100.0, ("yaw_scrub",): 0.0})
+    offering(monkeypatch, ("yaw_scrub", 90.0), yaw_scrub=nats)
+    looking = weights_of()
+    looking.trials = trials("yaw_scrub")
+    found = add_name(looking, beside(fit(0.0), 100.0), [], quietly)
+    assert (found is not None) is taken
+    assert looking.refused == ({} if taken else {"yaw_scrub": pytest.approx(GATE - 1.0)})
+    assert at.tried_from_rest == [("yaw_scrub",)]  # as it promised far more
+
+
+def test_what_was_refused_or_is_held_is_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = Evidence(monkeypatch, {})
+    offered = offering(monkeypatch, ("rear_toe", 90.0), ("motor_sag", 80.0), rear_toe=5.0, motor_sag=2.0)
+    looking = weights_of()
+    looking.trials, looking.refused = trials("yaw_scrub", "rear_toe", "motor_sag", "floor_slope"), {"floor_slope": 1.0}
+    looking.trials_beside = ("yaw_scrub",)
+    rest = beside(fit(0.0, "yaw_scrub"))
+    assert add_name(looking, rest, [], quietly) is None
+    assert offered == ["rear_toe", "motor_sag"]
+    assert set(looking.refused) == {"floor_slope", "rear_toe", "motor_sag"}
+    at.refitted.clear()
+    assert add_name(looking, rest, [], quietly) is None
+    assert offered == []
+    assert at.refitted == []
+
+
+def test_only_what_promises_much_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A share of the best and of the gate, and not too many."""
+    names = ["a", "b", "c", "d", "e", "f"]
+    Evidence(monkeypatch, {})
+    best = 1000.0
+    least = SEARCH_LIMITS.near_best_share * best
+    scores = [best, least + 1.0, least - 1.0]
+    offering(monkeypatch, *zip(names, scores, strict=False))
+    looking = weights_of()
+    looking.trials = trials(*names)
+    assert [c.effect for c in _promising(looking, beside(fit(0.0)))] == ["a", "b"]
+    small = SEARCH_LIMITS.min_score_share * GATE
+    offering(monkeypatch, ("a", small + 0.1), ("b", small - 0.1))
+    assert [c.effect for c in _promising(looking, beside(fit(0.0)))] == ["a"]
+    offering(monkeypatch, *((name, 50.0) for name in names))
+    assert len(_promising(looking, beside(fit(0.0)))) == SEARCH_LIMITS.max_candidates
+
+
+def test_what_explains_most_without_a_remainder_is_refitted_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If it explains more than chance; nothing is expected of it beside the remainder."""
+    names = ["a", "b", "c", "d", "e"]
+    Evidence(monkeypatch, {})
+    offering(monkeypatch, ("a", 90.0), ("b", 80.0))
+    plain = [CandidateEffect(n, [2.0], s) for n, s in (("c", 70.0), ("a", 60.0), ("d", GATE + 1.0), ("e", GATE - 1.0))]
+    monkeypatch.setattr(add_names, "screen_effects", lambda f, take, some: plain)
+    looking = weights_of()
+    looking.trials = trials(*names)
+    found = _promising(looking, beside(fit(0.0)))
+    more = [n for n in ("c", "a", "d")[: SEARCH_LIMITS.plain_candidates] if n != "a"]
+    assert [(c.effect, c.score) for c in found] == [("a", 90.0), ("b", 80.0), *((n, 0.0) for n in more)]
+    assert [c.values for c in found[2:]] == [[2.0]] * len(more)
+
+
+def test_an_effect_of_a_size_that_no_car_has_is_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However much likelier it makes the take; the next best is taken."""
+    Evidence(monkeypatch, {})
+    offering(monkeypatch, ("yaw_scrub", 900.0), ("rear_toe", 500.0), yaw_scrub=900.0, rear_toe=300.0)
+    monkeypatch.setattr(
+        add_names, "effects_at_bounds", lambda f, take: [n for n in f.hypothesis.effects if n == "yaw_scrub"]
+    )
+    looking = weights_of()
+    looking.trials = trials("yaw_scrub", "rear_toe")
+    found = add_name(looking, beside(fit(0.0)), [], quietly)
+    assert found is not None
+    assert found.named.hypothesis.effects == ("rear_toe",)
+
+
+@pytest.mark.parametrize(("remainder", "asked"), [(GATE + 1.0, True), (GATE - 1.0, False)])
+def test_what_the_base_model_takes_up_is_tried_where_a_remainder_is_left(
+    remainder: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From large sizes, without what is excluded; what was refused from a small one is tried."""
+    Evidence(monkeypatch, {(): remainder})
+    offering(monkeypatch)
+    given = list[tuple[str, ...]]()
+
+    def large(f: Any, take: Any, others: tuple[str, ...]) -> list[Any]:
+        given.append(tuple(others))
+        return [fit(200.0, "motor_lag")]
+
+    monkeypatch.setattr(refits, "refit_from_large_sizes", large)
+    looking = NameWeights(NOTHING, NOTHING, trials(), ("motor_delay",), (), chance(), {}, {"tyre_relaxation": 1.0})
+    found = add_name(looking, beside(fit(0.0), remainder), [], quietly)
+    assert given == ([("motor_delay",)] if asked else [])
+    assert (found is not None) is asked
+
+
+def test_a_fit_beside_the_reference_is_a_name_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {})
+    offering(monkeypatch, ("rear_toe", 90.0), rear_toe=90.0)
+    looking = weights_of()
+    looking.trials = trials("rear_toe")
+    found = add_name(looking, beside(fit(0.0)), [fit(150.0, "yaw_scrub")], quietly)
+    assert found is not None
+    assert found.named.hypothesis.effects == ("yaw_scrub",)
+
+
+# --- without a remainder ---------------------------------------------------------------------------------------------
+
+
+def screening(monkeypatch: pytest.MonkeyPatch, **nats: float) -> list[tuple[str, ...]]:
+    """Score tests that promise 90 nats of every effect, and refits of so much likelihood; the rounds, by their names.
+
+    `nats` are what each effect adds to the likelihood, whatever stands beside it.
+    """
+    rounds = list[tuple[str, ...]]()
+    offering(monkeypatch)
+
+    def screen(f: Any, take: Any, some: TrialChanges) -> list[CandidateEffect]:
+        rounds.append(f.hypothesis.effects)
+        return [CandidateEffect(t.effect, [1.0], 90.0) for t in some.trials]
+
+    def quick(f: Any, take: Any, c: CandidateEffect) -> Any:
+        return fit(f.penalised_log_likelihood + nats[c.effect], *f.hypothesis.effects, c.effect)
+
+    monkeypatch.setattr(add_names, "screen_effects", screen)
+    monkeypatch.setattr(refits, "refit_along_tangent", quick)
+    monkeypatch.setattr(refits, "effects_at_bounds", lambda f, take: ())
+    monkeypatch.setattr(name_weights, "simulate_trials", lambda f, take: trials(*nats))
+    return rounds
+
+
+def test_names_are_added_while_each_makes_the_take_likelier_by_more_than_the_gate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The likeliest first, whatever a remainder would take of it."""
+    at = Evidence(monkeypatch, {(): 2000.0})
+    rounds = screening(monkeypatch, yaw_scrub=300.0, rear_toe=900.0, motor_sag=GATE - 1.0)
+    looking = weights_of()
+    looking.trials = trials("yaw_scrub", "rear_toe", "motor_sag")
+    found = add_names_plainly(looking, fit(0.0), [], quietly)
+    assert found.hypothesis.effects == ("rear_toe", "yaw_scrub")
+    assert rounds == [(), ("rear_toe",), ("rear_toe", "yaw_scrub")]
+    assert at.refitted == []
+    assert looking.refused == {}  # beside a remainder it may count
+
+
+def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    screening(monkeypatch, yaw_scrub=300.0)
+    looking = weights_of()
+    looking.trials = trials("yaw_scrub")
+    found = add_names_plainly(looking, fit(0.0), [fit(500.0, "motor_lag")], quietly)
+    assert found.hypothesis.effects == ("motor_lag", "yaw_scrub")
+
+
+def test_there_are_no_more_names_than_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    ids = ("yaw_scrub", "rear_toe", "motor_sag", "floor_slope", "quadratic_drag", "motor_lag", "pose_scale")
+    rounds = screening(monkeypatch, **dict.fromkeys(ids, 100.0))
+    looking = weights_of()
+    looking.trials = trials(*ids)
+    found = add_names_plainly(looking, fit(0.0), [], quietly)
+    assert len(found.hypothesis.effects) == len(rounds) == SEARCH_LIMITS.max_effects
+
+
+def test_beside_a_remainder_chance_is_drawn_anew_in_each_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {(): 100.0})
+    offering(monkeypatch, ("yaw_scrub", 900.0), yaw_scrub=900.0)
+    drawn = list[tuple[str, ...]]()
+
+    def draw(f: Any, take: Any, some: TrialChanges) -> NullGains:
+        drawn.append(f.hypothesis.effects)
+        return chance()
+
+    monkeypatch.setattr(name_weights, "sample_null_gains", draw)
+    monkeypatch.setattr(name_weights, "simulate_trials", lambda f, take: trials("yaw_scrub"))
+    looking = weights_of()
+    looking.trials = trials("yaw_scrub")
+    found = add_names_beside_remainder(looking, beside(fit(0.0), 100.0), [], quietly)
+    assert found.named.hypothesis.effects == ("yaw_scrub",)
+    assert drawn == [(), ("yaw_scrub",)]
+
+
+def test_a_refit_beside_a_remainder_need_not_exceed_less_than_the_best_and_the_gate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    at = Evidence(monkeypatch, {("near",): 1000.0})
+    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
+    _best_credible(weights_of(), [fit(2000.0, "best"), fit(995.0, "near")], beside(fit(50.0)), {})
+    assert at.to_exceed == {("best",): 50.0 + GATE, ("near",): 2000.0}
