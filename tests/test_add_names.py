@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from weighed_names import GATE, NOTHING, Evidence, beside, chance, fit, trials, weights_of
+from weighed_names import GATE, NOTHING, Evidence, beside, chance, fit, simulating, state_of
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.fit import RemainderFit
-from bcid.diagnosis.search import add_names, name_weights, refits
+from bcid.diagnosis.search import add_names, refits, search_state
 from bcid.diagnosis.search.add_names import (
     _best_credible,
     _promising,
@@ -17,8 +17,8 @@ from bcid.diagnosis.search.add_names import (
     add_names_beside_remainder,
     add_names_plainly,
 )
-from bcid.diagnosis.search.name_weights import NameWeights
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
+from bcid.diagnosis.search.search_state import SearchState
 from bcid.likelihood.score_test import TrialChanges
 
 
@@ -28,12 +28,12 @@ def test_what_lies_clearly_below_the_best_to_first_order_is_not_refitted(monkeyp
     monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
     slack = SEARCH_LIMITS.remainder_error * 1000.0 + SEARCH_LIMITS.near_nats
     fits = [fit(2000.0 - 1000.0 - slack - 1.0, "far"), fit(2000.0, "best"), fit(2000.0 - 1000.0 - slack + 1.0, "near")]
-    looking = weights_of()
+    looking = state_of()
     found = _best_credible(looking, fits, beside(fit(0.0)), {})
     assert found is not None
     assert found.named.hypothesis.effects == ("best",)
     assert at.refitted == [("best",), ("near",)]
-    assert set(looking.tried) == {frozenset({"best"}), frozenset({"near"})}
+    assert set(looking.weighed) == {frozenset({"best"}), frozenset({"near"})}
     assert looking.refused == {}  # each is more than the gate
 
 
@@ -45,7 +45,7 @@ def test_what_cannot_exceed_the_gate_to_first_order_is_refused_without_a_refit(
     at = Evidence(monkeypatch, {})
     monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
     nats = 100.0 + GATE - SEARCH_LIMITS.near_nats + over
-    looking = weights_of()
+    looking = state_of()
     assert _best_credible(looking, [fit(nats, "a")], beside(fit(0.0), 100.0), {}) is None
     assert at.refitted == ([("a",)] if refitted else [])
     assert looking.refused == {"a": pytest.approx(nats - 100.0 if refitted else GATE + over)}
@@ -60,19 +60,19 @@ def test_where_little_comes_of_a_promise_an_effect_is_tried_from_the_remainder_s
     monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
     at.from_rest[("a",)] = 900.0
     share = 2.0 * SEARCH_LIMITS.kept_promise * reached
-    found = _best_credible(weights_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"a": promised})
+    found = _best_credible(state_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"a": promised})
     assert at.tried_from_rest == ([("a",)] if again else [])
     assert found is not None
     assert found.log_evidence == pytest.approx(900.0 if again else share * promised)
     # of what was not promised, nothing is expected
     at.tried_from_rest.clear()
-    _best_credible(weights_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"b": promised})
+    _best_credible(state_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"b": promised})
     assert at.tried_from_rest == []
 
 
 def test_without_fits_there_is_none_of_greatest_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
     Evidence(monkeypatch, {})
-    assert _best_credible(weights_of(), [], beside(fit(0.0)), {}) is None
+    assert _best_credible(state_of(), [], beside(fit(0.0)), {}) is None
 
 
 # --- one name more ---------------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats
 
     monkeypatch.setattr(add_names, "score_names", score)
     monkeypatch.setattr(add_names, "screen_effects", lambda f, take, some: [])
-    monkeypatch.setattr(name_weights, "simulate_trials", NOTHING)
+    simulating(monkeypatch)
     monkeypatch.setattr(refits, "refit_along_tangent", quick)
     monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
     monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
@@ -111,8 +111,8 @@ def test_a_name_must_add_more_than_the_gate_to_what_a_remainder_explains_already
     """The likelihood grows by over 100 nats; beside the remainder by just the gate."""
     at = Evidence(monkeypatch, {(): 100.0, ("yaw_scrub",): 0.0})
     offering(monkeypatch, ("yaw_scrub", 90.0), yaw_scrub=nats)
-    looking = weights_of()
-    looking.trials = trials("yaw_scrub")
+    looking = state_of()
+    simulating(monkeypatch, "yaw_scrub")
     found = add_name(looking, beside(fit(0.0), 100.0), [], quietly)
     assert (found is not None) is taken
     assert looking.refused == ({} if taken else {"yaw_scrub": pytest.approx(GATE - 1.0)})
@@ -122,9 +122,9 @@ def test_a_name_must_add_more_than_the_gate_to_what_a_remainder_explains_already
 def test_what_was_refused_or_is_held_is_not_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     at = Evidence(monkeypatch, {})
     offered = offering(monkeypatch, ("rear_toe", 90.0), ("motor_sag", 80.0), rear_toe=5.0, motor_sag=2.0)
-    looking = weights_of()
-    looking.trials, looking.refused = trials("yaw_scrub", "rear_toe", "motor_sag", "floor_slope"), {"floor_slope": 1.0}
-    looking.trials_beside = ("yaw_scrub",)
+    looking = state_of()
+    looking.refused = {"floor_slope": 1.0}
+    simulating(monkeypatch, "yaw_scrub", "rear_toe", "motor_sag", "floor_slope")
     rest = beside(fit(0.0, "yaw_scrub"))
     assert add_name(looking, rest, [], quietly) is None
     assert offered == ["rear_toe", "motor_sag"]
@@ -143,8 +143,8 @@ def test_only_what_promises_much_is_refitted(monkeypatch: pytest.MonkeyPatch) ->
     least = SEARCH_LIMITS.near_best_share * best
     scores = [best, least + 1.0, least - 1.0]
     offering(monkeypatch, *zip(names, scores, strict=False))
-    looking = weights_of()
-    looking.trials = trials(*names)
+    looking = state_of()
+    simulating(monkeypatch, *names)
     assert [c.effect for c in _promising(looking, beside(fit(0.0)))] == ["a", "b"]
     small = SEARCH_LIMITS.min_score_share * GATE
     offering(monkeypatch, ("a", small + 0.1), ("b", small - 0.1))
@@ -160,8 +160,8 @@ def test_what_explains_most_without_a_remainder_is_refitted_too(monkeypatch: pyt
     offering(monkeypatch, ("a", 90.0), ("b", 80.0))
     plain = [CandidateEffect(n, [2.0], s) for n, s in (("c", 70.0), ("a", 60.0), ("d", GATE + 1.0), ("e", GATE - 1.0))]
     monkeypatch.setattr(add_names, "screen_effects", lambda f, take, some: plain)
-    looking = weights_of()
-    looking.trials = trials(*names)
+    looking = state_of()
+    simulating(monkeypatch, *names)
     found = _promising(looking, beside(fit(0.0)))
     more = [n for n in ("c", "a", "d")[: SEARCH_LIMITS.plain_candidates] if n != "a"]
     assert [(c.effect, c.score) for c in found] == [("a", 90.0), ("b", 80.0), *((n, 0.0) for n in more)]
@@ -175,8 +175,8 @@ def test_an_effect_of_a_size_that_no_car_has_is_no_name(monkeypatch: pytest.Monk
     monkeypatch.setattr(
         add_names, "effects_at_bounds", lambda f, take: [n for n in f.hypothesis.effects if n == "yaw_scrub"]
     )
-    looking = weights_of()
-    looking.trials = trials("yaw_scrub", "rear_toe")
+    looking = state_of()
+    simulating(monkeypatch, "yaw_scrub", "rear_toe")
     found = add_name(looking, beside(fit(0.0)), [], quietly)
     assert found is not None
     assert found.named.hypothesis.effects == ("rear_toe",)
@@ -196,7 +196,7 @@ def test_what_the_base_model_takes_up_is_tried_where_a_remainder_is_left(
         return [fit(200.0, "motor_lag")]
 
     monkeypatch.setattr(refits, "refit_from_large_sizes", large)
-    looking = NameWeights(NOTHING, NOTHING, trials(), ("motor_delay",), (), chance(), {}, {"tyre_relaxation": 1.0})
+    looking = SearchState(NOTHING, NOTHING, ("motor_delay",), chance(), refused={"tyre_relaxation": 1.0})
     found = add_name(looking, beside(fit(0.0), remainder), [], quietly)
     assert given == ([("motor_delay",)] if asked else [])
     assert (found is not None) is asked
@@ -205,8 +205,8 @@ def test_what_the_base_model_takes_up_is_tried_where_a_remainder_is_left(
 def test_a_fit_beside_the_reference_is_a_name_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
     Evidence(monkeypatch, {})
     offering(monkeypatch, ("rear_toe", 90.0), rear_toe=90.0)
-    looking = weights_of()
-    looking.trials = trials("rear_toe")
+    looking = state_of()
+    simulating(monkeypatch, "rear_toe")
     found = add_name(looking, beside(fit(0.0)), [fit(150.0, "yaw_scrub")], quietly)
     assert found is not None
     assert found.named.hypothesis.effects == ("yaw_scrub",)
@@ -233,7 +233,7 @@ def screening(monkeypatch: pytest.MonkeyPatch, **nats: float) -> list[tuple[str,
     monkeypatch.setattr(add_names, "screen_effects", screen)
     monkeypatch.setattr(refits, "refit_along_tangent", quick)
     monkeypatch.setattr(refits, "effects_at_bounds", lambda f, take: ())
-    monkeypatch.setattr(name_weights, "simulate_trials", lambda f, take: trials(*nats))
+    simulating(monkeypatch, *nats)
     return rounds
 
 
@@ -243,8 +243,8 @@ def test_names_are_added_while_each_makes_the_take_likelier_by_more_than_the_gat
     """The likeliest first, whatever a remainder would take of it."""
     at = Evidence(monkeypatch, {(): 2000.0})
     rounds = screening(monkeypatch, yaw_scrub=300.0, rear_toe=900.0, motor_sag=GATE - 1.0)
-    looking = weights_of()
-    looking.trials = trials("yaw_scrub", "rear_toe", "motor_sag")
+    looking = state_of()
+    simulating(monkeypatch, "yaw_scrub", "rear_toe", "motor_sag")
     found = add_names_plainly(looking, fit(0.0), [], quietly)
     assert found.hypothesis.effects == ("rear_toe", "yaw_scrub")
     assert rounds == [(), ("rear_toe",), ("rear_toe", "yaw_scrub")]
@@ -254,8 +254,8 @@ def test_names_are_added_while_each_makes_the_take_likelier_by_more_than_the_gat
 
 def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     screening(monkeypatch, yaw_scrub=300.0)
-    looking = weights_of()
-    looking.trials = trials("yaw_scrub")
+    looking = state_of()
+    simulating(monkeypatch, "yaw_scrub")
     found = add_names_plainly(looking, fit(0.0), [fit(500.0, "motor_lag")], quietly)
     assert found.hypothesis.effects == ("motor_lag", "yaw_scrub")
 
@@ -263,8 +263,8 @@ def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeyp
 def test_there_are_no_more_names_than_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
     ids = ("yaw_scrub", "rear_toe", "motor_sag", "floor_slope", "quadratic_drag", "motor_lag", "pose_scale")
     rounds = screening(monkeypatch, **dict.fromkeys(ids, 100.0))
-    looking = weights_of()
-    looking.trials = trials(*ids)
+    looking = state_of()
+    simulating(monkeypatch, *ids)
     found = add_names_plainly(looking, fit(0.0), [], quietly)
     assert len(found.hypothesis.effects) == len(rounds) == SEARCH_LIMITS.max_effects
 
@@ -278,10 +278,9 @@ def test_beside_a_remainder_chance_is_drawn_anew_in_each_round(monkeypatch: pyte
         drawn.append(f.hypothesis.effects)
         return chance()
 
-    monkeypatch.setattr(name_weights, "sample_null_gains", draw)
-    monkeypatch.setattr(name_weights, "simulate_trials", lambda f, take: trials("yaw_scrub"))
-    looking = weights_of()
-    looking.trials = trials("yaw_scrub")
+    monkeypatch.setattr(search_state, "sample_null_gains", draw)
+    simulating(monkeypatch, "yaw_scrub")
+    looking = state_of()
     found = add_names_beside_remainder(looking, beside(fit(0.0), 100.0), [], quietly)
     assert found.named.hypothesis.effects == ("yaw_scrub",)
     assert drawn == [(), ("yaw_scrub",)]
@@ -292,5 +291,24 @@ def test_a_refit_beside_a_remainder_need_not_exceed_less_than_the_best_and_the_g
 ) -> None:
     at = Evidence(monkeypatch, {("near",): 1000.0})
     monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
-    _best_credible(weights_of(), [fit(2000.0, "best"), fit(995.0, "near")], beside(fit(50.0)), {})
+    _best_credible(state_of(), [fit(2000.0, "best"), fit(995.0, "near")], beside(fit(50.0)), {})
     assert at.to_exceed == {("best",): 50.0 + GATE, ("near",): 2000.0}
+
+
+@pytest.mark.parametrize("settled", [True, False])
+def test_what_ended_early_for_want_of_a_better_s_evidence_is_not_refused(
+    settled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may add more than the gate where the better one is held; only what cannot exceed the gate goes for good."""
+    at = Evidence(monkeypatch, {}, near=2000.0)
+    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
+    if not settled:
+        at.unsettled.add(("near",))
+    looking = state_of()
+    best = _best_credible(looking, [fit(1500.0, "best"), fit(0.0, "near")], beside(fit(0.0), 100.0), {})
+    assert best is not None
+    assert best.named.hypothesis.effects == ("best",)
+    assert at.refitted == [("near",), ("best",)] if settled else [("near",), ("best",)]
+    at.refitted.clear()
+    _best_credible(looking, [fit(1500.0, "best"), fit(0.0, "far")], beside(fit(0.0), 100.0), {})
+    assert "far" not in looking.refused  # it was not tried beside the names before

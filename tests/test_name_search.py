@@ -7,19 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 from concealed import concealing
-from weighed_names import GATE, NOTHING, Evidence, beside, chance, fit, trials, weights_of
+from weighed_names import GATE, Evidence, beside, chance, fit, simulating, state_of
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.evidence import likeliest_spreads
 from bcid.diagnosis.search import name_search, refits
+from bcid.diagnosis.search.keep_names import KeptNames
 from bcid.diagnosis.search.name_search import Naming, name_effects, refit_beside_reference
-from bcid.diagnosis.search.name_weights import NameWeights
 from bcid.diagnosis.search.refits import named_effects
+from bcid.diagnosis.search.rivals import Alternatives
 from bcid.diagnosis.search.screen import CandidateEffect
+from bcid.diagnosis.search.search_state import SearchState
 from bcid.effects.remainder import DIRECTION, DIRECTIONS
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
-from bcid.likelihood.score_test import TrialChanges
 
 # --- from end to end -------------------------------------------------------------------------------------------------
 
@@ -43,14 +44,64 @@ def test_names_are_sought_beside_a_remainder_where_something_is_left_without(
     """The likelier of the two ends stands."""
     left = 0.0 if explains_all else GATE + 1.0
     Evidence(monkeypatch, {("yaw_scrub",): left})
-    looking, found = weights_of(), beside(fit(evidence, "rear_toe"))
+    looking, found = state_of(), beside(fit(evidence, "rear_toe"))
     drawn = list[tuple[str, ...]]()
-    monkeypatch.setattr(NameWeights, "draw_nulls", lambda self, rest: drawn.append(rest.named.hypothesis.effects))
+    monkeypatch.setattr(SearchState, "draw_nulls", lambda self, rest: drawn.append(rest.named.hypothesis.effects))
     monkeypatch.setattr(name_search, "add_names_plainly", lambda *_: fit(plain, "yaw_scrub"))
     monkeypatch.setattr(name_search, "add_names_beside_remainder", lambda *_: found)
     best = name_search._add_names(looking, beside(fit(0.0), 80.0), [], lambda text: None)
     assert best.named.hypothesis.effects == (("yaw_scrub",) if taken == "plain" else ("rear_toe",))
-    assert drawn == [("yaw_scrub",)] * (1 if explains_all or taken == "beside" else 2)
+    end = best.named.hypothesis.effects
+    assert drawn == [("yaw_scrub",)] if explains_all else [("yaw_scrub",), end]
+
+
+def kept_of(named: Any, remainder: float = 0.0, **gains: float) -> KeptNames:
+    rest = beside(named, remainder)
+    return KeptNames(rest, rest, gains, {name: fit(0.0, f"less_{name}") for name in gains})
+
+
+@pytest.mark.parametrize(("left", "again"), [(20.0 + GATE + 1.0, True), (20.0 + GATE - 1.0, False)])
+def test_names_are_sought_again_for_what_one_that_went_had_explained(
+    left: float, again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Evidence(monkeypatch, {})
+    asked, sought = list[tuple[str, ...]](), list[tuple[str, ...]]()
+
+    def keep(state: SearchState, rest: Any) -> KeptNames:
+        asked.append(rest.named.hypothesis.effects)
+        return kept_of(fit(50.0), left) if len(asked) == 1 else kept_of(rest.named, rear_toe=90.0)
+
+    def seek(state: SearchState, rest: Any, more: Any, report: Any) -> Any:
+        sought.append(rest.named.hypothesis.effects)
+        return beside(fit(150.0, "rear_toe"))
+
+    monkeypatch.setattr(name_search, "keep_names", keep)
+    monkeypatch.setattr(name_search, "add_names_beside_remainder", seek)
+    kept = name_search._keep_and_seek_again(state_of(), beside(fit(100.0, "yaw_scrub"), 20.0), lambda text: None)
+    assert asked == ([("yaw_scrub",), ("rear_toe",)] if again else [("yaw_scrub",)])
+    assert sought == ([()] if again else [])
+    assert set(kept.gains) == ({"rear_toe"} if again else set())
+
+
+@pytest.mark.parametrize(("evidence", "taken"), [(130.0, True), (90.0, False)])
+def test_a_likelier_exchange_is_a_name_or_a_rival(
+    evidence: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a remainder makes up for it the old name stays, and the other is told as its rival."""
+    mine, other, third = fit(100.0, "yaw_scrub"), fit(120.0, "rear_toe"), fit(60.0, "motor_sag")
+    Evidence(monkeypatch, {("rear_toe",): evidence - 120.0})
+    simulating(monkeypatch)
+
+    def exchange(f: Any, take: Any, some: Any, known: Any) -> Alternatives:
+        return Alternatives(other, (mine, third))
+
+    monkeypatch.setattr(name_search, "exchange_until_stable", exchange)
+    monkeypatch.setattr(name_search, "keep_names", lambda state, rest: kept_of(rest.named, rear_toe=evidence))
+    kept, rivals = name_search._exchange_names(state_of(), kept_of(mine, yaw_scrub=100.0), ())
+    assert kept.rest.named.hypothesis.effects == (("rear_toe",) if taken else ("yaw_scrub",))
+    assert [f.hypothesis.effects[0] for f in rivals] == (
+        ["yaw_scrub", "motor_sag"] if taken else ["rear_toe", "motor_sag"]
+    )
 
 
 def test_an_excluded_effect_is_never_named_nor_tried() -> None:
@@ -114,29 +165,20 @@ def test_a_late_pose_is_named_instead_of_two_late_commands() -> None:
 def test_beside_a_reference_the_first_effect_is_sought_from_its_own_parameters(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    names = ["yaw_scrub", "rear_toe", "motor_sag", "floor_slope", "quadratic_drag"]
-    given = list[tuple[str, ...]]()
-    monkeypatch.setattr(name_search, "simulate_trials", lambda reference, take: trials(*names, "yaw_coulomb"))
-
-    def screened(reference: Any, take: Any, some: TrialChanges) -> list[CandidateEffect]:
-        given.append(tuple(t.effect for t in some.trials))
-        return [CandidateEffect(name, [1.0], 50.0) for name in names]
-
-    def quick(f: Any, take: Any, c: CandidateEffect) -> Any:
-        if c.effect == "rear_toe":
-            raise PredictionDiverged
-        return fit(10.0, c.effect)
-
-    monkeypatch.setattr(name_search, "screen_effects", screened)
-    monkeypatch.setattr(refits, "refit_along_tangent", quick)
-    monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
-    found = refit_beside_reference(fit(0.0), NOTHING, ("yaw_coulomb",))
-    assert given == [tuple(names)]
-    tried = names[: SEARCH_LIMITS.max_candidates]
-    assert [f.hypothesis.effects for f in found] == [(name,) for name in tried if name != "rear_toe"]
+    """Joint refits hold the corrections of the base model, too, so that they can be compared with it."""
+    base, take = concealing(120.0, yaw_scrub=20.0)
+    corrected = refits.refit_with_effects(base, take, ("slip_speed",), [0.1])
+    found = refit_beside_reference(base, corrected, take, ())
+    assert 0 < len(found) <= SEARCH_LIMITS.max_candidates
+    assert {f.hypothesis.effects[:-1] for f in found} == {("slip_speed",)}
+    best = max(found, key=lambda f: f.penalised_log_likelihood)
+    assert named_effects(best) == ("yaw_scrub",)
+    assert best.penalised_log_likelihood > corrected.penalised_log_likelihood + 100.0
+    without = refit_beside_reference(base, corrected, take, ("yaw_scrub",))
+    assert "yaw_scrub" not in {f.hypothesis.effects[-1] for f in without}
 
     def lost(*_: Any) -> Any:
         raise PredictionDiverged
 
     monkeypatch.setattr(name_search, "simulate_trials", lost)
-    assert refit_beside_reference(fit(0.0), NOTHING, ()) == []
+    assert refit_beside_reference(base, corrected, take, ()) == []

@@ -321,7 +321,7 @@ def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: 
     found = project_out_fit(linearise_fit(fit, null_take), columns)
     r = pose_residuals(null_take, fit.hypothesis.prediction_inputs(fit.phi, null_take), fit.start)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, null_take.first), fit.scales, 0)
-    g, _ = score_and_information(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.V)
+    g, _ = score_and_information(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.root)
     likelihood = float((robust_weights(e) @ g)[0])
     information = np.sqrt(found.G[0, 0])
     assert abs(found.tension @ found.pulls[:, 0]) / information > 1.0  # the pull is no small matter here

@@ -4,21 +4,23 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bcid.diagnosis.remainder.fit import RemainderFit
-from bcid.diagnosis.search import add_names, name_weights
-from bcid.diagnosis.search.name_weights import NameWeights
+from bcid.diagnosis.search import add_names, search_state
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
+from bcid.diagnosis.search.search_state import SearchState
 from bcid.likelihood.score_test import Trial, TrialChanges
 
 NOTHING: Any = None
 GATE = 12.0
 
 
-def fit(nats: float, *effects: str) -> Any:
+def fit(nats: float, *effects: str, each: tuple[float, ...] = (0.0, 0.0)) -> Any:
+    """A fit of so much penalised log-likelihood, of which `each` segment has so much."""
     hypothesis = SimpleNamespace(effects=effects, assumed=())
-    return SimpleNamespace(hypothesis=hypothesis, penalised_log_likelihood=nats)
+    return SimpleNamespace(hypothesis=hypothesis, penalised_log_likelihood=nats, per_segment=np.array(each))
 
 
 def explained(nats: float = 0.0, channels: dict[str, float] | None = None, *copied: str) -> Any:
@@ -41,19 +43,18 @@ class Evidence:
         self.seen = dict[tuple[str, ...], Any]()  # what is explained beside some effects, copies of laws among it
         self.copies = dict[tuple[str, ...], float]()  # what a remainder adds that holds such copies
         self.from_rest = dict[tuple[str, ...], float]()  # evidence that is found from a remainder's own fit
+        self.unsettled = set[tuple[str, ...]]()  # effects of fits whose refits end early
         self.to_exceed = dict[tuple[str, ...], float]()
         self.refitted, self.tried_from_rest = list[tuple[str, ...]](), list[tuple[str, ...]]()
         self.copied = list[tuple[tuple[str, ...], tuple[str, ...]]]()
-        monkeypatch.setattr(name_weights, "explain", self.explain)
-        monkeypatch.setattr(name_weights, "explain_with_copies", self.explain_with_copies)
-        monkeypatch.setattr(name_weights, "fit_with_remainder", self.fit_with_remainder)
+        monkeypatch.setattr(search_state, "explain", self.explain)
+        monkeypatch.setattr(search_state, "fit_with_remainder", self.fit_with_remainder)
         monkeypatch.setattr(add_names, "add_beside_remainder", self.add_beside_remainder)
-
-    def explain_with_copies(self, seen: Any, f: Any, take: Any) -> Any:
-        return self.seen.get(f.hypothesis.effects, explained())
 
     def explain(self, f: Any, take: Any, basis: Any, copied: tuple[str, ...] = ()) -> Any:
         effects = f.hypothesis.effects
+        if copied:
+            return self.seen.get(effects, explained())
         return explained(self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0)))
 
     def fit_with_remainder(
@@ -65,7 +66,8 @@ class Evidence:
             return beside(f, self.copies.get(effects, 0.0), seen)
         self.refitted.append(effects)
         self.to_exceed[effects] = to_exceed
-        return beside(f, self.adds.get(frozenset(effects), 0.0), seen)
+        found = beside(f, self.adds.get(frozenset(effects), 0.0), seen)
+        return found._replace(settled=effects not in self.unsettled)
 
     def add_beside_remainder(
         self, rest: RemainderFit, f: Any, seen: Any, take: Any, to_exceed: float = -math.inf
@@ -76,12 +78,24 @@ class Evidence:
         return beside(f, nats - f.penalised_log_likelihood, seen)
 
 
-def weights_of(**more: Any) -> NameWeights:
-    return NameWeights(NOTHING, NOTHING, TrialChanges(NOTHING, []), (), (), chance(), **more)
+def state_of(**more: Any) -> SearchState:
+    return SearchState(NOTHING, NOTHING, (), chance(), **more)
 
 
 def chance(gate: float = GATE) -> NullGains:
     return NullGains(gate, [CandidateEffect("rear_toe", [0.0], 3.0)])
+
+
+def simulating(monkeypatch: pytest.MonkeyPatch, *names: str) -> list[tuple[str, ...]]:
+    """Trials of so many effects beside any fit; the effects of the fits beside which they were simulated."""
+    simulated = list[tuple[str, ...]]()
+
+    def simulate(f: Any, take: Any) -> TrialChanges:
+        simulated.append(f.hypothesis.effects)
+        return trials(*names)
+
+    monkeypatch.setattr(search_state, "simulate_trials", simulate)
+    return simulated
 
 
 def trials(*names: str) -> TrialChanges:

@@ -68,8 +68,8 @@ def segment_information(take: Take, inputs: PredictionInputs, scales: Scales, co
         PredictionDiverged: where rounding errors make the marginalisation meaningless.
     """
     A, still = nuisance_sensitivities(take, inputs, take.start), np.zeros_like(take.pose)
-    V = checked_marginal_terms(segment_moments(still, A, take.first), scales).V
-    return np.asarray(score_and_information(still, A, columns, take.first, scales.r, V)[1])
+    root = checked_marginal_terms(segment_moments(still, A, take.first), scales).root
+    return np.asarray(score_and_information(still, A, columns, take.first, scales.r, root)[1])
 
 
 class Separation(NamedTuple):

@@ -65,6 +65,7 @@ class MarginalTerms(NamedTuple):
     log_det: Floats  # (S,) log|R| + log|Q| + log|M| - log|A_0^T W A_0|
     numbers: Floats  # (S,) numbers in the segment's residual, less N_START
     z: Floats  # (S, N_NUISANCE) posterior mean
+    root: Floats  # (S, N_NUISANCE, N_NUISANCE) L^-1 of M = L L^T
     V: Floats  # (S, N_NUISANCE, N_NUISANCE) posterior covariance M^-1
     rest: Floats  # (S, 3) sum of squares of r - A z in each channel
     spread: Floats  # (S, 3) what the uncertainty of z adds to the expectation of `rest`
@@ -90,14 +91,13 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
 
 
 @njit
-def inverse_and_log_det(M: Floats) -> tuple[Floats, float]:
-    """M^-1 (n, n) and log|M| of a symmetric matrix `M` by Cholesky factorisation; NaN where M is not positive definite.
+def cholesky_factor(M: Floats) -> Floats:
+    """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive definite.
 
     Written out because LAPACK would raise in that case, and an exception in a parallel loop ends the process.
     """
-    n, log_det = len(M), 0.0
-    # L and its inverse, transposed
-    L, L_inv, V = np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))
+    n = len(M)
+    L = np.zeros((n, n))
     for i in range(n):
         for j in range(i + 1):
             left = M[i, j]
@@ -108,21 +108,54 @@ def inverse_and_log_det(M: Floats) -> tuple[Floats, float]:
             elif 0.0 < left < np.inf:
                 L[i, i] = math.sqrt(left)
             else:
-                return np.full((n, n), np.nan), np.nan
-        log_det += 2.0 * math.log(L[i, i])
-        L_inv[i, i] = 1.0 / L[i, i]
+                return np.full((n, n), np.nan)
+    return L
+
+
+@njit
+def log_determinant(L: Floats) -> float:
+    """log|L L^T| of a lower triangular `L` with a positive diagonal."""
+    total = 0.0
+    for i in range(len(L)):
+        total += 2.0 * math.log(L[i, i])
+    return total
+
+
+@njit
+def inverse_of_triangle(L: Floats) -> Floats:
+    """The inverse (n, n) of a lower triangular `L` (n, n), which is one, too."""
+    n = len(L)
+    inverse = np.zeros((n, n))
+    for i in range(n):
+        inverse[i, i] = 1.0 / L[i, i]
         for j in range(i):
             left = 0.0
             for k in range(j, i):
-                left -= L[i, k] * L_inv[j, k]
-            L_inv[j, i] = left / L[i, i]
+                left -= L[i, k] * inverse[k, j]
+            inverse[i, j] = left / L[i, i]
+    return inverse
+
+
+@njit
+def solve_triangular(L: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Solutions y = L^-1 b and z = L^-T y (n,), of a lower triangular `L` (n, n); y . y is b . (L L^T)^-1 b.
+
+    Where a part of an initial state is hardly shown, as where a car stands, L L^T is almost singular, and b . z would
+    be lost in rounding; y . y is not.
+    """
+    n = len(b)
+    y, z = np.empty(n), np.empty(n)
     for i in range(n):
-        for j in range(i + 1):
-            sum_ = 0.0
-            for k in range(i, n):
-                sum_ += L_inv[i, k] * L_inv[j, k]
-            V[i, j] = V[j, i] = sum_
-    return V, log_det
+        left = b[i]
+        for k in range(i):
+            left -= L[i, k] * y[k]
+        y[i] = left / L[i, i]
+    for i in range(n - 1, -1, -1):
+        left = y[i]
+        for k in range(i + 1, n):
+            left -= L[k, i] * z[k]
+        z[i] = left / L[i, i]
+    return y, z
 
 
 @njit_parallel
@@ -136,7 +169,8 @@ def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> Margi
     """
     S = len(moments.rr)
     chi2, log_det, count = np.empty(S), np.empty(S), np.empty(S)
-    zs, Vs = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
+    zs, roots = np.empty((S, N_NUISANCE)), np.empty((S, N_NUISANCE, N_NUISANCE))
+    Vs = np.empty((S, N_NUISANCE, N_NUISANCE))
     rests, spreads = np.empty((S, 3)), np.empty((S, 3))
     constant = -np.sum(np.log(precisions[N_START:]))
     for s in numba.prange(S):
@@ -144,33 +178,34 @@ def eliminate_nuisance(moments: Moments, r: Floats, precisions: Floats) -> Margi
         M = w_x * moments.AA[s, 0] + w_y * moments.AA[s, 1] + w_yaw * moments.AA[s, 2]
         b = w_x * moments.Ar[s, 0] + w_y * moments.Ar[s, 1] + w_yaw * moments.Ar[s, 2]
         square = w_x * moments.rr[s, 0] + w_y * moments.rr[s, 1] + w_yaw * moments.rr[s, 2]
-        of_start = inverse_and_log_det(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0))[1]
+        of_start = log_determinant(cholesky_factor(M[:N_START, :N_START] * (r[0] * r[1] * r[2]) ** (2.0 / 3.0)))
         for i in range(N_NUISANCE):
             M[i, i] += precisions[i]
-        V, size = inverse_and_log_det(M)
-        z = np.dot(V, b)
-        chi2[s] = square - np.dot(b, z)
-        log_det[s] = moments.rows[s] * 2.0 * np.sum(np.log(r)) + constant + size - of_start
+        L = cholesky_factor(M)
+        root, (y, z) = inverse_of_triangle(L), solve_triangular(L, b)
+        V = np.dot(root.T, root)
+        chi2[s] = square - np.dot(y, y)
+        log_det[s] = moments.rows[s] * 2.0 * np.sum(np.log(r)) + constant + log_determinant(L) - of_start
         count[s] = 3 * moments.rows[s] - N_START
-        zs[s], Vs[s] = z, V
+        zs[s], roots[s], Vs[s] = z, root, V
         for c in range(3):
             AAz = np.dot(moments.AA[s, c], z)
             rests[s, c] = moments.rr[s, c] - 2.0 * np.dot(z, moments.Ar[s, c]) + np.dot(z, AAz)
             spreads[s, c] = np.sum(moments.AA[s, c] * V)
-    return MarginalTerms(chi2, log_det, count, zs, Vs, rests, spreads)
+    return MarginalTerms(chi2, log_det, count, zs, roots, Vs, rests, spreads)
 
 
 @njit_parallel
 def score_and_information(
-    residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, V: Floats
+    residual: Floats, A: Floats, J: Floats, first: Ints, r: Floats, root: Floats
 ) -> tuple[Floats, Floats]:
     """Score J^T P r (S, n) and Fisher information J^T P J (S, n, n) of each segment for coefficients of `J` (N, 3, n).
 
     `J` holds derivatives or changes of predicted poses; P is the inverse covariance of the noise with the nuisance
     parameters (initial state, pushes) projected out.  `residual` (N, 3) is measured less predicted poses, `A` (N, 3,
-    N_NUISANCE) the derivatives of predicted poses by nuisance parameters, `V` (S, N_NUISANCE, N_NUISANCE) the
-    posterior covariance of these, `r` (3,) the noise's standard deviations (m, m, rad); segment s has rows `first[s]`
-    to `first[s + 1]`.
+    N_NUISANCE) the derivatives of predicted poses by nuisance parameters, `root` (S, N_NUISANCE, N_NUISANCE) that of
+    their posterior covariance V = root^T root, `r` (3,) the noise's standard deviations (m, m, rad); segment s has
+    rows `first[s]` to `first[s + 1]`.
     """
     S, n = len(first) - 1, J.shape[2]
     g, G = np.empty((S, n)), np.empty((S, n, n))
@@ -182,10 +217,9 @@ def score_and_information(
         As = np.ascontiguousarray(A[first[s] : first[s + 1]]).reshape(m, N_NUISANCE) * weight
         Js = np.ascontiguousarray(J[first[s] : first[s + 1]]).reshape(m, n) * weight
         rs = np.ascontiguousarray(residual[first[s] : first[s + 1]]).reshape(m) * weight[:, 0]
-        AJ = np.dot(As.T, Js)
-        VAJ = np.dot(V[s], AJ)
-        g[s] = np.dot(Js.T, rs) - np.dot(VAJ.T, np.dot(As.T, rs))
-        G[s] = np.dot(Js.T, Js) - np.dot(AJ.T, VAJ)
+        own, free = np.dot(root[s], np.dot(As.T, Js)), np.dot(root[s], np.dot(As.T, rs))
+        g[s] = np.dot(Js.T, rs) - np.dot(own.T, free)
+        G[s] = np.dot(Js.T, Js) - np.dot(own.T, own)
     return g, G
 
 

@@ -205,7 +205,7 @@ def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitSta
     base, functions = np.split(tangent.J, [hypothesis.base_size], axis=2)
     J = np.concatenate([base, effects, functions], axis=2)
     r = remove_pushes(state.r, state.A, state.start, first)
-    g, G = marginal.score_and_information(r, state.A, J, first, state.scales.r, state.terms.V)
+    g, G = marginal.score_and_information(r, state.A, J, first, state.scales.r, state.terms.root)
     w = marginal.robust_weights(state.terms)
     slope = w @ g - prior.stiffness * (state.phi - prior.centre)
     return slope, np.tensordot(w, G, axes=1) + np.diag(prior.stiffness)

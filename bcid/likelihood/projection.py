@@ -59,7 +59,7 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
     n = fit.tangent.J.shape[2] + own.shape[2]
     rest = remove_pushes(r, fit.tangent.A, fit.start, take.first)
     _, e = estimate_scales(segment_moments(rest, fit.tangent.A, take.first), fit.scales, 0)
-    root, noise = np.ascontiguousarray(np.linalg.cholesky(e.V).transpose(0, 2, 1)), fit.scales.r
+    root, noise = e.root, fit.scales.r
     base, functions = np.split(fit.tangent.J, [hypothesis.base_size], axis=2)
     rows = np.concatenate([fit.tangent.A, base, own, functions, rest[:, :, None]], axis=2) / noise[:, None]
     rows = rows.reshape(-1, N_NUISANCE + n + 1)

@@ -90,7 +90,7 @@ class RemainderFit(NamedTuple):
     spread: Mapping[str, float]  # of each channel, 0 where nothing is needed
     log_evidence: float  # log-likelihood, priors and prices of names, integrated over the remainder
     seen: Explained  # to first order, beside the names alone
-    settled: bool = True  # False where refits ended early, as their evidence could not reach what it had to exceed
+    settled: bool = True  # False where refits diverged, or ended as they could not reach what they had to exceed
 
     @classmethod
     def without_functions(cls, fit: Fit, seen: Explained) -> RemainderFit:
@@ -164,7 +164,7 @@ def _refit_until_stable(
     allowed, spread = basis.groups(copied), best.spread
     for round_ in range(ROUNDS):
         if further is None:
-            break
+            return best._replace(settled=round_ > 0)
         fitted = none.copy()
         fitted[on] = further.phi[named.named_size :] * further.hypothesis.remainder.sd
         at = gather_information(further, take, basis, fitted)

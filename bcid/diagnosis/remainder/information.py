@@ -96,8 +96,9 @@ class TakeInformation(NamedTuple):
         n, slopes = self.names.shape[1], np.empty((len(self.names), rows.shape[2] - N_NUISANCE - 1))
         for s, (a, b) in enumerate(itertools.pairwise(self.first)):
             own = rows[a:b].reshape(-1, rows.shape[2])
+            root = self.terms.root[s]
             A, acting, seen = own[:, :N_NUISANCE], own[:, N_NUISANCE:-1], own[:, -1]
-            slopes[s] = acting.T @ (seen - A @ (self.terms.V[s] @ (A.T @ seen)))
+            slopes[s] = acting.T @ (seen - A @ (root.T @ (root @ (A.T @ seen))))
         return self._replace(
             rows=rows, name_slopes=slopes[:, :n], carrier_slopes=slopes[:, n:], phi=self.prior.centre,
             c=np.zeros_like(self.c),
@@ -123,7 +124,7 @@ def gather_information(fit: Fit, take: Take, basis: RemainderBasis, c: Floats) -
     _, terms = estimate_scales(segment_moments(rest, at.A, take.first), fit.scales, 0)
     seen = tracking_changes(basis.tracking, at.poses, take.seen_rows)
     rows = np.concatenate([at.A, J, at.history.D, seen, rest[:, :, None]], axis=2) / fit.scales.r[:, None]
-    products = _project_out_nuisance(rows, terms.V, take)
+    products = _project_out_nuisance(rows, terms.root, take)
     values = _carried_values(basis, at.history.along, fit.car())
     own, carried = slice(n), slice(n, n + values.shape[1])
     return TakeInformation(
@@ -152,9 +153,9 @@ def _linearise(fit: Fit, take: Take, named: Hypothesis) -> tuple[LinearisedHisto
     return at, np.concatenate([base, effects], axis=2)
 
 
-def _project_out_nuisance(rows: Floats, V: Floats, take: Take) -> Floats:
+def _project_out_nuisance(rows: Floats, root: Floats, take: Take) -> Floats:
     """Products (S, q, q) of the columns of `rows` (N, 3, N_NUISANCE + q) after the first, those projected out."""
-    root, first = np.linalg.cholesky(V).transpose(0, 2, 1), take.first
+    first = take.first
     q = rows.shape[2] - N_NUISANCE
     out = np.empty((take.segments, q, q))
     for s, (a, b) in enumerate(itertools.pairwise(first)):

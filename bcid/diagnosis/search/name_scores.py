@@ -97,7 +97,7 @@ def _products_with_trials(at: TakeInformation, columns: Floats, weights: Floats)
     n, K, T = len(slope_n), len(slope_c), columns.shape[2]
     to_names, to_carriers = np.zeros((n, T)), np.zeros((K, T))
     among, slope = np.zeros((T, T)), np.zeros(T)
-    roots = np.linalg.cholesky(at.terms.V).transpose(0, 2, 1)
+    roots = at.terms.root
     for s, (a, b) in enumerate(itertools.pairwise(at.first)):
         own, mine = at.rows[a:b].reshape(-1, at.rows.shape[2]), columns[a:b].reshape(-1, T)
         A, rest = own[:, :N_NUISANCE], own[:, N_NUISANCE:]

@@ -2,7 +2,7 @@
 
 Names are added as if nothing else were missing, and where that leaves something, beside a remainder
 (`bcid.diagnosis.search.add_names`); of the two the more likely stands.  Then those go that count for too little
-(`name_weights`), and each is exchanged for others (`rivals`).  The method as equations: docs/method.md.
+(`keep_names`), and each is exchanged for others (`rivals`).  The method as equations: docs/method.md.
 """
 
 from collections.abc import Sequence
@@ -13,14 +13,17 @@ from bcid.diagnosis.remainder.fit import RemainderFit, basis_for
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, add_names_plainly
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
-from bcid.diagnosis.search.name_weights import NameWeights, greater_evidence
+from bcid.diagnosis.search.keep_names import KeptNames, keep_names
 from bcid.diagnosis.search.place_search import refine_places
-from bcid.diagnosis.search.rivals import exchange_until_stable
+from bcid.diagnosis.search.rivals import Alternatives, distinct_rivals, exchange_until_stable
 from bcid.diagnosis.search.screen import NullGains, screen_effects, simulate_trials
+from bcid.diagnosis.search.search_state import SearchState, greater_evidence
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
+
+MAX_EXCHANGES = 2  # rounds, each of exchanges and of what stays after them
 
 
 class Naming(NamedTuple):
@@ -29,11 +32,11 @@ class Naming(NamedTuple):
     base: Fit
     corrected: Fit  # the base model with those of its own simplifications put right that are certainly wrong
     before: RemainderFit  # what is missing beside it
-    rest: RemainderFit  # the fit with the names, and what is missing beside them
+    rest: RemainderFit  # the fit with the names, and what is missing beside them, copies of laws that have names too
     gains: dict[str, float]  # nats by which each name makes the take likelier, beside the remainder and without it
     without: dict[str, Fit]  # the refit without each name
     rivals: tuple[Fit, ...]  # fits with one name exchanged for another, best first
-    dropped: dict[str, float]  # effects that were tried or taken, with what they add beside the remainder
+    dropped: dict[str, float]  # effects that were tried or taken, with what they add beside the remainder at most
     nulls: NullGains  # what effects gain by chance
 
     @property
@@ -59,46 +62,57 @@ def name_effects(
     report("the base model's own simplifications")
     corrected = fit_corrections(base, take)
     report("a score test of every effect")
-    trials = simulate_trials(corrected, take).without(excluded)
-    weights = NameWeights(take, basis_for(corrected, take), trials, tuple(excluded), corrected.hypothesis.effects)
-    before = weights.beside_remainder(corrected)
-    weights.draw_nulls(before)
-    more = refit_beside_reference(reference_fit, take, excluded) if reference_fit else []
-    rest = _add_names(weights, before, more, report)
+    state = SearchState(take, basis_for(corrected, take), tuple(excluded))
+    before = state.beside_remainder(corrected)
+    state.draw_nulls(before)
+    more = refit_beside_reference(reference_fit, corrected, take, excluded) if reference_fit else []
+    rest = _add_names(state, before, more, report)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)
-    fit = refine_places(fit, take)
-    kept = weights.keep_names(rest if fit is rest.named else weights.beside_remainder(fit))
-    if kept.rest.nats > weights.gate >= rest.nats:
-        # a name went that had explained what is left now
-        kept = weights.keep_names(add_names_beside_remainder(weights, kept.rest, (), report))
-    others = exchange_until_stable(kept.rest.named, take, trials, (base, corrected, *kept.without.values()))
-    if others.best is not kept.rest.named:
-        exchanged = weights.beside_remainder(others.best)
-        if exchanged.log_evidence > kept.rest.log_evidence:
-            kept = weights.keep_names(exchanged)
-    dropped = {name: nats for name, nats in weights.refused.items() if name not in kept.gains}
-    return Naming(base, corrected, before, *kept, others.rivals, dropped, weights.nulls)
+    kept = _keep_and_seek_again(state, state.beside_remainder(refine_places(fit, take)), report)
+    kept, rivals = _exchange_names(state, kept, (base, corrected))
+    state.draw_nulls(kept.rest)
+    dropped = {name: nats for name, nats in state.refused.items() if name not in kept.gains}
+    return Naming(base, corrected, before, kept.full, kept.gains, kept.without, rivals, dropped, state.nulls)
 
 
-def _add_names(weights: NameWeights, before: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit:
+def _add_names(state: SearchState, before: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit:
     """The likeliest fit with names added to that `before`, chance drawn beside it."""
-    plain = before
-    fit = add_names_plainly(weights, before.named, more, report)
-    if fit is not before.named:
-        plain = weights.beside_remainder(fit)
-        weights.draw_nulls(plain)
-    if plain.nats <= weights.gate:
+    plain = state.beside_remainder(add_names_plainly(state, before.named, more, report))
+    state.draw_nulls(plain)
+    if plain.nats <= state.gate:
         return plain
-    beside = add_names_beside_remainder(weights, before, more, report)
-    best = greater_evidence(beside, plain)
-    if best is plain:
-        weights.draw_nulls(plain)
+    best = greater_evidence(add_names_beside_remainder(state, before, more, report), plain)
+    state.draw_nulls(best)
     return best
 
 
-def refit_beside_reference(reference: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
-    """Joint refits with one effect more that start from a reference model's own parameters.
+def _keep_and_seek_again(state: SearchState, rest: RemainderFit, report: Report) -> KeptNames:
+    """The names of `rest` that stay, and those that come in for what one that went had explained."""
+    kept = keep_names(state, rest)
+    if kept.rest.nats - rest.nats > state.gate:
+        kept = keep_names(state, add_names_beside_remainder(state, kept.rest, (), report))
+    return kept
+
+
+def _exchange_names(state: SearchState, kept: KeptNames, known: Sequence[Fit]) -> tuple[KeptNames, tuple[Fit, ...]]:
+    """The names after exchanges of single ones that raise the evidence, and their rivals, best first.
+
+    `known` are fits with fewer effects.
+    """
+    others = Alternatives(kept.rest.named, ())
+    for _ in range(MAX_EXCHANGES):
+        trials = state.trials_beside(kept.rest.named)
+        others = exchange_until_stable(kept.rest.named, state.take, trials, (*known, *kept.without.values()))
+        exchanged = state.beside_remainder(others.best)
+        if exchanged.log_evidence <= kept.rest.log_evidence:
+            break
+        kept = keep_names(state, exchanged)
+    return kept, distinct_rivals(kept.rest.named, (others.best, *others.rivals))
+
+
+def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
+    """Joint refits of the `corrected` base model with one effect more, that start from a reference model's parameters.
 
     `reference` is that model as a fit, not refitted.  The effects are those that a score test beside it promises most
     from, without those `excluded`.  Empty if predictions of the reference model diverge.
@@ -107,6 +121,14 @@ def refit_beside_reference(reference: Fit, take: Take, excluded: Sequence[str]) 
         candidates = screen_effects(reference, take, simulate_trials(reference, take).without(excluded))
     except PredictionDiverged:
         return []
-    first = candidates[: SEARCH_LIMITS.max_candidates]
-    quick = (none_if_diverged(refits.refit_along_tangent, reference, take, c) for c in first)
-    return [refits.refit_fully(f, take) for f in quick if f]
+    more = list[Fit]()
+    for candidate in candidates[: SEARCH_LIMITS.max_candidates]:
+        quick = none_if_diverged(refits.refit_along_tangent, reference, take, candidate)
+        if quick is None or candidate.effect in corrected.hypothesis.effects:
+            continue
+        values = corrected.hypothesis.effect_values(corrected.phi) | quick.hypothesis.effect_values(quick.phi)
+        hypothesis = corrected.hypothesis.with_effects(*corrected.hypothesis.effects, candidate.effect)
+        phi = hypothesis.phi_of(quick.car(), [values[field] for field, _ in hypothesis.effect_parameters])
+        found = none_if_diverged(refit, take, hypothesis, phi, quick.start, quick.scales)
+        more += [found] if found else []
+    return more

@@ -19,7 +19,6 @@ class Alternatives(NamedTuple):
     """A fit with the refits that it is compared with."""
 
     best: Fit
-    leave_one_out: dict[str, Fit]  # by named effect: the refit without it
     rivals: tuple[Fit, ...]  # each with one named effect exchanged, best first
 
 
@@ -35,9 +34,9 @@ def exchange_until_stable(fit: Fit, take: Take, trials: TrialChanges, known: Ite
         without = leave_one_out(fit, known, take)
         rivals = distinct_rivals(fit, [*_refit_exchanges(fit, take, trials, without), *rivals])
         if not rivals or rivals[0].penalised_log_likelihood <= fit.penalised_log_likelihood:
-            return Alternatives(fit, without, rivals)
+            return Alternatives(fit, rivals)
         fit, rivals = refine_places(rivals[0], take), (fit, *rivals[1:])
-    return Alternatives(fit, leave_one_out(fit, known, take), distinct_rivals(fit, rivals))
+    return Alternatives(fit, distinct_rivals(fit, rivals))
 
 
 def distinct_rivals(best: Fit, fits: Iterable[Fit]) -> tuple[Fit, ...]:

@@ -56,7 +56,7 @@ class NullGains(NamedTuple):
     @property
     def gate(self) -> float:
         """Nats that an effect must gain: more than chance, and more than any placebo."""
-        return max(self.chance_level, self.placebos[0].score)
+        return max(self.chance_level, max((c.score for c in self.placebos), default=0.0))
 
 
 NO_NULLS = NullGains(0.0, [CandidateEffect("", [], 0.0)])

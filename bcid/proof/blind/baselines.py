@@ -142,7 +142,7 @@ def select_stepwise(residual: ResidualData) -> MethodAnswer:
     r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start, fit.tangent.A)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
     tried = simulate_trials(fit, take)
-    g, G = score_and_information(r, fit.tangent.A, tried.columns, take.first, fit.scales.r, e.V)
+    g, G = score_and_information(r, fit.tangent.A, tried.columns, take.first, fit.scales.r, e.root)
     w = robust_weights(e)
     slope, information = w @ g, np.tensordot(w, G, axes=1)
     taken: list[int] = []

@@ -1,0 +1,118 @@
+"""What a search for names has found so far: what each set of names is worth, and what chance reaches beside it.
+
+Beside names stands a remainder, whose size is found by evidence.  For each set of names the greatest evidence is kept,
+and the likeliest fit without a remainder.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from bcid.diagnosis.remainder.fit import Explained, RemainderFit, explain, fit_with_remainder
+from bcid.diagnosis.remainder.functions import RemainderBasis, is_copy
+from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
+from bcid.likelihood.newton import MIN_GAIN
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.score_test import TrialChanges
+from bcid.likelihood.take import Take
+
+
+@dataclass
+class SearchState:
+    """A search on one take: what does not change, and what was found so far, by the sets of effects of fits."""
+
+    take: Take
+    basis: RemainderBasis
+    excluded: tuple[str, ...]  # effects that must not be named
+    nulls: NullGains = NO_NULLS  # what effects gain by chance beside the fit that the search has reached
+    weighed: dict[frozenset[str], RemainderFit] = field(default_factory=dict)  # of the greatest evidence
+    likeliest: dict[frozenset[str], Fit] = field(default_factory=dict)  # without a remainder
+    refused: dict[str, float] = field(default_factory=dict)  # effects, and nats that each adds at most
+    _weighed_from: dict[frozenset[str], float] = field(default_factory=dict)  # log-likelihoods of the fits weighed
+    _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
+    _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
+    _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], RemainderFit] = field(default_factory=dict)
+
+    @property
+    def gate(self) -> float:
+        """Nats that a name must add."""
+        return self.nulls.gate
+
+    def draw_nulls(self, rest: RemainderFit) -> None:
+        """Find what effects gain by chance beside a fit and its remainder.
+
+        Chance has nothing to do with what is missing, which the remainder has taken up; what it follows badly seems to
+        be chance as long as it has no name.
+        """
+        key = effects_of(rest.named)
+        if key not in self._nulls:
+            self._nulls[key] = sample_null_gains(rest.fit, self.take, self.trials_beside(rest.named))
+        self.nulls = self._nulls[key]
+
+    def trials_beside(self, fit: Fit) -> TrialChanges:
+        """Changes of predicted poses by every effect that `fit` lacks and that is not excluded."""
+        key = effects_of(fit)
+        if key not in self._trials:
+            # those beside other fits are not needed again, and large
+            self._trials = {key: simulate_trials(fit, self.take).without((*self.excluded, *key))}
+        return self._trials[key]
+
+    def explain(self, fit: Fit) -> Explained:
+        """What a remainder explains beside a `fit` to first order."""
+        known = self._known(fit)
+        return known.seen if known else explain(fit, self.take, self.basis)
+
+    def beside_remainder(self, fit: Fit, seen: Explained | None = None, to_exceed: float = -math.inf) -> RemainderFit:
+        """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order.
+
+        Refits end where their evidence cannot reach `to_exceed`.  What is known of a fit that is as likely is returned.
+        """
+        known = self._known(fit)
+        if known:
+            return known
+        key = effects_of(fit)
+        self.likeliest[key] = max((f for f in (fit, self.likeliest.get(key)) if f), key=_likelihood)
+        found = fit_with_remainder(fit, self.take, seen or self.explain(fit), to_exceed=to_exceed)
+        if found.settled:
+            self._weighed_from[key] = max(_likelihood(fit), self._weighed_from.get(key, -math.inf))
+        return self.remember(found)
+
+    def _known(self, fit: Fit) -> RemainderFit | None:
+        """The weighed fit with the effects of `fit`, if a fit as likely was weighed already."""
+        key = effects_of(fit)
+        return self.weighed[key] if _likelihood(fit) - self._weighed_from.get(key, -math.inf) < MIN_GAIN else None
+
+    def remember(self, weighed: RemainderFit) -> RemainderFit:
+        """The fit of greatest evidence with these effects, of the one `weighed` and what is kept; it is kept."""
+        key = effects_of(weighed.named)
+        best = greater_evidence(self.weighed.get(key), weighed)
+        if weighed.settled:
+            self.weighed[key] = best
+        return best
+
+    def with_copies(self, rest: RemainderFit, channels: tuple[str, ...]) -> RemainderFit:
+        """The fit `rest`, or that with copies of laws that have names in its remainder, if that is likelier.
+
+        Copies are there in some `channels` only.
+        """
+        key = (effects_of(rest.named), channels)
+        if key not in self._with_copies:
+            seen = explain(rest.named, self.take, self.basis, channels)
+            helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
+            found = fit_with_remainder(rest.named, self.take, seen, channels) if helps else rest
+            self._with_copies[key] = found
+        return greater_evidence(rest, self._with_copies[key])
+
+
+def effects_of(fit: Fit) -> frozenset[str]:
+    """The effects that a fit holds, by which it is kept."""
+    return frozenset(fit.hypothesis.effects)
+
+
+def greater_evidence(one: RemainderFit | None, other: RemainderFit) -> RemainderFit:
+    """The fit of greater evidence of two."""
+    return other if one is None or other.log_evidence > one.log_evidence else one
+
+
+def _likelihood(fit: Fit) -> float:
+    """What fits without a remainder are compared by."""
+    return fit.penalised_log_likelihood

@@ -1,0 +1,96 @@
+"""What a search has found so far: which fit is kept, what is not done twice, and what chance is drawn beside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from weighed_names import GATE, NOTHING, Evidence, beside, chance, explained, fit, simulating, state_of
+
+from bcid.diagnosis.remainder.functions import CHANNELS
+from bcid.diagnosis.search import search_state
+from bcid.diagnosis.search.screen import NullGains
+from bcid.diagnosis.search.search_state import SearchState
+from bcid.likelihood.score_test import TrialChanges
+
+A = ("yaw_scrub",)
+
+
+def test_of_fits_with_equal_effects_the_greatest_evidence_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = Evidence(monkeypatch, {("a",): 5.0, ("b",): 30.0})
+    state = state_of()
+    fits = [fit(20.0, "a"), fit(0.0, "b"), fit(12.0, "a"), fit(21.0, "a")]
+    found = [state.beside_remainder(f) for f in fits]
+    assert [r.log_evidence for r in found] == [25.0, 30.0, 25.0, 26.0]
+    assert state.weighed == {frozenset("a"): found[3], frozenset("b"): found[1]}
+    assert state.likeliest == {frozenset("a"): fits[3], frozenset("b"): fits[1]}
+    assert at.refitted == [("a",), ("b",), ("a",)]  # not where a likelier fit was there
+
+
+def test_a_likelier_fit_is_kept_though_another_has_the_greater_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name must gain over the likeliest fit without it, and over the greatest evidence."""
+    at = Evidence(monkeypatch, {("a",): 50.0})
+    state, lesser, likelier = state_of(), fit(20.0, "a"), fit(60.0, "a")
+    first = state.beside_remainder(lesser)
+    at.adds[frozenset("a")] = 5.0
+    assert state.beside_remainder(likelier) is first
+    assert state.likeliest[frozenset("a")] is likelier
+    assert state.weighed[frozenset("a")].log_evidence == 70.0
+
+
+def test_what_was_found_from_a_remainder_s_own_fit_does_not_spare_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = Evidence(monkeypatch, {("a",): 50.0})
+    state = state_of()
+    state.remember(beside(fit(20.0, "a"), 10.0))
+    assert state.beside_remainder(fit(20.0, "a")).log_evidence == 70.0
+    assert at.refitted == [("a",)]
+
+
+def test_evidence_that_ended_early_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is less than that of the fit, so that a name beside it would seem to add more than it does."""
+    at = Evidence(monkeypatch, {("a",): 50.0})
+    at.unsettled.add(("a",))
+    state = state_of()
+    assert not state.beside_remainder(fit(20.0, "a")).settled
+    assert state.weighed == {}
+    at.unsettled.clear()
+    whole = state.beside_remainder(fit(20.0, "a"))
+    at.unsettled.add(("a",))
+    at.adds[frozenset("a")] = 40.0
+    assert state.beside_remainder(fit(25.0, "a"), to_exceed=90.0) is whole  # which is the greater
+
+
+def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulated anew where these change, without what is excluded; the same fit has the same gate."""
+    simulated, drawn = simulating(monkeypatch, "a", "b", "c", "d"), list[Any]()
+
+    def draw(f: Any, take: Any, some: TrialChanges) -> NullGains:
+        drawn.append((f, [t.effect for t in some.trials]))
+        return chance(GATE + len(drawn))
+
+    monkeypatch.setattr(search_state, "sample_null_gains", draw)
+    state = SearchState(NOTHING, NOTHING, ("d",), refused={"c": 1.0})
+    first, second = beside(fit(0.0)), beside(fit(0.0, "a"))
+    gates = list[float]()
+    for rest in (first, second, second, first):
+        state.draw_nulls(rest)
+        gates.append(state.gate)
+    assert simulated == [(), ("a",)]
+    assert drawn == [(first.fit, ["a", "b", "c"]), (second.fit, ["b", "c"])]
+    assert gates == [GATE + 1.0, GATE + 2.0, GATE + 2.0, GATE + 1.0]
+
+
+@pytest.mark.parametrize(("adds", "held"), [(60.0, True), (40.0, False)])
+def test_a_remainder_may_hold_copies_where_they_make_the_take_likelier(
+    adds: float, held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are refitted only where first order sees any, and once."""
+    at, state = Evidence(monkeypatch, {}), state_of()
+    rest = beside(fit(100.0, *A), 50.0)
+    assert state.with_copies(rest, ("fy",)) is rest
+    assert at.copied == []
+    at.seen[A], at.copies[A] = explained(70.0, None, "fx"), adds
+    for _ in range(2):
+        full = state.with_copies(rest, CHANNELS)
+    assert at.copied == [(A, CHANNELS)]
+    assert full.log_evidence == (160.0 if held else 150.0)
