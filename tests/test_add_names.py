@@ -155,17 +155,21 @@ def test_only_what_promises_much_is_refitted(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_what_explains_most_without_a_remainder_is_refitted_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """If it explains more than chance; nothing is expected of it beside the remainder."""
-    names = ["a", "b", "c", "d", "e"]
     Evidence(monkeypatch, {})
     offering(monkeypatch, ("a", 90.0), ("b", 80.0))
-    plain = [CandidateEffect(n, [2.0], s) for n, s in (("c", 70.0), ("a", 60.0), ("d", GATE + 1.0), ("e", GATE - 1.0))]
-    monkeypatch.setattr(add_names, "screen_effects", lambda f, take, some: plain)
     looking = state_of()
-    simulating(monkeypatch, *names)
-    found = _promising(looking, beside(fit(0.0)))
-    more = [n for n in ("c", "a", "d")[: SEARCH_LIMITS.plain_candidates] if n != "a"]
-    assert [(c.effect, c.score) for c in found] == [("a", 90.0), ("b", 80.0), *((n, 0.0) for n in more)]
-    assert [c.values for c in found[2:]] == [[2.0]] * len(more)
+    simulating(monkeypatch, "a", "b", "c", "d", "e")
+
+    def plain(*scores: tuple[str, float]) -> list[CandidateEffect]:
+        some = [CandidateEffect(n, [2.0], s) for n, s in scores]
+        monkeypatch.setattr(add_names, "screen_effects", lambda f, take, trials: some)
+        return _promising(looking, beside(fit(0.0)))
+
+    assert [c.effect for c in plain(("c", GATE + 1.0), ("d", GATE - 1.0))] == ["a", "b", "c"]
+    found = plain(("c", 70.0), ("d", 60.0), ("e", 50.0))
+    assert [(c.effect, c.values, c.score) for c in found[2:]] == [("c", [2.0], 0.0), ("d", [2.0], 0.0)]
+    assert SEARCH_LIMITS.plain_candidates == 2
+    assert [c.effect for c in plain(("a", 70.0), ("d", 60.0), ("e", 50.0))] == ["a", "b", "d"]
 
 
 def test_an_effect_of_a_size_that_no_car_has_is_no_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,9 @@ def diagnosis(
     better: Any = SimpleNamespace(
         hypothesis=SimpleNamespace(effect_parameters=(None,) * free), log_likelihood=100.0 + nats
     )
-    naming: Any = SimpleNamespace(base=base, corrected=better, before=SimpleNamespace(nats=remainder))
+    naming: Any = SimpleNamespace(
+        base=base, corrected=better, before=SimpleNamespace(nats=remainder, spread={"fx": 0.1, "mz": 0.0})
+    )
     location: Any = SimpleNamespace(place_p_value=place, window_p_value=window)
     nothing: Any = None
     return Diagnosis(nothing, (), naming, nothing, location, nothing, nothing, nothing, ())
@@ -74,7 +76,8 @@ def diagnosis(
     ("known", "p"),
     [
         ({}, 1.0),
-        ({"remainder": 3.0}, 4.0 * np.exp(-3.0)),  # by chance in one take of e^3 at most, and one of four looks
+        # by chance in one take of e^8 at most, for each of fifteen spreads of one channel, and one of four looks
+        ({"remainder": 8.0}, 4.0 * 15.0 * np.exp(-8.0)),
         ({"remainder": -5.0}, 1.0),
         ({"place": 0.002}, 0.008),
         ({"window": 0.01, "place": 0.5, "remainder": 1.0}, 0.04),

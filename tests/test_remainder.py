@@ -480,8 +480,8 @@ def test_a_name_adds_much_beside_the_remainder_that_may_replace_it(
     assert after.log_evidence - before.log_evidence > 50.0
 
 
-def test_a_missing_moment_is_seen_as_a_curve(part: Take) -> None:  # noqa: F811
-    """Half waves span what a drive went through: at its edges they are 1 and -1."""
+def test_half_waves_span_what_a_drive_went_through() -> None:
+    """At its edges they are 1 and -1."""
     q = dict.fromkeys(INPUTS, np.linspace(-2.0, 2.0, 101))
     basis = remainder_basis(q, BASE.nominal)
     row = next(

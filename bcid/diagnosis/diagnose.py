@@ -15,6 +15,7 @@ from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
 from bcid.diagnosis.locate.pushes import Disturbances, estimate_disturbances
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.curve import MissingLaw, change_by_names, missing_laws
+from bcid.diagnosis.remainder.evidence import SPREADS
 from bcid.diagnosis.remainder.fit import Explained, explain_with_copies
 from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.diagnosis.search.refits import named_effects
@@ -57,7 +58,7 @@ class Diagnosis:
         """The p-value of nothing missing (Bonferroni): 4 min(p of a remainder, of places, times, corrections).
 
         A take is exp(x) times likelier with a remainder by chance in a share exp(-x) of takes of nothing at most
-        (Markov's inequality).
+        (Markov's inequality), for each of the spreads from which those of its channels were chosen.
         """
         from scipy.stats import chi2
 
@@ -65,7 +66,9 @@ class Diagnosis:
         free = len(corrected.hypothesis.effect_parameters) - len(base.hypothesis.effect_parameters)
         gained = corrected.log_likelihood - base.log_likelihood
         corrections = float(chi2.sf(2.0 * gained, free)) if free else 1.0
-        remainder = float(np.exp(-max(self.naming.before.nats, 0.0)))
+        before = self.naming.before
+        choices = sum(tau > 0.0 for tau in before.spread.values()) * np.log(len(SPREADS) - 1)
+        remainder = float(np.exp(-max(before.nats - choices, 0.0)))
         smallest = min(remainder, location.place_p_value, location.window_p_value, corrections)
         return min(1.0, 4.0 * max(smallest, JUDGE_LIMITS.min_p_value))
 
