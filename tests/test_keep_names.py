@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from weighed_names import GATE, Evidence, beside, explained, fit, state_of
+from weighed_names import GATE, Evidence, beside, explained_by_remainder, fit, state_of
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.fit import CONVERGED_SHARE
@@ -110,8 +110,8 @@ def test_copies_take_the_place_of_a_name_where_the_channel_is_needed_anyway(
 ) -> None:
     """The name is weighed against the remainder with copies in such channels, or without where that is likelier."""
     looking, at = keeping(monkeypatch, {A: 100.0, (): 0.0}, {A: 200.0, (): 200.0})
-    at.copies[()], at.seen[()] = without, explained(200.0, None, "fx")
-    rest = beside(fit(100.0, *A), 200.0, explained(200.0, FULL))
+    at.copies[()], at.seen[()] = without, explained_by_remainder(200.0, None, "fx")
+    rest = beside(fit(100.0, *A), 200.0, explained_by_remainder(200.0, FULL))
     assert _gain(looking, rest, rest, lesser(fit(0.0), 200.0)) == pytest.approx(gain)
     assert at.copied == [((), ("fx",))]
     kept = keep_names(looking, rest).gains
@@ -123,18 +123,18 @@ def test_a_channel_is_needed_that_adds_a_share_of_what_the_name_does(
     share: float, needed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looking, at = keeping(monkeypatch, {}, {})
-    at.seen[()] = explained(1.0, None, "fy")
+    at.seen[()] = explained_by_remainder(1.0, None, "fy")
     gain = 1000.0
     nats = share * SEARCH_LIMITS.needed_share * gain
     assert nats > GATE
-    full = beside(fit(gain, *A), nats, explained(nats, {"fy": nats}))
+    full = beside(fit(gain, *A), nats, explained_by_remainder(nats, {"fy": nats}))
     _gain(looking, full, full, lesser(fit(0.0), nats))
     assert at.copied == ([((), ("fy",))] if needed else [])
 
 
 def test_what_adds_too_little_anyway_is_not_weighed_against_copies(monkeypatch: pytest.MonkeyPatch) -> None:
     looking, at = keeping(monkeypatch, {}, {})
-    full = beside(fit(GATE - 1.0, *A), 200.0, explained(200.0, FULL))
+    full = beside(fit(GATE - 1.0, *A), 200.0, explained_by_remainder(200.0, FULL))
     assert _gain(looking, full, full, lesser(fit(0.0), 200.0)) == pytest.approx(GATE - 1.0)
     assert at.copied == []
 

@@ -494,7 +494,7 @@ def test_what_is_no_form_has_no_value(no_form: float) -> None:
 
 
 def test_what_is_hardly_shown_does_not_spoil_a_sum_of_squares() -> None:
-    """Of a car that stands: some of its initial state is hardly shown, and what is explained is nearly all."""
+    """A segment in which a car stands hardly shows a part of its initial state, and nearly all of it is explained."""
     rng = np.random.default_rng(2)
     n, rows = N_NUISANCE, 90
     A = 1e3 * np.linalg.qr(rng.standard_normal((rows, n)))[0] * np.geomspace(1.0, 1e-6, n)

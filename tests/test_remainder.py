@@ -357,7 +357,7 @@ def test_constants_are_copies_of_laws_and_stand_apart() -> None:
 
 
 def test_a_straight_line_is_one_at_both_ends() -> None:
-    """Of the prior's common size at the ends of the range, and zero in its middle."""
+    """A straight line's unit is the prior's common size at the ends of the range; it is zero in its middle."""
     basis, terms = spanning(), (*TERMS, *COPIES)
     k = next(i for i, t in enumerate(terms) if t.waves == {"v_x": LINEAR})
     row, v_x = basis.functions[k], np.linspace(-2.0, 2.0, 5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from weighed_names import GATE, NOTHING, Evidence, beside, chance, explained, fit, simulating, state_of
+from weighed_names import GATE, NOTHING, Evidence, beside, chance, explained_by_remainder, fit, simulating, state_of
 
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search import search_state
@@ -89,7 +89,7 @@ def test_a_remainder_may_hold_copies_where_they_make_the_take_likelier(
     rest = beside(fit(100.0, *A), 50.0)
     assert state.with_copies(rest, ("fy",)) is rest
     assert at.copied == []
-    at.seen[A], at.copies[A] = explained(70.0, None, "fx"), adds
+    at.seen[A], at.copies[A] = explained_by_remainder(70.0, None, "fx"), adds
     for _ in range(2):
         full = state.with_copies(rest, CHANNELS)
     assert at.copied == [(A, CHANNELS)]

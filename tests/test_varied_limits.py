@@ -237,11 +237,11 @@ def test_an_error_is_that_of_its_limit_or_of_the_take(monkeypatch: pytest.Monkey
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Variation]]:
+def variations_asked_for(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Variation]]:
     """What was asked of a stand-in for the diagnosis, to which a take of nothing hangs on `near_nats`."""
     calls = list[tuple[str, Variation]]()
 
-    def told(
+    def tell_stand_in(
         case: BlindCase, variations: Iterable[Variation], keep: Callable[..., None], in_time: Callable[[], bool]
     ) -> None:
         for variation in variations:
@@ -249,21 +249,21 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Variation]]:
             hangs = case.tier == "null" and variation == Variation("near_nats", "doubled")
             keep(variation, UNKNOWN if hangs else NAMED)
 
-    monkeypatch.setattr(runs, "tell_variations", told)
+    monkeypatch.setattr(runs, "tell_variations", tell_stand_in)
     monkeypatch.setattr("bcid.proof.workers.process_pool", ThreadPoolExecutor)
     return calls
 
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_verdicts_are_kept_and_only_those_that_lack_are_told(
-    tmp_path: Path, asked: list[tuple[str, Variation]], workers: int
+    tmp_path: Path, variations_asked_for: list[tuple[str, Variation]], workers: int
 ) -> None:
     panel = draw_panel(BlindTest(1).cases, 1, 3)
     ended = list[int]()
     assert runs.vary_limits(panel, 1, tmp_path, workers, minutes=0.0).diagnosed == 0
-    assert asked == []
+    assert variations_asked_for == []
     document = runs.vary_limits(panel, 1, tmp_path, workers, progress=ended.append)
-    assert len(asked) == len(set(asked)) == 3 * len(list_variations())
+    assert len(variations_asked_for) == len(set(variations_asked_for)) == 3 * len(list_variations())
     assert ended == [1, 2, 3]
     assert document.diagnosed == document.takes == 3
     assert document.tiers == {"example": 1, "single": 1, "null": 1}
@@ -271,7 +271,7 @@ def test_verdicts_are_kept_and_only_those_that_lack_are_told(
     file = tmp_path / "rows.jsonl"
     file.write_bytes(b"\n".join(file.read_bytes().splitlines()[:-2]) + b"\n")  # cut off before the last two
     assert runs.vary_limits(panel, 1, tmp_path, workers) == document
-    assert len(asked) == 3 * len(list_variations()) + 2
+    assert len(variations_asked_for) == 3 * len(list_variations()) + 2
     assert len(read_rows(tmp_path)) == 3 * len(list_variations())
 
 
@@ -286,7 +286,7 @@ def ended_with(words: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def test_prove_limits_writes_and_prints_and_ends_with_5_where_too_many_change(
-    tmp_path: Path, asked: list[tuple[str, Variation]], monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, variations_asked_for: list[tuple[str, Variation]], monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     words = ["--limits", "--out", str(tmp_path)]
@@ -298,7 +298,8 @@ def test_prove_limits_writes_and_prints_and_ends_with_5_where_too_many_change(
     assert "near_nats = 20" in told.out
     assert "unknown in mz" in told.out
     assert VariedLimitsDocument.read(tmp_path / "limits.json").takes == 3
-    assert len(asked) == 2 * len(list_variations()) + 2 * len(list_variations())  # the example's are there
+    # the example's are there
+    assert len(variations_asked_for) == 2 * len(list_variations()) + 2 * len(list_variations())
 
 
 def test_the_table_shows_each_limit_and_each_failure() -> None:

@@ -23,7 +23,7 @@ def fit(nats: float, *effects: str, each: tuple[float, ...] = (0.0, 0.0)) -> Any
     return SimpleNamespace(hypothesis=hypothesis, penalised_log_likelihood=nats, per_segment=np.array(each))
 
 
-def explained(nats: float = 0.0, channels: dict[str, float] | None = None, *copied: str) -> Any:
+def explained_by_remainder(nats: float = 0.0, channels: dict[str, float] | None = None, *copied: str) -> Any:
     """What a remainder explains: nats in all, by channel, and the channels in which copies of laws are among it."""
     spread = {f"{channel}=": 1.0 for channel in copied}
     return SimpleNamespace(nats=nats, spread=spread, channel_nats=lambda: channels or {})
@@ -31,7 +31,7 @@ def explained(nats: float = 0.0, channels: dict[str, float] | None = None, *copi
 
 def beside(named: Any, remainder: float = 0.0, seen: Any = None) -> RemainderFit:
     nats = named.penalised_log_likelihood + remainder
-    return RemainderFit(named, named, NOTHING, NOTHING, NOTHING, {}, nats, seen or explained(remainder))
+    return RemainderFit(named, named, NOTHING, NOTHING, NOTHING, {}, nats, seen or explained_by_remainder(remainder))
 
 
 class Evidence:
@@ -54,8 +54,8 @@ class Evidence:
     def explain(self, f: Any, take: Any, basis: Any, copied: tuple[str, ...] = ()) -> Any:
         effects = f.hypothesis.effects
         if copied:
-            return self.seen.get(effects, explained())
-        return explained(self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0)))
+            return self.seen.get(effects, explained_by_remainder())
+        return explained_by_remainder(self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0)))
 
     def fit_with_remainder(
         self, f: Any, take: Any, seen: Any, copied: tuple[str, ...] = (), to_exceed: float = -math.inf

@@ -90,7 +90,7 @@ class TakeInformation(NamedTuple):
     def with_residual(self, r: Floats) -> TakeInformation:
         """What this fit would say of a take whose residual were `r` (N, 3, over the noise), its names at their prior.
 
-        In `terms`, which are those of the actual take, only V holds for both.
+        In `terms`, which are those of the actual take, only V and its root hold for both.
         """
         rows = np.concatenate([self.rows[:, :, :-1], r[:, :, None]], axis=2)
         n, slopes = self.names.shape[1], np.empty((len(self.names), rows.shape[2] - N_NUISANCE - 1))

@@ -2,7 +2,7 @@
 
 A remainder can take the place of several names at once, so that what each adds beside it is a small difference of large
 numbers, and the wrong one may come first.  Together the right ones explain what it does.  Hence names are first added
-as if there were nothing else.  Only where a remainder still explains something beside them, or none is found, they are
+as if there were nothing else.  Only where a remainder still explains something beside those that were found, they are
 sought beside it: what has no name then stands in for itself.
 """
 
@@ -16,8 +16,8 @@ from bcid.diagnosis.search.name_scores import score_names
 from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects
 from bcid.diagnosis.search.screen import CandidateEffect, screen_effects
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
-from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.score_test import TrialChanges
 
 Report = Callable[[str], None]
 
@@ -34,8 +34,8 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
         candidates = screen_effects(fit, take, state.trials_beside(fit))[: SEARCH_LIMITS.max_candidates]
         promising = [c for c in candidates if c.score > SEARCH_LIMITS.min_score_share * state.gate]
         report_round(promising, fit, report)
-        quick = (none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in promising)
-        first = refits.rank_credible_fits((f for f in quick if f), take)[:PLAIN_REFITS]
+        quick = refits.refit_candidates_along_tangent(fit, take, promising)
+        first = refits.rank_credible_fits(quick, take)[:PLAIN_REFITS]
         found = refits.rank_credible_fits([*(refits.refit_fully(f, take) for f in first), *more], take)
         if not found or gain_nats(found[0], fit) < state.gate:
             break
@@ -72,9 +72,9 @@ def add_name(state: SearchState, rest: RemainderFit, more: Sequence[Fit], report
     fit, take = rest.named, state.take
     promising = _promising(state, rest)
     report_round(promising, fit, report)
-    quick = (none_if_diverged(refits.refit_along_tangent, fit, take, c) for c in promising)
+    quick = refits.refit_candidates_along_tangent(fit, take, promising)
     promised = {c.effect: c.score for c in promising if c.score > 0.0}
-    better = _best_credible(state, [*(refits.refit_fully(f, take) for f in quick if f), *more], rest, promised)
+    better = _best_credible(state, [*(refits.refit_fully(f, take) for f in quick), *more], rest, promised)
     if better is None and rest.nats > state.gate:
         # what the base model takes up shows beside no fit of it, and may have been refused from a small size
         large = refits.refit_from_large_sizes(fit, take, state.excluded)
@@ -88,17 +88,17 @@ def _promising(state: SearchState, rest: RemainderFit) -> list[CandidateEffect]:
     Where much is missing, first-order evidence of name against remainder is a small difference of large numbers,
     and what explains most without a remainder is worth a refit, too.
     """
-    beside = _promising_beside(state, rest)
-    known = {c.effect for c in beside}
     trials = state.trials_beside(rest.named).without(tuple(state.refused))
+    beside = _promising_beside(state, rest, trials)
+    known = {c.effect for c in beside}
     plain = [c for c in screen_effects(rest.named, state.take, trials) if c.score > state.gate]
     more = [c._replace(score=0.0) for c in plain[: SEARCH_LIMITS.plain_candidates] if c.effect not in known]
     return [*beside, *more]
 
 
-def _promising_beside(state: SearchState, rest: RemainderFit) -> list[CandidateEffect]:
-    """The effects that the score test promises most beside the remainder, best first."""
-    candidates = score_names(rest, state.take, state.trials_beside(rest.named).without(tuple(state.refused)))
+def _promising_beside(state: SearchState, rest: RemainderFit, trials: TrialChanges) -> list[CandidateEffect]:
+    """The effects of the `trials` that the score test promises most beside the remainder, best first."""
+    candidates = score_names(rest, state.take, trials)
     least = max((SEARCH_LIMITS.near_best_share * c.score for c in candidates[:1]), default=0.0)
     near = [c for c in candidates if c.score > max(least, SEARCH_LIMITS.min_score_share * state.gate)]
     return near[: SEARCH_LIMITS.max_candidates]

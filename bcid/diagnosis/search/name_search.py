@@ -15,7 +15,7 @@ from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, 
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
 from bcid.diagnosis.search.keep_names import KeptNames, keep_names
 from bcid.diagnosis.search.place_search import refine_places
-from bcid.diagnosis.search.rivals import Alternatives, distinct_rivals, exchange_until_stable
+from bcid.diagnosis.search.rivals import distinct_rivals, exchange_until_stable
 from bcid.diagnosis.search.screen import NullGains, screen_effects, simulate_trials
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
 from bcid.errors import PredictionDiverged
@@ -73,7 +73,10 @@ def name_effects(
     kept, rivals = _exchange_names(state, kept, (base, corrected))
     state.draw_nulls(kept.rest)
     dropped = {name: nats for name, nats in state.refused.items() if name not in kept.gains}
-    return Naming(base, corrected, before, kept.full, kept.gains, kept.without, rivals, dropped, state.nulls)
+    return Naming(
+        base, corrected, before, rest=kept.full, gains=kept.gains, without=kept.without, rivals=rivals,
+        dropped=dropped, nulls=state.nulls,
+    )  # fmt: skip
 
 
 def _add_names(state: SearchState, before: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit:
@@ -100,7 +103,6 @@ def _exchange_names(state: SearchState, kept: KeptNames, known: Sequence[Fit]) -
 
     `known` are fits with fewer effects.
     """
-    others = Alternatives(kept.rest.named, ())
     for _ in range(MAX_EXCHANGES):
         trials = state.trials_beside(kept.rest.named)
         others = exchange_until_stable(kept.rest.named, state.take, trials, (*known, *kept.without.values()))
@@ -122,12 +124,11 @@ def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded:
     except PredictionDiverged:
         return []
     more = list[Fit]()
-    for candidate in candidates[: SEARCH_LIMITS.max_candidates]:
-        quick = none_if_diverged(refits.refit_along_tangent, reference, take, candidate)
-        if quick is None or candidate.effect in corrected.hypothesis.effects:
-            continue
+    first = candidates[: SEARCH_LIMITS.max_candidates]
+    new = [c for c in first if c.effect not in corrected.hypothesis.effects]
+    for quick in refits.refit_candidates_along_tangent(reference, take, new):
         values = corrected.hypothesis.effect_values(corrected.phi) | quick.hypothesis.effect_values(quick.phi)
-        hypothesis = corrected.hypothesis.with_effects(*corrected.hypothesis.effects, candidate.effect)
+        hypothesis = corrected.hypothesis.with_effects(*corrected.hypothesis.effects, quick.hypothesis.effects[-1])
         phi = hypothesis.phi_of(quick.car(), [values[field] for field, _ in hypothesis.effect_parameters])
         found = none_if_diverged(refit, take, hypothesis, phi, quick.start, quick.scales)
         more += [found] if found else []

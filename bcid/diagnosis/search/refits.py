@@ -78,6 +78,11 @@ def refit_along_tangent(fit: Fit, take: Take, candidate: CandidateEffect) -> Fit
     return refit(take, more, phi, fit.start, fit.scales, QUICK_ITERATIONS, fit.tangent)
 
 
+def refit_candidates_along_tangent(fit: Fit, take: Take, candidates: Iterable[CandidateEffect]) -> list[Fit]:
+    """The quick refits of `refit_along_tangent` with each of the `candidates`, less those that diverge."""
+    return list(map_converged(refit_along_tangent, [(fit, take, candidate) for candidate in candidates]))
+
+
 def refit_fully(fit: Fit, take: Take) -> Fit:
     """The hypothesis of `fit` refitted from it, with derivatives renewed as parameters move; `fit` if that diverges."""
     return none_if_diverged(refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales) or fit

@@ -59,7 +59,7 @@ class NullGains(NamedTuple):
         return max(self.chance_level, max((c.score for c in self.placebos), default=0.0))
 
 
-NO_NULLS = NullGains(0.0, [CandidateEffect("", [], 0.0)])
+NO_NULLS = NullGains(0.0, [])
 """Before any are drawn."""
 
 

@@ -58,7 +58,7 @@ class SearchState:
 
     def explain(self, fit: Fit) -> Explained:
         """What a remainder explains beside a `fit` to first order."""
-        known = self._known(fit)
+        known = self._already_weighed(fit)
         return known.seen if known else explain(fit, self.take, self.basis)
 
     def beside_remainder(self, fit: Fit, seen: Explained | None = None, to_exceed: float = -math.inf) -> RemainderFit:
@@ -66,7 +66,7 @@ class SearchState:
 
         Refits end where their evidence cannot reach `to_exceed`.  What is known of a fit that is as likely is returned.
         """
-        known = self._known(fit)
+        known = self._already_weighed(fit)
         if known:
             return known
         key = effects_of(fit)
@@ -76,8 +76,8 @@ class SearchState:
             self._weighed_from[key] = max(_likelihood(fit), self._weighed_from.get(key, -math.inf))
         return self.remember(found)
 
-    def _known(self, fit: Fit) -> RemainderFit | None:
-        """The weighed fit with the effects of `fit`, if a fit as likely was weighed already."""
+    def _already_weighed(self, fit: Fit) -> RemainderFit | None:
+        """The weighed fit that holds the effects of `fit`, if it came of a fit as likely; else None."""
         key = effects_of(fit)
         return self.weighed[key] if _likelihood(fit) - self._weighed_from.get(key, -math.inf) < MIN_GAIN else None
 
