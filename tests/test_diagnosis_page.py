@@ -352,11 +352,21 @@ def test_empty_lists_and_nulls_do_not_break_it(verdict: str, tmp_path: Path) -> 
     d, knots, tracks = VERDICTS[verdict]()
     for key in ("contacts", "corrections", "rivals", "placebos", "horizons", "not_excited", "recordings"):
         d[key] = []
-    page((d, knots, tracks), tmp_path)
+    whole = d
     few = {"schema": d["schema"], "verdict": verdict, "findings": [{"effect": f["effect"]} for f in d["findings"]]}
     knots, tracks = {n: v[:3] for n, v in knots.items()}, {n: v[:0] for n, v in tracks.items()}
-    page((few, knots, tracks), tmp_path)
-    page((dict.fromkeys(d) | few, knots, tracks), tmp_path)
+    for document in (whole, few, dict.fromkeys(d) | few):
+        text, _ = page((document, knots, tracks), tmp_path)
+        assert verdict_sentence(document).split(":")[0].split(".")[0] in text
+        assert not re.search(r"\bNone\b|\bnan\b|Undefined", text)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_chance_reaches_is_told(tmp_path: Path) -> None:
+    d, knots, tracks = named()
+    text, _ = page((d | {"gate_nats": 12.4}, knots, tracks), tmp_path)
+    assert "Chance alone reaches 12.4 nats" in text
+    assert "Chance alone" not in page((d | {"gate_nats": None}, knots, tracks), tmp_path)[0]
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -72,6 +72,7 @@ def summarise_diagnosis(
             for c in naming.nulls.placebos[: SUMMARY_LIMITS.max_placebos]
         ),
         dropped=tuple(naming.dropped),
+        gate_nats=round(naming.nulls.gate, 1),
         located=written.Located(
             channel=location.channel,
             place=(place.x, place.y, place.radius) if place else None,

@@ -247,6 +247,7 @@ class DiagnosisDocument(Document):
     rivals: tuple[Rival, ...] = ()
     placebos: tuple[Placebo, ...] = ()
     dropped: tuple[str, ...] = ()  # effects that were tried, and add nothing beside free functions
+    gate_nats: Number = None  # what chance reaches on these recordings, and a name must exceed
     located: Located | None = None
     unexplained: Unexplained | None = None
     remainder: tuple[ChannelRemainder, ...] = ()
