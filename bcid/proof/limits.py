@@ -7,35 +7,36 @@ rows stand in `bcid/proof/blind/limits.py` and `bcid/proof/real/limits.py`.
 from dataclasses import dataclass
 
 GOALS: dict[str, dict[str, tuple[float, float]]] = {
-    "single": {"right": (0.95, 1.0), "top1": (0.95, 1.0), "set": (0.98, 1.0), "set_size": (0.0, 1.6),
-               "parameter_error": (0.0, 0.03), "coverage": (0.85, 0.99), "oracle_share": (0.95, 2.0),
-               "kind": (0.95, 1.0), "seconds": (0.0, 60.0), "unshown": (0.0, 0.05), "denied": (0.0, 0.05)},
-    "single-imperfect": {"right": (0.85, 1.0), "top1": (0.85, 1.0), "set": (0.95, 1.0), "kind": (0.95, 1.0),
-                         "unshown": (0.0, 0.05), "denied": (0.0, 0.05)},
-    "null": {"false": (0.0, 0.01)},
-    "null-imperfect": {"false": (0.0, 0.05)},
-    "left-out": {"right": (0.8, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
-    "pair": {"right": (0.8, 1.0), "exact": (0.8, 1.0)},
-    "outside": {"right": (0.8, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.1)},
+    "single": {"right": (0.95, 1.0), "top1": (0.98, 1.0), "set": (0.98, 1.0), "set_size": (0.0, 1.6),
+               "parameter_error": (0.0, 0.03), "coverage": (0.88, 0.98), "oracle_share": (0.95, 2.0),
+               "kind": (0.95, 1.0), "seconds": (0.0, 8.0), "unshown": (0.0, 0.05), "denied": (0.0, 0.05)},
+    "single-imperfect": {"right": (0.9, 1.0), "top1": (0.96, 1.0), "set": (0.96, 1.0), "coverage": (0.88, 0.98),
+                         "kind": (0.95, 1.0), "unshown": (0.0, 0.05), "denied": (0.0, 0.05)},
+    "null": {"false": (0.0, 0.01), "seconds": (0.0, 8.0)},
+    "null-imperfect": {"false": (0.0, 0.01)},
+    "left-out": {"right": (0.8, 1.0), "unknown": (0.9, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.05)},
+    "pair": {"right": (0.9, 1.0), "exact": (0.95, 1.0)},
+    "triple": {"right": (0.9, 1.0), "exact": (0.9, 1.0)},
+    "outside": {"right": (0.8, 1.0), "unknown": (0.9, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.05)},
     "unexcited": {"right": (0.8, 1.0), "not_seen": (0.8, 1.0), "wrong": (0.0, 0.1)},
     "closed-loop": {"right": (0.9, 1.0), "top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
-    "two-minutes": {"right": (0.9, 1.0), "top1": (0.9, 1.0), "wrong": (0.0, 0.1)},
     "small-exact": {"right": (0.9, 1.0), "top1": (0.95, 1.0), "wrong": (0.0, 0.05)},
     "small-plus": {"right": (0.9, 1.0), "top1": (0.95, 1.0), "wrong": (0.0, 0.05)},
     "small-null": {"false": (0.0, 0.02)},
     "small-wrong": {"right": (0.75, 1.0), "set": (0.85, 1.0), "wrong": (0.0, 0.1)},
     "small-outside": {"right": (0.8, 1.0), "unknown": (0.9, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.05)},
+    **{tier: {"right": (0.92, 1.0), "wrong": (0.0, 0.1)} for tier in (
+        "two-minutes", "ten-hertz", "three-times-noise", "half-size",
+    )},
     **{tier: {"right": (0.9, 1.0), "wrong": (0.0, 0.1)} for tier in (
-        "ten-hertz", "three-times-noise", "half-size", "double-size", "triple", "measurement-and-vehicle",
-        "thirty-minutes", "hundred-twenty-hertz",
+        "double-size", "measurement-and-vehicle", "thirty-minutes", "hundred-twenty-hertz",
     )},
 }  # fmt: skip
 """Lowest and highest value that the project wants of each score (a field of `TierScores`), by tier.
 
 A table, not a dataclass: tiers and scores are names in prove.json, and most tiers have few goals.  The ranges hold
 shares of takes, but for `set_size` (names), `parameter_error` (relative) and `seconds`.  These are aims, not derived
-from data; docs/results/prove.json meets all but `kind` of "single-imperfect" and `wrong` of "left-out".  Tiers of small
-cars are younger and not in it.
+from data; docs/results/prove.json says which are missed.
 """
 
 
