@@ -77,11 +77,14 @@ class BlindCase:
         more = {k: v for c in self.concealed for k, v in c.plant.items()}
         return Plant(**{**base, **more})
 
+    def changed_constants(self) -> list[list[tuple[str, float]]]:
+        """The constants of car and motion capture that are not the usual ones: what others there are does not count."""
+        pairs = (self.plant(), Plant()), (self.sensor(), Sensor())
+        return [[(k, v) for k, v in of._asdict().items() if v != getattr(usual, k)] for of, usual in pairs]
+
     def digest(self) -> str:
         """Digest (16 hex digits) of what is driven and of the names left out, whatever the case's tier and number."""
-        made: list[object] = [self._drive_seed(), self.driver, self.duration_s, self.left_out]
-        for values, usual in ((self.plant(), Plant()), (self.sensor(), Sensor())):
-            made.append([(k, v) for k, v in values._asdict().items() if v != getattr(usual, k)])
+        made = [self._drive_seed(), self.driver, self.duration_s, self.left_out, *self.changed_constants()]
         return hashlib.sha256(repr(made).encode()).hexdigest()[:16]
 
     def sensor(self) -> Sensor:

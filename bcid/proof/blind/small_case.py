@@ -52,7 +52,7 @@ class SmallCase(BlindCase):
         """Digest (16 hex digits) of what is driven, how, and of the files that belong to it."""
         made = [
             self._drive_seed(), self.driver, self.duration_s, self.command_hz, self.left_out, self.car.slow,
-            self.car.fast, self.plant(), self.sensor(), self.lab_files,
+            self.car.fast, *self.changed_constants(), self.lab_files,
         ]  # fmt: skip
         return hashlib.sha256(repr(made).encode()).hexdigest()[:16]
 
