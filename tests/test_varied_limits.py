@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError, replace
@@ -15,6 +16,7 @@ import pytest
 import bcid
 from bcid.cli import show
 from bcid.cli.app import main
+from bcid.diagnosis.kept_steps import READ_LIMITS, kept_under
 from bcid.diagnosis.limits import DECIDING_LIMITS, JUDGE_LIMITS, SEARCH_LIMITS, limit_set_to
 from bcid.documents.varied_limits import VariedLimitsDocument
 from bcid.errors import InputRefused
@@ -132,6 +134,48 @@ def test_a_refit_is_kept_while_it_may_be_and_looked_up_afterwards() -> None:
     assert double(1.0, ys=np.arange(3)) is not first
     assert kept.looked_up == 3
     assert content_key({"a": (1, 2.0)}) == content_key({"a": (np.float64(1.0), 2.0)}) != content_key({"a": (1, 2.5)})
+
+
+def test_a_kept_step_names_every_limit_that_it_reads() -> None:
+    """Of the modules in which steps are kept, and of those that they import: each limit stands with some step there."""
+    for package in ("remainder.fit", "search.screen", "search.name_scores"):
+        root = f"bcid.diagnosis.{package}"
+        own = {name for module in import_closure([root]) if module.startswith("bcid.diagnosis.")
+               for name in limits_read_in(module)}  # fmt: skip
+        declared = {name for names in READ_LIMITS.values() for name in names}
+        assert own <= declared, package
+    assert limits_read_in("bcid.diagnosis.remainder.fit") == {"near_nats", "remainder_error"}
+    assert limits_read_in("bcid.diagnosis.remainder.waves") == {"min_wave_nats"}
+    assert set(READ_LIMITS["explain"]) == {"remainder_error", "min_wave_nats"}
+    assert READ_LIMITS["fit_with_remainder"] == READ_LIMITS["add_beside_remainder"] == ("near_nats",)
+    assert READ_LIMITS["sample_null_gains"] == ("gate_p_value",)
+
+
+def limits_read_in(module: str) -> set[str]:
+    """The deciding limits of which a module reads the value."""
+    path = Path(bcid.__file__).parent.parent / (module.replace(".", "/") + ".py")
+    if not path.is_file() or module in ("bcid.diagnosis.limits", "bcid.diagnosis.kept_steps"):
+        return set()
+    read = re.findall(r"(?<!`)(?:SEARCH|JUDGE)_LIMITS\.(\w+)", path.read_text("utf-8"))
+    return set(read) & set(DECIDING_LIMITS)
+
+
+def test_a_kept_step_is_made_anew_where_a_limit_that_it_reads_is_another() -> None:
+    made = list[float]()
+
+    @kept_under("near_nats")
+    def step(x: float) -> list[float]:
+        made.append(x)
+        return [x]
+
+    with use_kept_fits(KeptFits()):
+        first = step(1.0)
+        with limit_set_to("min_wave_nats", 1.0):
+            assert step(1.0) is first
+        with limit_set_to("near_nats", 1.0):
+            assert step(1.0) is not first
+    assert len(made) == 2
+    del READ_LIMITS[step.__qualname__]
 
 
 def test_what_is_kept_depends_on_no_limit_that_is_varied() -> None:

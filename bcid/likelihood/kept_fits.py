@@ -1,7 +1,8 @@
 """Refits that are kept while a proof repeats one search many times, each time with a little changed.
 
 A refit is a pure function: of equal arguments it is the same fit to the last bit, whatever limits a search has, which
-no module of such a function may read.  Nothing is kept, or looked up, outside of `use_kept_fits`.
+no module of such a function may read (steps of a search that do stand in `bcid.diagnosis.kept_steps`).  Nothing is
+kept, or looked up, outside of `use_kept_fits`.
 """
 
 import dataclasses
@@ -45,14 +46,17 @@ def use_kept_fits(kept: KeptFits) -> Iterator[None]:
         _in_use.pop()
 
 
-def kept_in_proofs(compute: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: a pure function that makes fits, which `use_kept_fits` keeps."""
+def kept_in_proofs(compute: Callable[P, T], beside: Callable[[], Hashable] = lambda: None) -> Callable[P, T]:
+    """Decorator: a pure function that makes fits, which `use_kept_fits` keeps.
+
+    What else it depends on than its arguments is what `beside` returns.
+    """
 
     @wraps(compute)
     def look_up_or_compute(*args: P.args, **kwargs: P.kwargs) -> T:
         if not _in_use:
             return compute(*args, **kwargs)
-        kept, key = _in_use[-1], (compute.__qualname__, content_key((args, kwargs)))
+        kept, key = _in_use[-1], (compute.__qualname__, beside(), content_key((args, kwargs)))
         if key in kept.by_arguments:
             kept.looked_up += 1
             result: T = kept.by_arguments[key][1]

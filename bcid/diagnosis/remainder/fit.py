@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
+from bcid.diagnosis.kept_steps import kept_under
 from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
@@ -106,6 +107,7 @@ class RemainderFit(NamedTuple):
         return self.log_evidence - self.named.penalised_log_likelihood
 
 
+@kept_under()
 def basis_for(fit: Fit, take: Take) -> RemainderBasis:
     """The functions of a remainder over what the take's drive went through, by the states that `fit` predicts."""
     disturbances = estimate_disturbances(fit, take)
@@ -116,6 +118,7 @@ def basis_for(fit: Fit, take: Take) -> RemainderBasis:
     return remainder_basis({**q, "v_fx": v_fx, "t": time_s}, car)
 
 
+@kept_under("near_nats")
 def fit_with_remainder(
     fit: Fit, take: Take, seen: Explained, copied: tuple[str, ...] = (), to_exceed: float = -np.inf
 ) -> RemainderFit:
@@ -135,6 +138,7 @@ def fit_with_remainder(
     return _refit_until_stable(alone, on, further, take, copied, to_exceed)
 
 
+@kept_under("near_nats")
 def add_beside_remainder(
     rest: RemainderFit, named: Fit, seen: Explained, take: Take, to_exceed: float = -np.inf
 ) -> RemainderFit:
@@ -222,6 +226,7 @@ def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit 
     return None
 
 
+@kept_under("remainder_error", "min_wave_nats")
 def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = ()) -> Explained:
     """What a remainder explains beside a `fit`, to first order: smooth functions, and the waves that are needed.
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.kept_steps import kept_under
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.fit import RemainderFit
 from bcid.diagnosis.remainder.functions import RemainderBasis, channel_of
@@ -24,6 +25,7 @@ from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import N_NUISANCE, Take
 
 
+@kept_under()
 def score_names(rest: RemainderFit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
     """The effects of the `trials` by the evidence (nats) that each adds beside the fit and its remainder, best first.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats
+from bcid.diagnosis.kept_steps import kept_under
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.locate.scan_statistic import FloorCircle, scan_circles
@@ -63,6 +64,7 @@ NO_NULLS = NullGains(0.0, [])
 """Before any are drawn."""
 
 
+@kept_under()
 def simulate_trials(fit: Fit, take: Take) -> TrialChanges:
     """Changes of the predicted poses by every trial: an effect that `fit` lacks, switched on at one size and one place.
 
@@ -175,6 +177,7 @@ def _best_neighbour(
     return _rank_candidates(project_out_fit(linearised, trials.columns, trials.widest), trials.trials)[0]
 
 
+@kept_under()
 def screen_effects(fit: Fit, take: Take, trials: TrialChanges) -> list[CandidateEffect]:
     """The effects by the gain (nats) that a score test beside `fit` predicts, each with its best trial, best first.
 
@@ -199,6 +202,7 @@ def _rank_candidates(changes: ProjectedChanges, trials: Sequence[Trial]) -> list
     return sorted(best.values(), key=lambda c: -c.score)
 
 
+@kept_under("gate_p_value")
 def sample_null_gains(fit: Fit, take: Take, trials: TrialChanges) -> NullGains:
     """Gains (nats) that `trials`, effects at one size and place, reach beside `fit` by chance.
 
