@@ -22,7 +22,6 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.experiment.simulate import observe_states
-from bcid.likelihood import nuisance
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.lane_rollout import segment_layout
@@ -46,20 +45,13 @@ from bcid.likelihood.marginal import (
 from bcid.likelihood.newton import RefitProblem as Fitted
 from bcid.likelihood.newton import evaluate_at, move_initial_states
 from bcid.likelihood.nuisance import (
-    NuisanceSolution,
-    _damped_step,
-    _retry_segments,
-    nonlinearity,
     nuisance_sensitivities,
     pose_residuals,
-    remove_pushes,
-    solve_nuisance,
 )
 from bcid.likelihood.predict import pose_sensitivities, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import evaluate_fixed, refit
-from bcid.likelihood.refit_with_pushes import SLACK
 from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.take import (
     GROUP_S,
@@ -628,120 +620,6 @@ def test_a_push_acts_in_its_own_time(part: Take) -> None:
 LOUD = Scales(np.array([5e-4, 5e-4, 1e-3]), np.array([0.3, 0.3, 1.0]))
 
 
-def pushed_take(part: Take) -> tuple[Take, np.ndarray]:
-    """A noiseless take made with pushes far from nothing, and the free parts it was made from."""
-    setting, true = BASE.prediction_inputs(BASE.phi_of(CAR), part), shoved(part)
-    pose = np.asarray(predict_poses(segment_layout(part), true, *setting.kernel_arguments))
-    return part._replace(pose=pose, pushed=True), true
-
-
-def test_free_parts_settle_where_pushes_far_from_nothing_put_them(part: Take) -> None:
-    """From rest to the pushes that a noiseless take was made with, whatever a tangent at rest says of them."""
-    take, true = pushed_take(part)
-    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
-    off = np.abs(solve_nuisance(take, setting, take.start, LOUD)[0] - true)[:, N_START:]
-    A = nuisance_sensitivities(take, setting, take.start)
-    z = eliminate_nuisance(
-        segment_moments(pose_residuals(take, setting, take.start), A, take.first), LOUD.r, LOUD.nuisance_precisions()
-    ).z
-    assert np.median(off) < 0.02
-    assert np.median(np.abs(z - true)[:, N_START:]) > 2.0 * np.median(off)
-
-
-def test_where_free_parts_have_settled_elimination_adds_nothing(part: Take) -> None:
-    """The mode of the posterior is where the linear algebra puts it; and a tangent at rest would have been far off."""
-    take, _ = pushed_take(part)
-    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
-    start, _, A = solve_nuisance(take, setting, take.start, LOUD)
-    r = remove_pushes(pose_residuals(take, setting, start), A, start, take.first)
-    e = eliminate_nuisance(segment_moments(r, A, take.first), LOUD.r, LOUD.nuisance_precisions())
-    np.testing.assert_allclose(e.z[:, N_START:], start[:, N_START:], atol=0.02)
-    assert nonlinearity(take, setting, start, LOUD, A) == pytest.approx(0.0, abs=0.05)
-    assert nonlinearity(take, setting, take.start, LOUD, nuisance_sensitivities(take, setting, take.start)) > 1.0
-
-
-@pytest.mark.parametrize("badness", [1e9, np.inf, np.nan])
-def test_a_segment_that_spins_bends_no_take(badness: float, part: Take, monkeypatch: pytest.MonkeyPatch) -> None:
-    setting, kept = BASE.prediction_inputs(BASE.phi_of(CAR), part), nuisance.segment_misfit
-
-    def spun(take: Take, *given: np.ndarray) -> np.ndarray:
-        return np.r_[badness, kept(take, *given)[1:]]
-
-    still = nonlinearity(part, setting, part.start, LOUD, nuisance_sensitivities(part, setting, part.start))
-    monkeypatch.setattr(nuisance, "segment_misfit", spun)
-    one = nonlinearity(part, setting, part.start, LOUD, nuisance_sensitivities(part, setting, part.start))
-    assert one - still == pytest.approx(LIKELIHOOD_LIMITS.max_segment_nonlinearity_nats / part.segments, rel=0.1)
-
-
-@pytest.mark.parametrize(("push", "each"), [(40.0, 3), (np.nan, 3), (40.0, 1)])
-def test_segments_that_are_lost_settle_where_they_would_have_from_rest(part: Take, push: float, each: int) -> None:
-    """Pushed into a spin, or out of the finite numbers; all of them too, by pushes that other parameters called for."""
-    take, _ = pushed_take(part)
-    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
-    right, spun = solve_nuisance(take, setting, take.start, LOUD), take.start.copy()
-    spun[::each, N_START:] = push
-    found = solve_nuisance(take, setting, spun, LOUD)
-    np.testing.assert_allclose(found.start, right.start, atol=0.02)
-    np.testing.assert_allclose(found.r, pose_residuals(take, setting, found.start), atol=1e-12)
-
-
-@pytest.mark.parametrize("common", [(-3.0, 0.0, 0.0), (-3.0, 2.0, 6.0)])
-def test_segments_that_are_lost_settle_under_what_pushes_the_others(
-    common: tuple[float, float, float], part: Take, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As where a brake is missing: from rest some are lost, in a spin, and the others say what they lack."""
-    setting, true = BASE.prediction_inputs(BASE.phi_of(CAR), part), shoved(part)
-    true[:, N_START:] += np.tile(common, KNOTS)
-    pose = np.asarray(predict_poses(segment_layout(part), true, *setting.kernel_arguments))
-    take = part._replace(pose=pose, pushed=True)
-
-    def lost(start: np.ndarray, r: np.ndarray) -> int:
-        misfit = nuisance.segment_misfit(take, start, r, LOUD)
-        return int((~(misfit < SEGMENT_LIMITS.lost_misfit * 3.0 * np.diff(take.first))).sum())
-
-    found = solve_nuisance(take, setting, take.start, LOUD)
-    assert lost(found.start, found.r) == 0
-    np.testing.assert_allclose(found.start[:, N_START:], true[:, N_START:], atol=0.05)
-    monkeypatch.setattr(nuisance, "SEGMENT_LIMITS", replace(SEGMENT_LIMITS, max_median_share=0.0))
-    without = solve_nuisance(take, setting, take.start, LOUD)
-    assert lost(without.start, without.r) > 0
-
-
-def test_the_segments_that_are_not_lost_say_what_usually_pushes(part: Take) -> None:
-    """Their median, on beginnings as the recording has them; nothing, where all are lost."""
-    start, lost = shoved(part) + 0.5, np.ones(part.segments, dtype=bool)
-    start[0, N_START:] = 100.0  # of three, no matter how far off
-    np.testing.assert_array_equal(nuisance._median_pushes(part, start, lost), part.start)
-    lost[:3] = False
-    begin = nuisance._median_pushes(part, start, lost)
-    np.testing.assert_array_equal(begin[:, :N_START], part.start[:, :N_START])
-    np.testing.assert_array_equal(begin[:, N_START:], [np.maximum(*start[1:3, N_START:])] * part.segments)
-
-
-def test_a_lost_segment_stays_as_it_is_where_settling_anew_ends_nowhere(part: Take) -> None:
-    take, _ = pushed_take(part)
-    setting, spun = BASE.prediction_inputs(BASE.phi_of(CAR), take), take.start.copy()
-    spun[::3, N_START:] = 40.0
-    at = NuisanceSolution(spun.copy(), pose_residuals(take, setting, spun), nuisance_sensitivities(take, setting, spun))
-    lost = np.arange(0, take.segments, 3)
-    nowhere = np.full_like(spun, np.nan)
-    _retry_segments(take, setting, at, lost, nowhere, LOUD)
-    np.testing.assert_array_equal(at.start, spun)
-    np.testing.assert_array_equal(at.r, pose_residuals(take, setting, spun))
-    _retry_segments(take, setting, at, lost, take.start, LOUD)
-    assert not np.isclose(at.start[lost, N_START:], 40.0).any()
-    np.testing.assert_array_equal(at.r, pose_residuals(take, setting, at.start))
-    rows = take.rows(lost)  # of the step before the last one, which hardly moved
-    np.testing.assert_allclose(at.A[rows], nuisance_sensitivities(take, setting, at.start)[rows], atol=1e-3)
-
-
-def test_without_pushes_free_parts_stay_where_they_are(part: Take) -> None:
-    setting = BASE.prediction_inputs(BASE.phi_of(CAR), part)
-    start, _, A = solve_nuisance(part, setting, part.start, LOUD)
-    np.testing.assert_array_equal(start, part.start)
-    np.testing.assert_array_equal(A, nuisance_sensitivities(part, setting, part.start))
-
-
 def quietly(take: Take) -> tuple[Take, Fitted, np.ndarray]:
     """The base model's own poses with a little noise, the problem at its parameters, and these."""
     phi = BASE.phi_of(CAR)
@@ -786,62 +664,16 @@ def test_a_segment_that_has_strayed_begins_anew_alone(part: Take) -> None:
     np.testing.assert_allclose(strayed.A, nuisance_sensitivities(take, setting, strayed.start), rtol=1e-9, atol=1e-12)
 
 
-def test_a_residual_without_pushes_is_that_at_rest(part: Take) -> None:
-    """About whatever pushes the prediction was made with, where these are small."""
-    setting, small = BASE.prediction_inputs(BASE.phi_of(CAR), part), shoved(part, (0.003, 0.003, 0.003))
-    at_rest, under = pose_residuals(part, setting, part.start), pose_residuals(part, setting, small)
-    again = remove_pushes(under, nuisance_sensitivities(part, setting, small), small, part.first)
-    assert np.abs(again - at_rest).max() < 0.1 * np.abs(under - at_rest).max()
-
-
-def test_a_prediction_out_of_the_numbers_does_not_settle(part: Take) -> None:
-    """Where its segment's rough beginning does not lead back either."""
-    take = part._replace(pushed=True, start=part.start.copy())
-    take.start[0, 3] = np.nan
-    with pytest.raises(PredictionDiverged, match="finite"):
-        solve_nuisance(take, BASE.prediction_inputs(BASE.phi_of(CAR), part), take.start, LOUD)
-
-
-@pytest.mark.parametrize("answer", [np.inf, 1e200, np.nan, 0.0])
-def test_where_predictions_have_no_tangent_the_other_segments_step(part: Take, answer: float) -> None:
-    """Beyond the finite numbers, or no answer at all to one of the free parts: no matrix that LAPACK could solve."""
-    take, _ = pushed_take(part)
-    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
-    r, A = pose_residuals(take, setting, take.start), nuisance_sensitivities(take, setting, take.start)
-    start, _ = _damped_step(take, setting, NuisanceSolution(take.start, r, A), LOUD)
-    rows = slice(take.first[0], take.first[1])
-    A[rows, :, 2] = answer
-    there, off = _damped_step(take, setting, NuisanceSolution(take.start, r, A), LOUD)
-    np.testing.assert_array_equal(there[0], take.start[0])
-    np.testing.assert_array_equal(off[rows], r[rows])
-    np.testing.assert_array_equal(there[1:], start[1:])
-    assert (start[1:] != take.start[1:]).any(axis=1).all()
-
-
 def test_a_segment_that_does_not_tell_its_initial_state_is_out_of_the_numbers(part: Take) -> None:
     r, A = np.zeros((len(part.pose), 3)), np.ones((len(part.pose), 3, N_NUISANCE))
     with pytest.raises(PredictionDiverged, match="rounding"):
         estimate_scales(segment_moments(r, A, part.first), Scales(np.ones(3), np.full(3, np.inf)), 0)
 
 
-def test_parameters_are_found_under_pushes_far_from_nothing(take: Take) -> None:
-    """A car pushed by a third of a g's tenth is found within its errors; a tangent at rest would be far off."""
-    true = shoved(take, (0.3, 0.3, 0.6))
-    setting = BASE.prediction_inputs(BASE.phi_of(CAR), take)
-    noise = np.random.default_rng(5).standard_normal(take.pose.shape) * LOUD.r
-    pose = np.asarray(predict_poses(segment_layout(take), true, *setting.kernel_arguments)) + noise
-    found = refit(take._replace(pose=pose, pushed=True), BASE, BASE.phi_of(CAR), take.start, LOUD)
-    apart = [np.log(getattr(found.car(), s) / getattr(CAR, s)) for s in BASE.log_parameters]
-    se = np.sqrt(np.diag(found.covariance))[: len(BASE.log_parameters)]
-    assert (np.abs(np.array(apart) / se) < 4.0).all(), dict(
-        zip(BASE.log_parameters, zip(apart, se, strict=True), strict=True)
-    )
-    np.testing.assert_allclose(found.scales.q, [0.3, 0.3, 0.6], rtol=0.3)
-
-
-@pytest.mark.parametrize("pushed", [False, True])
-def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: Take, pushed: bool) -> None:
-    take = pushed_take(part)[0]._replace(pushed=pushed)
+def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: Take) -> None:
+    setting = BASE.prediction_inputs(BASE.phi_of(CAR), part)
+    pose = np.asarray(predict_poses(segment_layout(part), shoved(part), *setting.kernel_arguments))
+    take = part._replace(pose=pose)
     phi = BASE.phi_of(CAR._replace(C_f=1.1 * CAR.C_f))
     stands = evaluate_fixed(take, BASE, phi, LOUD)
     again = refit(take, BASE, phi, stands.start, stands.scales, tangents=0)
@@ -850,23 +682,6 @@ def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: 
     refitted = refit(take, BASE, phi, take.start, LOUD, tangents=0)
     assert -0.1 < stands.log_likelihood - refitted.log_likelihood < 10.0
     np.testing.assert_array_equal(stands.phi, phi)
-
-
-def test_what_pushes_had_taken_over_goes_back_to_the_effect_that_it_is(part: Take) -> None:
-    """From a fifteenth of its size, beside pushes that did its work, as from its own."""
-    true = BASE.with_effects("front_coulomb_friction")
-    phi = true.phi_of(CAR, [300.0])
-    noise = np.random.default_rng(5).standard_normal(part.pose.shape) * LOUD.r
-    acting = true.prediction_inputs(phi, part).kernel_arguments
-    pose = np.asarray(predict_poses(segment_layout(part), shoved(part, (0.1, 0.1, 0.2)), *acting)) + noise
-    take = part._replace(pose=pose, pushed=True)
-    without = refit(take, BASE, BASE.phi_of(CAR), take.start, LOUD)
-    near = refit(take, true, phi, take.start, LOUD)
-    far = refit(take, true, true.phi_of(without.car(), [20.0]), without.start, without.scales)
-    assert far.log_likelihood > without.log_likelihood + 50.0
-    assert far.log_likelihood == pytest.approx(near.log_likelihood, abs=2.0 * SLACK)
-    c, se = far.effect_estimates()["front_coulomb_friction__c"]
-    assert abs(c - near.effect_estimates()["front_coulomb_friction__c"][0]) < 2.0 * se
 
 
 @both_hypotheses

@@ -35,15 +35,11 @@ from bcid.likelihood.newton import bounded_newton_step
 from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import (
-    base_hypothesis,
     fit_base,
-    needs_pushes,
-    prepare_and_fit_base,
-    refit_base_with_pushes,
 )
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
-from bcid.likelihood.take import KNOTS, N_START, SEGMENT_S, Take, cut_segments
+from bcid.likelihood.take import KNOTS, SEGMENT_S, Take, cut_segments
 from bcid.physics.car import Car
 from bcid.proof.blind.cases import BlindCase
 from bcid.proof.blind.run_cases import run_blind_case
@@ -121,23 +117,6 @@ def test_slow_circles_name_nothing_for_what_initial_states_explain() -> None:
     answer = run_blind_case(BlindCase("circles", 917, (), driver="circles", seed=1795562593))
     assert answer["findings"] == []
     assert answer["remainder"]["nats"] < 20.0
-
-
-def test_a_quiet_take_gives_the_same_car_under_pushes(vehicle: Vehicle) -> None:
-    """Predictions are made under pushes where these are far from nothing; elsewhere it makes no difference."""
-    null = BlindCase("null", 0, (), duration_s=120.0, seed=4)
-    recording = record_drive(null.simulate(), null.rate_hz, vehicle)
-    estimates = [estimate_motion(recording, vehicle, TUNING)]
-    hypothesis = base_hypothesis(vehicle, CAR, estimates)
-    plain, _, at_rest = prepare_and_fit_base([recording], estimates, hypothesis, [])
-    assert not needs_pushes(at_rest, plain)
-    under, pushed = refit_base_with_pushes(plain, at_rest)
-    assert (plain.pushed, under.pushed) == (False, True)
-    assert not at_rest.start[:, N_START:].any()
-    assert np.abs(pushed.start[:, N_START:]).max() > 1e-3
-    se = np.sqrt(np.diag(at_rest.covariance))
-    assert (np.abs(pushed.phi - at_rest.phi) < 1.0 * se + 0.01).all()
-    assert pushed.log_likelihood == pytest.approx(at_rest.log_likelihood, abs=10.0)
 
 
 def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:

@@ -33,12 +33,8 @@ class LikelihoodLimits:
     # Standard deviations by which a parameter may leave a trusted simulation's.  DART: set after rolling friction had
     # been explained by a motor 27 % off its published force.
     max_prior_sd: float = 3.0
-    # Nats per segment by which predictions may miss their tangent and be made without pushes.  Not yet justified.
-    max_nonlinearity_nats: float = 0.5
-    # Nats that one segment counts of these at most: one that spins would outweigh all others.  Not yet justified.
-    max_segment_nonlinearity_nats: float = 10.0
-    # Nats per segment by which a fit of the base model to the whole take may be worse than that to a part of it.  One
-    # that went astray lost 94 (an F1TENTH under pushes); no committed file holds that figure.
+    # Nats per segment by which a fit of the base model to the whole take may be worse than that to a part of it.  Not
+    # yet justified: one that went astray lost 94 (an F1TENTH); no committed file holds that figure.
     max_whole_take_loss_nats: float = 5.0
     # Multiple of a trial's size that a score test may claim: the tangent says nothing beyond.  Not yet justified.
     max_trial_amplitude: float = 3.0
@@ -53,14 +49,6 @@ class LikelihoodLimits:
 class SegmentLimits:
     """Which segments of 1.5 s are predicted badly, and when they are tried from other initial states."""
 
-    # Misfit per measured number (about 1 is expected) from which a segment is lost.  Not yet justified.
-    lost_misfit: float = 20.0
-    # Share of lost segments up to which they are tried with half their pushes: of more, the parameters are at fault.
-    # Not yet justified.
-    max_halved_share: float = 0.5
-    # Share of lost segments up to which they are tried under the median pushes of the others: fewer than a tenth do not
-    # tell what pushes.  Not yet justified.
-    max_median_share: float = 0.9
     # chi^2 per measured number (about 1 is expected) from which a segment is begun anew.  Not yet justified.
     restart_chi2: float = 4.0
     # Share of the segments up to which they are begun anew: of more, the parameters are at fault.  Not yet justified.

@@ -13,7 +13,7 @@ from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
 from bcid.likelihood.jacobian import base_jacobian, changed_cars, parameter_jacobian
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import move_to_posterior, pose_residuals, remove_pushes
+from bcid.likelihood.nuisance import move_to_posterior, pose_residuals
 from bcid.likelihood.take import Take
 
 MAX_STEP = 3.0  # of any component of phi
@@ -75,15 +75,11 @@ def evaluate_at(
 ) -> RefitState:
     """The refit's state (residual, likelihood, nuisances, scales) at the parameter vector phi, which stays fixed.
 
-    If `take.pushed`, each segment's initial state and pushes are optimised from `start` (S, N_NUISANCE); otherwise
-    `start` stays, except in segments with a high chi^2, which restart from their measured poses.  The standard
-    deviations of noise and pushes are estimated from `scales` in at most `em_steps` of expectation maximisation.
-    Where pushes are not optimised, derivatives by base parameters can be found in the same run (`with_parameters`).
+    `start` (S, N_NUISANCE) stays, except in segments with a high chi^2, which restart from their measured poses.  The
+    standard deviations of noise and pushes are estimated from `scales` in at most `em_steps` of expectation
+    maximisation.  Derivatives by base parameters can be found in the same run (`with_parameters`).
     """
     take, inputs = problem.take, problem.hypothesis.prediction_inputs(phi, problem.take)
-    if take.pushed:
-        start, r, A = nuisance.solve_nuisance(take, inputs, start, scales)
-        return with_actual_misfit(problem, build_state(problem, phi, start, scales, r, A, em_steps))
     changed = changed_cars(problem.hypothesis, phi) if with_parameters else None
     r, A, J = nuisance.linearise_residuals(take, inputs, start, changed)
     state = build_state(problem, phi, start.copy(), scales, r, A, em_steps)
@@ -91,14 +87,14 @@ def evaluate_at(
 
 
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
-    """The refit's state with segments' initial states, and pushes if `take.pushed`, moved to their posterior means.
+    """The refit's state with segments' initial states moved to their posterior means.
 
     Residuals are predicted anew, derivatives kept.  Each segment is decided by itself: it stays where it was if its
     log-likelihood falls by SEGMENT_LIMITS.max_loss_nats or more, or is not finite.
     """
-    start = move_to_posterior(problem.take, state.start, state.terms.z)
+    start = move_to_posterior(state.start, state.terms.z)
     r = problem.residuals(state.phi, start)
-    terms = _terms_along_tangent(state.A, start, r, problem.take, state.scales)
+    terms = _terms_along_tangent(state.A, r, problem.take, state.scales)
     moves = _segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats
     rows, terms = np.repeat(moves, np.diff(problem.take.first)), _select_terms(moves, terms, state.terms)
     start, r = np.where(moves[:, None], start, state.start), np.where(rows[:, None], r, state.r)
@@ -123,7 +119,7 @@ def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_st
     best = MarginalTerms(*(term[misfits] for term in state.terms))
     for _ in range(RESTART_TANGENTS):
         r, A, J = nuisance.linearise_residuals(part, inputs, start, changed)
-        terms = _terms_along_tangent(A, start, r, part, state.scales)
+        terms = _terms_along_tangent(A, r, part, state.scales)
         better = ~(_segment_gains(terms, best) < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(terms.chi2)
         to, of_part = rows[part.rows(np.flatnonzero(better))], part.rows(np.flatnonzero(better))
         all_starts[misfits[better]], all_r[to], all_A[to] = start[better], r[of_part], A[of_part]
@@ -131,17 +127,17 @@ def _restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_st
             all_J[to] = J[of_part]
         best = _select_terms(better, terms, best)
         finite = np.isfinite(terms.z).all(axis=1, keepdims=True)
-        start = np.where(finite, move_to_posterior(part, start, terms.z), start)
+        start = np.where(finite, move_to_posterior(start, terms.z), start)
     return build_state(problem, state.phi, all_starts, state.scales, all_r, all_A, em_steps)._replace(J=all_J)
 
 
-def _terms_along_tangent(A: Floats, start: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
-    """Marginal likelihood terms of segments, predictions being linearised in initial states and pushes at `start`.
+def _terms_along_tangent(A: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
+    """Marginal likelihood terms of segments, predictions being linear in initial states and pushes.
 
-    `r` (N, 3) is measured less predicted poses at `start`, `A` (N, 3, N_NUISANCE) are the derivatives of predicted
-    poses there.  The terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
+    `r` (N, 3) is measured less predicted poses, `A` (N, 3, N_NUISANCE) are the derivatives of predicted ones.  The
+    terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
     """
-    moments = segment_moments(remove_pushes(r, A, start, take.first), A, take.first)
+    moments = segment_moments(r, A, take.first)
     return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
 
 
@@ -174,22 +170,9 @@ def build_state(
     nuisance parameters `start` (initial states and pushes).  The standard deviations of noise and pushes are
     estimated from `scales` by at most `em_steps` of expectation maximisation.
     """
-    first = problem.take.first
-    moments = segment_moments(remove_pushes(r, A, start, first), A, first)
+    moments = segment_moments(r, A, problem.take.first)
     scales, terms = marginal.estimate_scales(moments, scales, em_steps)
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
-
-
-def with_actual_misfit(problem: RefitProblem, state: RefitState) -> RefitState:
-    """The refit's state with each segment's chi^2 computed at its actual initial state and pushes, if `take.pushed`.
-
-    chi^2 = |r / noise|^2 + |pushes / q|^2 replaces its minimum under linearised predictions, which a segment whose
-    nuisance parameters have not converged does not reach.  Without `take.pushed`, the state is returned unchanged.
-    """
-    if not problem.take.pushed:
-        return state
-    terms = state.terms._replace(chi2=nuisance.segment_misfit(problem.take, state.start, state.r, state.scales))
-    return state._replace(terms=terms, objective=problem.objective(state.phi, terms))
 
 
 def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:
@@ -199,13 +182,12 @@ def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitSta
     base parameters are those of `tangent`; those by effects' parameters are computed at `state` by finite
     differences.
     """
-    (take, hypothesis, prior), first = problem, problem.take.first
+    take, hypothesis, prior = problem
     own = range(hypothesis.base_size, hypothesis.named_size)
     effects = parameter_jacobian(take, hypothesis, state.phi, state.start, state.r, own)
     base, functions = np.split(tangent.J, [hypothesis.base_size], axis=2)
     J = np.concatenate([base, effects, functions], axis=2)
-    r = remove_pushes(state.r, state.A, state.start, first)
-    g, G = marginal.score_and_information(r, state.A, J, first, state.scales.r, state.terms.root)
+    g, G = marginal.score_and_information(state.r, state.A, J, take.first, state.scales.r, state.terms.root)
     w = marginal.robust_weights(state.terms)
     slope = w @ g - prior.stiffness * (state.phi - prior.centre)
     return slope, np.tensordot(w, G, axes=1) + np.diag(prior.stiffness)

@@ -17,7 +17,6 @@ from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.nuisance import nonlinearity
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.take import Take, build_take
 from bcid.physics.car import Car, integration_step, typical_inertia_and_tyres
@@ -97,28 +96,6 @@ def prepare_and_fit_base(
         take, contacts = build_take(recordings, estimates, base.car(), hypothesis.angle_limit)
         base = _fit_base_again(take, base, initial_scales(take))
     return take, contacts, base
-
-
-def needs_pushes(fit: Fit, take: Take) -> bool:
-    """Whether a take must be predicted under its fitted pushes, as predictions linear in these are too inaccurate.
-
-    Pushes are disturbance accelerations, constant over 0.5 s.  True if linearisation costs more than
-    `max_nonlinearity_nats` a segment (`nonlinearity`); False if `take.pushed` already.
-    """
-    if take.pushed:
-        return False
-    inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
-    return nonlinearity(take, inputs, fit.start, fit.scales, fit.tangent.A) > LIKELIHOOD_LIMITS.max_nonlinearity_nats
-
-
-def refit_base_with_pushes(take: Take, base: Fit) -> tuple[Take, Fit]:
-    """The take marked `pushed`, and the base model fitted to it again from `base`, now predicted under fitted pushes.
-
-    Pushes are disturbance accelerations, constant over 0.5 s; they are optimised along with each segment's initial
-    state.
-    """
-    take = take._replace(pushed=True)
-    return take, _fit_base_again(take, base, base.scales)
 
 
 def _fit_base_again(take: Take, base: Fit, scales: Scales) -> Fit:

@@ -14,9 +14,8 @@ from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import Scales, student_log_densities
 from bcid.likelihood.newton import MAX_EM_STEPS, RefitProblem, RefitState, Tangent, build_state, linearise_at
-from bcid.likelihood.nuisance import move_to_posterior, solve_nuisance
+from bcid.likelihood.nuisance import linearise_residuals, move_to_posterior
 from bcid.likelihood.price import price_nats
-from bcid.likelihood.refit_with_pushes import refit_by_leaps
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
@@ -36,7 +35,7 @@ class Fit:
 
     hypothesis: Hypothesis
     phi: Floats
-    start: Floats  # (S, N_NUISANCE) initial states, and pushes where predictions are made under them
+    start: Floats  # (S, N_NUISANCE) initial states; pushes are zero where predictions are made
     scales: Scales
     log_likelihood: float  # sum over segments, without the prior
     per_segment: Floats  # (S,)
@@ -76,22 +75,18 @@ def refit(
     phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes
     (disturbances over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from
     `scales`, are estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations
-    of the predictions, or `tangents` Newton steps if `take.pushed`.  A `tangent` (linearisation at a neighbouring
-    fit), if given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate
-    enough to rank candidates, but biased far from that fit.
+    of the predictions.  A `tangent` (linearisation at a neighbouring fit), if given, is held fixed, and only
+    derivatives by effects are recomputed: a tenth of the work, accurate enough to rank candidates, but biased far from
+    that fit.
     """
     phi = np.clip(phi, *hypothesis.bounds())
     problem = RefitProblem(take, hypothesis, hypothesis.prior(phi))
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
         last, state = tangent, _descend_along_tangent(problem, tangent, state, iterations, np.inf)
-    elif take.pushed:
-        last, state = refit_by_leaps(problem, phi, start, scales, tangents)
     else:
         last, state = _refit_by_tangents(problem, phi, start, scales, iterations, tangents)
     state = build_state(problem, state.phi, state.start, state.scales, state.r, last.A, MAX_EM_STEPS)
-    if tangent is None:
-        state = newton.with_actual_misfit(problem, state)
     _, curvature = newton.slope_and_curvature(problem, last, state)
     return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float))
 
@@ -195,8 +190,8 @@ def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scal
     problem = RefitProblem(take, hypothesis, GaussianPrior(phi, np.zeros_like(phi)))
     start, inputs = take.start, hypothesis.prediction_inputs(phi, take)
     for _ in range(FIXED_ROUNDS):
-        start, r, A = solve_nuisance(take, inputs, start, scales)
-        state = build_state(problem, phi, start, scales, r, A, MAX_EM_STEPS)
-        start, scales = start if take.pushed else move_to_posterior(take, start, state.terms.z), state.scales
+        at = linearise_residuals(take, inputs, start)
+        state = build_state(problem, phi, start, scales, at.r, at.A, MAX_EM_STEPS)
+        start, scales = move_to_posterior(start, state.terms.z), state.scales
     tangent, state = linearise_at(problem, phi, start, scales, MAX_EM_STEPS)
     return _build_fit(hypothesis, tangent, state, np.zeros((hypothesis.size, hypothesis.size)))

@@ -51,7 +51,6 @@ class Take(NamedTuple):
     zero_s: Floats  # (S,) time (s) at which the segment's recording began
     length_s: Floats  # (S,) length (s) of the segment's recording
     command_zero_s: Floats  # (M,) time (s) at which the command's recording began
-    pushed: bool = False  # predictions are made under the likeliest pushes (`bcid.likelihood.nuisance`)
 
     @property
     def segments(self) -> int:

@@ -10,7 +10,7 @@ from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
 from bcid.likelihood.newton import Tangent
-from bcid.likelihood.nuisance import residuals_without_pushes
+from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
@@ -73,7 +73,7 @@ def _evaluate_segments(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: 
     """
     part = take.part(chosen)
     A = np.ascontiguousarray(fit.tangent.A[take.rows(chosen)])
-    r = residuals_without_pushes(part, fit.hypothesis.prediction_inputs(phi, part), fit.start[chosen], A)
+    r = pose_residuals(part, fit.hypothesis.prediction_inputs(phi, part), fit.start[chosen])
     _, e = estimate_scales(segment_moments(r, A, part.first), scales, 0)
     return student_log_densities(e)
 

@@ -23,7 +23,7 @@ from bcid.diagnosis.remainder.functions import QUANTITIES, channel_of
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.effects.remainder import BODY_X, COLUMNS, DIRECTION, DIRECTIONS, DRIVEN_ALONG, INPUTS, WAVE, WHEEL_ANGLE, YAW
 from bcid.likelihood.force_history import acting_values
-from bcid.likelihood.nuisance import residuals_without_pushes
+from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -97,10 +97,7 @@ def change_by_names(fit: Fit, named: Fit, take: Take) -> Floats | None:
     """
     if named is fit:
         return None
-    left, before = (
-        residuals_without_pushes(take, f.hypothesis.prediction_inputs(f.phi, take), f.start, f.tangent.A)
-        for f in (named, fit)
-    )
+    left, before = (pose_residuals(take, f.hypothesis.prediction_inputs(f.phi, take), f.start) for f in (named, fit))
     change = wrap_yaw(before - left)
     return change if np.isfinite(change).all() else None
 

@@ -9,7 +9,7 @@ from bcid.aliases import Floats
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import eliminate_nuisance, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import residuals_without_pushes
+from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
@@ -120,7 +120,7 @@ def _log_likelihood_at(fit: Fit, take: Take, phi: Floats) -> float:
     All else is as in `fit`: initial states, standard deviations of noise and disturbances, and the derivatives of
     predictions by initial states and disturbances, by which these are integrated out.
     """
-    r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(phi, take), fit.start, fit.tangent.A)
+    r = pose_residuals(take, fit.hypothesis.prediction_inputs(phi, take), fit.start)
     if not np.isfinite(r).all():
         return -np.inf
     moments = segment_moments(r, fit.tangent.A, take.first)

@@ -100,14 +100,12 @@ def refit_with_effects(fit: Fit, take: Take, effects: tuple[str, ...], added: Se
     less = fit.hypothesis.with_effects(*effects)
     old = fit.hypothesis.effect_values(fit.phi)
     known = [old[f] for f, _ in less.effect_parameters if f in old]
-    # without an effect the fitted car may diverge, or under pushes be held by those that did the effect's work: the
-    # nominal car is another start
+    # without an effect the fitted car may diverge: the nominal car is another start
     starts = [
         (take, less, less.phi_of(car, [*known, *added]), start, fit.scales)
         for car, start in ((fit.car(), fit.start), (less.nominal, take.start))
     ]
-    fits = itertools.islice(map_converged(refit, starts, required=True), 2 if take.pushed else 1)
-    return max(fits, key=lambda f: f.penalised_log_likelihood)
+    return next(map_converged(refit, starts, required=True))
 
 
 def named_effects(fit: Fit) -> tuple[str, ...]:

@@ -16,8 +16,8 @@ from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import estimate_scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import residuals_without_pushes
-from bcid.likelihood.prepare import base_hypothesis, needs_pushes, prepare_and_fit_base, refit_base_with_pushes
+from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.models.interface import FitTask
@@ -50,11 +50,9 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
     start = guess_car(estimates, task.vehicle, *estimates[0].steering_constants(), settings.v_0_mps)
     hypothesis = base_hypothesis(task.vehicle, start, estimates)
     with threadpool_limits(1, "blas"):
+        task.progress(0.1, "likelihood of the poses")
         with refuse_divergence(task.recordings):
-            task.progress(0.1, "likelihood of the poses")
             take, _, fit = prepare_and_fit_base(task.recordings, estimates, hypothesis, ())
-            if needs_pushes(fit, take):
-                take, fit = refit_base_with_pushes(take, fit)
         unreached = _find_unreached_saturations(fit, take)
     top_speed = float(np.quantile(np.concatenate([e.kinematic[:, 0] for e in estimates]), TOP_SPEED_QUANTILE))
     searched = constants_to_fit(task.vehicle, top_speed)
@@ -112,7 +110,7 @@ def _find_unreached_saturations(fit: Fit, take: Take) -> list[str]:
         phi = fit.phi.copy()
         phi[j] = np.inf
         try:
-            r = residuals_without_pushes(take, hypothesis.prediction_inputs(phi, take), fit.start, fit.tangent.A)
+            r = pose_residuals(take, hypothesis.prediction_inputs(phi, take), fit.start)
             free = student_log_densities(
                 estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]
             ).sum()

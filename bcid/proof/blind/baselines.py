@@ -19,7 +19,7 @@ from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.search.screen import simulate_trials
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.marginal import estimate_scales, robust_weights, score_and_information, segment_moments
-from bcid.likelihood.nuisance import residuals_without_pushes
+from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.proof.blind.limits import LIMITS
@@ -139,7 +139,7 @@ def select_stepwise(residual: ResidualData) -> MethodAnswer:
     columns.
     """
     take, fit = residual.take, residual.base
-    r = residuals_without_pushes(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start, fit.tangent.A)
+    r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
     tried = simulate_trials(fit, take)
     g, G = score_and_information(r, fit.tangent.A, tried.columns, take.first, fit.scales.r, e.root)
