@@ -11,7 +11,10 @@ from docs_tables import answers_table, evidence_table, methods_table
 
 from bcid.bench.limits import ACCURACY
 from bcid.cli.show import goal_of_timing
+from bcid.diagnosis.limits import DECIDING_LIMITS
 from bcid.documents.prove import ProveDocument
+from bcid.documents.varied_limits import VariedLimitsDocument
+from bcid.proof.blind.limit_panel import EXAMPLE_TIER
 from bcid.report.formats import format_thousandths
 
 ROOT = Path(__file__).parent.parent
@@ -169,6 +172,19 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     # in the order in which takes ended
     assert again["pooled"] == pytest.approx(told["pooled"])
     assert sorted(again["wrong"], key=str) == sorted(told["wrong"], key=str)
+
+
+def test_the_docs_count_of_verdicts_that_hang_on_a_limit_is_the_committed_one() -> None:
+    varied = VariedLimitsDocument.read(ROOT / "docs" / "results" / "limits.json")
+    verdicts = sum(2 * limit.takes for limit in varied.limits)
+    worst = max(limit.changed_share or 0.0 for limit in varied.limits)
+    assert not varied.missed
+    assert not any(change.case.startswith(EXAMPLE_TIER) for change in varied.changes)
+    said = f"{len(varied.changes)} of {verdicts} verdicts"
+    assert f"{said} changed, at most {100.0 * worst:.2f} %" in (ROOT / "README.md").read_text(encoding="utf-8")
+    method = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    assert f"Of {verdicts} (seed {varied.seed}" in method
+    assert {limit.limit for limit in varied.limits} == set(DECIDING_LIMITS)
 
 
 def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
