@@ -1,6 +1,6 @@
 """What drags the real DART car at steady speed, beside what is published of it: docs/results/dart_balance.json.
 
-`python tests/dart_balance.py FOLDER` writes that file from the recordings.
+`python tests/dart_balance.py FOLDER` writes that file from the recordings.  The throttle's zero is the published one.
 """
 
 from __future__ import annotations
@@ -9,19 +9,18 @@ import json
 import sys
 from pathlib import Path
 
+import dart_authors as authors
 import numpy as np
 import numpy.typing as npt
+from dart_formulas import PUBLISHED, VEHICLE
 
 from bcid.diagnosis.reference import ParameterFile, read_parameter_file
 from bcid.effects.constants import Constants
 from bcid.proof.real.question_files import QuestionInputs
-from bcid.proof.real.questions import read_questions
 from bcid.vehicle import Body, read_vehicle
 
-ROOT = Path(__file__).parents[1]
-DART = ROOT / "pipelines" / "dart"
-PUBLISHED = DART / "simulation.toml"
-RESULT = ROOT / "docs" / "results" / "dart_balance.json"
+RESULT = Path(__file__).parents[1] / "docs" / "results" / "dart_balance.json"
+FOLDER = "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_"
 DRIVES = ("09_25_2024_09_50_18", "09_25_2024_09_57_26")
 WINDOW_S = 6.0
 STARTED_S = 10.0  # after the first command; as much before the last
@@ -35,7 +34,8 @@ def drags(
     Of a steady turn with v_x, v_y, omega in which v_x gains so many m/s^2.  The angle is that of a wheel without slip:
 
         m (v_x' - omega v_y) = F_lf / cos(delta) - F_side tan(delta) + F_lr,    F_side = m omega v_x l_r / L,
-        F_lf = s (F_m - R)(v_fx) - F_drag,    F_lr = (1 - s) (F_m - R)(v_x) - F_rolling,    F_drag = k |delta| v_fx.
+        F_lf = s (F_m - R)(v_fx) - F_drag,    F_lr = (1 - s) (F_m - R)(v_x) - F_rolling,
+        F_drag = |delta| (c tanh(v_fx / v_c) + k v_fx).
     """
     m, s, l_f, l_r = body.mass_kg or 0.0, body.front_drive_share or 0.0, body.cog_to_front_m, body.cog_to_rear_m
     v_x, v_y, omega = twist
@@ -51,20 +51,21 @@ def drags(
     F_lr = (1.0 - s) * pulling(v_x) - p.effects["rear_rolling_coulomb"]["c"] * np.tanh(v_x / Constants().v_c)
     F_side = m * omega * v_x * l_r / (l_f + l_r)
     F_lf = np.cos(delta) * (m * (gain_mps2 - omega * v_y) - F_lr + F_side * np.tan(delta))
-    return delta, s * pulling(v_fx) - F_lf, p.effects["steering_drag"]["k"] * abs(delta) * v_fx
+    per_angle = p.effects["steering_friction"]["c"] * np.tanh(v_fx / Constants().v_c)
+    return delta, s * pulling(v_fx) - F_lf, abs(delta) * (per_angle + p.effects["steering_drag"]["k"] * v_fx)
 
 
 def balance(folder: Path) -> list[dict[str, float | str]]:
-    """Of each window of the two drives the means of what was driven, with `drags`."""
-    cases = read_questions(DART / "cases.toml")
-    asked = QuestionInputs(read_vehicle(DART / "vehicle.toml"), cases.calibrated, None, folder)
-    return [row for drive in DRIVES for row in _of_drive(drive, asked)]
+    """Of each window of the two drives the means of what was driven, with `drags` and the authors' own drag.
+
+    The latter is by their formula, which is switched off below 0.3 m/s, less what it is straight ahead.
+    """
+    inputs = QuestionInputs(read_vehicle(VEHICLE), {}, None, folder)
+    return [row for drive in DRIVES for row in _of_drive(drive, inputs)]
 
 
-def _of_drive(drive: str, asked: QuestionInputs) -> list[dict[str, float | str]]:
-    name = next(n for n in asked.calibrated if drive in n)
-    vehicle, offset = asked.vehicle_for(name), asked.calibrated[name]["columns"]["throttle_mps"]["offset"]
-    recording, estimate, _ = asked.estimate_recording(name, vehicle)
+def _of_drive(drive: str, inputs: QuestionInputs) -> list[dict[str, float | str]]:
+    recording, estimate, _ = inputs.estimate_recording(f"{FOLDER}{drive}.csv", inputs.vehicle)
     t, of, driven = estimate.time_s, recording.commands.time_s, recording.commands.values[:, 1]
     on = of[driven > 0.0][[0, -1]] + [STARTED_S, -STARTED_S]
     p, rows = read_parameter_file(PUBLISHED), list[dict[str, float | str]]()
@@ -72,12 +73,14 @@ def _of_drive(drive: str, asked: QuestionInputs) -> list[dict[str, float | str]]
         here = (t >= begin) & (t < begin + WINDOW_S) & np.isfinite(estimate.twist).all(axis=1)
         twist, throttle = estimate.twist[here].mean(axis=0), float(np.interp(t[here], of, driven).mean())
         gain = float(np.polyfit(t[here], estimate.twist[here, 0], 1)[0])
-        delta, needed, published = drags(twist, gain, throttle, vehicle.body, p)
+        delta, needed, published = drags(twist, gain, throttle, inputs.vehicle.body, p)
+        angle, v = np.array([delta, 0.0]), twist[0]
+        formula, ahead = authors.steering_resistance(angle, np.full(2, v))
         told = {
-            "begin_s": begin, "angle_rad": delta, "throttle": throttle - offset, "v_x_mps": twist[0],
-            "drag_N": needed, "published_N": published,
+            "begin_s": begin, "angle_rad": delta, "throttle": throttle, "v_x_mps": v, "drag_N": needed,
+            "published_N": published, "formula_N": formula - ahead,
         }  # fmt: skip
-        rows.append({"drive": drive} | {k: round(float(v), 4) for k, v in told.items()})
+        rows.append({"drive": drive} | {k: round(float(x), 4) for k, x in told.items()})
     return rows
 
 

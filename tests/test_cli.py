@@ -56,7 +56,7 @@ def test_models_in_three_formats() -> None:
 
 def test_effects_are_listed_and_looked_up() -> None:
     listed = json.loads(bcid("effects", "--format", "json").stdout)
-    assert len(listed["effects"]) == 41
+    assert len(listed["effects"]) == 42
     one = bcid("effects", "yaw_scrub")
     assert "M_z −= c·ω" in one.stdout
     refused(bcid("effects", "yaw_scrup"), 2, "yaw_scrub", "next: ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import itertools
+import json
 import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cars import CAR
+from measure_size import sizes_at_ratios
 
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.actuators import (
@@ -51,13 +53,13 @@ from bcid.simulation.drive import COMMAND_HZ, simulate_drive
 
 VOCABULARY = (
     "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag", "rear_drag_asymmetry",
-    "steering_drag", "rough_patch", "floor_slope", "tether_pull", "mass_change", "yaw_scrub", "yaw_coulomb",
-    "drive_lateral_offset", "tyre_relaxation", "friction_circle", "tyre_soft_saturation", "load_transfer",
-    "front_ply_steer", "rear_toe", "slippery_patch", "motor_delay", "motor_lag", "motor_dead_zone", "motor_sag",
-    "motor_power_limit", "motor_regeneration", "steering_offset", "steering_backlash", "steering_dead_band",
-    "steering_delay", "steering_lag", "steering_nonlinearity", "steering_side_gain", "steering_speed_gain",
-    "steering_rate_asymmetry", "steering_compliance", "pose_latency", "clock_drift", "marker_offset",
-    "body_yaw_misalignment", "pose_scale",
+    "steering_drag", "steering_friction", "rough_patch", "floor_slope", "tether_pull", "mass_change", "yaw_scrub",
+    "yaw_coulomb", "drive_lateral_offset", "tyre_relaxation", "friction_circle", "tyre_soft_saturation",
+    "load_transfer", "front_ply_steer", "rear_toe", "slippery_patch", "motor_delay", "motor_lag", "motor_dead_zone",
+    "motor_sag", "motor_power_limit", "motor_regeneration", "steering_offset", "steering_backlash",
+    "steering_dead_band", "steering_delay", "steering_lag", "steering_nonlinearity", "steering_side_gain",
+    "steering_speed_gain", "steering_rate_asymmetry", "steering_compliance", "pose_latency", "clock_drift",
+    "marker_offset", "body_yaw_misalignment", "pose_scale",
 )  # fmt: skip  # the specification's
 
 REST = BodyState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -65,8 +67,9 @@ SECONDS, H = 20.0, 1.0 / 240.0
 SENSED = ("pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale")
 MOVING = [*(name for name in VOCABULARY if name not in SENSED), *CORRECTIONS]
 every_moving = pytest.mark.parametrize("name", MOVING)
-# where an effect is: the middle of what the test drive covers, and half its length
-PLACES = {"x": 4.5, "y": 1.5, "radius": 1.0, "r_0": 0.5, "t_s": 8.0}
+# where an effect is: the middle of what the test drive covers; and a time in the midst of a step, which no rounding of
+# other units puts into the next
+PLACES = {"x": 4.5, "y": 1.5, "radius": 1.0, "r_0": 0.5, "t_s": 1200.5 * H}
 
 
 def switched(name: str, share: float = 1.0) -> Any:
@@ -113,7 +116,16 @@ def base_drive() -> np.ndarray:
 
 def test_the_vocabulary_is_the_specification_s() -> None:
     assert sorted(EFFECTS) == sorted(VOCABULARY)
-    assert len(VOCABULARY) == 41
+    assert len(VOCABULARY) == 42
+
+
+def test_the_size_of_a_steering_friction_is_where_ten_minutes_just_show_it() -> None:
+    """Where the refitted base model's held-out error is 1.3 to 4 times its floor, by the committed measurement."""
+    told = json.loads((Path(__file__).parents[1] / "docs/results/size_steering_friction.json").read_text())
+    low, high = sizes_at_ratios(told["rows"])
+    assert [round(low, 1), round(high, 1)] == told["sizes"]
+    size = EFFECTS["steering_friction"].parameters[0].size
+    assert size == pytest.approx(math.sqrt(low * high), rel=0.1)
 
 
 def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
@@ -370,7 +382,7 @@ def test_units_are_homogeneous(name: str) -> None:
 
 DISSIPATING = (
     "rear_rolling_coulomb", "rear_rolling_viscous", "front_coulomb_friction", "quadratic_drag", "rear_drag_asymmetry",
-    "steering_drag", "rough_patch", "yaw_scrub", "yaw_coulomb", "motor_regeneration",
+    "steering_drag", "steering_friction", "rough_patch", "yaw_scrub", "yaw_coulomb", "motor_regeneration",
 )  # fmt: skip
 
 

@@ -416,7 +416,7 @@ def test_the_screen_covers_the_vocabulary_and_nothing_stands_out_of_a_null(null_
     names = [c.effect for c in found]
     assert len(names) == len(set(names))
     assert set(EFFECTS) <= set(names) <= set(EFFECTS) | set(CORRECTIONS)
-    assert len(EFFECTS) == 41
+    assert len(EFFECTS) == 42
     for candidate in found:
         assert len(candidate.values) == len(null_fit.hypothesis.entries[candidate.effect].parameters)
     scores = [c.score for c in found]

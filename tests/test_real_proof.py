@@ -208,6 +208,23 @@ def test_a_published_motor_may_fade(estimates: list[Estimate]) -> None:
     assert given.relative_sd_of["steering_scale"] == 0.04
 
 
+def test_the_published_dart_is_known_as_well_as_another_day_leaves_it(estimates: list[Estimate]) -> None:
+    """Grip, friction and lags to a third, the motor to a tenth, a moment of inertia to half; what is none is held."""
+    vehicle = read_vehicle(Path("pipelines/dart/vehicle.toml"))
+    given = reference_from_parameters(Path("pipelines/dart/simulation.toml"), estimates, vehicle)
+    names = ["C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2", "I_z", "K_t", "K_v", "K_b"]
+    names += [field.partition("__")[0] for field in given.effects]
+    assert given.relative_sd is not None
+    trust = {name: given.relative_sd_of.get(name, given.relative_sd) for name in names}
+    assert {name for name, sd in trust.items() if sd == 0.3} == {
+        "C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2", "motor_lag", "motor_dead_zone", "rear_rolling_coulomb",
+        "steering_friction", "steering_drag", "tyre_soft_saturation",
+    }  # fmt: skip
+    assert {name: sd for name, sd in trust.items() if sd != 0.3} == {
+        "I_z": 0.5, "K_t": 0.1, "motor_fade": 0.1, "K_v": 0.02, "K_b": 0.02,
+    }  # fmt: skip
+
+
 def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     free = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", *RAW_COMMANDS), raw_commands=True)
     values = [0.06, *(0.0 for name in RAW_COMMANDS for _ in ENTRIES[name].fields)]

@@ -85,9 +85,9 @@ def test_every_switch_at_zero_changes_nothing_to_the_last_bit(name: str) -> None
 ACTING = {
     "rear_track": 0.6, "rear_bearing": 6.0, "rear_rolling": 8.0, "softness": 0.6, "tyre_fall": 0.5, "rough_force": 4.0,
     "rough_moment": 2.0, "rear_rolling_coulomb": 20.0, "rear_rolling_viscous": 20.0, "front_coulomb_friction": 50.0,
-    "quadratic_drag": 10.0, "rear_drag_asymmetry": 10.0, "steering_drag": 20.0, "rough_patch": 30.0,
-    "floor_slope_x": 0.03,
-    "floor_slope_y": 0.03, "tether_pull": 8.0, "mass_change": 0.1, "yaw_scrub": 10.0, "yaw_coulomb": 15.0,
+    "quadratic_drag": 10.0, "rear_drag_asymmetry": 10.0, "steering_drag": 20.0, "steering_friction": 20.0,
+    "rough_patch": 30.0, "floor_slope_x": 0.03, "floor_slope_y": 0.03,
+    "tether_pull": 8.0, "mass_change": 0.1, "yaw_scrub": 10.0, "yaw_coulomb": 15.0,
     "drive_lateral_offset": 0.1, "tyre_relaxation": 0.04, "friction_circle": 2.0, "tyre_soft_saturation": 0.8,
     "load_transfer": 0.1, "front_ply_steer": 20.0, "rear_toe": 0.01, "slippery_patch": 0.3, "motor_delay": 0.05,
     "motor_lag": 0.05, "motor_dead_zone": 0.1, "motor_sag": 0.3, "inverse_power_limit": 1 / 180.0,

@@ -225,6 +225,7 @@ def test_a_level_is_met_as_rarely_as_it_says() -> None:
 def test_units_are_told_as_the_specification_has_them() -> None:
     told = {
         "rear_rolling_viscous": "N s/m", "steering_drag": "N s/(m rad)", "yaw_scrub": "N m s", "floor_slope": "m/s²",
+        "steering_friction": "N/rad",
         "quadratic_drag": "N s²/m²", "steering_nonlinearity": "rad⁻²", "steering_compliance": "rad/N",
         "friction_circle": "–", "load_transfer": "s²/m", "steering_speed_gain": "s/m", "motor_dead_zone": "m/s",
     }  # fmt: skip

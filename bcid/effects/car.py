@@ -162,6 +162,7 @@ def _front_wheel_forces(
     F_d = rolling
     F_d += forces.front_coulomb_friction(v_fx, e.front_coulomb_friction__c, c.v_c)
     F_d += forces.steering_drag(delta_w, v_fx, e.steering_drag__k)
+    F_d += forces.steering_friction(delta_w, v_fx, e.steering_friction__c, c.v_c)
     F_d += forces.rough_patch(
         b.p_x, b.p_y, v_fx, e.rough_patch__b, e.rough_patch__x, e.rough_patch__y, e.rough_patch__radius
     )

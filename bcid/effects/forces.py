@@ -59,6 +59,15 @@ def steering_drag(delta_w: float, v_fx: float, k: float) -> float:
 
 
 @njit
+def steering_friction(delta_w: float, v_fx: float, c: float, v_c: float) -> float:
+    """Drag of the front wheel c |delta_w| tanh(v_fx/v_c) (N): dry friction c (N/rad) per angle delta_w (rad).
+
+    It is full at rolling speeds v_fx well above v_c (m/s).
+    """
+    return c * abs(delta_w) * math.tanh(v_fx / v_c) if c != 0.0 else 0.0
+
+
+@njit
 def is_in_circle(p_x: float, p_y: float, x: float, y: float, radius: float) -> bool:
     """Whether the point (p_x, p_y) lies within `radius` of (x, y), all in m."""
     return (p_x - x) * (p_x - x) + (p_y - y) * (p_y - y) < radius * radius
@@ -157,6 +166,12 @@ EFFECTS = (
         (Parameter("k", "kg s^-1 rad^-1", 0.0, 3000.0, 23.0, "drag of the steered wheel per angle"),),
         "fx", looks_like=("quadratic_drag",), depends_on=("steering", "v_x"),
         source="drag of a steered wheel that scrubs, linear in the angle; after Gillespie (1992), ch. 6",
+    ),
+    Effect(
+        steering_friction, "F_d += c·abs(δ_w)·tanh(v_fx/0.05)",
+        (Parameter("c", "kg m s^-2 rad^-1", 0.0, 3000.0, 20.0, "dry friction of the steered wheel per angle"),),
+        "fx", looks_like=("steering_drag", "front_coulomb_friction"), depends_on=("steering", "v_x"),
+        source="dry friction of a steered wheel that scrubs, linear in the angle; Armstrong-Hélouvry et al. (1994)",
     ),
     Effect(
         rough_patch, "F_d += b·v_fx while the CoG is in the circle",

@@ -73,7 +73,7 @@ def effect_ids(fields: Iterable[str]) -> tuple[str, ...]:
 
 
 def find_effect(name: str) -> Effect:
-    """The effect with the id `name` in the table of 41 effects; raises `UsageError`, with similar ids, for others."""
+    """The effect with the id `name` in the vocabulary; raises `UsageError`, with similar ids, for others."""
     if name not in EFFECTS:
         near = ", ".join(difflib.get_close_matches(name, EFFECTS, n=3)) or "see `bcid effects`"
         raise UsageError(f"there is no effect {name!r}\n  next: {near}")

@@ -56,6 +56,7 @@ class Plant(NamedTuple):
     rear_drag_asymmetry: float = 0.0
     asymmetry_track: float = 0.6
     steering_drag: float = 0.0
+    steering_friction: float = 0.0
     rough_patch: float = 0.0
     rough_patch_x: float = 0.0
     rough_patch_y: float = 0.0

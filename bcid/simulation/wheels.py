@@ -104,7 +104,7 @@ def evaluate_front_wheel(
     share = 1.0 - p.rear_drive
     force = share * (hub.lagged_force if p.motor_lag > 0.0 else wanted)
     resist = share * rolling_resistance(roll, p) + p.steering_drag * abs(angle) * roll
-    resist += p.front_coulomb_friction * math.tanh(roll / 0.05)
+    resist += (p.front_coulomb_friction + p.steering_friction * abs(angle)) * math.tanh(roll / 0.05)
     if hub.rough:
         resist += p.rough_patch * roll
     resist += p.drive_unevenness * math.sin(hub.rolled / UNEVENNESS_M)

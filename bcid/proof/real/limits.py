@@ -14,8 +14,7 @@ class QuestionLimits:
     rmse_horizon_s: float = 1.0
     # Forward speed (m/s) below which predictions are not compared.  Not yet justified.
     min_speed_mps: float = 0.3
-    # Relative standard deviation to which an unedited drive's parameters are trusted, as those published for the DART
-    # (pipelines/dart/simulation.toml).  Not yet justified.
+    # Relative standard deviation to which an unedited drive's parameters are trusted.  Not yet justified.
     unedited_relative_sd: float = 0.02
 
 

@@ -18,7 +18,7 @@ TWO_CHANNEL_EFFECTS = {
 def effect_channels(effect: str, default: str = "") -> tuple[str, ...]:
     """Channels ("fx", "fy", "mz", "motor" ...) in which an effect acts on the car; any of them counts as right.
 
-    `default` is the channel of an effect that the table of 41 effects does not contain.
+    `default` is the channel of an effect that the vocabulary does not contain.
     """
     return TWO_CHANNEL_EFFECTS.get(effect, (EFFECTS[effect].channel if effect in EFFECTS else default,))
 
