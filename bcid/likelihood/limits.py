@@ -11,8 +11,12 @@ from dataclasses import dataclass
 class LikelihoodLimits:
     """What is left out of a take, bounds of parameters, and what a refit or a score test may claim."""
 
-    # Segments of 1.5 s in motion, below which recordings are refused.  Not yet justified.
-    min_segments: int = 20
+    # Segments of 1.5 s in motion, below which recordings are refused.  The gate is drawn from 999 random signs of the
+    # segments' residuals: of S there are 2^(S - 1) that differ by more than one common sign, a thousand from S = 11 on;
+    # of fewer the draws repeat each other.  Scatter is estimated over 12 blocks (`min_blocks` of a diagnosis), each of
+    # which needs a segment.  Numbers are no bound: half of 12 segments have some 230 more than there are initial states
+    # and pushes, at the least coverage, and a hypothesis of six names has some 40 parameters.
+    min_segments: int = 12
     # Share of a segment's groups of poses that have to be there.  Not yet justified.
     min_coverage: float = 0.6
     # Extent of a segment (wheelbases, rad) up to which the car stands.  Not yet justified.
@@ -23,6 +27,9 @@ class LikelihoodLimits:
     inertia_factor: float = 5.0
     # Bounds of C_f and C_r over m times 1 N/rad per kg, as a factor either way.  Not yet justified.
     stiffness_per_mass_factor: float = 100.0
+    # Bounds of the time m/K_t in which a vehicle follows its driven wheel's measured speed over the usual one, as a
+    # factor either way: 5 ms, which no pose tells from none, to 0.18 s, beyond which it is no longer that wheel.
+    following_time_factor: float = 6.0
     # Share of the bounds of `marker_offset` that remains where the tracked point was measured.  Not yet justified.
     measured_marker_share: float = 0.5
     # Distance in phi from a bound within which a parameter is at its bound: as near as refits end.

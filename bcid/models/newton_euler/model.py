@@ -125,6 +125,9 @@ def equation_lines(p: Car) -> list[str]:
         motor = "F_m = clip(K_t (u_m - v_w), 0, F_m_max) for u_m >= 0"
         brake = "clip(u_m K_b v_w, +-F_m_max) for u_m < 0"
     motor = motor if p.reverses else f"{motor}, {brake}"
+    if p.follows_wheel:
+        motor = "F_m = K_t (u_m - v_w), u_m the driven wheel's measured speed"
+    told_back = p.reverses and not p.follows_wheel
     return [
         "v_x' = F_x/m + w v_y,  v_y' = F_y/m - w v_x,  w' = M_z/I_z",
         "delta' = sat((u_s - delta)/T_s) within +-d",
@@ -132,7 +135,7 @@ def equation_lines(p: Car) -> list[str]:
         "F_y = sin(delta) (F_m - F_d) + cos(delta) F_af + F_ar",
         "M_z = l_f (sin(delta) (F_m - F_d) + cos(delta) F_af) - l_r F_ar",
         f"{motor},  F_d = R_1 v_w + R_2 v_w |v_w|",
-        *(["backward the motor is as forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w) for u_m < 0"] if p.reverses else []),
+        *(["backward the motor is as forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w) for u_m < 0"] if told_back else []),
         "F_ai = clip(-C_i a_i, +-F_i_max),  a_i = arctan(v_iy / max(|v_ix|, v_0)),  i = f, r",
         f"w: yaw rate; v_w: rolling speed of the driven wheel; front share {p.front_share:g}",
     ]
