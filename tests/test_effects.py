@@ -118,7 +118,7 @@ def test_the_vocabulary_is_the_specification_s() -> None:
 
 def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     """Every parameter of both is a switch, and none belongs to two entries; what has no name stands beside them."""
-    corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade"]
+    corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade", "throttle_timing"]
     assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
     assert sorted([*fields, ANY_ON_BODY, REMAINDERS, REMAINDER]) == sorted(effect_switches().dtype.names)

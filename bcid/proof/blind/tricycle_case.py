@@ -59,7 +59,7 @@ class TricycleCase(BlindCase):
         return self.tricycle._replace(**{k: v for c in self.concealed for k, v in c.plant.items()})
 
     def sensor(self) -> Sensor:
-        """The tracking with what is concealed in it; how far the tracked point is elsewhere adds to the believed place."""
+        """The tracking with what is concealed in it; how far the tracked point is off adds to its believed place."""
         more = {k: v for c in self.concealed for k, v in c.sensor.items()}
         for axis in ("marker_offset_x", "marker_offset_y"):
             more[axis] = getattr(self.tracker, axis) + more.get(axis, 0.0)

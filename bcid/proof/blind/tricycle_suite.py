@@ -33,12 +33,14 @@ TricycleCaseDraw = Callable[[int, int], TricycleCase]
 def draft_tricycle_cases(count: int) -> Iterator[TricycleCaseDraw]:
     """Yield for each of `count` cases of a tricycle, in order, the function that draws it.
 
-    Effects follow each other, every fourth case has two of them, and every other one goes backward half of the time.
+    Effects follow each other, every fourth case has two of them.  Of each effect's cases every other one goes backward
+    half of the time.
     """
     pairs, singles = itertools.cycle(itertools.combinations(EFFECTS, 2)), itertools.cycle((e,) for e in EFFECTS)
     for k in range(count):
-        effects = next(pairs if k % (SINGLES_PER_PAIR + 1) == SINGLES_PER_PAIR else singles)
-        yield partial(_draw_case, effects, 0.5 * (k % 2))
+        turn, place = divmod(k, SINGLES_PER_PAIR + 1)
+        effects = next(pairs if place == SINGLES_PER_PAIR else singles)
+        yield partial(_draw_case, effects, 0.5 * ((turn + place) % 2))
 
 
 def _draw_case(effects: tuple[str, ...], reverse_share: float, seed: int, number: int) -> TricycleCase:
