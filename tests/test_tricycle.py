@@ -74,8 +74,8 @@ def test_a_tricycle_slips_by_what_its_wheels_resist() -> None:
     p = Tricycle(rolling_share=0.03, rolling_growth=0.0)
     v_x = body_twist(driven(p, at_rest(), 12.0, 0.0, 1.0))[0]
     rear_share = p.front_lever / p.wheelbase
-    in_loads = p.rolling_share * rear_share / (1.0 - rear_share)
-    assert 1.0 - v_x == pytest.approx(p.grip / p.slip_stiffness * math.atanh(in_loads / p.grip), rel=1e-6)
+    slip = p.rolling_share * rear_share / (1.0 - rear_share) / p.slip_stiffness
+    assert 1.0 - v_x == pytest.approx(slip, rel=1e-6)
 
 
 def test_a_tyre_never_holds_more_than_its_grip() -> None:
@@ -118,9 +118,10 @@ def test_backward_all_forces_are_turned_round_and_mirrored_the_motion_is_mirrore
 
 def test_a_slow_tricycle_comes_back_on_its_own_track() -> None:
     p = Tricycle(rolling_share=0.0, rolling_growth=0.0, rim_acceleration=50.0, rim_time=0.02)
-    there = driven(p, driven(p, at_rest(0.7), 10.0, 0.7, 0.2), 1.0, 0.7, 0.0)
-    back = driven(p, driven(p, there, 10.0, 0.7, -0.2), 1.0, 0.7, 0.0)
+    there = driven(p, driven(p, at_rest(0.7), 20.0, 0.7, 0.1), 1.0, 0.7, 0.0)
+    back = driven(p, driven(p, there, 20.0, 0.7, -0.1), 1.0, 0.7, 0.0)
     assert np.hypot(*there[:2]) > 0.5
+    # but for what it slides outward, either way
     np.testing.assert_allclose(back[:3], 0.0, atol=2e-3)
 
 

@@ -34,7 +34,7 @@ class Tricycle(NamedTuple):
     rim_acceleration: float = 0.8  # m/s^2, at most
     slip_stiffness: float = 12.0  # force by slip, in wheel loads
     grip: float = 0.7  # largest force, in wheel loads
-    slip_speed: float = 0.5  # m/s, below which slips count as at this speed
+    slip_speed: float = 1.0  # m/s, below which slips count as at this speed
     rolling_share: float = 0.012  # rolling resistance in wheel loads
     rolling_growth: float = 0.004  # s/m, by which it grows with the speed
     rough_force: float = 0.0  # N, standard deviation of the floor's random force
@@ -75,9 +75,7 @@ def slip_force(
     slip = math.hypot(slide_along, slide_across) / over
     if slip == 0.0:
         return 0.0, 0.0
-    # tanh: stiff at first, never beyond the grip
-    size = p.grip * load * math.tanh(p.slip_stiffness * slip / p.grip)
-    share = size / (slip * over)
+    share = load * min(p.slip_stiffness * slip, p.grip) / (slip * over)
     return -share * slide_along, -share * slide_across
 
 
@@ -146,7 +144,7 @@ def draw_tricycle(rng: np.random.Generator) -> Tricycle:
         "rear_lever": rear_lever, "rear_track": rng.uniform(0.6, 0.95), "angle_limit": rng.uniform(1.05, 1.57),
         "servo_time": rng.uniform(0.08, 0.25), "servo_rate": rng.uniform(1.0, 2.5),
         "rim_time": rng.uniform(0.15, 0.4), "rim_acceleration": rng.uniform(0.5, 1.2),
-        "slip_stiffness": rng.uniform(8.0, 18.0), "grip": rng.uniform(0.6, 0.9), "slip_speed": rng.uniform(0.3, 0.8),
+        "slip_stiffness": rng.uniform(8.0, 18.0), "grip": rng.uniform(0.6, 0.9), "slip_speed": rng.uniform(0.8, 1.2),
         "rolling_share": rng.uniform(0.008, 0.02), "rolling_growth": rng.uniform(0.002, 0.008),
         "rough_force": 0.02 * mass, "rough_moment": 0.02 * mass * front_lever * rear_lever,
     }  # fmt: skip
