@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -152,7 +153,7 @@ def test_a_measured_speed_runs_on_between_samples_and_a_command_holds() -> None:
     np.testing.assert_array_equal(u_s, recording.commands.held_at(t)[:, 0])
     # the area under the straight lines, but for the pause of 0.85 s, through which nothing is known
     areas = [np.sum(u_m[:-1][(t[:-1] >= a) & (t[:-1] < b)] * np.diff(t)[(t[:-1] >= a) & (t[:-1] < b)])
-             for a, b in zip(time_s[:-1], time_s[1:], strict=True)]  # fmt: skip
+             for a, b in itertools.pairwise(time_s)]  # fmt: skip
     np.testing.assert_allclose(areas, [0.05, 0.0375, 0.85 * 0.5, 0.03], atol=1e-12)
     assert np.diff(t)[t[:-1] < 0.14].max() < 0.0201
     assert set(time_s) <= set(t.round(12))

@@ -10,22 +10,27 @@ import pytest
 from cars import CAR
 
 from bcid.cli.show import diagnosis_tables
+from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.limits import JUDGE_LIMITS, SEARCH_LIMITS
+from bcid.diagnosis.summary import summarise_diagnosis
 from bcid.documents.diagnosis import Detectable, DiagnosisDocument, NotExcited
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
+from bcid.estimate.tune import tune_estimator
 from bcid.estimate.tuning import Tuning
 from bcid.likelihood import score_test
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.take import GROUP_S, N_NUISANCE, SEGMENT_S, build_take
 from bcid.recording.checks.contacts import find_contacts
+from bcid.recording.checks.health import assess_health
 from bcid.recording.limits import HEALTH
+from bcid.recording.read import read_recording
 from bcid.recording.types import Recording, Stream
 from bcid.report.diagnosis_page import write_diagnosis_page
 from bcid.report.limits import LIMITS
 from bcid.report.verdict_words import short_take_sentence
-from bcid.vehicle import Vehicle
+from bcid.vehicle import Vehicle, read_vehicle
 
 LEAST = LIKELIHOOD_LIMITS.min_segments
 
@@ -79,21 +84,36 @@ def test_a_take_of_fewer_is_refused_and_one_of_as_many_is_not(
             "short", recording.sources, poses, recording.commands, recording.rate_hz, recording.hold_s
         )  # fmt: skip
 
-    def built(seconds: float) -> int:
+    def built(seconds: float) -> int | str:
         short = first(seconds)
-        return build_take([short], [estimate_motion(short, vehicle, tuning)], CAR, limit)[0].segments
+        try:
+            return build_take([short], [estimate_motion(short, vehicle, tuning)], CAR, limit)[0].segments
+        except InputRefused as refused:
+            return str(refused)
 
     assert not find_contacts(first(40.0))
-    lengths = np.arange(15.0, 31.0, SEGMENT_S)
-    segments = dict[float, int]()
-    for seconds in lengths.tolist():
-        try:
-            segments[seconds] = built(seconds)
-        except InputRefused as refused:
-            assert f"{LEAST} are the least" in str(refused)
-            assert "record a longer take" in str(refused)
-    assert min(segments.values()) == LEAST
-    assert len(segments) < len(lengths)
+    found = [built(seconds) for seconds in np.arange(15.0, 31.0, SEGMENT_S).tolist()]
+    refusals = [said for said in found if isinstance(said, str)]
+    assert min(n for n in found if isinstance(n, int)) == LEAST
+    assert f"only {LEAST - 1} stretches of 1.5 s in motion can be used, {LEAST} are the least" in refusals[-1]
+    assert "record a longer take" in refusals[-1]
+
+
+def test_a_real_drive_of_13_stretches_is_told_with_its_gate(recordings_folder: Path) -> None:
+    """It was refused for seven too few.  Its pose jumps by 4.43 m once: that is left out, and no physics."""
+    vehicle = read_vehicle(Path(__file__).parents[1] / "pipelines" / "f1tenth" / "vehicle.toml")
+    path = recordings_folder / "f1tenth_ini" / "physical" / "2025-10-10_04-59-59_sysid_const_steer.csv"
+    drive = read_recording(path, vehicle)
+    assert assess_health(drive, vehicle).go
+    assert [i.count for i in drive.irregularities if i.kind == "pose jump"] == [1]
+    estimate = estimate_motion(drive, vehicle, tune_estimator([drive], vehicle, 0.1, 0.3, {}))
+    told = summarise_diagnosis(diagnose_recordings([drive], [estimate], vehicle))
+    assert told.stretches == 13
+    assert told.gate_nats is not None
+    # chance reaches about log(10^4), the more the more trials there are
+    assert 9.0 < told.gate_nats < 60.0
+    assert f"less than {told.gate_nats:.0f} nats" in short_take_sentence(told)
+    assert told.not_excited
 
 
 # --- what is said --------------------------------------------------------------------------------------------------

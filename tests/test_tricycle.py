@@ -202,7 +202,11 @@ def test_what_tricycles_conceal() -> None:
         off = np.array([sensor.marker_offset_x, sensor.marker_offset_y]) - believed
         expected = [truth.get(f"marker_offset__{s}", 0.0) for s in ("d_x", "d_y")]
         np.testing.assert_allclose(off, expected, atol=1e-12)
-        assert set(case.answer) <= set(EFFECTS)
+        assert {*case.answer, *case.also} <= set(EFFECTS)
+        drag = sum(case.also["rear_rolling_coulomb"].values()) + sum(case.also["rear_rolling_viscous"].values())
+        coasting = tricycle_derivative(np.array([0, 0, 0, 1.0, 0, 0, 0, 1.0]), TricycleInputs(0, 1.0, 0, 0, 0),
+                                       p._replace(steering_offset=0.0))[3]  # fmt: skip
+        assert -p.mass * coasting == pytest.approx(drag, rel=1e-9)
     assert len({c.digest() for c in SUITE}) == len({answer_seal(c, "salt") for c in SUITE}) == len(SUITE)
     again = [c for c in draw_suite(5, 1, 2, 0, 0, 16) if isinstance(c, TricycleCase)]
     assert [c.digest() for c in again] == [c.digest() for c in SUITE]

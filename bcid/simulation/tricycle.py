@@ -35,8 +35,8 @@ class Tricycle(NamedTuple):
     slip_stiffness: float = 12.0  # force by slip, in wheel loads
     grip: float = 0.7  # largest force, in wheel loads
     slip_speed: float = 1.0  # m/s, below which slips count as at this speed
-    rolling_share: float = 0.012  # rolling resistance in wheel loads
-    rolling_growth: float = 0.004  # s/m, by which it grows with the speed
+    rolling_share: float = 0.005  # rolling resistance in wheel loads
+    rolling_growth: float = 0.001  # s/m, by which it grows with the speed
     rough_force: float = 0.0  # N, standard deviation of the floor's random force
     rough_moment: float = 0.0  # N m
     steering_offset: float = 0.0  # rad by which the wheel stands further left than the servo
@@ -45,6 +45,11 @@ class Tricycle(NamedTuple):
     def wheelbase(self) -> float:
         """Distance (m) between the front wheel and the rear axle."""
         return self.front_lever + self.rear_lever
+
+    @property
+    def rear_weight(self) -> float:
+        """Load (N) on both rear wheels together."""
+        return self.mass * GRAVITY * self.front_lever / self.wheelbase
 
 
 class TricycleInputs(NamedTuple):
@@ -145,7 +150,8 @@ def draw_tricycle(rng: np.random.Generator) -> Tricycle:
         "servo_time": rng.uniform(0.08, 0.25), "servo_rate": rng.uniform(1.0, 2.5),
         "rim_time": rng.uniform(0.15, 0.4), "rim_acceleration": rng.uniform(0.5, 1.2),
         "slip_stiffness": rng.uniform(8.0, 18.0), "grip": rng.uniform(0.6, 0.9), "slip_speed": rng.uniform(0.8, 1.2),
-        "rolling_share": rng.uniform(0.008, 0.02), "rolling_growth": rng.uniform(0.002, 0.008),
+        # a bicycle's tyres on a hard floor
+        "rolling_share": rng.uniform(0.003, 0.008), "rolling_growth": rng.uniform(0.0005, 0.002),
         "rough_force": 0.02 * mass, "rough_moment": 0.02 * mass * front_lever * rear_lever,
     }  # fmt: skip
     return Tricycle(**{name: float(value) for name, value in constants.items()})

@@ -208,7 +208,7 @@ class NewtonEuler(CompiledModel):
         stable = _stable_step(self.car)
         if 0.5 * self.period_s <= stable:
             return _as_parts(commands)
-        parts = hold_for_periods(commands, self.period_s) if commands.ndim == 3 else np.asarray(commands)  # noqa: PLR2004
+        parts = hold_for_periods(commands, self.period_s) if commands.ndim == 3 else np.asarray(commands)
         count = math.ceil(self.period_s / stable)
         fine = np.repeat(parts, count, axis=2)
         fine[..., 0] /= count

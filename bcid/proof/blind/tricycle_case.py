@@ -49,6 +49,15 @@ class TricycleCase(BlindCase):
     command_hz: float = 20.0
 
     @property
+    def also(self) -> dict[str, dict[str, float]]:
+        """True parameters by symbol of what the rear wheels' rolling resistance is called: it is right to name it."""
+        p = self.tricycle
+        return {
+            "rear_rolling_coulomb": {"c": p.rolling_share * p.rear_weight},
+            "rear_rolling_viscous": {"b": p.rolling_growth * p.rear_weight},
+        }
+
+    @property
     def lab_files(self) -> LabFiles:
         """The vehicle file; there is no published simulation."""
         marker = {"marker_x": self.tracker.marker_offset_x, "marker_y": self.tracker.marker_offset_y}
