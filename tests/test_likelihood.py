@@ -822,3 +822,23 @@ def test_a_chain_is_that_of_its_own_commands(take: Take) -> None:
         BASE.prediction_inputs(phi, take._replace(command_s=take.command_s + 0.1)),
     )
     np.testing.assert_allclose(late.chain.delta[8:], here.chain.delta[:-8], rtol=0, atol=1e-9)
+
+
+def test_a_part_of_an_initial_state_that_is_gone_before_the_first_pose_is_hardly_known_and_no_more() -> None:
+    """A side slip that decays at once leaves the shift that another place would: the columns are the same but for it."""
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((40, 5))
+    A[:, 3] = 0.02 * A[:, 0] - 0.01 * A[:, 1]
+    M = A.T @ A
+    L = cholesky_factor(M)
+    assert np.isfinite(L).all()
+    np.testing.assert_allclose(L @ L.T, M, atol=1e-12 * M.max())
+    b = A.T @ rng.standard_normal(40)
+    y, _ = solve_triangular(L, b)
+    rest = np.delete(A, 3, axis=1)
+    seen = np.delete(b, 3) @ np.linalg.solve(rest.T @ rest, np.delete(b, 3))
+    assert y @ y == pytest.approx(seen, rel=1e-9)
+    # what is well determined stays as it was, to the last bit, and what is indefinite is none
+    sound = rest.T @ rest
+    np.testing.assert_allclose(cholesky_factor(sound), np.linalg.cholesky(sound), rtol=1e-12)
+    assert np.isnan(cholesky_factor(sound - 2.0 * np.diag(np.diag(sound)))).all()

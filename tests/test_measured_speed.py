@@ -78,9 +78,11 @@ def test_a_stiff_car_with_its_wheel_turned_across_stays_stable_one_by_one_and_si
 
 
 def test_integration_steps_know_how_stiffly_a_wheel_is_followed() -> None:
-    steps = [integration_step(FOLLOWING._replace(K_t=CAR.m / tau)) for tau in (0.1, 0.03, 0.01)]
-    assert steps == sorted(steps, reverse=True)
-    assert steps[0] > steps[-1]
+    slow, usual, fast = (integration_step(FOLLOWING._replace(K_t=CAR.m / tau)) for tau in (0.1, 0.01, 0.002))
+    # all that a fit may make of it need the same
+    assert slow == usual > fast
+    rate = 2.0 * (1.0 + CAR.m * CAR.l_f**2 / (CAR.m * CAR.l_f * CAR.l_r)) / 0.002
+    assert fast * 0.5 * rate < 2.78
     # a motor that is told what to do is as slow as its car
     assert integration_step(FOLLOWING._replace(follows_wheel=0.0)) == integration_step(CAR) <= LONGEST_STEP_S
     # a driven wheel turned across turns the car: l_f^2/I_z beside 1/m
@@ -105,7 +107,7 @@ def test_of_a_motor_that_is_followed_only_the_stiffness_is_fitted() -> None:
     assert "throttle_timing" not in replace(hypothesis, nominal=CAR).entries
     low, high = hypothesis.bounds()
     # no motor of 45 s
-    assert CAR.m / np.exp([low[0], high[0]]) == pytest.approx([0.18, 0.005])
+    assert CAR.m / np.exp([low[0], high[0]]) == pytest.approx([0.1, 0.01])
     phi = hypothesis.phi_of(FOLLOWING._replace(K_t=2e4), [0.004])
     assert hypothesis.car(phi).K_t == pytest.approx(2e4)
     assert hypothesis.car(phi).follows_wheel == 1.0

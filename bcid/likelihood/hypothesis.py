@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
 from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import AMOUNT, NO_TRACKING
-from bcid.physics.car import Car
+from bcid.physics.car import FASTEST_FOLLOWING_S, Car
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
 SPEED_LAW = ("F_m_max", "K_t", "K_b")
@@ -40,11 +41,11 @@ NEEDS_THROTTLE = (
 )  # fmt: skip
 """Effects of a motor that is told what to do: a measured wheel speed holds all of them already."""
 
-USUAL_FOLLOWING_S = 0.03
-"""Time (s) within which a vehicle follows its driven wheel's speed, m/K.
+USUAL_FOLLOWING_S = math.sqrt(10.0) * FASTEST_FOLLOWING_S
+"""Time (s) within which a vehicle follows its driven wheel's speed, m/K: 0.03.
 
 A tyre's force by its slip ratio is 10 to 30 times its load, so that K is 10 to 30 g m/v with all weight on the driven
-wheel: 0.003 to 0.02 s at 1 m/s, a few times as much with a third of the weight and an encoder that counts for a while.
+wheel: 0.003 to 0.01 s at 1 m/s, a few times as much with a third of the weight and an encoder that counts for a while.
 """
 
 DRAG = ("R_1", "R_2")
@@ -275,7 +276,7 @@ class Hypothesis:
         car, low, high = self.nominal, np.full(self.base_size, -np.inf), np.full(self.base_size, np.inf)
         inertia = car.m * car.l_f * car.l_r, LIKELIHOOD_LIMITS.inertia_factor
         stiffness = car.m, LIKELIHOOD_LIMITS.stiffness_per_mass_factor
-        following = car.m / USUAL_FOLLOWING_S, LIKELIHOOD_LIMITS.following_time_factor
+        following = car.m / USUAL_FOLLOWING_S, USUAL_FOLLOWING_S / FASTEST_FOLLOWING_S
         usual_values = {"I_z": inertia, "C_f": stiffness, "C_r": stiffness}
         for symbol, (usual, factor) in (usual_values | ({"K_t": following} if car.follows_wheel else {})).items():
             k = self.log_parameters.index(symbol)

@@ -27,9 +27,6 @@ class LikelihoodLimits:
     inertia_factor: float = 5.0
     # Bounds of C_f and C_r over m times 1 N/rad per kg, as a factor either way.  Not yet justified.
     stiffness_per_mass_factor: float = 100.0
-    # Bounds of the time m/K_t in which a vehicle follows its driven wheel's measured speed over the usual one, as a
-    # factor either way: 5 ms, which no pose tells from none, to 0.18 s, beyond which it is no longer that wheel.
-    following_time_factor: float = 6.0
     # Share of the bounds of `marker_offset` that remains where the tracked point was measured.  Not yet justified.
     measured_marker_share: float = 0.5
     # Distance in phi from a bound within which a parameter is at its bound: as near as refits end.

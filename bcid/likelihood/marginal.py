@@ -33,6 +33,8 @@ from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 NU = 8.0  # degrees of freedom of Student's t
 MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
 EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
+# share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
+LEAST_PIVOT = 1e-13
 MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
 
 
@@ -92,9 +94,11 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
 
 @njit
 def cholesky_factor(M: Floats) -> Floats:
-    """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive definite.
+    """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive semidefinite.
 
-    Written out because LAPACK would raise in that case, and an exception in a parallel loop ends the process.
+    A pivot that rounding alone decides counts as LEAST_PIVOT of its diagonal: a part of an initial state that poses do
+    not show at all (a side slip that is gone before the first of them leaves a shift) is then hardly known, instead of
+    nothing being known of the segment.  Written out because LAPACK would raise in that case, and an exception in a parallel loop ends the process.
     """
     n = len(M)
     L = np.zeros((n, n))
@@ -105,8 +109,8 @@ def cholesky_factor(M: Floats) -> Floats:
                 left -= L[i, k] * L[j, k]
             if i > j:
                 L[i, j] = left / L[j, j]
-            elif 0.0 < left < np.inf:
-                L[i, i] = math.sqrt(left)
+            elif -LEAST_PIVOT * M[i, i] < left < np.inf and M[i, i] > 0.0:
+                L[i, i] = math.sqrt(max(left, LEAST_PIVOT * M[i, i]))
             else:
                 return np.full((n, n), np.nan)
     return L

@@ -61,6 +61,8 @@ LONGEST_STEP_S = 0.025
 MAX_STEP_TIMES_RATE = 2.4
 # share by which a half of a period may be longer than one half of it, by rounding
 STEP_MARGIN = 1e-6
+# s, in which a car follows its driven wheel's measured speed; of faster ones poses of millimetres tell nothing
+FASTEST_FOLLOWING_S = 0.01
 # parts of LONGEST_STEP_S; the constants of a faster car were badly fitted
 MAX_STEP_DIVISIONS = 10
 
@@ -84,11 +86,11 @@ def integration_step(p: Car) -> float:
     Side slip and yaw rate decay at rates of C/(m v_0) and C l^2/(I_z v_0) at most, summed over both axles.  I_z
     counts as at most m l_f l_r, that of two masses over the axles, since some fits determine it badly.  A car that
     follows its wheel's measured speed does so at a rate of K_t/m, and of K_t l_f^2/I_z where a driven front wheel is
-    turned across.
+    turned across; K_t/m counts as at least 1/FASTEST_FOLLOWING_S, so that a fit from `p` on needs no finer step.
     """
     I_z = min(p.I_z, p.m * p.l_f * p.l_r)
     rate = ((p.C_f + p.C_r) / p.m + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / I_z) / p.v_0
-    rate += p.follows_wheel * p.K_t * (1.0 / p.m + p.front_share * p.l_f**2 / I_z)
+    rate += p.follows_wheel * max(p.K_t / p.m, 1.0 / FASTEST_FOLLOWING_S) * (1.0 + p.front_share * p.m * p.l_f**2 / I_z)
     return LONGEST_STEP_S / min(max(1, math.ceil(LONGEST_STEP_S * rate / MAX_STEP_TIMES_RATE)), MAX_STEP_DIVISIONS)
 
 
