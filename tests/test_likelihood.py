@@ -31,6 +31,7 @@ from bcid.likelihood.marginal import (
     NU,
     MarginalTerms,
     Scales,
+    checked_marginal_terms,
     cholesky_factor,
     eliminate_nuisance,
     estimate_scales,
@@ -825,7 +826,7 @@ def test_a_chain_is_that_of_its_own_commands(take: Take) -> None:
 
 
 def test_a_part_of_an_initial_state_that_is_gone_before_the_first_pose_is_hardly_known_and_no_more() -> None:
-    """A side slip that decays at once leaves the shift that another place would: the columns are the same but for it."""
+    """A side slip that decays at once leaves the shift that another place would: columns are the same."""
     rng = np.random.default_rng(0)
     A = rng.standard_normal((40, 5))
     A[:, 3] = 0.02 * A[:, 0] - 0.01 * A[:, 1]
@@ -842,3 +843,13 @@ def test_a_part_of_an_initial_state_that_is_gone_before_the_first_pose_is_hardly
     sound = rest.T @ rest
     np.testing.assert_allclose(cholesky_factor(sound), np.linalg.cholesky(sound), rtol=1e-12)
     assert np.isnan(cholesky_factor(sound - 2.0 * np.diag(np.diag(sound)))).all()
+
+
+def test_a_car_that_answers_beyond_rounding_has_diverged() -> None:
+    rng = np.random.default_rng(3)
+    A = rng.standard_normal((30, 3, N_NUISANCE))
+    r, first, scales = 1e-3 * rng.standard_normal((30, 3)), np.array([0, 30]), Scales(np.full(3, 1e-3), np.full(3, 0.1))
+    assert np.isfinite(checked_marginal_terms(segment_moments(r, A, first), scales).chi2).all()
+    A[:, :, 7] *= 1e9
+    with pytest.raises(PredictionDiverged, match="rounding resolves"):
+        checked_marginal_terms(segment_moments(r, A, first), scales)

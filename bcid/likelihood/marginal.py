@@ -98,7 +98,8 @@ def cholesky_factor(M: Floats) -> Floats:
 
     A pivot that rounding alone decides counts as LEAST_PIVOT of its diagonal: a part of an initial state that poses do
     not show at all (a side slip that is gone before the first of them leaves a shift) is then hardly known, instead of
-    nothing being known of the segment.  Written out because LAPACK would raise in that case, and an exception in a parallel loop ends the process.
+    nothing being known of the segment.  Written out because LAPACK would raise where M is indefinite, and an exception
+    in a parallel loop ends the process.
     """
     n = len(M)
     L = np.zeros((n, n))
@@ -267,8 +268,13 @@ def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
     `scales` are the standard deviations of noise and pushes, `moments` the products of `segment_moments`.
 
     Raises:
-        PredictionDiverged: rounding makes a chi^2 less than -MAX_ROUNDING NU, which an unstable car can cause.
+        PredictionDiverged: rounding makes a chi^2 less than -MAX_ROUNDING NU, or predictions answer so strongly that a
+            shift of the car is less than rounding; an unstable car can cause both.
     """
+    # the squares of poses' answers to a shift are as many as there are rows
+    answers = np.einsum("scii->sci", moments.AA).max(axis=(1, 2))
+    if not (answers < moments.rows / LEAST_PIVOT).all():
+        raise PredictionDiverged("an answer to an initial state or a push left what rounding resolves")
     terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
