@@ -35,6 +35,7 @@ MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be neg
 EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
 # share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
 LEAST_PIVOT = 1e-13
+MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
 MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
 
 
@@ -96,13 +97,13 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
 def cholesky_factor(M: Floats) -> Floats:
     """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive semidefinite.
 
-    A pivot that rounding alone decides counts as LEAST_PIVOT of its diagonal: a part of an initial state that poses do
-    not show at all (a side slip that is gone before the first of them leaves a shift) is then hardly known, instead of
-    nothing being known of the segment.  Written out because LAPACK would raise where M is indefinite, and an exception
-    in a parallel loop ends the process.
+    A pivot that rounding alone decides counts as LEAST_PIVOT of its diagonal, MOST_UNSHOWN times at most: a part of an
+    initial state that poses do not show at all (a side slip that is gone before the first of them leaves a shift) is
+    then hardly known, instead of nothing being known of the segment.  Written out because LAPACK would raise where M is
+    indefinite, and an exception in a parallel loop ends the process.
     """
     n = len(M)
-    L = np.zeros((n, n))
+    L, unshown = np.zeros((n, n)), 0
     for i in range(n):
         for j in range(i + 1):
             left = M[i, j]
@@ -110,7 +111,9 @@ def cholesky_factor(M: Floats) -> Floats:
                 left -= L[i, k] * L[j, k]
             if i > j:
                 L[i, j] = left / L[j, j]
-            elif -LEAST_PIVOT * M[i, i] < left < np.inf and M[i, i] > 0.0:
+                continue
+            unshown += 1 if left < LEAST_PIVOT * M[i, i] else 0
+            if -LEAST_PIVOT * M[i, i] < left < np.inf and M[i, i] > 0.0 and unshown <= MOST_UNSHOWN:
                 L[i, i] = math.sqrt(max(left, LEAST_PIVOT * M[i, i]))
             else:
                 return np.full((n, n), np.nan)
