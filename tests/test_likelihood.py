@@ -523,7 +523,8 @@ def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: Predictio
 @pytest.mark.parametrize("name", sorted(ENTRIES))
 def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> None:
     """Whatever the effect, at rest and under pushes; the number of segments fills no whole number of vectors."""
-    car = CAR._replace(sets_force=1.0, K_v=20.0) if name == "motor_fade" else CAR
+    own_law = {"motor_fade": {"sets_force": 1.0, "K_v": 20.0}, "throttle_timing": {"follows_wheel": 1.0}}
+    car = CAR._replace(**own_law.get(name, {}))
     base = replace(BASE, raw_commands=True, nominal=car)
     own, few = base.entries[name].parameters, part
     values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.is_place else 3.0 * p.size for p in own])
