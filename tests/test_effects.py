@@ -261,6 +261,7 @@ PLANT_NAMES = {
     "tether_pull__r_0": "tether_slack", "tether_pull__x": "tether_x", "tether_pull__y": "tether_y",
     "floor_slope__g_x": "floor_slope_x", "floor_slope__g_y": "floor_slope_y", "mass_change__d": "mass_change",
     "mass_change__t_s": "mass_change_at", "two_rear_wheels__t": "rear_track",
+    "throttle_timing__tau": "motor_delay",  # of the throttle alone, too
 }  # fmt: skip
 
 
