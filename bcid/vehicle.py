@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -92,14 +92,23 @@ class Steering(Settings):
 class Motor(Settings):
     """The table [motor]: the motor controller (errata 13); law "force" is F_m = K (u - u_0) - K_v v_w.
 
-    Where it `reverses`, a throttle below zero is a reference speed backward; braking is a channel of its own.
+    Under the law "measured-speed" the throttle is no command: it is the driven wheel's measured speed (m/s), which has
+    a sign, and which the car follows, F_m = K (u - v_w).  Where the motor `reverses`, a throttle below zero is a speed
+    or a force backward; braking is a channel of its own.
     """
 
-    law: Literal["speed", "force"] = "speed"
+    law: Literal["speed", "force", "measured-speed"] = "speed"
     reference_speed_mps: (
         Annotated[Positive, _within(LIMITS.min_reference_speed_mps, LIMITS.max_reference_speed_mps, "m/s")] | None
     ) = None
     reverses: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _let_measured_speeds_reverse(cls, data: Any) -> Any:
+        """A measured speed below zero is one backward, unless the file says otherwise."""
+        measured = isinstance(data, dict) and data.get("law") == "measured-speed"
+        return {"reverses": True, **data} if measured else data
 
 
 class Mocap(Settings):

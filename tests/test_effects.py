@@ -130,7 +130,7 @@ def test_the_size_of_a_steering_friction_is_where_ten_minutes_just_show_it() -> 
 
 def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     """Every parameter of both is a switch, and none belongs to two entries; what has no name stands beside them."""
-    corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade"]
+    corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade", "throttle_timing"]
     assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
     assert sorted([*fields, ANY_ON_BODY, REMAINDERS, REMAINDER]) == sorted(effect_switches().dtype.names)
@@ -273,6 +273,7 @@ PLANT_NAMES = {
     "tether_pull__r_0": "tether_slack", "tether_pull__x": "tether_x", "tether_pull__y": "tether_y",
     "floor_slope__g_x": "floor_slope_x", "floor_slope__g_y": "floor_slope_y", "mass_change__d": "mass_change",
     "mass_change__t_s": "mass_change_at", "two_rear_wheels__t": "rear_track",
+    "throttle_timing__tau": "motor_delay",  # of the throttle alone, too
 }  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from bcid.likelihood.marginal import (
     NU,
     MarginalTerms,
     Scales,
+    checked_marginal_terms,
     cholesky_factor,
     eliminate_nuisance,
     estimate_scales,
@@ -525,7 +526,8 @@ def pushed(take: Take, start: np.ndarray, pushes: np.ndarray, setting: Predictio
 @pytest.mark.parametrize("name", sorted(ENTRIES))
 def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> None:
     """Whatever the effect, at rest and under pushes; the number of segments fills no whole number of vectors."""
-    car = CAR._replace(sets_force=1.0, K_v=20.0) if name == "motor_fade" else CAR
+    own_law = {"motor_fade": {"sets_force": 1.0, "K_v": 20.0}, "throttle_timing": {"follows_wheel": 1.0}}
+    car = CAR._replace(**own_law.get(name, {}))
     base = replace(BASE, raw_commands=True, nominal=car)
     own, few = base.entries[name].parameters, part
     values = AT_PLACES.get(name, [30.0 if p.symbol == "t_s" else 2.0 if p.is_place else 3.0 * p.size for p in own])
@@ -828,3 +830,33 @@ def test_a_chain_is_that_of_its_own_commands(take: Take) -> None:
         BASE.prediction_inputs(phi, take._replace(command_s=take.command_s + 0.1)),
     )
     np.testing.assert_allclose(late.chain.delta[8:], here.chain.delta[:-8], rtol=0, atol=1e-9)
+
+
+def test_a_part_of_an_initial_state_that_is_gone_before_the_first_pose_is_hardly_known_and_no_more() -> None:
+    """A side slip that decays at once leaves the shift that another place would: columns are the same."""
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((40, 5))
+    A[:, 3] = 0.02 * A[:, 0] - 0.01 * A[:, 1]
+    M = A.T @ A
+    L = cholesky_factor(M)
+    assert np.isfinite(L).all()
+    np.testing.assert_allclose(L @ L.T, M, atol=1e-12 * M.max())
+    b = A.T @ rng.standard_normal(40)
+    y, _ = solve_triangular(L, b)
+    rest = np.delete(A, 3, axis=1)
+    seen = np.delete(b, 3) @ np.linalg.solve(rest.T @ rest, np.delete(b, 3))
+    assert y @ y == pytest.approx(seen, rel=1e-9)
+    # what is well determined stays as it was, to the last bit, and what is indefinite is none
+    sound = rest.T @ rest
+    np.testing.assert_allclose(cholesky_factor(sound), np.linalg.cholesky(sound), rtol=1e-12)
+    assert np.isnan(cholesky_factor(sound - 2.0 * np.diag(np.diag(sound)))).all()
+
+
+def test_a_car_that_answers_beyond_rounding_has_diverged() -> None:
+    rng = np.random.default_rng(3)
+    A = rng.standard_normal((30, 3, N_NUISANCE))
+    r, first, scales = 1e-3 * rng.standard_normal((30, 3)), np.array([0, 30]), Scales(np.full(3, 1e-3), np.full(3, 0.1))
+    assert np.isfinite(checked_marginal_terms(segment_moments(r, A, first), scales).chi2).all()
+    A[:, :, 7] *= 1e9
+    with pytest.raises(PredictionDiverged, match="rounding resolves"):
+        checked_marginal_terms(segment_moments(r, A, first), scales)

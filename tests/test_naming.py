@@ -16,7 +16,7 @@ from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.diagnosis.search.refits import named_effects, refit_with_effects
 from bcid.diagnosis.search.screen import screen_effects, simulate_trials
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import CORRECTIONS, RAW_COMMANDS
+from bcid.effects.corrections import CORRECTIONS, MEASURED_SPEED, RAW_COMMANDS
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
@@ -489,7 +489,7 @@ def test_a_base_model_s_own_flaws_are_no_effects(maker: Maker) -> None:
     """Two rear wheels, falling grip and another slip speed are taken up by the corrections, and nothing is named."""
     _, found = maker.found(ROUGH._replace(rear_track=0.6, tyre_fall=0.3, slip_speed=0.85), 7)
     assert named_effects(found.best) == ()
-    assert set(found.best.hypothesis.effects) == set(CORRECTIONS) - {*RAW_COMMANDS, "motor_fade"}
+    assert set(found.best.hypothesis.effects) == set(CORRECTIONS) - {*RAW_COMMANDS, *MEASURED_SPEED, "motor_fade"}
     assert found.best.penalised_log_likelihood > found.base.penalised_log_likelihood + 100.0
     values = found.best.effect_estimates()
     for field, truth in (("two_rear_wheels__t", 0.6), ("slip_speed__d", -0.15)):

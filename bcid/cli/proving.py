@@ -24,6 +24,7 @@ DEFAULT_SEED = 1
 BLIND_FILES = ("prove.json", "prove.html")
 REAL_FILE = "real.json"
 LIMITS_FILE = "limits.json"
+TRICYCLES = 40  # in a whole blind test
 
 
 def prove(
@@ -43,6 +44,9 @@ def prove(
         int, typer.Option(min=0, help="Takes that conceal nothing, of a car that the base model does not fit.")
     ] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
+    tricycles: Annotated[
+        int, typer.Option(min=0, help="Takes of tricycles, forward and backward, that conceal one effect or two.")
+    ] = TRICYCLES,
     every: Annotated[int, typer.Option(min=1, help="Run only every N-th case of each tier.")] = 1,
     case: Annotated[
         str | None, typer.Option(help="Only write the recording, vehicle file and answer of the case of this name.")
@@ -82,10 +86,11 @@ def prove(
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
-    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every)
+    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every, tricycles)
     for_blind_tests = {
         "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines,
-        "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != SuiteSizes(),
+        "repeats, --nulls, --imperfect-nulls, --pairs, --tricycles or --every": sizes
+        != SuiteSizes(tricycles=TRICYCLES),
     }  # fmt: skip
     if limits:
         _refuse_options({"real": real is not None, "recordings": recordings is not None, **for_blind_tests}, "limits")

@@ -44,9 +44,9 @@ def comparison_table(report: ReportDocument) -> Table:
 
 def diagnosis_tables(document: DiagnosisDocument) -> Group:
     """A diagnosis as text and tables: verdict, findings, prediction errors on held-out blocks, effects not excited."""
-    from bcid.report.verdict_words import verdict_sentence
+    from bcid.report.verdict_words import short_take_sentence, verdict_sentence
 
-    parts: list[Any] = [escape(verdict_sentence(document))]
+    parts: list[Any] = [escape(" ".join(filter(None, [verdict_sentence(document), short_take_sentence(document)])))]
     if document.contacts:
         hits = ", ".join(f"{c.kind} at {c.begin_s:.1f} s" for c in document.contacts)
         parts.insert(0, f"excluded: {hits}")

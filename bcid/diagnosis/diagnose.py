@@ -20,7 +20,7 @@ from bcid.diagnosis.remainder.fit import Explained, explain_with_copies
 from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.diagnosis.search.refits import named_effects
 from bcid.documents.diagnosis import NotExcited
-from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.corrections import MEASURED_SPEED, RAW_COMMANDS
 from bcid.effects.entry import VehicleScale
 from bcid.effects.table import ENTRIES, effect_ids
 from bcid.estimate.types import Estimate
@@ -151,9 +151,9 @@ def fit_base_model(
     T_s, d = estimates[0].steering_constants()
     car = reference.car if reference else guess_car(estimates, vehicle, T_s, d)._replace(u_0=0.0)
     assumed = dict(reference.effects) if reference else {}
-    # the gain of raw commands belongs to the base model
-    if vehicle.has_raw_steering:
-        assumed = {field: 0.0 for name in RAW_COMMANDS for field in ENTRIES[name].fields} | assumed
+    # the gain of raw commands belongs to the base model, and so does when a measured wheel speed was logged
+    own = (RAW_COMMANDS if vehicle.has_raw_steering else ()) + (MEASURED_SPEED if car.follows_wheel > 0.0 else ())
+    assumed = {field: 0.0 for name in own for field in ENTRIES[name].fields} | assumed
     hypothesis = prepare.base_hypothesis(vehicle, car, estimates, effect_ids(assumed))
     values = list(assumed.values())
     if reference and reference.relative_sd is not None:

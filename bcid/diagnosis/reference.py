@@ -24,7 +24,7 @@ from bcid.estimate.command_parts import mean_commands
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses
 from bcid.files.toml import Settings, read_toml
-from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.likelihood.hypothesis import DRAG, MOTOR_LAWS, TYRES
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prepare import base_hypothesis
 from bcid.models.interface import History, history_at, rollout
@@ -113,8 +113,7 @@ def _check_parameters(path: Path, file: ParameterFile, vehicle: Vehicle, optiona
     `optional` holds the vehicle file's value of each servo constant that the file may give instead; None where it has
     none.
     """
-    motor = FORCE_LAW if vehicle.motor.law == "force" else SPEED_LAW
-    required = {*motor, *TYRES, *DRAG}
+    required = {*MOTOR_LAWS[vehicle.motor.law], *TYRES, *DRAG}
     given = file.parameters
     wrong = {
         "lacks": sorted(required - set(given)),

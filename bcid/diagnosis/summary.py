@@ -73,6 +73,7 @@ def summarise_diagnosis(
         ),
         dropped=tuple(naming.dropped),
         gate_nats=round(naming.nulls.gate, 1),
+        stretches=diagnosis.take.segments,
         located=written.Located(
             channel=location.channel,
             place=(place.x, place.y, place.radius) if place else None,

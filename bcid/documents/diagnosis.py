@@ -248,6 +248,7 @@ class DiagnosisDocument(Document):
     placebos: tuple[Placebo, ...] = ()
     dropped: tuple[str, ...] = ()  # effects that were tried, and add nothing beside free functions
     gate_nats: Number = None  # what chance reaches on these recordings, and a name must exceed
+    stretches: int | None = None  # of 1.5 s, in which the recordings are predicted
     located: Located | None = None
     unexplained: Unexplained | None = None
     remainder: tuple[ChannelRemainder, ...] = ()

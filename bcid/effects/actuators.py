@@ -9,7 +9,7 @@ import numpy as np
 
 from bcid.aliases import Floats, Switches
 from bcid.compiled.njit import njit, njit_inline
-from bcid.effects import motor, steering
+from bcid.effects import corrections, motor, steering
 from bcid.effects.car import Actuation
 from bcid.effects.remainder import RemainderAction
 from bcid.physics.car import Car
@@ -127,7 +127,8 @@ def continue_actuator_chain(
     """
     u_s, u_m = np.clip(commands[:, 0], -limit, limit), commands[:, 1].copy()
     half, tau = 0.5 * h, e.steering_delay__tau
-    delta_out, arrivals = np.empty(2 * n + 1), motor.motor_delay(times, e.motor_delay__tau)
+    arrivals = corrections.throttle_timing(motor.motor_delay(times, e.motor_delay__tau), e.throttle_timing__tau)
+    delta_out = np.empty(2 * n + 1)
     throttle, throttle_next, late = _throttle_per_step(arrivals, u_m, t_0, n, h)
     brake = _brake_per_step(arrivals, commands, t_0, n, h)
     angle, lagged, behind = servo.angle, servo.lagged, servo.behind

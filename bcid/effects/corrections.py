@@ -4,6 +4,7 @@ A diagnosis fits these beside the vocabulary.  They are never named as missing p
 an effect that is there, and take up what would otherwise be mistaken for one.
 """
 
+from bcid.aliases import Floats
 from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit
 from bcid.effects.entry import Effect, Parameter
@@ -50,8 +51,20 @@ def motor_fade(F: float, u_m: float, v_w: float, u_0: float, k: float) -> float:
     return where(u_m > u_0, F - k * (u_m - u_0) * v_w, F) if k != 0.0 else F
 
 
+@njit
+def throttle_timing(times: Floats, tau: float) -> Floats:
+    """Times t + tau (n,) (s) at which a wheel had the speeds that its encoder's log has at the times t (n,).
+
+    Encoders count over a while and loggers write when they are asked, so that tau may have either sign.
+    """
+    return times + tau
+
+
 RAW_COMMANDS = ("steering_scale",)
 """Corrections of a vehicle whose commands come in units of their own, by gains that are known roughly."""
+
+MEASURED_SPEED = ("throttle_timing",)
+"""Corrections of a vehicle whose throttle is its driven wheel's measured speed, by a clock that is known roughly."""
 
 CORRECTIONS: dict[str, Effect] = {
     e.id: e
@@ -84,6 +97,12 @@ CORRECTIONS: dict[str, Effect] = {
             (Parameter("k", "kg s^-1", 0.0, 5000.0, 100.0, "how far a full throttle's force falls with speed"),),
             "motor", depends_on=("throttle", "v_x"),
             source="mean current of a pulsed bridge: on-time (V − k_e ω)/R; Mohan, Undeland, Robbins (2003), ch. 13",
+        ),
+        Effect(
+            throttle_timing, "u_m(t − τ), where the throttle is a measured wheel speed",
+            (Parameter("tau", "s", -0.05, 0.05, 0.01, "how late the wheel's speed is logged too early"),),
+            "motor", depends_on=("throttle",),
+            source="an encoder counts over a window, a logger writes when it is asked: a few hundredths of a second",
         ),
     )
 }  # fmt: skip

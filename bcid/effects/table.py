@@ -31,7 +31,8 @@ REMAINDERS, REMAINDER = "remainders", "remainder"
 
 BESIDE_BODY = (
     "steering_backlash", "steering_dead_band", "steering_delay", "steering_lag", "steering_rate_asymmetry",
-    "motor_delay", "pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment", "pose_scale",
+    "motor_delay", "throttle_timing", "pose_latency", "clock_drift", "marker_offset", "body_yaw_misalignment",
+    "pose_scale",
 )  # fmt: skip
 """Effects that change commands before they reach the body, or poses after: forces on the body are the base model's."""
 

@@ -15,7 +15,7 @@ from bcid.experiment.discrimination import segment_information, simulate_planned
 from bcid.experiment.limits import EXPERIMENT_LIMITS
 from bcid.experiment.manoeuvres import ARENA, Arena, PlannedDrive, feasible_drives, top_speed
 from bcid.experiment.patterns import COMMAND_HZ
-from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.hypothesis import USUAL_FOLLOWING_S, Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.prepare import scale_at_speed
@@ -213,4 +213,6 @@ def nominal_car(vehicle: Vehicle) -> Car:
     )  # fmt: skip
     if vehicle.motor.law == "speed":
         return car
+    if vehicle.motor.law == "measured-speed":
+        return car._replace(F_m_max=1e3 * m, K_t=m / USUAL_FOLLOWING_S, K_b=0.0, reverses=1.0, follows_wheel=1.0)
     return car._replace(sets_force=1.0, K_t=1.3 * m / largest_throttle(vehicle), u_0=0.05, K_v=0.3 * m)

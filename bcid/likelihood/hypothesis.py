@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats
 from bcid.effects.constants import Constants
-from bcid.effects.corrections import RAW_COMMANDS
+from bcid.effects.corrections import MEASURED_SPEED, RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, VehicleScale, resize_effect
 from bcid.effects.remainder import COEFFICIENT
 from bcid.effects.table import ENTRIES, NO_FUNCTIONS, effect_switches
@@ -21,14 +22,31 @@ from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_
 from bcid.likelihood.prior import TRUST_NU, Prior
 from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import AMOUNT, NO_TRACKING
-from bcid.physics.car import Car
+from bcid.physics.car import FASTEST_FOLLOWING_S, Car
 
 TYRES = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max")
 SPEED_LAW = ("F_m_max", "K_t", "K_b")
 FORCE_LAW = ("K_t", "K_v", "K_b")
+FOLLOWING_LAW = ("K_t",)
 """Base parameters that every refit moves, as logarithms (specification); m, l_f, l_r, c and v_0 are held.
 
-The throttle u_0 from which a force begins is held, too: what it lacks is the effect `motor_dead_zone`.
+The throttle u_0 from which a force begins is held, too: what it lacks is the effect `motor_dead_zone`.  A wheel whose
+measured speed is followed drives and brakes by the one K_t, and reaches no F_m_max of its own.
+"""
+
+MOTOR_LAWS = {"speed": SPEED_LAW, "force": FORCE_LAW, "measured-speed": FOLLOWING_LAW}
+"""Base parameters of the motor that every refit moves, by the vehicle file's law."""
+
+NEEDS_THROTTLE = (
+    "motor_delay", "motor_lag", "motor_dead_zone", "motor_sag", "motor_power_limit", "motor_regeneration", "motor_fade",
+)  # fmt: skip
+"""Effects of a motor that is told what to do: a measured wheel speed holds all of them already."""
+
+USUAL_FOLLOWING_S = math.sqrt(10.0) * FASTEST_FOLLOWING_S
+"""Time (s) within which a vehicle follows its driven wheel's speed, m/K: 0.03.
+
+A tyre's force by its slip ratio is 10 to 30 times its load, so that K is 10 to 30 g m/v with all weight on the driven
+wheel: 0.003 to 0.01 s at 1 m/s, a few times as much with a third of the weight and an encoder that counts for a while.
 """
 
 DRAG = ("R_1", "R_2")
@@ -95,6 +113,8 @@ class Hypothesis:
             del known["motor_regeneration"]
         else:
             del known["motor_fade"]
+        for name in NEEDS_THROTTLE if self.nominal.follows_wheel > 0.0 else MEASURED_SPEED:
+            known.pop(name, None)
         if self.nominal.front_share == 0.0:  # a front wheel that is not driven spends no grip on it
             del known["friction_circle"]
         if not self.raw_commands:
@@ -109,7 +129,8 @@ class Hypothesis:
     @property
     def log_parameters(self) -> tuple[str, ...]:
         """Symbols of the base parameters that the parameter vector phi holds as logarithms, in its order."""
-        motor = FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW
+        told = FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW
+        motor = FOLLOWING_LAW if self.nominal.follows_wheel > 0.0 else told
         return (*motor, *TYRES, *self.unknown_steering)
 
     @property
@@ -230,7 +251,9 @@ class Hypothesis:
         car, low, high = self.nominal, np.full(self.base_size, -np.inf), np.full(self.base_size, np.inf)
         inertia = car.m * car.l_f * car.l_r, LIKELIHOOD_LIMITS.inertia_factor
         stiffness = car.m, LIKELIHOOD_LIMITS.stiffness_per_mass_factor
-        for symbol, (usual, factor) in (("I_z", inertia), ("C_f", stiffness), ("C_r", stiffness)):
+        following = car.m / USUAL_FOLLOWING_S, USUAL_FOLLOWING_S / FASTEST_FOLLOWING_S
+        usual_values = {"I_z": inertia, "C_f": stiffness, "C_r": stiffness}
+        for symbol, (usual, factor) in (usual_values | ({"K_t": following} if car.follows_wheel else {})).items():
             k = self.log_parameters.index(symbol)
             low[k] = min(np.log(usual / factor), np.log(getattr(car, symbol)))
             high[k] = max(np.log(usual * factor), np.log(getattr(car, symbol)))

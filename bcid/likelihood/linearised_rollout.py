@@ -73,7 +73,7 @@ def linearise_segments(
     and a turn of the wheel where the `resolution` has it, in each of its knots; without those by the initial pose where
     nothing varies with the pose, and without the tracking's scale.  To `along` (knots, ALONG, LANES) goes what the car
     is at in the middle of each knot.  `nuisance` (N_NUISANCE, LANES) holds initial states and pushes; `cars` (R + 1,
-    21) and `widths` (R,) are those of `linearise_poses`.
+    22) and `widths` (R,) are those of `linearise_poses`.
     """
     lagging, pulled, p, steps = is_lagging(e), varies_with_pose(e), car_of_row(cars[0]), len(path) - 1
     (knots, turns), begin, fitted = resolution, 0 if pulled else TWIST, N_START + len(widths)

@@ -33,6 +33,9 @@ from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START
 NU = 8.0  # degrees of freedom of Student's t
 MIN_VARIANCE = 1e-10  # what is left of a difference of large numbers may be negative
 EM_TOLERANCE = 1e-3  # relative change of the scales at which EM ends
+# share of its diagonal below which a pivot is rounding: some hundred times the smallest difference of numbers
+LEAST_PIVOT = 1e-13
+MOST_UNSHOWN = 3  # numbers of a segment that poses need not show: its twist; where the car is they always show
 MAX_ROUNDING = 0.1  # share of nu by which rounding may make a sum of squares negative
 
 
@@ -92,12 +95,15 @@ def segment_moments(residual: Floats, A: Floats, first: Ints) -> Moments:
 
 @njit
 def cholesky_factor(M: Floats) -> Floats:
-    """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive definite.
+    """The lower triangular L (n, n) with L L^T = M, a symmetric matrix; NaN where M is not positive semidefinite.
 
-    Written out because LAPACK would raise in that case, and an exception in a parallel loop ends the process.
+    A pivot that rounding alone decides counts as LEAST_PIVOT of its diagonal, MOST_UNSHOWN times at most: a part of an
+    initial state that poses do not show at all (a side slip that is gone before the first of them leaves a shift) is
+    then hardly known, instead of nothing being known of the segment.  Written out because LAPACK would raise where M is
+    indefinite, and an exception in a parallel loop ends the process.
     """
     n = len(M)
-    L = np.zeros((n, n))
+    L, unshown = np.zeros((n, n)), 0
     for i in range(n):
         for j in range(i + 1):
             left = M[i, j]
@@ -105,8 +111,10 @@ def cholesky_factor(M: Floats) -> Floats:
                 left -= L[i, k] * L[j, k]
             if i > j:
                 L[i, j] = left / L[j, j]
-            elif 0.0 < left < np.inf:
-                L[i, i] = math.sqrt(left)
+                continue
+            unshown += 1 if left < LEAST_PIVOT * M[i, i] else 0
+            if -LEAST_PIVOT * M[i, i] < left < np.inf and M[i, i] > 0.0 and unshown <= MOST_UNSHOWN:
+                L[i, i] = math.sqrt(max(left, LEAST_PIVOT * M[i, i]))
             else:
                 return np.full((n, n), np.nan)
     return L
@@ -264,8 +272,13 @@ def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
     `scales` are the standard deviations of noise and pushes, `moments` the products of `segment_moments`.
 
     Raises:
-        PredictionDiverged: rounding makes a chi^2 less than -MAX_ROUNDING NU, which an unstable car can cause.
+        PredictionDiverged: rounding makes a chi^2 less than -MAX_ROUNDING NU, or predictions answer so strongly that a
+            shift of the car is less than rounding; an unstable car can cause both.
     """
+    # the squares of poses' answers to a shift are as many as there are rows
+    answers = np.einsum("scii->sci", moments.AA).max(axis=(1, 2))
+    if not (answers < moments.rows / LEAST_PIVOT).all():
+        raise PredictionDiverged("an answer to an initial state or a push left what rounding resolves")
     terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():

@@ -63,7 +63,7 @@ def linearise_poses(
     accelerations a_x, a_y, alpha_z of the body in it, and by a turn of the steered wheel where that is asked for, at
     initial states and pushes in the rows of `start` (S, N_NUISANCE).  What the car is at, (S, knots, ALONG), are the
     quantities on which a remainder depends, and the heading, in the middle of each knot.
-    `cars` (R + 1, 21) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
+    `cars` (R + 1, 22) are the car's constants, then those with one parameter changed each, by `widths` (R,) of its
     own.
     """
     N, S, knots, pulled = layout.first[-1], len(layout.step), resolution.knots, varies_with_pose(e[0])

@@ -15,7 +15,7 @@ from bcid.physics.car import Car
 
 CHAIN_SWITCHES = (
     "steering_backlash__b", "steering_dead_band__b", "steering_delay__tau", "steering_lag__tau",
-    "steering_rate_asymmetry__a", "motor_delay__tau", "pose_latency__tau", "clock_drift__rho",
+    "steering_rate_asymmetry__a", "motor_delay__tau", "throttle_timing__tau", "pose_latency__tau", "clock_drift__rho",
 )  # fmt: skip
 """The effect switches on which the actuator chain depends."""
 
@@ -46,7 +46,7 @@ class PredictionInputs(NamedTuple):
 class ChangedCars(NamedTuple):
     """The car, and cars with one constant changed each, by which predictions are differentiated."""
 
-    cars: Floats  # (R + 1, 21) constants in the order of `Car`, the car's own first
+    cars: Floats  # (R + 1, 22) constants in the order of `Car`, the car's own first
     widths: Floats  # (R,) changes of the parameters
 
 

@@ -62,10 +62,10 @@ def put(x: Floats, i: int, value: float) -> None:
 
 @njit_inline
 def car_of_row(x: Floats) -> Car:
-    """The car whose constants are the row `x` (21,), in the order of `Car`."""
+    """The car whose constants are the row `x` (22,), in the order of `Car`."""
     return Car(
         x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12], x[13], x[14], x[15], x[16],
-        x[17], x[18], x[19], x[20],
+        x[17], x[18], x[19], x[20], x[21],
     )  # fmt: skip
 
 

@@ -69,7 +69,7 @@ def differentiate_step(
 ) -> tuple[BodyState, LagState]:  # fmt: skip
     """State and lags after an RK4 step of `h` seconds, as `rk4_body_step` gives them, and its stages' derivatives.
 
-    They are written to `out`.  `cars` (R + 1, 21) holds the car, then one for each of R parameters with that parameter
+    They are written to `out`.  `cars` (R + 1, 22) holds the car, then one for each of R parameters with that parameter
     changed, by `widths` (R,); those by a turn of the steered wheel are asked for where `turns` is 1, not 0.
     """
     zero, p, lagging, turning = 0.0 * b.v_x, car_of_row(cars[0]), is_lagging(e), turns > 0 or e.remainders > 0.0

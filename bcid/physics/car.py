@@ -14,7 +14,14 @@ from bcid.compiled.njit import njit, njit_inline
 from bcid.compiled.rebuild import rebuild
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
-from bcid.physics.motor import MotorLine, drag_force, force_controlled_line, force_on_line, speed_controlled_line
+from bcid.physics.motor import (
+    MotorLine,
+    drag_force,
+    force_controlled_line,
+    force_on_line,
+    speed_controlled_line,
+    speed_following_line,
+)
 from bcid.physics.steering import steering_rate
 from bcid.physics.tyres import lateral_force, slip_angle
 
@@ -43,6 +50,7 @@ class Car(NamedTuple):
     u_0: float = 0.0  # force law: dead zone
     K_v: float = 0.0  # force law: N s/m
     reverses: float = 0.0  # 1 where a throttle below zero drives backward, 0 where it is a brake share
+    follows_wheel: float = 0.0  # 1 where the throttle is the driven wheel's measured speed (law "measured-speed")
 
 
 CarState = tuple[float, float, float, float]
@@ -53,6 +61,8 @@ LONGEST_STEP_S = 0.025
 MAX_STEP_TIMES_RATE = 2.4
 # share by which a half of a period may be longer than one half of it, by rounding
 STEP_MARGIN = 1e-6
+# s, in which a car follows its driven wheel's measured speed; of faster ones poses of millimetres tell nothing
+FASTEST_FOLLOWING_S = 0.01
 # parts of LONGEST_STEP_S; the constants of a faster car were badly fitted
 MAX_STEP_DIVISIONS = 10
 
@@ -74,10 +84,13 @@ def integration_step(p: Car) -> float:
     """An RK4 step (s) that is stable for the car `p` at any speed: LONGEST_STEP_S divided by a whole number up to 10.
 
     Side slip and yaw rate decay at rates of C/(m v_0) and C l^2/(I_z v_0) at most, summed over both axles.  I_z
-    counts as at most m l_f l_r, that of two masses over the axles, since some fits determine it badly.
+    counts as at most m l_f l_r, that of two masses over the axles, since some fits determine it badly.  A car that
+    follows its wheel's measured speed does so at a rate of K_t/m, and of K_t l_f^2/I_z where a driven front wheel is
+    turned across; K_t/m counts as at least 1/FASTEST_FOLLOWING_S, so that a fit from `p` on needs no finer step.
     """
     I_z = min(p.I_z, p.m * p.l_f * p.l_r)
     rate = ((p.C_f + p.C_r) / p.m + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / I_z) / p.v_0
+    rate += p.follows_wheel * max(p.K_t / p.m, 1.0 / FASTEST_FOLLOWING_S) * (1.0 + p.front_share * p.m * p.l_f**2 / I_z)
     return LONGEST_STEP_S / min(max(1, math.ceil(LONGEST_STEP_S * rate / MAX_STEP_TIMES_RATE)), MAX_STEP_DIVISIONS)
 
 
@@ -86,8 +99,10 @@ def forward_motor_line(u_m: float, p: Car) -> MotorLine:
     """The force, as a line in the wheel's speed, of a motor that only drives forward, by the motor law of `p`.
 
     The throttle `u_m` >= 0 sets a reference speed (m/s) or a force (as share of full throttle); below 0 it is a brake
-    share.
+    share.  Where it is the wheel's measured speed (m/s), it may have either sign.
     """
+    if p.follows_wheel > 0.0:
+        return speed_following_line(u_m, p.K_t, p.F_m_max)
     if p.sets_force > 0.0:
         return force_controlled_line(u_m, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max)
     return speed_controlled_line(u_m, p.K_t, p.K_b, p.F_m_max)
@@ -97,8 +112,10 @@ def forward_motor_line(u_m: float, p: Car) -> MotorLine:
 def forward_motor_force(u_m: float, v_w: float, p: Car) -> float:
     """Motor force (N) at the wheel speed `v_w` (m/s) under the throttle `u_m` of a motor that only drives forward.
 
-    It is that of `forward_motor_line`; with vectors for `u_m`, lines of the two laws have no type in common.
+    It is that of `forward_motor_line`; with vectors for `u_m`, lines of the laws have no type in common.
     """
+    if p.follows_wheel > 0.0:
+        return force_on_line(speed_following_line(u_m, p.K_t, p.F_m_max), v_w)
     if p.sets_force > 0.0:
         return force_on_line(force_controlled_line(u_m, p.K_t, p.u_0, p.K_v, p.K_b, p.F_m_max), v_w)
     return force_on_line(speed_controlled_line(u_m, p.K_t, p.K_b, p.F_m_max), v_w)
@@ -136,6 +153,7 @@ def with_brake(p: Car, brake_share: float) -> Car:
     return Car(
         p.m, p.I_z, p.l_f, p.l_r, p.T_s, p.d, p.F_m_max, p.K_t, p.K_b, p.C_f, p.C_r, p.F_f_max, p.F_r_max,
         p.R_1 + brake_share * p.K_b, p.R_2, p.v_0, p.front_share, p.sets_force, p.u_0, p.K_v, p.reverses,
+        p.follows_wheel,
     )  # fmt: skip
 
 

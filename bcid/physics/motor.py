@@ -53,6 +53,17 @@ def force_controlled_line(u_m: float, K: float, u_0: float, K_v: float, K_b: flo
 
 
 @njit_inline
+def speed_following_line(u_m: float, K: float, F_max: float) -> MotorLine:
+    """Force of a wheel that turns at the measured speed `u_m` (m/s), as a line in its contact's speed v_w (m/s).
+
+    clip(K (u_m - v_w), -F_max, F_max): what is left between the two is slip, which a tyre and what holds it answer by
+    a force, forward and backward, driving and braking alike.  The car follows within m/K seconds.
+    """
+    zero = 0.0 * u_m
+    return MotorLine(zero, u_m, zero - K, zero - F_max, zero + F_max)
+
+
+@njit_inline
 def drag_force(v_w: float, R_1: float, R_2: float) -> float:
     """Drag force R_1 v_w + R_2 v_w |v_w| (N) against rolling at v_w (m/s) (paper, F_d; docs/errata.md row 6)."""
     return v_w * multiply_add(abs(v_w), R_2, R_1)

@@ -1,6 +1,6 @@
 """From log files to a `Recording`.
 
 `read` (any file, by its content), over `formats` (readers), `checks` (of what they read) and `assemble` (the recording,
-with all irregularities counted); `neighbours` (whose commands fit); `types` (the recording), `saving` (its files),
-`limits` (the numbers that decide on poses).
+with all irregularities counted); `measured_speed` (a throttle that is one), `neighbours` (whose commands fit); `types`
+(the recording), `saving` (its files), `limits` (the numbers that decide on poses).
 """

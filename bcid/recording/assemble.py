@@ -11,6 +11,7 @@ from bcid.recording.checks.held import drop_frozen_poses, drop_held_poses
 from bcid.recording.checks.samples import Samples
 from bcid.recording.formats.raw import RawTake
 from bcid.recording.limits import STREAM as LIMITS
+from bcid.recording.measured_speed import let_measured_speed_run
 from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
 
@@ -133,4 +134,4 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
         misread.raise_if_any(source)
     recording = contacts.split_at_contacts(plausibility.check_plausibility(recording, vehicle))
     recording, turning, lag_s = verdict.judge_recording(mounting.warn_of_yaw_offset(recording, vehicle), vehicle)
-    return clock.estimate_clock(recording, vehicle, turning, lag_s)
+    return let_measured_speed_run(clock.estimate_clock(recording, vehicle, turning, lag_s), vehicle)

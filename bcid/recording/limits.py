@@ -17,6 +17,8 @@ class StreamLimits:
     max_shared_stamp_share: float = 0.2
     # larger values (m or rad) lie beyond the Earth: another unit; not yet justified
     max_value: float = 1e9
+    # s between rows of a measured speed that runs between samples: a vehicle that gains 1 m/s^2 is 0.05 mm off by it
+    max_measured_step_s: float = 0.02
     # larger times lie beyond 3,000 years: another unit; not yet justified
     max_time_s: float = 1e11
     # samples that may come late; more are a clock that was set back (row 15: 0.054 s is sorted, 0.304 s refused)
@@ -301,8 +303,9 @@ class HealthLimits:
 
     # wheelbases per second of a moving car; not yet justified
     min_moving_speed: float = 0.1
-    # shortest motion: twenty stretches of 1.5 s; not yet justified
-    min_motion_s: float = 30.0
+    # shortest motion: twelve stretches of 1.5 s, the least from which a likelihood knows what chance does
+    # (`min_segments` in bcid/likelihood/limits.py)
+    min_motion_s: float = 18.0
     # share of the take in which the pose is known, and in which a command is (test_health: a third is too little)
     min_coverage: float = 0.8
     # time without poses and commands from which both were not recorded, and that is no part of the take: a tracking

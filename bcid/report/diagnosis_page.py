@@ -13,7 +13,7 @@ from bcid.report.disturbance import located_windows
 from bcid.report.law_figures import draw_missing_laws
 from bcid.report.limits import LIMITS
 from bcid.report.templates import write_page
-from bcid.report.verdict_words import CHANNELS, verdict_sentence
+from bcid.report.verdict_words import CHANNELS, short_take_sentence, verdict_sentence
 from bcid.report.where_figures import draw_where_pictures
 
 
@@ -33,7 +33,8 @@ def write_diagnosis_page(diagnosis: DiagnosisDocument, knots: Columns, tracks: C
     if diagnosis.findings:
         changes = f"with {formats.join_words([formats.plain_name(f.effect) for f in diagnosis.findings])}"
     write_page(
-        path, "diagnosis.html.j2", filters, sentence=verdict_sentence(diagnosis), d=diagnosis, after=changes,
+        path, "diagnosis.html.j2", filters, sentence=verdict_sentence(diagnosis),
+        short=short_take_sentence(diagnosis), d=diagnosis, after=changes,
         windows=located_windows(diagnosis), channels=CHANNELS, entries=ENTRIES, folded=LIMITS.folded_rows,
         channel_gains=[(c, n) for c, n in diagnosis.channels.items() if n > 0.0], with_error=formats.format_with_error,
         where_pictures=[*draw_missing_laws(diagnosis), *draw_where_pictures(diagnosis, knots)],

@@ -29,6 +29,9 @@ class ReportLimits:
     max_laws: int = 2
     # Standard deviations to either side of a curve that its band is wide.
     band_sd: float = 2.0
+    # Stretches of 1.5 s below which a page says what so short a take can show: no kind of simulated take on which
+    # verdicts are counted (docs/results/prove.json) lasts less than 45 s.
+    short_stretches: int = 30
     # Rows from which a table is folded.
     folded_rows: int = 8
 

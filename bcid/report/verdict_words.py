@@ -3,6 +3,7 @@
 from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, UnknownPart
 from bcid.report import formats
 from bcid.report.formats import plain_name, with_minus_sign
+from bcid.report.limits import LIMITS
 
 CHANNELS = {
     "fx": "forward force (fx)", "fy": "side force (fy)", "mz": "yaw moment (mz)", "steering": "steering",
@@ -14,6 +15,26 @@ def verdict_sentence(d: DiagnosisDocument) -> str:
     """The verdict of a diagnosis in a sentence: what was found, how large, and how much it helps on held-out data."""
     wordings = {"named": _word_named_effects, "ambiguous": _word_ambiguous_effects, "unknown": _word_unknown_effect}
     return wordings.get(d.verdict, _word_absence_of_effects)(d)
+
+
+def short_take_sentence(d: DiagnosisDocument) -> str:
+    """What a short take can show, in a sentence: its stretches, its gate, and which effects are too weak to be seen.
+
+    Empty for a take of `LIMITS.short_stretches` stretches or more, and where the document does not say how many.
+
+    >>> d = DiagnosisDocument(verdict="nothing-found", stretches=13, gate_nats=17.2)
+    >>> short_take_sentence(d)
+    'A short take: of 13 stretches of 1.5 s, what makes it likelier by less than 17 nats cannot be told from chance.'
+    """
+    if d.stretches is None or d.stretches >= LIMITS.short_stretches or d.gate_nats is None:
+        return ""
+    unseen = len({u.effect for u in d.not_excited})
+    text = f"A short take: of {d.stretches} stretches of 1.5 s, what makes it likelier by less than {d.gate_nats:.0f}"
+    text += " nats cannot be told from chance"
+    if not unseen:
+        return f"{text}."
+    few = "effect shows only where it is" if unseen == 1 else "effects show only where they are"
+    return f"{text}; {unseen} {few} unusually large, from the sizes listed on."
 
 
 def _word_named_effects(d: DiagnosisDocument) -> str:

@@ -91,7 +91,9 @@ def _indistinguishable_effects(naming: Naming, take: Take, name: str) -> tuple[s
     `are_indistinguishable` decides of each rival.  A latency of the pose (`pose_latency`) always has one: the delays of
     both commands together.
     """
-    twins = ["+".join(COMMAND_DELAYS)] if name == "pose_latency" else []
+    # where the throttle is a measured speed, when it was logged is the base model's
+    delays = [delay for delay in COMMAND_DELAYS if delay in naming.best.hypothesis.entries]
+    twins = ["+".join(delays)] if name == "pose_latency" else []
     for rival in naming.rivals:
         other = _replacing_effect(name, naming.best, rival)
         if other and other not in twins and are_indistinguishable(naming.best, rival, take):

@@ -171,7 +171,9 @@ def _refit_until_stable(
             return best._replace(settled=round_ > 0)
         fitted = none.copy()
         fitted[on] = further.phi[named.named_size :] * further.hypothesis.remainder.sd
-        at = gather_information(further, take, basis, fitted)
+        at = none_if_diverged(gather_information, further, take, basis, fitted)
+        if at is None:
+            return best._replace(settled=round_ > 0)
         quadratic = at.weigh(at.robust_weights).quadratic
         spread = likeliest_spreads(quadratic, basis, allowed, spread)
         sd = basis.sd(spread)

@@ -16,6 +16,7 @@ from bcid.diagnosis.search.name_scores import score_names
 from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects
 from bcid.diagnosis.search.screen import CandidateEffect, screen_effects
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
+from bcid.likelihood.divergence import map_converged
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import TrialChanges
 
@@ -116,7 +117,9 @@ def _best_credible(
     least, best, refused = rest.log_evidence + state.gate, None, dict[str, float]()
     # pushes shrink as a remainder explains them, so that it adds more than it promises to first order
     understated = max(1.0, rest.nats / max(rest.seen.nats, 1.0)) * (1.0 + SEARCH_LIMITS.remainder_error)
-    explained = [(f, state.explain(f)) for f in fits if not effects_at_bounds(f, state.take)]
+    credible = [(f,) for f in fits if not effects_at_bounds(f, state.take)]
+    # a tyre far stiffer than the base model's wants finer steps than the take has: its fit is none
+    explained = list(map_converged(lambda f: (f, state.explain(f)), credible))
     explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
     for f, seen in explained:
         name, to_exceed = f.hypothesis.effects[-1], max(least, best.log_evidence) if best else least

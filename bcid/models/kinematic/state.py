@@ -32,13 +32,13 @@ class KinematicCar(NamedTuple):
     T_s: float  # s, steering time constant
     d: float  # rad/s, steering rate limit
     period: float  # s
-    follow: float = 1.0  # 1 where the throttle is a reference speed, 0 where it sets a force
+    follow: float = 1.0  # 1 where the throttle is a speed, 0 where it sets a force
 
     @classmethod
     def from_task(cls, task: FitTask) -> KinematicCar:
         """The vehicle's levers, with the steering constants that the estimates were made with."""
         (T_s, d), body = task.estimates[0].steering_constants(), task.vehicle.body
-        follow = 1.0 if task.vehicle.motor.law == "speed" else 0.0
+        follow = 0.0 if task.vehicle.motor.law == "force" else 1.0
         return cls(body.cog_to_front_m, body.cog_to_rear_m, T_s, d, task.period_s, follow)
 
 

@@ -1,5 +1,6 @@
 """Newton-Euler, fitted: the car of `bcid.physics.car` with the constants that predict best."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
@@ -11,11 +12,12 @@ from bcid.aliases import Floats
 from bcid.compiled.lanes import where
 from bcid.compiled.njit import njit, njit_parallel
 from bcid.compiled.rebuild import rebuild
+from bcid.estimate.command_parts import hold_for_periods
 from bcid.models.interface import Arrays, CompiledModel, FitTask, History, ScanKernels, build_scan_kernels
 from bcid.models.newton_euler.parameters import constant_lines
 from bcid.models.newton_euler.saved_car import SavedNewtonEuler
 from bcid.models.saved_parts import check_arrays, parse_saved
-from bcid.physics.car import STEP_MARGIN, Car, rk4_step, step_cars, with_brake
+from bcid.physics.car import STEP_MARGIN, Car, integration_step, rk4_step, step_cars, with_brake
 from bcid.physics.elementary import arctan_ratio, arctan_ratio_by_jumps, sincos
 from bcid.physics.elementary_single import arctan_ratio_single, sincos_single
 
@@ -33,16 +35,15 @@ def _scan_newton_euler(carry: Floats, parts: Floats, p: Car, longest: float) -> 
     """Twists (N, 3) of one Newton-Euler car (rigid body with tyres) after N periods of commands `parts` (N, W, 4).
 
     `carry` (4,) is the state [v_x, v_y, yaw rate, delta]: the first on entry, the last on return.  A part is
-    [duration (s), u_s (rad), u_m, brake share]; one beyond `longest` (s) is integrated in two RK4 steps, others in one.
+    [duration (s), u_s (rad), u_m, brake share], integrated in the fewest equal RK4 steps of at most `longest` (s).
     """
     twists = np.empty((len(parts), 3))
     state = (carry[0], carry[1], carry[2], carry[3])
     for k in range(len(parts)):
         for j in range(parts.shape[1]):
             h, u_s, u_m, brake = parts[k, j, 0], parts[k, j, 1], parts[k, j, 2], parts[k, j, 3]
-            count = 1 if h > 0.0 else 0
-            if h > longest:
-                h, count = 0.5 * h, 2
+            count = math.ceil(h / longest)
+            h /= max(count, 1)
             for _ in range(count):
                 state = rk4_step_by_jumps(state, u_s, u_m, with_brake(p, brake), h)
         twists[k, 0], twists[k, 1], twists[k, 2] = state[0], state[1], state[2]
@@ -117,6 +118,14 @@ def _as_parts(commands: Floats) -> Floats:
     return np.ascontiguousarray(commands if commands.ndim == 4 else commands[:, :, None], dtype=np.float64)
 
 
+def _stable_step(p: Car) -> float:
+    """The longest stable RK4 step (s) of a car that stiffly follows its wheel's speed; any step of another car.
+
+    Cars under a motor that is told what to do are integrated in two steps a period, as in the paper.
+    """
+    return integration_step(p) if p.follows_wheel > 0.0 else math.inf
+
+
 def equation_lines(p: Car) -> list[str]:
     """The equations of a Newton-Euler car in print, one a line, with the motor's for its law (speed or force)."""
     if p.sets_force:
@@ -125,6 +134,9 @@ def equation_lines(p: Car) -> list[str]:
         motor = "F_m = clip(K_t (u_m - v_w), 0, F_m_max) for u_m >= 0"
         brake = "clip(u_m K_b v_w, +-F_m_max) for u_m < 0"
     motor = motor if p.reverses else f"{motor}, {brake}"
+    if p.follows_wheel:
+        motor = "F_m = K_t (u_m - v_w), u_m the driven wheel's measured speed"
+    told_back = p.reverses and not p.follows_wheel
     return [
         "v_x' = F_x/m + w v_y,  v_y' = F_y/m - w v_x,  w' = M_z/I_z",
         "delta' = sat((u_s - delta)/T_s) within +-d",
@@ -132,7 +144,7 @@ def equation_lines(p: Car) -> list[str]:
         "F_y = sin(delta) (F_m - F_d) + cos(delta) F_af + F_ar",
         "M_z = l_f (sin(delta) (F_m - F_d) + cos(delta) F_af) - l_r F_ar",
         f"{motor},  F_d = R_1 v_w + R_2 v_w |v_w|",
-        *(["backward the motor is as forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w) for u_m < 0"] if p.reverses else []),
+        *(["backward the motor is as forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w) for u_m < 0"] if told_back else []),
         "F_ai = clip(-C_i a_i, +-F_i_max),  a_i = arctan(v_iy / max(|v_ix|, v_0)),  i = f, r",
         f"w: yaw rate; v_w: rolling speed of the driven wheel; front share {p.front_share:g}",
     ]
@@ -173,23 +185,34 @@ class NewtonEuler(CompiledModel):
     @property
     def kernel_arguments(self) -> tuple[Any, ...]:
         """The car and the longest RK4 step, as the compiled scans take them."""
-        return (self.car, (0.5 + STEP_MARGIN) * self.period_s)
+        return (self.car, min((0.5 + STEP_MARGIN) * self.period_s, _stable_step(self.car)))
 
     def scan_many(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """Advance B vehicles (B, n) under `commands`, (B, N, 2) or parts (B, N, W, 4): last carries, twists (B, N, 3).
 
         The cars advance side by side in vector registers.
         """
-        after = np.array(carries, dtype=np.float64, order="C")
-        return after, _scan_newton_euler_batch(after, _as_parts(commands), self.car, self.period_s)
+        after, parts = np.array(carries, dtype=np.float64, order="C"), self._stable_parts(commands)
+        return after, _scan_newton_euler_batch(after, parts, self.car, self.period_s)
 
     def scan_many_single(self, carries: Floats, commands: Floats) -> tuple[Floats, Floats]:
         """What `scan_many` is, computed in single precision: twice as many cars fit into a vector register."""
         # numba, not mypy, tells the precisions apart
         after: Any = np.array(carries, dtype=np.float32, order="C")
         car = Car(*np.array(self.car, dtype=np.float32))
-        twists = _scan_newton_euler_batch_single(after, _as_parts(commands), car, self.period_s)
+        twists = _scan_newton_euler_batch_single(after, self._stable_parts(commands), car, self.period_s)
         return after.astype(np.float64), twists
+
+    def _stable_parts(self, commands: Floats) -> Floats:
+        """The `commands`, (B, N, 2) or parts (B, N, W, 4), in parts of which each makes a stable step of this car."""
+        stable = _stable_step(self.car)
+        if 0.5 * self.period_s <= stable:
+            return _as_parts(commands)
+        parts = hold_for_periods(commands, self.period_s) if commands.ndim == 3 else np.asarray(commands)
+        count = math.ceil(self.period_s / stable)
+        fine = np.repeat(parts, count, axis=2)
+        fine[..., 0] /= count
+        return np.ascontiguousarray(fine, dtype=np.float64)
 
     def describe(self) -> str:
         """The equations and the table of constants, fitted ones marked with *."""

@@ -80,10 +80,10 @@ def _fill_twists(p: Car, s: TransposedWindows, out: Floats) -> None:
 
 @njit
 def _car_from_row(row: Floats) -> Car:
-    """The car whose 21 constants stand in `row` (21,), in the order of the fields of `Car`."""
+    """The car whose 22 constants stand in `row` (22,), in the order of the fields of `Car`."""
     return Car(
         row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
-        row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20],
+        row[13], row[14], row[15], row[16], row[17], row[18], row[19], row[20], row[21],
     )  # fmt: skip
 
 
@@ -91,7 +91,7 @@ def _car_from_row(row: Floats) -> Car:
 def _fill_twists_of_cars(cars: Floats, s: TransposedWindows, out: Floats) -> None:
     """Fill `out` (P, S, 3, B) with the twists that P cars predict after each of S periods over B stretches.
 
-    A row of `cars` (P, 21) holds the constants of one car in the order of the fields of `Car`.
+    A row of `cars` (P, 22) holds the constants of one car in the order of the fields of `Car`.
     """
     for i in numba.prange(len(cars)):
         _fill_twists(_car_from_row(cars[i]), s, out[i])
@@ -101,7 +101,7 @@ def _fill_twists_of_cars(cars: Floats, s: TransposedWindows, out: Floats) -> Non
 def twist_nmse(cars: Floats, s: TransposedWindows, weight: Floats) -> Floats:
     """NMSE (P,) of the twists that P cars predict over stretches: the mean square of weight times error (paper, lossv).
 
-    A row of `cars` (P, 21) holds one car's constants; `weight` (3,) is 1/sigma (docs/errata.md row 12).
+    A row of `cars` (P, 22) holds one car's constants; `weight` (3,) is 1/sigma (docs/errata.md row 12).
     """
     out = np.empty(len(cars))
     for i in numba.prange(len(cars)):
@@ -121,7 +121,7 @@ def chunk_normal_equations(
     """J^T J (C, n, n), J^T r (C, n) and r^T r (C,) of a car's weighted twist errors r, for C chunks of stretches.
 
     J is a finite-difference Jacobian by n constants: column i is the difference of the twists of car i + 1 from car 0
-    of `cars` (n + 1, 21), divided by `differences[i]`.  By chunks, so that the whole Jacobian, a hundred thousand rows
+    of `cars` (n + 1, 22), divided by `differences[i]`.  By chunks, so that the whole Jacobian, a hundred thousand rows
     in an hour, is never stored.
     """
     n, (S, _, B) = len(differences), s.after.shape

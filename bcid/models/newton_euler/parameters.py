@@ -23,11 +23,14 @@ UNITS = {
     "K_b": "N s/m", "C_f": "N/rad", "C_r": "N/rad", "F_f_max": "N", "F_r_max": "N", "R_1": "N s/m", "R_2": "N s²/m²",
     "v_0": "m/s",
 }  # fmt: skip
+FOLLOWING_UNITS = {k: v for k, v in UNITS.items() if k not in ("F_m_max", "K_b")}
 FORCE_UNITS = {k: v for k, v in UNITS.items() if k != "F_m_max"} | {"K_t": "N", "u_0": "-", "K_v": "N s/m"}
 
 
 def constant_units(car: Car) -> dict[str, str]:
-    """Units of a car's constants by symbol, in the order in print; they differ where the throttle sets a force."""
+    """Units of a car's constants by symbol, in the order in print; they differ by what the throttle is."""
+    if car.follows_wheel:
+        return FOLLOWING_UNITS
     return FORCE_UNITS if car.sets_force else UNITS
 
 
@@ -58,9 +61,11 @@ def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedCons
         FittedConstant("u_0", "-", 1e-3, 0.5, "throttle dead zone"),
         FittedConstant("K_v", "N s/m", 1e-3 * m, 10.0 * m, "loss of motor force with speed"),
     )
+    brake = FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain")
+    # within 0.02 to 0.1 s: a stiffer car would want finer steps than models of a period make
+    following = FittedConstant("K_t", "N s/m", 10.0 * m, 50.0 * m, "force by slip of the driven wheel")
     return (
-        *(speed if vehicle.motor.law == "speed" else force),
-        FittedConstant("K_b", "N s/m", 0.01 * m, 20.0 * m, "brake gain"),
+        *{"speed": (*speed, brake), "force": (*force, brake), "measured-speed": (following,)}[vehicle.motor.law],
         FittedConstant("I_z", "kg m²", 0.2 * m * arm, 6.0 * m * arm, "moment of inertia"),
         FittedConstant("C_f", "N/rad", 0.5 * m, 200.0 * m, "front cornering stiffness"),
         FittedConstant("C_r", "N/rad", 0.5 * m, 200.0 * m, "rear cornering stiffness"),
@@ -97,11 +102,14 @@ class ConstantBox:
         values = [p.low * np.exp(g * r) for p, g, r in zip(self.constants, x, self.log_range, strict=True)]
         fitted = {p.symbol: float(v) for p, v in zip(self.constants, values, strict=True)}
         R_v = fitted.pop("R_v")
-        fitted.setdefault("F_m_max", 1e3 * vehicle.mass_kg * GRAVITY)  # law "force" has no limit of its own
+        # laws without a limit of their own; a measured speed holds what the brake does, too
+        fitted = {"F_m_max": 1e3 * vehicle.mass_kg * GRAVITY, "K_b": 0.0} | fitted
+        law = vehicle.motor.law
         return Car(
             m=vehicle.mass_kg, l_f=body.cog_to_front_m, l_r=body.cog_to_rear_m, T_s=self.T_s, d=self.d, v_0=self.v_0,
             R_2=(R_v - fitted["R_1"]) / self.top_speed, front_share=vehicle.front_share,
-            sets_force=float(vehicle.motor.law == "force"), reverses=float(vehicle.motor.reverses), **fitted,
+            sets_force=float(law == "force"), reverses=float(vehicle.motor.reverses),
+            follows_wheel=float(law == "measured-speed"), **fitted,
         )  # fmt: skip
 
 

@@ -42,6 +42,7 @@ class SavedCar(SavedPart):
     u_0: Signed = 0.0
     K_v: NotNegative = 0.0
     reverses: Switch = 0.0
+    follows_wheel: Switch = 0.0
 
     def to_car(self) -> Car:
         """The car with these constants."""

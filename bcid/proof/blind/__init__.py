@@ -5,5 +5,5 @@
 `baselines` (other methods), `regressors` (what they regress on), `limits` (of these).  Limits of the diagnosis halved
 and doubled: `limit_panel` (takes), `varied_take` (one of them), `vary_limits` (all).  Of small cars: `small_suite`
 (their tiers), `small_case` (one take), `small_effects` (what they conceal), `small_files` (their vehicle file and
-published simulation).
+published simulation).  Of tricycles: `tricycle_suite` (their tier and what it conceals), `tricycle_case` (one take).
 """

@@ -28,6 +28,8 @@ class SuiteSizes:
     imperfect_nulls: int = 100  # and in a car that the base model does not fit
     pairs: int = 50  # takes that conceal two effects
     every: int = 1  # only one case in so many of each tier
+    # of tiers that came later: none where a stored run does not say how many
+    tricycles: int = 0
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class BlindTest:
     def cases(self) -> list[BlindCase]:
         """The cases of this test: a quick suite, or every `sizes.every`-th case of each tier."""
         sizes = self.sizes
-        whole = list(draw_suite(self.seed, sizes.repeats, sizes.nulls, sizes.imperfect_nulls, sizes.pairs))
+        several = sizes.repeats, sizes.nulls, sizes.imperfect_nulls, sizes.pairs, sizes.tricycles
+        whole = list(draw_suite(self.seed, *several))
         return draw_quick_suite(whole, self.seed) if self.quick else thin_tiers(whole, sizes.every)
 
 

@@ -1,5 +1,6 @@
 """The suites of a blind test: cases of all tiers, drawn from one seed."""
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
@@ -19,6 +20,7 @@ from bcid.proof.blind.concealed_effects import (
     draw_outside_effect,
 )
 from bcid.proof.blind.small_suite import draft_small_cases
+from bcid.proof.blind.tricycle_suite import draft_tricycle_cases
 
 FAMILIES = {
     "fx": (
@@ -75,19 +77,24 @@ class _CaseDraft(NamedTuple):
     fields: Mapping[str, Any] = MappingProxyType({})
 
 
-def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[BlindCase]:
+def draw_suite(
+    seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int, tricycles: int = 0
+) -> Iterator[BlindCase]:
     """Draw all cases of a blind test (simulated drives with concealed effects) from one seed, tier by tier.
 
     A tier is a kind of case.  There are `repeats` cases of each effect alone, `nulls` without any effect,
     `imperfect_nulls` without any, but in a car that the base model cannot fit exactly, and `pairs` of two effects;
-    further tiers have sizes of their own, among them those of small cars.  Each case has its own random generator.
+    further tiers have sizes of their own, among them those of small cars; `tricycles` cases of such follow.  Each case
+    has its own random generator.
     """
     big = list(_draft_cases(repeats, nulls, imperfect_nulls, pairs))
     for number, draft in enumerate(big):
         hidden = draft.draw_effects(np.random.default_rng([seed, number, 3]))
         yield BlindCase(draft.tier, number, hidden, seed=seed, **draft.fields)
+    # each kind after all others, so that no case before has another number than it had
     small = draft_small_cases(repeats, math.ceil(nulls / NULLS_PER_SMALL_NULL))
-    yield from (draw_case(seed, number) for number, draw_case in enumerate(small, len(big)))
+    other = itertools.chain(small, draft_tricycle_cases(tricycles))
+    yield from (draw_case(seed, number) for number, draw_case in enumerate(other, len(big)))
 
 
 def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_CaseDraft]:
