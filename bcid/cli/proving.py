@@ -43,6 +43,12 @@ def prove(
         int, typer.Option(min=0, help="Takes that conceal nothing, of a car that the base model does not fit.")
     ] = 100,
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
+    other_laws: Annotated[
+        int, typer.Option(min=0, help="Takes of small cars of other formulas than published; as many less an effect.")
+    ] = 40,
+    other_day: Annotated[
+        int, typer.Option(min=0, help="Takes of small cars on another day than published; as many less an effect.")
+    ] = 40,
     every: Annotated[int, typer.Option(min=1, help="Run only every N-th case of each tier.")] = 1,
     case: Annotated[
         str | None, typer.Option(help="Only write the recording, vehicle file and answer of the case of this name.")
@@ -82,10 +88,10 @@ def prove(
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
-    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every)
+    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every, other_laws, other_day)
     for_blind_tests = {
         "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines,
-        "repeats, --nulls, --imperfect-nulls, --pairs or --every": sizes != SuiteSizes(),
+        "repeats, --nulls, --imperfect-nulls, --pairs, --other-laws, --other-day or --every": sizes != SuiteSizes(),
     }  # fmt: skip
     if limits:
         _refuse_options({"real": real is not None, "recordings": recordings is not None, **for_blind_tests}, "limits")

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from bcid.proof.blind.concealed_effects import (
     draw_concealed_effect,
     draw_outside_effect,
 )
+from bcid.proof.blind.other_suite import draft_other_cases
 from bcid.proof.blind.small_suite import draft_small_cases
 
 FAMILIES = {
@@ -75,19 +77,25 @@ class _CaseDraft(NamedTuple):
     fields: Mapping[str, Any] = MappingProxyType({})
 
 
-def draw_suite(seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[BlindCase]:
+def draw_suite(
+    seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int, other_laws: int = 0, other_day: int = 0
+) -> Iterator[BlindCase]:
     """Draw all cases of a blind test (simulated drives with concealed effects) from one seed, tier by tier.
 
     A tier is a kind of case.  There are `repeats` cases of each effect alone, `nulls` without any effect,
     `imperfect_nulls` without any, but in a car that the base model cannot fit exactly, and `pairs` of two effects;
-    further tiers have sizes of their own, among them those of small cars.  Each case has its own random generator.
+    further tiers have sizes of their own, among them those of small cars.  `other_laws` and `other_day` are the numbers
+    of small cars that are other than published, with nothing withheld and once more less one effect.  Each case has its
+    own random generator.
     """
     big = list(_draft_cases(repeats, nulls, imperfect_nulls, pairs))
     for number, draft in enumerate(big):
         hidden = draft.draw_effects(np.random.default_rng([seed, number, 3]))
         yield BlindCase(draft.tier, number, hidden, seed=seed, **draft.fields)
     small = draft_small_cases(repeats, math.ceil(nulls / NULLS_PER_SMALL_NULL))
-    yield from (draw_case(seed, number) for number, draw_case in enumerate(small, len(big)))
+    # kinds that came later, so that no case before has another number than it had
+    late = draft_other_cases(other_laws, other_day)
+    yield from (draw_case(seed, number) for number, draw_case in enumerate(chain(small, late), len(big)))
 
 
 def _draft_cases(repeats: int, nulls: int, imperfect_nulls: int, pairs: int) -> Iterator[_CaseDraft]:
