@@ -172,11 +172,11 @@ def test_a_tricycle_s_recording_is_read_without_alarm() -> None:
 
 
 def test_the_tier_comes_after_all_others_and_older_runs_have_none() -> None:
-    before, after = list(draw_suite(5, 1, 2, 0, 0)), list(draw_suite(5, 1, 2, 0, 0, 16))
+    before, after = list(draw_suite(5, 1, 2, 0, 0)), list(draw_suite(5, 1, 2, 0, 0, tricycles=16))
     assert [c.name for c in after[: len(before)]] == [c.name for c in before]
     assert [c.tier for c in after[len(before) :]] == ["tricycle"] * 16
     old = {"repeats": 1, "nulls": 2, "imperfect_nulls": 0, "pairs": 0, "every": 1}
-    assert not any(c.tier == "tricycle" for c in BlindTest(5, sizes=SuiteSizes(**old)).cases)
+    assert not any(c.tier == "tricycle" for c in BlindTest(5, sizes=SuiteSizes.of_stored_run(old)).cases)
     assert GOALS["tricycle"]["right"][0] == 0.9
 
 

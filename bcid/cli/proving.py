@@ -24,7 +24,6 @@ DEFAULT_SEED = 1
 BLIND_FILES = ("prove.json", "prove.html")
 REAL_FILE = "real.json"
 LIMITS_FILE = "limits.json"
-TRICYCLES = 40  # in a whole blind test
 
 
 def prove(
@@ -46,7 +45,13 @@ def prove(
     pairs: Annotated[int, typer.Option(min=0, help="Takes that conceal two effects.")] = 50,
     tricycles: Annotated[
         int, typer.Option(min=0, help="Takes of tricycles, forward and backward, that conceal one effect or two.")
-    ] = TRICYCLES,
+    ] = 40,
+    other_laws: Annotated[
+        int, typer.Option(min=0, help="Takes of small cars of other formulas than published; as many less an effect.")
+    ] = 40,
+    other_day: Annotated[
+        int, typer.Option(min=0, help="Takes of small cars on another day than published; as many less an effect.")
+    ] = 40,
     every: Annotated[int, typer.Option(min=1, help="Run only every N-th case of each tier.")] = 1,
     case: Annotated[
         str | None, typer.Option(help="Only write the recording, vehicle file and answer of the case of this name.")
@@ -86,11 +91,10 @@ def prove(
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
     sink, workers = Sink(format), workers or os.cpu_count() or 1
-    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every, tricycles)
+    sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every, other_laws, other_day, tricycles)
+    suite = "repeats, --nulls, --imperfect-nulls, --pairs, --other-laws, --other-day, --tricycles or --every"
     for_blind_tests = {
-        "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines,
-        "repeats, --nulls, --imperfect-nulls, --pairs, --tricycles or --every": sizes
-        != SuiteSizes(tricycles=TRICYCLES),
+        "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines, suite: sizes != SuiteSizes(),
     }  # fmt: skip
     if limits:
         _refuse_options({"real": real is not None, "recordings": recordings is not None, **for_blind_tests}, "limits")

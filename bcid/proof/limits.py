@@ -25,6 +25,10 @@ GOALS: dict[str, dict[str, tuple[float, float]]] = {
     "small-null": {"false": (0.0, 0.02)},
     "small-wrong": {"right": (0.75, 1.0), "set": (0.85, 1.0), "wrong": (0.0, 0.1)},
     "small-outside": {"right": (0.8, 1.0), "unknown": (0.9, 1.0), "channel": (0.8, 1.0), "wrong": (0.0, 0.05)},
+    "other-laws": {"false": (0.0, 0.1)},
+    "other-laws-less": {"right": (0.85, 1.0), "top1": (0.85, 1.0), "wrong": (0.0, 0.1)},
+    "other-day": {"false": (0.0, 0.1)},
+    "other-day-less": {"right": (0.85, 1.0), "top1": (0.85, 1.0), "wrong": (0.0, 0.1)},
     "tricycle": {"right": (0.9, 1.0), "wrong": (0.0, 0.1)},
     **{tier: {"right": (0.92, 1.0), "wrong": (0.0, 0.1)} for tier in (
         "two-minutes", "ten-hertz", "three-times-noise", "half-size",

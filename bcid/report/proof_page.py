@@ -40,6 +40,10 @@ TITLES = {
     "small-exact": "small car: one effect less than it has", "small-plus": "small car: one effect more",
     "small-null": "small car: nothing", "small-wrong": "small car: one effect less, four other things wrong",
     "small-outside": "small car: an effect outside the vocabulary",
+    "other-laws": "small car of other formulas than published: nothing",
+    "other-laws-less": "small car of other formulas than published: one effect less",
+    "other-day": "small car on another day than published: nothing",
+    "other-day-less": "small car on another day than published: one effect less",
 }  # fmt: skip
 """What is concealed in the takes of a tier; they last ten minutes at 60 Hz where nothing else is said, those of small
 cars one to three."""

@@ -39,6 +39,20 @@ class Plant(NamedTuple):
     pulsed_fade: float = 0.0  # N s/m at full throttle that it loses besides, in proportion to the throttle
     reverses: float = 0.0  # 1 where a throttle below zero drives backward and does not brake
 
+    # laws of another shape than the vocabulary's (`other_laws`): zero keeps the usual one
+    zone_steepness: float = 0.0  # per unit throttle, of a motor whose dead zone ends smoothly
+    dry_speed: float = 0.0  # m/s in which the dry rolling friction sets in, where it is not the usual 0.05
+    front_magic: float = 0.0  # shape factor of Pacejka's formula, for the front tyre
+    rear_magic: float = 0.0
+    magic_curvature: float = 0.0  # its curvature factor, for all tyres
+    slip_fade: float = 0.0  # s^2/m^2, slip is divided by |v| + slip_speed exp(-slip_fade v^2)
+    steered_friction: float = 0.0  # N/rad, nearly dry drag of a steered wheel
+    steered_rise: float = 0.0  # s/m, share by which it grows with the speed
+    left_reach: float = 0.0  # rad, limits towards which the linkage's angle bends; zero for both: it does not
+    right_reach: float = 0.0
+    linkage_centre: float = 0.0  # rad of the servo, where such a linkage changes sides
+    servo_damping: float = 0.0  # damping ratio of a servo of second order
+
     # extras of a real car: zero switches each off
     rear_track: float = 0.0  # m between the two rear wheels
     rear_bearing: float = 0.0  # N, Coulomb drag of the rear axle
@@ -154,7 +168,8 @@ NOT_NEGATIVE = (
     "friction_circle", "motor_regeneration", "motor_lag", "motor_delay", "motor_dead_zone", "motor_power_limit",
     "steering_lag", "steering_delay", "steering_backlash", "steering_dead_band", "tyre_relaxation", "softness",
     "tyre_soft_saturation", "tyre_fall", "rear_track", "rough_force", "rough_moment", "motor_heating", "brake_fading",
-    "swinging_load", "stick_speed", "attraction_reach",
+    "swinging_load", "stick_speed", "attraction_reach", "zone_steepness", "dry_speed", "front_magic", "rear_magic",
+    "slip_fade", "left_reach", "right_reach", "servo_damping",
 )  # fmt: skip
 """Constants that mean nothing below zero."""
 

@@ -4,6 +4,7 @@ import math
 
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
+from bcid.simulation.other_laws import throttle_gate
 
 RIPPLE_MPS = 0.04  # of speed per radian
 DROPOUT_PERIOD_S, DROPOUT_S = 7.3, 0.6
@@ -20,12 +21,14 @@ def _supplied_force(command: float, rolling: float, p: Plant) -> tuple[float, fl
     no reference then, and none is behind.  Else the throttle is a reference speed (m/s) up to which the motor supplies.
     """
     if p.throttle_force > 0.0:
-        open_share = command - p.motor_dead_zone
-        if open_share <= 0.0:
+        open_share, gate = command - p.motor_dead_zone, 1.0
+        if p.zone_steepness > 0.0:
+            gate = throttle_gate(command, p.motor_dead_zone, p.zone_steepness)
+        elif open_share <= 0.0:
             return 0.0, 0.0
         pull = p.throttle_force * open_share - p.motor_fade * rolling
         pull = max(-p.motor_limit, min(p.motor_limit, pull))
-        return pull - p.pulsed_fade * open_share * rolling, 0.0
+        return gate * (pull - p.pulsed_fade * open_share * rolling), 0.0
     lack = max(command - p.motor_dead_zone, 0.0) - rolling
     return min(p.motor_gain * lack, p.motor_limit) if lack > 0.0 else 0.0, lack
 

@@ -2,7 +2,8 @@
 
 State: X, Y, heading, world velocity U, V, turn rate, servo angle, lagged wheel angle, motor force of the front wheel,
 lagged front slip, way rolled by the front wheel, motor force of the rear wheels, heat of motor and brake, offset of a
-load on springs along and across, its rates.  Forces are found at each wheel from its own contact velocity.
+load on springs along and across, its rates, turn rate of a servo of second order.  Forces are found at each wheel from
+its own contact velocity.
 """
 
 import math
@@ -13,6 +14,7 @@ from bcid.aliases import Floats
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
 from bcid.simulation.drive_train import heating_rate, requested_motor_force
+from bcid.simulation.other_laws import servo_acceleration
 from bcid.simulation.surroundings import (
     add_resistances,
     add_unnamed_forces,
@@ -35,7 +37,7 @@ from bcid.simulation.wheels import (
 
 STEPS_PER_S = 480
 MAX_STEPS = 400
-STATE_SIZE = 17
+STATE_SIZE = 18
 
 SHIMMY_RADPS = 5.7
 
@@ -103,7 +105,8 @@ def state_derivative(s: Floats, play: float, i: PlantInputs, p: Plant) -> Floats
     body_x, body_y, moment = add_rear_wheel_forces(body_x, body_y, moment, along, across, turn, slippery, soft, p)
     body_x, body_y, moment = add_resistances(body_x, body_y, moment, along, across, turn, p)
     body_x, body_y, moment = add_unnamed_forces(body_x, body_y, moment, along, heading, s[1], i.time, i.duration, p)
-    servo = servo_rate(i.steer - s[6], p)
+    swings, miss = p.servo_damping > 0.0, i.steer - s[6]
+    servo = max(-p.servo_rate, min(p.servo_rate, s[17])) if swings else servo_rate(miss, p)
     moment -= p.steering_reaction * servo
     body_x, body_y, moment = body_x + i.push_x, body_y + i.push_y, moment + i.push_turn
     mass = p.mass
@@ -125,6 +128,8 @@ def state_derivative(s: Floats, play: float, i: PlantInputs, p: Plant) -> Floats
         out[8], out[11] = (wanted - s[8]) / p.motor_lag, (rear_wanted - s[11]) / p.motor_lag
     out[9] = abs(roll) * (steady_slip - s[9]) / p.tyre_relaxation if p.tyre_relaxation > 0.0 else 0.0
     out[10] = roll
+    if swings:
+        out[17] = servo_acceleration(miss, s[17], p.servo_time, p.servo_damping, p.servo_rate)
     if p.motor_heating > 0.0 or p.brake_fading > 0.0:
         out[12] = heating_rate(s[12], wanted, p)
     if p.swinging_load > 0.0:
@@ -142,6 +147,9 @@ def _fastest_rate(s: Floats, p: Plant) -> float:
         fastest = max(fastest, 1.0 / p.steering_lag)
     if p.motor_lag > 0.0:
         fastest = max(fastest, 1.0 / p.motor_lag)
+    if p.servo_damping > 0.0:  # the faster of its two rates, where it is damped beyond ringing
+        ringing = 2.0 * p.servo_damping / p.servo_time
+        fastest = max(fastest, ringing * (p.servo_damping + math.sqrt(max(p.servo_damping**2 - 1.0, 0.0))), ringing)
     if p.tyre_relaxation > 0.0:
         fastest = max(fastest, (math.hypot(s[3], s[4]) + p.front_lever * abs(s[5])) / p.tyre_relaxation)
     slide = (p.front_stiffness + p.rear_stiffness) / p.mass

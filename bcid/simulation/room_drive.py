@@ -11,6 +11,7 @@ from bcid.simulation.drive import ROUGHNESS_TIME_S, SAME_TIME_S, TRUTH_HZ, Drive
 from bcid.simulation.driver import SimulatedArena
 from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, advance_plant
 from bcid.simulation.handling import Handling
+from bcid.simulation.other_laws import two_sided_angle
 from bcid.simulation.room_drivers import DRAWS, DRIVERS, MEMORY, decide
 from bcid.simulation.wheels import PlantInputs
 
@@ -20,6 +21,7 @@ ROOM = SimulatedArena(length=6.0, width=4.4, margin=0.55)
 CORNERING = 1.25  # times the drag on a straight
 WIDER = 1.25  # wheelbase with which a driver reckons, as some cars turn less to one side
 LOCK_SHARE = 0.97  # of the servo's range that drivers use
+TURNED_SHARE = 0.4  # of it in usual corners, where a steered wheel's dry drag counts
 
 
 @njit
@@ -78,14 +80,19 @@ def _drive_in_room(
 def throttle_at_speed(p: Plant, speed: float) -> float:
     """Throttle (share) at which a force-law car `p` keeps a `speed` (m/s) in usual corners, which slow it down."""
     resist = p.rolling_drag * speed + p.rolling_drag_2 * speed**2 + p.rear_rolling_coulomb + p.motor_fade * speed
+    resist += TURNED_SHARE * p.angle_limit * p.steered_friction
     return p.motor_dead_zone + CORNERING * resist / (p.throttle_force - p.pulsed_fade * speed)
 
 
 def handle_car(p: Plant, slow: float, fast: float, pace: float, rhythm: float) -> Handling:
     """How a force-law car `p` is handled between two speeds (m/s) by a driver of a `pace` and a `rhythm` (0 to 1)."""
+    reckoned = WIDER * (p.front_lever + p.rear_lever)
+    if min(p.left_reach, p.right_reach) > 0.0:  # it turns less at full lock than its servo says
+        reach = min(p.left_reach, p.right_reach)
+        reckoned *= p.angle_limit / two_sided_angle(p.angle_limit, 0.0, reach, reach)
     return Handling(
         slow, fast, throttle_at_speed(p, slow), throttle_at_speed(p, fast), LOCK_SHARE * p.angle_limit,
-        WIDER * (p.front_lever + p.rear_lever), 0.7 * (p.front_grip + p.rear_grip) / p.mass, pace, rhythm,
+        reckoned, 0.7 * (p.front_grip + p.rear_grip) / p.mass, pace, rhythm,
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ SMALL_CAR_SENSOR = Sensor(rate_hz=100.0, position_noise=4e-4, yaw_noise=3e-3)
 """A motion capture as usual in a room for small cars, whose markers stand close together."""
 
 TRACK_SHARE = 0.65  # of the wheelbase
+WIDER_LOCK = 1.25  # times the usual servo's range, where the linkage gives way towards its ends
 OWN_CONSTANTS = (
     "motor_dead_zone", "motor_lag", "pulsed_fade", "rear_rolling_coulomb", "steering_drag", "steering_side_gain",
     "steering_nonlinearity", "tyre_soft_saturation",
@@ -66,3 +67,30 @@ def draw_small_car(rng: np.random.Generator, having: tuple[str, ...] = (), lacki
     own = {name: v for name, v in (always | sometimes).items() if name in drawn and name not in lacking}
     plant = Plant(**{name: float(value) for name, value in (constants | own).items()})
     return SmallCar(plant, 0.5, float(rng.uniform(1.8, 2.6)))
+
+
+def draw_car_of_other_laws(rng: np.random.Generator, with_steered_friction: bool = False) -> SmallCar:
+    """Draw a small car as `draw_small_car` does, but with laws of other formulas, as real authors publish them.
+
+    Pacejka tyres, slip angles that are regularised otherwise, a dead zone that ends smoothly, a dry friction that sets
+    in slowly beside a quadratic part of negative sign, a linkage that bends towards a limit of its own on either side
+    and is off centre, a servo of second order; half of the cars have a nearly dry drag of the steered wheels, and all
+    `with_steered_friction`.
+    """
+    car = draw_small_car(rng, lacking=("steering_drag", "steering_side_gain", "steering_nonlinearity",
+                                       "tyre_soft_saturation"))  # fmt: skip
+    p, lock = car.plant, WIDER_LOCK * car.plant.angle_limit
+    # at full lock the linkage turns less than its slope says: to one side by about a fifth, to the other by a third
+    left, right = rng.permutation(lock / np.array([rng.uniform(0.8, 1.0), rng.uniform(1.2, 1.4)]))
+    laws = {
+        "zone_steepness": rng.uniform(80.0, 150.0), "dry_speed": rng.uniform(0.1, 0.16),
+        "rolling_drag_2": -rng.uniform(0.03, 0.08) * p.mass, "front_magic": rng.uniform(0.8, 1.4),
+        "rear_magic": rng.uniform(0.8, 1.4), "magic_curvature": rng.uniform(-0.5, 0.5),
+        "slip_fade": rng.uniform(2.0, 4.0), "angle_limit": lock, "left_reach": left, "right_reach": right,
+        "linkage_centre": rng.choice([-1.0, 1.0]) * rng.uniform(0.004, 0.012), "servo_damping": rng.uniform(0.65, 1.0),
+        "steered_rise": rng.uniform(0.2, 0.4),
+    }  # fmt: skip
+    friction = rng.uniform(1.2, 2.8) * p.mass
+    if rng.random() < 0.5 or with_steered_friction:
+        laws["steered_friction"] = friction
+    return car._replace(plant=p._replace(**{name: float(value) for name, value in laws.items()}))

@@ -32,7 +32,8 @@ def add_resistances(
     body_x: float, body_y: float, moment: float, along: float, across: float, turn: float, p: Plant
 ) -> tuple[float, float, float]:
     """Body force (N) and moment (N m) with rolling, air and yaw friction added, at twist (along, across, turn)."""
-    body_x -= p.rear_rolling_coulomb * math.tanh(along / 0.05) + p.rear_rolling_viscous * along
+    dry_speed = p.dry_speed if p.dry_speed > 0.0 else 0.05
+    body_x -= p.rear_rolling_coulomb * math.tanh(along / dry_speed) + p.rear_rolling_viscous * along
     if p.rear_drag_asymmetry != 0.0:
         offset = math.copysign(0.5 * p.asymmetry_track, p.rear_drag_asymmetry)
         resist = abs(p.rear_drag_asymmetry) * (along - offset * turn)

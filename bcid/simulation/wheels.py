@@ -6,6 +6,7 @@ from typing import NamedTuple
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
 from bcid.simulation.drive_train import requested_motor_force
+from bcid.simulation.other_laws import magic_side_force, regularised_speed, steered_friction, two_sided_angle
 
 UNEVENNESS_M = 0.5  # of way per radian
 
@@ -39,15 +40,27 @@ class FrontHub(NamedTuple):
 
 
 @njit
-def _tyre_side_force(slip: float, stiffness: float, grip: float, shift: float, soft: float, fall: float) -> float:
+def _slip_divisor(rolling: float, p: Plant) -> float:
+    """Speed (m/s) by which the slide of a wheel that rolls at `rolling` (m/s) is divided in its slip angle."""
+    if p.slip_fade > 0.0:
+        return regularised_speed(rolling, p.slip_speed, p.slip_fade)
+    return max(abs(rolling), p.slip_speed)
+
+
+@njit
+def _tyre_side_force(
+    slip: float, stiffness: float, grip: float, shift: float, soft: float, magic: float, p: Plant
+) -> float:
     """Side force (N) of a tyre at the slip angle `slip` (rad): shift - stiffness slip, limited by `grip` (N).
 
-    `soft`, from 0 to 1, blends a hard limit with tanh; `fall` is the share of the grip that is lost far past
-    saturation.
+    `soft`, from 0 to 1, blends a hard limit with tanh, past which the share `tyre_fall` of the grip is lost; with a
+    shape factor `magic` above zero the limit is Pacejka's formula instead.
     """
-    linear = shift - stiffness * slip
+    linear, fall = shift - stiffness * slip, p.tyre_fall
     if grip <= 0.0:
         return 0.0
+    if magic > 0.0:
+        return magic_side_force(linear, grip, magic, p.magic_curvature)
     over = max(abs(linear) / grip - 1.0, 0.0)
     grip_there = grip * (1.0 - fall * (1.0 - math.exp(-over)))
     hard = max(-grip_there, min(grip_there, linear))
@@ -75,6 +88,8 @@ def linkage_angle(servo: float, lagged: float, play: float, speed: float, p: Pla
     angle = lagged if p.steering_lag > 0.0 else servo
     if p.steering_backlash > 0.0:
         angle = max(angle - p.steering_backlash, min(angle + p.steering_backlash, play))
+    if p.left_reach > 0.0 and p.right_reach > 0.0:
+        angle = two_sided_angle(angle, p.linkage_centre, p.left_reach, p.right_reach)
     angle += p.steering_nonlinearity * angle**3
     if angle != 0.0:
         angle *= 1.0 + p.steering_side_gain * math.copysign(1.0, angle)
@@ -98,12 +113,14 @@ def evaluate_front_wheel(
     """
     roll = math.cos(angle) * hub.along + math.sin(angle) * hub.across
     slide = math.cos(angle) * hub.across - math.sin(angle) * hub.along
-    steady_slip = math.atan(slide / max(abs(roll), p.slip_speed))
+    steady_slip = math.atan(slide / _slip_divisor(roll, p))
     slip = hub.lagged_slip if p.tyre_relaxation > 0.0 else steady_slip
     wanted = requested_motor_force(i.drive, roll, i.time, i.duration, hub.heat, p)
     share = 1.0 - p.rear_drive
     force = share * (hub.lagged_force if p.motor_lag > 0.0 else wanted)
     resist = share * rolling_resistance(roll, p) + p.steering_drag * abs(angle) * roll
+    if p.steered_friction > 0.0:
+        resist += steered_friction(angle, roll, p.steered_friction, p.steered_rise)
     resist += (p.front_coulomb_friction + p.steering_friction * abs(angle)) * math.tanh(roll / 0.05)
     if hub.rough:
         resist += p.rough_patch * roll
@@ -114,7 +131,7 @@ def evaluate_front_wheel(
     if p.friction_circle > 0.0 and grip > 0.0:
         grip *= math.sqrt(max(1.0 - p.friction_circle * (force / grip) ** 2, 0.0))
     shift = p.front_ply_steer * math.tanh(roll / 0.05)
-    side = _tyre_side_force(slip, p.front_stiffness * hub.stiff * load, grip, shift, hub.soft, p.tyre_fall)
+    side = _tyre_side_force(slip, p.front_stiffness * hub.stiff * load, grip, shift, hub.soft, p.front_magic, p)
     return roll, steady_slip, wanted, force - resist, side
 
 
@@ -149,9 +166,9 @@ def add_rear_wheel_forces(
         offset = 0.5 * hand * p.rear_track
         wheel_along = along - offset * turn
         wheel_across = across - p.rear_lever * turn
-        slip = math.atan(wheel_across / max(abs(wheel_along), p.slip_speed))
+        slip = math.atan(wheel_across / _slip_divisor(wheel_along, p))
         slip -= p.rear_toe * wheel_along / max(abs(wheel_along), p.slip_speed) + p.rear_roll_steer * turn * along
-        side = 0.5 * _tyre_side_force(slip, p.rear_stiffness, p.rear_grip * slippery, 0.0, soft, p.tyre_fall)
+        side = 0.5 * _tyre_side_force(slip, p.rear_stiffness, p.rear_grip * slippery, 0.0, soft, p.rear_magic, p)
         resist = 0.5 * (p.rear_bearing * math.tanh(wheel_along / 0.05) + p.rear_rolling * wheel_along)
         body_x -= resist
         body_y += side

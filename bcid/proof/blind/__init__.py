@@ -5,5 +5,7 @@
 `baselines` (other methods), `regressors` (what they regress on), `limits` (of these).  Limits of the diagnosis halved
 and doubled: `limit_panel` (takes), `varied_take` (one of them), `vary_limits` (all).  Of small cars: `small_suite`
 (their tiers), `small_case` (one take), `small_effects` (what they conceal), `small_files` (their vehicle file and
-published simulation).  Of tricycles: `tricycle_suite` (their tier and what it conceals), `tricycle_case` (one take).
+published simulation); of those that are other than published: `other_suite` (their tiers), `published_case` (one take),
+`nearest_figures` (what an author publishes of a car of other formulas).  Of tricycles: `tricycle_suite` (their tier and
+what it conceals), `tricycle_case` (one take).
 """

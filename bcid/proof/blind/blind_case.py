@@ -58,6 +58,11 @@ class BlindCase:
         return {}
 
     @property
+    def other_parameters(self) -> dict[str, float]:
+        """True values by symbol of parameters that the published simulation has otherwise: right to be told."""
+        return {}
+
+    @property
     def lab_files(self) -> LabFiles:
         """What a lab has of the car beside the recording."""
         return LabFiles(VEHICLE, VEHICLE_FILE, BODY)

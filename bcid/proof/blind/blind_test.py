@@ -2,8 +2,8 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,14 @@ class SuiteSizes:
     imperfect_nulls: int = 100  # and in a car that the base model does not fit
     pairs: int = 50  # takes that conceal two effects
     every: int = 1  # only one case in so many of each tier
-    # of tiers that came later: none where a stored run does not say how many
-    tricycles: int = 0
+    other_laws: int = 40  # of small cars of other formulas than published, and as many less one effect
+    other_day: int = 40  # of small cars on another day than published, and as many less one effect
+    tricycles: int = 40
+
+    @classmethod
+    def of_stored_run(cls, sizes: Mapping[str, int]) -> "SuiteSizes":
+        """The sizes that a run has stored; tiers that there were not yet when it was made have no takes."""
+        return cls(**{**dict.fromkeys((size.name for size in fields(cls)), 0), **sizes})
 
 
 @dataclass(frozen=True)
@@ -46,8 +52,8 @@ class BlindTest:
     def cases(self) -> list[BlindCase]:
         """The cases of this test: a quick suite, or every `sizes.every`-th case of each tier."""
         sizes = self.sizes
-        several = sizes.repeats, sizes.nulls, sizes.imperfect_nulls, sizes.pairs, sizes.tricycles
-        whole = list(draw_suite(self.seed, *several))
+        usual = (sizes.repeats, sizes.nulls, sizes.imperfect_nulls, sizes.pairs)
+        whole = list(draw_suite(self.seed, *usual, sizes.other_laws, sizes.other_day, sizes.tricycles))
         return draw_quick_suite(whole, self.seed) if self.quick else thin_tiers(whole, sizes.every)
 
 

@@ -19,6 +19,7 @@ from bcid.proof.blind.concealed_effects import (
     draw_concealed_effect,
     draw_outside_effect,
 )
+from bcid.proof.blind.other_suite import draft_other_cases
 from bcid.proof.blind.small_suite import draft_small_cases
 from bcid.proof.blind.tricycle_suite import draft_tricycle_cases
 
@@ -78,14 +79,22 @@ class _CaseDraft(NamedTuple):
 
 
 def draw_suite(
-    seed: int, repeats: int, nulls: int, imperfect_nulls: int, pairs: int, tricycles: int = 0
+    seed: int,
+    repeats: int,
+    nulls: int,
+    imperfect_nulls: int,
+    pairs: int,
+    other_laws: int = 0,
+    other_day: int = 0,
+    tricycles: int = 0,
 ) -> Iterator[BlindCase]:
     """Draw all cases of a blind test (simulated drives with concealed effects) from one seed, tier by tier.
 
     A tier is a kind of case.  There are `repeats` cases of each effect alone, `nulls` without any effect,
     `imperfect_nulls` without any, but in a car that the base model cannot fit exactly, and `pairs` of two effects;
-    further tiers have sizes of their own, among them those of small cars; `tricycles` cases of such follow.  Each case
-    has its own random generator.
+    further tiers have sizes of their own, among them those of small cars.  `other_laws` and `other_day` are the numbers
+    of small cars that are other than published, with nothing withheld and once more less one effect; `tricycles` cases
+    of such follow.  Each case has its own random generator.
     """
     big = list(_draft_cases(repeats, nulls, imperfect_nulls, pairs))
     for number, draft in enumerate(big):
@@ -93,7 +102,7 @@ def draw_suite(
         yield BlindCase(draft.tier, number, hidden, seed=seed, **draft.fields)
     # each kind after all others, so that no case before has another number than it had
     small = draft_small_cases(repeats, math.ceil(nulls / NULLS_PER_SMALL_NULL))
-    other = itertools.chain(small, draft_tricycle_cases(tricycles))
+    other = itertools.chain(small, draft_other_cases(other_laws, other_day), draft_tricycle_cases(tricycles))
     yield from (draw_case(seed, number) for number, draw_case in enumerate(other, len(big)))
 
 

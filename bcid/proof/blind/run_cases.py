@@ -23,12 +23,14 @@ def case_truth(case: BlindCase) -> dict[str, Any]:
     They are "case" (name), "tier" (kind of case), "duration_s", "answer" (ids of the concealed effects), "truth"
     (their parameters by effect and symbol), "left_out" (ids that the diagnosis is forbidden to name) and "channel"
     (where an effect acts that the diagnosis cannot name, such as "fx"; "" if it can).  "also" has ids of effects that
-    are there besides and may be named, or not.
+    are there besides and may be named, or not; "other_parameters" the true values by symbol of those that are published
+    otherwise.
     """
     return {
         "case": case.name, "tier": case.tier, "answer": list(case.answer), "channel": case.channel,
         "truth": {**{c.effect: dict(c.parameters) for c in case.concealed}, **case.also},
         "left_out": list(case.left_out), "duration_s": case.duration_s, "also": list(case.also),
+        "other_parameters": case.other_parameters,
     }  # fmt: skip
 
 

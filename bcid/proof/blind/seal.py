@@ -35,9 +35,10 @@ def case_answer(case: BlindCase) -> dict[str, Any]:
     """All that is concealed in a blind case, as JSON: effects, parameters, and ids that the diagnosis may not name.
 
     Also the simulation's constants that make the effects, and whether its car has flaws that no effect describes; of a
-    small car, the effects that are there beside the answer.
+    small car, the effects that are there beside the answer, and parameters that are others than published.
     """
-    beside = {"also": case.also} if case.also else {}
+    more = {"also": case.also, "other_parameters": case.other_parameters}
+    beside = {name: values for name, values in more.items() if values}
     return {
         "case": case.name, "effects": {c.effect: dict(c.parameters) for c in case.concealed},
         "constants": {c.effect: {**c.plant, **c.sensor} for c in case.concealed}, "left_out": list(case.left_out),

@@ -3,7 +3,9 @@
 The simulation is written in the vocabulary's words, from the plant's constants: the same physics under other names.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import NamedTuple
 
 from bcid.simulation.car import Plant
 
@@ -35,8 +37,7 @@ rear_track_m = {asymmetry_track!r}
 
 [steering]
 max_angle_rad = {angle_limit!r}
-max_rate_radps = {servo_rate!r}
-time_constant_s = {servo_time!r}
+max_rate_radps = {servo_rate!r}{servo}
 
 [motor]
 law = "force"
@@ -50,11 +51,38 @@ command = "/small_car/command"
 """
 
 
-def small_vehicle_text(plant: Plant) -> str:
-    """The vehicle file (TOML) of a small car: mass, levers, drive, servo, and that its throttle sets a force."""
+class Figures(NamedTuple):
+    """The figures (SI) of a simulation in the vocabulary's words."""
+
+    parameters: dict[str, float]  # of the base model, by symbol
+    effects: dict[str, dict[str, float]]  # parameters by symbol, by the effect's id
+
+    def without(self, effects: Iterable[str]) -> "Figures":
+        """The figures less those of some `effects`."""
+        return self._replace(effects={name: values for name, values in self.effects.items() if name not in effects})
+
+
+def small_vehicle_text(plant: Plant, knows_servo: bool = True) -> str:
+    """The vehicle file (TOML) of a small car: mass, levers, drive, servo, and that its throttle sets a force.
+
+    The servo's time constant is left out unless the lab `knows_servo`.
+    """
     drive = {0.0: "front", 1.0: "rear"}.get(plant.rear_drive, "all")
     share = f"\nfront_drive_share = {1.0 - plant.rear_drive!r}" if drive == "all" else ""
-    return VEHICLE_TEXT.format(drive=drive, share=share, **plant._asdict())
+    servo = f"\ntime_constant_s = {plant.servo_time!r}" if knows_servo else ""
+    return VEHICLE_TEXT.format(drive=drive, share=share, servo=servo, **plant._asdict())
+
+
+def plant_figures(plant: Plant) -> Figures:
+    """The figures of a `plant` whose laws are the vocabulary's: all parameters, and the effects that it has."""
+    parameters = {
+        "I_z": plant.inertia, "K_t": plant.throttle_force, "K_v": plant.motor_fade, "K_b": plant.brake_gain,
+        "C_f": plant.front_stiffness, "C_r": plant.rear_stiffness, "F_f_max": plant.front_grip,
+        "F_r_max": plant.rear_grip, "R_1": plant.rolling_drag, "R_2": plant.rolling_drag_2,
+    }  # fmt: skip
+    sizes = {effect: (symbol, getattr(plant, constant)) for constant, (effect, symbol) in PUBLISHED.items()}
+    sizes["steering_offset"] = "o", plant.steering_offset  # of a car that was not trimmed
+    return Figures(parameters, {name: {symbol: v} for name, (symbol, v) in sizes.items() if v != 0.0})
 
 
 def published_simulation_text(plant: Plant, trust: float, withheld: Iterable[str] = ()) -> str:
@@ -63,16 +91,21 @@ def published_simulation_text(plant: Plant, trust: float, withheld: Iterable[str
     It has all parameters and effects of `plant`, whose values are known to the share `trust`, but for the effects whose
     ids are `withheld`.
     """
-    parameters = {
-        "I_z": plant.inertia, "K_t": plant.throttle_force, "K_v": plant.motor_fade, "K_b": plant.brake_gain,
-        "C_f": plant.front_stiffness, "C_r": plant.rear_stiffness, "F_f_max": plant.front_grip,
-        "F_r_max": plant.rear_grip, "R_1": plant.rolling_drag, "R_2": plant.rolling_drag_2,
-    }  # fmt: skip
-    lines = ["# The published simulation of the small car.", f"relative_sd = {trust!r}", "", "[parameters]"]
-    lines += [f"{symbol} = {value!r}" for symbol, value in parameters.items()]
+    return simulation_text(plant_figures(plant).without(set(withheld)), trust)
+
+
+def simulation_text(
+    figures: Figures, relative_sd: float, relative_sd_of: Mapping[str, float] = MappingProxyType({})
+) -> str:
+    """A published simulation (TOML) of these `figures`, as `bcid diagnose --simulation` reads it.
+
+    All of them are known to the share `relative_sd`, but those in `relative_sd_of`, by symbol or effect's id.
+    """
+    lines = ["# The published simulation of the small car.", f"relative_sd = {relative_sd!r}"]
+    if relative_sd_of:
+        lines.append(f"relative_sd_of = {{ {', '.join(f'{name} = {sd!r}' for name, sd in relative_sd_of.items())} }}")
+    lines += ["", "[parameters]", *(f"{symbol} = {value!r}" for symbol, value in figures.parameters.items())]
     lines += ["", "[effects]"]
-    for constant, (effect, symbol) in PUBLISHED.items():
-        value = getattr(plant, constant)
-        if value != 0.0 and effect not in withheld:
-            lines.append(f"{effect} = {{ {symbol} = {value!r} }}")
+    for effect, values in figures.effects.items():
+        lines.append(f"{effect} = {{ {', '.join(f'{symbol} = {value!r}' for symbol, value in values.items())} }}")
     return "\n".join([*lines, ""])

@@ -59,7 +59,7 @@ def draft_small_cases(repeats: int, nulls: int) -> Iterator[SmallCaseDraw]:
         yield partial(_draw_outside, effect)
 
 
-def _draw_take(rng: np.random.Generator, needed_driver: str = "") -> dict[str, Any]:
+def draw_take(rng: np.random.Generator, needed_driver: str = "") -> dict[str, Any]:
     """Draw how a small car is driven and measured: length of the take, rates, and driver unless one is needed."""
     return {
         "duration_s": float(rng.integers(SHORTEST_S, LONGEST_S + 1)), "rate_hz": float(rng.choice(POSE_RATES_HZ)),
@@ -78,7 +78,7 @@ def _draw_less_one(tier: str, effect: str, seed: int, number: int) -> SmallCase:
     trust = ROUGH_TRUST if wrong else float(rng.choice(TRUSTS))
     return SmallCase(
         tier, number, (hidden,), seed=seed, car=car, trust=trust, withheld=(effect,),
-        flaws=_draw_flaws(car.plant, rng) if wrong else (), **_draw_take(rng),
+        flaws=_draw_flaws(car.plant, rng) if wrong else (), **draw_take(rng),
     )  # fmt: skip
 
 
@@ -104,7 +104,7 @@ def _draw_plus_one(effect: str, seed: int, number: int) -> SmallCase:
     car = draw_small_car(rng, lacking=own)
     while effect not in kinds_of_car(car.plant):
         car = draw_small_car(rng, lacking=own)
-    take = _draw_take(rng)
+    take = draw_take(rng)
     hidden = draw_small_effect(effect, car.plant, rng, take["duration_s"])
     trust = float(rng.choice(TRUSTS))
     return SmallCase("small-plus", number, (hidden,), seed=seed, car=car, trust=trust, **take)
@@ -114,7 +114,7 @@ def _draw_nothing(seed: int, number: int) -> SmallCase:
     """Draw a car whose simulation is exact."""
     rng = np.random.default_rng([seed, number, 3])
     car, trust = draw_small_car(rng), float(rng.choice(TRUSTS))
-    return SmallCase("small-null", number, (), seed=seed, car=car, trust=trust, **_draw_take(rng))
+    return SmallCase("small-null", number, (), seed=seed, car=car, trust=trust, **draw_take(rng))
 
 
 def _draw_outside(effect: str, seed: int, number: int) -> SmallCase:
@@ -124,5 +124,5 @@ def _draw_outside(effect: str, seed: int, number: int) -> SmallCase:
     hidden = draw_small_outside_effect(effect, car.plant, rng)
     return SmallCase(
         "small-outside", number, (hidden,), channel=OUTSIDE_CHANNELS[effect], seed=seed, car=car, trust=trust,
-        **_draw_take(rng, NEEDED_DRIVERS.get(effect, "")),
+        **draw_take(rng, NEEDED_DRIVERS.get(effect, "")),
     )  # fmt: skip

@@ -8,11 +8,12 @@ import numpy as np
 from bcid.documents.prove import RightAnswers, TierScores
 from bcid.effects.table import EFFECTS
 from bcid.proof.limits import GOALS, LIMITS
+from bcid.proof.scores.known_figures import without_known_figures
 from bcid.proof.scores.localisation import effect_channels, is_channel_right, place_overlap, time_overlap
 
 NORMAL_QUANTILE_975 = 1.96
-NOTHING_THERE = ("null", "small-null")
-"""Tiers whose car is the base model's, so that there is nothing unknown."""
+NOTHING_THERE = ("null", "small-null", "other-day")
+"""Tiers whose car follows the base model's laws, so that there is nothing unknown."""
 
 
 def score_tiers(rows: Iterable[dict[str, Any]]) -> list[TierScores]:
@@ -40,7 +41,7 @@ def _score_tier(name: str, members: Sequence[dict[str, Any]]) -> TierScores:
     A row with an "error" counts as a miss, or as a false alarm where nothing is concealed ("answer" is empty).
     """
     failed = {"findings": [], "verdict": "error", "remainder": {"channel": ""}, "seconds": float("nan")}
-    rows = [r if "error" not in r else {**failed, **r} for r in members]
+    rows = [without_known_figures(r) if "error" not in r else {**failed, **r} for r in members]
     known = [r for r in rows if r["answer"] and not r["channel"]]
     seen, unseen = [r for r in known if shows_effect(r)], [r for r in known if not shows_effect(r)]
     nulls = [r for r in rows if not r["answer"]]
@@ -89,13 +90,16 @@ def is_right(row: dict[str, Any]) -> bool:
     Reads "answer" (effects there), "channel" (of an effect without a name), "findings", "verdict", "remainder" and
     "not_excited".  Right is: only what is there is named, or effects that cannot be told from it; nothing is named
     where nothing is there; "unknown" in the right channel, where the effect has no name or was excluded; reported as
-    not excited, where the drive does not show the effect.  A row with an "error" is wrong.
+    not excited, where the drive does not show the effect.  That a figure is another than published is no name where
+    that is so, and an effect may be named that is there besides ("also").  A row with an "error" is wrong.
     """
     if "error" in row:
         return False
+    row = without_known_figures(row)
     names = {f["effect"] for f in row["findings"]}
-    if not row["answer"]:  # flaws of an imperfect base are there, and have no name
-        return not names and (row["tier"] not in NOTHING_THERE or row["verdict"] != "unknown")
+    if not row["answer"]:  # flaws of an imperfect base, and laws of other formulas, are there and have no name
+        false_names = names - _excusable_names(row)
+        return not false_names and (row["tier"] not in NOTHING_THERE or row["verdict"] != "unknown")
     if row["channel"]:
         return not names and row["verdict"] == "unknown" and row["remainder"]["channel"] in _accepted_channels(row)
     if not shows_effect(row):
@@ -209,7 +213,8 @@ def _parameter_errors(rows: Sequence[dict[str, Any]]) -> tuple[list[float], list
     errors, covered = [], []
     for row in rows:
         for finding in row["findings"]:
-            truth = row["truth"].get(finding["effect"], {})
+            if not (truth := row["truth"].get(finding["effect"], {})):
+                continue
             places = {p.symbol for p in EFFECTS[finding["effect"]].place_parameters}
             for symbol, true in truth.items():
                 if symbol in places or symbol not in finding["values"] or true == 0.0:
