@@ -29,9 +29,10 @@ from bcid.proof.rows import code_digest
 from bcid.recording.read import read_recording
 from bcid.vehicle import read_vehicle
 
-ROW_MODULES = ("bcid.proof.real.withheld", "bcid.proof.real.edited", "bcid.proof.real.transfer",
-               "bcid.proof.real.replication", "bcid.proof.real.day_model")  # fmt: skip
-"""Modules whose code, with all that they import, decides what a row holds."""
+ROW_MODULES = tuple(
+    f"bcid.proof.real.{name}" for name in ("withheld", "edited", "transfer", "replication", "day_model")
+)
+"""Modules whose code, each with all that it imports, decides what a row holds that it makes."""
 
 Question = WithheldQuestion | EditedQuestion | RecordedDrive | DrivePair
 
@@ -79,7 +80,7 @@ class _Planner:
     def __init__(self, questions: QuestionFile, inputs: QuestionInputs) -> None:
         self.questions, self.inputs = questions, inputs
         given = [p.read_text(encoding="utf-8") for p in (questions.vehicle, questions.simulation) if p]
-        self.common = [question_code_digest(), *given]
+        self.given, self.codes = given, {module: code_digest([module]) for module in ROW_MODULES}
         self.digests, self.made = dict[str, str](), dict[str, Job]()
 
     def plan(self) -> Iterator[Job]:
@@ -90,10 +91,8 @@ class _Planner:
         for pair in self.questions.pairs:
             fitted = self._diagnosed(pair.fit, freely=True)
             yield from self._new(fitted)
-            yield self._job(
-                (pair.fit, pair.test), "transfer", partial(transfer.predict_other_drive, pair, self.inputs),
-                [fitted], question=pair,
-            )  # fmt: skip
+            work = partial(transfer.predict_other_drive, pair, self.inputs)
+            yield self._job("transfer", (pair.fit, pair.test), "transfer", work, [fitted], question=pair)
         yield from self._replications()
 
     def _questions_to(self, drive: RecordedDrive) -> Iterator[Job]:
@@ -101,13 +100,10 @@ class _Planner:
         name = drive.recording
         fellows = self.questions.fellows(drive) if self.questions.simulation else ()
         own = [self._diagnosed(fellow, freely=False) for fellow in fellows]
-        day = self._job(
-            (name, *fellows), "day", partial(day_model.calibrate_simulation, name, fellows, self.inputs), own
-        )
-        whole = self._job(
-            (name, *fellows), "nothing withheld", partial(withheld.answer_whole_question, name, self.inputs),
-            [day], question=drive,
-        )  # fmt: skip
+        calibrate = partial(day_model.calibrate_simulation, name, fellows, self.inputs)
+        day = self._job("day_model", (name, *fellows), "day", calibrate, own)
+        answer = partial(withheld.answer_whole_question, name, self.inputs)
+        whole = self._job("withheld", (name, *fellows), "nothing withheld", answer, [day], question=drive)
         yield from self._new(*own, day, whole)
         if drive.tracking_fails:
             return
@@ -138,6 +134,7 @@ class _Planner:
             yield from self._new(needed)
             work = partial(answer, question, variation, self.inputs)
             job = self._job(
+                "withheld" if isinstance(question, WithheldQuestion) else "edited",
                 (question.recording,), case, work, [needed], asked, question,
                 beside=beside if first is None else [first], variation=variation,
             )  # fmt: skip
@@ -148,12 +145,12 @@ class _Planner:
         """What a drive, or the part of it that a variation keeps, shows before it is edited."""
         effects = tuple(sorted(self.questions.edits))
         work = partial(edited.diagnose_unedited_drive, name, effects, variation, self.inputs)
-        return self._job((name,), "unedited", work, [], effects, variation=variation)
+        return self._job("edited", (name,), "unedited", work, [], effects, variation=variation)
 
     def _diagnosed(self, name: str, freely: bool) -> Job:
         """A drive diagnosed alone, against the published simulation or freely."""
         work = partial(day_model.diagnose_drive, name, freely, self.inputs)
-        return self._job((name,), "freely" if freely else "published", work, [])
+        return self._job("day_model", (name,), "freely" if freely else "published", work, [])
 
     def _replications(self) -> Iterator[Job]:
         """Pairs of drives of one day, in the order of the file, after the diagnosis of each."""
@@ -164,7 +161,7 @@ class _Planner:
             alone = [self._diagnosed(name, freely=True) for name in (pair.fit, pair.test)]
             yield from self._new(*alone)
             work = partial(replication.compare_drives, pair, self.inputs)
-            yield self._job((pair.fit, pair.test), "replication", work, alone, question=pair)
+            yield self._job("replication", (pair.fit, pair.test), "replication", work, alone, question=pair)
 
     def _new(self, *jobs: Job) -> Iterator[Job]:
         """Those of the jobs that were not listed before."""
@@ -174,15 +171,19 @@ class _Planner:
                 yield job
 
     def _job(
-        self, recordings: tuple[str, ...], case: str, work: Callable[..., dict[str, Any]], priors: list[Job],
-        asked: Any = None, question: Question | None = None, beside: Iterable[Job] = (),
+        self, made_by: str, recordings: tuple[str, ...], case: str, work: Callable[..., dict[str, Any]],
+        priors: list[Job], asked: Any = None, question: Question | None = None, beside: Iterable[Job] = (),
         variation: Variation = AS_ASKED,
     ) -> Job:  # fmt: skip
-        """A job about `recordings`, the first of which is asked; its key holds all that its row depends on."""
+        """A job about `recordings`, the first of which is asked; its key holds all that its row depends on.
+
+        `made_by` is the module of this package, one of ROW_MODULES, whose code makes the row.
+        """
         # a withheld question's name does not change its answer
         kind = case if question is None or isinstance(question, RecordedDrive | DrivePair) else type(question).__name__
         read = [(self._digest(name), self.questions.drive(name).vehicle) for name in recordings]
-        what = [kind, asked, read, variation, [prior.key for prior in priors], self.common]
+        code = self.codes[f"bcid.proof.real.{made_by}"]
+        what = [kind, asked, read, variation, [prior.key for prior in priors], code, self.given]
         digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:24]
         return Job(
             f"real.{digest}", " → ".join(recordings if isinstance(question, DrivePair) else recordings[:1]), case, work,

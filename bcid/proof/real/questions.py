@@ -131,7 +131,7 @@ def _check_withholding(name: str, withholding: Withholding, simulation: Paramete
     """Raise `InputRefused` where a withholding names what does not exist, or takes nothing from the `simulation`."""
     place = f"withheld {name!r}"
     _refuse_unknown(withholding.effects, ENTRIES, file, place, "effect")
-    _refuse_unknown(withholding.sizes, withholding.effects, file, place, "size of a withheld effect")
+    _refuse_unknown(withholding.sizes, withholding.effects, file, place, "withheld effect")
     for effect in withholding.effects:
         if effect in simulation.effects:
             continue
