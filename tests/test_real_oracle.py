@@ -227,10 +227,13 @@ def test_another_start_is_another_car_with_the_same_effects() -> None:
     assert motor is not None
     assert (tyres.car.C_f, tyres.car.R_1, tyres.car.K_t) == (1.5 * CAR.C_f, 1.5 * CAR.R_1, CAR.K_t)
     assert (motor.car.K_t, motor.car.C_f, motor.effects) == (CAR.K_t / 1.3, CAR.C_f, known.effects)
+    # what is published lies one standard deviation from where it begins
+    assert motor.relative_sd_of["K_t"] == pytest.approx(np.log(1.3))
+    assert "C_f" not in motor.relative_sd_of
     assert move_start(None, PARTS[0], [estimate], simulated_vehicle()) is None
     free = move_start(None, STARTS[1], [estimate], simulated_vehicle())
     assert free is not None
-    assert free.relative_sd is None
+    assert (free.relative_sd, free.relative_sd_of) == (None, {})
 
 
 def test_an_answer_is_its_names_or_its_verdict() -> None:

@@ -103,7 +103,9 @@ class _Planner:
         calibrate = partial(day_model.calibrate_simulation, name, fellows, self.inputs)
         day = self._job("day_model", (name, *fellows), "day", calibrate, own)
         answer = partial(withheld.answer_whole_question, name, self.inputs)
-        whole = self._job("withheld", (name, *fellows), "nothing withheld", answer, [day], question=drive)
+        # without a simulation nobody knows what is there, so that a name may be right: it is no control
+        control = drive if self.questions.simulation or drive.tracking_fails else None
+        whole = self._job("withheld", (name, *fellows), "nothing withheld", answer, [day], question=control)
         yield from self._new(*own, day, whole)
         if drive.tracking_fails:
             return

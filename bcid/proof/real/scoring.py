@@ -103,8 +103,8 @@ def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any], whole: M
     met = [few and any(set(name.split("+")) <= accepted for name in names) for names in sets]
     corrected = bool(set(row["corrections"]) & set(effects))
     excused = {name for f in whole["findings"] for name in (f["effect"], *f["twins"])}
-    false = [f["effect"] for f, is_met in zip(findings, met, strict=True) if not is_met and f["effect"] not in excused]
-    named = any(met) or corrected
+    named, right = any(met) or corrected, [shows and is_met for is_met in met]
+    false = [f["effect"] for f, ok in zip(findings, right, strict=True) if not ok and f["effect"] not in excused]
     return {
         **row, "tier": "withheld" if shows else "control", "effects": list(effects),
         "right": named if shows else not named, "first": shows and (corrected or (bool(met) and met[0])),

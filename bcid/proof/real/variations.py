@@ -5,6 +5,7 @@ A right answer hangs on neither, so that the share of answers that differ says h
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -47,14 +48,20 @@ def move_start(
     """The reference model whose car is another by the factors of a `variation`, so that the fit begins elsewhere.
 
     Without a reference it is the car that a diagnosis guesses from the `estimates`, to be refitted freely.  Where the
-    simulation is trusted, what it is trusted to be moves along, so that a start far off is a wrong simulation as well.
+    simulation is trusted, what it is trusted to be moves along; so that it is not said to be what it is not, parameters
+    that are moved are trusted no better than to the logarithm of their factor.
     """
     if not variation.factors:
         return reference
     if reference is None:
         car = guess_car(estimates, vehicle, *estimates[0].steering_constants())._replace(u_0=0.0)
         reference = ReferenceModel(car, {})
-    return reference._replace(car=_scale_car(reference.car, dict(variation.factors)))
+    factors, known = dict(variation.factors), reference.relative_sd_of
+    if reference.relative_sd is not None:
+        usual = reference.relative_sd
+        moved = {symbol: max(known.get(symbol, usual), abs(math.log(f))) for symbol, f in factors.items()}
+        known = {**known, **moved}
+    return reference._replace(car=_scale_car(reference.car, factors), relative_sd_of=known)
 
 
 def _scale_car(car: Car, factors: Mapping[str, float]) -> Car:
