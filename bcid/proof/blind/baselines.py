@@ -237,7 +237,7 @@ def run_baselines(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     error) and "seconds".  Of the diagnosis only the base model's fit and the disturbances beside it are used.
     """
     residual, answers = ResidualData(diagnosis.take, diagnosis.naming.base, diagnosis.pushes_before), {}
-    # a suite's workers share the cores; warnings are of sparse fits that keep no term, and of nets that stop early
+    # a suite's workers share the cores; warnings are of sparse fits that keep no term
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         for method, run_method in METHODS.items():

@@ -1,5 +1,6 @@
 """Regressions of what a model leaves: what they are given at each 0.5 s, folds in time, a perceptron and trees."""
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -46,10 +47,14 @@ def blocked_folds(knots: int) -> Ints:
 
 def fit_perceptron(inputs: Floats, targets: Floats) -> Predictor:
     """Fit a multilayer perceptron to standardised `inputs` (N, n) and `targets` (N, m); seeded, so always the same."""
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.neural_network import MLPRegressor
 
     model = MLPRegressor(hidden_layer_sizes=(32, 32), alpha=1e-2, early_stopping=True, max_iter=300, random_state=0)
-    model.fit(inputs, targets)
+    with warnings.catch_warnings():
+        # that it might learn on is what early stopping means
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(inputs, targets)
     return lambda unseen: np.asarray(model.predict(unseen))
 
 
