@@ -21,7 +21,7 @@ from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
 from bcid.proof.real.question_files import QuestionInputs, reference_as_row, reference_from_row
 from bcid.proof.real.questions import EditedQuestion
-from bcid.proof.real.variations import Variation
+from bcid.proof.real.variations import QuestionVariation
 from bcid.proof.rows import diagnosis_row
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -46,7 +46,7 @@ class UneditedDrive(NamedTuple):
 
 
 def diagnose_unedited_drive(
-    name: str, effects: Iterable[str], variation: Variation, inputs: QuestionInputs
+    name: str, effects: Iterable[str], variation: QuestionVariation, inputs: QuestionInputs
 ) -> dict[str, Any]:
     """Diagnose the recording `name` before it is edited, twice, and fit each of `effects` to it, even if not named.
 
@@ -80,7 +80,7 @@ def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
 
 
 def answer_edited_question(
-    question: EditedQuestion, variation: Variation, inputs: QuestionInputs, unedited_row: Mapping[str, Any]
+    question: EditedQuestion, variation: QuestionVariation, inputs: QuestionInputs, unedited_row: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Edit a real recording so that its car has an effect of known size, and diagnose it; return the row to be scored.
 
@@ -103,7 +103,7 @@ def answer_edited_question(
 
 
 def _edit_recording(
-    question: EditedQuestion, simulation: ReferenceModel, variation: Variation, inputs: QuestionInputs
+    question: EditedQuestion, simulation: ReferenceModel, variation: QuestionVariation, inputs: QuestionInputs
 ) -> tuple[Recording, Estimate, Vehicle]:
     """Edit a real recording so that its car has the question's effect; return it, its estimated motion and the vehicle.
 

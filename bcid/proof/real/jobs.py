@@ -24,7 +24,7 @@ from bcid.proof.real.questions import (
     WithheldQuestion,
     read_questions,
 )
-from bcid.proof.real.variations import AS_ASKED, PARTS, STARTS, Variation
+from bcid.proof.real.variations import AS_ASKED, PARTS, STARTS, QuestionVariation
 from bcid.proof.rows import code_digest
 from bcid.recording.read import read_recording
 from bcid.vehicle import read_vehicle
@@ -47,7 +47,7 @@ class Job(NamedTuple):
     priors: tuple[str, ...] = ()  # keys of rows that this one is made of
     question: Question | None = None  # that the row answers; None where it is only needed by others
     beside: tuple[str, ...] = ()  # keys of rows that the answer is scored with
-    variation: Variation = AS_ASKED
+    variation: QuestionVariation = AS_ASKED
 
     @property
     def label(self) -> str:
@@ -124,7 +124,7 @@ class _Planner:
 
     def _variants(
         self, question: WithheldQuestion | EditedQuestion, case: str, asked: Any, answer: Callable[..., dict[str, Any]],
-        prior: Callable[[Variation], Job], variations: Iterable[Variation], beside: list[Job],
+        prior: Callable[[QuestionVariation], Job], variations: Iterable[QuestionVariation], beside: list[Job],
     ) -> Iterator[Job]:  # fmt: skip
         """A question as it is asked, and its variations, which are scored beside that; first what each needs.
 
@@ -143,7 +143,7 @@ class _Planner:
             first = first or job
             yield job
 
-    def _unedited(self, name: str, variation: Variation) -> Job:
+    def _unedited(self, name: str, variation: QuestionVariation) -> Job:
         """What a drive, or the part of it that a variation keeps, shows before it is edited."""
         effects = tuple(sorted(self.questions.edits))
         work = partial(edited.diagnose_unedited_drive, name, effects, variation, self.inputs)
@@ -175,7 +175,7 @@ class _Planner:
     def _job(
         self, made_by: str, recordings: tuple[str, ...], case: str, work: Callable[..., dict[str, Any]],
         priors: list[Job], asked: Any = None, question: Question | None = None, beside: Iterable[Job] = (),
-        variation: Variation = AS_ASKED,
+        variation: QuestionVariation = AS_ASKED,
     ) -> Job:  # fmt: skip
         """A job about `recordings`, the first of which is asked; its key holds all that its row depends on.
 

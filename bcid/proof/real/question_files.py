@@ -16,7 +16,7 @@ from bcid.estimate.types import Estimate
 from bcid.files.toml import validate_settings
 from bcid.physics.car import Car
 from bcid.proof.real.questions import QuestionFile, RecordedDrive
-from bcid.proof.real.variations import AS_ASKED, Variation, cut_recording
+from bcid.proof.real.variations import AS_ASKED, QuestionVariation, cut_recording
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -45,7 +45,7 @@ class QuestionInputs(NamedTuple):
                 validate_settings(file, Vehicle, self._vehicle_tables(name, tables), place, "see the vehicle file")
 
     def estimate_recording(
-        self, name: str, vehicle: Vehicle, variation: Variation = AS_ASKED
+        self, name: str, vehicle: Vehicle, variation: QuestionVariation = AS_ASKED
     ) -> tuple[Recording, Estimate, Tuning]:
         """Read a recording, or the part of it that a `variation` keeps; return it, its motion and the filter's tuning.
 

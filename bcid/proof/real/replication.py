@@ -66,7 +66,7 @@ def _changed_effects(pair: DrivePair, inputs: QuestionInputs, first: Mapping[str
 
 
 def _names_and_twins(findings: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Of each finding its name, and what cannot be told from it."""
+    """The name of each finding, with what cannot be told from it."""
     return [(f["effect"], *f["twins"]) for f in findings]
 
 

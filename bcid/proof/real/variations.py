@@ -20,7 +20,7 @@ from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
 
-class Variation(NamedTuple):
+class QuestionVariation(NamedTuple):
     """One way to ask a question: factors of the car that the fit begins with, and the part of the drive kept."""
 
     name: str
@@ -28,22 +28,25 @@ class Variation(NamedTuple):
     part: tuple[float, float] = (0.0, 1.0)  # begin and end as shares of the drive
 
 
-AS_ASKED = Variation("as asked")
+AS_ASKED = QuestionVariation("as asked")
 
 STARTS = (
-    Variation(
+    QuestionVariation(
         "tyres and drag × 1.5", tuple((s, 1.5) for s in ("C_f", "C_r", "F_f_max", "F_r_max", "R_1", "R_2"))
     ),
-    Variation("motor / 1.3", (("K_t", 1.0 / 1.3), ("F_m_max", 1.0 / 1.3))),
+    QuestionVariation("motor / 1.3", (("K_t", 1.0 / 1.3), ("F_m_max", 1.0 / 1.3))),
 )  # fmt: skip
 """Starts of the base fit beside that of the question itself."""
 
-PARTS = (Variation("first three quarters", part=(0.0, 0.75)), Variation("last three quarters", part=(0.25, 1.0)))
+PARTS = (
+    QuestionVariation("first three quarters", part=(0.0, 0.75)),
+    QuestionVariation("last three quarters", part=(0.25, 1.0)),
+)
 """Parts of the drive on which a question is asked again."""
 
 
 def move_start(
-    reference: ReferenceModel | None, variation: Variation, estimates: list[Estimate], vehicle: Vehicle
+    reference: ReferenceModel | None, variation: QuestionVariation, estimates: list[Estimate], vehicle: Vehicle
 ) -> ReferenceModel | None:
     """The reference model whose car is another by the factors of a `variation`, so that the fit begins elsewhere.
 

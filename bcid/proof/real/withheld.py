@@ -15,7 +15,7 @@ from bcid.proof.real.misfit import error_ratios, prediction_rmse, whole_misfit
 from bcid.proof.real.oracle import find_equivalents, fit_true_structure
 from bcid.proof.real.question_files import QuestionInputs, reference_from_row
 from bcid.proof.real.questions import WithheldQuestion, Withholding
-from bcid.proof.real.variations import AS_ASKED, Variation, move_start
+from bcid.proof.real.variations import AS_ASKED, QuestionVariation, move_start
 from bcid.proof.rows import diagnosis_row
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -58,7 +58,7 @@ def answer_whole_question(recording: str, inputs: QuestionInputs, day: Mapping[s
 
 
 def answer_withheld_question(
-    question: WithheldQuestion, variation: Variation, inputs: QuestionInputs, day: Mapping[str, Any]
+    question: WithheldQuestion, variation: QuestionVariation, inputs: QuestionInputs, day: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Take something out of the simulation of a drive, and diagnose the drive against the rest; return the row.
 
@@ -125,7 +125,7 @@ def _ratios(
 
 
 def _read_drive(
-    name: str, inputs: QuestionInputs, day: Mapping[str, Any], tables: Mapping[str, Any], variation: Variation
+    name: str, inputs: QuestionInputs, day: Mapping[str, Any], tables: Mapping[str, Any], variation: QuestionVariation
 ) -> _AskedDrive:
     """A drive with its day's simulation, the vehicle being as the file says, but for `tables` in place of its own."""
     vehicle = inputs.vehicle_for(name, tables)
