@@ -55,7 +55,9 @@ def calibrate_simulation(
     if not fellows or inputs.simulation is None:
         _, estimate, _ = inputs.estimate_recording(name, vehicle)
         return {"simulation": reference_as_row(inputs.published_model([estimate], vehicle)), "fellows": [], "added": []}
-    recordings, estimates, _ = zip(*(inputs.estimate_recording(f, vehicle) for f in fellows), strict=True)
+    # columns and zeros are each drive's own
+    read = [inputs.estimate_recording(fellow, inputs.vehicle_for(fellow)) for fellow in fellows]
+    recordings, estimates, _ = zip(*read, strict=True)
     published = inputs.published_model(list(estimates), vehicle)
     assert published is not None  # noqa: S101  # there is a simulation
     base = fit_base_model(recordings, estimates, vehicle, published)
