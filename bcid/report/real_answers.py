@@ -46,18 +46,18 @@ def ratio_text(row: Row) -> str:
 
 
 def misfit_text(row: Row) -> str:
-    """How far the simulation with nothing withheld is off: RMSE of speed and yaw rate, and nats a segment.
+    """How far the simulation with nothing withheld is off: RMSE of speed and yaw rate, nats a segment when refitted.
 
-    >>> misfit_text({"misfit": {"rmse": {"v_x": 0.0961, "yaw_rate": 0.159}, "given_nats": -3.2}})
+    >>> misfit_text({"misfit": {"rmse": {"v_x": 0.0961, "yaw_rate": 0.159}, "nats": -3.2}})
     '0.096 m/s, 0.159 rad/s, -3.2'
     >>> misfit_text({})
     '–'
     """
     if not row.get("misfit"):
         return "–"
-    rmse, nats = row["misfit"]["rmse"], row["misfit"]["given_nats"]
+    rmse, nats = row["misfit"]["rmse"], row["misfit"]["nats"]
     speed, yaw_rate = ("endless" if v is None else f"{v:.3f}" for v in (rmse["v_x"], rmse["yaw_rate"]))
-    return f"{speed} m/s, {yaw_rate} rad/s, {'–' if nats is None else f'{nats:.1f}'}"
+    return f"{speed} m/s, {yaw_rate} rad/s, {nats:.1f}"
 
 
 def answer_text(row: Row, mark: str = "`") -> str:

@@ -65,11 +65,11 @@ def describe_figure(figure: RealFigure) -> str:
     >>> describe_figure(RealFigure(figure="right", n=10, hits=9, value=0.9, ci95=(0.555, 0.997), goal=(0.9, 1.0)))
     '9 of 10 (0.555 to 0.997), wanted at least 0.9'
     >>> describe_figure(RealFigure(figure="false", n=4, value=0.25, goal=(0.0, 0.3)))
-    '0.25 of 4, wanted at most 0.3'
+    '0.25 (n = 4), wanted at most 0.3'
     """
     if figure.value is None:
         return "–"
-    told = f"{figure.hits:g} of {figure.n}" if figure.hits is not None else f"{figure.value:.3g} of {figure.n}"
+    told = f"{figure.hits:g} of {figure.n}" if figure.hits is not None else f"{figure.value:.3g} (n = {figure.n})"
     if figure.ci95 is not None:
         told += f" ({figure.ci95[0]:.3g} to {figure.ci95[1]:.3g})"
     if figure.goal is not None:

@@ -13,9 +13,7 @@ from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.table import ENTRIES
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import predict_with_restarts
-from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.refit import Fit, evaluate_fixed
-from bcid.likelihood.take import Take
+from bcid.likelihood.refit import Fit
 from bcid.proof.real.limits import LIMITS
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -60,23 +58,15 @@ def own_quantity(effects: Sequence[str]) -> str:
 
 
 def whole_misfit(
-    simulation: ReferenceModel | None, base: Fit, take: Take, vehicle: Vehicle, recording: Recording,
-    estimate: Estimate,
-) -> dict[str, Any]:  # fmt: skip
-    """How far a simulation with nothing withheld is from a drive; `base` is its fit to the `take` of that drive.
+    simulation: ReferenceModel | None, base: Fit, vehicle: Vehicle, recording: Recording, estimate: Estimate
+) -> dict[str, Any]:
+    """How far a simulation with nothing withheld is from a drive; `base` is its refit to that drive.
 
-    Returns "rmse" (`prediction_rmse`) and by how many nats a segment of 1.5 s is likelier than by a base model that is
-    fitted freely, less than none where it is less likely: "refitted_nats" of the refitted simulation, "given_nats" of
-    the simulation as it is given (None where it diverges, or where there is none).
+    Returns "rmse" (`prediction_rmse`) of the simulation as it is given, and "nats": by how many nats a segment of 1.5 s
+    is likelier by its refit than by a base model that is fitted freely; less than none where it is less likely.
     """
     rmse = prediction_rmse(simulation, vehicle, recording, estimate)
     if simulation is None:
-        return {"rmse": rmse, "refitted_nats": 0.0, "given_nats": None}
-    free = float(fit_base_model([recording], [estimate], vehicle).fit.per_segment.mean())
-    h = base.hypothesis
-    phi = h.phi_of(simulation.car, [simulation.effects.get(field, p.off) for field, p in h.effect_parameters])
-    given = none_if_diverged(evaluate_fixed, take, h, phi, base.scales)
-    return {
-        "rmse": rmse, "refitted_nats": round(float(base.per_segment.mean()) - free, 2),
-        "given_nats": None if given is None else round(float(given.per_segment.mean()) - free, 2),
-    }  # fmt: skip
+        return {"rmse": rmse, "nats": 0.0}
+    free = fit_base_model([recording], [estimate], vehicle).fit
+    return {"rmse": rmse, "nats": round(float(base.per_segment.mean() - free.per_segment.mean()), 2)}

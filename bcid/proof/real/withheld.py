@@ -50,10 +50,7 @@ def answer_whole_question(recording: str, inputs: QuestionInputs, day: Mapping[s
     """
     drive = _read_drive(recording, inputs, day, {}, AS_ASKED)
     diagnosis, row = drive.diagnose(drive.simulation)
-    base = diagnosis.naming.base
-    misfit = whole_misfit(
-        drive.simulation, base, diagnosis.take, drive.vehicle, drive.recording, drive.estimate
-    )  # fmt: skip
+    misfit = whole_misfit(drive.simulation, diagnosis.naming.base, drive.vehicle, drive.recording, drive.estimate)
     return {**row, "misfit": misfit, "fellows": day["fellows"], "added": day["added"]}
 
 
