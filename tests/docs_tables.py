@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bcid.documents.prove import MethodScores, ProveDocument
-from bcid.proof.real.questions import NOT_ASKED
+from bcid.proof.real.figures import describe_figure, real_figures, with_goals
 from bcid.report.proof_page import (
     METHOD_FIGURES,
     SHOWN_IF_ANY,
@@ -20,6 +20,10 @@ from bcid.report.proof_page import (
     tier_title,
     tiers_not_run,
 )
+from bcid.report.real_answers import answer_text, misfit_text, question_text, ratio_text, worth_text
+
+NOT_ASKED = "not asked"
+"""Verdict, in rows of `bcid.prove-real/1`, where the simulation predicted as well without what was withheld."""
 
 ALWAYS_SHOWN = ("channel", "not_seen", "coverage")
 """Fields that the README's table shows for every tier that has them."""
@@ -62,7 +66,7 @@ def _method_summary(method: MethodScores) -> str:
 
 
 def answers_table(outcomes: Sequence[Mapping[str, Any]]) -> str:
-    """The docs' table of questions to real recordings: one row for each, sorted by tier."""
+    """The docs' table of questions to real recordings in documents `bcid.prove-real/1`: one row each, by tier."""
     rows = [row for outcome in outcomes for row in outcome["rows"]]
     tiers = list(dict.fromkeys(row["tier"] for row in rows))
     rows.sort(key=lambda r: (tiers.index(r["tier"]), r["recording"], r["case"]))
@@ -71,7 +75,7 @@ def answers_table(outcomes: Sequence[Mapping[str, Any]]) -> str:
         [
             [
                 row["tier"], _shorten_name(Path(row["recording"]).stem), question_text(row),
-                error_ratio_text(row, "× {:.2f}"), _answer_text(row),
+                error_ratio_text(row, "× {:.2f}"), answer_text(row),
                 "–" if row["verdict"] == NOT_ASKED else "yes" if row["right"] else "**no**",
             ]
             for row in rows
@@ -79,40 +83,32 @@ def answers_table(outcomes: Sequence[Mapping[str, Any]]) -> str:
     )  # fmt: skip
 
 
-def question_text(row: Mapping[str, Any]) -> str:
-    """What was asked of a real recording; of an edit also what the unedited drive showed of it.
-
-    >>> question_text({"case": "motor lag"})
-    'motor lag'
-    >>> question_text({"case": "pose_latency 0.05", "before": {"tau": [-0.0102, 0.001]}})
-    'pose_latency 0.05, before: -0.0102'
-    """
-    if row.get("before") is None:
-        return str(row["case"])
-    before = row["before"] if isinstance(row["before"], float) else next(iter(row["before"].values()))[0]
-    return f"{row['case']}, before: {before:.3g}"
+def real_figures_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The docs' table of figures of scored rows in documents `bcid.prove-real/2`, pooled, beside their goals."""
+    return _markdown_table(
+        ["figure", "of how many, 95 % interval, goal"],
+        [
+            [f.figure, describe_figure(f) + (" **missed**" if f.missed else "")]
+            for f in with_goals(real_figures(rows))
+        ],
+    )  # fmt: skip
 
 
-def _answer_text(row: Mapping[str, Any]) -> str:
-    """The effects named with their twins and values, published values beside them; or the verdict.
-
-    >>> zone = {"effect": "motor_dead_zone", "twins": [], "values": {"width": [0.162, 0.002]}}
-    >>> _answer_text({"findings": [zone], "published": {"motor_dead_zone__width": 0.164}})
-    '`motor_dead_zone` (0.162 ± 0.002; published 0.164)'
-    """
-    names_and_values = []
-    for finding in row["findings"]:
-        published = {s: row.get("published", {}).get(f"{finding['effect']}__{s}") for s in finding["values"]}
-        values = ", ".join(
-            f"{v:.3g} ± {se:.1g}" + (f"; published {published[s]:.3g}" if published[s] is not None else "")
-            for s, (v, se) in finding["values"].items()
-        )
-        names = " or ".join(f"`{name}`" for name in (finding["effect"], *finding["twins"]))
-        names_and_values.append(f"{names} ({values})")
-    if names_and_values:
-        return "; ".join(names_and_values)
-    where = f" in {row['remainder']['channel']}" if row["verdict"] == "unknown" else ""
-    return f"{row['verdict']}{where}"
+def real_answers_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The docs' table of scored rows in documents `bcid.prove-real/2`; variations stand with the question they vary."""
+    return _markdown_table(
+        ["tier", "recording", "what", "worth (nats)", "error", "misfit", "answered", "or", "right", "varies"],
+        [
+            [
+                row["tier"], " → ".join(_shorten_name(Path(name).stem) for name in row["recording"].split(" → ")),
+                question_text(row), worth_text(row), ratio_text(row), misfit_text(row), answer_text(row),
+                ", ".join(f"`{name}`" for name in row.get("equivalents", ())) or "–",
+                "yes" if row["right"] else "**no**", ", ".join(row.get("changes_with", ())) or "–",
+            ]
+            for row in rows
+            if "variation" not in row
+        ],
+    )  # fmt: skip
 
 
 def _shorten_name(name: str, most: int = 32) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -66,8 +65,14 @@ def prove(
         int, typer.Option(min=0, help="Cases that run at a time; 0 for as many as there are cores.")
     ] = 0,
     real: Annotated[
-        Path | None,
-        typer.Option(help="A TOML file of questions to real recordings to ask instead (pipelines/dart/cases.toml)."),
+        list[Path] | None,
+        typer.Option(
+            help="A TOML file of questions to real recordings to ask instead (pipelines/dart/cases.toml); repeatable."
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Ask only the questions of --real whose kind, recording, name or variation has this text."),
     ] = None,
     recordings: Annotated[Path | None, typer.Option(help="The folder of the recordings for --real.")] = None,
     limits: Annotated[
@@ -81,7 +86,9 @@ def prove(
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
     """Conceal effects in simulated takes and count how many the diagnosis finds; takes hours unless --quick."""
-    if real is None and not limits:
+    if only and not real:
+        raise UsageError("--only goes with --real\n  next: name a file of questions with --real")
+    if not real and not limits:
         _check_blind_options(quick, seed, salt, every, recordings)
         if case is not None and (salt or baselines or minutes is not None):
             raise UsageError("--case only writes a recording\n  next: leave out --salt, --baselines and --minutes")
@@ -97,12 +104,12 @@ def prove(
         "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines, suite: sizes != SuiteSizes(),
     }  # fmt: skip
     if limits:
-        _refuse_options({"real": real is not None, "recordings": recordings is not None, **for_blind_tests}, "limits")
+        _refuse_options({"real": bool(real), "recordings": recordings is not None, **for_blind_tests}, "limits")
         _vary_limits(DEFAULT_SEED if seed is None else seed, takes, out, workers, minutes, sink, force)
         return
-    if real is not None:
+    if real:
         _refuse_options({"seed": seed is not None, "minutes": minutes is not None, **for_blind_tests}, "real")
-        _ask_real_questions(real, recordings or Path(), out, workers, sink, force)
+        _ask_real_questions(real, recordings or Path(), only or (), out, workers, sink, force)
         return
     test = BlindTest(DEFAULT_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
     if case is None:
@@ -221,26 +228,28 @@ def _vary_limits(
         raise GoalMissed(f"goals missed ({'; '.join(document.missed)})\n  next: see the changes in {out / LIMITS_FILE}")
 
 
-def _ask_real_questions(file: Path, recordings: Path, out: Path, workers: int, sink: Sink, force: bool) -> None:
+def _ask_real_questions(
+    files: Sequence[Path], recordings: Path, only: Sequence[str], out: Path, workers: int, sink: Sink, force: bool
+) -> None:
     """Diagnose real recordings whose missing effect is known: withheld from the model, or added by editing the data.
 
-    The questions stand in the TOML `file`; the scored answers are written as real.json into `out`, and printed.
+    The questions stand in TOML `files`; with `only`, those alone are asked whose label holds one of its texts.  The
+    scored answers and their figures are written as real.json into `out`, and printed.
     """
     from bcid.cli import show
-    from bcid.proof.real.run_questions import question_code_digest, run_real_questions
-    from bcid.proof.real.scoring import real_outcome
+    from bcid.proof.real.figures import real_document
+    from bcid.proof.real.jobs import question_code_digest
+    from bcid.proof.real.run_questions import run_real_questions
     from bcid.store.receipt import refuse_to_renew, renew_results
 
     refuse_to_renew(out, [REAL_FILE], force)
-    rows: list[dict[str, Any]] = []
     with sink.stage("prove on real recordings") as progress:
-        for row, share in run_real_questions(file, recordings, out, workers):
-            rows.append(row)
-            progress(share, row["case"])
-    found = real_outcome(rows, question_code_digest())
-    text = json.dumps(found, indent=1)
-    renew_results(out, {REAL_FILE: lambda path: path.write_text(text, encoding="utf-8")}, force)
-    sink.result(found, lambda: show.real_proof_table(found))
-    wrong = [f"{r['tier']} {r['case']}" for r in rows if not r["right"]]
-    if wrong:
-        raise GoalMissed(f"goals missed ({'; '.join(wrong)})\n  next: see their rows in {out / REAL_FILE}")
+        rows = run_real_questions(
+            files, recordings, out, workers, only, lambda label, share: progress(share, label)
+        )  # fmt: skip
+    document = real_document(rows, question_code_digest())
+    renew_results(out, {REAL_FILE: document.write}, force)
+    sink.result(document.as_json(), lambda: show.real_proof_tables(document))
+    if document.missed:
+        missed = "; ".join(document.missed)
+        raise GoalMissed(f"goals missed ({missed})\n  next: see the answers in {out / REAL_FILE}")

@@ -12,6 +12,7 @@ from bcid.cli.sink import plain_table
 from bcid.documents.diagnosis import Detectable, DiagnosisDocument
 from bcid.documents.health import ClockEstimate, HealthDocument
 from bcid.documents.prove import ProveDocument
+from bcid.documents.prove_real import RealProofDocument
 from bcid.documents.report import ReportDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
 from bcid.errors import printable
@@ -216,32 +217,22 @@ def varied_limits_tables(outcome: VariedLimitsDocument) -> Group:
     return Group(*tables)
 
 
-def real_proof_table(outcome: dict[str, Any]) -> Table:
-    """Table of real.json: diagnoses of real recordings whose missing effect is known, and counts of right ones.
+def real_proof_tables(document: RealProofDocument) -> Group:
+    """Tables of real.json: figures of the answers about real recordings beside their goals, and every answer."""
+    from bcid.proof.real.figures import describe_figure
+    from bcid.report.real_answers import answer_text, question_text, worth_text
 
-    Tiers are the kinds of question: effects withheld from the model, controls, and effects edited into the data.
-    """
-    from bcid.report.proof_page import error_ratio_text
-
+    figures = [[f.figure, describe_figure(f), "missed" if f.missed else ""] for f in document.figures]
     rows = [
-        [
-            r["tier"], Path(r["recording"]).stem[-24:], r["case"], error_ratio_text(r, "{:.2f}"),
-            ", ".join(f["effect"] for f in r["findings"]) or r["verdict"], "yes" if r["right"] else "NO",
-        ]
-        for r in outcome["rows"]
+        [r["tier"], Path(r["recording"]).stem[-24:], question_text(r), worth_text(r), answer_text(r, ""),
+         "yes" if r["right"] else "NO"]
+        for r in document.rows
     ]  # fmt: skip
-    counts = "; ".join(
-        f"{tier}: {t['right']} of {t['n']}"
-        + (
-            f" ({t['named']} by name, {t['first']} first, {t['alone']} alone), "
-            f"{t['accepted']} of {t['names']} names accepted"
-            if "named" in t
-            else ""
-        )
-        for tier, t in outcome["tiers"].items()
+    columns = ["tier", "recording", "what", "worth", "answered", "right"]
+    return Group(
+        plain_table("real recordings", ["figure", "value", ""], figures, "", ["figure", "value"]),
+        plain_table("answers", columns, rows, "", ["what", "answered"]),
     )
-    columns = ["tier", "recording", "what", "error", "answered", "right"]
-    return plain_table("real recordings", columns, rows, counts, ["what", "answered"])
 
 
 def goal_of_timing(row: Mapping[str, Any]) -> str:

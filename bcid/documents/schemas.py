@@ -8,6 +8,7 @@ from bcid.documents.document import Document
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
 from bcid.documents.prove import ProveDocument
+from bcid.documents.prove_real import RealProofDocument
 from bcid.documents.report import EvaluationDocument, ReportDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
 
@@ -18,6 +19,7 @@ DOCUMENTS: dict[str, type[Document]] = {
     "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,
     "prove": ProveDocument,
+    "prove_real": RealProofDocument,
     "report": ReportDocument,
 }
 """Every document by the name of its schema."""

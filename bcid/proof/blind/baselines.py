@@ -23,7 +23,13 @@ from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.proof.blind.limits import LIMITS
-from bcid.proof.blind.regressors import blocked_folds, regressor_columns
+from bcid.proof.blind.regressors import (
+    Predictor,
+    blocked_folds,
+    fit_boosted_trees,
+    fit_perceptron,
+    regressor_columns,
+)
 
 # coefficients below it are dropped by STLSQ; in standard deviations of a push
 STLSQ_THRESHOLD = 0.05
@@ -31,8 +37,8 @@ WHITENESS_LAGS = 10
 # columns that stepwise selection takes at most
 MAX_COLUMNS = 4
 
-Regression = Callable[[Floats, Floats, Floats], Floats]
-"""Fits X (N, n) and y (N,) or (N, m), and predicts y at unseen rows of X."""
+Regression = Callable[[Floats, Floats], Predictor]
+"""Fits X (N, n) and y (N,) or (N, m); what it returns predicts y at unseen rows of X."""
 
 
 class MethodAnswer(NamedTuple):
@@ -85,8 +91,9 @@ def regress_sparsely(residual: ResidualData) -> MethodAnswer:
     def coefficients(X: Floats, target: Floats) -> Floats:
         return np.asarray(pysindy.STLSQ(threshold=STLSQ_THRESHOLD, alpha=1e-3).fit(X, target).coef_).ravel()
 
-    def linear(train: Floats, target: Floats, test: Floats) -> Floats:
-        return np.asarray(test @ coefficients(train, target))
+    def linear(train: Floats, target: Floats) -> Predictor:
+        fitted = coefficients(train, target)
+        return lambda test: np.asarray(test @ fitted)
 
     found = np.abs(coefficients(theta, y))
     explained = _explained_share(theta, y, linear, np.tile(residual.knot_fold, 3))
@@ -173,29 +180,13 @@ def _joint_gain(slope: Floats, information: Floats, columns: Sequence[int]) -> f
     return float(0.5 * (g / scale) @ np.linalg.lstsq(G / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
 
 
-def _predict_by_perceptron(train: Floats, target: Floats, test: Floats) -> Floats:
-    """Fit a multilayer perceptron to inputs `train` (N, n) and `target` (N, m); predict (M, m) at `test` (M, n)."""
-    from sklearn.neural_network import MLPRegressor
-
-    model = MLPRegressor(hidden_layer_sizes=(32, 32), alpha=1e-2, early_stopping=True, max_iter=300, random_state=0)
-    return np.asarray(model.fit(train, target).predict(test))
-
-
-def _predict_by_trees(train: Floats, target: Floats, test: Floats) -> Floats:
-    """Fit gradient-boosted trees to inputs `train` (N, n) and `target` (N, m); predict (M, m) at `test` (M, n)."""
-    from sklearn.ensemble import HistGradientBoostingRegressor
-
-    models = [HistGradientBoostingRegressor(max_iter=80, random_state=0).fit(train, y) for y in target.T]
-    return np.column_stack([model.predict(test) for model in models])
-
-
-def _judge_regression(fit_and_predict: Regression, residual: ResidualData) -> MethodAnswer:
+def _judge_regression(fit: Regression, residual: ResidualData) -> MethodAnswer:
     """Answer of a method that regresses the base model's disturbances (unexplained accelerations) on state and time.
 
     It detects missing physics, without a name, if its R^2 in cross-validation over blocks of time is above
     `LIMITS.min_explained_share`.
     """
-    explained = _explained_share(residual.features, residual.targets, fit_and_predict, residual.knot_fold)
+    explained = _explained_share(residual.features, residual.targets, fit, residual.knot_fold)
     return MethodAnswer(None, explained > LIMITS.min_explained_share, explained)
 
 
@@ -222,20 +213,20 @@ def detect_residual_structure(residual: ResidualData) -> MethodAnswer:
 METHODS: dict[str, Callable[[ResidualData], MethodAnswer]] = {
     "SINDy on the residual (pysindy)": regress_sparsely,
     "stepwise BIC, base not refitted": select_stepwise,
-    "residual MLP": partial(_judge_regression, _predict_by_perceptron),
-    "residual gradient boosting": partial(_judge_regression, _predict_by_trees),
+    "residual MLP": partial(_judge_regression, fit_perceptron),
+    "residual gradient boosting": partial(_judge_regression, fit_boosted_trees),
     "residual tests (whiteness, correlation)": detect_residual_structure,
 }
 
 
-def _explained_share(X: Floats, y: Floats, fit_and_predict: Regression, fold: Ints) -> float:
+def _explained_share(X: Floats, y: Floats, fit: Regression, fold: Ints) -> float:
     """R^2 of a regression in cross-validation: 1 - sum (y - y_hat)^2 / sum y^2, `y` being centred.
 
-    `fit_and_predict` predicts y_hat in each fold, fitted to all others; `fold` (N,) is each row's number of its fold.
+    What `fit` returns of all other folds predicts y_hat in each fold; `fold` (N,) is each row's number of its fold.
     """
     predicted = np.zeros_like(y)
     for f in np.unique(fold):
-        predicted[fold == f] = fit_and_predict(X[fold != f], y[fold != f], X[fold == f])
+        predicted[fold == f] = fit(X[fold != f], y[fold != f])(X[fold == f])
     return float(1.0 - np.sum((y - predicted) ** 2) / np.sum(y**2))
 
 
@@ -246,7 +237,7 @@ def run_baselines(diagnosis: Diagnosis) -> dict[str, dict[str, Any]]:
     error) and "seconds".  Of the diagnosis only the base model's fit and the disturbances beside it are used.
     """
     residual, answers = ResidualData(diagnosis.take, diagnosis.naming.base, diagnosis.pushes_before), {}
-    # a suite's workers share the cores; warnings are of sparse fits that keep no term, and of nets that stop early
+    # a suite's workers share the cores; warnings are of sparse fits that keep no term
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         for method, run_method in METHODS.items():

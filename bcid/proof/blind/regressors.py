@@ -1,9 +1,15 @@
-"""What the baselines regress disturbances on: quantities of state, place and time at each 0.5 s, and folds in time."""
+"""Regressions of what a model leaves: what they are given at each 0.5 s, folds in time, a perceptron and trees."""
+
+import warnings
+from collections.abc import Callable
 
 import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.locate.pushes import Disturbances
+
+Predictor = Callable[[Floats], Floats]
+"""A fitted regression: targets (M, m) at inputs (M, n)."""
 
 FOLDS = 4
 BLOCK_KNOTS = 30  # 15 s: neighbours are alike
@@ -37,3 +43,24 @@ def blocked_folds(knots: int) -> Ints:
     """
     block = min(BLOCK_KNOTS, knots // FOLDS)
     return np.asarray((np.arange(knots) // block) % FOLDS)
+
+
+def fit_perceptron(inputs: Floats, targets: Floats) -> Predictor:
+    """Fit a multilayer perceptron to standardised `inputs` (N, n) and `targets` (N, m); seeded, so always the same."""
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.neural_network import MLPRegressor
+
+    model = MLPRegressor(hidden_layer_sizes=(32, 32), alpha=1e-2, early_stopping=True, max_iter=300, random_state=0)
+    with warnings.catch_warnings():
+        # that it might learn on is what early stopping means
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(inputs, targets)
+    return lambda unseen: np.asarray(model.predict(unseen))
+
+
+def fit_boosted_trees(inputs: Floats, targets: Floats) -> Predictor:
+    """Fit gradient-boosted trees to `inputs` (N, n) and each column of `targets` (N, m); seeded."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    models = [HistGradientBoostingRegressor(max_iter=80, random_state=0).fit(inputs, y) for y in targets.T]
+    return lambda unseen: np.column_stack([model.predict(unseen) for model in models])

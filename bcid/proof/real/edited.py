@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
-from bcid.diagnosis.reference import reference_from_parameters
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.search.refits import estimates_by_symbol
 from bcid.effects.table import effect_ids
@@ -18,11 +17,11 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.refit import refit
-from bcid.physics.car import Car
 from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
-from bcid.proof.real.question_files import QuestionInputs
+from bcid.proof.real.question_files import QuestionInputs, reference_as_row, reference_from_row
 from bcid.proof.real.questions import EditedQuestion
+from bcid.proof.real.variations import QuestionVariation
 from bcid.proof.rows import diagnosis_row
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -36,25 +35,31 @@ class UneditedDrive(NamedTuple):
 
     def as_row(self) -> dict[str, Any]:
         """This drive's row, which is stored for the edits of the drive."""
-        return {"car": self.simulation.car._asdict(), "effects": self.simulation.effects, "of": self.effect_values}
+        return {"simulation": reference_as_row(self.simulation), "effect_values": self.effect_values}
 
     @classmethod
     def from_row(cls, row: Mapping[str, Any]) -> UneditedDrive:
         """The unedited drive of a stored row."""
-        return cls(ReferenceModel(Car(**row["car"]), row["effects"], LIMITS.unedited_relative_sd), row["of"])
+        simulation = reference_from_row(row["simulation"])
+        assert simulation is not None  # noqa: S101  # a drive has a model
+        return cls(simulation, row["effect_values"])
 
 
-def diagnose_unedited_drive(name: str, effects: Iterable[str], inputs: QuestionInputs) -> UneditedDrive:
+def diagnose_unedited_drive(
+    name: str, effects: Iterable[str], variation: QuestionVariation, inputs: QuestionInputs
+) -> dict[str, Any]:
     """Diagnose the recording `name` before it is edited, twice, and fit each of `effects` to it, even if not named.
+
+    Returns the row of an `UneditedDrive`, of the part of the recording that a `variation` keeps.
 
     The second diagnosis is against the best fit of the first, which becomes the drive's own model.  The edited
     recording is later diagnosed against that model; otherwise an effect that only a second diagnosis finds would be
     attributed to the edit.  An effect whose fit diverges is left out.
     """
-    vehicle, start = inputs.vehicle_for(name), None
-    recording, estimate, _ = inputs.estimate_recording(name, vehicle)
-    if inputs.simulation is not None:
-        start = reference_from_parameters(inputs.simulation, [estimate], vehicle)._replace(relative_sd=None)
+    vehicle = inputs.vehicle_for(name)
+    recording, estimate, _ = inputs.estimate_recording(name, vehicle, variation)
+    start = inputs.published_model([estimate], vehicle)
+    start = start and start._replace(relative_sd=None)
     freely = diagnose_recordings([recording], [estimate], vehicle, start)
     unedited = diagnose_recordings([recording], [estimate], vehicle, _trusted_simulation(freely))
     found = UneditedDrive(_trusted_simulation(unedited), {})
@@ -62,7 +67,7 @@ def diagnose_unedited_drive(name: str, effects: Iterable[str], inputs: QuestionI
         before = none_if_diverged(_unedited_values, effect, unedited)  # a divergence concerns this edit alone
         if before is not None:
             found.effect_values[effect] = before
-    return found
+    return found.as_row()
 
 
 def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
@@ -74,26 +79,31 @@ def _trusted_simulation(diagnosis: Diagnosis) -> ReferenceModel:
     return ReferenceModel.from_fit(diagnosis.fit)._replace(relative_sd=LIMITS.unedited_relative_sd)
 
 
-def answer_edited_question(question: EditedQuestion, unedited: UneditedDrive, inputs: QuestionInputs) -> dict[str, Any]:
+def answer_edited_question(
+    question: EditedQuestion, variation: QuestionVariation, inputs: QuestionInputs, unedited_row: Mapping[str, Any]
+) -> dict[str, Any]:
     """Edit a real recording so that its car has an effect of known size, and diagnose it; return the row to be scored.
 
-    Poses or commands are edited.  The reference of the diagnosis is the model of the unedited drive without the
-    effect.  Beside `diagnosis_row` the row has "truth", the size of the edit, and "before", the effect's values and
-    standard errors in the unedited drive.
+    Poses or commands are edited, in the part of the recording that a `variation` keeps.  The reference of the diagnosis
+    is the model of the unedited drive (`unedited_row`, by `diagnose_unedited_drive`) without the effect.  Beside
+    `diagnosis_row` the row has "truth", the size of the edit, "before", the effect's values and standard errors in the
+    unedited drive, and "has", the effects of the reference.
 
     Raises:
         PredictionDiverged: the effect could not be fitted to the unedited drive.
     """
+    unedited = UneditedDrive.from_row(unedited_row)
     if question.effect not in unedited.effect_values:
         raise PredictionDiverged(f"a fit of {question.effect} to the unedited drive leaves the finite numbers")
-    recording, estimate, vehicle = _edit_recording(question, unedited.simulation, inputs)
+    recording, estimate, vehicle = _edit_recording(question, unedited.simulation, variation, inputs)
     reference = unedited.simulation.without(question.effect)
     row = diagnosis_row(diagnose_recordings([recording], [estimate], vehicle, reference))
-    return {"truth": question.value, "before": unedited.effect_values[question.effect], **row}
+    more = {"before": unedited.effect_values[question.effect], "has": list(effect_ids(reference.effects))}
+    return {"truth": question.value, **more, **row}
 
 
 def _edit_recording(
-    question: EditedQuestion, simulation: ReferenceModel, inputs: QuestionInputs
+    question: EditedQuestion, simulation: ReferenceModel, variation: QuestionVariation, inputs: QuestionInputs
 ) -> tuple[Recording, Estimate, Vehicle]:
     """Edit a real recording so that its car has the question's effect; return it, its estimated motion and the vehicle.
 
@@ -101,7 +111,7 @@ def _edit_recording(
     wheel, so it is divided by 1 + g if the unedited drive's `simulation` has a steering scale error g.
     """
     vehicle = inputs.vehicle_for(question.recording)
-    recording, _, tuning = inputs.estimate_recording(question.recording, vehicle)
+    recording, _, tuning = inputs.estimate_recording(question.recording, vehicle, variation)
     # the offset is meant at the wheel; where the drive shows that the wheel turns by 1 + g times the logged angle,
     # the log's offset is smaller by that factor
     gain = 1.0 + simulation.effects.get("steering_scale__g", 0.0) if question.effect == "steering_offset" else 1.0

@@ -1,16 +1,22 @@
 """The files that questions to one vehicle's recordings are asked with, and the estimated motion of a recording."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from bcid.diagnosis.reference import reference_from_parameters
+from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tune import tune_estimator
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.files.toml import validate_settings
-from bcid.proof.real.questions import QuestionFile
+from bcid.physics.car import Car
+from bcid.proof.real.questions import QuestionFile, RecordedDrive
+from bcid.proof.real.variations import AS_ASKED, QuestionVariation, cut_recording
 from bcid.recording.read import read_recording
 from bcid.recording.types import Recording
 from bcid.vehicle import Vehicle
@@ -20,35 +26,44 @@ PERIOD_S, MAX_GAP_S = 0.1, 0.3
 
 
 class QuestionInputs(NamedTuple):
-    """Vehicle, calibrations of single recordings by name, parameters of the simulation, and the recordings' folder."""
+    """Vehicle, drives by recording, the file of the simulation, and the recordings' folder."""
 
     vehicle: Vehicle
-    calibrated: Mapping[str, Mapping[str, Any]]  # what is otherwise in a recording
+    drives: Mapping[str, RecordedDrive]
     simulation: Path | None
     recordings: Path
 
     def vehicle_for(self, recording: str, tables: Mapping[str, Any] = MappingProxyType({})) -> Vehicle:
-        """The vehicle as calibrated for a recording, with `tables` in place of its own."""
+        """The vehicle as it was in a recording, with `tables` in place of its own."""
         return Vehicle.model_validate(self._vehicle_tables(recording, tables))
 
     def check_vehicles(self, questions: QuestionFile, file: Path) -> None:
-        """Raise `InputRefused` where a calibration or a question of `file` makes no valid vehicle."""
-        tables = {f"calibration of {name}": self._vehicle_tables(name, {}) for name in self.calibrated}
-        for question in questions.withheld:
-            place = f"vehicle of {question.name!r} or its calibration"
-            tables[place] = self._vehicle_tables(question.recording, question.vehicle)
-        for place, vehicle in tables.items():
-            validate_settings(file, Vehicle, vehicle, place, "see the vehicle file")
+        """Raise `InputRefused` where a drive or a question of `file` makes no valid vehicle."""
+        for name in self.drives:
+            for asked, tables in {"": {}, **{n: w.vehicle for n, w in questions.withheld.items()}}.items():
+                place = f"vehicle of {name!r}" + (f" or of {asked!r}" if asked else "")
+                validate_settings(file, Vehicle, self._vehicle_tables(name, tables), place, "see the vehicle file")
 
-    def estimate_recording(self, name: str, vehicle: Vehicle) -> tuple[Recording, Estimate, Tuning]:
-        """Read a recording and estimate its motion; return both with the estimator's tuning to this recording."""
+    def estimate_recording(
+        self, name: str, vehicle: Vehicle, variation: QuestionVariation = AS_ASKED
+    ) -> tuple[Recording, Estimate, Tuning]:
+        """Read a recording, or the part of it that a `variation` keeps; return it, its motion and the filter's tuning.
+
+        The tuning is that to the whole recording.
+        """
         recording = read_recording(self.recordings / name, vehicle)
         tuning = tune_estimator([recording], vehicle, PERIOD_S, MAX_GAP_S, {})
+        recording = cut_recording(recording, *variation.part)
         return recording, estimate_motion(recording, vehicle, tuning), tuning
 
+    def published_model(self, estimates: list[Estimate], vehicle: Vehicle) -> ReferenceModel | None:
+        """The published simulation as a reference model for drives of these `estimates`; None where there is none."""
+        return None if self.simulation is None else reference_from_parameters(self.simulation, estimates, vehicle)
+
     def _vehicle_tables(self, recording: str, tables: Mapping[str, Any]) -> dict[str, Any]:
-        """Tables of the vehicle file with a recording's calibration and then `tables` in place of its own."""
-        own = _merge_tables(self.calibrated.get(recording, {}), tables)
+        """Tables of the vehicle file with a recording's own and then `tables` in place of its own."""
+        drive = self.drives.get(recording)
+        own = _merge_tables(drive.vehicle if drive else {}, tables)
         return _merge_tables(self.vehicle.model_dump(by_alias=True), own)
 
 
@@ -60,3 +75,16 @@ def _merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[st
         nested = isinstance(under, Mapping) and isinstance(value, Mapping)
         merged[key] = _merge_tables(merged[key], value) if nested else value
     return merged
+
+
+def reference_as_row(reference: ReferenceModel | None) -> dict[str, Any] | None:
+    """A reference model as JSON holds it: each of its fields, mappings as objects; None where there is none."""
+    if reference is None:
+        return None
+    fields = {**reference._asdict(), "car": reference.car._asdict()}
+    return {name: dict(value) if isinstance(value, Mapping) else value for name, value in fields.items()}
+
+
+def reference_from_row(row: Mapping[str, Any] | None) -> ReferenceModel | None:
+    """The reference model that `reference_as_row` made a row of."""
+    return None if row is None else ReferenceModel(**{**row, "car": Car(**row["car"])})

@@ -1,63 +1,56 @@
-"""Questions to real recordings as a TOML file, refused where a question needs no answer or cannot have one."""
+"""Questions to real recordings as a TOML file: drives, what is withheld of their simulation, edits, and pairs.
 
+Every withholding is asked of every drive, every edit of every drive that says `edited`; which of these questions have
+an answer is computed (`bcid.proof.real.oracle`), not listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple
 
 from pydantic import Field
 
 from bcid.diagnosis.reference import ParameterFile, read_parameter_file
-from bcid.effects.entry import Channel
-from bcid.effects.table import EFFECTS
+from bcid.effects.table import EFFECTS, ENTRIES
 from bcid.errors import InputRefused
 from bcid.files.toml import PathText, Settings, read_toml
 from bcid.proof.real.edits import EDITS
 
-ANY_VEHICLE_EFFECT = "vehicle"
-# verdict where the simulation predicts as well without what is withheld
-NOT_ASKED = "not asked"
-UNKNOWN_IN_CHANNEL = tuple(f"unknown in {channel}" for channel in get_args(Channel))
 
-
-class WithheldQuestion(Settings):
-    """What is withheld from the simulation: an effect, parameters, or what the vehicle file knows."""
+class RecordedDrive(Settings):
+    """A recording of which questions are asked."""
 
     recording: str
-    name: str
-    effect: str = ""
+    day: str = ""  # drives with the same text are of the same car as it was on one day
+    vehicle: dict[str, Any] = Field(default_factory=dict)  # tables in place of the vehicle file's
+    edited: bool = False  # the edits are asked of it
+    predicted_only: bool = False  # nothing is asked of it: it is only there for pairs
+    tracking_fails: bool = False  # nothing of the vehicle may be named, and nothing else is asked of it
+    known: list[str] = Field(default_factory=list)  # effects that may be named there: other drives show them too
+
+    @property
+    def shows_the_car(self) -> bool:
+        """Whether the drive is diagnosed for what its car is like on that day."""
+        return not (self.tracking_fails or self.predicted_only)
+
+
+class Withholding(Settings):
+    """What is taken from a simulation: effects, and perhaps parameters or what the vehicle file knows."""
+
+    effects: list[str] = Field(min_length=1)  # to be named: of the simulation, or what the vehicle's tables stand for
     parameters: dict[str, float] = Field(default_factory=dict)  # of the simulation, in place of its own
     vehicle: dict[str, Any] = Field(default_factory=dict)  # tables in place of the vehicle file's
-    accepted: list[str]  # ids, "unknown in CHANNEL", or "vehicle" for every effect of the vehicle
-    control: bool = False  # none of `accepted` may be named
-    known: list[str] = Field(default_factory=list)  # effects that a control may name: other drives show them too
-
-    @property
-    def row_head(self) -> dict[str, str]:
-        """Fields of the question's row that say what was asked: tier, recording and case."""
-        tier = "control" if self.control else "withheld"
-        return {"tier": tier, "recording": self.recording, "case": self.name}
-
-    @property
-    def key_fields(self) -> dict[str, Any]:
-        """Fields that the answer depends on, for the row's key: not the question's name, nor what is accepted."""
-        return self.model_dump(exclude={"name", "accepted", "known"})
+    # parameters by effect and symbol, of those that the simulation lacks
+    sizes: dict[str, dict[str, float]] = Field(default_factory=dict)
 
 
-class EditedQuestion(Settings):
-    """An effect of known size, made in a real recording by an edit."""
+class DrivePair(Settings):
+    """Two recordings of one car: models are fitted to the first, and predict the second."""
 
-    recording: str
-    effect: str
-    value: float
-
-    @property
-    def row_head(self) -> dict[str, str]:
-        """Fields of the question's row that say what was asked: tier, recording and case."""
-        return {"tier": "edited", "recording": self.recording, "case": f"{self.effect} {self.value:g}"}
-
-    @property
-    def key_fields(self) -> dict[str, Any]:
-        """Fields that the answer depends on, for the row's key."""
-        return self.model_dump()
+    fit: str
+    test: str
 
 
 class QuestionFile(Settings):
@@ -65,9 +58,35 @@ class QuestionFile(Settings):
 
     vehicle: PathText
     simulation: PathText | None = None  # without one the base model is refitted to each recording
-    calibrated: dict[str, dict[str, Any]] = Field(default_factory=dict)  # vehicle tables of single recordings
-    withheld: list[WithheldQuestion] = Field(default_factory=list)
-    edited: list[EditedQuestion] = Field(default_factory=list)
+    drives: list[RecordedDrive]
+    withheld: dict[str, Withholding] = Field(default_factory=dict)  # by the name of the question
+    edits: dict[str, float] = Field(default_factory=dict)  # size by effect
+    pairs: list[DrivePair] = Field(default_factory=list)
+
+    def drive(self, recording: str) -> RecordedDrive:
+        """The drive of this recording."""
+        return next(drive for drive in self.drives if drive.recording == recording)
+
+    def fellows(self, drive: RecordedDrive) -> tuple[str, ...]:
+        """The recordings of the other drives of the same day, in order; empty for a drive without a day."""
+        same = [d.recording for d in self.drives if drive.day and d.day == drive.day and d.shows_the_car]
+        return tuple(recording for recording in same if recording != drive.recording)
+
+
+class WithheldQuestion(NamedTuple):
+    """What is withheld from the simulation of one recording."""
+
+    recording: str
+    name: str
+    withholding: Withholding
+
+
+class EditedQuestion(NamedTuple):
+    """An effect of known size, made in a real recording by an edit."""
+
+    recording: str
+    effect: str
+    value: float
 
 
 def read_questions(file: Path) -> QuestionFile:
@@ -77,42 +96,59 @@ def read_questions(file: Path) -> QuestionFile:
     effect of known size; the diagnosis has to name it.  The returned paths are joined to the file's folder.
 
     Raises:
-        InputRefused: the file cannot be read so, or a question names what does not exist or accepts no answer.
+        InputRefused: the file cannot be read so, or a question names what does not exist.
     """
     questions = read_toml(file, QuestionFile, "file of questions", "pipelines/dart/cases.toml is one")
     path = questions.simulation and file.parent / questions.simulation
     questions = questions.model_copy(update={"vehicle": file.parent / questions.vehicle, "simulation": path})
     simulation = ParameterFile(parameters={}) if path is None else read_parameter_file(path)
-    for question in questions.withheld:
-        _check_withheld(question, simulation, file)
-    asked = {q.recording for q in questions.withheld} | {q.recording for q in questions.edited}
-    unasked = set(questions.calibrated) - asked
-    if unasked:
-        raise InputRefused(file, "calibrated", f"nothing is asked of {', '.join(sorted(unasked))}", "check the names")
-    for edit in questions.edited:
-        if edit.effect not in EDITS:
-            raise InputRefused(file, f"edited {edit.effect!r}", "no such edit", f"one of {', '.join(EDITS)}")
+    _check_drives(questions, file)
+    for name, withholding in questions.withheld.items():
+        _check_withholding(name, withholding, simulation, file)
+    strange = [effect for effect in questions.edits if effect not in EDITS]
+    if strange:
+        raise InputRefused(file, f"edits.{strange[0]}", "no such edit", f"one of {', '.join(EDITS)}")
     return questions
 
 
-def _check_withheld(question: WithheldQuestion, simulation: ParameterFile, file: Path) -> None:
-    """Raise `InputRefused` if a question names an effect or parameter that does not exist, or has no right answer.
+def _check_drives(questions: QuestionFile, file: Path) -> None:
+    """Raise `InputRefused` for a recording listed twice, a pair of unlisted ones, or an effect that does not exist."""
+    names = [drive.recording for drive in questions.drives]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputRefused(file, "drives", f"{', '.join(twice)} stands there twice", "list each recording once")
+    paired = [name for pair in questions.pairs for name in (pair.fit, pair.test)]
+    if any(name not in names for name in paired) or any(pair.fit == pair.test for pair in questions.pairs):
+        raise InputRefused(file, "pairs", "not two of the drives", f"two of {', '.join(names)}")
+    for drive in questions.drives:
+        _refuse_unknown(drive.known, EFFECTS, file, f"known of {drive.recording!r}", "effect")
+        if drive.known and not drive.tracking_fails:
+            cause = "only where the tracking fails something is known"
+            raise InputRefused(file, f"known of {drive.recording!r}", cause, "leave it out; other drives are asked")
 
-    The question withholds an effect or parameters from the `simulation` (or from the vehicle file); the diagnosis has
-    to name what is missing.
-    """
-    place = f"withheld {question.name!r}"
-    if question.effect and question.effect not in simulation.effects:
-        choices = f"one of {', '.join(simulation.effects)}"
-        raise InputRefused(file, place, f"the simulation has no {question.effect!r}", choices)
-    strange = [a for a in question.accepted if a not in (*EFFECTS, ANY_VEHICLE_EFFECT, *UNKNOWN_IN_CHANNEL)]
-    if strange or not question.accepted:
-        ids = f"see `bcid effects` for the ids; or {', '.join(UNKNOWN_IN_CHANNEL)}"
-        raise InputRefused(file, place, f"accepts {strange or 'nothing'}", ids)
-    changed = [s for s, v in question.parameters.items() if s not in simulation.parameters or not v > 0.0]
+
+def _check_withholding(name: str, withholding: Withholding, simulation: ParameterFile, file: Path) -> None:
+    """Raise `InputRefused` where a withholding names what does not exist, or takes nothing from the `simulation`."""
+    place = f"withheld {name!r}"
+    _refuse_unknown(withholding.effects, ENTRIES, file, place, "effect")
+    _refuse_unknown(withholding.sizes, withholding.effects, file, place, "withheld effect")
+    for effect in withholding.effects:
+        if effect in simulation.effects:
+            continue
+        symbols = {p.symbol for p in ENTRIES[effect].parameters}
+        if not withholding.vehicle or set(withholding.sizes.get(effect, ())) != symbols:
+            choices = f"one of {', '.join(simulation.effects)}, or tables of the vehicle file and `sizes`"
+            raise InputRefused(file, place, f"the simulation has no {effect!r}", choices)
+    changed = [s for s, v in withholding.parameters.items() if s not in simulation.parameters or not v > 0.0]
     if changed:
         choices = f"one of {', '.join(simulation.parameters) or 'a simulation, which is not named'}, above zero"
         raise InputRefused(file, place, f"changes parameters {', '.join(changed)} of the simulation", choices)
-    unknown = [k for k in question.known if k not in EFFECTS]
-    if unknown or (question.known and not question.control):
-        raise InputRefused(file, place, f"knows {unknown or 'something and is no control'}", "see `bcid effects`")
+
+
+def _refuse_unknown(
+    names: Iterable[str], known: Iterable[str] | Mapping[str, Any], file: Path, place: str, what: str
+) -> None:
+    """Raise `InputRefused` where one of the `names` is none of those `known`; `what` they are called."""
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        raise InputRefused(file, place, f"there is no {what} {', '.join(unknown)}", "see `bcid effects` for the ids")

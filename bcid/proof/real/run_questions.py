@@ -1,138 +1,83 @@
-"""Runs of questions to real recordings, several at a time, their answers stored as rows.
+"""Runs of questions to real recordings, several at a time, their answers stored as rows and scored anew each time."""
 
-Withheld questions take one effect from a published model; controls must not be named: effects that a drive does not
-excite, or vehicle physics where the tracking failed; edits make an effect of known size in a recording.
-"""
+from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from bcid.errors import BcidError
-from bcid.proof.real import edited, withheld
-from bcid.proof.real.question_files import QuestionInputs
-from bcid.proof.real.questions import EditedQuestion, QuestionFile, WithheldQuestion, read_questions
-from bcid.proof.real.scoring import score_answer
-from bcid.proof.rows import append_row, code_digest, read_rows
+from bcid.errors import BcidError, UsageError
+from bcid.proof.real.jobs import Job, list_jobs
+from bcid.proof.real.scoring import score_jobs
+from bcid.proof.rows import append_row, read_rows
 from bcid.proof.workers import run_jobs
-from bcid.recording.read import read_recording
-from bcid.vehicle import read_vehicle
 
-ROW_MODULES = ("bcid.proof.real.withheld", "bcid.proof.real.edited")
-"""Modules whose code, with all that they import, decides what a row holds."""
-
-
-class _Job(NamedTuple):
-    """The making of one row: an answer to a question, or an unedited drive that edits are compared with."""
-
-    answer: Callable[..., dict[str, Any] | edited.UneditedDrive]  # of the prior job's drive, if any, and of the inputs
-    key: str
-    question: WithheldQuestion | EditedQuestion | None  # that the row answers; None for an unedited drive
-    prior_key: str = ""
-
-    def score(self, row: Mapping[str, Any]) -> dict[str, Any]:
-        """The row of this job's question with what was asked, and whether the answer is right."""
-        assert self.question is not None  # noqa: S101  # nothing else is told
-        return score_answer(self.question, {**self.question.row_head, **row})
+Announce = Callable[[str, float], None]
 
 
 def run_real_questions(
-    file: Path, recordings: Path, folder: Path, workers: int = 1
-) -> Iterator[tuple[dict[str, Any], float]]:
-    """Answer all questions of the TOML `file` about real recordings; yield each scored row and the share done so far.
+    files: Iterable[Path], recordings: Path, folder: Path, workers: int = 1, only: Sequence[str] = (),
+    announce: Announce = lambda label, share: None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Answer the questions of TOML `files` about real recordings; return the scored rows of those asked.
 
-    A question withholds something from the vehicle's published simulation, or edits a recording so that it shows an
-    effect of known size; the diagnosis has to name it.  Answers are stored in `folder` under the question and the
-    code, and reused by later calls, but scored anew each time.  `recordings` is the folder of the recordings.
+    Answers are stored in `folder` under the question and the code, and reused by later calls, but scored anew each
+    time.  `recordings` is the folder of the recordings.  With `only`, those jobs alone run whose label holds one of
+    the texts, and what they need; as far as there are rows of others, they are scored, too.  `announce` is called with
+    the label of each job that ends and the share done so far.
 
     Raises:
-        InputRefused: the file of questions, or a file that it names, is invalid.
+        InputRefused: a file of questions, or a file that it names, is invalid.
+        UsageError: no job's label holds any text of `only`.
     """
-    questions = read_questions(file)
-    inputs = QuestionInputs(read_vehicle(questions.vehicle), questions.calibrated, questions.simulation, recordings)
-    inputs.check_vehicles(questions, file)
+    jobs = list({job.key: job for file in files for job in list_jobs(file, recordings)}.values())
     folder.mkdir(parents=True, exist_ok=True)
-    stored, jobs = read_rows(folder), _list_jobs(questions, inputs)
-    rows = {job.key: stored[job.key] for job in jobs if job.key in stored}
-    answered = [job.score(rows[job.key]) for job in jobs if job.question and job.key in rows]
-    todo = [job for job in jobs if job.key not in rows]
-    needed = {job.prior_key for job in todo}
-    todo = [job for job in todo if job.question or job.key in needed]
+    rows = {key: row for key, row in read_rows(folder).items() if "error" not in row}
+    wanted = _wanted_keys(jobs, only)
+    needed = {job.key for job in jobs if job.key in wanted and job.key not in rows}
+    # in reverse, as each job comes after those that it needs
+    for job in reversed(jobs):
+        if job.key in needed:
+            needed |= {key for key in (*job.priors, *job.beside) if key not in rows}
+    todo = [job for job in jobs if job.key in needed]
 
-    def prepare(job: _Job) -> Callable[[], dict[str, Any]] | None:
-        may_begin = not job.prior_key or job.prior_key in rows
-        return partial(_run_and_store_job, job, inputs, folder, rows.get(job.prior_key)) if may_begin else None
+    def prepare(job: Job) -> Callable[[], dict[str, Any]] | None:
+        if any(key not in rows for key in job.priors):
+            return None
+        return partial(_run_and_store_job, job, [rows[key] for key in job.priors], folder)
 
-    def run_todo() -> Iterator[dict[str, Any]]:
-        for job, row in run_jobs(todo, prepare, workers):
-            rows[job.key] = row
-            if job.question:
-                yield job.score(row)
-
-    for done, row in enumerate(chain(answered, run_todo()), 1):
-        yield row, done / (len(questions.withheld) + len(questions.edited))
-
-
-def question_code_digest() -> str:
-    """Digest (12 hex digits) of all code and library versions on which the answers about real recordings depend."""
-    return code_digest(ROW_MODULES)
+    for done, (job, row) in enumerate(run_jobs(todo, prepare, workers), 1):
+        rows[job.key] = row
+        announce(job.label, done / len(todo))
+    return score_jobs(jobs, rows)
 
 
-def _list_jobs(questions: QuestionFile, inputs: QuestionInputs) -> list[_Job]:
-    """List the jobs, one for each row to be stored: unedited drives, withheld questions, then edited recordings.
+def _wanted_keys(jobs: Sequence[Job], only: Sequence[str]) -> set[str]:
+    """Keys of the jobs that answer a question, or of those whose label holds one of the texts `only`."""
+    if not only:
+        return {job.key for job in jobs if job.question}
+    chosen = {job.key for job in jobs if any(text in job.label for text in only)}
+    if not chosen:
+        example = next((job.label for job in jobs if job.question), "")
+        raise UsageError(
+            f"--only {' '.join(only)}: no question has that\n  next: name a part of one, such as {example}"
+        )
+    return chosen
 
-    A job has the function that does it and the key of its row, a digest of question, recording, vehicle file,
-    simulation and code.  Jobs of edited recordings also have the key of the unedited drive's row that they need;
-    diagnoses of unedited drives come first, as they take longest.
+
+def _run_and_store_job(job: Job, priors: Sequence[Mapping[str, Any]], folder: Path) -> dict[str, Any]:
+    """Do a job, store its row in `folder`, and return the row.
+
+    `priors` are the rows that it is made of.  A row with an "error" is returned but not stored, so that the job is done
+    again next time; so is a job that is made of one.
     """
-    code, drives = question_code_digest(), dict[str, str]()
-    given = [p.read_text(encoding="utf-8") for p in (questions.vehicle, questions.simulation) if p]
-
-    def key_of(recording: str, what: Any) -> str:
-        if recording not in drives:
-            read = read_recording(inputs.recordings / recording, inputs.vehicle_for(recording))
-            drives[recording] = read.sha256  # commands may lie beside
-        all_of_it = [what, questions.calibrated.get(recording), drives[recording], code, given]
-        return f"real.{hashlib.sha256(json.dumps(all_of_it, sort_keys=True).encode()).hexdigest()[:24]}"
-
-    def job(
-        answer: Callable[..., dict[str, Any]], question: WithheldQuestion | EditedQuestion, prior_key: str = ""
-    ) -> _Job:
-        key = key_of(question.recording, question.key_fields)
-        return _Job(partial(answer, question), key, question, prior_key)
-
-    unedited = dict[str, _Job]()
-    for name in dict.fromkeys(question.recording for question in questions.edited):
-        effects = tuple(sorted({edit.effect for edit in questions.edited if edit.recording == name}))
-        answer = partial(edited.diagnose_unedited_drive, name, effects)
-        unedited[name] = _Job(answer, key_of(name, [name, effects]), None)
-    return [
-        *unedited.values(),
-        *(job(withheld.answer_withheld_question, question) for question in questions.withheld),
-        *(job(edited.answer_edited_question, edit, unedited[edit.recording].key) for edit in questions.edited),
-    ]
-
-
-def _run_and_store_job(
-    job: _Job, inputs: QuestionInputs, folder: Path, prior_row: Mapping[str, Any] | None
-) -> dict[str, Any]:
-    """Do a job (one question, or the diagnosis of an unedited drive), store its row in `folder`, and return the row.
-
-    `prior_row` is the row of the unedited drive, for a job that edits that drive.  A row with an "error" is returned
-    but not stored, so that the job is done again next time.
-    """
-    error = (prior_row or {}).get("error")
+    error = next((prior["error"] for prior in priors if "error" in prior), None)
     if error is None:
         try:
-            before = [] if prior_row is None else [edited.UneditedDrive.from_row(prior_row)]
-            answer = job.answer(*before, inputs)
-            row = answer.as_row() if isinstance(answer, edited.UneditedDrive) else answer
+            row = job.work(*priors)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as failed:
             error = repr(failed)
         else:

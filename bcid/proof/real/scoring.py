@@ -1,68 +1,132 @@
-"""Scores of the answers to questions about real recordings; rows outlive a change of what is accepted.
+"""Scores of the answers to questions about real recordings; rows outlive a change of what counts as right.
 
-A scored row adds "right", "beside" (names that were not asked for) and, where something is withheld, "first" (whether
-an accepted name stands first).
+A scored row has "tier", "recording", "case", "right", and "false": names that nothing excuses.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bcid.effects.table import EFFECTS
 from bcid.proof.limits import LIMITS
-from bcid.proof.real.questions import ANY_VEHICLE_EFFECT, NOT_ASKED, EditedQuestion, WithheldQuestion
+from bcid.proof.real.jobs import Job
+from bcid.proof.real.misfit import own_quantity
+from bcid.proof.real.questions import DrivePair, EditedQuestion, RecordedDrive, WithheldQuestion
+from bcid.proof.real.transfer import AUGMENTED, BASE
+from bcid.proof.real.variations import AS_ASKED, given_names
 
-SCHEMA = "bcid.prove-real/1"
-REAL_TIERS = ("withheld", "control", "edited")
+TIERS = ("withheld", "control", "edited", "replication", "transfer", "start", "part")
+"""Kinds of rows.
+
+"withheld" has an answer; "control" has none, as nothing is withheld, the tracking fails, or what is withheld does not
+show; "start" and "part" are questions asked once more.
+"""
+
+Row = dict[str, Any]
 
 
-def score_answer(question: WithheldQuestion | EditedQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Score one answer about a real recording: a copy of its row with "right", true or false, and further scores.
+def score_jobs(jobs: Iterable[Job], rows: Mapping[str, Mapping[str, Any]]) -> list[Row]:
+    """The scored rows of all jobs that answer a question and have a row in `rows` (by key), by tier and name.
 
-    A row with an "error" is wrong.  The verdict NOT_ASKED is right: the simulation predicts as well without what is
-    withheld, so there was nothing to find.
+    A row whose question was asked once more has "changes_with": the variations that had another answer.
     """
-    if "error" in row:
-        return {**row, "right": False}
-    if row["verdict"] == NOT_ASKED:
-        return {**row, "right": True}
-    return _score_edited(question, row) if isinstance(question, EditedQuestion) else _score_withheld(question, row)
+    done = [job for job in jobs if job.question is not None and job.key in rows]
+    scored = {job.key: score_job(job, rows) for job in done}
+    for job in done:
+        row = scored[job.key]
+        if job.variation != AS_ASKED and row["differs"] and job.beside[0] in scored:
+            scored[job.beside[0]].setdefault("changes_with", []).append(job.variation.name)
+    return sorted(scored.values(), key=lambda row: (TIERS.index(row["tier"]), row["recording"], row["case"]))
 
 
-def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
+def score_job(job: Job, rows: Mapping[str, Mapping[str, Any]]) -> Row:
+    """Score the row of one job, with those of other jobs that it needs for that: a copy with the scores.
+
+    A row with an "error" is wrong.
+    """
+    row, question = rows[job.key], job.question
+    head = {"recording": job.recording, "case": job.case}
+    if job.variation != AS_ASKED:
+        return _score_variation(job, head, row, rows.get(job.beside[0], {}))
+    failed = "error" in row
+    if isinstance(question, RecordedDrive):
+        return {**head, "tier": "control", **(_failed(row) if failed else _score_whole(question, row))}
+    if isinstance(question, DrivePair):
+        scores = _failed(row) if failed else (_score_transfer if "errors" in row else _score_replication)(row)
+        return {**head, "tier": job.case, **scores}
+    if isinstance(question, EditedQuestion):
+        return {**head, "tier": "edited", **(_failed(row) if failed else _score_edited(question, row))}
+    assert isinstance(question, WithheldQuestion)  # noqa: S101  # there is no other
+    whole = rows.get(job.beside[0], {"findings": []})
+    return {**head, "tier": "withheld", **(_failed(row) if failed else _score_withheld(question, row, whole))}
+
+
+def _failed(row: Mapping[str, Any]) -> Row:
+    """The scores of a row with an "error"."""
+    return {**row, "right": False, "false": []}
+
+
+def new_findings(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The findings that name what the simulation does not have: neither a parameter of it nor an effect that it has."""
+    return [f for f in row["findings"] if f.get("kind") != "parameter" and f["effect"] not in row.get("has", ())]
+
+
+def _score_whole(drive: RecordedDrive, row: Mapping[str, Any]) -> Row:
+    """Score a diagnosis against a simulation of which nothing is withheld: right is no name beyond what that has.
+
+    Where the tracking fails, right is no effect of the vehicle but those that other drives are known to show.
+    """
+    names = [f["effect"] for f in new_findings(row)]
+    if drive.tracking_fails:
+        names = [e for e in names if EFFECTS[e].kind == "vehicle" and e not in drive.known]
+    return {**row, "right": not names, "false": names}
+
+
+def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any], whole: Mapping[str, Any]) -> Row:
     """Score the row of a question that withholds something from the simulation: has the diagnosis named it?
 
-    Right is an accepted effect among the findings and their twins (effects that cannot be told from them), if these
-    are fewer than `LIMITS.max_names_per_effect` plus the findings; or "unknown in CHANNEL", if accepted.  In a
-    control, where nothing should be named, an `accepted` name is wrong unless it is also `known`.  Adds "right",
-    "first" (the first finding is accepted) and "beside" (findings that are not).
+    It has an answer if what is withheld is worth more than the diagnosis's gate.  Right is then one of the withheld
+    effects, or what the drive cannot tell from them ("equivalents"), among the findings and their twins, if these are
+    fewer than `LIMITS.max_names_per_effect` plus the findings; or as a correction of the base model.  Otherwise the
+    row is a control, and right is not to name it.
+
+    Adds "first" (the first name is right), "false" (findings that are neither right nor shown with nothing withheld,
+    in the row `whole`), "ratio" (of the errors in the effect's own channel) and "misfit" of the whole simulation.
     """
-    sets = [{f["effect"], *f["twins"]} for f in row["findings"]]
+    effects, shows = question.withholding.effects, row["worth"] > row["gate"]
+    accepted = {*effects, *question.withholding.parameters, *(row["equivalents"] if shows else ())}
+    findings = new_findings(row) + [f for f in row["findings"] if f["effect"] in question.withholding.parameters]
+    sets = [{f["effect"], *f["twins"]} for f in findings]
     few = len(set().union(*sets)) < LIMITS.max_names_per_effect + max(len(sets), 1)
-    met = [few and _is_any_accepted(names, question.accepted) for names in sets]
-    beside = [f["effect"] for f, is_met in zip(row["findings"], met, strict=True) if not is_met]
-    if question.control:
-        names = _split_joint_names(set().union(*sets, _unknown_label(row)))
-        right = not _add_vehicle_kind(names - set(question.known)) & set(question.accepted)
-    else:
-        right = any(met) or _is_any_accepted(_unknown_label(row), question.accepted)
-    return {**row, "first": right and (not met or met[0]), "beside": beside, "right": right}
+    met = [few and any(set(name.split("+")) <= accepted for name in names) for names in sets]
+    corrected = bool(set(row["corrections"]) & set(effects))
+    excused = {name for f in whole["findings"] for name in (f["effect"], *f["twins"])}
+    named, right = any(met) or corrected, [shows and is_met for is_met in met]
+    false = [f["effect"] for f, ok in zip(findings, right, strict=True) if not ok and f["effect"] not in excused]
+    return {
+        **row, "tier": "withheld" if shows else "control", "effects": list(effects),
+        "right": named if shows else not named, "first": shows and (corrected or (bool(met) and met[0])),
+        "false": false, "ratio": row["ratios"][own_quantity(effects)], "misfit": whole.get("misfit"),
+    }  # fmt: skip
 
 
-def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> dict[str, Any]:
+def _score_edited(question: EditedQuestion, row: Mapping[str, Any]) -> Row:
     """Score the row of a recording that was edited to show an effect of known size: is it found, at that size?
 
     Right is to name this effect alone, with its first parameter raised over its value "before" the edit by the edit's
     size, and its other parameters unchanged, within the tolerance of `_is_near`.  Adds "right", "value" (of the first
-    parameter) and "beside" (other names).
+    parameter) and "false" (other names).
     """
-    values = next((f["values"] for f in row["findings"] if f["effect"] == question.effect), None)
-    beside = [f["effect"] for f in row["findings"] if f["effect"] != question.effect]
-    first, *others = row["before"]
-    true = {first: question.value, **dict.fromkeys(others, 0.0)}
+    findings = new_findings(row)
+    values = next((f["values"] for f in findings if f["effect"] == question.effect), None)
+    others = [f["effect"] for f in findings if f["effect"] != question.effect]
+    first, *unchanged = row["before"]
+    true = {first: question.value, **dict.fromkeys(unchanged, 0.0)}
     size = abs(question.value)
     right = values is not None and all(_is_near(values[s], row["before"][s], true[s], size) for s in true)
-    return {**row, "value": values[first][0] if values else None, "beside": beside, "right": right and not beside}
+    return {**row, "value": values[first][0] if values else None, "false": others, "right": right and not others}
 
 
 def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size: float) -> bool:
@@ -77,53 +141,31 @@ def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size:
     return abs(off) < min(near, LIMITS.max_edit_error_share * size)
 
 
-def _is_any_accepted(names: Set[str], accepted: Sequence[str]) -> bool:
-    """Whether any of the `names` is in `accepted`; a joint name "a+b" of two similar effects needs both a and b."""
-    return any(set(name.split("+")) <= set(accepted) for name in names)
+def _score_replication(row: Mapping[str, Any]) -> Row:
+    """Score what two drives of one day show: right are the same names, each size the same or told as changed."""
+    names = not row["only"]["first"] and not row["only"]["second"]
+    sizes = all(size["same"] or size["effect"] in row["changed"] for size in row["sizes"])
+    return {**row, "right": names and sizes, "false": [], "same_names": names, "same_sizes": sizes}
 
 
-def _unknown_label(answer: Mapping[str, Any]) -> set[str]:
-    """{"unknown in CHANNEL"} if the answer's "verdict" is "unknown", else the empty set.
+def _score_transfer(row: Mapping[str, Any]) -> Row:
+    """Score predictions of another drive by their median errors: right is an augmented model below its base model.
 
-    CHANNEL, such as "fx", is where the remaining mismatch enters ("remainder").
+    Adds "below_base" and "best": no other method has a smaller median.  A lost prediction is endlessly wrong.
     """
-    return {f"unknown in {answer['remainder']['channel']}"} if answer["verdict"] == "unknown" else set()
+    medians = {name: math.inf if e["median_m"] is None else e["median_m"] for name, e in row["errors"].items()}
+    own = medians.pop(AUGMENTED)
+    return {
+        **row, "right": own < medians[BASE], "false": [], "below_base": own < medians[BASE],
+        "best": math.isfinite(own) and own <= min(medians.values()),
+    }  # fmt: skip
 
 
-def _split_joint_names(names: Set[str]) -> set[str]:
-    """The effects in `names`, with each joint name "a+b" of two effects that act alike split into its parts."""
-    return {part for name in names for part in name.split("+")}
-
-
-def _add_vehicle_kind(names: Set[str]) -> set[str]:
-    """Add ANY_VEHICLE_EFFECT ("vehicle") to the `names` if one of them is an effect of the vehicle, by its kind.
-
-    The other kinds are measurement and environment.
-    """
-    return {*names, *(EFFECTS[e].kind for e in names if e in EFFECTS and EFFECTS[e].kind == ANY_VEHICLE_EFFECT)}
-
-
-def real_outcome(rows: Sequence[Mapping[str, Any]], code: str) -> dict[str, Any]:
-    """The document real.json: scored rows of all questions about real recordings, and numbers of right answers by tier.
-
-    Tiers are "withheld" (something is taken from the simulation), "control" (nothing is to be named) and "edited" (an
-    effect is made in the recording).  For "withheld" there are also the numbers of right answers by a name, of those
-    whose name comes first or alone, of all names, and of accepted names.  Rows with the verdict NOT_ASKED are not
-    counted.  `code` is the digest of the code that made the rows.
-    """
-    rows = sorted(rows, key=lambda r: (REAL_TIERS.index(r["tier"]), r["recording"], r["case"]))
-    counted = [r for r in rows if r["verdict"] != NOT_ASKED]
-    tiers = {
-        tier: {"right": sum(r["right"] for r in members), "n": len(members)}
-        for tier in dict.fromkeys(r["tier"] for r in rows)
-        for members in [[r for r in counted if r["tier"] == tier]]
-    }
-    if "withheld" in tiers:
-        asked = [r for r in counted if r["tier"] == "withheld" and "error" not in r]
-        named = [r for r in asked if r["right"] and r["findings"]]
-        names = sum(len(r["findings"]) for r in asked)
-        tiers["withheld"] |= {
-            "named": len(named), "first": sum(r["first"] for r in named), "alone": sum(not r["beside"] for r in named),
-            "names": names, "accepted": names - sum(len(r["beside"]) for r in asked),
-        }  # fmt: skip
-    return {"schema": SCHEMA, "code": code, "tiers": tiers, "rows": rows}
+def _score_variation(job: Job, head: Row, row: Mapping[str, Any], asked: Mapping[str, Any]) -> Row:
+    """Score a question asked once more: right is the answer, set of names and kind, that the question itself had."""
+    failed = "error" in row or "error" in asked or not asked
+    differs = failed or given_names(row) != given_names(asked)
+    return {
+        **head, "tier": "start" if job.variation.factors else "part", **row, "variation": job.variation.name,
+        "differs": differs, "right": not differs, "false": [],
+    }  # fmt: skip
