@@ -536,7 +536,9 @@ def test_segments_abreast_are_each_a_car_of_its_own(part: Take, name: str) -> No
         push = start[:, N_START:].reshape(-1, KNOTS, 3) * [CAR.m, CAR.m, CAR.I_z]
         each = pushed(few, start, push, setting)
         abreast = predict_poses(segment_layout(few), start, *setting.kernel_arguments)
-        np.testing.assert_allclose(abreast, each, rtol=0.0, atol=1e-8)
+        # a car that spins lets rounding grow: as far as a start that is 1e-14 off leads
+        beside = predict_poses(segment_layout(few), start + 1e-14, *setting.kernel_arguments)
+        assert (np.abs(abreast - each) <= 1e-8 + np.abs(beside - abreast)).all()
         some = np.array([1, few.segments - 1])  # whoever drives beside it, to the last bit
         beside = predict_poses(segment_layout(few.part(some)), start[some], *setting.kernel_arguments)
         np.testing.assert_array_equal(beside, abreast[few.rows(some)])

@@ -35,7 +35,7 @@ from bcid.virtual_lab import read_vehicle_text, record_drive
 
 EXACT = Sensor(rate_hz=50.0, position_noise=0.0, yaw_noise=0.0, dropouts_per_minute=0.0)
 BOTH_WAYS = TricycleHandling(0.3, 1.2, 0.5)
-SUITE = [c for c in draw_suite(5, 1, 2, 0, 0, 16) if isinstance(c, TricycleCase)]
+SUITE = [c for c in draw_suite(5, 1, 2, 0, 0, tricycles=16) if isinstance(c, TricycleCase)]
 
 
 def driven(p: Tricycle, s: np.ndarray, seconds: float, steer: float, speed: float) -> np.ndarray:
@@ -208,7 +208,7 @@ def test_what_tricycles_conceal() -> None:
                                        p._replace(steering_offset=0.0))[3]  # fmt: skip
         assert -p.mass * coasting == pytest.approx(drag, rel=1e-9)
     assert len({c.digest() for c in SUITE}) == len({answer_seal(c, "salt") for c in SUITE}) == len(SUITE)
-    again = [c for c in draw_suite(5, 1, 2, 0, 0, 16) if isinstance(c, TricycleCase)]
+    again = [c for c in draw_suite(5, 1, 2, 0, 0, tricycles=16) if isinstance(c, TricycleCase)]
     assert [c.digest() for c in again] == [c.digest() for c in SUITE]
 
 
