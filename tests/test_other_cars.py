@@ -46,10 +46,10 @@ from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive_train import requested_motor_force
 from bcid.simulation.open_loop import simulate_open_loop
 from bcid.simulation.other_laws import (
+    dry_steered_drag,
     magic_side_force,
     regularised_speed,
     servo_acceleration,
-    steered_friction,
     throttle_gate,
     two_sided_angle,
 )
@@ -67,7 +67,7 @@ def tier(name: str) -> list[PublishedCase]:
 
 
 def other_car(seed: int) -> SmallCar:
-    return draw_car_of_other_laws(np.random.default_rng([seed, 4]), with_steered_friction=True)
+    return draw_car_of_other_laws(np.random.default_rng([seed, 4]), with_dry_steered_drag=True)
 
 
 # --- the laws ----------------------------------------------------------------------------------------------------
@@ -110,12 +110,12 @@ def test_slip_is_divided_by_the_speed_alone_where_that_is_large() -> None:
 
 
 def test_a_steered_wheel_s_drag_is_nearly_dry_and_resists() -> None:
-    assert steered_friction(0.0, 1.0, 4.0, 0.3) == 0.0
-    assert steered_friction(0.3, 1.0, 4.0, 0.0) == pytest.approx(4.0 * 0.3, rel=1e-3)  # whatever the speed
-    assert steered_friction(0.3, 2.0, 4.0, 0.0) == pytest.approx(steered_friction(-0.3, 1.0, 4.0, 0.0), rel=1e-3)
-    assert steered_friction(0.3, -1.0, 4.0, 0.3) == -steered_friction(0.3, 1.0, 4.0, 0.3) < 0.0
-    assert steered_friction(0.3, 0.0, 4.0, 0.0) < 1e-4
-    assert steered_friction(0.3, 1.5, 4.0, 0.3) == pytest.approx(4.0 * 0.3 * 1.3, rel=1e-3)
+    assert dry_steered_drag(0.0, 1.0, 4.0, 0.3) == 0.0
+    assert dry_steered_drag(0.3, 1.0, 4.0, 0.0) == pytest.approx(4.0 * 0.3, rel=1e-3)  # whatever the speed
+    assert dry_steered_drag(0.3, 2.0, 4.0, 0.0) == pytest.approx(dry_steered_drag(-0.3, 1.0, 4.0, 0.0), rel=1e-3)
+    assert dry_steered_drag(0.3, -1.0, 4.0, 0.3) == -dry_steered_drag(0.3, 1.0, 4.0, 0.3) < 0.0
+    assert dry_steered_drag(0.3, 0.0, 4.0, 0.0) < 1e-4
+    assert dry_steered_drag(0.3, 1.5, 4.0, 0.3) == pytest.approx(4.0 * 0.3 * 1.3, rel=1e-3)
 
 
 def test_a_linkage_bends_towards_its_own_limit_on_either_side() -> None:
@@ -149,8 +149,9 @@ def test_a_servo_of_second_order_rings_as_its_damping_says_and_trails_a_turn_by_
 # each of the plant's constants of another law, with what else has to be there for it to act
 CONSTANTS: dict[str, dict[str, float]] = {
     "zone_steepness": {}, "dry_speed": {}, "front_magic": {}, "rear_magic": {},
-    "magic_curvature": {"front_magic": 1.0, "rear_magic": 1.0}, "slip_fade": {}, "steered_friction": {},
-    "steered_rise": {"steered_friction": 4.0}, "left_reach": {"right_reach": 0.5}, "right_reach": {"left_reach": 0.5},
+    "magic_curvature": {"front_magic": 1.0, "rear_magic": 1.0}, "slip_fade": {}, "dry_steered_drag": {},
+    "dry_steered_rise": {"dry_steered_drag": 4.0}, "left_reach": {"right_reach": 0.5},
+    "right_reach": {"left_reach": 0.5},
     "linkage_centre": {"left_reach": 0.5, "right_reach": 0.5}, "servo_damping": {},
 }  # fmt: skip
 

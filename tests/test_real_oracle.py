@@ -27,7 +27,8 @@ from bcid.proof.real.oracle import find_equivalents, fit_true_structure
 from bcid.proof.real.question_files import QuestionInputs, reference_as_row, reference_from_row
 from bcid.proof.real.replication import compare_sizes
 from bcid.proof.real.residual_model import fit_residual_model
-from bcid.proof.real.variations import PARTS, STARTS, cut_recording, given_names, move_start
+from bcid.proof.real.scoring import given_names
+from bcid.proof.real.variations import PARTS, STARTS, cut_recording, move_start
 from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import simulate_drive

@@ -57,6 +57,13 @@ DRAG_UNIT = 0.1  # unit of R_1 and R_2 in phi: share of the bumper car's mass, p
 BUMPER_CAR_SCALE = VehicleScale()
 
 
+def motor_parameters(car: Car) -> tuple[str, ...]:
+    """Symbols of the base parameters of a car's motor that every refit moves, by what its throttle is."""
+    if car.follows_wheel > 0.0:
+        return FOLLOWING_LAW
+    return FORCE_LAW if car.sets_force > 0.0 else SPEED_LAW
+
+
 class GaussianPrior(NamedTuple):
     """Independent normal laws of the components of phi."""
 
@@ -140,9 +147,7 @@ class Hypothesis:
     @property
     def log_parameters(self) -> tuple[str, ...]:
         """Symbols of the base parameters that the parameter vector phi holds as logarithms, in its order."""
-        told = FORCE_LAW if self.nominal.sets_force > 0.0 else SPEED_LAW
-        motor = FOLLOWING_LAW if self.nominal.follows_wheel > 0.0 else told
-        return (*motor, *TYRES, *self.unknown_steering)
+        return (*motor_parameters(self.nominal), *TYRES, *self.unknown_steering)
 
     @property
     def drag_units(self) -> Floats:

@@ -274,10 +274,22 @@ def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
         PredictionDiverged: rounding makes a chi^2 less than -MAX_ROUNDING NU, or predictions answer so strongly that a
             shift of the car is less than rounding; an unstable car can cause both.
     """
-    # the squares of poses' answers to a shift are as many as there are rows
+    _require_resolved_answers(moments)
+    return _terms_within_rounding(moments, scales)
+
+
+def _require_resolved_answers(moments: Moments) -> None:
+    """Raise `PredictionDiverged` where an answer to an initial state or a push is so strong that a shift is rounding.
+
+    The squares of poses' answers to a shift are as many as there are rows.
+    """
     answers = np.einsum("scii->sci", moments.AA).max(axis=(1, 2))
     if not (answers < moments.rows / LEAST_PIVOT).all():
         raise PredictionDiverged("an answer to an initial state or a push left what rounding resolves")
+
+
+def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
+    """The terms of `eliminate_nuisance`; raises `PredictionDiverged` where rounding makes a chi^2 negative."""
     terms = eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
     # an unstable car answers so strongly that a difference of large numbers is lost
     if not (terms.chi2 > -MAX_ROUNDING * NU).all():
@@ -300,7 +312,7 @@ def estimate_scales(moments: Moments, scales: Scales, steps: int) -> tuple[Scale
     for _ in range(steps):
         before, scales = scales, em_update(terms, moments.rows)
         require_finite("the noise", scales.r, scales.q)
-        terms = checked_marginal_terms(moments, scales)
+        terms = _terms_within_rounding(moments, scales)
         if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):
             break
     return scales, terms

@@ -44,6 +44,7 @@ TITLES = {
     "other-laws-less": "small car of other formulas than published: one effect less",
     "other-day": "small car on another day than published: nothing",
     "other-day-less": "small car on another day than published: one effect less",
+    "tricycle": "tricycle, forward and backward: one effect or two",
 }  # fmt: skip
 """What is concealed in the takes of a tier; they last ten minutes at 60 Hz where nothing else is said, those of small
 cars one to three."""

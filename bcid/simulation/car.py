@@ -46,8 +46,8 @@ class Plant(NamedTuple):
     rear_magic: float = 0.0
     magic_curvature: float = 0.0  # its curvature factor, for all tyres
     slip_fade: float = 0.0  # s^2/m^2, slip is divided by |v| + slip_speed exp(-slip_fade v^2)
-    steered_friction: float = 0.0  # N/rad, nearly dry drag of a steered wheel
-    steered_rise: float = 0.0  # s/m, share by which it grows with the speed
+    dry_steered_drag: float = 0.0  # N/rad, nearly dry drag of a steered wheel
+    dry_steered_rise: float = 0.0  # s/m, share by which it grows with the speed
     left_reach: float = 0.0  # rad, limits towards which the linkage's angle bends; zero for both: it does not
     right_reach: float = 0.0
     linkage_centre: float = 0.0  # rad of the servo, where such a linkage changes sides

@@ -43,7 +43,7 @@ def regularised_speed(rolling: float, floor: float, fade: float) -> float:
 
 
 @njit
-def steered_friction(angle: float, rolling: float, friction: float, rise: float) -> float:
+def dry_steered_drag(angle: float, rolling: float, friction: float, rise: float) -> float:
     """Drag (N) of a wheel steered by `angle` (rad) that rolls at `rolling` (m/s): nearly dry, in proportion to it.
 
     c |δ| tanh(30 |δ|) · ½(1 + tanh(20 (|v| - 0.3))) · (1 + rise (|v| - 0.5)) against the motion, where c is `friction`

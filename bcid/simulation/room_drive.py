@@ -80,7 +80,7 @@ def _drive_in_room(
 def throttle_at_speed(p: Plant, speed: float) -> float:
     """Throttle (share) at which a force-law car `p` keeps a `speed` (m/s) in usual corners, which slow it down."""
     resist = p.rolling_drag * speed + p.rolling_drag_2 * speed**2 + p.rear_rolling_coulomb + p.motor_fade * speed
-    resist += TURNED_SHARE * p.angle_limit * p.steered_friction
+    resist += TURNED_SHARE * p.angle_limit * p.dry_steered_drag
     return p.motor_dead_zone + CORNERING * resist / (p.throttle_force - p.pulsed_fade * speed)
 
 

@@ -69,13 +69,13 @@ def draw_small_car(rng: np.random.Generator, having: tuple[str, ...] = (), lacki
     return SmallCar(plant, 0.5, float(rng.uniform(1.8, 2.6)))
 
 
-def draw_car_of_other_laws(rng: np.random.Generator, with_steered_friction: bool = False) -> SmallCar:
+def draw_car_of_other_laws(rng: np.random.Generator, with_dry_steered_drag: bool = False) -> SmallCar:
     """Draw a small car as `draw_small_car` does, but with laws of other formulas, as real authors publish them.
 
     Pacejka tyres, slip angles that are regularised otherwise, a dead zone that ends smoothly, a dry friction that sets
     in slowly beside a quadratic part of negative sign, a linkage that bends towards a limit of its own on either side
     and is off centre, a servo of second order; half of the cars have a nearly dry drag of the steered wheels, and all
-    `with_steered_friction`.
+    `with_dry_steered_drag`.
     """
     car = draw_small_car(rng, lacking=("steering_drag", "steering_side_gain", "steering_nonlinearity",
                                        "tyre_soft_saturation"))  # fmt: skip
@@ -88,9 +88,9 @@ def draw_car_of_other_laws(rng: np.random.Generator, with_steered_friction: bool
         "rear_magic": rng.uniform(0.8, 1.4), "magic_curvature": rng.uniform(-0.5, 0.5),
         "slip_fade": rng.uniform(2.0, 4.0), "angle_limit": lock, "left_reach": left, "right_reach": right,
         "linkage_centre": rng.choice([-1.0, 1.0]) * rng.uniform(0.004, 0.012), "servo_damping": rng.uniform(0.65, 1.0),
-        "steered_rise": rng.uniform(0.2, 0.4),
+        "dry_steered_rise": rng.uniform(0.2, 0.4),
     }  # fmt: skip
     friction = rng.uniform(1.2, 2.8) * p.mass
-    if rng.random() < 0.5 or with_steered_friction:
-        laws["steered_friction"] = friction
+    if rng.random() < 0.5 or with_dry_steered_drag:
+        laws["dry_steered_drag"] = friction
     return car._replace(plant=p._replace(**{name: float(value) for name, value in laws.items()}))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from bcid.compiled.njit import njit
 from bcid.simulation.car import Plant
 from bcid.simulation.drive_train import requested_motor_force
-from bcid.simulation.other_laws import magic_side_force, regularised_speed, steered_friction, two_sided_angle
+from bcid.simulation.other_laws import dry_steered_drag, magic_side_force, regularised_speed, two_sided_angle
 
 UNEVENNESS_M = 0.5  # of way per radian
 
@@ -119,8 +119,8 @@ def evaluate_front_wheel(
     share = 1.0 - p.rear_drive
     force = share * (hub.lagged_force if p.motor_lag > 0.0 else wanted)
     resist = share * rolling_resistance(roll, p) + p.steering_drag * abs(angle) * roll
-    if p.steered_friction > 0.0:
-        resist += steered_friction(angle, roll, p.steered_friction, p.steered_rise)
+    if p.dry_steered_drag > 0.0:
+        resist += dry_steered_drag(angle, roll, p.dry_steered_drag, p.dry_steered_rise)
     resist += (p.front_coulomb_friction + p.steering_friction * abs(angle)) * math.tanh(roll / 0.05)
     if hub.rough:
         resist += p.rough_patch * roll

@@ -15,7 +15,7 @@ from bcid.effects.table import EFFECTS
 from bcid.proof.blind.small_files import Figures
 from bcid.simulation.car import Plant
 from bcid.simulation.drive_train import requested_motor_force
-from bcid.simulation.other_laws import magic_side_force, steered_friction, two_sided_angle
+from bcid.simulation.other_laws import dry_steered_drag, magic_side_force, two_sided_angle
 from bcid.simulation.wheels import rolling_resistance
 
 LARGEST_SLIP_RAD = 0.4
@@ -146,13 +146,13 @@ def fit_steered_drag(p: Plant) -> LawFit:
     """Fit k |δ| v, and c |δ| tanh(v/0.05) where the vocabulary has that, to the drag (N) of a steered wheel."""
     reach = min(p.left_reach, p.right_reach)
     turned, v = (grid.ravel() for grid in np.meshgrid(np.linspace(0.02, reach, 15), np.linspace(0.1, FASTEST_MPS, 30)))
-    drag = [steered_friction(a, b, p.steered_friction, p.steered_rise) for a, b in zip(turned, v, strict=True)]
+    drag = [dry_steered_drag(a, b, p.dry_steered_drag, p.dry_steered_rise) for a, b in zip(turned, v, strict=True)]
     laws = {"steering_drag": turned * v, "steering_friction": turned * np.tanh(v / DRY_MPS)}
 
     def law(c: Floats) -> Floats:
         return np.asarray(sum(size * laws[name] for size, name in zip(c, STEERED_DRAGS, strict=True)))
 
-    return _fit_law(STEERED_DRAGS, law, np.array(drag), len(STEERED_DRAGS) * [p.steered_friction])
+    return _fit_law(STEERED_DRAGS, law, np.array(drag), len(STEERED_DRAGS) * [p.dry_steered_drag])
 
 
 @lru_cache(maxsize=256)
@@ -177,7 +177,7 @@ def nearest_figures(plant: Plant) -> Figures:
     }  # fmt: skip
     if "k" in motor:
         effects["motor_fade"] = {"k": motor["k"]}
-    if plant.steered_friction > 0.0:
+    if plant.dry_steered_drag > 0.0:
         steered = fit_steered_drag(plant).figures
         effects |= {name: {EFFECTS[name].parameters[0].symbol: size} for name, size in steered.items()}
     return Figures(parameters, effects)

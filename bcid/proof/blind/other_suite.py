@@ -61,7 +61,7 @@ def draft_other_cases(other_laws: int, other_day: int) -> Iterator[SmallCaseDraw
 def _draw_other_laws(withheld: tuple[str, ...], seed: int, number: int) -> PublishedCase:
     """Draw a car of other laws, and a simulation of the vocabulary's nearest to them, less what is `withheld`."""
     rng = np.random.default_rng([seed, number, 3])
-    car = draw_car_of_other_laws(rng, with_steered_friction=withheld == STEERED_DRAGS)
+    car = draw_car_of_other_laws(rng, with_dry_steered_drag=withheld == STEERED_DRAGS)
     sds = rng.uniform(*RELATIVE_SD, len(FIGURES_OF_OTHER_LAWS))
     errors = sds * np.clip(rng.standard_normal(len(sds)), -LARGEST_ERROR_SD, LARGEST_ERROR_SD)
     tier, hidden = "other-laws", tuple[ConcealedEffect, ...]()

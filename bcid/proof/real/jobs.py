@@ -89,7 +89,7 @@ class _Planner:
             if not drive.predicted_only:
                 yield from self._questions_to(drive)
         for pair in self.questions.pairs:
-            fitted = self._diagnosed(pair.fit, freely=True)
+            fitted = self._diagnosis_job(pair.fit, freely=True)
             yield from self._new(fitted)
             work = partial(transfer.predict_other_drive, pair, self.inputs)
             yield self._job("transfer", (pair.fit, pair.test), "transfer", work, [fitted], question=pair)
@@ -99,7 +99,7 @@ class _Planner:
         """The questions to one drive, after what they need."""
         name = drive.recording
         fellows = self.questions.fellows(drive) if self.questions.simulation else ()
-        own = [self._diagnosed(fellow, freely=False) for fellow in fellows]
+        own = [self._diagnosis_job(fellow, freely=False) for fellow in fellows]
         calibrate = partial(day_model.calibrate_simulation, name, fellows, self.inputs)
         day = self._job("day_model", (name, *fellows), "day", calibrate, own)
         answer = partial(withheld.answer_whole_question, name, self.inputs)
@@ -119,7 +119,7 @@ class _Planner:
             edit = EditedQuestion(name, effect, value)
             yield from self._variants(
                 edit, f"{effect} {value:g}", list(edit), edited.answer_edited_question,
-                partial(self._unedited, name), PARTS, [],
+                partial(self._unedited_job, name), PARTS, [],
             )  # fmt: skip
 
     def _variants(
@@ -143,13 +143,13 @@ class _Planner:
             first = first or job
             yield job
 
-    def _unedited(self, name: str, variation: QuestionVariation) -> Job:
+    def _unedited_job(self, name: str, variation: QuestionVariation) -> Job:
         """What a drive, or the part of it that a variation keeps, shows before it is edited."""
         effects = tuple(sorted(self.questions.edits))
         work = partial(edited.diagnose_unedited_drive, name, effects, variation, self.inputs)
         return self._job("edited", (name,), "unedited", work, [], effects, variation=variation)
 
-    def _diagnosed(self, name: str, freely: bool) -> Job:
+    def _diagnosis_job(self, name: str, freely: bool) -> Job:
         """A drive diagnosed alone, against the published simulation or freely."""
         work = partial(day_model.diagnose_drive, name, freely, self.inputs)
         return self._job("day_model", (name,), "freely" if freely else "published", work, [])
@@ -160,7 +160,7 @@ class _Planner:
             if other.recording not in self.questions.fellows(one) or not one.shows_the_car:
                 continue
             pair = DrivePair(fit=one.recording, test=other.recording)
-            alone = [self._diagnosed(name, freely=True) for name in (pair.fit, pair.test)]
+            alone = [self._diagnosis_job(name, freely=True) for name in (pair.fit, pair.test)]
             yield from self._new(*alone)
             work = partial(replication.compare_drives, pair, self.inputs)
             yield self._job("replication", (pair.fit, pair.test), "replication", work, alone, question=pair)

@@ -15,7 +15,8 @@ from bcid.proof.real.jobs import Job
 from bcid.proof.real.misfit import own_quantity
 from bcid.proof.real.questions import DrivePair, EditedQuestion, RecordedDrive, WithheldQuestion
 from bcid.proof.real.transfer import AUGMENTED, BASE
-from bcid.proof.real.variations import AS_ASKED, given_names
+from bcid.proof.real.variations import AS_ASKED
+from bcid.proof.scores.known_figures import PARAMETER
 
 TIERS = ("withheld", "control", "edited", "replication", "transfer", "start", "part")
 """Kinds of rows.
@@ -52,25 +53,35 @@ def score_job(job: Job, rows: Mapping[str, Mapping[str, Any]]) -> Row:
         return _score_variation(job, head, row, rows.get(job.beside[0], {}))
     failed = "error" in row
     if isinstance(question, RecordedDrive):
-        return {**head, "tier": "control", **(_failed(row) if failed else _score_whole(question, row))}
+        return {**head, "tier": "control", **(_failed_row(row) if failed else _score_whole(question, row))}
     if isinstance(question, DrivePair):
-        scores = _failed(row) if failed else (_score_transfer if "errors" in row else _score_replication)(row)
+        scores = _failed_row(row) if failed else (_score_transfer if "errors" in row else _score_replication)(row)
         return {**head, "tier": job.case, **scores}
     if isinstance(question, EditedQuestion):
-        return {**head, "tier": "edited", **(_failed(row) if failed else _score_edited(question, row))}
+        return {**head, "tier": "edited", **(_failed_row(row) if failed else _score_edited(question, row))}
     assert isinstance(question, WithheldQuestion)  # noqa: S101  # there is no other
     whole = rows.get(job.beside[0], {"findings": []})
-    return {**head, "tier": "withheld", **(_failed(row) if failed else _score_withheld(question, row, whole))}
+    return {**head, "tier": "withheld", **(_failed_row(row) if failed else _score_withheld(question, row, whole))}
 
 
-def _failed(row: Mapping[str, Any]) -> Row:
+def _failed_row(row: Mapping[str, Any]) -> Row:
     """The scores of a row with an "error"."""
     return {**row, "right": False, "false": []}
 
 
 def new_findings(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The findings that name what the simulation does not have: neither a parameter of it nor an effect that it has."""
-    return [f for f in row["findings"] if f.get("kind") != "parameter" and f["effect"] not in row.get("has", ())]
+    return [f for f in row["findings"] if f.get("kind") != PARAMETER and f["effect"] not in row.get("has", ())]
+
+
+def given_names(row: Mapping[str, Any]) -> tuple[str, frozenset[str]]:
+    """The answer in a diagnosis's row as far as it must not hang on a start: the verdict's kind, and the set of names.
+
+    Names are effects; that a parameter of the simulation is another is no name.  With any name the kind is "named",
+    whether it stands alone or not.
+    """
+    names = frozenset(f["effect"] for f in row["findings"] if f.get("kind") != PARAMETER)
+    return "named" if names else row["verdict"], names
 
 
 def _score_whole(drive: RecordedDrive, row: Mapping[str, Any]) -> Row:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -96,13 +96,3 @@ def _cut_stream(stream: Stream, low: float, high: float, holds: bool = False) ->
     if holds and first > 0 and (first == len(stream) or stream.time_s[first] > low):
         first -= 1
     return Stream(stream.time_s[first:last], stream.values[first:last])
-
-
-def given_names(row: Mapping[str, Any]) -> tuple[str, frozenset[str]]:
-    """The answer in a diagnosis's row as far as it must not hang on a start: the verdict's kind, and the set of names.
-
-    Names are effects; that a parameter of the simulation is another is no name.  With any name the kind is "named",
-    whether it stands alone or not.
-    """
-    names = frozenset(f["effect"] for f in row["findings"] if f.get("kind") != "parameter")
-    return "named" if names else row["verdict"], names

@@ -10,7 +10,7 @@ from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings, fit_base_mod
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.estimate.types import Estimate
-from bcid.likelihood.hypothesis import DRAG, FORCE_LAW, SPEED_LAW, TYRES
+from bcid.likelihood.hypothesis import DRAG, TYRES, motor_parameters
 from bcid.proof.real.misfit import error_ratios, prediction_rmse, whole_misfit
 from bcid.proof.real.oracle import find_equivalents, fit_true_structure
 from bcid.proof.real.question_files import QuestionInputs, reference_from_row
@@ -137,8 +137,8 @@ def _as_vehicle_says(simulation: ReferenceModel | None, published: ReferenceMode
     """The simulation with what is no parameter of a refit (levers, servo) as in the `published` one for a vehicle."""
     if simulation is None or published is None:
         return None
-    motor = FORCE_LAW if published.car.sets_force > 0.0 else SPEED_LAW
-    refitted = {symbol: getattr(simulation.car, symbol) for symbol in (*motor, *TYRES, *DRAG)}
+    symbols = (*motor_parameters(published.car), *TYRES, *DRAG)
+    refitted = {symbol: getattr(simulation.car, symbol) for symbol in symbols}
     return simulation._replace(car=published.car._replace(**refitted))
 
 
