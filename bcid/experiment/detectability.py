@@ -20,11 +20,11 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import Tangent
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import Tangent
 from bcid.likelihood.score_test import compute_trial_changes, replace_value
 from bcid.likelihood.take import Take
 

@@ -19,6 +19,7 @@ from bcid.effects.remainder import COEFFICIENT
 from bcid.effects.table import ENTRIES, NO_FUNCTIONS, effect_switches
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
+from bcid.likelihood.prior import TRUST_NU, Prior
 from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import AMOUNT, NO_TRACKING
 from bcid.physics.car import FASTEST_FOLLOWING_S, Car
@@ -64,24 +65,12 @@ def motor_parameters(car: Car) -> tuple[str, ...]:
     return FORCE_LAW if car.sets_force > 0.0 else SPEED_LAW
 
 
-class GaussianPrior(NamedTuple):
-    """Independent normal laws of the components of phi."""
-
-    centre: Floats
-    stiffness: Floats  # 1 / variance; 0 where nothing is known
-
-    def log_density(self, phi: Floats) -> float:
-        """Logarithm of the density at phi, less that at the centre."""
-        return -0.5 * float(np.sum(self.stiffness * (phi - self.centre) ** 2))
-
-
 class TrustedSimulation(NamedTuple):
     """A simulation's parameters and how well they are known: a prior of the base model and the assumed effects."""
 
     phi: tuple[float, ...]
     sd: tuple[float, ...]
-    free: tuple[str, ...] = ()  # parameters that the simulation does not know: no bounds follow from it
-    share: float = 1.0  # factor of the prior's stiffness where only this share of a take is fitted
+    share: float = 1.0  # by which the prior counts where only this share of a take is fitted
 
 
 class RemainderFunctions(NamedTuple):
@@ -212,19 +201,21 @@ class Hypothesis:
         drags = np.array([getattr(car, s) for s in DRAG]) / self.drag_units
         return np.array([*logs, *drags, *(np.array(given) / self.effect_units()), *np.zeros(len(self.remainder.sd))])
 
-    def prior(self, start: Floats) -> GaussianPrior:
+    def prior(self, start: Floats) -> Prior:
         """The prior of the parameter vector phi: a trusted simulation's, or a weak one about `start`.
 
         Effects that are not assumed have none.
         """
-        centre, stiffness, trusted = start.copy(), np.zeros(self.size), self.trusted_simulation
+        centre, precision, trusted = start.copy(), np.zeros(self.size), self.trusted_simulation
+        nu, share = np.full(self.size, np.inf), np.ones(self.size)
         if trusted is None:
-            stiffness[: self.base_size] = 1.0 / LIKELIHOOD_LIMITS.base_prior_sd**2
+            precision[: self.base_size] = 1.0 / LIKELIHOOD_LIMITS.base_prior_sd**2
         else:
-            n = len(trusted.phi)
-            centre[:n], stiffness[:n] = trusted.phi, trusted.share / np.array(trusted.sd) ** 2
-        centre[self.named_size :], stiffness[self.named_size :] = 0.0, 1.0
-        return GaussianPrior(centre, stiffness)
+            known = slice(len(trusted.phi))
+            centre[known], precision[known] = trusted.phi, np.array(trusted.sd) ** -2.0
+            nu[known], share[known] = TRUST_NU, trusted.share
+        centre[self.named_size :], precision[self.named_size :] = 0.0, 1.0
+        return Prior(centre, precision, nu, share)
 
     def trust_simulation(
         self, values: Sequence[float], relative_sd: float, known_sd: Mapping[str, float] = MappingProxyType({})
@@ -243,14 +234,13 @@ class Hypothesis:
         centre, names = base.phi_of(self.nominal, values), np.array(base.parameter_names)
         sd = np.array([known_sd.get(name, relative_sd) for name in names])  # of a logarithm it is relative as it stands
         sd[len(self.log_parameters) :] *= np.maximum(np.abs(centre[len(self.log_parameters) :]), 1.0)
-        free = tuple(name for name in RAW_COMMANDS if name not in known_sd)
         for name in np.intersect1d(RAW_COMMANDS, names).tolist():
             sd[names == name] = (
                 known_sd[name] / self.entries[name].parameters[0].size
                 if name in known_sd
                 else LIKELIHOOD_LIMITS.base_prior_sd
             )
-        return replace(self, trusted_simulation=TrustedSimulation(tuple(centre.tolist()), tuple(sd.tolist()), free))
+        return replace(self, trusted_simulation=TrustedSimulation(tuple(centre.tolist()), tuple(sd.tolist())))
 
     def scale_simulation_prior(self, share: float) -> Hypothesis:
         """The hypothesis for a `share` of a take, which moves a simulation's parameters as far as the whole does."""
@@ -258,21 +248,6 @@ class Hypothesis:
         return self if trusted is None else replace(self, trusted_simulation=trusted._replace(share=share))
 
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lowest and highest parameter vector phi: `plausible_bounds`, narrowed to what a trusted simulation allows.
-
-        A motor a quarter weaker than it is known to be does what a friction does, at the price of a few nats by its
-        prior, where a drive of minutes tells by hundreds.
-        """
-        (low, high), trusted = self.plausible_bounds(), self.trusted_simulation
-        if trusted is not None:
-            known, centre = slice(len(trusted.phi)), np.array(trusted.phi)
-            free = np.isin(self.parameter_names[known], trusted.free)
-            reach = np.where(free, np.inf, LIKELIHOOD_LIMITS.max_prior_sd * np.array(trusted.sd))
-            low[known] = np.maximum(low[known], centre - reach)
-            high[known] = np.minimum(high[known], centre + reach)
-        return low, high
-
-    def plausible_bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest parameter vector phi of any car: I_z, C_f, C_r within a factor of usual ones.
 
         A fit without what is missing runs away with them: a tyre of endless stiffness and hardly any grip, say,

@@ -83,10 +83,9 @@ def parameter_jacobian(
 
     The parameter vector phi holds the logarithms of base parameters, drag, then effects' parameters.  Predictions
     begin at the nuisance parameters `start` (S, N_NUISANCE), initial states and pushes; `r` (N, 3) is the residual at
-    phi.  A difference is taken downwards where an upward one would leave the plausible bounds; the narrower bounds of
-    a trusted simulation's prior are ignored.
+    phi.  A difference is taken downwards where an upward one would leave the bounds.
     """
-    _, high = hypothesis.plausible_bounds()
+    _, high = hypothesis.bounds()
     columns = []
     for j in components:
         width = BASE_STEP if j < hypothesis.base_size else EFFECT_STEP

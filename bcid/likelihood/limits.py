@@ -34,9 +34,6 @@ class LikelihoodLimits:
     # Standard deviation in phi (logarithms; R_1 and R_2 in their units) of base parameters before a fit that trusts no
     # simulation: weak, so that it decides only what a take does not show.  Not yet justified.
     base_prior_sd: float = 1.5
-    # Standard deviations by which a parameter may leave a trusted simulation's.  DART: set after rolling friction had
-    # been explained by a motor 27 % off its published force.
-    max_prior_sd: float = 3.0
     # Nats per segment by which a fit of the base model to the whole take may be worse than that to a part of it.  Not
     # yet justified: one that went astray lost 94 (an F1TENTH); no committed file holds that figure.
     max_whole_take_loss_nats: float = 5.0

@@ -67,7 +67,8 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
     free, among = root @ products[:, :N_NUISANCE, N_NUISANCE:], products[:, N_NUISANCE:, N_NUISANCE:]
     among = among - free.transpose(0, 2, 1) @ free
     require_finite("a change of a prediction", among)  # LAPACK would not come back from it
-    centre, known = hypothesis.prior(fit.phi)
+    prior = hypothesis.prior(fit.phi)
+    known = prior.stiffness(fit.phi)
     bends = np.ones(n, dtype=bool)
     if hypothesis.trusted_simulation is None:
         known[: hypothesis.named_size] = 0.0
@@ -76,7 +77,7 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
     rows.reshape(-1, 3, rows.shape[1])[:] /= noise[:, None]
     return LinearisedFit(
         r, rows, noise**-2.0, take.first, root, free[:, :, :n], free[:, :, n], among[:, :n, :n], among[:, :n, n],
-        robust_weights(e), e.chi2, e.numbers, known, bends, np.sqrt(known) * (fit.phi - centre),
+        robust_weights(e), e.chi2, e.numbers, known, bends, np.sqrt(known) * (fit.phi - prior.centre),
     )  # fmt: skip
 
 

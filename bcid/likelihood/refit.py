@@ -10,12 +10,21 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.likelihood import newton
 from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.hypothesis import GaussianPrior, Hypothesis
+from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
-from bcid.likelihood.marginal import Scales, student_log_densities
-from bcid.likelihood.newton import MAX_EM_STEPS, RefitProblem, RefitState, Tangent, build_state, linearise_at
-from bcid.likelihood.nuisance import linearise_residuals, move_to_posterior
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.newton import linearise_at
 from bcid.likelihood.price import price_nats
+from bcid.likelihood.prior import Prior
+from bcid.likelihood.refit_state import (
+    MAX_EM_STEPS,
+    RefitProblem,
+    RefitState,
+    Tangent,
+    build_state,
+    segment_worths,
+)
+from bcid.likelihood.settling import move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
@@ -26,7 +35,6 @@ PHI_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Added to the curvature by phi, whose components are of size one: what the take hardly shows is held back, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal they would be closed)."""
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
-FIXED_ROUNDS = 3  # in which initial states converge where phi is fixed
 
 
 @dataclass(frozen=True)
@@ -93,7 +101,7 @@ def refit(
 
 def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, covariance: Floats) -> Fit:
     """Assemble a `Fit` from a refit's final `state`, its linearisation `tangent` and the `covariance` (n, n) of phi."""
-    each = student_log_densities(state.terms)
+    each = segment_worths(state.terms)
     return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent)
 
 
@@ -105,19 +113,18 @@ def _refit_by_tangents(
     Alternates at most `iterations` Gauss-Newton steps of phi, with the linearisation of the predictions held fixed,
     and a new linearisation where they led; at most `tangents` times, or until this gains less than MIN_GAIN nats.
     """
-    tangent, state = best = linearise_at(problem, phi, start, scales)
+    tangent, state = linearise_at(problem, phi, start, scales)
     for _ in range(tangents):
         ahead = _descend_along_tangent(problem, tangent, state, iterations, FAR)
-        if ahead.objective - state.objective < newton.MIN_GAIN:
-            state = ahead
-            break
-        fresh = _relinearise_ahead(problem, state, ahead)
+        fresh = None
+        if ahead.objective - state.objective > newton.MIN_GAIN:
+            fresh = _relinearise_ahead(problem, state, ahead)
+        if fresh is None:  # the tangent leads nowhere, or astray
+            fresh = _climb_under_pushes(problem, tangent, state)
         if fresh is None:
             break
         tangent, state = fresh
-        if state.objective > best[1].objective:
-            best = fresh
-    return best if best[1].objective > state.objective else (tangent, state)
+    return tangent, state
 
 
 def _descend_along_tangent(
@@ -151,7 +158,29 @@ def _relinearise_ahead(
         start = anchor.start + share * (ahead.start - anchor.start)
         scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
         fresh = none_if_diverged(linearise_at, problem, phi, start, scales)
-        if fresh and (rough or fresh[1].objective > anchor.objective):
+        if fresh and (rough or fresh[1].worth > anchor.worth):
+            return fresh
+    return None
+
+
+def _climb_under_pushes(
+    problem: RefitProblem, tangent: Tangent, state: RefitState
+) -> tuple[Tangent, RefitState] | None:
+    """Linearisation and state after one step of phi by the slope that the likelihood has under its likely pushes.
+
+    The step has the least of PHI_DAMPINGS by which log-likelihood plus log prior grow by MIN_GAIN nats; None if there
+    is no such step.
+    """
+    slopes = none_if_diverged(newton.slope_under_pushes, problem, tangent, state)
+    if slopes is None:
+        return None
+    (slope, curvature), bounds = slopes, problem.hypothesis.bounds()
+    for damping in PHI_DAMPINGS:
+        phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
+        if 0.5 * slope @ (phi - state.phi) < newton.MIN_GAIN:  # a Newton step gains half of that
+            return None
+        fresh = none_if_diverged(linearise_at, problem, phi, state.start, state.scales)
+        if fresh and fresh[1].worth - state.worth > newton.MIN_GAIN:
             return fresh
     return None
 
@@ -167,7 +196,7 @@ def _step_parameters(problem: RefitProblem, state: RefitState, slope: Floats, cu
         phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
         trial = none_if_diverged(_state_along_tangent, problem, phi, state)
         if trial and trial.objective > state.objective:
-            moved = newton.move_initial_states(problem, trial)
+            moved = move_initial_states(problem, trial)
             return moved if moved.objective > state.objective else trial
     return state
 
@@ -187,11 +216,6 @@ def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scal
     Pushes are disturbances, constant over 0.5 s; `scales` (noise and pushes) is the start.  The covariance of phi is
     zero.
     """
-    problem = RefitProblem(take, hypothesis, GaussianPrior(phi, np.zeros_like(phi)))
-    start, inputs = take.start, hypothesis.prediction_inputs(phi, take)
-    for _ in range(FIXED_ROUNDS):
-        at = linearise_residuals(take, inputs, start)
-        state = build_state(problem, phi, start, scales, at.r, at.A, MAX_EM_STEPS)
-        start, scales = move_to_posterior(start, state.terms.z), state.scales
-    tangent, state = linearise_at(problem, phi, start, scales, MAX_EM_STEPS)
+    problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))
+    tangent, state = linearise_at(problem, phi, take.start, scales, MAX_EM_STEPS)
     return _build_fit(hypothesis, tangent, state, np.zeros((hypothesis.size, hypothesis.size)))

@@ -75,12 +75,12 @@ class Take(NamedTuple):
 
     def rows(self, chosen: Ints) -> Ints:
         """Indices of the rows of the segments `chosen`, in that order."""
-        return _select_spans(self.first, chosen)[0]
+        return select_spans(self.first, chosen)[0]
 
     def part(self, chosen: Ints) -> Take:
         """The take with the segments `chosen` only."""
-        stamps, first_stamp = _select_spans(self.first_stamp, chosen)
-        rows, first = _select_spans(self.first, chosen)
+        stamps, first_stamp = select_spans(self.first_stamp, chosen)
+        rows, first = select_spans(self.first, chosen)
         renumbered = np.full(len(self.pose), -1, dtype=np.int64)
         renumbered[rows] = np.arange(len(rows))
         return self._replace(
@@ -90,7 +90,7 @@ class Take(NamedTuple):
         )  # fmt: skip
 
 
-def _select_spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
+def select_spans(first: Ints, chosen: Ints) -> tuple[Ints, Ints]:
     """All indices in the `chosen` spans (index arrays), span s being `first[s]` to `first[s + 1]`, and the new bounds.
 
     The bounds (len(chosen) + 1,) are those of the chosen spans laid one after the other from 0 on.

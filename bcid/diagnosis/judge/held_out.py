@@ -9,9 +9,9 @@ from bcid.bootstrap import draw_blocks, quantile_interval
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
-from bcid.likelihood.newton import Tangent
 from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit_state import Tangent
 from bcid.likelihood.take import Take
 
 HALF_ITERATIONS = 3

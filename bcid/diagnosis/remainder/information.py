@@ -18,10 +18,11 @@ from bcid.aliases import Floats, Ints
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.likelihood.force_history import history_values
-from bcid.likelihood.hypothesis import NO_REMAINDER, GaussianPrior, Hypothesis
+from bcid.likelihood.hypothesis import NO_REMAINDER, Hypothesis
 from bcid.likelihood.jacobian import changed_cars, on_body_and_servo, parameter_jacobian
 from bcid.likelihood.marginal import MarginalTerms, estimate_scales, robust_weights, segment_moments
 from bcid.likelihood.nuisance import LinearisedHistories, linearise_histories
+from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, Take
 from bcid.likelihood.tracking_functions import tracking_changes
@@ -58,7 +59,7 @@ class TakeInformation(NamedTuple):
     carrier_slopes: Floats  # (S, Q)
     values: Floats  # (S, Q, K) what a unit of each function does to each carrier
     terms: MarginalTerms
-    prior: GaussianPrior  # of the names
+    prior: Prior  # of the names
     phi: Floats  # (n,) their values
     c: Floats  # (K,) coefficients of the functions at the fit
     rows: Floats  # (N, 3, N_NUISANCE + n + Q + 1) A, J, Q and r over the noise
@@ -74,11 +75,11 @@ class TakeInformation(NamedTuple):
     def weigh(self, weights: Floats) -> WeighedInformation:
         """Slopes and information of names and functions, segments summed with their `weights` (S,)."""
         K = self.values.shape[2]
-        G_n = np.tensordot(weights, self.names, axes=1) + np.diag(self.prior.stiffness)
+        G_n = np.tensordot(weights, self.names, axes=1) + np.diag(self.prior.stiffness(self.phi))
         answered = (self.carriers * weights[:, None, None]) @ self.values
         G_c = self.values.reshape(-1, K).T @ answered.reshape(-1, K)
         G_nc = np.tensordot(self.cross * weights[:, None, None], self.values, axes=((0, 2), (0, 1)))
-        slope_n = weights @ self.name_slopes - self.prior.stiffness * (self.phi - self.prior.centre) + G_nc @ self.c
+        slope_n = weights @ self.name_slopes + self.prior.slope(self.phi) + G_nc @ self.c
         slope_c = np.tensordot(weights[:, None] * self.carrier_slopes, self.values, axes=((0, 1), (0, 1)))
         return WeighedInformation(slope_n, slope_c + G_c @ self.c, G_n, G_nc, G_c)
 

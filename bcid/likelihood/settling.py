@@ -1,0 +1,162 @@
+"""Initial states of segments moved to where the take is likeliest, each segment by itself, the parameters held.
+
+The likelihood integrates initial states out as if predictions were linear in them.  That is as good as the point about
+which they are linearised: it has to lie where the likelihood by the initial state is greatest, or a segment is promised
+what no initial state gives.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Bools, Floats, Ints
+from bcid.likelihood import marginal, nuisance
+from bcid.likelihood.jacobian import changed_cars
+from bcid.likelihood.limits import SEGMENT_LIMITS
+from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
+from bcid.likelihood.nuisance import LinearisedResiduals, move_to_posterior
+from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, promised_nats, segment_worths
+from bcid.likelihood.take import Take, select_spans
+
+RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
+SETTLING_TANGENTS = 6  # along which an initial state goes where the likelihood is greatest, at most
+SETTLED_NATS = 0.05  # that the step of an initial state still promises, below which it stays
+SHORTER = 0.3  # of a step that has led astray, the share that is tried next
+
+
+def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
+    """The refit's state with each segment's initial state moved to where its likelihood is greatest nearby.
+
+    By Gauss-Newton steps, the predictions linearised anew after each; one that leads where the segment is worth less
+    (`segment_worths`) is shortened.  Noise and pushes are estimated anew in at most `em_steps`.
+    """
+    share, found = np.ones(problem.take.segments), state
+    for _ in range(SETTLING_TANGENTS):
+        unsettled = np.flatnonzero(~(promised_nats(found.terms) < SETTLED_NATS))
+        if not len(unsettled):
+            break
+        step = found.terms.z[unsettled] * share[unsettled, None]
+        moved = _linearise_from(problem, found, unsettled, move_to_posterior(found.start[unsettled], step))
+        before = _part_of(found.terms, unsettled)
+        better = segment_worths(moved.terms) > segment_worths(before)  # False where a prediction is not finite
+        share[unsettled] = np.where(better, 1.0, SHORTER * share[unsettled])
+        found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
+    return _estimate_anew(problem, found, em_steps) if found is not state else state
+
+
+def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
+    """The refit's state with badly fitting segments restarted from initial states found in their measured poses.
+
+    A segment fits badly if its chi^2 per measured number is SEGMENT_LIMITS.restart_chi2 or more.  From the restart,
+    it takes Gauss-Newton steps of its initial state; an end replaces the old one where the segment is worth at least
+    SEGMENT_LIMITS.max_loss_nats more.  Unchanged if more than SEGMENT_LIMITS.max_restarted_share of the segments fit
+    badly.
+    """
+    take = problem.take
+    misfits = np.flatnonzero(~(state.terms.chi2 < SEGMENT_LIMITS.restart_chi2 * state.terms.numbers))
+    if not 0 < len(misfits) <= SEGMENT_LIMITS.max_restarted_share * take.segments:
+        return state
+    start, found = take.start[misfits], state
+    for _ in range(RESTART_TANGENTS):
+        there = _linearise_from(problem, found, misfits, start)
+        gained = segment_worths(there.terms) - segment_worths(_part_of(found.terms, misfits))
+        better = ~(gained < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(there.terms.chi2)
+        found = _put_segments(problem, found, misfits[better], there.part(np.flatnonzero(better)))
+        finite = np.isfinite(there.terms.z).all(axis=1, keepdims=True)
+        start = np.where(finite, move_to_posterior(start, there.terms.z), start)
+    return _estimate_anew(problem, found, em_steps) if found is not state else state
+
+
+def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
+    """The refit's state with segments' initial states moved to their posterior means.
+
+    Residuals are predicted anew, derivatives kept.  Each segment is decided by itself: it stays where it was if its
+    log-likelihood falls by SEGMENT_LIMITS.max_loss_nats or more, or is not finite.
+    """
+    start = move_to_posterior(state.start, state.terms.z)
+    r = problem.residuals(state.phi, start)
+    terms = _terms_along_tangent(state.A, r, problem.take, state.scales)
+    moves = _segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats
+    rows, terms = np.repeat(moves, np.diff(problem.take.first)), _select_terms(moves, terms, state.terms)
+    start, r = np.where(moves[:, None], start, state.start), np.where(rows[:, None], r, state.r)
+    return state._replace(start=start, r=r, terms=terms, objective=problem.objective(state.phi, terms))
+
+
+class _Segments(NamedTuple):
+    """Some segments of a take, linearised about other initial states than a refit's state has."""
+
+    first: Ints  # (M + 1,) of M segments, rows from first[m] to first[m + 1]
+    start: Floats  # (M, N_NUISANCE)
+    at: LinearisedResiduals
+    terms: MarginalTerms
+
+    def part(self, chosen: Ints) -> "_Segments":
+        """Those of the segments that are `chosen`."""
+        rows, first = select_spans(self.first, chosen)
+        at = LinearisedResiduals(*(array[rows] for array in self.at))
+        return _Segments(first, self.start[chosen], at, _part_of(self.terms, chosen))
+
+
+def _linearise_from(problem: RefitProblem, state: RefitState, chosen: Ints, start: Floats) -> _Segments:
+    """The segments `chosen` predicted from other initial states `start` (M, N_NUISANCE), and differentiated there.
+
+    By parameters, too, where `state` holds their derivatives.  Where a prediction is not finite the terms are NaN.
+    """
+    part, inputs = problem.take.part(chosen), problem.hypothesis.prediction_inputs(state.phi, problem.take)
+    changed = None if state.J is None else changed_cars(problem.hypothesis, state.phi)
+    at = nuisance.linearise_residuals(part, inputs, start, changed)
+    return _Segments(part.first, start, at, _terms_along_tangent(at.A, at.r, part, state.scales))
+
+
+def _put_segments(problem: RefitProblem, state: RefitState, into: Ints, new: _Segments) -> RefitState:
+    """The refit's state with the segments `into` replaced by `new` ones."""
+    if not len(into):
+        return state
+    rows = problem.take.rows(into)
+    start, r, A = state.start.copy(), state.r.copy(), state.A.copy()
+    J = None if state.J is None else state.J.copy()
+    start[into], r[rows], A[rows] = new.start, new.at.r, new.at.A
+    if J is not None:
+        J[rows] = new.at.J
+    terms = MarginalTerms(*(_put(old, into, of_part) for old, of_part in zip(state.terms, new.terms, strict=True)))
+    return state._replace(start=start, r=r, A=A, J=J, terms=terms, objective=problem.objective(state.phi, terms))
+
+
+def _estimate_anew(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
+    """The refit's state with the standard deviations of noise and pushes estimated anew in at most `em_steps`."""
+    again = build_state(problem, state.phi, state.start, state.scales, state.r, state.A, em_steps)
+    return again._replace(J=state.J)
+
+
+def _terms_along_tangent(A: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
+    """Marginal likelihood terms of segments, predictions being linear in initial states and pushes.
+
+    `r` (N, 3) is measured less predicted poses, `A` (N, 3, N_NUISANCE) are the derivatives of predicted ones.  The
+    terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
+    """
+    moments = segment_moments(r, A, take.first)
+    return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
+
+
+def _segment_gains(new: MarginalTerms, old: MarginalTerms) -> Floats:
+    """Log-likelihood gain (S,) in nats of each segment from `old` to `new` terms; NaN where either has diverged."""
+    with np.errstate(invalid="ignore"):
+        return student_log_densities(new) - student_log_densities(old)
+
+
+def _part_of(terms: MarginalTerms, chosen: Ints) -> MarginalTerms:
+    """The terms of the segments `chosen`."""
+    return MarginalTerms(*(term[chosen] for term in terms))
+
+
+def _put(whole: Floats, into: Ints, part: Floats) -> Floats:
+    """A copy of the array `whole` with `part` at its indices `into`."""
+    changed = whole.copy()
+    changed[into] = part
+    return changed
+
+
+def _select_terms(mask: Bools, first: MarginalTerms, second: MarginalTerms) -> MarginalTerms:
+    """Marginal likelihood terms from `first` in segments where `mask` (S,) is True, from `second` in the others."""
+    pairs = zip(first, second, strict=True)
+    return MarginalTerms(*(np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs))
