@@ -81,6 +81,7 @@ class BaseFit(NamedTuple):
     fit: Fit
     full_speed_units: VehicleScale  # of the vehicle at the largest speed that can be commanded
     reference: ReferenceModel | None = None
+    others: tuple[Fit, ...] = ()  # fits of the base model that ended in other basins
 
     def evaluate_reference(self) -> Fit | None:
         """The reference model as given, with nothing refitted; None if there is none, it is trusted, or it diverges."""
@@ -159,6 +160,6 @@ def fit_base_model(
         hypothesis = hypothesis.trust_simulation(values, reference.relative_sd, reference.relative_sd_of)
     progress(0.05, "the base model")
     with threadpool_limits(1, "blas"), refuse_divergence(recordings):
-        take, contacts, fit = prepare.prepare_and_fit_base(recordings, estimates, hypothesis, values)
+        take, contacts, (fit, others) = prepare.prepare_and_fit_base(recordings, estimates, hypothesis, values)
     units = prepare.scale_at_driven_speed(fit.car(), estimates, vehicle.motor.reference_speed_mps or 0.0)
-    return BaseFit(take, contacts, fit, units, reference)
+    return BaseFit(take, contacts, fit, units, reference, others)

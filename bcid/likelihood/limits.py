@@ -34,9 +34,8 @@ class LikelihoodLimits:
     # Standard deviation in phi (logarithms; R_1 and R_2 in their units) of base parameters before a fit that trusts no
     # simulation: weak, so that it decides only what a take does not show.  Not yet justified.
     base_prior_sd: float = 1.5
-    # Nats per segment by which a fit of the base model to the whole take may be worse than that to a part of it.  Not
-    # yet justified: one that went astray lost 94 (an F1TENTH); no committed file holds that figure.
-    max_whole_take_loss_nats: float = 5.0
+    # Scales of its trust within which a figure of a simulation holds: no other start of the base model is tried then.
+    held_sd: float = 3.0
     # Multiple of a trial's size that a score test may claim: the tangent says nothing beyond.  Not yet justified.
     max_trial_amplitude: float = 3.0
     # Information (nats per squared multiple) below which a take does not excite a trial: only rounding is smaller.

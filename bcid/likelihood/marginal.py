@@ -249,20 +249,21 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
     return np.asarray(constant - 0.5 * terms.log_det - half * np.log1p(terms.chi2 / NU))
 
 
-def em_update(terms: MarginalTerms, rows: Ints) -> Scales:
+def em_update(terms: MarginalTerms, rows: Ints, max_push: float = math.inf) -> Scales:
     """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
 
-    `rows` (S,) counts the mean poses of each segment.  Squared residuals and pushes are multiplied by the segment's
-    robust weight, posterior variances are not: that would bias the scales, and raise the likelihood where nothing is
-    missing.  Variances are divided by the mean weight to converge in fewer steps (parameter-expanded EM; Meng and van
-    Dyk 1997).
+    `rows` (S,) counts the mean poses of each segment; pushes are `max_push` (m/s^2, rad/s^2) at most.  Squared
+    residuals and pushes are multiplied by the segment's robust weight, posterior variances are not: that would bias the
+    scales, and raise the likelihood where nothing is missing.  Variances are divided by the mean weight to converge in
+    fewer steps (parameter-expanded EM; Meng and van Dyk 1997).
     """
     w = robust_weights(terms)
     r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
     pushes = terms.z[:, N_START:].reshape(-1, KNOTS, 3)
     spread = np.einsum("skk->sk", terms.V)[:, N_START:].reshape(-1, KNOTS, 3)
     q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
-    return Scales(np.sqrt(np.maximum(r2 / w.mean(), MIN_VARIANCE)), np.sqrt(np.maximum(q2 / w.mean(), MIN_VARIANCE)))
+    r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
+    return Scales(r, np.minimum(q, max_push))
 
 
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
@@ -297,12 +298,14 @@ def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
     return terms
 
 
-def estimate_scales(moments: Moments, scales: Scales, steps: int) -> tuple[Scales, MarginalTerms]:
+def estimate_scales(
+    moments: Moments, scales: Scales, steps: int, max_push: float = math.inf
+) -> tuple[Scales, MarginalTerms]:
     """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
 
     Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
-    relative EM_TOLERANCE; `steps` = 0 only evaluates.  `moments` are the segments' products of residuals and
-    derivatives by nuisances (`segment_moments`).
+    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Pushes are `max_push` (m/s^2, rad/s^2) at most.  `moments` are
+    the segments' products of residuals and derivatives by nuisances (`segment_moments`).
 
     Raises:
         PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.
@@ -310,7 +313,7 @@ def estimate_scales(moments: Moments, scales: Scales, steps: int) -> tuple[Scale
     require_finite("a prediction", moments.rr, moments.AA)
     terms = checked_marginal_terms(moments, scales)
     for _ in range(steps):
-        before, scales = scales, em_update(terms, moments.rows)
+        before, scales = scales, em_update(terms, moments.rows, max_push)
         require_finite("the noise", scales.r, scales.q)
         terms = _terms_within_rounding(moments, scales)
         if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):

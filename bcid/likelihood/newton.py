@@ -7,7 +7,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.likelihood import marginal, nuisance
-from bcid.likelihood.jacobian import base_jacobian, changed_cars, parameter_jacobian
+from bcid.likelihood.jacobian import base_jacobian, parameter_jacobian
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit_state import EM_STEPS, RefitProblem, RefitState, Tangent, build_state
 from bcid.likelihood.settling import restart_misfitting_segments, settle_initial_states
@@ -18,34 +18,18 @@ MIN_GAIN = 0.3  # nats, below which a step has gained nothing
 PUSH_SHARE = 0.3  # of the likely pushes, under which derivatives are compared
 
 
-def linearise_at(
-    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int = EM_STEPS
-) -> tuple[Tangent, RefitState]:
-    """Evaluate a refit at the parameter vector phi (`evaluate_at`), and differentiate its predicted poses there.
-
-    The derivatives are by base parameters and by nuisance parameters, the initial states and pushes `start` of
-    segments.
-    """
-    state = evaluate_at(problem, phi, start, scales, em_steps, with_parameters=True)
-    return tangent_at(problem, state), state._replace(J=None)
-
-
 def evaluate_at(
-    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int, with_parameters: bool = False
+    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, em_steps: int = EM_STEPS
 ) -> RefitState:
     """The refit's state (residual, likelihood, nuisances, scales) at the parameter vector phi, which stays fixed.
 
     Initial states move from `start` (S, N_NUISANCE) to where the likelihood is greatest, those of segments with a high
     chi^2 from their measured poses.  The standard deviations of noise and pushes are estimated from `scales` in at most
-    `em_steps` of expectation maximisation.  Derivatives by base parameters can be found in the same run
-    (`with_parameters`).
+    `em_steps` of expectation maximisation.
     """
-    take, inputs = problem.take, problem.hypothesis.prediction_inputs(phi, problem.take)
-    changed = changed_cars(problem.hypothesis, phi) if with_parameters else None
-    r, A, J = nuisance.linearise_residuals(take, inputs, start, changed)
-    state = build_state(problem, phi, start.copy(), scales, r, A, em_steps)
-    state = restart_misfitting_segments(problem, state._replace(J=J if with_parameters else None), em_steps)
-    return settle_initial_states(problem, state, em_steps)
+    at = nuisance.linearise_residuals(problem.take, problem.hypothesis.prediction_inputs(phi, problem.take), start)
+    state = build_state(problem, phi, start.copy(), scales, at.r, at.A, em_steps)
+    return settle_initial_states(problem, restart_misfitting_segments(problem, state, em_steps), em_steps)
 
 
 def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
@@ -53,7 +37,7 @@ def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
 
     Those by nuisance parameters (each segment's initial state and pushes) are `state.A`.
     """
-    return Tangent(state.A, base_jacobian(problem.take, problem.hypothesis, state.phi, state.start, state.r, state.J))
+    return Tangent(state.A, base_jacobian(problem.take, problem.hypothesis, state.phi, state.start, state.r))
 
 
 def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:

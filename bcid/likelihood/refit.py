@@ -3,6 +3,7 @@
 All functions raise `PredictionDiverged` where predictions at their starting point leave the finite numbers.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.newton import linearise_at
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit_state import (
@@ -76,19 +76,19 @@ class Fit:
 @kept_in_proofs
 def refit(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
-    tangent: Tangent | None = None, tangents: int = MAX_TANGENTS,
+    tangent: Tangent | None = None, tangents: int = MAX_TANGENTS, max_push: float = math.inf,
 ) -> Fit:  # fmt: skip
     """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
-    phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes
-    (disturbances over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from
-    `scales`, are estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations
-    of the predictions.  A `tangent` (linearisation at a neighbouring fit), if given, is held fixed, and only
-    derivatives by effects are recomputed: a tenth of the work, accurate enough to rank candidates, but biased far from
-    that fit.
+    phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes (disturbances
+    over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
+    estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations of the
+    predictions.  Pushes are `max_push` (m/s^2, rad/s^2) at most.  A `tangent` (linearisation at a neighbouring fit), if
+    given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to rank
+    candidates, but biased far from that fit.
     """
     phi = np.clip(phi, *hypothesis.bounds())
-    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi))
+    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), max_push)
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
         last, state = tangent, _descend_along_tangent(problem, tangent, state, iterations, np.inf)
@@ -113,17 +113,18 @@ def _refit_by_tangents(
     Alternates at most `iterations` Gauss-Newton steps of phi, with the linearisation of the predictions held fixed,
     and a new linearisation where they led; at most `tangents` times, or until this gains less than MIN_GAIN nats.
     """
-    tangent, state = linearise_at(problem, phi, start, scales)
+    state = newton.evaluate_at(problem, phi, start, scales)
+    tangent = newton.tangent_at(problem, state)
     for _ in range(tangents):
         ahead = _descend_along_tangent(problem, tangent, state, iterations, FAR)
-        fresh = None
+        better = None
         if ahead.objective - state.objective > newton.MIN_GAIN:
-            fresh = _relinearise_ahead(problem, state, ahead)
-        if fresh is None:  # the tangent leads nowhere, or astray
-            fresh = _climb_under_pushes(problem, tangent, state)
-        if fresh is None:
+            better = _evaluate_ahead(problem, state, ahead)
+        if better is None:  # the tangent leads nowhere, or astray
+            better = _climb_under_pushes(problem, tangent, state)
+        if better is None:
             break
-        tangent, state = fresh
+        state, tangent = better, newton.tangent_at(problem, better)
     return tangent, state
 
 
@@ -143,30 +144,26 @@ def _descend_along_tangent(
     return state
 
 
-def _relinearise_ahead(
-    problem: RefitProblem, anchor: RefitState, ahead: RefitState
-) -> tuple[Tangent, RefitState] | None:
-    """Linearise the predictions anew at `ahead`, or part of the way from `anchor` to it (backtracking line search).
+def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState) -> RefitState | None:
+    """The refit's state at `ahead`, or part of the way from `anchor` to it, with predictions differentiated there.
 
-    The first share of the way in STEP_SHARES at which log-likelihood plus log prior exceeds that of `anchor` is
-    taken; for an effect at a place on the floor, whose edge makes the likelihood rough, the first that does not
-    diverge.  None if there is no such share.
+    The first share of the way in STEP_SHARES at which log-likelihood plus log prior exceeds that of `anchor` is taken
+    (backtracking line search); for an effect at a place on the floor, whose edge makes the likelihood rough, the first
+    that does not diverge.  None if there is no such share.
     """
     rough = problem.hypothesis.is_place.any()
     for share in STEP_SHARES:
         phi = ahead.phi if share == 1.0 else anchor.phi + share * (ahead.phi - anchor.phi)
         start = anchor.start + share * (ahead.start - anchor.start)
         scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
-        fresh = none_if_diverged(linearise_at, problem, phi, start, scales)
-        if fresh and (rough or fresh[1].worth > anchor.worth):
-            return fresh
+        there = none_if_diverged(newton.evaluate_at, problem, phi, start, scales)
+        if there and (rough or there.worth > anchor.worth):
+            return there
     return None
 
 
-def _climb_under_pushes(
-    problem: RefitProblem, tangent: Tangent, state: RefitState
-) -> tuple[Tangent, RefitState] | None:
-    """Linearisation and state after one step of phi by the slope that the likelihood has under its likely pushes.
+def _climb_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitState) -> RefitState | None:
+    """The refit's state after one step of phi by the slope that the likelihood has under its likely pushes.
 
     The step has the least of PHI_DAMPINGS by which log-likelihood plus log prior grow by MIN_GAIN nats; None if there
     is no such step.
@@ -179,9 +176,9 @@ def _climb_under_pushes(
         phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
         if 0.5 * slope @ (phi - state.phi) < newton.MIN_GAIN:  # a Newton step gains half of that
             return None
-        fresh = none_if_diverged(linearise_at, problem, phi, state.start, state.scales)
-        if fresh and fresh[1].worth - state.worth > newton.MIN_GAIN:
-            return fresh
+        there = none_if_diverged(newton.evaluate_at, problem, phi, state.start, state.scales)
+        if there and there.worth - state.worth > newton.MIN_GAIN:
+            return there
     return None
 
 
@@ -217,5 +214,7 @@ def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scal
     zero.
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))
-    tangent, state = linearise_at(problem, phi, take.start, scales, MAX_EM_STEPS)
-    return _build_fit(hypothesis, tangent, state, np.zeros((hypothesis.size, hypothesis.size)))
+    state = newton.evaluate_at(problem, phi, take.start, scales, MAX_EM_STEPS)
+    return _build_fit(
+        hypothesis, newton.tangent_at(problem, state), state, np.zeros((hypothesis.size, hypothesis.size))
+    )

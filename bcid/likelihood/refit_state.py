@@ -3,6 +3,7 @@
 What predicts or estimates scales raises `PredictionDiverged` where these leave the finite numbers.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ class RefitProblem(NamedTuple):
     take: Take
     hypothesis: Hypothesis
     prior: Prior
+    max_push: float = math.inf  # m/s^2 and rad/s^2
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""
@@ -51,7 +53,6 @@ class RefitState(NamedTuple):
     A: Floats  # (N, 3, N_NUISANCE) derivatives of the poses by nuisance parameters, from which the terms come
     terms: MarginalTerms
     objective: float  # log-likelihood plus log prior
-    J: Floats | None = None  # (N, 3, R + K) by `body_parameters` and the remainder, where it was found with A
 
     @property
     def worth(self) -> float:
@@ -69,7 +70,7 @@ def build_state(
     estimated from `scales` by at most `em_steps` of expectation maximisation.
     """
     moments = segment_moments(r, A, problem.take.first)
-    scales, terms = marginal.estimate_scales(moments, scales, em_steps)
+    scales, terms = marginal.estimate_scales(moments, scales, em_steps, problem.max_push)
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
-from bcid.likelihood.jacobian import changed_cars
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import LinearisedResiduals, move_to_posterior
@@ -19,7 +18,8 @@ from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, p
 from bcid.likelihood.take import Take, select_spans
 
 RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
-SETTLING_TANGENTS = 6  # along which an initial state goes where the likelihood is greatest, at most
+SETTLING_TANGENTS = 4  # along which an initial state goes where the likelihood is greatest, at most
+CHORDS = 3  # steps along each, with derivatives held fixed
 SETTLED_NATS = 0.05  # that the step of an initial state still promises, below which it stays
 SHORTER = 0.3  # of a step that has led astray, the share that is tried next
 
@@ -35,13 +35,34 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
         unsettled = np.flatnonzero(~(promised_nats(found.terms) < SETTLED_NATS))
         if not len(unsettled):
             break
-        step = found.terms.z[unsettled] * share[unsettled, None]
-        moved = _linearise_from(problem, found, unsettled, move_to_posterior(found.start[unsettled], step))
+        start = _settle_along_tangent(problem, found, unsettled, share[unsettled])
+        moved = _linearise_from(problem, found, unsettled, start)
         before = _part_of(found.terms, unsettled)
         better = segment_worths(moved.terms) > segment_worths(before)  # False where a prediction is not finite
         share[unsettled] = np.where(better, 1.0, SHORTER * share[unsettled])
         found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
     return _estimate_anew(problem, found, em_steps) if found is not state else state
+
+
+def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints, share: Floats) -> Floats:
+    """Initial states and pushes (M, N_NUISANCE) of the segments `chosen` after steps with derivatives held fixed.
+
+    The first step is the `share` (M,) of a Gauss-Newton step; further ones follow while a segment is worth more.
+    """
+    part, rows = problem.take.part(chosen), problem.take.rows(chosen)
+    inputs, A = problem.hypothesis.prediction_inputs(state.phi, problem.take), state.A[rows]
+    best = state.start[chosen]
+    terms = _part_of(state.terms, chosen)
+    start = move_to_posterior(best, terms.z * share[:, None])
+    for first in (True, *[False] * (CHORDS - 1)):
+        there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), part, state.scales)
+        better = segment_worths(there) > segment_worths(terms)
+        best = np.where((better | first)[:, None], start, best)
+        terms = _select_terms(better, there, terms)
+        if not (better & (promised_nats(terms) > SETTLED_NATS)).any():
+            break
+        start = np.where(better[:, None], move_to_posterior(start, there.z), start)
+    return best
 
 
 def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
@@ -100,11 +121,10 @@ class _Segments(NamedTuple):
 def _linearise_from(problem: RefitProblem, state: RefitState, chosen: Ints, start: Floats) -> _Segments:
     """The segments `chosen` predicted from other initial states `start` (M, N_NUISANCE), and differentiated there.
 
-    By parameters, too, where `state` holds their derivatives.  Where a prediction is not finite the terms are NaN.
+    Where a prediction is not finite the terms are NaN.
     """
     part, inputs = problem.take.part(chosen), problem.hypothesis.prediction_inputs(state.phi, problem.take)
-    changed = None if state.J is None else changed_cars(problem.hypothesis, state.phi)
-    at = nuisance.linearise_residuals(part, inputs, start, changed)
+    at = nuisance.linearise_residuals(part, inputs, start)
     return _Segments(part.first, start, at, _terms_along_tangent(at.A, at.r, part, state.scales))
 
 
@@ -114,18 +134,14 @@ def _put_segments(problem: RefitProblem, state: RefitState, into: Ints, new: _Se
         return state
     rows = problem.take.rows(into)
     start, r, A = state.start.copy(), state.r.copy(), state.A.copy()
-    J = None if state.J is None else state.J.copy()
     start[into], r[rows], A[rows] = new.start, new.at.r, new.at.A
-    if J is not None:
-        J[rows] = new.at.J
     terms = MarginalTerms(*(_put(old, into, of_part) for old, of_part in zip(state.terms, new.terms, strict=True)))
-    return state._replace(start=start, r=r, A=A, J=J, terms=terms, objective=problem.objective(state.phi, terms))
+    return state._replace(start=start, r=r, A=A, terms=terms, objective=problem.objective(state.phi, terms))
 
 
 def _estimate_anew(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
     """The refit's state with the standard deviations of noise and pushes estimated anew in at most `em_steps`."""
-    again = build_state(problem, state.phi, state.start, state.scales, state.r, state.A, em_steps)
-    return again._replace(J=state.J)
+    return build_state(problem, state.phi, state.start, state.scales, state.r, state.A, em_steps)
 
 
 def _terms_along_tangent(A: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:

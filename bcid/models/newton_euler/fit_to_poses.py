@@ -52,7 +52,7 @@ def fit_car_to_poses(task: FitTask) -> tuple[Car, dict[str, Any]]:
     with threadpool_limits(1, "blas"):
         task.progress(0.1, "likelihood of the poses")
         with refuse_divergence(task.recordings):
-            take, _, fit = prepare_and_fit_base(task.recordings, estimates, hypothesis, ())
+            take, _, (fit, _) = prepare_and_fit_base(task.recordings, estimates, hypothesis, ())
         unreached = _find_unreached_saturations(fit, take)
     top_speed = float(np.quantile(np.concatenate([e.kinematic[:, 0] for e in estimates]), TOP_SPEED_QUANTILE))
     searched = constants_to_fit(task.vehicle, top_speed)

@@ -1,0 +1,118 @@
+"""The base model fitted to a take from several starts, and the basins in which such fits end.
+
+Far from the right car, large pushes explain any drive, and the likelihood hardly depends on the car any more.  So a fit
+begins with pushes held small, when what the car does has to explain the poses as well as it can; only from there pushes
+are as large as is likely.  Each start is fitted so to a part of the take, and those that end best to all of it.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.likelihood.divergence import map_converged, none_if_diverged
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, evaluate_fixed, refit
+from bcid.likelihood.take import Take
+from bcid.physics.car import Car, typical_inertia_and_tyres
+
+FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins, and what they are held below
+PART_SEGMENTS = 40  # on which starts are compared: of 85 numbers each, for about 20 parameters
+FIRST_TANGENTS = 12  # with pushes held small, and as many with pushes as large as is likely
+BASINS = 2  # that are fitted to the whole take
+SAME_BASIN_NATS = 1.0  # within which two fits have ended in one basin
+FIRST_GRIPS = (2.0, 8.0)  # N/kg, of cars without a simulation beside the nominal one
+FIRST_INERTIA = 1.3  # I_z of these cars over m l_f l_r
+OTHER_MOTOR, OTHER_TYRES, OTHER_SERVO = 3.0, 4.0, 4.0  # factors between starts
+
+
+class BaseFits(NamedTuple):
+    """The likeliest fit of a base model, and those from other starts that ended in other basins, likeliest first."""
+
+    best: Fit
+    others: tuple[Fit, ...]
+
+
+def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequence[float] = ()) -> BaseFits:
+    """The base model fitted to the take; effects that it always holds begin at `assumed` (SI).
+
+    A fit from the nominal car that leaves all figures of a trusted simulation within `held_sd` of their trust stands
+    alone.  Otherwise, and without a simulation, stiff and soft, quick and slow cars are starts, too (`first_cars`).
+    The best fit is never less likely than the nominal car with the effects as assumed.
+
+    Raises:
+        PredictionDiverged: predictions diverge from every start.
+    """
+    base, nominal = hypothesis.with_effects(), hypothesis.nominal
+    part = take.part(np.arange(0, take.segments, max(1, take.segments // PART_SEGMENTS)))
+    cars = first_cars(hypothesis)
+    starts = [(part, base, base.phi_of(car, assumed), scales) for car in cars]
+    found = list(map_converged(_fit_part, starts[:1]))
+    if not (found and _holds_simulation(found[0])):
+        found += list(map_converged(_fit_part, starts[1:], required=not found))
+    found.sort(key=lambda f: -f.penalised_log_likelihood)
+    ends = [(take, base, f.phi, take.start, f.scales) for f in _distinct(found)[:BASINS]]
+    fits = list(map_converged(refit, ends, required=True))
+    more = _not_below_start(fits[0], take, base.phi_of(nominal, assumed))
+    best, *others = _distinct([*fits, *more])
+    return BaseFits(best, tuple(others))
+
+
+def first_cars(hypothesis: Hypothesis) -> list[Car]:
+    """Cars from which a base model is fitted: the nominal one, and others like it of stiff and soft tyres.
+
+    And of stronger and weaker motors, and of quicker servos where the vehicle file does not say how quick it is.
+    Without a simulation tyres are typical ones of little and of much grip, as the nominal ones are a mere guess.
+    """
+    nominal, unknown = hypothesis.nominal, hypothesis.unknown_steering
+    stiff = nominal._replace(C_f=nominal.C_f * OTHER_TYRES, C_r=nominal.C_r * OTHER_TYRES)
+    soft = nominal._replace(
+        C_f=nominal.C_f / OTHER_TYRES, C_r=nominal.C_r / OTHER_TYRES, F_f_max=2.0 * nominal.F_f_max,
+        F_r_max=2.0 * nominal.F_r_max,
+    )  # fmt: skip
+    if hypothesis.trusted_simulation is None:
+        size = (nominal.m, nominal.l_f, nominal.l_r, FIRST_INERTIA)
+        soft, stiff = (nominal._replace(**typical_inertia_and_tyres(*size, g, g)) for g in FIRST_GRIPS)
+    weak = stiff._replace(K_t=nominal.K_t / OTHER_MOTOR)
+    cars = [nominal, soft, stiff, weak]
+    if "d" in unknown:  # a servo may have no limit that shows
+        cars[1:] = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in cars[1:]]
+    if "T_s" in unknown:
+        cars.append(cars[2]._replace(T_s=nominal.T_s / OTHER_SERVO))
+    return cars
+
+
+def _fit_part(part: Take, base: Hypothesis, phi: Floats, scales: Scales) -> Fit:
+    """The base model fitted to a `part` of a take from phi, first with pushes held small."""
+    first = refit(part, base, phi, part.start, scales, tangents=FIRST_TANGENTS, max_push=FIRST_PUSH)
+    return refit(part, base, first.phi, first.start, first.scales, tangents=FIRST_TANGENTS)
+
+
+def _holds_simulation(fit: Fit) -> bool:
+    """Whether a fit leaves each figure of a trusted simulation as near as it is known to be."""
+    if fit.hypothesis.trusted_simulation is None:
+        return False
+    off = fit.hypothesis.prior(fit.phi).deviations(fit.phi)
+    return bool(np.max(np.abs(off)) < LIKELIHOOD_LIMITS.held_sd)
+
+
+def _distinct(fits: Sequence[Fit]) -> list[Fit]:
+    """The fits, likeliest first, less those that ended in the basin of a likelier one."""
+    found = list[Fit]()
+    for fit in sorted(fits, key=lambda f: -f.penalised_log_likelihood):
+        if not found or found[-1].penalised_log_likelihood - fit.penalised_log_likelihood > SAME_BASIN_NATS:
+            found.append(fit)
+    return found
+
+
+def _not_below_start(fit: Fit, take: Take, phi: Floats) -> Iterator[Fit]:
+    """A refit from the parameters phi where these are likelier than the `fit` once their initial states have settled.
+
+    What fits a part may be less likely on the whole than where it began.
+    """
+    settled = none_if_diverged(evaluate_fixed, take, fit.hypothesis, phi, fit.scales)
+    if settled is not None and settled.penalised_log_likelihood > fit.penalised_log_likelihood:
+        yield from map_converged(refit, [(take, fit.hypothesis, phi, settled.start, settled.scales)])
