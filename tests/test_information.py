@@ -111,7 +111,7 @@ def whitened(at: TakeInformation, explicit: Explicit, weights: Floats) -> tuple[
         values, vectors = np.linalg.eigh(explicit.P[s])
         root = np.sqrt(w * np.maximum(values, 0.0))[:, None] * vectors.T
         rows.append(root @ np.column_stack([explicit.r[s], explicit.J[s], explicit.B[s]]))
-    stiff, K = np.sqrt(at.prior.stiffness), explicit.B[0].shape[1]
+    stiff, K = np.sqrt(at.prior.stiffness(at.phi)), explicit.B[0].shape[1]
     off = stiff * (at.prior.centre - at.phi)
     rows.append(np.column_stack([off, np.diag(stiff), np.zeros((len(stiff), K))]))
     whole = np.concatenate(rows)

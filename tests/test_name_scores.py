@@ -48,8 +48,8 @@ def test_products_with_trials_are_those_of_the_explicit_projection() -> None:
         X = np.column_stack([J, Q @ at.values[s], mine])
         b += weights[s] * (X.T @ P @ r)[:, 0]
         expected += weights[s] * X.T @ P @ X
-    expected[:n, :n] += np.diag(at.prior.stiffness)
-    b[:n] -= at.prior.stiffness * (at.phi - at.prior.centre)
+    expected[:n, :n] += np.diag(at.prior.stiffness(at.phi))
+    b[:n] -= at.prior.stiffness(at.phi) * (at.phi - at.prior.centre)
     np.testing.assert_allclose(slope, b, atol=1e-6 * np.abs(b).max())
     scale = np.sqrt(np.abs(np.diag(expected)))
     np.testing.assert_allclose(G / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-6)

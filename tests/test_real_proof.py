@@ -137,15 +137,16 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     free = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", *RAW_COMMANDS), raw_commands=True)
     values = [0.06, *(0.0 for name in RAW_COMMANDS for _ in ENTRIES[name].fields)]
     start = free.with_effects().phi_of(CAR._replace(K_t=300.0), values)
-    centre, stiffness = free.with_effects().prior(start)
+    centre, stiffness, *_ = free.with_effects().prior(start)
     np.testing.assert_array_equal(centre, start)  # weak, about where the refit starts
     assert set(stiffness) == {0.0, LIKELIHOOD_LIMITS.base_prior_sd**-2}
     trusting = free.trust_simulation(values, 0.02).with_effects("yaw_scrub")
     more = trusting.phi_of(CAR._replace(K_t=300.0), [*values, 13.0])
-    centre, stiffness = trusting.prior(more)
+    centre, stiffness, nu, _ = trusting.prior(more)
     logs, base = len(trusting.log_parameters), trusting.base_size
     np.testing.assert_allclose(np.exp(centre[:logs]), [getattr(CAR, s) for s in trusting.log_parameters])
     np.testing.assert_allclose(stiffness[:logs], 0.02**-2)
+    np.testing.assert_array_equal(nu == TRUST_NU, np.arange(len(nu)) < len(nu) - 1)
     lag = base  # in units of its size, as well known relative to itself
     assert stiffness[lag] == pytest.approx((0.02 * max(centre[lag], 1.0)) ** -2)
     otherwise = (
@@ -162,30 +163,18 @@ def test_a_trusted_simulation_pulls_towards_its_own_parameters() -> None:
     )  # unless it was measured
     unit = free.entries["steering_scale"].parameters[0].size
     assert measured.prior(more)[1][lag + 1] == pytest.approx((0.04 / unit) ** -2)
-    assert measured.trusted_simulation is not None
-    assert measured.trusted_simulation.free == ()
 
 
-def test_no_parameter_goes_farther_than_it_is_trusted() -> None:
-    """Three standard deviations, of a share of a take as well; what nothing assumes has its own bounds."""
+def test_trust_has_no_end() -> None:
+    """What is trusted has the bounds of any car; a share of a take pulls by that share."""
     free = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag",))
     trusting = free.trust_simulation([0.06], 0.02, {"K_t": 0.05}).with_effects("yaw_scrub")
-    for of in (trusting, trusting.scale_simulation_prior(0.1)):
-        low, high = of.bounds()
-        K_t, lag = of.log_parameters.index("K_t"), of.base_size
-        np.testing.assert_allclose(np.exp([low[K_t], high[K_t]]) / CAR.K_t, np.exp([-0.15, 0.15]))
-        unit = of.entries["motor_lag"].parameters[0].size
-        np.testing.assert_allclose(high[lag] * unit, 0.06 + 0.06 * max(0.06, unit))
-        np.testing.assert_allclose(low[lag] * unit, 0.06 - 0.06 * max(0.06, unit))
-        np.testing.assert_array_equal([low[-1], high[-1]], [b[-1] for b in free.with_effects("yaw_scrub").bounds()])
-    assert free.bounds()[1][free.log_parameters.index("K_t")] == np.inf
-    raw = Hypothesis((), CAR, 2.012, Constants(), assumed=RAW_COMMANDS, raw_commands=True)
-    of_a_gain = [
-        raw.trust_simulation([0.0], 0.02, known).with_effects().bounds()[1][-1]
-        for known in ({}, {"steering_scale": 0.04})
-    ]
-    unit = raw.entries["steering_scale"].parameters[0].size
-    assert of_a_gain == pytest.approx([raw.entries["steering_scale"].parameters[0].high / unit, 0.12 / unit])
+    for one, other in zip(trusting.bounds(), free.with_effects("yaw_scrub").bounds(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    phi = trusting.phi_of(CAR._replace(K_t=2.0 * CAR.K_t), [0.1, 13.0])
+    whole, tenth = trusting.prior(phi), trusting.scale_simulation_prior(0.1).prior(phi)
+    assert tenth.log_density(phi) == pytest.approx(0.1 * whole.log_density(phi))
+    np.testing.assert_allclose(tenth.slope(phi), 0.1 * whole.slope(phi))
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from bcid.aliases import Progress
 from bcid.diagnosis.judge.not_excited import find_unexcited_effects
+from bcid.diagnosis.judge.other_figures import OtherFigure, find_other_figures
 from bcid.diagnosis.judge.verdict import Judgement, judge_names
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
@@ -47,6 +48,7 @@ class Diagnosis:
     pushes_before: Disturbances  # under the refitted base model
     pushes_after: Disturbances  # under the fit with the named effects
     not_excited: tuple[NotExcited, ...]
+    other_figures: tuple[OtherFigure, ...] = ()  # of the simulation, which are others here
 
     @property
     def fit(self) -> Fit:
@@ -120,7 +122,8 @@ def diagnose_recordings(
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)
         not_excited = find_unexcited_effects(naming.best, take, base.full_speed_units, naming.nulls.gate)
-    return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, not_excited)
+        figures = find_other_figures(naming.best, naming.nulls.gate)
+    return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, not_excited, figures)
 
 
 def draw_laws(naming: Naming, take: Take, location: Location, seen: Explained) -> dict[str, MissingLaw]:

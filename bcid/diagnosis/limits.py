@@ -68,6 +68,8 @@ class JudgeLimits:
     max_rival_nats: float = 20.0
     # Indistinguishable effects listed with a name: three at most are asked for.
     max_twins: int = 3
+    # Probability, by the trust in a simulation, that one of its figures lies as far off, below which it is another one.
+    figure_p_value: float = 0.05
     # Divides differences of nats in stated probabilities.
     probability_temper: float = 2.0
     # Multiple of its declared size at which an effect must show to count as excited.

@@ -53,6 +53,13 @@ def summarise_diagnosis(
         ),
         channels={channel: round(nats, 1) for channel, nats in location.channel_nats.items()},
         findings=tuple(_describe_finding(f, fit.hypothesis.entries[f.effect]) for f in judgement.findings),
+        other_figures=tuple(
+            written.OtherFigure(
+                symbol=f.symbol, published=f.published, gain_nats=round(f.nats, 1),
+                needed=written.Quantity(value=f.needed, se=f.se, unit=f.unit),
+            )
+            for f in diagnosis.other_figures
+        ),
         unknown=_describe_unknown(diagnosis) if judgement.verdict == "unknown" or naming.unknown_nats > 0.0 else None,
         fit=next((written.FitSummary(**h.as_json()) for h in horizons if h.horizon_s == SUMMARY_S), None),
         horizons=tuple(horizons),

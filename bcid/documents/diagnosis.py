@@ -60,6 +60,15 @@ class NamedEffect(Part):
     held: str | None = None  # the entry of the vehicle file of which a wrong value would look the same
 
 
+class OtherFigure(Part):
+    """A figure of the simulation, a parameter or the size of an effect, that is another one in this recording."""
+
+    symbol: str  # of a parameter, or of an effect's parameter: effect__symbol
+    published: float
+    needed: Quantity
+    gain_nats: Number = None  # by which the needed figure makes the recording likelier
+
+
 class UnknownPart(Part):
     """A predictable difference between recording and simulation that matches no effect of the vocabulary."""
 
@@ -236,6 +245,7 @@ class DiagnosisDocument(Document):
         default_factory=dict
     )  # nats that free functions in one channel explain before any hypothesis
     findings: tuple[NamedEffect, ...] = ()
+    other_figures: tuple[OtherFigure, ...] = ()  # of the simulation, most certain first
     unknown: UnknownPart | None = None
     fit: FitSummary | None = None
     horizons: tuple[HorizonError, ...] = ()

@@ -67,7 +67,7 @@ def read_rows(folder: Path) -> dict[str, dict[str, Any]]:
 def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
     """The parts of a diagnosis that are stored and scored, as a JSON object (row).
 
-    "verdict"; "findings", each with "effect", "kind", "twins" (effects that cannot be told from it), "probability"
+    "verdict"; "other_figures" of a simulation, each with "symbol" and "nats"; "findings", each with "effect", "kind", "twins" (effects that cannot be told from it), "probability"
     and "values" with standard errors; "remainder", what stays unexplained; "located", "place" and "window", the
     channel, circle on the floor and time window of the mismatch; "p_value" of a perfect base model; "not_excited",
     the smallest detectable size of each effect that the drive could not show.
@@ -85,6 +85,7 @@ def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
             }
             for f in judgement.findings
         ],
+        "other_figures": [f._asdict() for f in diagnosis.other_figures],
         "dropped": {name: round(nats, 1) for name, nats in naming.dropped.items()},
         "corrections": list(fitted_corrections(diagnosis.fit)),
         "gate": round(naming.nulls.gate, 1),

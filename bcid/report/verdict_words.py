@@ -1,6 +1,6 @@
 """The verdict of a diagnosis in a sentence."""
 
-from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, UnknownPart
+from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, OtherFigure, UnknownPart
 from bcid.report import formats
 from bcid.report.formats import plain_name, with_minus_sign
 from bcid.report.limits import LIMITS
@@ -11,10 +11,43 @@ CHANNELS = {
 }  # fmt: skip
 
 
+FIGURES = {
+    "K_t": ("the motor pushes", "more", "less"),
+    "I_z": ("the moment of inertia is", "larger", "smaller"),
+    "C_f": ("the front tyres are", "stiffer", "softer"),
+    "C_r": ("the rear tyres are", "stiffer", "softer"),
+    "F_f_max": ("the front tyres hold", "more", "less"),
+    "F_r_max": ("the rear tyres hold", "more", "less"),
+}
+"""Of a car's figures that are others than published: who does what, more or less."""
+
+
 def verdict_sentence(d: DiagnosisDocument) -> str:
-    """The verdict of a diagnosis in a sentence: what was found, how large, and how much it helps on held-out data."""
+    """The verdict of a diagnosis in a sentence: what was found, how large, and how much it helps on held-out data.
+
+    A second sentence tells the figures of the simulation that are others here.
+    """
     wordings = {"named": _word_named_effects, "ambiguous": _word_ambiguous_effects, "unknown": _word_unknown_effect}
-    return wordings.get(d.verdict, _word_absence_of_effects)(d)
+    verdict = wordings.get(d.verdict, _word_absence_of_effects)(d)
+    others = formats.join_words([_word_other_figure(f) for f in d.other_figures])
+    return f"{verdict} Other than published: {others}." if others else verdict
+
+
+def _word_other_figure(f: OtherFigure) -> str:
+    """That a figure is another than published, in words.
+
+    >>> K_t = OtherFigure(symbol="K_t", published=25.0, needed=Quantity(value=21.5, se=0.25, unit="N"))
+    >>> _word_other_figure(K_t)
+    'the motor pushes 14 % less (K_t = 21.5 ± 0.3 N, published 25)'
+    """
+    needed, effect = f.needed.value or 0.0, f.symbol.partition("__")[0]
+    size = formats.format_with_error(needed, f.needed.se, f.needed.unit)
+    figures = f"{formats.symbol_text(f.symbol.rpartition('__')[2])} = {size}, published {f.published:.3g}"
+    share = needed / f.published - 1.0 if f.published else 0.0
+    if not -1.0 < share < 1.0 or not share:
+        return f"{plain_name(effect)} ({figures})"
+    subject, more, less = FIGURES.get(f.symbol, (f"{plain_name(effect)} is", "larger", "smaller"))
+    return f"{subject} {abs(100.0 * share):.0f} % {more if share > 0.0 else less} ({figures})"
 
 
 def short_take_sentence(d: DiagnosisDocument) -> str:
