@@ -1,8 +1,8 @@
-"""Where a fit of the base model begins, and what it does where a start leads out of the finite numbers."""
+"""From where a base model is fitted, what becomes of starts that lead astray, and that no refit loses its start."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,201 +11,183 @@ from cars import CAR
 from concealed import concealing
 
 from bcid.effects.constants import Constants
+from bcid.effects.corrections import CORRECTIONS
+from bcid.effects.table import effect_ids
 from bcid.errors import PredictionDiverged
-from bcid.likelihood import prepare
+from bcid.likelihood import base_fit, newton
+from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, SAME_BASIN_NATS, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.refit import evaluate_fixed
+from bcid.likelihood.refit import evaluate_fixed, refit
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
-USUAL, OF_A_PART = "usual", "of a part"  # scales
-SEGMENTS = 4 * prepare.PART_SEGMENTS
+SEGMENTS = 4 * base_fit.PART_SEGMENTS
+CARS = [round(car.C_f) for car in first_cars(BASE)]  # the tyres' stiffness tells the starts apart, but for the motor's
 
 
-class Take(NamedTuple):
-    """A take of which only the segments count."""
+class Segments(NamedTuple):
+    """A take of which only the number of segments counts."""
 
     segments: int
     start: Any = None
 
-    def part(self, chosen: np.ndarray) -> Take:
-        return Take(len(chosen))
+    def part(self, chosen: np.ndarray) -> Segments:
+        return Segments(len(chosen))
 
 
-class Found(NamedTuple):
-    """What a refit that moves nothing returns: worth more, the lower the grip it begins with."""
+class End(NamedTuple):
+    """What a refit that moves nothing returns."""
 
+    hypothesis: Hypothesis
     phi: np.ndarray
-    scales: str
-    segments: int = 1
-    astray: float = 0.0  # nats per segment that it is worth less than what it began with
+    penalised_log_likelihood: float
+    scales: Any = None
     start: Any = None
-    hypothesis: Hypothesis = BASE
-
-    @property
-    def per_segment(self) -> np.ndarray:
-        return np.full(self.segments, -1e-3 * BASE.car(self.phi).F_f_max - self.astray)
-
-    @property
-    def penalised_log_likelihood(self) -> float:
-        return float(self.per_segment.sum())
 
 
 class Refits:
-    """Refits that end well but where `lost` says, of (segments, grip, scales), that they leave the finite numbers.
+    """Refits that end where they began, worth `nats` of (whole take or part, index of the start), or lost at None."""
 
-    Or `astray`, by how many nats per segment they end worse than they began.  As it stands the nominal car is lost.
-    """
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, nats: Any, base: Hypothesis = BASE) -> None:
+        self.asked: list[tuple[bool, int, float]] = []  # whole take, index of the start, greatest push
+        self._base, self._nats = base, nats
+        self._starts = [base.with_effects().phi_of(car) for car in first_cars(base)]
+        monkeypatch.setattr(base_fit, "refit", self)
+        monkeypatch.setattr(base_fit, "evaluate_fixed", self._settle)
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, lost: Any, astray: Any = lambda *_: 0.0) -> None:
-        self.whole: list[tuple[float, str]] = []  # grip and scales that refits of the whole take began with
-        self._lost, self._astray = lost, astray
-        monkeypatch.setattr(prepare, "refit", self)
-        monkeypatch.setattr(prepare, "evaluate_fixed", self._lose_nominal)
+    def _settle(self, *_: object) -> Any:
+        raise PredictionDiverged("the nominal car leads nowhere")
 
-    def _lose_nominal(self, *_: object) -> Any:
-        raise PredictionDiverged("lost as it stands")
+    def __call__(
+        self, take: Segments, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any,
+        tangents: int = 24, max_push: float = np.inf,
+    ) -> End:  # fmt: skip
+        index = int(np.argmin([np.abs(phi - other).sum() for other in self._starts]))
+        whole = take.segments == SEGMENTS
+        self.asked.append((whole, index, max_push))
+        nats = self._nats(whole, index)
+        if nats is None:
+            raise PredictionDiverged(f"lost from start {index}")
+        return End(hypothesis, phi, nats)
 
-    def __call__(self, take: Take, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any) -> Found:
-        grip = round(hypothesis.car(phi).F_f_max)
-        if take.segments == SEGMENTS:
-            self.whole.append((grip, scales))
-        if self._lost(take.segments, grip, scales):
-            raise PredictionDiverged(f"lost at {grip}")
-        return Found(phi, OF_A_PART, take.segments, self._astray(take.segments, grip, scales))
+    def fit(self) -> BaseFits:
+        return fit_base(Segments(SEGMENTS), self._base, None)  # type: ignore[arg-type]
 
-
-def never(*_: object) -> bool:
-    return False
-
-
-def fitted(segments: int = SEGMENTS) -> Any:
-    return prepare.fit_base(Take(segments), BASE, USUAL)  # type: ignore[arg-type]
-
-
-def grips(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Of the cars that the fit begins with, best first."""
-    begun: list[float] = []
-    Refits(monkeypatch, lambda n, grip, scales: begun.append(grip))
-    fitted()
-    return sorted(begun[:-1])
+    def whole(self) -> list[int]:
+        return [index for whole, index, _ in self.asked if whole]
 
 
-def test_the_best_start_on_a_part_is_refitted_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    best, *others = grips(monkeypatch)
-    assert len(others) == len(prepare.FIRST_GRIPS)
-    refits = Refits(monkeypatch, lambda n, grip, scales: n < SEGMENTS and grip == best)
-    fitted()
-    assert refits.whole == [(others[0], OF_A_PART)]
+# --- starts ------------------------------------------------------------------------------------------------------
 
 
-def test_where_the_scales_of_a_part_do_not_suit_the_whole_the_usual_ones_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The best start, of wider scales, before the next best."""
-    best, *_ = grips(monkeypatch)
-    refits = Refits(monkeypatch, lambda n, grip, scales: n == SEGMENTS and scales == OF_A_PART)
-    fitted()
-    assert refits.whole == [(best, OF_A_PART), (best, USUAL)]
+def test_starts_are_stiff_and_soft_and_of_quick_servos_where_that_is_unknown() -> None:
+    nominal, *others = first_cars(BASE)
+    assert nominal == CAR
+    assert 4.0 * min(car.F_f_max for car in others) <= max(car.F_f_max for car in others)
+    assert min(car.K_t for car in others) < CAR.K_t
+    assert {car.T_s for car in others} == {CAR.T_s}  # the vehicle file says it
+    unknown = first_cars(replace(BASE, unknown_steering=("T_s", "d")))
+    assert min(car.T_s for car in unknown) < CAR.T_s
+    assert all(car.d * car.T_s > BASE.angle_limit for car in unknown[1:])  # a limit that never shows
 
 
-def test_where_the_best_start_is_lost_on_the_whole_the_next_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    best, second, _ = grips(monkeypatch)
-    refits = Refits(monkeypatch, lambda n, grip, scales: n == SEGMENTS and grip == best)
-    assert BASE.car(fitted().phi).F_f_max == pytest.approx(second, abs=1.0)
-    assert refits.whole[-1] == (second, OF_A_PART)
+def test_pushes_are_held_small_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    refits = Refits(monkeypatch, lambda whole, index: -100.0 * index)
+    refits.fit()
+    for index in range(len(CARS)):
+        held = [push for whole, of, push in refits.asked if not whole and of == index]
+        assert held == [FIRST_PUSH, np.inf]
 
 
-@pytest.mark.parametrize("least", [0, SEGMENTS])
-def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPatch, least: int) -> None:
-    """On the part already, or on the whole."""
-    Refits(monkeypatch, lambda n, grip, scales: n >= least)
-    with pytest.raises(PredictionDiverged, match="lost at"):
-        fitted()
-
-
-def test_a_refit_to_the_whole_that_goes_astray_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """But one from other scales, or from the next best start."""
-    best, second, _ = grips(monkeypatch)
-    far, near = 1.1 * LIKELIHOOD_LIMITS.max_whole_take_loss_nats, 0.9 * LIKELIHOOD_LIMITS.max_whole_take_loss_nats
-    for by, whole in (far, [(best, OF_A_PART), (best, USUAL)]), (near, [(best, OF_A_PART)]):
-        refits = Refits(monkeypatch, never, lambda n, grip, scales, by=by: by * (n == SEGMENTS and scales == OF_A_PART))
-        fitted()
-        assert refits.whole == whole
-    refits = Refits(monkeypatch, never, lambda n, grip, scales: far * (n == SEGMENTS and grip == best))
-    assert not fitted().astray
-    assert refits.whole[-1] == (second, OF_A_PART)
-
-
-def test_where_every_refit_to_the_whole_goes_astray_the_best_of_them_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, second, _ = grips(monkeypatch)
-    far = 2.0 * LIKELIHOOD_LIMITS.max_whole_take_loss_nats
-    Refits(monkeypatch, never, lambda n, grip, scales: (far if grip == second else 2.0 * far) * (n == SEGMENTS))
-    assert BASE.car(fitted().phi).F_f_max == pytest.approx(second, abs=1.0)
-
-
-@pytest.mark.parametrize(("by", "lost"), [(0.1, False), (1e6, False), (-0.1, False), (0.0, True)])
-def test_of_a_short_take_the_better_fit_of_all_of_it_stands(
-    monkeypatch: pytest.MonkeyPatch, by: float, lost: bool
+def test_the_likeliest_starts_are_refitted_to_the_whole_and_both_basins_are_kept(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Or the one that is there where the other leaves the finite numbers."""
-    best, *_ = grips(monkeypatch)
-    asked = list[int]()
-
-    def again(n: int, *_: object) -> bool:
-        asked.append(n)
-        return len(asked) > 1 + len(prepare.FIRST_GRIPS)  # all that come after the starts
-
-    Refits(monkeypatch, again if lost else never, never if lost else lambda *of: by * again(*of))
-    found = fitted(prepare.PART_SEGMENTS)
-    assert len(asked) == 1 + len(prepare.FIRST_GRIPS) + (2 if lost else 1)
-    assert found.astray == min(by, 0.0)
-    assert BASE.car(found.phi).F_f_max == pytest.approx(best, abs=1.0)
+    refits = Refits(monkeypatch, lambda whole, index: -100.0 * index if whole else 100.0 * index)
+    found = refits.fit()
+    last = len(CARS) - 1
+    assert refits.whole() == [last, last - 1]  # likeliest on the part first
+    ends = found.best, *found.others
+    assert [fit.penalised_log_likelihood for fit in ends] == [-100.0 * (last - 1), -100.0 * last]
+    assert len(ends) == BASINS
 
 
-# --- never below the nominal car ---------------------------------------------------------------------------------
+def test_starts_that_end_alike_are_one_basin(monkeypatch: pytest.MonkeyPatch) -> None:
+    refits = Refits(monkeypatch, lambda whole, index: 0.5 * SAME_BASIN_NATS * (index == 2))
+    assert not refits.fit().others
+    assert refits.whole() == [2]
 
 
-def worth(nats: float, start: str = "", scales: str = "") -> Any:
-    return SimpleNamespace(penalised_log_likelihood=nats, start=start, scales=scales, hypothesis="base")
+@pytest.mark.parametrize("lost", [{0}, {0, 2, 3}, {3}])
+def test_starts_that_are_lost_are_passed_over(monkeypatch: pytest.MonkeyPatch, lost: set[int]) -> None:
+    refits = Refits(monkeypatch, lambda whole, index: None if index in lost else -100.0 * index)
+    refits.fit()
+    assert refits.whole() == [index for index in range(len(CARS)) if index not in lost][:BASINS]
 
 
-@pytest.mark.parametrize(
-    ("settled", "again", "stands"),
-    [
-        (90.0, 200.0, 100.0),  # the nominal car is less likely as it stands: nothing more is tried
-        (150.0, 200.0, 200.0),
-        (150.0, 99.0, 100.0),
-        (150.0, None, 100.0),  # which leaves the finite numbers
-        (None, 200.0, 100.0),
-    ],
-)
-def test_a_fit_is_never_less_likely_than_the_start_once_that_has_settled(
-    settled: float | None, again: float | None, stands: float, monkeypatch: pytest.MonkeyPatch
+def test_a_start_lost_on_the_whole_leaves_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Refits(monkeypatch, lambda whole, index: None if whole and index == 0 else -100.0 * index).fit()
+    assert found.best.penalised_log_likelihood == -100.0
+    assert not found.others
+
+
+@pytest.mark.parametrize("on_the_whole_only", [False, True])
+def test_where_every_start_is_lost_the_fit_says_so(monkeypatch: pytest.MonkeyPatch, on_the_whole_only: bool) -> None:
+    refits = Refits(monkeypatch, lambda whole, index: -100.0 * index if on_the_whole_only and not whole else None)
+    with pytest.raises(PredictionDiverged, match="lost from start"):
+        refits.fit()
+
+
+@pytest.mark.parametrize(("off", "alone"), [(0.0, True), (10.0, False)])
+def test_where_a_simulation_holds_its_car_is_the_only_start(
+    monkeypatch: pytest.MonkeyPatch, off: float, alone: bool
 ) -> None:
-    """From where the start has settled it is fitted again, and the likelier fit is taken."""
-    given = list[tuple[Any, ...]]()
+    trusted = BASE.trust_simulation([], 0.1)
+    refits = Refits(monkeypatch, lambda whole, index: -100.0 * index, trusted)
+    moved: Any = refits.__call__
 
-    def at_start(*asked: Any) -> Any:
-        assert asked == ("take", "base", "phi", "of the fit")
-        if settled is None:
-            raise PredictionDiverged
-        return worth(settled, "settled start", "settled scales")
+    def move(*args: Any, **options: Any) -> End:
+        end = moved(*args, **options)
+        return end._replace(phi=end.phi + 0.1 * off)
 
-    def refit_again(*asked: Any) -> Any:
-        given.append(asked)
-        if again is None:
-            raise PredictionDiverged
-        return worth(again)
-
-    monkeypatch.setattr(prepare, "evaluate_fixed", at_start)
-    monkeypatch.setattr(prepare, "refit", refit_again)
-    anything: Any = prepare
-    found = anything._not_below_start(worth(100.0, scales="of the fit"), "take", "phi")
-    assert found.penalised_log_likelihood == stands
-    likelier = settled is not None and settled > 100.0
-    assert given == ([("take", "base", "phi", "settled start", "settled scales")] if likelier else [])
+    monkeypatch.setattr(base_fit, "refit", move)
+    refits.fit()
+    assert ({index for _, index, _ in refits.asked} == {0}) is alone
 
 
-def test_the_base_model_s_fit_is_no_less_likely_than_the_car_that_it_began_with() -> None:
+# --- no refit loses its start ------------------------------------------------------------------------------------
+
+
+def test_a_base_fit_is_no_less_likely_than_the_nominal_car() -> None:
     fit, take = concealing(yaw_scrub=20.0)
     nominal = evaluate_fixed(take, fit.hypothesis, fit.hypothesis.phi_of(fit.hypothesis.nominal), fit.scales)
     assert fit.penalised_log_likelihood >= nominal.penalised_log_likelihood
+
+
+@pytest.mark.parametrize(("settled", "again"), [(90.0, None), (150.0, 200.0), (150.0, 99.0)])
+def test_where_the_nominal_car_is_likelier_than_the_fits_it_is_refitted_on_the_whole(
+    monkeypatch: pytest.MonkeyPatch, settled: float, again: float | None
+) -> None:
+    """A part of a take may lead away from what suits the whole."""
+    refits = Refits(
+        monkeypatch, lambda whole, index: again if whole and len(refits.whole()) > 2 else 100.0 - 10.0 * index
+    )
+    start = refits._starts[0]
+    monkeypatch.setattr(base_fit, "evaluate_fixed", lambda *_: End(BASE, start, settled))
+    best = refits.fit().best.penalised_log_likelihood
+    assert best == max(100.0, again or 0.0)
+    assert refits.whole() == [0, 1] + [0] * (settled > 100.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_refit_never_ends_below_a_start_that_it_contains(seed: int) -> None:
+    """Effects drawn by lot are added to a fit with others, at sizes that change nothing."""
+    fit, take = concealing(motor_dead_zone=0.1, yaw_scrub=10.0)
+    drawn = np.random.default_rng(seed).permutation(
+        sorted(set(effect_ids(fit.hypothesis.entries)) - CORRECTIONS.keys())
+    )
+    for names in drawn[:1], drawn[1:3]:
+        more, phi = fit.hypothesis, fit.phi
+        for name in names.tolist():
+            more, phi = more.add_effect(name, phi, [p.off for p in more.entries[name].parameters])
+        again = refit(take, more, phi, fit.start, fit.scales)
+        assert again.log_likelihood + again.log_prior > fit.log_likelihood + fit.log_prior - newton.MIN_GAIN
+        fit = again

@@ -41,7 +41,8 @@ from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
-from bcid.likelihood.prepare import fit_base, scale_at_speed
+from bcid.likelihood.base_fit import fit_base
+from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
 from bcid.recording.formats.commands_file import read_commands_file
@@ -151,7 +152,7 @@ def test_a_seed_is_a_take() -> None:
 @pytest.mark.parametrize("rate_hz", [30.0, 10.0])
 def test_the_base_refit_recovers_scales_and_car(rate_hz: float) -> None:
     take = taken(BASE, BASE.phi_of(CAR), SCALES, rate_hz, seconds=120.0)
-    fit = fit_base(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05)))
+    fit = fit_base(take, BASE, Scales(np.full(3, 1e-3), np.full(3, 0.05))).best
     np.testing.assert_allclose(fit.scales.r, SCALES.r, rtol=0.1)
     np.testing.assert_allclose(fit.scales.q, SCALES.q, rtol=0.25)
     for symbol in ("F_m_max", "K_t", "K_b", "I_z", "C_f", "C_r", "F_f_max"):
@@ -238,7 +239,7 @@ def rivals() -> tuple[Fit, Fit]:
     """Two explanations fitted to one take."""
     hypothesis, phi = holding("rear_rolling_viscous", 17.0)
     take = taken(hypothesis, phi, NOMINAL_SCALES, seed=3)
-    base = fit_base(take, BASE, NOMINAL_SCALES)
+    base = fit_base(take, BASE, NOMINAL_SCALES).best
     return refit_with_effects(base, take, ("rear_rolling_viscous",), [10.0]), refit_with_effects(
         base, take, ("yaw_scrub",), [10.0]
     )
@@ -302,7 +303,7 @@ def test_the_smallest_detectable_size_is_that(name: str) -> None:
     for share, seen in ((2.0, True), (0.2, False)):
         hypothesis, phi = holding(name, share * size)
         there = taken(hypothesis, phi, NOMINAL_SCALES, seed=7)
-        base = fit_base(there, BASE, NOMINAL_SCALES)
+        base = fit_base(there, BASE, NOMINAL_SCALES).best
         fit = refit_with_effects(base, there, (name,), [0.5 * size])
         assert (
             fit.penalised_log_likelihood - base.penalised_log_likelihood > LIKELIHOOD_LIMITS.usual_gate_nats

@@ -21,7 +21,7 @@ from bcid.effects.entry import VehicleScale
 from bcid.effects.table import EFFECTS
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
-from bcid.likelihood import newton
+from bcid.likelihood import newton, nuisance, refit_state
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import (
     Scales,
@@ -32,7 +32,7 @@ from bcid.likelihood.marginal import (
     student_log_densities,
 )
 from bcid.likelihood.newton import bounded_newton_step
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import LinearisedResiduals, pose_residuals
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import (
     fit_base,
@@ -71,7 +71,7 @@ class Maker:
 
     def found(self, plant: Plant, seed: int, sensor: Sensor | None = None) -> tuple[Take, Naming]:
         take = self.take(plant, seed, sensor)
-        return take, name_effects(fit_base(take, BASE, SCALES), take)
+        return take, name_effects(fit_base(take, BASE, SCALES).best, take)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def null_take(maker: Maker) -> Take:
 
 @pytest.fixture(scope="module")
 def null_fit(null_take: Take) -> Fit:
-    return fit_base(null_take, BASE, SCALES)
+    return fit_base(null_take, BASE, SCALES).best
 
 
 # --- refits ------------------------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ def test_the_base_refit_recovers_the_car(null_fit: Fit) -> None:
 def test_a_first_car_far_off_is_no_hindrance(null_fit: Fit, null_take: Take) -> None:
     """Inertia, stiffness and grip as one-step predictions on noisy twists may give them."""
     wrong = CAR._replace(I_z=400.0, C_f=12000.0, C_r=2000.0, F_f_max=150.0, F_r_max=300.0)
-    again = fit_base(null_take, replace(BASE, nominal=wrong), SCALES)
+    again = fit_base(null_take, replace(BASE, nominal=wrong), SCALES).best
     assert again.log_likelihood == pytest.approx(null_fit.log_likelihood, abs=3.0)
 
 
@@ -146,15 +146,24 @@ def test_parameters_that_are_held_are_no_better_than_fitted_ones(null_fit: Fit, 
 
 def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
     """A refit goes on with shorter ones, or stays where it is."""
+    linearise, asked, stiffest = nuisance.linearise_residuals, list[float](), 0.998 * null_fit.car().C_f
 
     def spun(take: Take, setting: PredictionInputs, start: np.ndarray) -> np.ndarray:
+        asked.append(setting.car.C_f)
         r = pose_residuals(take, setting, start)
-        return r * np.inf if setting.car.C_f > 1.01 * null_fit.car().C_f else r
+        return r * np.inf if setting.car.C_f > stiffest else r
 
-    monkeypatch.setattr(newton, "pose_residuals", spun)
+    def spun_too(take: Take, setting: PredictionInputs, start: np.ndarray, *changed: Any) -> LinearisedResiduals:
+        at = linearise(take, setting, start, *changed)
+        return at._replace(r=at.r * np.inf) if setting.car.C_f > stiffest else at
+
+    monkeypatch.setattr(nuisance, "linearise_residuals", spun_too)
+    for module in nuisance, refit_state:
+        monkeypatch.setattr(module, "pose_residuals", spun)
     fit = refit(null_take, null_fit.hypothesis, null_fit.phi - 0.005, null_fit.start, null_fit.scales)
+    assert max(asked) > stiffest
     assert np.isfinite(fit.log_likelihood)
-    assert fit.car().C_f <= 1.01 * null_fit.car().C_f
+    assert fit.car().C_f <= stiffest
 
 
 def test_no_tyre_is_beyond_any_tyre() -> None:
@@ -169,13 +178,18 @@ def test_no_tyre_is_beyond_any_tyre() -> None:
 
 @pytest.mark.parametrize("raw", [True, False])
 def test_a_raw_command_s_gain_may_be_off(null_take: Take, raw: bool) -> None:
-    """Three per cent too much in every command: of a raw one it is the gain; of an angle it has no name."""
+    """Three per cent too much in every command: of a raw one it is the gain; of an angle it has no name.
+
+    The servo's greatest rate and angle are in the units of the command.
+    """
     scaled = null_take._replace(command=null_take.command * [1.0 / 1.03, 1.0, 1.0])
-    hypothesis = replace(BASE, raw_commands=raw)
-    found = name_effects(fit_base(scaled, hypothesis, SCALES), scaled)
+    servo = BASE.nominal._replace(d=BASE.nominal.d / 1.03)
+    hypothesis = replace(BASE, raw_commands=raw, nominal=servo, angle_limit=BASE.angle_limit / 1.03)
+    found = name_effects(fit_base(scaled, hypothesis, SCALES).best, scaled)
     if raw:
         assert found.best.hypothesis.effects == ("steering_scale",)
-        assert found.best.effect_estimates()["steering_scale__g"][0] == pytest.approx(0.03, abs=0.003)
+        assert found.best.effect_estimates()["steering_scale__g"][0] == pytest.approx(0.03, abs=0.001)
+        assert found.unknown_nats < found.nulls.gate
     else:
         assert "steering_scale" not in found.best.hypothesis.entries
         assert found.gains == {}
@@ -226,7 +240,7 @@ def test_a_refit_ends_there_from_elsewhere(null_fit: Fit, null_take: Take) -> No
 
 def test_steering_that_is_not_known_is_found(null_take: Take) -> None:
     wrong = CAR._replace(T_s=0.18, d=1.3)
-    fit = fit_base(null_take, replace(BASE, nominal=wrong, unknown_steering=("T_s", "d")), SCALES)
+    fit = fit_base(null_take, replace(BASE, nominal=wrong, unknown_steering=("T_s", "d")), SCALES).best
     for symbol in ("T_s", "d"):
         se = np.sqrt(
             fit.covariance[fit.hypothesis.log_parameters.index(symbol), fit.hypothesis.log_parameters.index(symbol)]
@@ -263,9 +277,9 @@ def test_more_effects_explain_no_less(
 def test_a_delay_costs_no_likelihood(maker: Maker) -> None:
     """The same drive with the same noise, its poses on time and 10 ms late."""
     prompt, late = (maker.take(ROUGH, 6, Sensor(pose_latency=tau)) for tau in (0.0, 0.01))
-    base = fit_base(late, BASE, SCALES)
+    base = fit_base(late, BASE, SCALES).best
     fit = refit_with_effects(base, late, ("pose_latency",), [0.01])
-    assert fit.log_likelihood == pytest.approx(fit_base(prompt, BASE, SCALES).log_likelihood, abs=20.0)
+    assert fit.log_likelihood == pytest.approx(fit_base(prompt, BASE, SCALES).best.log_likelihood, abs=20.0)
     ((value, se),) = fit.effect_estimates().values()
     assert abs(value - 0.01) < 4.0 * se
 
@@ -498,17 +512,24 @@ def test_a_base_model_s_own_flaws_are_no_effects(maker: Maker) -> None:
     assert 0.3 < values["tyre_fall__f"][0] < 0.6  # the simulation's grip falls faster
 
 
-def test_a_trusted_parameter_at_its_end_makes_no_room(null_take: Take, null_fit: Fit) -> None:
-    """What an effect does counts in full where the parameter that could do the same goes no farther; free, not at all.
+def test_a_trusted_parameter_makes_little_room(null_take: Take, null_fit: Fit) -> None:
+    """What an effect does counts where a simulation knows the parameter that could do the same; free, hardly at all.
 
-    The column is what R_1 does itself, of a car whose drag the simulation has a great deal too high.
+    The column is what R_1 does itself.
     """
-    high, own = replace(BASE, nominal=with_more_drag(10.0)).trust_simulation([], 0.02), len(BASE.log_parameters)
-    fits = [refit(null_take, of, null_fit.phi, null_fit.start, null_fit.scales) for of in (BASE, high)]
+    known, own = replace(BASE, nominal=null_fit.car()).trust_simulation([], 0.02), len(BASE.log_parameters)
+    fits = [refit(null_take, of, null_fit.phi, null_fit.start, null_fit.scales) for of in (BASE, known)]
     found = [project_out_fit(linearise_fit(fit, null_take), fit.tangent.J[:, :, [own]]) for fit in fits]
-    assert fits[1].phi[own] == pytest.approx(high.bounds()[0][own])
-    assert found[0].G[0, 0] < 1e-3 * found[1].G[0, 0]
-    assert np.all(found[1].pulls[own] == 0.0)
+    assert found[0].G[0, 0] < 1e-2 * found[1].G[0, 0]
+
+
+def test_a_parameter_at_its_end_makes_no_room(null_take: Take, null_fit: Fit) -> None:
+    """What an effect does counts in full where the parameter that could do the same goes no farther."""
+    phi, own = null_fit.phi.copy(), BASE.log_parameters.index("C_f")
+    phi[own] = BASE.bounds()[1][own]
+    ends = null_fit, replace(null_fit, phi=phi)
+    found = [project_out_fit(linearise_fit(fit, null_take), fit.tangent.J[:, :, [own]]) for fit in ends]
+    assert found[0].G[0, 0] < 1e-2 * found[1].G[0, 0]
 
 
 def test_a_lag_that_a_simulation_knows_to_be_none_is_felt(null_take: Take, null_fit: Fit) -> None:
@@ -516,7 +537,7 @@ def test_a_lag_that_a_simulation_knows_to_be_none_is_felt(null_take: Take, null_
     known = replace(BASE, assumed=("motor_lag",)).trust_simulation([0.0], 0.01).with_effects()
     phi = known.phi_of(null_fit.car(), [0.0])
     low, high = known.bounds()
-    assert (low[-1], high[-1]) == pytest.approx((0.0, 0.03))
+    assert low[-1] == 0.0 < high[-1]
     r = pose_residuals(null_take, known.prediction_inputs(phi, null_take), null_fit.start)
     last = newton.parameter_jacobian(null_take, known, phi, null_fit.start, r, range(known.size - 1, known.size))
     assert np.abs(last).max() > 0.0

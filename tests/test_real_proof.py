@@ -24,6 +24,7 @@ from bcid.errors import InputRefused, PredictionDiverged
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.prior import TRUST_NU
 from bcid.proof.real import edited
 from bcid.proof.real.edits import EDITS
 from bcid.proof.real.limits import LIMITS
@@ -247,11 +248,11 @@ def test_what_a_drive_shows_of_an_effect_before_it_is_edited(monkeypatch: pytest
         values = list(more.effect_values(start).values())
         assert values[-1] == pytest.approx(own)
         assert values[-2] == pytest.approx(3.0)
-        centre, stiffness = more.prior(start)
+        centre, precision, *_ = more.prior(start)
         np.testing.assert_allclose(centre, start)
-        assert stiffness[more.log_parameters.index("K_t")] == pytest.approx(LIMITS.unedited_relative_sd**-2)
-        assert stiffness[-2] > 0.0  # the scrub is known
-        assert stiffness[-1] == 0.0  # the effect itself is not
+        assert precision[more.log_parameters.index("K_t")] == pytest.approx(LIMITS.unedited_relative_sd**-2)
+        assert precision[-2] > 0.0  # the scrub is known
+        assert precision[-1] == 0.0  # the effect itself is not
 
 
 def test_a_drive_is_asked_freely_and_then_as_an_edited_one(

@@ -186,7 +186,7 @@ def test_an_effect_beyond_its_bounds_is_refused_not_clipped(
         reference_from_parameters(tmp_path / "sim.toml", estimates, vehicle)
 
 
-def test_what_has_gone_as_far_as_it_is_trusted_is_told() -> None:
+def test_what_has_gone_as_far_as_any_car_s_goes_is_told() -> None:
     """Of the base model, and of what the simulation has; what is found beside is told with the findings."""
     known = Hypothesis((), CAR, 2.012, Constants(), assumed=("motor_lag", "yaw_scrub")).trust_simulation(
         [0.06, 13.0], 0.02
@@ -194,13 +194,13 @@ def test_what_has_gone_as_far_as_it_is_trusted_is_told() -> None:
     held = known.with_effects("motor_delay")
     low, high = held.bounds()
     phi = held.phi_of(CAR, [0.06, 13.0, 0.05])
-    K_t, scrub = held.log_parameters.index("K_t"), held.base_size + 1
-    phi[K_t], phi[scrub] = low[K_t], high[scrub]
+    C_f, scrub = held.log_parameters.index("C_f"), held.base_size + 1
+    phi[C_f], phi[scrub] = low[C_f], high[scrub]
     scales, tangent = Scales(np.ones(3), np.ones(3)), Tangent(np.empty(0), np.empty(0))
     fit = Fit(held, phi, np.empty(0), scales, 0.0, np.zeros(9), 1e-6 * np.eye(len(phi)), tangent)
     found: Any = SimpleNamespace(fit=fit)
     rows = {row.symbol: row for row in summary._base_parameters(found)}
-    assert [s for s, row in rows.items() if row.at_bound] == ["K_t", "yaw_scrub.c"]
+    assert [s for s, row in rows.items() if row.at_bound] == ["C_f", "yaw_scrub.c"]
     assert list(rows)[-2:] == ["motor_lag.tau", "yaw_scrub.c"]
     assert rows["motor_lag.tau"].value == pytest.approx(0.06)
     assert rows["yaw_scrub.c"].unit == "kg m^2 s^-1 rad^-1"

@@ -268,13 +268,12 @@ def test_a_prediction_is_not_made_twice(part: Take, monkeypatch: pytest.MonkeyPa
     assert len(nuisance._RECENT) <= nuisance.RECENT_PREDICTIONS
 
 
-def test_a_tangent_found_with_the_state_is_the_tangent_there(part: Take) -> None:
-    """In one run, or afterwards; and both are what differences of predictions say, an unknown servo's too."""
+def test_a_tangent_is_what_differences_of_predictions_say(part: Take) -> None:
+    """By an unknown servo's parameters, too."""
     unknown = replace(BASE, unknown_steering=("T_s", "d"))
     problem, phi = RefitProblem(part, unknown, unknown.prior(unknown.phi_of(CAR))), unknown.phi_of(CAR)
-    tangent, state = newton.linearise_at(problem, phi, part.start, SCALES)
-    afterwards = tangent_at(problem, state)
-    np.testing.assert_allclose(tangent.J, afterwards.J, rtol=1e-9, atol=1e-12)
+    state = newton.evaluate_at(problem, phi, part.start, SCALES)
+    tangent = tangent_at(problem, state)
     differences = parameter_jacobian(part, unknown, phi, state.start, state.r, range(unknown.base_size))
     size = np.maximum(np.abs(differences).max(axis=(0, 1)), 1e-9)
     assert np.quantile(np.abs(tangent.J - differences) / size, 0.95) < 2e-3

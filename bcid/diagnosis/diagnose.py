@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from bcid.aliases import Progress
 from bcid.diagnosis.judge.not_excited import find_unexcited_effects
-from bcid.diagnosis.judge.other_figures import OtherFigure, find_other_figures
+from bcid.diagnosis.judge.other_figures import ChangedFigure, find_other_figures
 from bcid.diagnosis.judge.verdict import Judgement, judge_names
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.locate.mismatch import Location, locate_mismatch
@@ -48,7 +48,7 @@ class Diagnosis:
     pushes_before: Disturbances  # under the refitted base model
     pushes_after: Disturbances  # under the fit with the named effects
     not_excited: tuple[NotExcited, ...]
-    other_figures: tuple[OtherFigure, ...] = ()  # of the simulation, which are others here
+    other_figures: tuple[ChangedFigure, ...] = ()  # of the simulation, which are others here
 
     @property
     def fit(self) -> Fit:

@@ -78,10 +78,10 @@ def first_cars(hypothesis: Hypothesis) -> list[Car]:
         soft, stiff = (nominal._replace(**typical_inertia_and_tyres(*size, g, g)) for g in FIRST_GRIPS)
     weak = stiff._replace(K_t=nominal.K_t / OTHER_MOTOR)
     cars = [nominal, soft, stiff, weak]
+    if "T_s" in unknown:
+        cars.append(stiff._replace(T_s=nominal.T_s / OTHER_SERVO))
     if "d" in unknown:  # a servo may have no limit that shows
         cars[1:] = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in cars[1:]]
-    if "T_s" in unknown:
-        cars.append(cars[2]._replace(T_s=nominal.T_s / OTHER_SERVO))
     return cars
 
 

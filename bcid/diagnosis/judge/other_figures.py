@@ -16,7 +16,7 @@ from bcid.likelihood.refit import Fit
 from bcid.models.newton_euler.parameters import constant_units
 
 
-class OtherFigure(NamedTuple):
+class ChangedFigure(NamedTuple):
     """A figure of the simulation that is another one in the take, in SI units."""
 
     symbol: str  # of the base model, or `effect__symbol`
@@ -27,7 +27,7 @@ class OtherFigure(NamedTuple):
     nats: float  # by which the published figure, all others free, makes the take less likely
 
 
-def find_other_figures(fit: Fit, gate: float) -> tuple[OtherFigure, ...]:
+def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
     """The figures of the simulation of a `fit` that are others in its take, the most certain first.
 
     A figure is another if the simulation's trust says with `figure_p_value` that it lies as far off, and if the take
@@ -37,7 +37,7 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[OtherFigure, ...]:
     hypothesis, trusted = fit.hypothesis, fit.hypothesis.trusted_simulation
     if trusted is None:
         return ()
-    n, found = len(trusted.phi), list[OtherFigure]()
+    n, found = len(trusted.phi), list[ChangedFigure]()
     off = hypothesis.prior(fit.phi).deviations(fit.phi)[:n]
     var = np.maximum(np.diag(fit.covariance)[:n], 0.0)
     far = student_t.isf(0.5 * JUDGE_LIMITS.figure_p_value, TRUST_NU)
@@ -60,5 +60,5 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[OtherFigure, ...]:
             symbol, parameter = published.effect_parameters[j - published.base_size]
             pair, unit = (values[0][symbol], values[1][symbol]), parameter.unit
             scale = published.effect_units()[j - published.base_size]
-        found.append(OtherFigure(symbol, *pair, float(abs(scale) * np.sqrt(var[j])), unit, nats))
+        found.append(ChangedFigure(symbol, *pair, float(abs(scale) * np.sqrt(var[j])), unit, nats))
     return tuple(sorted(found, key=lambda f: -f.nats))
