@@ -36,12 +36,12 @@ from bcid.experiment.manoeuvres import (
 from bcid.experiment.patterns import COMMAND_HZ, PATTERNS
 from bcid.experiment.plan import NOMINAL_SCALES, REST_S, largest_throttle, nominal_car, plan_drives
 from bcid.experiment.simulate import NO_NOISE, commands_only_take, simulate_states, simulate_take
+from bcid.likelihood.base_fit import fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
-from bcid.likelihood.base_fit import fit_base
 from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes

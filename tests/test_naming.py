@@ -33,7 +33,7 @@ from bcid.likelihood.marginal import (
 )
 from bcid.likelihood.newton import bounded_newton_step
 from bcid.likelihood.nuisance import LinearisedResiduals, pose_residuals
-from bcid.likelihood.prediction_inputs import PredictionInputs
+from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
 from bcid.likelihood.prepare import (
     fit_base,
 )
@@ -153,8 +153,10 @@ def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, mo
         r = pose_residuals(take, setting, start)
         return r * np.inf if setting.car.C_f > stiffest else r
 
-    def spun_too(take: Take, setting: PredictionInputs, start: np.ndarray, *changed: Any) -> LinearisedResiduals:
-        at = linearise(take, setting, start, *changed)
+    def spun_too(
+        take: Take, setting: PredictionInputs, start: np.ndarray, changed: ChangedCars | None = None
+    ) -> LinearisedResiduals:
+        at = linearise(take, setting, start, changed)
         return at._replace(r=at.r * np.inf) if setting.car.C_f > stiffest else at
 
     monkeypatch.setattr(nuisance, "linearise_residuals", spun_too)

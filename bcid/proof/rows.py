@@ -67,10 +67,11 @@ def read_rows(folder: Path) -> dict[str, dict[str, Any]]:
 def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
     """The parts of a diagnosis that are stored and scored, as a JSON object (row).
 
-    "verdict"; "other_figures" of a simulation, each with "symbol" and "nats"; "findings", each with "effect", "kind", "twins" (effects that cannot be told from it), "probability"
-    and "values" with standard errors; "remainder", what stays unexplained; "located", "place" and "window", the
-    channel, circle on the floor and time window of the mismatch; "p_value" of a perfect base model; "not_excited",
-    the smallest detectable size of each effect that the drive could not show.
+    "verdict"; "other_figures" of a simulation, each with "symbol" and "nats"; "findings", each with "effect", "kind",
+    "twins" (effects that cannot be told from it), "probability" and "values" with standard errors; "remainder", what
+    stays unexplained; "located", "place" and "window", the channel, circle on the floor and time window of the
+    mismatch; "p_value" of a perfect base model; "not_excited", the smallest detectable size of each effect that the
+    drive could not show.
     """
     judgement, location, naming = diagnosis.judgement, diagnosis.location, diagnosis.naming
     place, window, left = location.place, location.window, naming.rest.seen.channel_nats()
