@@ -17,6 +17,7 @@ from bcid.errors import PredictionDiverged
 from bcid.likelihood import base_fit, newton
 from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, SAME_BASIN_NATS, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import evaluate_fixed, refit
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
@@ -59,18 +60,18 @@ class Refits:
 
     def __call__(
         self, take: Segments, hypothesis: Hypothesis, phi: np.ndarray, start: Any, scales: Any,
-        tangents: int = 24, max_push: float = np.inf,
+        tangents: int = 24, most: Scales = UNLIMITED,
     ) -> End:  # fmt: skip
         index = int(np.argmin([np.abs(phi - other).sum() for other in self._starts]))
         whole = take.segments == SEGMENTS
-        self.asked.append((whole, index, max_push))
+        self.asked.append((whole, index, float(most.q[0])))
         nats = self._nats(whole, index)
         if nats is None:
             raise PredictionDiverged(f"lost from start {index}")
         return End(hypothesis, phi, nats)
 
     def fit(self) -> BaseFits:
-        return fit_base(Segments(SEGMENTS), self._base, None)  # type: ignore[arg-type]
+        return fit_base(Segments(SEGMENTS), self._base, Scales(np.full(3, 1e-3), np.full(3, 0.05)))  # type: ignore[arg-type]
 
     def whole(self) -> list[int]:
         return [index for whole, index, _ in self.asked if whole]

@@ -1,8 +1,9 @@
 """The base model fitted to a take from several starts, and the basins in which such fits end.
 
 Far from the right car, large pushes explain any drive, and the likelihood hardly depends on the car any more.  So a fit
-begins with pushes held small, when what the car does has to explain the poses as well as it can; only from there pushes
-are as large as is likely.  Each start is fitted so to a part of the take, and those that end best to all of it.
+begins with pushes held small, when what the car does has to explain the poses as well as it can, and what it leaves
+passes for noise.  From there, noise is held to what the poses' own roughness shows, or it would stay as large as that.
+Each start is fitted so to a part of the take, and those that end best to all of it, without limits.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,14 +15,15 @@ from bcid.aliases import Floats
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
-from bcid.likelihood.marginal import Scales
+from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car, typical_inertia_and_tyres
 
 FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins, and what they are held below
 PART_SEGMENTS = 40  # on which starts are compared: of 85 numbers each, for about 20 parameters
-FIRST_TANGENTS = 12  # with pushes held small, and as many with pushes as large as is likely
+FIRST_NOISE = 2.0  # times the poses' own roughness, which noise is held below thereafter
+FIRST_TANGENTS = 12  # with pushes held small, and as many with noise held small
 BASINS = 2  # that are fitted to the whole take
 SAME_BASIN_NATS = 1.0  # within which two fits have ended in one basin
 FIRST_GRIPS = (2.0, 8.0)  # N/kg, of cars without a simulation beside the nominal one
@@ -86,9 +88,11 @@ def first_cars(hypothesis: Hypothesis) -> list[Car]:
 
 
 def _fit_part(part: Take, base: Hypothesis, phi: Floats, scales: Scales) -> Fit:
-    """The base model fitted to a `part` of a take from phi, first with pushes held small."""
-    first = refit(part, base, phi, part.start, scales, tangents=FIRST_TANGENTS, max_push=FIRST_PUSH)
-    return refit(part, base, first.phi, first.start, first.scales, tangents=FIRST_TANGENTS)
+    """The base model fitted to a `part` of a take from phi, with pushes held small, then with noise."""
+    by_noise = UNLIMITED._replace(q=np.full(3, FIRST_PUSH))
+    by_pushes = UNLIMITED._replace(r=FIRST_NOISE * scales.r)
+    first = refit(part, base, phi, part.start, scales, tangents=FIRST_TANGENTS, most=by_noise)
+    return refit(part, base, first.phi, first.start, scales, tangents=FIRST_TANGENTS, most=by_pushes)
 
 
 def _holds_simulation(fit: Fit) -> bool:

@@ -52,6 +52,9 @@ class Scales(NamedTuple):
         return known
 
 
+UNLIMITED = Scales(np.full(3, math.inf), np.full(3, math.inf))
+
+
 class Moments(NamedTuple):
     """Products of the residual r and its derivatives A, for each segment and each of the channels x, y, yaw."""
 
@@ -249,10 +252,10 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
     return np.asarray(constant - 0.5 * terms.log_det - half * np.log1p(terms.chi2 / NU))
 
 
-def em_update(terms: MarginalTerms, rows: Ints, max_push: float = math.inf) -> Scales:
+def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Scales:
     """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
 
-    `rows` (S,) counts the mean poses of each segment; pushes are `max_push` (m/s^2, rad/s^2) at most.  Squared
+    `rows` (S,) counts the mean poses of each segment; scales are `most` at most.  Squared
     residuals and pushes are multiplied by the segment's robust weight, posterior variances are not: that would bias the
     scales, and raise the likelihood where nothing is missing.  Variances are divided by the mean weight to converge in
     fewer steps (parameter-expanded EM; Meng and van Dyk 1997).
@@ -263,7 +266,7 @@ def em_update(terms: MarginalTerms, rows: Ints, max_push: float = math.inf) -> S
     spread = np.einsum("skk->sk", terms.V)[:, N_START:].reshape(-1, KNOTS, 3)
     q2 = (w[:, None, None] * pushes**2 + spread).mean(axis=(0, 1))
     r, q = (np.sqrt(np.maximum(square / w.mean(), MIN_VARIANCE)) for square in (r2, q2))
-    return Scales(r, np.minimum(q, max_push))
+    return Scales(np.minimum(r, most.r), np.minimum(q, most.q))
 
 
 def checked_marginal_terms(moments: Moments, scales: Scales) -> MarginalTerms:
@@ -299,12 +302,12 @@ def _terms_within_rounding(moments: Moments, scales: Scales) -> MarginalTerms:
 
 
 def estimate_scales(
-    moments: Moments, scales: Scales, steps: int, max_push: float = math.inf
+    moments: Moments, scales: Scales, steps: int, most: Scales = UNLIMITED
 ) -> tuple[Scales, MarginalTerms]:
     """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
 
     Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
-    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Pushes are `max_push` (m/s^2, rad/s^2) at most.  `moments` are
+    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.  `moments` are
     the segments' products of residuals and derivatives by nuisances (`segment_moments`).
 
     Raises:
@@ -313,7 +316,7 @@ def estimate_scales(
     require_finite("a prediction", moments.rr, moments.AA)
     terms = checked_marginal_terms(moments, scales)
     for _ in range(steps):
-        before, scales = scales, em_update(terms, moments.rows, max_push)
+        before, scales = scales, em_update(terms, moments.rows, most)
         require_finite("the noise", scales.r, scales.q)
         terms = _terms_within_rounding(moments, scales)
         if np.allclose(np.r_[before.r, before.q], np.r_[scales.r, scales.q], rtol=EM_TOLERANCE, atol=0.0):

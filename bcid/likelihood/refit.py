@@ -3,7 +3,6 @@
 All functions raise `PredictionDiverged` where predictions at their starting point leave the finite numbers.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,7 @@ from bcid.likelihood import newton
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
-from bcid.likelihood.marginal import Scales
+from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit_state import (
@@ -76,19 +75,19 @@ class Fit:
 @kept_in_proofs
 def refit(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
-    tangent: Tangent | None = None, tangents: int = MAX_TANGENTS, max_push: float = math.inf,
+    tangent: Tangent | None = None, tangents: int = MAX_TANGENTS, most: Scales = UNLIMITED,
 ) -> Fit:  # fmt: skip
     """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
     phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes (disturbances
     over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
     estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations of the
-    predictions.  Pushes are `max_push` (m/s^2, rad/s^2) at most.  A `tangent` (linearisation at a neighbouring fit), if
+    predictions.  Scales are `most` at most.  A `tangent` (linearisation at a neighbouring fit), if
     given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to rank
     candidates, but biased far from that fit.
     """
     phi = np.clip(phi, *hypothesis.bounds())
-    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), max_push)
+    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most)
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
         last, state = tangent, _descend_along_tangent(problem, tangent, state, iterations, np.inf)

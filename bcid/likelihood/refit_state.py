@@ -3,7 +3,6 @@
 What predicts or estimates scales raises `PredictionDiverged` where these leave the finite numbers.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.likelihood import marginal
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import NU, MarginalTerms, Scales, segment_moments, student_log_densities
+from bcid.likelihood.marginal import NU, UNLIMITED, MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.take import N_START, Take
@@ -32,7 +31,7 @@ class RefitProblem(NamedTuple):
     take: Take
     hypothesis: Hypothesis
     prior: Prior
-    max_push: float = math.inf  # m/s^2 and rad/s^2
+    most: Scales = UNLIMITED  # that noise and pushes may be
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""
@@ -70,7 +69,7 @@ def build_state(
     estimated from `scales` by at most `em_steps` of expectation maximisation.
     """
     moments = segment_moments(r, A, problem.take.first)
-    scales, terms = marginal.estimate_scales(moments, scales, em_steps, problem.max_push)
+    scales, terms = marginal.estimate_scales(moments, scales, em_steps, problem.most)
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
 
