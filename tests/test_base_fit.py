@@ -125,9 +125,17 @@ def test_starts_that_are_lost_are_passed_over(monkeypatch: pytest.MonkeyPatch, l
 
 
 def test_a_start_lost_on_the_whole_leaves_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = Refits(monkeypatch, lambda whole, index: None if whole and index == 0 else -100.0 * index).fit()
-    assert found.best.penalised_log_likelihood == -100.0
-    assert not found.others
+    refits = Refits(monkeypatch, lambda whole, index: None if whole and index == 0 else -100.0 * index)
+    found = refits.fit()
+    assert [fit.penalised_log_likelihood for fit in (found.best, *found.others)] == [-100.0, -200.0]
+    assert refits.whole() == [0, 1, 2]
+
+
+def test_where_all_that_suits_the_part_is_lost_on_the_whole_the_nominal_car_is_fitted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refits = Refits(monkeypatch, lambda whole, index: None if whole and len(refits.whole()) < 2 else 0.0)
+    assert refits.fit().best.phi == pytest.approx(refits._starts[0])
 
 
 @pytest.mark.parametrize("on_the_whole_only", [False, True])

@@ -7,6 +7,7 @@ Each start is fitted so to a part of the take, and those that end best to all of
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -55,11 +56,12 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     found = list(map_converged(_fit_part, starts[:1]))
     if not (found and _holds_simulation(found[0])):
         found += list(map_converged(_fit_part, starts[1:], required=not found))
-    found.sort(key=lambda f: -f.penalised_log_likelihood)
-    ends = [(take, base, f.phi, take.start, f.scales) for f in _distinct(found)[:BASINS]]
-    fits = list(map_converged(refit, ends, required=True))
-    more = _not_below_start(fits[0], take, base.phi_of(nominal, assumed))
-    best, *others = _distinct([*fits, *more])
+    basins, start = _distinct(found), base.phi_of(nominal, assumed)
+    ends = [(take, base, f.phi, take.start, f.scales) for f in basins]
+    ends.append((take, base, start, take.start, scales))  # should all that suits the part diverge elsewhere
+    fits = list(islice(map_converged(refit, ends, required=True), min(BASINS, len(basins))))
+    fits += _not_below_start(_distinct(fits)[0], take, start)
+    best, *others = _distinct(fits)
     return BaseFits(best, tuple(others))
 
 
