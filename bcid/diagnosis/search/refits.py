@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import Take
 
-QUICK_ITERATIONS = 6
+QUICK_ITERATIONS = 6  # along one tangent
+QUICK_TANGENTS = 4  # where starts are compared on a part of a take
 
 ABSORBED_BY_BASE_MODEL = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
 """Effects that a refitted base model takes up so far that no score test beside it shows them."""
@@ -60,8 +62,9 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
         if name not in h.entries or name in h.effects or name in excluded:
             continue
         more, phi = h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters])
-        starts.append((part, more, phi, fit.start[chosen], fit.scales, QUICK_ITERATIONS))
-    best = max(map_converged(refit, starts), key=lambda f: f.penalised_log_likelihood, default=None)
+        starts.append((part, more, phi, fit.start[chosen], fit.scales))
+    quickly = partial(refit, iterations=QUICK_ITERATIONS, tangents=QUICK_TANGENTS)
+    best = max(map_converged(quickly, starts), key=lambda f: f.penalised_log_likelihood, default=None)
     if best is None:
         return []
     return list(map_converged(refit, [(take, best.hypothesis, best.phi, fit.start, fit.scales)]))
