@@ -32,7 +32,8 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
 
     A figure is another if the simulation's trust says with `figure_p_value` that it lies as far off, and if the take
     tells so by more than the `gate` (nats).  These follow from the fit's curvature: half the square of the standard
-    errors between the two figures.  Empty without a trusted simulation.
+    errors between the two figures.  A figure at a bound of what any car has is none that a take needs: something else
+    is missing there.  Empty without a trusted simulation.
     """
     hypothesis, trusted = fit.hypothesis, fit.hypothesis.trusted_simulation
     if trusted is None:
@@ -46,7 +47,7 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
     car, there = published.car(centre), fit.car()
     units = constant_units(there)
     values = published.effect_values(centre), hypothesis.effect_values(fit.phi)
-    for j in np.flatnonzero(np.abs(off) > far):
+    for j in np.flatnonzero((np.abs(off) > far) & ~hypothesis.is_at_bound(fit.phi)[:n]):
         nats = 0.5 * float((fit.phi[j] - centre[j]) ** 2 / var[j]) if var[j] > 0.0 else 0.0
         if not nats > gate:
             continue
