@@ -72,9 +72,9 @@ def read_parameter_file(path: Path) -> ParameterFile:
 def reference_from_parameters(path: Path, estimates: Sequence[Estimate], vehicle: Vehicle) -> ReferenceModel:
     """The reference model whose Newton-Euler parameters and effects a TOML file gives.
 
-    With `relative_sd` in the file every parameter has a normal prior, whose standard deviation is that share of its
-    value (or the share in `relative_sd_of`), and is refitted within three of them.  Without, the refit only starts
-    from the values.  `estimates` give the servo's time constant and rate limit where both files omit them.
+    With `relative_sd` in the file every parameter has a prior of heavy tails (`bcid.likelihood.prior`), whose scale is
+    that share of its value (or the share in `relative_sd_of`).  Without, the refit only starts from the values.
+    `estimates` give the servo's time constant and rate limit where both files omit them.
 
     Raises:
         InputRefused: a parameter or effect that is missing, unknown, out of bounds, or in the vehicle file too.
