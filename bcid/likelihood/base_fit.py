@@ -65,6 +65,17 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     return BaseFits(best, tuple(others))
 
 
+def refit_basins(take: Take, fits: BaseFits) -> BaseFits:
+    """The fits refitted to a take that is cut otherwise, or predicted in finer steps, from where they ended.
+
+    Raises:
+        PredictionDiverged: predictions diverge from every end.
+    """
+    ends = [(take, f.hypothesis, f.phi, take.start, f.scales) for f in (fits.best, *fits.others)]
+    best, *others = _distinct(list(map_converged(refit, ends, required=True)))
+    return BaseFits(best, tuple(others))
+
+
 def first_cars(hypothesis: Hypothesis) -> list[Car]:
     """Cars from which a base model is fitted: the nominal one, and others like it of stiff and soft tyres.
 

@@ -4,14 +4,13 @@ Fits raise `PredictionDiverged` where the base model cannot follow a take from a
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from bcid.effects.constants import Constants
 from bcid.effects.entry import VehicleScale
 from bcid.estimate.types import Estimate
-from bcid.likelihood.base_fit import FIRST_PUSH, BaseFits, fit_base
+from bcid.likelihood.base_fit import FIRST_PUSH, BaseFits, fit_base, refit_basins
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.take import Take, build_take
@@ -75,7 +74,8 @@ def prepare_and_fit_base(
     """Cut recordings into 1.5 s segments and fit the base model: the take, bumps and crashes found, and the fits.
 
     They begin at the nominal car of the `hypothesis` and others like it, with the parameters `assumed` (SI) of effects
-    that it always holds.  Where the fitted car needs a finer integration step, take and fits are repeated with that.
+    that it always holds.  Where the fitted car needs a finer integration step, the take is cut anew with that, and each
+    fit goes on with it.
 
     Raises:
         InputRefused: when too few segments can be used.
@@ -84,10 +84,8 @@ def prepare_and_fit_base(
     take, contacts = build_take(recordings, estimates, hypothesis.nominal, hypothesis.angle_limit)
     found = fit_base(take, hypothesis, initial_scales(take), assumed)
     while integration_step(found.best.car()) < take.h:  # it is stiffer than the car before
-        base, h = found.best, found.best.hypothesis
-        take, contacts = build_take(recordings, estimates, base.car(), hypothesis.angle_limit)
-        from_there = replace(h, nominal=base.car())
-        found = fit_base(take, from_there, initial_scales(take), list(h.effect_values(base.phi).values()))
+        take, contacts = build_take(recordings, estimates, found.best.car(), hypothesis.angle_limit)
+        found = refit_basins(take, found)
     return take, contacts, found
 
 
