@@ -15,7 +15,7 @@ from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.table import effect_ids
 from bcid.errors import PredictionDiverged
 from bcid.likelihood import base_fit, newton
-from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, SAME_BASIN_NATS, BaseFits, first_cars, fit_base
+from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import evaluate_fixed, refit
@@ -41,16 +41,21 @@ class End(NamedTuple):
     hypothesis: Hypothesis
     phi: np.ndarray
     penalised_log_likelihood: float
+    sd: float = 1e-3
     scales: Any = None
     start: Any = None
+
+    @property
+    def covariance(self) -> np.ndarray:
+        return self.sd**2 * np.eye(len(self.phi))
 
 
 class Refits:
     """Refits that end where they began, worth `nats` of (whole take or part, index of the start), or lost at None."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, nats: Any, base: Hypothesis = BASE) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, nats: Any, base: Hypothesis = BASE, sd: float = 1e-3) -> None:
         self.asked: list[tuple[bool, int, float]] = []  # whole take, index of the start, greatest push
-        self._base, self._nats = base, nats
+        self._base, self._nats, self._sd = base, nats, sd
         self._starts = [base.with_effects().phi_of(car) for car in first_cars(base)]
         monkeypatch.setattr(base_fit, "refit", self)
         monkeypatch.setattr(base_fit, "evaluate_fixed", self._settle)
@@ -68,7 +73,7 @@ class Refits:
         nats = self._nats(whole, index)
         if nats is None:
             raise PredictionDiverged(f"lost from start {index}")
-        return End(hypothesis, phi, nats)
+        return End(hypothesis, phi, nats, self._sd)
 
     def fit(self) -> BaseFits:
         return fit_base(Segments(SEGMENTS), self._base, Scales(np.full(3, 1e-3), np.full(3, 0.05)))  # type: ignore[arg-type]
@@ -112,7 +117,8 @@ def test_the_likeliest_starts_are_refitted_to_the_whole_and_both_basins_are_kept
 
 
 def test_starts_that_end_alike_are_one_basin(monkeypatch: pytest.MonkeyPatch) -> None:
-    refits = Refits(monkeypatch, lambda whole, index: 0.5 * SAME_BASIN_NATS * (index == 2))
+    """Where curvature bridges what parts them, whatever little one is likelier than the other."""
+    refits = Refits(monkeypatch, lambda whole, index: 5.0 * (index == 2), sd=10.0)
     assert not refits.fit().others
     assert refits.whole() == [2]
 
@@ -134,7 +140,8 @@ def test_a_start_lost_on_the_whole_leaves_the_other(monkeypatch: pytest.MonkeyPa
 def test_where_all_that_suits_the_part_is_lost_on_the_whole_the_nominal_car_is_fitted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    refits = Refits(monkeypatch, lambda whole, index: None if whole and len(refits.whole()) < 2 else 0.0)
+    nats = lambda whole, index: None if whole and len(refits.whole()) < 2 else 0.0  # noqa: E731
+    refits = Refits(monkeypatch, nats, sd=10.0)  # one basin
     assert refits.fit().best.phi == pytest.approx(refits._starts[0])
 
 

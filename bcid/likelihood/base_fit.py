@@ -26,7 +26,7 @@ PART_SEGMENTS = 40  # on which starts are compared: of 85 numbers each, for abou
 FIRST_NOISE = 2.0  # times the poses' own roughness, which noise is held below thereafter
 FIRST_TANGENTS = 12  # with pushes held small, and as many with noise held small
 BASINS = 2  # that are fitted to the whole take
-SAME_BASIN_NATS = 1.0  # within which two fits have ended in one basin
+SAME_BASIN_NATS = 10.0  # by which a fit's curvature parts two ends of one basin, short of where they would meet
 FIRST_GRIPS = (2.0, 8.0)  # N/kg, of cars without a simulation beside the nominal one
 FIRST_INERTIA = 1.3  # I_z of these cars over m l_f l_r
 OTHER_MOTOR, OTHER_TYRES, OTHER_SERVO = 3.0, 4.0, 4.0  # factors between starts
@@ -120,9 +120,15 @@ def _distinct(fits: Sequence[Fit]) -> list[Fit]:
     """The fits, likeliest first, less those that ended in the basin of a likelier one."""
     found = list[Fit]()
     for fit in sorted(fits, key=lambda f: -f.penalised_log_likelihood):
-        if not found or found[-1].penalised_log_likelihood - fit.penalised_log_likelihood > SAME_BASIN_NATS:
+        if not any(_are_in_one_basin(fit, other) for other in found):
             found.append(fit)
     return found
+
+
+def _are_in_one_basin(fit: Fit, other: Fit) -> bool:
+    """Whether the curvature at the `other` fit bridges what the parameters differ by."""
+    off = fit.phi - other.phi
+    return float(0.5 * off @ np.linalg.pinv(other.covariance) @ off) < SAME_BASIN_NATS
 
 
 def _not_below_start(fit: Fit, take: Take, phi: Floats) -> Iterator[Fit]:

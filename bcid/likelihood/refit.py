@@ -119,11 +119,13 @@ def _refit_by_tangents(
         better = None
         if ahead.objective - state.objective > newton.MIN_GAIN:
             better = _evaluate_ahead(problem, state, ahead)
-        if better is None:  # the tangent leads nowhere, or astray
-            better = _climb_under_pushes(problem, tangent, state)
+        if better is None or better.worth - state.worth < newton.MIN_GAIN:  # the tangent leads nowhere, or astray
+            better = _climb_under_pushes(problem, tangent, state) or better
         if better is None:
             break
-        state, tangent = better, newton.tangent_at(problem, better)
+        before, state, tangent = state, better, newton.tangent_at(problem, better)
+        if state.worth - before.worth < newton.MIN_GAIN:
+            break
     return tangent, state
 
 
