@@ -22,7 +22,7 @@ GATE = 12.0  # nats
 
 
 @cache
-def fitted(**times: float) -> tuple[Fit, Fit]:
+def fit_against_published(**times: float) -> tuple[Fit, Fit]:
     """The free fit of a drive, and one against it as a published car with constants so many times as large."""
     free, _ = concealing()
     vehicle = simulated_vehicle()
@@ -35,13 +35,13 @@ def fitted(**times: float) -> tuple[Fit, Fit]:
 
 
 def test_of_a_simulation_that_holds_nothing_is_told() -> None:
-    _, fit = fitted()
+    _, fit = fit_against_published()
     assert find_other_figures(fit, GATE) == ()
 
 
 @pytest.mark.parametrize(("symbol", "times"), [("K_t", 0.5), ("C_r", 1.6), ("R_1", 3.0)])
 def test_a_figure_published_wrongly_is_told_with_the_one_that_is_needed(symbol: str, times: float) -> None:
-    free, fit = fitted(**{symbol: times})
+    free, fit = fit_against_published(**{symbol: times})
     (found,) = find_other_figures(fit, GATE)
     needed = getattr(free.car(), symbol)
     assert found.symbol == symbol
@@ -51,14 +51,14 @@ def test_a_figure_published_wrongly_is_told_with_the_one_that_is_needed(symbol: 
 
 
 def test_what_chance_reaches_is_not_told() -> None:
-    _, fit = fitted(K_t=0.5)
+    _, fit = fit_against_published(K_t=0.5)
     (found,) = find_other_figures(fit, GATE)
     assert find_other_figures(fit, found.nats) == ()
 
 
 def test_a_figure_at_a_bound_is_none_that_is_needed() -> None:
     """Beyond it no car is: something else is missing there."""
-    _, fit = fitted(C_r=1.6)
+    _, fit = fit_against_published(C_r=1.6)
     phi = fit.phi.copy()
     own = fit.hypothesis.log_parameters.index("C_r")
     phi[own] = fit.hypothesis.bounds()[0][own]
@@ -68,7 +68,7 @@ def test_a_figure_at_a_bound_is_none_that_is_needed() -> None:
 
 
 def test_without_a_simulation_there_are_no_figures() -> None:
-    free, _ = fitted()
+    free, _ = fit_against_published()
     assert free.hypothesis.trusted_simulation is None
     assert find_other_figures(free, 0.0) == ()
     assert np.isfinite(free.log_likelihood)

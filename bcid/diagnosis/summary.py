@@ -217,8 +217,7 @@ def _base_parameters(diagnosis: Diagnosis) -> list[written.BaseParameter]:
     fit = diagnosis.fit
     car, hypothesis, values = fit.car(), fit.hypothesis, fit.effect_estimates()
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    units = constant_units(car)
-    scales = [*(getattr(car, s) for s in hypothesis.log_parameters), *hypothesis.drag_units]
+    units, scales = constant_units(car), hypothesis.units_at(fit.phi)
     stuck = hypothesis.is_at_bound(fit.phi).tolist()
     own = [
         written.BaseParameter(

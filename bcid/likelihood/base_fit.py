@@ -57,7 +57,7 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     if not (found and _holds_simulation(found[0])):
         found += list(map_converged(_fit_part, starts[1:], required=not found))
     basins, start = _distinct(found), base.phi_of(nominal, assumed)
-    ends = [(take, base, f.phi, take.start, f.scales) for f in basins]
+    ends = _ends_on(take, basins)
     ends.append((take, base, start, take.start, scales))  # should all that suits the part diverge elsewhere
     fits = list(islice(map_converged(refit, ends, required=True), min(BASINS, len(basins))))
     fits += _not_below_start(_distinct(fits)[0], take, start)
@@ -71,9 +71,14 @@ def refit_basins(take: Take, fits: BaseFits) -> BaseFits:
     Raises:
         PredictionDiverged: predictions diverge from every end.
     """
-    ends = [(take, f.hypothesis, f.phi, take.start, f.scales) for f in (fits.best, *fits.others)]
+    ends = _ends_on(take, (fits.best, *fits.others))
     best, *others = _distinct(list(map_converged(refit, ends, required=True)))
     return BaseFits(best, tuple(others))
+
+
+def _ends_on(take: Take, fits: Sequence[Fit]) -> list[tuple[Take, Hypothesis, Floats, Floats, Scales]]:
+    """Arguments of refits to a take from where `fits` to a part of it, or to another cut of it, have ended."""
+    return [(take, f.hypothesis, f.phi, take.start, f.scales) for f in fits]
 
 
 def first_cars(hypothesis: Hypothesis) -> list[Car]:

@@ -191,6 +191,11 @@ class Hypothesis:
         """Values (SI) of the effect parameters that are 1 in the parameter vector phi."""
         return np.array([1.0 if p.is_place else p.size for _, p in self.effect_parameters])
 
+    def units_at(self, phi: Floats) -> Floats:
+        """What a unit of each component of phi but the remainder's is in SI units, to first order at phi."""
+        car = self.car(phi)
+        return np.array([*(getattr(car, s) for s in self.log_parameters), *self.drag_units, *self.effect_units()])
+
     def phi_of(self, car: Car, values: Sequence[float] = ()) -> Floats:
         """The parameter vector phi of `car` with the effects' parameters at `values` (SI; all off where empty).
 

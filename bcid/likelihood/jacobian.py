@@ -37,20 +37,17 @@ def changed_cars(hypothesis: Hypothesis, phi: Floats) -> ChangedCars:
     return ChangedCars(np.array(rows), np.full(len(components), CAR_STEP))
 
 
-def base_jacobian(
-    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats, J: Floats | None = None
-) -> Floats:
+def base_jacobian(take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, r: Floats) -> Floats:
     """Derivatives (N, 3, base_size + K) of predicted poses by base parameters at phi, from `start` (S, N_NUISANCE).
 
     By the variational equation, and by finite differences of predictions for those of an unknown servo.  Those by K
     coefficients of the hypothesis's remainder follow, over their prior standard deviations.  `r` (N, 3) is the residual
-    there, `J` (N, 3, R + K) the derivatives by `body_parameters` and coefficients, if they are known already.
+    there.
 
     Raises:
         PredictionDiverged: where a derivative is not finite.
     """
-    if J is None:
-        J = linearise_residuals(take, hypothesis.prediction_inputs(phi, take), start, changed_cars(hypothesis, phi)).J
+    J = linearise_residuals(take, hypothesis.prediction_inputs(phi, take), start, changed_cars(hypothesis, phi)).J
     R = len(body_parameters(hypothesis))
     base = on_body_and_servo(take, hypothesis, phi, start, r, J[:, :, :R])
     return np.concatenate([base, J[:, :, R:] * hypothesis.remainder.sd], axis=2) if J.shape[2] > R else base

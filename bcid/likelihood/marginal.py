@@ -255,10 +255,10 @@ def student_log_densities(terms: MarginalTerms) -> Floats:
 def em_update(terms: MarginalTerms, rows: Ints, most: Scales = UNLIMITED) -> Scales:
     """Standard deviations of noise and pushes after one step of expectation maximisation (EM) from likelihood `terms`.
 
-    `rows` (S,) counts the mean poses of each segment; scales are `most` at most.  Squared
-    residuals and pushes are multiplied by the segment's robust weight, posterior variances are not: that would bias the
-    scales, and raise the likelihood where nothing is missing.  Variances are divided by the mean weight to converge in
-    fewer steps (parameter-expanded EM; Meng and van Dyk 1997).
+    `rows` (S,) counts the mean poses of each segment; scales are `most` at most.  Squared residuals and pushes are
+    multiplied by the segment's robust weight, posterior variances are not: that would bias the scales, and raise the
+    likelihood where nothing is missing.  Variances are divided by the mean weight to converge in fewer steps
+    (parameter-expanded EM; Meng and van Dyk 1997).
     """
     w = robust_weights(terms)
     r2 = (w[:, None] * terms.rest + terms.spread).sum(axis=0) / rows.sum()
@@ -307,8 +307,8 @@ def estimate_scales(
     """Maximum-likelihood standard deviations of noise and pushes, and the segments' marginal likelihood terms there.
 
     Expectation maximisation (EM) takes at most `steps` from `scales`, and ends where they change by less than the
-    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.  `moments` are
-    the segments' products of residuals and derivatives by nuisances (`segment_moments`).
+    relative EM_TOLERANCE; `steps` = 0 only evaluates.  Scales are `most` at most.  `moments` are the
+    segments' products of residuals and derivatives by nuisances (`segment_moments`).
 
     Raises:
         PredictionDiverged: where a prediction or a scale is not finite, or rounding makes a chi^2 negative.

@@ -47,9 +47,7 @@ def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitSta
     base parameters are those of `tangent`; those by effects' parameters are computed at `state` by finite
     differences.
     """
-    effects = _effect_jacobian(problem, state.phi, state.start, state.r)
-    base, functions = np.split(tangent.J, [problem.hypothesis.base_size], axis=2)
-    return _slope_along(problem, state, np.concatenate([base, effects, functions], axis=2))
+    return _slope_along(problem, state, _add_effects(problem, tangent.J, state.phi, state.start, state.r))
 
 
 def slope_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:
@@ -59,25 +57,27 @@ def slope_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitStat
     J being the derivatives without pushes and J' their change by pushes.  J' z is a central difference of J between
     PUSH_SHARE of z and as much the other way.
     """
-    take, hypothesis = problem.take, problem.hypothesis
     pushes = PUSH_SHARE * state.terms.z
     pushes[:, :N_START] = 0.0
     ends = []
     for start in (state.start + pushes, state.start - pushes):
         r = problem.residuals(state.phi, start)
-        base, functions = np.split(base_jacobian(take, hypothesis, state.phi, start, r), [hypothesis.base_size], axis=2)
-        effects = _effect_jacobian(problem, state.phi, start, r)
-        ends.append(np.concatenate([base, effects, functions], axis=2))
-    base, functions = np.split(tangent.J, [hypothesis.base_size], axis=2)
-    effects = _effect_jacobian(problem, state.phi, state.start, state.r)
-    J = np.concatenate([base, effects, functions], axis=2)
+        J = base_jacobian(problem.take, problem.hypothesis, state.phi, start, r)
+        ends.append(_add_effects(problem, J, state.phi, start, r))
+    J = _add_effects(problem, tangent.J, state.phi, state.start, state.r)
     return _slope_along(problem, state, J + (ends[0] - ends[1]) / (2.0 * PUSH_SHARE))
 
 
-def _effect_jacobian(problem: RefitProblem, phi: Floats, start: Floats, r: Floats) -> Floats:
-    """Derivatives (N, 3, k) of predicted poses by the k parameters of effects, by finite differences."""
-    own = range(problem.hypothesis.base_size, problem.hypothesis.named_size)
-    return parameter_jacobian(problem.take, problem.hypothesis, phi, start, r, own)
+def _add_effects(problem: RefitProblem, J: Floats, phi: Floats, start: Floats, r: Floats) -> Floats:
+    """Derivatives (N, 3, n) by all of phi: `J`, as of `Tangent`, with those by effects' parameters between its parts.
+
+    They are found by finite differences of predictions from `start`, where the residual is `r`.
+    """
+    hypothesis = problem.hypothesis
+    own = range(hypothesis.base_size, hypothesis.named_size)
+    effects = parameter_jacobian(problem.take, hypothesis, phi, start, r, own)
+    base, functions = np.split(J, [hypothesis.base_size], axis=2)
+    return np.concatenate([base, effects, functions], axis=2)
 
 
 def _slope_along(problem: RefitProblem, state: RefitState, J: Floats) -> tuple[Floats, Floats]:

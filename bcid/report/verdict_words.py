@@ -19,7 +19,7 @@ FIGURES = {
     "F_f_max": ("the front tyres hold", "more", "less"),
     "F_r_max": ("the rear tyres hold", "more", "less"),
 }
-"""Of a car's figures that are others than published: who does what, more or less."""
+"""Words for a base parameter that is not as published: the subject and its verb, a larger value, a smaller one."""
 
 
 def verdict_sentence(d: DiagnosisDocument) -> str:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student_t
 
+from bcid.aliases import Floats
 from bcid.diagnosis.limits import JUDGE_LIMITS
-from bcid.likelihood.hypothesis import DRAG
+from bcid.likelihood.hypothesis import DRAG, Hypothesis
 from bcid.likelihood.prior import TRUST_NU
 from bcid.likelihood.refit import Fit
 from bcid.models.newton_euler.parameters import constant_units
@@ -38,28 +39,27 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
     hypothesis, trusted = fit.hypothesis, fit.hypothesis.trusted_simulation
     if trusted is None:
         return ()
-    n, found = len(trusted.phi), list[ChangedFigure]()
+    n, published = len(trusted.phi), hypothesis.with_effects()
     off = hypothesis.prior(fit.phi).deviations(fit.phi)[:n]
-    var = np.maximum(np.diag(fit.covariance)[:n], 0.0)
     far = student_t.isf(0.5 * JUDGE_LIMITS.figure_p_value, TRUST_NU)
-    published = hypothesis.with_effects()
-    centre = np.array(trusted.phi)
-    car, there = published.car(centre), fit.car()
-    units = constant_units(there)
-    values = published.effect_values(centre), hypothesis.effect_values(fit.phi)
-    for j in np.flatnonzero((np.abs(off) > far) & ~hypothesis.is_at_bound(fit.phi)[:n]):
-        nats = 0.5 * float((fit.phi[j] - centre[j]) ** 2 / var[j]) if var[j] > 0.0 else 0.0
-        if not nats > gate:
-            continue
-        if j < published.base_size:
-            symbol = (*published.log_parameters, *DRAG)[j]
-            pair = getattr(car, symbol), getattr(there, symbol)
-            logs = len(published.log_parameters)
-            scale = pair[1] if j < logs else published.drag_units[j - logs]
-            unit = units[symbol]
-        else:
-            symbol, parameter = published.effect_parameters[j - published.base_size]
-            pair, unit = (values[0][symbol], values[1][symbol]), parameter.unit
-            scale = published.effect_units()[j - published.base_size]
-        found.append(ChangedFigure(symbol, *pair, float(abs(scale) * np.sqrt(var[j])), unit, nats))
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[:n], 0.0))
+    se, units = np.abs(hypothesis.units_at(fit.phi)[:n]) * sd, _units_of_figures(published)
+    before, after = _figures(published, np.array(trusted.phi)), _figures(hypothesis, fit.phi)
+    found = list[ChangedFigure]()
+    for j in np.flatnonzero((np.abs(off) > far) & ~hypothesis.is_at_bound(fit.phi)[:n] & (sd > 0.0)):
+        nats = 0.5 * float((fit.phi[j] - trusted.phi[j]) / sd[j]) ** 2
+        if nats > gate:
+            symbol = list(before)[j]
+            found.append(ChangedFigure(symbol, before[symbol], after[symbol], float(se[j]), units[symbol], nats))
     return tuple(sorted(found, key=lambda f: -f.nats))
+
+
+def _figures(hypothesis: Hypothesis, phi: Floats) -> dict[str, float]:
+    """Values (SI) of base and effects' parameters by symbol, in the order of phi."""
+    car = hypothesis.car(phi)
+    return {s: getattr(car, s) for s in (*hypothesis.log_parameters, *DRAG)} | hypothesis.effect_values(phi)
+
+
+def _units_of_figures(hypothesis: Hypothesis) -> dict[str, str]:
+    """SI units of base and effects' parameters by symbol."""
+    return constant_units(hypothesis.nominal) | {field: p.unit for field, p in hypothesis.effect_parameters}
