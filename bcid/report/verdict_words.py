@@ -36,7 +36,8 @@ def verdict_sentence(d: DiagnosisDocument) -> str:
 def _word_other_figure(f: OtherFigure) -> str:
     """That a figure is another than published, in words.
 
-    >>> K_t = OtherFigure(symbol="K_t", published=25.0, needed=Quantity(value=21.5, se=0.25, unit="N"))
+    >>> from bcid.documents.diagnosis import Quantity
+    >>> K_t = OtherFigure(symbol="K_t", published=25.0, needed=Quantity(value=21.5, se=0.3, unit="N"))
     >>> _word_other_figure(K_t)
     'the motor pushes 14 % less (K_t = 21.5 ± 0.3 N, published 25)'
     """
