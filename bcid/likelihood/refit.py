@@ -3,6 +3,7 @@
 All functions raise `PredictionDiverged` where predictions at their starting point leave the finite numbers.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,23 +77,28 @@ class Fit:
 def refit(
     take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
     tangent: Tangent | None = None, tangents: int = MAX_TANGENTS, most: Scales = UNLIMITED,
+    ahead: Sequence[Floats] = (), least: float = newton.MIN_GAIN, climbs: bool = True,
 ) -> Fit:  # fmt: skip
     """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
     phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes (disturbances
     over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
     estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations of the
-    predictions.  Scales are `most` at most.  A `tangent` (linearisation at a neighbouring fit), if
+    predictions.  Scales are `most` at most.  The first step leads from phi to the likeliest of the parameter vectors
+    `ahead`, or part of the way to it.  A `tangent` (linearisation at a neighbouring fit), if
     given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to rank
     candidates, but biased far from that fit.
     """
     phi = np.clip(phi, *hypothesis.bounds())
-    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most)
+    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most, least)
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
         last, state = tangent, _descend_along_tangent(problem, tangent, state, iterations, np.inf)
     else:
-        last, state = _refit_by_tangents(problem, phi, start, scales, iterations, tangents)
+        state = newton.evaluate_at(problem, phi, start, scales)
+        steps = [_evaluate_ahead(problem, state, state._replace(phi=np.clip(p, *hypothesis.bounds()))) for p in ahead]
+        state = max((state, *(s for s in steps if s)), key=lambda s: s.worth)
+        last, state = _refit_by_tangents(problem, state, iterations, tangents, climbs)
     state = build_state(problem, state.phi, state.start, state.scales, state.r, last.A, MAX_EM_STEPS)
     _, curvature = newton.slope_and_curvature(problem, last, state)
     return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float))
@@ -105,26 +111,25 @@ def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, cova
 
 
 def _refit_by_tangents(
-    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, iterations: int, tangents: int
+    problem: RefitProblem, state: RefitState, iterations: int, tangents: int, climbs: bool
 ) -> tuple[Tangent, RefitState]:
     """Linearisation and state of greatest log-likelihood plus log prior in a refit whose predictions contain no pushes.
 
     Alternates at most `iterations` Gauss-Newton steps of phi, with the linearisation of the predictions held fixed,
     and a new linearisation where they led; at most `tangents` times, or until this gains less than MIN_GAIN nats.
     """
-    state = newton.evaluate_at(problem, phi, start, scales)
     tangent = newton.tangent_at(problem, state)
     for _ in range(tangents):
         ahead = _descend_along_tangent(problem, tangent, state, iterations, FAR)
         better = None
-        if ahead.objective - state.objective > newton.MIN_GAIN:
+        if ahead.objective - state.objective > problem.least:
             better = _evaluate_ahead(problem, state, ahead)
-        if better is None or better.worth - state.worth < newton.MIN_GAIN:  # the tangent leads nowhere, or astray
+        if climbs and (better is None or better.worth - state.worth < problem.least):  # the tangent leads nowhere, or astray
             better = _climb_under_pushes(problem, tangent, state) or better
         if better is None:
             break
         before, state, tangent = state, better, newton.tangent_at(problem, better)
-        if state.worth - before.worth < newton.MIN_GAIN:
+        if state.worth - before.worth < problem.least:
             break
     return tangent, state
 
@@ -173,12 +178,12 @@ def _climb_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitSta
     if slopes is None:
         return None
     (slope, curvature), bounds = slopes, problem.hypothesis.bounds()
-    for damping in PHI_DAMPINGS:
+    for damping in PHI_DAMPINGS[::2]:
         phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
-        if 0.5 * slope @ (phi - state.phi) < newton.MIN_GAIN:  # a Newton step gains half of that
+        if 0.5 * slope @ (phi - state.phi) < problem.least:  # a Newton step gains half of that
             return None
         there = none_if_diverged(newton.evaluate_at, problem, phi, state.start, state.scales)
-        if there and there.worth - state.worth > newton.MIN_GAIN:
+        if there and there.worth - state.worth > problem.least:
             return there
     return None
 

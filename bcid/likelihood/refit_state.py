@@ -32,6 +32,7 @@ class RefitProblem(NamedTuple):
     hypothesis: Hypothesis
     prior: Prior
     most: Scales = UNLIMITED  # that noise and pushes may be
+    least: float = 0.5  # nats, below which a step has gained nothing
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""

@@ -17,7 +17,7 @@ from bcid.diagnosis.kept_steps import kept_under
 from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.locate.pushes import estimate_disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
-from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, channel_of, remainder_basis
+from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, channel_of, is_copy, remainder_basis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
 from bcid.effects.remainder import MOST
@@ -32,8 +32,7 @@ REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 ROUNDS = 4  # of refits, each with the spreads found at the one before
 CONVERGED_NATS = 2.0  # that a further round is expected to gain, below which there is none
 CONVERGED_SHARE = 0.01  # of what the remainder explains, likewise: smooth functions miss more than that
-TANGENTS = 3
-SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a refit starts
+FIRST_TANGENTS, TANGENTS = 3, 8  # of the refit with functions found to first order, and of later ones
 
 
 class Explained(NamedTuple):
@@ -43,13 +42,15 @@ class Explained(NamedTuple):
     spread: Mapping[str, float]
     quadratic: Quadratic
     c: Floats  # (K,)
+    moved: Floats  # (n,) the change of the fit's own parameters that is likeliest beside it
     weights: Floats  # (S,) of segments
 
     @classmethod
     def of_nothing(cls, at: TakeInformation, basis: RemainderBasis) -> Explained:
         """Nothing explained yet."""
         none, K = dict.fromkeys(basis.channels, 0.0), len(basis.size)
-        return cls(basis, none, Quadratic(np.zeros(K), np.zeros((K, K))), np.zeros(K), at.robust_weights)
+        nothing = Quadratic(np.zeros(K), np.zeros((K, K)))
+        return cls(basis, none, nothing, np.zeros(K), np.zeros_like(at.phi), at.robust_weights)
 
     def beside(self, basis: RemainderBasis) -> Explained:
         """What is explained, with the functions of a larger basis, of which nothing is known yet."""
@@ -134,31 +135,61 @@ def fit_with_remainder(
     if not len(on):
         return alone
     hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
-    further = _refit_from(fit, take, hypothesis, seen.c[on] / sd[on])
+    none, to = np.zeros(len(on)), seen.c[on] / sd[on]
+    least = max(CONVERGED_NATS, CONVERGED_SHARE * seen.nats)
+    further = _refit_towards(fit, take, hypothesis, none, to, seen.moved, least, FIRST_TANGENTS)
     return _refit_until_stable(alone, on, further, take, copied, to_exceed)
 
 
 @kept_under("near_nats")
-def add_beside_remainder(
-    rest: RemainderFit, named: Fit, seen: Explained, take: Take, to_exceed: float = -np.inf
-) -> RemainderFit:
+def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: float = -np.inf) -> RemainderFit:
     """The fit `named`, which has one effect more than that in `rest`, with a remainder found from that in `rest`.
 
     Where the effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
-    it begins beside what explains them.  `seen` is what a remainder explains beside `named` to first order.  Refits end
-    where their evidence cannot reach `to_exceed`.
+    it begins beside what explains them, at no size, and first tries that of `named`.  Refits end where their evidence
+    cannot reach `to_exceed`.  What is seen to first order is that of `rest`.
     """
-    alone = RemainderFit.without_functions(named, seen._replace(basis=rest.basis))
-    name = named.hypothesis.effects[-1]
+    hypothesis, name = rest.fit.hypothesis, named.hypothesis.effects[-1]
     values = [named.hypothesis.effect_values(named.phi)[f] for f in named.hypothesis.entries[name].fields]
-    hypothesis, phi = rest.fit.hypothesis.add_effect(name, rest.fit.phi, values)
-    further = none_if_diverged(refit, take, hypothesis, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS)
-    return _refit_until_stable(alone, rest.on, further, take, (), to_exceed)._replace(seen=seen)
+    parameters = hypothesis.entries[name].parameters
+    off = [v if p.is_place else p.off for v, p in zip(values, parameters, strict=True)]
+    more, phi = hypothesis.add_effect(name, rest.fit.phi, off)
+    _, ahead = hypothesis.add_effect(name, rest.fit.phi, values)
+    further = none_if_diverged(
+        refit, take, more, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS, ahead=(ahead,), climbs=False,
+        least=CONVERGED_NATS,
+    )  # fmt: skip
+    alone = RemainderFit.without_functions(named, rest.seen._replace(basis=rest.basis))
+    return _refit_until_stable(alone, rest.on, further, take, (), to_exceed, rounds=1)
+
+
+@kept_under("near_nats")
+def converge_further(rest: RemainderFit, take: Take) -> RemainderFit:
+    """The fit with its remainder after one more refit, from where it is; the same if that gains no evidence."""
+    if not len(rest.on):
+        return rest
+    fit = rest.fit
+    further = none_if_diverged(refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales, least=CONVERGED_NATS)
+    return _refit_until_stable(rest, rest.on, further, take, (), -np.inf, rounds=1)
+
+
+@kept_under("near_nats", "remainder_error", "min_wave_nats")
+def allow_copies(rest: RemainderFit, take: Take, copied: tuple[str, ...]) -> RemainderFit:
+    """The fit with copies of laws that have names among the functions beside it, in the channels `copied`.
+
+    It is `rest` itself where they do not help.
+    """
+    if len(rest.on):
+        return _refit_until_stable(rest, rest.on, rest.fit, take, copied, -np.inf)
+    seen = explain(rest.named, take, rest.basis, copied)
+    helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
+    return fit_with_remainder(rest.named, take, seen, copied) if helps else rest
 
 
 def _refit_until_stable(
-    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...], to_exceed: float
-) -> RemainderFit:
+    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...], to_exceed: float,
+    rounds: int = ROUNDS,
+) -> RemainderFit:  # fmt: skip
     """The fit of greatest evidence, of `best` and of refits from `further` on, which holds the functions `on`.
 
     After each refit spreads are found anew, and functions that are needed.  What a further round is expected to gain
@@ -166,7 +197,7 @@ def _refit_until_stable(
     """
     basis, named, none = best.basis, best.named.hypothesis, np.zeros(len(best.basis.size))
     allowed, spread = basis.groups(copied), best.spread
-    for round_ in range(ROUNDS):
+    for round_ in range(rounds):
         if further is None:
             return best._replace(settled=round_ > 0)
         fitted = none.copy()
@@ -174,7 +205,8 @@ def _refit_until_stable(
         at = none_if_diverged(gather_information, further, take, basis, fitted)
         if at is None:
             return best._replace(settled=round_ > 0)
-        quadratic = at.weigh(at.robust_weights).quadratic
+        weighed = at.weigh(at.robust_weights)
+        quadratic = weighed.quadratic
         spread = likeliest_spreads(quadratic, basis, allowed, spread)
         sd = basis.sd(spread)
         c = quadratic.posterior_mean(sd)
@@ -186,15 +218,19 @@ def _refit_until_stable(
             best = best._replace(fit=further, spread=spread, log_evidence=nats, on=on, fitted=fitted)
         prior = float(np.sum(_whiten(c, sd) ** 2 - _whiten(fitted, sd) ** 2))
         expected = quadratic.gain(c) - quadratic.gain(fitted) - 0.5 * prior
-        if expected < max(CONVERGED_NATS, CONVERGED_SHARE * best.nats) or (round_ and gained < CONVERGED_NATS):
+        least = max(CONVERGED_NATS, CONVERGED_SHARE * best.nats)
+        if expected < least or (round_ and gained < least):
             break
         if max(nats, best.log_evidence) + expected + SEARCH_LIMITS.near_nats < to_exceed:
             return best._replace(settled=False)
-        on = needed_functions(quadratic, sd, c)
-        if not len(on):
+        needed = needed_functions(quadratic, sd, c)
+        if not len(needed) or round_ == rounds - 1:
             break
+        held = np.union1d(needed, on[sd[on] > 0.0])  # from these the refit can stay where it is
+        on = held if len(held) <= MOST else needed
         hypothesis = replace(named, remainder=basis.choose(on, sd))
-        further = _refit_from(further, take, hypothesis, c[on] / sd[on])
+        moved, sd = weighed.names_beside(c), sd[on]
+        further = _refit_towards(further, take, hypothesis, fitted[on] / sd, c[on] / sd, moved, least)
     return best
 
 
@@ -217,15 +253,20 @@ def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
     return fit.log_likelihood + trusted - price_nats(len(named.effect_parameters), take.segments)
 
 
-def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit | None:
-    """The `hypothesis` refitted from a fit and whitened coefficients `c`, or from less of them where that diverges."""
+def _refit_towards(
+    fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats, to: Floats, moved: Floats, least: float,
+    tangents: int = TANGENTS,
+) -> Fit | None:  # fmt: skip
+    """The `hypothesis` refitted from a fit and whitened coefficients `c`, first towards the coefficients `to`.
+
+    Beside these, the parameters with names are likeliest where they have `moved`; but far from linear it may be better
+    that they have not.  Steps gain `least` nats.  None if predictions diverge at the start.
+    """
     names = fit.phi[: hypothesis.named_size]
-    for share in SHARES:
-        phi = np.r_[names, share * c]
-        found = none_if_diverged(refit, take, hypothesis, phi, fit.start, fit.scales, tangents=TANGENTS)
-        if found is not None:
-            return found
-    return None
+    ahead = np.r_[names + moved, to], np.r_[names, to]
+    return none_if_diverged(
+        refit, take, hypothesis, np.r_[names, c], fit.start, fit.scales, tangents=tangents, ahead=ahead, least=least
+    )
 
 
 @kept_under("remainder_error", "min_wave_nats")
@@ -270,5 +311,6 @@ def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], time
         quadratic = weighed.quadratic
         spread = likeliest_spreads(quadratic, basis, basis.groups(copied), spread)
         c = quadratic.posterior_mean(basis.sd(spread))
-        weights = robust_weights(at.terms._replace(chi2=at.chi2_beside(weighed.names_beside(c), c)))
-    return Explained(basis, spread, quadratic, c, weights)
+        moved = weighed.names_beside(c)
+        weights = robust_weights(at.terms._replace(chi2=at.chi2_beside(moved, c)))
+    return Explained(basis, spread, quadratic, c, moved, weights)

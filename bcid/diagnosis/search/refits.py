@@ -63,7 +63,7 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
             continue
         more, phi = h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters])
         starts.append((part, more, phi, fit.start[chosen], fit.scales))
-    quickly = partial(refit, iterations=QUICK_ITERATIONS, tangents=QUICK_TANGENTS)
+    quickly = partial(refit, iterations=QUICK_ITERATIONS, tangents=QUICK_TANGENTS, climbs=False)
     best = max(map_converged(quickly, starts), key=lambda f: f.penalised_log_likelihood, default=None)
     if best is None:
         return []

@@ -7,8 +7,8 @@ and the likeliest fit without a remainder.
 import math
 from dataclasses import dataclass, field
 
-from bcid.diagnosis.remainder.fit import Explained, RemainderFit, explain, fit_with_remainder
-from bcid.diagnosis.remainder.functions import RemainderBasis, is_copy
+from bcid.diagnosis.remainder.fit import Explained, RemainderFit, allow_copies, explain, fit_with_remainder
+from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
 from bcid.likelihood.newton import MIN_GAIN
 from bcid.likelihood.refit import Fit
@@ -96,10 +96,7 @@ class SearchState:
         """
         key = (effects_of(rest.named), channels)
         if key not in self._with_copies:
-            seen = explain(rest.named, self.take, self.basis, channels)
-            helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
-            found = fit_with_remainder(rest.named, self.take, seen, channels) if helps else rest
-            self._with_copies[key] = found
+            self._with_copies[key] = allow_copies(rest, self.take, channels)
         return greater_evidence(rest, self._with_copies[key])
 
 
