@@ -26,6 +26,7 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import robust_weights
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 
 REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
@@ -136,8 +137,8 @@ def fit_with_remainder(
         return alone
     hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
     none, to = np.zeros(len(on)), seen.c[on] / sd[on]
-    least = max(CONVERGED_NATS, CONVERGED_SHARE * seen.nats)
-    further = _refit_towards(fit, take, hypothesis, none, to, seen.moved, least, FIRST_TANGENTS)
+    effort = Effort(FIRST_TANGENTS, least=_least_nats(seen.nats))
+    further = _refit_towards(fit, take, hypothesis, none, to, seen.moved, effort)
     return _refit_until_stable(alone, on, further, take, copied, to_exceed)
 
 
@@ -155,10 +156,8 @@ def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: 
     off = [v if p.is_place else p.off for v, p in zip(values, parameters, strict=True)]
     more, phi = hypothesis.add_effect(name, rest.fit.phi, off)
     _, ahead = hypothesis.add_effect(name, rest.fit.phi, values)
-    further = none_if_diverged(
-        refit, take, more, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS, ahead=(ahead,), climbs=False,
-        least=CONVERGED_NATS,
-    )  # fmt: skip
+    near, effort = rest.fit, Effort(TANGENTS, least=CONVERGED_NATS, climbs=False)
+    further = none_if_diverged(refit, take, more, phi, near.start, near.scales, effort, ahead=(ahead,))
     alone = RemainderFit.without_functions(named, rest.seen._replace(basis=rest.basis))
     return _refit_until_stable(alone, rest.on, further, take, (), to_exceed, rounds=1)
 
@@ -169,7 +168,9 @@ def converge_further(rest: RemainderFit, take: Take) -> RemainderFit:
     if not len(rest.on):
         return rest
     fit = rest.fit
-    further = none_if_diverged(refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales, least=CONVERGED_NATS)
+    further = none_if_diverged(
+        refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales, Effort(least=CONVERGED_NATS)
+    )
     return _refit_until_stable(rest, rest.on, further, take, (), -np.inf, rounds=1)
 
 
@@ -218,7 +219,7 @@ def _refit_until_stable(
             best = best._replace(fit=further, spread=spread, log_evidence=nats, on=on, fitted=fitted)
         prior = float(np.sum(_whiten(c, sd) ** 2 - _whiten(fitted, sd) ** 2))
         expected = quadratic.gain(c) - quadratic.gain(fitted) - 0.5 * prior
-        least = max(CONVERGED_NATS, CONVERGED_SHARE * best.nats)
+        least = _least_nats(best.nats)
         if expected < least or (round_ and gained < least):
             break
         if max(nats, best.log_evidence) + expected + SEARCH_LIMITS.near_nats < to_exceed:
@@ -230,8 +231,15 @@ def _refit_until_stable(
         on = held if len(held) <= MOST else needed
         hypothesis = replace(named, remainder=basis.choose(on, sd))
         moved, sd = weighed.names_beside(c), sd[on]
-        further = _refit_towards(further, take, hypothesis, fitted[on] / sd, c[on] / sd, moved, least)
+        further = _refit_towards(
+            further, take, hypothesis, fitted[on] / sd, c[on] / sd, moved, Effort(TANGENTS, least=least)
+        )
     return best
+
+
+def _least_nats(remainder: float) -> float:
+    """Nats that a further step, or round, must gain beside a remainder of so many nats."""
+    return max(CONVERGED_NATS, CONVERGED_SHARE * remainder)
 
 
 def _whiten(c: Floats, sd: Floats) -> Floats:
@@ -254,19 +262,16 @@ def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
 
 
 def _refit_towards(
-    fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats, to: Floats, moved: Floats, least: float,
-    tangents: int = TANGENTS,
-) -> Fit | None:  # fmt: skip
+    fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats, to: Floats, moved: Floats, effort: Effort
+) -> Fit | None:
     """The `hypothesis` refitted from a fit and whitened coefficients `c`, first towards the coefficients `to`.
 
     Beside these, the parameters with names are likeliest where they have `moved`; but far from linear it may be better
-    that they have not.  Steps gain `least` nats.  None if predictions diverge at the start.
+    that they have not.  None if predictions diverge at the start.
     """
     names = fit.phi[: hypothesis.named_size]
     ahead = np.r_[names + moved, to], np.r_[names, to]
-    return none_if_diverged(
-        refit, take, hypothesis, np.r_[names, c], fit.start, fit.scales, tangents=tangents, ahead=ahead, least=least
-    )
+    return none_if_diverged(refit, take, hypothesis, np.r_[names, c], fit.start, fit.scales, effort, ahead=ahead)
 
 
 @kept_under("remainder_error", "min_wave_nats")

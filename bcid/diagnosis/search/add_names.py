@@ -12,7 +12,7 @@ from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.fit import RemainderFit, add_beside_remainder, converge_further
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.name_scores import score_names
-from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects
+from bcid.diagnosis.search.refits import gain_nats, named_effects
 from bcid.diagnosis.search.screen import CandidateEffect, screen_effects
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
 from bcid.likelihood.refit import Fit

@@ -82,9 +82,16 @@ class SearchState:
         return self.weighed[key] if _likelihood(fit) - self._weighed_from.get(key, -math.inf) < MIN_GAIN else None
 
     def remember(self, weighed: RemainderFit) -> RemainderFit:
-        """The fit of greatest evidence with these effects, of the one `weighed` and what is kept; it is kept."""
+        """The fit of greatest evidence with these effects, of the one `weighed` and what is kept; it is kept.
+
+        Without the remainder it is the likeliest that is known.
+        """
         key = effects_of(weighed.named)
-        best = greater_evidence(self.weighed.get(key), weighed)
+        known = self.weighed.get(key)
+        best = known if known and known.log_evidence > weighed.log_evidence else weighed
+        likelier = self.likeliest.get(key)
+        if likelier and _likelihood(likelier) > _likelihood(best.named):
+            best = best._replace(named=likelier)
         if weighed.settled:
             self.weighed[key] = best
         return best
