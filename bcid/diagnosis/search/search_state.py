@@ -7,7 +7,8 @@ and the likeliest fit without a remainder.
 import math
 from dataclasses import dataclass, field
 
-from bcid.diagnosis.remainder.fit import Explained, RemainderFit, allow_copies, explain, fit_with_remainder
+from bcid.diagnosis.remainder.explain import Explained, explain
+from bcid.diagnosis.remainder.fit import RemainderFit, allow_copies, fit_with_remainder
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
 from bcid.likelihood.newton import MIN_GAIN
