@@ -26,7 +26,8 @@ PLAIN_REFITS = 2  # of the effects that are most likely along one tangent, in ea
 def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report: Report) -> Fit:
     """The `fit` with names added one after the other, each that makes the take likeliest, nothing being beside it.
 
-    Each must add more than the gate.  The first may be that of the fits `more`, too.
+    Each must add more than the gate, and more than what has no name beside it may pass for.  The first may be that of
+    the fits `more`, too.
     """
     take = state.take
     while len(named_effects(fit)) < SEARCH_LIMITS.max_effects:
@@ -36,7 +37,8 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
         quick = refits.refit_candidates_along_tangent(fit, take, promising)
         first = refits.rank_credible_fits(quick, take)[:PLAIN_REFITS]
         found = refits.rank_credible_fits([*(refits.refit_fully(f, take) for f in first), *more], take)
-        if not found or gain_nats(found[0], fit) < state.gate:
+        gained = gain_nats(found[0], fit) if found else 0.0
+        if gained < state.gate or gained < SEARCH_LIMITS.remainder_error * state.explain(found[0]).nats:
             break
         fit, more = found[0], ()
     return fit

@@ -29,6 +29,7 @@ class SearchState:
     likeliest: dict[frozenset[str], Fit] = field(default_factory=dict)  # without a remainder
     refused: dict[str, float] = field(default_factory=dict)  # effects, and nats that each adds at most
     _weighed_from: dict[frozenset[str], float] = field(default_factory=dict)  # log-likelihoods of the fits weighed
+    _explained: tuple[Fit, Explained] | None = None  # the fit that was explained last
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
     _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
     _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], RemainderFit] = field(default_factory=dict)
@@ -60,7 +61,11 @@ class SearchState:
     def explain(self, fit: Fit) -> Explained:
         """What a remainder explains beside a `fit` to first order."""
         known = self._already_weighed(fit)
-        return known.seen if known else explain(fit, self.take, self.basis)
+        if known:
+            return known.seen
+        if self._explained is None or self._explained[0] is not fit:
+            self._explained = fit, explain(fit, self.take, self.basis)
+        return self._explained[1]
 
     def beside_remainder(self, fit: Fit, seen: Explained | None = None, to_exceed: float = -math.inf) -> RemainderFit:
         """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order.
