@@ -264,7 +264,23 @@ def test_names_are_added_while_each_makes_the_take_likelier_by_more_than_the_gat
     assert looking.refused == {}  # beside a remainder it may count
 
 
+@pytest.mark.parametrize(("share", "added"), [(1.05, True), (0.95, False)])
+def test_no_name_is_added_that_adds_less_than_what_has_no_name_may_pass_for(
+    share: float, added: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside much that is unknown each of several wrong names would add more than the gate."""
+    left = 3000.0
+    at, looking = Evidence(monkeypatch, {("yaw_scrub",): left}), state_of()
+    nats = share * SEARCH_LIMITS.remainder_error * left
+    assert nats > GATE
+    screening(monkeypatch, yaw_scrub=nats)
+    found = add_names_plainly(looking, fit(0.0), [], quietly)
+    assert found.hypothesis.effects == (("yaw_scrub",) if added else ())
+    assert at.refitted == []
+
+
 def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {})
     screening(monkeypatch, yaw_scrub=300.0)
     looking = state_of()
     simulating(monkeypatch, "yaw_scrub")
@@ -274,6 +290,7 @@ def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeyp
 
 def test_there_are_no_more_names_than_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
     ids = ("yaw_scrub", "rear_toe", "motor_sag", "floor_slope", "quadratic_drag", "motor_lag", "pose_scale")
+    Evidence(monkeypatch, {})
     rounds = screening(monkeypatch, **dict.fromkeys(ids, 100.0))
     looking = state_of()
     simulating(monkeypatch, *ids)
