@@ -123,7 +123,7 @@ def _best_credible(
         no_name = rest.log_evidence + SEARCH_LIMITS.remainder_error * found.nats
         if found.log_evidence > max(least, no_name):
             best = greater_evidence(best, found)
-        elif to_exceed == least:
+        elif to_exceed == least and found.log_evidence <= least:
             refused[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
     held = best.named.hypothesis.effects if best else ()
     state.refused |= {name: nats for name, nats in refused.items() if name not in held}
