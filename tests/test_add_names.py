@@ -22,33 +22,19 @@ from bcid.diagnosis.search.search_state import SearchState
 from bcid.likelihood.score_test import TrialChanges
 
 
-def test_what_lies_clearly_below_the_best_to_first_order_is_not_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """First order is known to a share of what the remainder explains, and some nats."""
-    at = Evidence(monkeypatch, {("best",): 0.0, ("near",): 1000.0, ("far",): 1000.0})
-    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
-    slack = SEARCH_LIMITS.remainder_error * 1000.0 + SEARCH_LIMITS.near_nats
-    fits = [fit(2000.0 - 1000.0 - slack - 1.0, "far"), fit(2000.0, "best"), fit(2000.0 - 1000.0 - slack + 1.0, "near")]
-    looking = state_of()
-    found = _best_credible(looking, fits, beside(fit(0.0)), {})
-    assert found is not None
-    assert found.named.hypothesis.effects == ("best",)
-    assert at.refitted == [("best",), ("near",)]
-    assert set(looking.weighed) == {frozenset({"best"}), frozenset({"near"})}
-    assert looking.refused == {}  # each is more than the gate
-
-
-@pytest.mark.parametrize(("over", "refitted"), [(0.5, True), (-0.5, False)])
-def test_what_cannot_exceed_the_gate_to_first_order_is_refused_without_a_refit(
-    over: float, refitted: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("explains", "alone"), [(0.51, True), (0.49, False)])
+def test_a_remainder_is_sought_from_nothing_beside_what_explains_most_of_it(
+    explains: float, alone: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What it adds is then at most what first order says; a refit knows better."""
-    at = Evidence(monkeypatch, {})
-    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
-    nats = 100.0 + GATE - SEARCH_LIMITS.near_nats + over
-    looking = state_of()
-    assert _best_credible(looking, [fit(nats, "a")], beside(fit(0.0), 100.0), {}) is None
-    assert at.refitted == ([("a",)] if refitted else [])
-    assert looking.refused == {"a": pytest.approx(nats - 100.0 if refitted else GATE + over)}
+    """Beside what explains little it is much the same as without, and found from there."""
+    at = Evidence(monkeypatch, {("a",): 900.0})
+    at.from_rest[("a",)] = 1400.0
+    rest = beside(fit(0.0), 1000.0)
+    found = _best_credible(state_of(), [fit(1000.0 * explains, "a")], rest, {})
+    assert found is not None
+    assert at.tried_from_rest == ([] if alone else [("a",)])
+    assert found.log_evidence == pytest.approx(1410.0 if alone else 1400.0)
+    assert at.refitted == [("a",)]  # the best one in any case
 
 
 @pytest.mark.parametrize(("reached", "again"), [(0.49, True), (0.51, False)])
@@ -57,7 +43,6 @@ def test_where_little_comes_of_a_promise_an_effect_is_tried_from_the_remainder_s
 ) -> None:
     """Which may hold others that have no name yet."""
     at, promised = Evidence(monkeypatch, {}), 1000.0
-    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
     at.from_rest[("a",)] = 900.0
     share = 2.0 * SEARCH_LIMITS.kept_promise * reached
     found = _best_credible(state_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"a": promised})
@@ -68,6 +53,30 @@ def test_where_little_comes_of_a_promise_an_effect_is_tried_from_the_remainder_s
     at.tried_from_rest.clear()
     _best_credible(state_of(), [fit(share * promised, "a")], beside(fit(0.0)), {"b": promised})
     assert at.tried_from_rest == []
+
+
+@pytest.mark.parametrize("left", [0.0, 900.0])
+def test_beside_a_large_remainder_a_name_must_add_more_than_smooth_functions_cannot_follow(
+    left: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looking, at, adds = state_of(), Evidence(monkeypatch, {("a",): left}), GATE + 1.0
+    at.from_rest[("a",)] = adds
+    found = _best_credible(looking, [fit(adds - left, "a")], beside(fit(-left), left), {})
+    assert (found is None) is (adds < SEARCH_LIMITS.remainder_error * left)
+    assert looking.refused == ({} if found else {"a": pytest.approx(adds)})
+
+
+def test_the_best_is_weighed_in_earnest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the others a remainder found from that without them tells enough; its plain fit is that of its own refit."""
+    at = Evidence(monkeypatch, {("best",): 0.0})
+    at.from_rest |= {("best",): 1400.0, ("near",): 1300.0}
+    full = fit(450.0, "best")
+    monkeypatch.setattr(refits, "refit_fully", lambda f, take: full if f.hypothesis.effects == ("best",) else f)
+    found = _best_credible(state_of(), [fit(300.0, "near"), fit(400.0, "best")], beside(fit(0.0), 1000.0), {})
+    assert found is not None
+    assert found.named is full
+    assert found.log_evidence == 1400.0
+    assert at.refitted == [("best",)]
 
 
 def test_without_fits_there_is_none_of_greatest_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,7 +104,6 @@ def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats
     simulating(monkeypatch)
     monkeypatch.setattr(refits, "refit_along_tangent", quick)
     monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
-    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
     monkeypatch.setattr(refits, "refit_from_large_sizes", lambda *_: [])
     return offered
 
@@ -177,7 +185,7 @@ def test_an_effect_of_a_size_that_no_car_has_is_no_name(monkeypatch: pytest.Monk
     Evidence(monkeypatch, {})
     offering(monkeypatch, ("yaw_scrub", 900.0), ("rear_toe", 500.0), yaw_scrub=900.0, rear_toe=300.0)
     monkeypatch.setattr(
-        add_names, "effects_at_bounds", lambda f, take: [n for n in f.hypothesis.effects if n == "yaw_scrub"]
+        refits, "effects_at_bounds", lambda f, take: [n for n in f.hypothesis.effects if n == "yaw_scrub"]
     )
     looking = state_of()
     simulating(monkeypatch, "yaw_scrub", "rear_toe")
@@ -256,7 +264,23 @@ def test_names_are_added_while_each_makes_the_take_likelier_by_more_than_the_gat
     assert looking.refused == {}  # beside a remainder it may count
 
 
+@pytest.mark.parametrize(("share", "added"), [(1.05, True), (0.95, False)])
+def test_no_name_is_added_that_adds_less_than_what_has_no_name_may_pass_for(
+    share: float, added: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside much that is unknown each of several wrong names would add more than the gate."""
+    left = 3000.0
+    at, looking = Evidence(monkeypatch, {("yaw_scrub",): left}), state_of()
+    nats = share * SEARCH_LIMITS.remainder_error * left
+    assert nats > GATE
+    screening(monkeypatch, yaw_scrub=nats)
+    found = add_names_plainly(looking, fit(0.0), [], quietly)
+    assert found.hypothesis.effects == (("yaw_scrub",) if added else ())
+    assert at.refitted == []
+
+
 def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    Evidence(monkeypatch, {})
     screening(monkeypatch, yaw_scrub=300.0)
     looking = state_of()
     simulating(monkeypatch, "yaw_scrub")
@@ -266,6 +290,7 @@ def test_without_a_remainder_a_fit_beside_the_reference_may_be_the_first(monkeyp
 
 def test_there_are_no_more_names_than_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
     ids = ("yaw_scrub", "rear_toe", "motor_sag", "floor_slope", "quadratic_drag", "motor_lag", "pose_scale")
+    Evidence(monkeypatch, {})
     rounds = screening(monkeypatch, **dict.fromkeys(ids, 100.0))
     looking = state_of()
     simulating(monkeypatch, *ids)
@@ -294,7 +319,6 @@ def test_a_refit_beside_a_remainder_need_not_exceed_less_than_the_best_and_the_g
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     at = Evidence(monkeypatch, {("near",): 1000.0})
-    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
     _best_credible(state_of(), [fit(2000.0, "best"), fit(995.0, "near")], beside(fit(50.0)), {})
     assert at.to_exceed == {("best",): 50.0 + GATE, ("near",): 2000.0}
 
@@ -306,9 +330,8 @@ def test_what_ended_early_for_want_of_a_better_s_evidence_is_not_refused(
     """It may add more than the gate where the better one is held; only what cannot exceed the gate goes for good."""
     at = Evidence(monkeypatch, {}, near=1440.0)
     at.unsettled.add(("near",))
-    monkeypatch.setattr(add_names, "effects_at_bounds", lambda f, take: ())
-    looking, fits = state_of(), [fit(50.0, "near"), *([fit(1500.0, "best")] if beside_better else [])]
+    looking, fits = state_of(), [fit(90.0, "near"), *([fit(1500.0, "best")] if beside_better else [])]
     found = _best_credible(looking, fits, beside(fit(0.0), 100.0), {})
     assert (found.named.hypothesis.effects if found else None) == (("best",) if beside_better else None)
     assert at.to_exceed[("near",)] == (1500.0 if beside_better else 100.0 + GATE)
-    assert looking.refused == ({} if beside_better else {"near": pytest.approx(-50.0)})
+    assert looking.refused == ({} if beside_better else {"near": pytest.approx(-10.0)})

@@ -19,6 +19,7 @@ from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, BaseFits, first_cars, f
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import evaluate_fixed, refit
+from bcid.likelihood.refit_state import Effort
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SEGMENTS = 4 * base_fit.PART_SEGMENTS
@@ -191,6 +192,19 @@ def test_where_the_nominal_car_is_likelier_than_the_fits_it_is_refitted_on_the_w
     best = refits.fit().best.penalised_log_likelihood
     assert best == max(100.0, again or 0.0)
     assert refits.whole() == [0, 1] + [0] * (settled > 100.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_place_ahead_that_misleads_costs_nothing(seed: int) -> None:
+    """A refit may be told where to go first; it goes there only where that is likelier."""
+    fit, take = concealing(motor_dead_zone=0.1)
+    rng, n = np.random.default_rng(seed), len(fit.phi)
+    ahead = tuple(fit.phi + size * rng.normal(size=n) for size in (0.3, 3.0))
+    again = refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales, Effort(tangents=0), ahead=ahead)
+    assert again.log_likelihood > fit.log_likelihood - newton.MIN_GAIN
+    off = fit.phi + 0.05 * rng.normal(size=n)
+    there = refit(take, fit.hypothesis, off, fit.start, fit.scales, Effort(tangents=0), ahead=(*ahead, fit.phi))
+    np.testing.assert_allclose(there.phi, fit.phi)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -10,7 +10,7 @@ from concealed import concealing
 
 from bcid.aliases import Floats
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.fit import basis_for
+from bcid.diagnosis.remainder.explain import basis_for
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.likelihood.marginal import NU

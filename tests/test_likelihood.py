@@ -53,8 +53,8 @@ from bcid.likelihood.predict import pose_sensitivities, predict_poses
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import evaluate_fixed, refit
+from bcid.likelihood.refit_state import Effort, build_state
 from bcid.likelihood.refit_state import RefitProblem as Fitted
-from bcid.likelihood.refit_state import build_state
 from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.settling import move_initial_states
 from bcid.likelihood.take import (
@@ -684,10 +684,10 @@ def test_parameters_as_they_stand_are_as_likely_as_a_refit_without_a_step(part: 
     take = part._replace(pose=pose)
     phi = BASE.phi_of(CAR._replace(C_f=1.1 * CAR.C_f))
     stands = evaluate_fixed(take, BASE, phi, LOUD)
-    again = refit(take, BASE, phi, stands.start, stands.scales, tangents=0)
+    again = refit(take, BASE, phi, stands.start, stands.scales, Effort(tangents=0))
     np.testing.assert_allclose(stands.per_segment, again.per_segment, atol=0.1)
     # from initial states that have not settled a refit is less likely, if anything
-    refitted = refit(take, BASE, phi, take.start, LOUD, tangents=0)
+    refitted = refit(take, BASE, phi, take.start, LOUD, Effort(tangents=0))
     assert -0.1 < stands.log_likelihood - refitted.log_likelihood < 10.0
     np.testing.assert_array_equal(stands.phi, phi)
 

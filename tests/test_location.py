@@ -11,7 +11,7 @@ from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.locate.mismatch import Location, describe_regime, locate_mismatch
 from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.fit import Explained
+from bcid.diagnosis.remainder.explain import Explained
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.effects.remainder import COLUMNS, INPUTS, WAVE
 from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
@@ -27,7 +27,7 @@ def explaining(**channels: tuple[float, str]) -> Explained:
     G = 100.0
     b = np.array([np.sqrt(2.0 * G * nats) for nats, _ in channels.values()])
     quadratic = Quadratic(b, G * np.eye(len(channels)))
-    return Explained(basis, spread, quadratic, quadratic.posterior_mean(basis.sd(spread)), np.ones(3))
+    return Explained(basis, spread, quadratic, quadratic.posterior_mean(basis.sd(spread)), np.zeros(0), np.ones(3))
 
 
 def located(seen: Explained, of: Disturbances) -> Location:

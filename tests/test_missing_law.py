@@ -10,7 +10,7 @@ import pytest
 from bcid.diagnosis.diagnose import diagnose_recordings, fit_base_model
 from bcid.diagnosis.limits import SUMMARY_LIMITS
 from bcid.diagnosis.remainder.curve import MissingLaw, _merged_bins, change_by_names, missing_laws
-from bcid.diagnosis.remainder.fit import Explained, basis_for, explain, explain_with_copies
+from bcid.diagnosis.remainder.explain import Explained, basis_for, explain, explain_with_copies
 from bcid.diagnosis.remainder.information import gather_information
 from bcid.diagnosis.summary import summarise_diagnosis
 from bcid.effects.table import EFFECTS

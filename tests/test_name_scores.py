@@ -9,7 +9,8 @@ import pytest
 from concealed import concealing
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import RemainderFit, basis_for, explain, fit_with_remainder
+from bcid.diagnosis.remainder.explain import basis_for, explain
+from bcid.diagnosis.remainder.fit import RemainderFit, fit_with_remainder
 from bcid.diagnosis.remainder.information import gather_information
 from bcid.diagnosis.search import name_scores
 from bcid.diagnosis.search.name_scores import _products_with_trials, score_names

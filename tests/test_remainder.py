@@ -14,7 +14,8 @@ from test_variational import BASE, Instant, at_steps, drive, estimate, part, sho
 
 from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.remainder.evidence import SPREADS, Quadratic, channel_worths, likeliest_spreads
-from bcid.diagnosis.remainder.fit import Explained, basis_for, explain, fit_with_remainder, needed_functions
+from bcid.diagnosis.remainder.explain import Explained, basis_for, explain
+from bcid.diagnosis.remainder.fit import fit_with_remainder, needed_functions
 from bcid.diagnosis.remainder.functions import (
     CHANNELS,
     COPIES,
@@ -416,7 +417,7 @@ def explaining(by: dict[str, float]) -> Explained:
     )
     c = np.ones(len(by) + 1)
     b = 2.0 * np.array([*by.values(), 1e3])
-    return Explained(basis, {"fx": 1.0, "fx~": 1.0, "motor": 1.0}, Quadratic(b, np.diag(b)), c, np.ones(3))
+    return Explained(basis, {"fx": 1.0, "fx~": 1.0, "motor": 1.0}, Quadratic(b, np.diag(b)), c, np.zeros(0), np.ones(3))
 
 
 def test_what_explains_most_says_on_what_it_depends() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from weighed_names import GATE, NOTHING, Evidence, beside, chance, explained_by_remainder, fit, simulating, state_of
+from weighed_names import GATE, NOTHING, Evidence, beside, chance, fit, simulating, state_of
 
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search import search_state
@@ -33,9 +33,11 @@ def test_a_likelier_fit_is_kept_though_another_has_the_greater_evidence(monkeypa
     state, lesser, likelier = state_of(), fit(20.0, "a"), fit(60.0, "a")
     first = state.beside_remainder(lesser)
     at.adds[frozenset("a")] = 5.0
-    assert state.beside_remainder(likelier) is first
-    assert state.likeliest[frozenset("a")] is likelier
-    assert state.weighed[frozenset("a")].log_evidence == 70.0
+    found = state.beside_remainder(likelier)
+    assert found.fit is first.fit
+    assert found.log_evidence == state.weighed[frozenset("a")].log_evidence == 70.0
+    assert found.named is state.likeliest[frozenset("a")] is likelier
+    assert found.nats == pytest.approx(10.0)  # what the remainder adds to the likelier
 
 
 def test_what_was_found_from_a_remainder_s_own_fit_does_not_spare_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,7 +59,7 @@ def test_evidence_that_ended_early_is_not_kept(monkeypatch: pytest.MonkeyPatch) 
     whole = state.beside_remainder(fit(20.0, "a"))
     at.unsettled.add(("a",))
     at.adds[frozenset("a")] = 40.0
-    assert state.beside_remainder(fit(25.0, "a"), to_exceed=90.0) is whole  # which is the greater
+    assert state.beside_remainder(fit(25.0, "a"), to_exceed=90.0).fit is whole.fit  # which is the greater
 
 
 def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,13 +86,14 @@ def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch:
 def test_a_remainder_may_hold_copies_where_they_make_the_take_likelier(
     adds: float, held: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They are refitted only where first order sees any, and once."""
+    """They are tried once."""
     at, state = Evidence(monkeypatch, {}), state_of()
     rest = beside(fit(100.0, *A), 50.0)
     assert state.with_copies(rest, ("fy",)) is rest
     assert at.copied == []
-    at.seen[A], at.copies[A] = explained_by_remainder(70.0, None, "fx"), adds
+    at.copies[A] = adds
+    looking = state_of()
     for _ in range(2):
-        full = state.with_copies(rest, CHANNELS)
+        full = looking.with_copies(rest, CHANNELS)
     assert at.copied == [(A, CHANNELS)]
     assert full.log_evidence == (160.0 if held else 150.0)

@@ -11,7 +11,7 @@ from concealed import concealing
 from bcid.aliases import Floats
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder import waves
-from bcid.diagnosis.remainder.fit import basis_for, explain
+from bcid.diagnosis.remainder.explain import basis_for, explain
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.diagnosis.remainder.waves import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bcid.diagnosis.remainder.fit import RemainderFit
-from bcid.diagnosis.search import add_names, search_state
+from bcid.diagnosis.search import add_names, refits, search_state
 from bcid.diagnosis.search.screen import CandidateEffect, NullGains
 from bcid.diagnosis.search.search_state import SearchState
 from bcid.likelihood.score_test import Trial, TrialChanges
@@ -40,42 +40,48 @@ class Evidence:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, adds: dict[tuple[str, ...], float], **sketch: float) -> None:
         self.adds = {frozenset(effects): nats for effects, nats in adds.items()}
         self.sketch = sketch  # where evidence to first order is another
-        self.seen = dict[tuple[str, ...], Any]()  # what is explained beside some effects, copies of laws among it
-        self.copies = dict[tuple[str, ...], float]()  # what a remainder adds that holds such copies
+        self.copies = dict[tuple[str, ...], float]()  # what a remainder adds that holds copies of laws, where they help
+        self.seen = dict[tuple[str, ...], Any]()  # what it explains to first order
         self.from_rest = dict[tuple[str, ...], float]()  # evidence that is found from a remainder's own fit
         self.unsettled = set[tuple[str, ...]]()  # effects of fits whose refits end early
         self.to_exceed = dict[tuple[str, ...], float]()
         self.refitted, self.tried_from_rest = list[tuple[str, ...]](), list[tuple[str, ...]]()
+        # effects of fits beside which copies helped, and the channels that were allowed
         self.copied = list[tuple[tuple[str, ...], tuple[str, ...]]]()
         monkeypatch.setattr(search_state, "explain", self.explain)
         monkeypatch.setattr(search_state, "fit_with_remainder", self.fit_with_remainder)
+        monkeypatch.setattr(search_state, "allow_copies", self.allow_copies)
         monkeypatch.setattr(add_names, "add_beside_remainder", self.add_beside_remainder)
+        monkeypatch.setattr(add_names, "converge_further", lambda rest, take: rest)
+        monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
+        monkeypatch.setattr(refits, "effects_at_bounds", lambda f, take: ())
 
-    def explain(self, f: Any, take: Any, basis: Any, copied: tuple[str, ...] = ()) -> Any:
+    def explain(self, f: Any, take: Any, basis: Any) -> Any:
         effects = f.hypothesis.effects
-        if copied:
-            return self.seen.get(effects, explained_by_remainder())
         return explained_by_remainder(self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0)))
 
     def fit_with_remainder(
         self, f: Any, take: Any, seen: Any, copied: tuple[str, ...] = (), to_exceed: float = -math.inf
     ) -> RemainderFit:
         effects = f.hypothesis.effects
-        if copied:
-            self.copied.append((effects, copied))
-            return beside(f, self.copies.get(effects, 0.0), seen)
         self.refitted.append(effects)
         self.to_exceed[effects] = to_exceed
         found = beside(f, self.adds.get(frozenset(effects), 0.0), seen)
         return found._replace(settled=effects not in self.unsettled)
 
-    def add_beside_remainder(
-        self, rest: RemainderFit, f: Any, seen: Any, take: Any, to_exceed: float = -math.inf
-    ) -> RemainderFit:
+    def allow_copies(self, rest: RemainderFit, take: Any, copied: tuple[str, ...]) -> RemainderFit:
+        effects = rest.named.hypothesis.effects
+        if effects not in self.copies:
+            return rest
+        self.copied.append((effects, copied))
+        return beside(rest.named, self.copies[effects], self.seen.get(effects))
+
+    def add_beside_remainder(self, rest: RemainderFit, f: Any, take: Any, to_exceed: float = -math.inf) -> RemainderFit:
         effects = f.hypothesis.effects
         self.tried_from_rest.append(effects)
+        self.to_exceed[effects] = to_exceed
         nats = self.from_rest.get(effects, f.penalised_log_likelihood)
-        return beside(f, nats - f.penalised_log_likelihood, seen)
+        return beside(f, nats - f.penalised_log_likelihood)
 
 
 def state_of(**more: Any) -> SearchState:

@@ -17,7 +17,7 @@ from bcid.diagnosis.locate.pushes import Disturbances, estimate_disturbances
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.remainder.curve import MissingLaw, change_by_names, missing_laws
 from bcid.diagnosis.remainder.evidence import SPREADS
-from bcid.diagnosis.remainder.fit import Explained, explain_with_copies
+from bcid.diagnosis.remainder.explain import Explained, explain_with_copies
 from bcid.diagnosis.search.name_search import Naming, name_effects
 from bcid.diagnosis.search.refits import named_effects
 from bcid.documents.diagnosis import NotExcited

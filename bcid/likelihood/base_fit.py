@@ -18,13 +18,14 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
+from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car, typical_inertia_and_tyres
 
 FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale begins, and what they are held below
 PART_SEGMENTS = 40  # on which starts are compared: of 85 numbers each, for about 20 parameters
 FIRST_NOISE = 2.0  # times the poses' own roughness, which noise is held below thereafter
-FIRST_TANGENTS = 12  # with pushes held small, and as many with noise held small
+FIRST_EFFORT = Effort(tangents=12)  # with pushes held small, and as many with noise held small
 BASINS = 2  # that are fitted to the whole take
 SAME_BASIN_NATS = 10.0  # by which a fit's curvature parts two ends of one basin, short of where they would meet
 FIRST_GRIPS = (2.0, 8.0)  # N/kg, of cars without a simulation beside the nominal one
@@ -109,8 +110,8 @@ def _fit_part(part: Take, base: Hypothesis, phi: Floats, scales: Scales) -> Fit:
     """The base model fitted to a `part` of a take from phi, with pushes held small, then with noise."""
     by_noise = UNLIMITED._replace(q=np.full(3, FIRST_PUSH))
     by_pushes = UNLIMITED._replace(r=FIRST_NOISE * scales.r)
-    first = refit(part, base, phi, part.start, scales, tangents=FIRST_TANGENTS, most=by_noise)
-    return refit(part, base, first.phi, first.start, scales, tangents=FIRST_TANGENTS, most=by_pushes)
+    first = refit(part, base, phi, part.start, scales, FIRST_EFFORT, most=by_noise)
+    return refit(part, base, first.phi, first.start, scales, FIRST_EFFORT, most=by_pushes)
 
 
 def _holds_simulation(fit: Fit) -> bool:

@@ -3,6 +3,7 @@
 All functions raise `PredictionDiverged` where predictions at their starting point leave the finite numbers.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from bcid.likelihood.price import price_nats
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit_state import (
     MAX_EM_STEPS,
+    Effort,
     RefitProblem,
     RefitState,
     Tangent,
@@ -27,12 +29,12 @@ from bcid.likelihood.settling import move_initial_states
 from bcid.likelihood.take import Take
 from bcid.physics.car import Car
 
-MAX_ITERATIONS = 12  # along one tangent
-MAX_TANGENTS = 24
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)  # of a step, where the whole of it leads astray
 PHI_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Added to the curvature by phi, whose components are of size one: what the take hardly shows is held back, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal they would be closed)."""
+THOROUGH = Effort()
+CLIMB_DAMPINGS = PHI_DAMPINGS[::2]
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 
 
@@ -74,25 +76,28 @@ class Fit:
 
 @kept_in_proofs
 def refit(
-    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, iterations: int = MAX_ITERATIONS,
-    tangent: Tangent | None = None, tangents: int = MAX_TANGENTS, most: Scales = UNLIMITED,
+    take: Take, hypothesis: Hypothesis, phi: Floats, start: Floats, scales: Scales, effort: Effort = THOROUGH,
+    tangent: Tangent | None = None, most: Scales = UNLIMITED, ahead: Sequence[Floats] = (),
 ) -> Fit:  # fmt: skip
     """The fit of greatest log-likelihood plus log prior near the parameter vector `phi`, by bounded Gauss-Newton.
 
     phi holds log base parameters, drag and effects' parameters.  Each segment's initial state and pushes (disturbances
     over 0.5 s), from `start` (S, N_NUISANCE), and the standard deviations of noise and pushes, from `scales`, are
-    estimated too.  There are at most `iterations` steps with each of at most `tangents` linearisations of the
-    predictions.  Scales are `most` at most.  A `tangent` (linearisation at a neighbouring fit), if
-    given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to rank
-    candidates, but biased far from that fit.
+    estimated too.  Scales are `most` at most.  The first step leads from phi to the likeliest of the parameter vectors
+    `ahead`, or part of the way to it, if that is likelier than phi.  A `tangent` (linearisation at a neighbouring fit),
+    if given, is held fixed, and only derivatives by effects are recomputed: a tenth of the work, accurate enough to
+    rank candidates, but biased far from that fit.
     """
     phi = np.clip(phi, *hypothesis.bounds())
-    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most)
+    problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most, effort)
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
-        last, state = tangent, _descend_along_tangent(problem, tangent, state, iterations, np.inf)
+        last, state = tangent, _descend_along_tangent(problem, tangent, state, np.inf)
     else:
-        last, state = _refit_by_tangents(problem, phi, start, scales, iterations, tangents)
+        state = newton.evaluate_at(problem, phi, start, scales)
+        steps = [_evaluate_ahead(problem, state, state._replace(phi=np.clip(p, *hypothesis.bounds()))) for p in ahead]
+        state = max((state, *(s for s in steps if s)), key=lambda s: s.worth)
+        last, state = _refit_by_tangents(problem, state)
     state = build_state(problem, state.phi, state.start, state.scales, state.r, last.A, MAX_EM_STEPS)
     _, curvature = newton.slope_and_curvature(problem, last, state)
     return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float))
@@ -104,43 +109,40 @@ def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, cova
     return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent)
 
 
-def _refit_by_tangents(
-    problem: RefitProblem, phi: Floats, start: Floats, scales: Scales, iterations: int, tangents: int
-) -> tuple[Tangent, RefitState]:
+def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangent, RefitState]:
     """Linearisation and state of greatest log-likelihood plus log prior in a refit whose predictions contain no pushes.
 
-    Alternates at most `iterations` Gauss-Newton steps of phi, with the linearisation of the predictions held fixed,
-    and a new linearisation where they led; at most `tangents` times, or until this gains less than MIN_GAIN nats.
+    Alternates Gauss-Newton steps of phi, with the linearisation of the predictions held fixed, and a new linearisation
+    where they led, until this gains less than the least that counts.
     """
-    state = newton.evaluate_at(problem, phi, start, scales)
+    effort = problem.effort
     tangent = newton.tangent_at(problem, state)
-    for _ in range(tangents):
-        ahead = _descend_along_tangent(problem, tangent, state, iterations, FAR)
+    for _ in range(effort.tangents):
+        ahead = _descend_along_tangent(problem, tangent, state, FAR)
         better = None
-        if ahead.objective - state.objective > newton.MIN_GAIN:
+        if ahead.objective - state.objective > problem.effort.least:
             better = _evaluate_ahead(problem, state, ahead)
-        if better is None or better.worth - state.worth < newton.MIN_GAIN:  # the tangent leads nowhere, or astray
+        if effort.climbs and (better is None or better.worth - state.worth < effort.least):
+            # the tangent leads nowhere, or astray
             better = _climb_under_pushes(problem, tangent, state) or better
         if better is None:
             break
         before, state, tangent = state, better, newton.tangent_at(problem, better)
-        if state.worth - before.worth < newton.MIN_GAIN:
+        if state.worth - before.worth < problem.effort.least:
             break
     return tangent, state
 
 
-def _descend_along_tangent(
-    problem: RefitProblem, tangent: Tangent, state: RefitState, iterations: int, far: float
-) -> RefitState:
-    """The refit's state after at most `iterations` Gauss-Newton steps of phi, the linearisation `tangent` held fixed.
+def _descend_along_tangent(problem: RefitProblem, tangent: Tangent, state: RefitState, far: float) -> RefitState:
+    """The refit's state after some Gauss-Newton steps of phi, the linearisation `tangent` held fixed.
 
-    It stops after the first step that gains less than MIN_GAIN nats, or that changes a component of phi by more than
-    `far`; that step is kept.  Derivatives by effects' parameters are recomputed at every step.
+    It stops after the first step that gains less than the least that counts, or that changes a component of phi by more
+    than `far`; that step is kept.  Derivatives by effects' parameters are recomputed at every step.
     """
-    for _ in range(iterations):
+    for _ in range(problem.effort.iterations):
         slope, curvature = newton.slope_and_curvature(problem, tangent, state)
         before, state = state, _step_parameters(problem, state, slope, curvature)
-        if state.objective - before.objective < newton.MIN_GAIN or np.max(np.abs(state.phi - before.phi)) > far:
+        if state.objective - before.objective < problem.effort.least or np.max(np.abs(state.phi - before.phi)) > far:
             break
     return state
 
@@ -166,19 +168,19 @@ def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState
 def _climb_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitState) -> RefitState | None:
     """The refit's state after one step of phi by the slope that the likelihood has under its likely pushes.
 
-    The step has the least of PHI_DAMPINGS by which log-likelihood plus log prior grow by MIN_GAIN nats; None if there
-    is no such step.
+    The step has the least of CLIMB_DAMPINGS by which log-likelihood plus log prior grow by the least that counts; None
+    if there is no such step.
     """
     slopes = none_if_diverged(newton.slope_under_pushes, problem, tangent, state)
     if slopes is None:
         return None
     (slope, curvature), bounds = slopes, problem.hypothesis.bounds()
-    for damping in PHI_DAMPINGS:
+    for damping in CLIMB_DAMPINGS:
         phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
-        if 0.5 * slope @ (phi - state.phi) < newton.MIN_GAIN:  # a Newton step gains half of that
+        if 0.5 * slope @ (phi - state.phi) < problem.effort.least:  # a Newton step gains half of that
             return None
         there = none_if_diverged(newton.evaluate_at, problem, phi, state.start, state.scales)
-        if there and there.worth - state.worth > newton.MIN_GAIN:
+        if there and there.worth - state.worth > problem.effort.least:
             return there
     return None
 

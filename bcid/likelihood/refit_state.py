@@ -25,13 +25,23 @@ class Tangent(NamedTuple):
     J: Floats  # (N, 3, base_size + K) by the base parameters, and by the remainder's coefficients over their prior sd
 
 
+class Effort(NamedTuple):
+    """How far a refit goes."""
+
+    tangents: int = 24  # linearisations of the predictions
+    iterations: int = 12  # steps along each
+    least: float = 0.5  # nats, below which a step has gained nothing
+    climbs: bool = True  # by the slope under pushes, where a tangent leads nowhere
+
+
 class RefitProblem(NamedTuple):
-    """The take, the hypothesis that is fitted to it, and the prior of its parameters."""
+    """The take, the hypothesis that is fitted to it, the prior of its parameters, and how far a refit goes."""
 
     take: Take
     hypothesis: Hypothesis
     prior: Prior
     most: Scales = UNLIMITED  # that noise and pushes may be
+    effort: Effort = Effort()
 
     def residuals(self, phi: Floats, start: Floats) -> Floats:
         """Measured less predicted poses (N, 3) at phi, from the nuisance parameters `start` (S, N_NUISANCE)."""

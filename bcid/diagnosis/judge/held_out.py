@@ -11,10 +11,10 @@ from bcid.errors import PredictionDiverged
 from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit, refit
-from bcid.likelihood.refit_state import Tangent
+from bcid.likelihood.refit_state import Effort, Tangent
 from bcid.likelihood.take import Take
 
-HALF_ITERATIONS = 3
+HALF_EFFORT = Effort(iterations=3)
 
 
 class HeldOutGain(NamedTuple):
@@ -46,7 +46,7 @@ def refit_on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
     """
     rows, share = take.rows(chosen), fit.hypothesis.scale_simulation_prior(len(chosen) / take.segments)
     tangent = Tangent(np.ascontiguousarray(fit.tangent.A[rows]), np.ascontiguousarray(fit.tangent.J[rows]))
-    return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, HALF_ITERATIONS, tangent)
+    return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, HALF_EFFORT, tangent)
 
 
 def held_out_log_likelihoods(fit: Fit, take: Take) -> Floats:

@@ -1,5 +1,6 @@
 """What a model leaves unexplained as a hypothesis of its own: free smooth functions in every channel.
 
 `functions` (which there are), `waves` (fine ones), `information` (what a take says of them), `evidence` (how large they
-may be, and what that explains), `fit` (a refit with them), `curve` (the missing law that they show).
+may be, and what that adds), `explain` (what they explain to first order), `fit` (a refit with them), `curve` (the
+missing law that they show).
 """

@@ -18,7 +18,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats, Ints
 from bcid.diagnosis.limits import SUMMARY_LIMITS
 from bcid.diagnosis.remainder.evidence import Quadratic
-from bcid.diagnosis.remainder.fit import Explained
+from bcid.diagnosis.remainder.explain import Explained
 from bcid.diagnosis.remainder.functions import QUANTITIES, channel_of
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.effects.remainder import BODY_X, COLUMNS, DIRECTION, DIRECTIONS, DRIVEN_ALONG, INPUTS, WAVE, WHEEL_ANGLE, YAW

@@ -14,70 +14,23 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.kept_steps import kept_under
-from bcid.diagnosis.limits import LOCATE_LIMITS, SEARCH_LIMITS
-from bcid.diagnosis.locate.pushes import estimate_disturbances
-from bcid.diagnosis.remainder.evidence import Quadratic, channel_worths, likeliest_spreads
-from bcid.diagnosis.remainder.functions import CHANNELS, RemainderBasis, channel_of, remainder_basis
-from bcid.diagnosis.remainder.information import TakeInformation, gather_information
-from bcid.diagnosis.remainder.waves import MOST_WAVES, add_waves, find_wave
+from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.remainder.evidence import Quadratic, likeliest_spreads
+from bcid.diagnosis.remainder.explain import Explained, explain
+from bcid.diagnosis.remainder.functions import RemainderBasis, is_copy
+from bcid.diagnosis.remainder.information import gather_information
 from bcid.effects.remainder import MOST
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
-from bcid.likelihood.marginal import robust_weights
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 
-REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 ROUNDS = 4  # of refits, each with the spreads found at the one before
 CONVERGED_NATS = 2.0  # that a further round is expected to gain, below which there is none
 CONVERGED_SHARE = 0.01  # of what the remainder explains, likewise: smooth functions miss more than that
-TANGENTS = 3
-SHARES = (1.0, 0.3, 0.0)  # of the remainder found to first order, from which a refit starts
-
-
-class Explained(NamedTuple):
-    """What a remainder explains beside a fit, to first order."""
-
-    basis: RemainderBasis
-    spread: Mapping[str, float]
-    quadratic: Quadratic
-    c: Floats  # (K,)
-    weights: Floats  # (S,) of segments
-
-    @classmethod
-    def of_nothing(cls, at: TakeInformation, basis: RemainderBasis) -> Explained:
-        """Nothing explained yet."""
-        none, K = dict.fromkeys(basis.channels, 0.0), len(basis.size)
-        return cls(basis, none, Quadratic(np.zeros(K), np.zeros((K, K))), np.zeros(K), at.robust_weights)
-
-    def beside(self, basis: RemainderBasis) -> Explained:
-        """What is explained, with the functions of a larger basis, of which nothing is known yet."""
-        return self._replace(basis=basis, spread=dict.fromkeys(basis.channels, 0.0) | dict(self.spread))
-
-    @property
-    def nats(self) -> float:
-        """What the remainder adds, by evidence."""
-        return self.quadratic.log_evidence(self.basis.sd(self.spread)) - self.basis.price
-
-    def channel_nats(self) -> dict[str, float]:
-        """Nats that the functions of each channel add beside those of the others, most first."""
-        return channel_worths(self.quadratic, self.basis, self.spread)
-
-    def depends_on(self, channel: str) -> tuple[str, ...]:
-        """The quantities, most important first, on which what the functions of a `channel` explain depends.
-
-        Of what varies each must explain a share; none where a constant explains nearly all.
-        """
-        nats, quantities = 0.5 * self.c * self.quadratic.b, self.basis.quantities()
-        own = np.array([channel_of(name) == channel for name in self.basis.channel])
-        shares = {q: float(nats[own & on].sum()) for q, on in quantities.items()}
-        varying = float(nats[own & np.any(list(quantities.values()), axis=0)].sum())
-        if varying < LOCATE_LIMITS.min_quantity_share * float(nats[own].sum()):
-            return ()
-        least = LOCATE_LIMITS.min_quantity_share * varying
-        first = sorted((q for q, n in shares.items() if n > max(least, 0.0)), key=lambda q: -shares[q])
-        return tuple(first[: LOCATE_LIMITS.max_quantities])
+FIRST_TANGENTS, TANGENTS = 3, 8  # of the refit with functions found to first order, and of later ones
 
 
 class RemainderFit(NamedTuple):
@@ -107,17 +60,6 @@ class RemainderFit(NamedTuple):
         return self.log_evidence - self.named.penalised_log_likelihood
 
 
-@kept_under()
-def basis_for(fit: Fit, take: Take) -> RemainderBasis:
-    """The functions of a remainder over what the take's drive went through, by the states that `fit` predicts."""
-    disturbances = estimate_disturbances(fit, take)
-    q, car = disturbances.states, fit.car()
-    across = q["v_y"] + car.l_f * q["omega"]
-    v_fx = np.cos(q["delta"]) * q["v_x"] + np.sin(q["delta"]) * across
-    time_s = disturbances.time_s - take.zero_s[disturbances.segment]
-    return remainder_basis({**q, "v_fx": v_fx, "t": time_s}, car)
-
-
 @kept_under("near_nats")
 def fit_with_remainder(
     fit: Fit, take: Take, seen: Explained, copied: tuple[str, ...] = (), to_exceed: float = -np.inf
@@ -134,31 +76,61 @@ def fit_with_remainder(
     if not len(on):
         return alone
     hypothesis = replace(fit.hypothesis, remainder=seen.basis.choose(on, sd))
-    further = _refit_from(fit, take, hypothesis, seen.c[on] / sd[on])
+    none, to = np.zeros(len(on)), seen.c[on] / sd[on]
+    effort = Effort(FIRST_TANGENTS, least=_least_nats(seen.nats))
+    further = _refit_towards(fit, take, hypothesis, none, to, seen.moved, effort)
     return _refit_until_stable(alone, on, further, take, copied, to_exceed)
 
 
 @kept_under("near_nats")
-def add_beside_remainder(
-    rest: RemainderFit, named: Fit, seen: Explained, take: Take, to_exceed: float = -np.inf
-) -> RemainderFit:
+def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: float = -np.inf) -> RemainderFit:
     """The fit `named`, which has one effect more than that in `rest`, with a remainder found from that in `rest`.
 
     Where the effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
-    it begins beside what explains them.  `seen` is what a remainder explains beside `named` to first order.  Refits end
-    where their evidence cannot reach `to_exceed`.
+    it begins beside what explains them, at no size, and first tries that of `named`.  Refits end where their evidence
+    cannot reach `to_exceed`.  What is seen to first order is that of `rest`.
     """
-    alone = RemainderFit.without_functions(named, seen._replace(basis=rest.basis))
-    name = named.hypothesis.effects[-1]
+    hypothesis, name = rest.fit.hypothesis, named.hypothesis.effects[-1]
     values = [named.hypothesis.effect_values(named.phi)[f] for f in named.hypothesis.entries[name].fields]
-    hypothesis, phi = rest.fit.hypothesis.add_effect(name, rest.fit.phi, values)
-    further = none_if_diverged(refit, take, hypothesis, phi, rest.fit.start, rest.fit.scales, tangents=TANGENTS)
-    return _refit_until_stable(alone, rest.on, further, take, (), to_exceed)._replace(seen=seen)
+    parameters = hypothesis.entries[name].parameters
+    off = [v if p.is_place else p.off for v, p in zip(values, parameters, strict=True)]
+    more, phi = hypothesis.add_effect(name, rest.fit.phi, off)
+    _, ahead = hypothesis.add_effect(name, rest.fit.phi, values)
+    near, effort = rest.fit, Effort(TANGENTS, least=CONVERGED_NATS, climbs=False)
+    further = none_if_diverged(refit, take, more, phi, near.start, near.scales, effort, ahead=(ahead,))
+    alone = RemainderFit.without_functions(named, rest.seen._replace(basis=rest.basis))
+    return _refit_until_stable(alone, rest.on, further, take, (), to_exceed, rounds=1)
+
+
+@kept_under("near_nats")
+def converge_further(rest: RemainderFit, take: Take) -> RemainderFit:
+    """The fit with its remainder after one more refit, from where it is; the same if that gains no evidence."""
+    if not len(rest.on):
+        return rest
+    fit = rest.fit
+    further = none_if_diverged(
+        refit, take, fit.hypothesis, fit.phi, fit.start, fit.scales, Effort(least=CONVERGED_NATS)
+    )
+    return _refit_until_stable(rest, rest.on, further, take, (), -np.inf, rounds=1)
+
+
+@kept_under("near_nats", "remainder_error", "min_wave_nats")
+def allow_copies(rest: RemainderFit, take: Take, copied: tuple[str, ...]) -> RemainderFit:
+    """The fit with copies of laws that have names among the functions beside it, in the channels `copied`.
+
+    It is `rest` itself where they do not help.
+    """
+    if len(rest.on):
+        return _refit_until_stable(rest, rest.on, rest.fit, take, copied, -np.inf)
+    seen = explain(rest.named, take, rest.basis, copied)
+    helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
+    return fit_with_remainder(rest.named, take, seen, copied) if helps else rest
 
 
 def _refit_until_stable(
-    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...], to_exceed: float
-) -> RemainderFit:
+    best: RemainderFit, on: Ints, further: Fit | None, take: Take, copied: tuple[str, ...], to_exceed: float,
+    rounds: int = ROUNDS,
+) -> RemainderFit:  # fmt: skip
     """The fit of greatest evidence, of `best` and of refits from `further` on, which holds the functions `on`.
 
     After each refit spreads are found anew, and functions that are needed.  What a further round is expected to gain
@@ -166,7 +138,7 @@ def _refit_until_stable(
     """
     basis, named, none = best.basis, best.named.hypothesis, np.zeros(len(best.basis.size))
     allowed, spread = basis.groups(copied), best.spread
-    for round_ in range(ROUNDS):
+    for round_ in range(rounds):
         if further is None:
             return best._replace(settled=round_ > 0)
         fitted = none.copy()
@@ -174,7 +146,8 @@ def _refit_until_stable(
         at = none_if_diverged(gather_information, further, take, basis, fitted)
         if at is None:
             return best._replace(settled=round_ > 0)
-        quadratic = at.weigh(at.robust_weights).quadratic
+        weighed = at.weigh(at.robust_weights)
+        quadratic = weighed.quadratic
         spread = likeliest_spreads(quadratic, basis, allowed, spread)
         sd = basis.sd(spread)
         c = quadratic.posterior_mean(sd)
@@ -186,16 +159,27 @@ def _refit_until_stable(
             best = best._replace(fit=further, spread=spread, log_evidence=nats, on=on, fitted=fitted)
         prior = float(np.sum(_whiten(c, sd) ** 2 - _whiten(fitted, sd) ** 2))
         expected = quadratic.gain(c) - quadratic.gain(fitted) - 0.5 * prior
-        if expected < max(CONVERGED_NATS, CONVERGED_SHARE * best.nats) or (round_ and gained < CONVERGED_NATS):
+        least = _least_nats(best.nats)
+        if expected < least or (round_ and gained < least):
             break
         if max(nats, best.log_evidence) + expected + SEARCH_LIMITS.near_nats < to_exceed:
             return best._replace(settled=False)
-        on = needed_functions(quadratic, sd, c)
-        if not len(on):
+        needed = needed_functions(quadratic, sd, c)
+        if not len(needed) or round_ == rounds - 1:
             break
+        held = np.union1d(needed, on[sd[on] > 0.0])  # from these the refit can stay where it is
+        on = held if len(held) <= MOST else needed
         hypothesis = replace(named, remainder=basis.choose(on, sd))
-        further = _refit_from(further, take, hypothesis, c[on] / sd[on])
+        moved, sd = weighed.names_beside(c), sd[on]
+        further = _refit_towards(
+            further, take, hypothesis, fitted[on] / sd, c[on] / sd, moved, Effort(TANGENTS, least=least)
+        )
     return best
+
+
+def _least_nats(remainder: float) -> float:
+    """Nats that a further step, or round, must gain beside a remainder of so many nats."""
+    return max(CONVERGED_NATS, CONVERGED_SHARE * remainder)
 
 
 def _whiten(c: Floats, sd: Floats) -> Floats:
@@ -217,58 +201,14 @@ def _without_remainder(fit: Fit, named: Hypothesis, take: Take) -> float:
     return fit.log_likelihood + trusted - price_nats(len(named.effect_parameters), take.segments)
 
 
-def _refit_from(fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats) -> Fit | None:
-    """The `hypothesis` refitted from a fit and whitened coefficients `c`, or from less of them where that diverges."""
+def _refit_towards(
+    fit: Fit, take: Take, hypothesis: Hypothesis, c: Floats, to: Floats, moved: Floats, effort: Effort
+) -> Fit | None:
+    """The `hypothesis` refitted from a fit and whitened coefficients `c`, first towards the coefficients `to`.
+
+    Beside these, the parameters with names are likeliest where they have `moved`; but far from linear it may be better
+    that they have not.  None if predictions diverge at the start.
+    """
     names = fit.phi[: hypothesis.named_size]
-    for share in SHARES:
-        phi = np.r_[names, share * c]
-        found = none_if_diverged(refit, take, hypothesis, phi, fit.start, fit.scales, tangents=TANGENTS)
-        if found is not None:
-            return found
-    return None
-
-
-@kept_under("remainder_error", "min_wave_nats")
-def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = ()) -> Explained:
-    """What a remainder explains beside a `fit`, to first order: smooth functions, and the waves that are needed.
-
-    Segments that the remainder explains gain weight, as in the likelihood.  Copies of laws that have names may be there
-    in the channels `copied`.
-    """
-    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-    seen = _reweigh(at, Explained.of_nothing(at, basis), copied, REWEIGHTINGS)
-    for _ in range(MOST_WAVES):
-        moved = at.weigh(seen.weights).names_beside(seen.c)
-        # what gains less than smooth functions err by is not worth its refits
-        least = SEARCH_LIMITS.remainder_error * seen.nats
-        wave = find_wave(at, fit.car(), seen.weights, moved, seen.c, least)
-        if wave is None:
-            break
-        before, basis = basis, add_waves(basis, [wave])
-        if len(basis.tracking) == len(before.tracking):
-            at = at.with_functions(basis, fit.car())
-        else:
-            at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-        seen = _reweigh(at, seen.beside(basis), copied, 1)
-    return seen
-
-
-def explain_with_copies(seen: Explained, fit: Fit, take: Take) -> Explained:
-    """What a remainder explains beside the `fit` where copies of laws that have names help, in any channel.
-
-    `seen` is what it explains without, and its waves are those.
-    """
-    at = gather_information(fit, take, seen.basis, np.zeros(len(seen.basis.size)))
-    return _reweigh(at, seen, CHANNELS, 1)
-
-
-def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], times: int) -> Explained:
-    """What a remainder explains, its spreads found and segments weighed anew so many `times`."""
-    basis, weights, spread = seen.basis, seen.weights, seen.spread
-    for _ in range(times):
-        weighed = at.weigh(weights)
-        quadratic = weighed.quadratic
-        spread = likeliest_spreads(quadratic, basis, basis.groups(copied), spread)
-        c = quadratic.posterior_mean(basis.sd(spread))
-        weights = robust_weights(at.terms._replace(chi2=at.chi2_beside(weighed.names_beside(c), c)))
-    return Explained(basis, spread, quadratic, c, weights)
+    ahead = np.r_[names + moved, to], np.r_[names, to]
+    return none_if_diverged(refit, take, hypothesis, np.r_[names, c], fit.start, fit.scales, effort, ahead=ahead)

@@ -6,17 +6,15 @@ as if there were nothing else.  Only where a remainder still explains something 
 sought beside it: what has no name then stands in for itself.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import RemainderFit, add_beside_remainder
+from bcid.diagnosis.remainder.fit import RemainderFit, add_beside_remainder, converge_further
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.name_scores import score_names
-from bcid.diagnosis.search.refits import effects_at_bounds, gain_nats, named_effects
+from bcid.diagnosis.search.refits import gain_nats, named_effects
 from bcid.diagnosis.search.screen import CandidateEffect, screen_effects
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
-from bcid.likelihood.divergence import map_converged
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.score_test import TrialChanges
 
@@ -28,7 +26,8 @@ PLAIN_REFITS = 2  # of the effects that are most likely along one tangent, in ea
 def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report: Report) -> Fit:
     """The `fit` with names added one after the other, each that makes the take likeliest, nothing being beside it.
 
-    Each must add more than the gate.  The first may be that of the fits `more`, too.
+    Each must add more than the gate, and more than what has no name beside it may pass for.  The first may be that of
+    the fits `more`, too.
     """
     take = state.take
     while len(named_effects(fit)) < SEARCH_LIMITS.max_effects:
@@ -38,7 +37,8 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
         quick = refits.refit_candidates_along_tangent(fit, take, promising)
         first = refits.rank_credible_fits(quick, take)[:PLAIN_REFITS]
         found = refits.rank_credible_fits([*(refits.refit_fully(f, take) for f in first), *more], take)
-        if not found or gain_nats(found[0], fit) < state.gate:
+        gained = gain_nats(found[0], fit) if found else 0.0
+        if gained < state.gate or gained < SEARCH_LIMITS.remainder_error * state.explain(found[0]).nats:
             break
         fit, more = found[0], ()
     return fit
@@ -70,12 +70,14 @@ def add_name(state: SearchState, rest: RemainderFit, more: Sequence[Fit], report
 
     Tried are the effects that the score test promises most beside the remainder, and the fits `more`.
     """
+    # what a refit that had not ended gains is not to be the first name's
+    rest = state.remember(converge_further(rest, state.take))
     fit, take = rest.named, state.take
     promising = _promising(state, rest)
     report_round(promising, fit, report)
     quick = refits.refit_candidates_along_tangent(fit, take, promising)
     promised = {c.effect: c.score for c in promising if c.score > 0.0}
-    better = _best_credible(state, [*(refits.refit_fully(f, take) for f in quick), *more], rest, promised)
+    better = _best_credible(state, [*quick, *more], rest, promised)
     if better is None and rest.nats > state.gate:
         # what the base model takes up shows beside no fit of it, and may have been refused from a small size
         large = refits.refit_from_large_sizes(fit, take, state.excluded)
@@ -110,29 +112,40 @@ def _best_credible(
 ) -> RemainderFit | None:
     """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough.
 
-    `fits` have one effect more than `rest` each.  One whose evidence to first order cannot exceed that of `rest`
-    enough, or that of another, is not refitted.  Where little comes of what the score test has `promised` of an
-    effect, it is tried from the remainder of `rest`, too.  What cannot add enough is refused, and not tried again.
+    `fits` have one effect more than `rest` each, whose evidence the score test has `promised` to grow.  What cannot add
+    enough is refused, and not tried again.
     """
     least, best, refused = rest.log_evidence + state.gate, None, dict[str, float]()
-    # pushes shrink as a remainder explains them, so that it adds more than it promises to first order
-    understated = max(1.0, rest.nats / max(rest.seen.nats, 1.0)) * (1.0 + SEARCH_LIMITS.remainder_error)
-    credible = [(f,) for f in fits if not effects_at_bounds(f, state.take)]
-    # a tyre far stiffer than the base model's wants finer steps than the take has: its fit is none
-    explained = list(map_converged(lambda f: (f, state.explain(f)), credible))
-    explained.sort(key=lambda pair: -(pair[0].penalised_log_likelihood + pair[1].nats))
-    for f, seen in explained:
-        name, to_exceed = f.hypothesis.effects[-1], max(least, best.log_evidence) if best else least
-        highest = f.penalised_log_likelihood + understated * seen.nats + SEARCH_LIMITS.near_nats
-        found = state.beside_remainder(f, seen, to_exceed) if highest > to_exceed else None
-        added = found.log_evidence - rest.log_evidence if found else -math.inf
-        if name in promised and added < SEARCH_LIMITS.kept_promise * promised[name]:
-            again = state.remember(add_beside_remainder(rest, f, seen, state.take, to_exceed))
-            found = greater_evidence(found, again)
-        if found and found.log_evidence > least:
+    for f in refits.rank_credible_fits(fits, state.take):
+        to_exceed = max(least, best.log_evidence) if best else least
+        found = _weigh_candidate(state, rest, f, to_exceed, promised.get(f.hypothesis.effects[-1], 0.0))
+        # smooth functions cannot follow all that has no name: so much is no name's
+        no_name = rest.log_evidence + SEARCH_LIMITS.remainder_error * found.nats
+        if found.log_evidence > max(least, no_name):
             best = greater_evidence(best, found)
-        elif to_exceed == least:
-            refused[name] = (found.log_evidence if found else highest) - rest.log_evidence
+        elif to_exceed == least and found.log_evidence <= least:
+            refused[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
     held = best.named.hypothesis.effects if best else ()
     state.refused |= {name: nats for name, nats in refused.items() if name not in held}
-    return best
+    if best is None:
+        return None
+    alone = state.beside_remainder(refits.refit_fully(best.named, state.take))
+    return state.remember(converge_further(best, state.take)._replace(named=alone.named, seen=alone.seen))
+
+
+def _weigh_candidate(
+    state: SearchState, rest: RemainderFit, fit: Fit, to_exceed: float, promised: float
+) -> RemainderFit:
+    """The `fit`, which has one effect more than `rest`, with a remainder beside it, found from the nearer start.
+
+    A fit that explains most of what the remainder of `rest` does leaves little to a remainder, which is found from
+    nothing; beside another the remainder is much the same.  Where little comes of what the score test has `promised` of
+    a fit that stands alone, it is tried beside that remainder, too.
+    """
+    found = None
+    if gain_nats(fit, rest.named) > 0.5 * rest.nats:
+        found = state.beside_remainder(refits.refit_fully(fit, state.take), to_exceed=to_exceed)
+        if found.log_evidence - rest.log_evidence >= SEARCH_LIMITS.kept_promise * promised:
+            return found
+    again = state.remember(add_beside_remainder(rest, fit, state.take, to_exceed))
+    return greater_evidence(found, again)

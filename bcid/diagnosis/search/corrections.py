@@ -31,9 +31,7 @@ def fit_corrections(base: Fit, take: Take) -> Fit:
     all_free = base.hypothesis.with_effects(*free)
     known = base.hypothesis.effect_values(base.phi).values()
     start = all_free.phi_of(base.car(), [*known, *(FIRST_SHARE * size for size in sizes)])
-    quick = none_if_diverged(
-        refit, take, all_free, start, base.start, base.scales, refits.QUICK_ITERATIONS, base.tangent
-    )
+    quick = none_if_diverged(refit, take, all_free, start, base.start, base.scales, refits.QUICK, base.tangent)
     if quick is None or gain_nats(quick, base) < LIKELIHOOD_LIMITS.usual_gate_nats:
         return base
     full = refits.refit_fully(quick, take)

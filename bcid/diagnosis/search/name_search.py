@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import RemainderFit, basis_for
+from bcid.diagnosis.remainder.explain import basis_for
+from bcid.diagnosis.remainder.fit import RemainderFit
 from bcid.diagnosis.search import refits
 from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, add_names_plainly
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency

@@ -13,10 +13,11 @@ from bcid.effects.entry import Parameter
 from bcid.effects.table import EFFECTS, ENTRIES, effect_ids
 from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 
-QUICK_ITERATIONS = 6  # along one tangent
-QUICK_TANGENTS = 4  # where starts are compared on a part of a take
+QUICK = Effort(tangents=4, iterations=6, climbs=False)
+"""Where starts are compared on a part of a take, and of refits along one tangent."""
 
 ABSORBED_BY_BASE_MODEL = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
 """Effects that a refitted base model takes up so far that no score test beside it shows them."""
@@ -63,7 +64,7 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
             continue
         more, phi = h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters])
         starts.append((part, more, phi, fit.start[chosen], fit.scales))
-    quickly = partial(refit, iterations=QUICK_ITERATIONS, tangents=QUICK_TANGENTS)
+    quickly = partial(refit, effort=QUICK)
     best = max(map_converged(quickly, starts), key=lambda f: f.penalised_log_likelihood, default=None)
     if best is None:
         return []
@@ -71,14 +72,14 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
 
 
 def refit_along_tangent(fit: Fit, take: Take, candidate: CandidateEffect) -> Fit:
-    """Quick joint refit of `fit` with the candidate effect added: at most QUICK_ITERATIONS Gauss-Newton steps.
+    """Quick joint refit of `fit` with the candidate effect added: a few Gauss-Newton steps.
 
     Derivatives of the predictions by base parameters and initial states stay those of `fit`.  The effect starts at the
     values that the score test found, its place or time first moved to where the test promises most.
     """
     sharp = sharpen_places(fit, take, candidate)
     more, phi = fit.hypothesis.add_effect(candidate.effect, fit.phi, sharp.values)
-    return refit(take, more, phi, fit.start, fit.scales, QUICK_ITERATIONS, fit.tangent)
+    return refit(take, more, phi, fit.start, fit.scales, QUICK, fit.tangent)
 
 
 def refit_candidates_along_tangent(fit: Fit, take: Take, candidates: Iterable[CandidateEffect]) -> list[Fit]:

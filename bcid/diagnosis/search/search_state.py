@@ -7,8 +7,9 @@ and the likeliest fit without a remainder.
 import math
 from dataclasses import dataclass, field
 
-from bcid.diagnosis.remainder.fit import Explained, RemainderFit, explain, fit_with_remainder
-from bcid.diagnosis.remainder.functions import RemainderBasis, is_copy
+from bcid.diagnosis.remainder.explain import Explained, explain
+from bcid.diagnosis.remainder.fit import RemainderFit, allow_copies, fit_with_remainder
+from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
 from bcid.likelihood.newton import MIN_GAIN
 from bcid.likelihood.refit import Fit
@@ -28,6 +29,7 @@ class SearchState:
     likeliest: dict[frozenset[str], Fit] = field(default_factory=dict)  # without a remainder
     refused: dict[str, float] = field(default_factory=dict)  # effects, and nats that each adds at most
     _weighed_from: dict[frozenset[str], float] = field(default_factory=dict)  # log-likelihoods of the fits weighed
+    _explained: tuple[Fit, Explained] | None = None  # the fit that was explained last
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
     _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
     _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], RemainderFit] = field(default_factory=dict)
@@ -59,7 +61,11 @@ class SearchState:
     def explain(self, fit: Fit) -> Explained:
         """What a remainder explains beside a `fit` to first order."""
         known = self._already_weighed(fit)
-        return known.seen if known else explain(fit, self.take, self.basis)
+        if known:
+            return known.seen
+        if self._explained is None or self._explained[0] is not fit:
+            self._explained = fit, explain(fit, self.take, self.basis)
+        return self._explained[1]
 
     def beside_remainder(self, fit: Fit, seen: Explained | None = None, to_exceed: float = -math.inf) -> RemainderFit:
         """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order.
@@ -82,9 +88,16 @@ class SearchState:
         return self.weighed[key] if _likelihood(fit) - self._weighed_from.get(key, -math.inf) < MIN_GAIN else None
 
     def remember(self, weighed: RemainderFit) -> RemainderFit:
-        """The fit of greatest evidence with these effects, of the one `weighed` and what is kept; it is kept."""
+        """The fit of greatest evidence with these effects, of the one `weighed` and what is kept; it is kept.
+
+        Without the remainder it is the likeliest that is known.
+        """
         key = effects_of(weighed.named)
-        best = greater_evidence(self.weighed.get(key), weighed)
+        known = self.weighed.get(key)
+        best = known if known and known.log_evidence > weighed.log_evidence else weighed
+        likelier = self.likeliest.get(key)
+        if likelier and _likelihood(likelier) > _likelihood(best.named):
+            best = best._replace(named=likelier)
         if weighed.settled:
             self.weighed[key] = best
         return best
@@ -96,10 +109,7 @@ class SearchState:
         """
         key = (effects_of(rest.named), channels)
         if key not in self._with_copies:
-            seen = explain(rest.named, self.take, self.basis, channels)
-            helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
-            found = fit_with_remainder(rest.named, self.take, seen, channels) if helps else rest
-            self._with_copies[key] = found
+            self._with_copies[key] = allow_copies(rest, self.take, channels)
         return greater_evidence(rest, self._with_copies[key])
 
 

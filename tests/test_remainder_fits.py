@@ -1,0 +1,65 @@
+"""Fits with a remainder that are found from one another: with a name more, with copies of laws, and once again."""
+
+from __future__ import annotations
+
+import pytest
+from concealed import concealing
+
+from bcid.diagnosis.remainder.explain import basis_for, explain
+from bcid.diagnosis.remainder.fit import (
+    CONVERGED_NATS,
+    CONVERGED_SHARE,
+    RemainderFit,
+    add_beside_remainder,
+    allow_copies,
+    converge_further,
+    fit_with_remainder,
+)
+from bcid.diagnosis.search import refits
+from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.take import Take
+
+
+@pytest.fixture(scope="module")
+def unnamed_scrub() -> tuple[RemainderFit, Take]:
+    """A base model with a remainder that stands for tyres which scrub, and for a wheel that hangs to one side."""
+    fit, take = concealing(180.0, yaw_scrub=20.0, steering_offset=0.02)
+    return fit_with_remainder(fit, take, explain(fit, take, basis_for(fit, take))), take
+
+
+def quick_fit(rest: RemainderFit, take: Take, name: str, value: float) -> Fit:
+    """The fit without the remainder that has an effect more, along the tangent of that without."""
+    plain = rest.named
+    more, phi = plain.hypothesis.add_effect(name, plain.phi, [value])
+    return refit(take, more, phi, plain.start, plain.scales, refits.QUICK, plain.tangent)
+
+
+def test_a_right_name_takes_the_place_of_the_remainder_from_which_it_is_tried(
+    unnamed_scrub: tuple[RemainderFit, Take],
+) -> None:
+    """A wrong one adds nothing there, and costs nothing but its price."""
+    rest, take = converge_further(*unnamed_scrub), unnamed_scrub[1]
+    right = add_beside_remainder(rest, quick_fit(rest, take, "yaw_scrub", 5.0), take)
+    assert right.log_evidence > rest.log_evidence + 15.0
+    assert right.fit.hypothesis.effects[-1] == "yaw_scrub"
+    (size,) = refits.estimates_by_symbol(right.fit, "yaw_scrub").values()
+    assert size[0] == pytest.approx(20.0, rel=0.15)
+    wrong = add_beside_remainder(rest, quick_fit(rest, take, "motor_sag", 0.01), take)
+    assert -8.0 < wrong.log_evidence - rest.log_evidence < 4.0
+
+
+def test_a_further_refit_from_where_it_ended_gains_next_to_nothing(unnamed_scrub: tuple[RemainderFit, Take]) -> None:
+    """What it would gain would count for the name that is tried next."""
+    rest, take = unnamed_scrub
+    once = converge_further(rest, take)
+    assert once.log_evidence >= rest.log_evidence
+    assert converge_further(once, take).log_evidence - once.log_evidence < CONVERGED_NATS
+
+
+def test_copies_of_laws_are_added_to_the_functions_that_are_there(unnamed_scrub: tuple[RemainderFit, Take]) -> None:
+    rest, take = unnamed_scrub
+    copied = allow_copies(rest, take, ("steering",))
+    assert copied.log_evidence > rest.log_evidence + 8.0
+    assert "steering=" in copied.fit.hypothesis.remainder.channel
+    # without copies it is converged to its share, and is never less likely
+    assert 0.0 <= allow_copies(rest, take, ()).log_evidence - rest.log_evidence < CONVERGED_SHARE * rest.nats
