@@ -138,6 +138,21 @@ def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
     assert f"> {verdict_sentence(diagnosis)}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+def test_the_main_job_finds_what_the_readme_says() -> None:
+    """Figures of another machine may differ by a fraction of their standard error; names may not differ."""
+    from bcid.documents.diagnosis import DiagnosisDocument
+
+    made = ROOT / "workspace" / "diagnosis" / "diagnosis.json"
+    if not made.is_file():
+        pytest.skip("the main job has not been run here: `make run` does it")
+    found, told = (DiagnosisDocument.read(p) for p in (made, ROOT / "docs" / "results" / "diagnosis.json"))
+    assert [f.effect for f in found.findings] == [f.effect for f in told.findings]
+    for one, other in zip(found.findings, told.findings, strict=True):
+        assert one.parameters.keys() == other.parameters.keys()
+        for symbol, known in other.parameters.items():
+            assert one.parameters[symbol].value == pytest.approx(known.value, abs=known.se), symbol
+
+
 def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
     whole, quick = (ProveDocument.read(ROOT / "docs" / "results" / f"{name}.json") for name in ("prove", "prove_quick"))
     readme = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -61,5 +61,8 @@ def test_copies_of_laws_are_added_to_the_functions_that_are_there(unnamed_scrub:
     copied = allow_copies(rest, take, ("steering",))
     assert copied.log_evidence > rest.log_evidence + 8.0
     assert "steering=" in copied.fit.hypothesis.remainder.channel
+    # which channels are needed beside all names is read from what is seen with them
+    assert copied.seen.spread["steering="] > 0.0
+    assert "steering=" not in rest.seen.spread or rest.seen.spread["steering="] == 0.0
     # without copies it is converged to its share, and is never less likely
     assert 0.0 <= allow_copies(rest, take, ()).log_evidence - rest.log_evidence < CONVERGED_SHARE * rest.nats

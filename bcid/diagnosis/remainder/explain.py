@@ -83,14 +83,13 @@ def basis_for(fit: Fit, take: Take) -> RemainderBasis:
 
 
 @kept_under("remainder_error", "min_wave_nats")
-def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = ()) -> Explained:
+def explain(fit: Fit, take: Take, basis: RemainderBasis) -> Explained:
     """What a remainder explains beside a `fit`, to first order: smooth functions, and the waves that are needed.
 
-    Segments that the remainder explains gain weight, as in the likelihood.  Copies of laws that have names may be there
-    in the channels `copied`.
+    Segments that the remainder explains gain weight, as in the likelihood.
     """
     at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-    seen = _reweigh(at, Explained.of_nothing(at, basis), copied, REWEIGHTINGS)
+    seen = _reweigh(at, Explained.of_nothing(at, basis), (), REWEIGHTINGS)
     for _ in range(MOST_WAVES):
         moved = at.weigh(seen.weights).names_beside(seen.c)
         # what gains less than smooth functions err by is not worth its refits
@@ -103,17 +102,17 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...]
             at = at.with_functions(basis, fit.car())
         else:
             at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-        seen = _reweigh(at, seen.beside(basis), copied, 1)
+        seen = _reweigh(at, seen.beside(basis), (), 1)
     return seen
 
 
-def explain_with_copies(seen: Explained, fit: Fit, take: Take) -> Explained:
-    """What a remainder explains beside the `fit` where copies of laws that have names help, in any channel.
+def explain_with_copies(seen: Explained, fit: Fit, take: Take, copied: tuple[str, ...] = CHANNELS) -> Explained:
+    """What a remainder explains beside the `fit` where copies of laws that have names help, in the channels `copied`.
 
     `seen` is what it explains without, and its waves are those.
     """
     at = gather_information(fit, take, seen.basis, np.zeros(len(seen.basis.size)))
-    return _reweigh(at, seen, CHANNELS, 1)
+    return _reweigh(at, seen, copied, 1)
 
 
 def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], times: int) -> Explained:

@@ -16,7 +16,7 @@ from bcid.aliases import Floats, Ints
 from bcid.diagnosis.kept_steps import kept_under
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.evidence import Quadratic, likeliest_spreads
-from bcid.diagnosis.remainder.explain import Explained, explain
+from bcid.diagnosis.remainder.explain import Explained, explain_with_copies
 from bcid.diagnosis.remainder.functions import RemainderBasis, is_copy
 from bcid.diagnosis.remainder.information import gather_information
 from bcid.effects.remainder import MOST
@@ -114,15 +114,16 @@ def converge_further(rest: RemainderFit, take: Take) -> RemainderFit:
     return _refit_until_stable(rest, rest.on, further, take, (), -np.inf, rounds=1)
 
 
-@kept_under("near_nats", "remainder_error", "min_wave_nats")
+@kept_under("near_nats")
 def allow_copies(rest: RemainderFit, take: Take, copied: tuple[str, ...]) -> RemainderFit:
     """The fit with copies of laws that have names among the functions beside it, in the channels `copied`.
 
-    It is `rest` itself where they do not help.
+    What is seen to first order is seen with them.  It is `rest` itself where they do not help.
     """
+    seen = explain_with_copies(rest.seen._replace(basis=rest.basis), rest.named, take, copied)
     if len(rest.on):
-        return _refit_until_stable(rest, rest.on, rest.fit, take, copied, -np.inf)
-    seen = explain(rest.named, take, rest.basis, copied)
+        found = _refit_until_stable(rest, rest.on, rest.fit, take, copied, -np.inf)
+        return found._replace(seen=seen) if found is not rest else rest
     helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
     return fit_with_remainder(rest.named, take, seen, copied) if helps else rest
 
