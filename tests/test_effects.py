@@ -41,8 +41,20 @@ from bcid.effects.lags import first_order_lag
 from bcid.effects.listing import describe_effect, effect_json
 from bcid.effects.measurement import to_pose_clock
 from bcid.effects.motion import integrate_body, steady_lags
-from bcid.effects.remainder import COLUMNS, no_remainder
-from bcid.effects.table import ANY_ON_BODY, EFFECTS, ENTRIES, REMAINDER, REMAINDERS, effect_switches
+from bcid.effects.remainder import no_remainder
+from bcid.effects.remainder_table import COLUMNS
+from bcid.effects.table import (
+    ANGLE,
+    ANGLES,
+    ANY_ON_BODY,
+    EFFECTS,
+    ENTRIES,
+    FACTOR,
+    POWERS,
+    REMAINDER,
+    REMAINDERS,
+    effect_switches,
+)  # fmt: skip
 from bcid.effects.tyres import load_transfer
 from bcid.likelihood import lane_rollout
 from bcid.models.newton_euler import augmented_step
@@ -133,7 +145,8 @@ def test_what_can_be_fitted_is_the_vocabulary_and_the_corrections() -> None:
     corrections = ["tyre_fall", "slip_speed", "two_rear_wheels", "steering_scale", "motor_fade", "throttle_timing"]
     assert sorted(ENTRIES) == sorted([*VOCABULARY, *corrections])
     fields = [f for e in ENTRIES.values() for f in e.fields]
-    assert sorted([*fields, ANY_ON_BODY, REMAINDERS, REMAINDER]) == sorted(effect_switches().dtype.names)
+    others = ANY_ON_BODY, REMAINDERS, REMAINDER, FACTOR, ANGLES, ANGLE, POWERS
+    assert sorted([*fields, *others]) == sorted(effect_switches().dtype.names)
     for e in ENTRIES.values():
         assert [getattr(effect_switches(), f) for f in e.fields] == [p.off for p in e.parameters]
 

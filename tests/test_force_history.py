@@ -9,18 +9,8 @@ from test_remainder import with_functions
 from test_variational import estimate, part, shove  # noqa: F401  # fixtures
 
 from bcid.aliases import Floats
-from bcid.effects.remainder import (
-    COEFFICIENT,
-    COLUMNS,
-    DIRECTION,
-    DIRECTIONS,
-    INPUTS,
-    PHASE,
-    ROLLING_V,
-    WAVE,
-    WheelDirections,
-    unit_remainder,
-)
+from bcid.effects.remainder import WheelDirections, unit_remainder
+from bcid.effects.remainder_table import COEFFICIENT, COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, ROLLING_V, WAVE
 from bcid.likelihood.force_history import (
     ACTIONS,
     HEADING,

@@ -13,7 +13,7 @@ from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.explain import Explained
 from bcid.diagnosis.remainder.functions import RemainderBasis
-from bcid.effects.remainder import COLUMNS, INPUTS, WAVE
+from bcid.effects.remainder_table import COLUMNS, INPUTS, WAVE
 from bcid.likelihood.tracking_functions import TRACKING_COLUMNS
 
 

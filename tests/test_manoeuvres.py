@@ -41,7 +41,7 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
+from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.prepare import scale_at_speed
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, SEGMENT_S, Take, concatenate_takes
@@ -191,7 +191,7 @@ def test_information_is_the_dense_algebra() -> None:
     take = take.part(np.array([4, 9]))
     r = pose_residuals(take, setting, take.start)
     J = parameter_jacobian(take, BASE, phi, take.start, r, range(BASE.base_size))
-    A = nuisance_sensitivities(take, setting, take.start)
+    A = linearise_nuisances(take, setting, take.start).A
     found = segment_information(take, setting, SCALES, J)
     prior = np.r_[np.full(6, 1e4), np.tile(SCALES.q**2, 3)]
     assert len(prior) == N_NUISANCE

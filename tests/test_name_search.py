@@ -18,7 +18,7 @@ from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.rivals import Alternatives
 from bcid.diagnosis.search.screen import CandidateEffect
 from bcid.diagnosis.search.search_state import SearchState
-from bcid.effects.remainder import DIRECTION, DIRECTIONS
+from bcid.effects.remainder_table import DIRECTION, DIRECTIONS
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
 

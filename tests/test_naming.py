@@ -32,8 +32,8 @@ from bcid.likelihood.marginal import (
     student_log_densities,
 )
 from bcid.likelihood.newton import bounded_newton_step
-from bcid.likelihood.nuisance import LinearisedResiduals, pose_residuals
-from bcid.likelihood.prediction_inputs import ChangedCars, PredictionInputs
+from bcid.likelihood.nuisance import AboutNuisances, pose_residuals
+from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import (
     fit_base,
 )
@@ -146,20 +146,18 @@ def test_parameters_that_are_held_are_no_better_than_fitted_ones(null_fit: Fit, 
 
 def test_a_step_out_of_the_numbers_is_no_step(null_fit: Fit, null_take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
     """A refit goes on with shorter ones, or stays where it is."""
-    linearise, asked, stiffest = nuisance.linearise_residuals, list[float](), 0.998 * null_fit.car().C_f
+    linearise, asked, stiffest = nuisance.linearise_nuisances, list[float](), 0.998 * null_fit.car().C_f
 
     def spun(take: Take, setting: PredictionInputs, start: np.ndarray) -> np.ndarray:
         asked.append(setting.car.C_f)
         r = pose_residuals(take, setting, start)
         return r * np.inf if setting.car.C_f > stiffest else r
 
-    def spun_too(
-        take: Take, setting: PredictionInputs, start: np.ndarray, changed: ChangedCars | None = None
-    ) -> LinearisedResiduals:
-        at = linearise(take, setting, start, changed)
+    def spun_too(take: Take, setting: PredictionInputs, start: np.ndarray) -> AboutNuisances:
+        at = linearise(take, setting, start)
         return at._replace(r=at.r * np.inf) if setting.car.C_f > stiffest else at
 
-    monkeypatch.setattr(nuisance, "linearise_residuals", spun_too)
+    monkeypatch.setattr(nuisance, "linearise_nuisances", spun_too)
     for module in nuisance, refit_state:
         monkeypatch.setattr(module, "pose_residuals", spun)
     fit = refit(null_take, null_fit.hypothesis, null_fit.phi - 0.005, null_fit.start, null_fit.scales)

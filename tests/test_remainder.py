@@ -14,7 +14,7 @@ from test_variational import BASE, Instant, at_steps, drive, estimate, part, sho
 
 from bcid.diagnosis.limits import LOCATE_LIMITS
 from bcid.diagnosis.remainder.evidence import SPREADS, Quadratic, channel_worths, likeliest_spreads
-from bcid.diagnosis.remainder.explain import Explained, basis_for, explain
+from bcid.diagnosis.remainder.explain import Explained, basis_for, explain, explain_with_copies
 from bcid.diagnosis.remainder.fit import fit_with_remainder, needed_functions
 from bcid.diagnosis.remainder.functions import (
     CHANNELS,
@@ -28,7 +28,7 @@ from bcid.diagnosis.remainder.functions import (
     channel_of,
     remainder_basis,
 )
-from bcid.effects.remainder import (
+from bcid.effects.remainder_table import (
     COEFFICIENT,
     COLUMNS,
     DIRECTION,
@@ -42,7 +42,7 @@ from bcid.effects.remainder import (
 from bcid.effects.table import effect_switches
 from bcid.likelihood.force_history import ACTIONS, HISTORY
 from bcid.likelihood.lane_rollout import segment_layout
-from bcid.likelihood.nuisance import linearise_residuals
+from bcid.likelihood.nuisance import linearise_nuisances, linearise_residuals
 from bcid.likelihood.predict import FINE, linearise_poses, predict_poses, wrap_yaw
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import refit
@@ -64,7 +64,7 @@ def draw_functions(rng: np.random.Generator, each: int, size: float) -> np.ndarr
 
 def with_functions(take: Take, functions: np.ndarray, on: dict[str, float]) -> PredictionInputs:
     known = BASE.prediction_inputs(BASE.phi_of(BASE.nominal), take)
-    return known._replace(switches=effect_switches(on, functions))
+    return known._replace(switches=effect_switches(on, functions), functions=functions)
 
 
 @pytest.mark.parametrize(
@@ -82,6 +82,9 @@ def test_derivatives_of_functions_without_a_name(part: Take, on: dict[str, float
     table, start, layout = draw_functions(rng, 2, 0.05), shove(part), segment_layout(part)
     inputs = with_functions(part, table, on)
     r, A, J = linearise_residuals(part, inputs, start)
+    alone = linearise_nuisances(part, inputs, start)  # pushes as they are, not summed over knots
+    np.testing.assert_allclose(alone.r, r, atol=1e-12)
+    np.testing.assert_allclose(alone.A, A, rtol=1e-9, atol=1e-10)
     poses, derivatives = part.pose - r, np.concatenate([A, J], axis=2)
     assert derivatives.shape[2] == N_NUISANCE + len(table)
     predicted = predict_poses(layout, start, *inputs.kernel_arguments)
@@ -496,7 +499,8 @@ def test_copies_explain_only_in_channels_that_are_asked_for() -> None:
     """An angle that the wheel always has, which smooth functions explain in part."""
     fit, take = concealing(180.0, steering_offset=0.02)
     basis = basis_for(fit, take)
-    none, other, own = (explain(fit, take, basis, copied) for copied in ((), ("fx", "pose"), ("steering",)))
+    none = explain(fit, take, basis)
+    other, own = (explain_with_copies(none, fit, take, copied) for copied in (("fx", "pose"), ("steering",)))
     assert not [n for n, tau in none.spread.items() if n.endswith("=") and tau > 0.0]
     assert {n for n, tau in other.spread.items() if n.endswith("=") and tau > 0.0} <= {"fx=", "pose="}
     assert [n for n, tau in own.spread.items() if n.endswith("=") and tau > 0.0] == ["steering="]
@@ -509,9 +513,9 @@ def test_copies_explain_only_in_channels_that_are_asked_for() -> None:
 
 def test_a_refit_holds_copies_only_in_channels_that_are_asked_for() -> None:
     fit, take = concealing(180.0, steering_offset=0.02)
-    basis = basis_for(fit, take)
+    seen = explain(fit, take, basis_for(fit, take))
     without, copied = (
-        fit_with_remainder(fit, take, explain(fit, take, basis, own), own) for own in ((), ("steering",))
+        fit_with_remainder(fit, take, explain_with_copies(seen, fit, take, own), own) for own in ((), ("steering",))
     )
     assert not [n for n in without.fit.hypothesis.remainder.channel if n.endswith("=")]
     assert [n for n in copied.fit.hypothesis.remainder.channel if n.endswith("=")] == ["steering="]

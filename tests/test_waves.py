@@ -24,7 +24,7 @@ from bcid.diagnosis.remainder.waves import (
     add_waves,
     find_wave,
 )
-from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
+from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import SEGMENT_S, Take
 from bcid.likelihood.tracking_functions import (

@@ -9,7 +9,8 @@ from llvmlite import ir
 from numba import types
 from numba.core.errors import TypingError
 
-from bcid.compiled.lanes import INDEX, LANES, VECTOR, lanes, numba_intrinsic
+from bcid.aliases import Floats
+from bcid.compiled.lanes import INDEX, LANES, OPTIONS, VECTOR, LanesType, lanes, numba_intrinsic, numba_overload
 
 
 def _require_doubles(numbers: Any) -> None:
@@ -67,3 +68,34 @@ def gather_lanes(_typing: Any, numbers: Any, places: Any, ahead: Any) -> Any:
     if not (isinstance(places, types.Array) and (places.dtype, places.layout) == (types.int64, "C")):
         raise TypingError("lanes are picked at places of a contiguous array of int64 only")
     return lanes(numbers, places, types.int64), code
+
+
+def get_like(like: float, numbers: Floats, i: int) -> float:
+    """Number `i` of a contiguous array of doubles; vector `i` of LANES of them where `like` is a vector."""
+    number: float = numbers[i]
+    return number
+
+
+def put_like(x: float, numbers: Floats, i: int) -> None:
+    """Write `x` to place `i` of a contiguous array of doubles, or of vectors of LANES of them where it is a vector."""
+    numbers[i] = x
+
+
+def _put_number(x, numbers, i):  # type: ignore[no-untyped-def]
+    """`put_like` of a number, as numba compiles it."""
+    numbers[i] = x
+
+
+# written without annotations for numba, which compares those of the choice and of what is chosen
+numba_overload(get_like, jit_options=OPTIONS)(
+    lambda like, numbers, i: (
+        (lambda like, numbers, i: load_lanes(numbers, i * LANES))
+        if isinstance(like, LanesType)
+        else (lambda like, numbers, i: numbers[i])
+    )
+)
+numba_overload(put_like, jit_options=OPTIONS)(
+    lambda x, numbers, i: (
+        (lambda x, numbers, i: store_lanes(x, numbers, i * LANES)) if isinstance(x, LanesType) else _put_number
+    )
+)

@@ -26,8 +26,9 @@ LANES = 8
 _DOUBLE, _BIT, INDEX = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_BIT, LANES)
 numba_intrinsic: Any = intrinsic  # numba's own types know nothing of these
-_OPTIONS: Any = {"forceinline": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-_overload: Any = partial(overload, jit_options=_OPTIONS)
+numba_overload: Any = overload
+OPTIONS: Any = {"forceinline": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_overload: Any = partial(numba_overload, jit_options=OPTIONS)
 
 
 class LanesType(types.Type):

@@ -1,8 +1,9 @@
 """The vocabulary of missing physics: in each family's module the equations as compiled functions, and their entries.
 
 Families: `tyres`, `motor`, `steering`, `forces` (on the body), `measurement` (of the pose); `corrections` (flaws of the
-base model that are no effects), `remainder` (what has no name), with the numbers of `constants` and the `lags` in
-closed form.  They act in `actuators` (from commands to wheel and throttle), `car` (the equations of motion) and
-`motion` (their integration); `motor_past` is what a lagging motor has from before.
+base model that are no effects), `remainder` (what has no name), its table of functions (`remainder_table`) and how they
+are computed (`harmonics`), with the numbers of `constants` and the `lags` in closed form.  They act in `actuators`
+(from commands to wheel and throttle), `car` (the equations of motion) and `motion` (their integration); `motor_past` is
+what a lagging motor has from before.
 `entry` is what an effect declares, `table` lists all, `listing` prints them.
 """

@@ -12,14 +12,8 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
-from bcid.effects.remainder import (
-    ROLLING_V,
-    RemainderAction,
-    RemainderInputs,
-    WheelDirections,
-    remainder_inputs,
-    sum_remainder,
-)
+from bcid.effects.remainder import RemainderAction, WheelDirections, remainder_inputs, sum_remainder
+from bcid.effects.remainder_table import ROLLING_V, RemainderInputs
 from bcid.physics.car import Car, forward_motor_force, motor_force, wrench_of_axles
 from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity

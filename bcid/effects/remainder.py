@@ -9,45 +9,24 @@ from typing import NamedTuple
 
 from bcid.aliases import Switches
 from bcid.compiled.njit import njit, njit_inline
+from bcid.effects.harmonics import ON_COSINE, ON_SINE, angle_powers, product_of_powers
+from bcid.effects.remainder_table import (
+    BODY_X,
+    COEFFICIENT,
+    DIRECTION,
+    DRIVEN_ALONG,
+    FRONT_ACROSS,
+    FRONT_ALONG,
+    REAR_ACROSS,
+    ROLLING,
+    WORLD_X,
+    WORLD_Y,
+    YAW,
+    RemainderInputs,
+)
 from bcid.physics.car import Car
-from bcid.physics.elementary import sincos
 from bcid.physics.kinematics import wheel_velocity
 from bcid.physics.tyres import slip_angle
-
-INPUTS = ("v_x", "omega", "v_fx", "alpha_f", "alpha_r", "delta", "delta_rate", "u_m", "p_x", "p_y", "t")
-"""What the functions depend on: m/s and rad/s of the body, the front hub's speed along the wheel (m/s), slip angles
-(rad), the steering angle and its rate (rad, rad/s), the throttle, the place on the floor (m), the recording's time (s).
-"""
-
-DIRECTIONS = (
-    "body_x", "front_along", "front_across", "rear_across", "yaw", "world_x", "world_y", "driven_along", "rolling",
-    "wheel_angle",
-)  # fmt: skip
-"""In which a function acts: as a force over the mass (m/s^2) along or across the body, a wheel or the floor, or the way
-that the car rolls, as a moment over the inertia (rad/s^2), or as a change of the steered wheel's angle (rad)."""
-
-BODY_X, FRONT_ALONG, FRONT_ACROSS, REAR_ACROSS, YAW, WORLD_X, WORLD_Y, DRIVEN_ALONG, ROLLING, WHEEL_ANGLE = range(10)
-COEFFICIENT, DIRECTION, PHASE, WAVE = 0, 1, 2, 3  # columns of the table of functions; the last and those behind it: k_j
-COLUMNS = WAVE + len(INPUTS)
-ROLLING_V = 0.05  # m/s, well above which a car rolls: where dry friction has its full size
-MOST = 224
-"""Functions that the table has room for."""
-
-
-class RemainderInputs(NamedTuple):
-    """The quantities on which a remainder's functions depend, in the order of INPUTS."""
-
-    v_x: float
-    omega: float
-    v_fx: float
-    alpha_f: float
-    alpha_r: float
-    delta: float
-    delta_rate: float
-    u_m: float
-    p_x: float
-    p_y: float
-    t: float
 
 
 class RemainderAction(NamedTuple):
@@ -89,23 +68,6 @@ def remainder_inputs(
 
 
 @njit_inline
-def function_angle(e: Switches, j: int, s: RemainderInputs) -> float:
-    """k_j . s + phi_j (rad) of function `j` of the remainder in `e` at the inputs `s`."""
-    k = e.remainder
-    angle: float = k[j, PHASE] + k[j, WAVE] * s.v_x + k[j, WAVE + 1] * s.omega + k[j, WAVE + 2] * s.v_fx
-    angle += k[j, WAVE + 3] * s.alpha_f + k[j, WAVE + 4] * s.alpha_r + k[j, WAVE + 5] * s.delta
-    angle += k[j, WAVE + 6] * s.delta_rate + k[j, WAVE + 7] * s.u_m + k[j, WAVE + 8] * s.p_x
-    angle += k[j, WAVE + 9] * s.p_y + k[j, WAVE + 10] * s.t
-    return angle
-
-
-@njit_inline
-def remainder_function(e: Switches, j: int, s: RemainderInputs) -> float:
-    """cos(k_j . s + phi_j), function `j` of the remainder in `e` at the inputs `s`, without its coefficient."""
-    return sincos(function_angle(e, j, s))[1]
-
-
-@njit_inline
 def unit_remainder(direction: float, w: WheelDirections, p: Car) -> RemainderAction:
     """What a function adds whose value is 1 and that acts in a `direction`."""
     zero = 0.0 * w.sin_d
@@ -144,13 +106,14 @@ def add_to_remainder(rest: RemainderAction, unit: RemainderAction, amount: float
 @njit
 def sum_remainder(s: RemainderInputs, w: WheelDirections, p: Car, e: Switches) -> RemainderAction:
     """What all functions of the remainder in `e` add together at the inputs `s`."""
-    j, rest = 0, no_remainder(s.v_x)
+    j, rest, powers = 0, no_remainder(s.v_x), angle_powers(e, s)
     while j < e.remainders:
         # functions that follow each other in one direction are turned into it together
         direction, amount = e.remainder[j, DIRECTION], 0.0 * s.v_x
         while j < e.remainders and e.remainder[j, DIRECTION] == direction:
             if e.remainder[j, COEFFICIENT] != 0.0:
-                amount += e.remainder[j, COEFFICIENT] * remainder_function(e, j, s)
+                x, y = product_of_powers(e, j, powers, s.v_x)
+                amount += e.remainder[j, ON_COSINE] * x + e.remainder[j, ON_SINE] * y
             j += 1
         rest = add_to_remainder(rest, unit_remainder(direction, w, p), amount)
     return rest

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from bcid.aliases import Floats
-from bcid.effects import forces, measurement, motor, remainder, steering, tyres
+from bcid.effects import forces, harmonics, measurement, motor, steering, tyres
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.entry import Effect
+from bcid.effects.harmonics import AnglePlan
+from bcid.effects.remainder_table import COLUMNS, MOST
 from bcid.errors import UsageError
 
 EFFECTS: dict[str, Effect] = {
@@ -26,8 +28,12 @@ OFF: dict[str, float] = {name: p.off for e in ENTRIES.values() for name, p in zi
 ANY_ON_BODY = "any_on_body"
 """Field of the switches beside the parameters: 1 where an effect with a name acts on forces on the body, else 0."""
 
-REMAINDERS, REMAINDER = "remainders", "remainder"
-"""Fields of the switches for what has no name: how many functions, and the table of them (`bcid.effects.remainder`)."""
+REMAINDERS, REMAINDER, FACTOR = "remainders", "remainder", "factor"
+"""Fields of the switches for what has no name: how many functions, and the table of them (`bcid.effects.remainder`);
+of which powers each is a product (`bcid.effects.harmonics`)."""
+
+ANGLES, ANGLE, POWERS = "angles", "angle", "powers"
+"""Fields for the angles from which functions are computed: how many, the table of them, and how many powers."""
 
 BESIDE_BODY = (
     "steering_backlash", "steering_dead_band", "steering_delay", "steering_lag", "steering_rate_asymmetry",
@@ -41,18 +47,23 @@ _LAYOUT = np.dtype(
     (
         np.record,
         [
-            *((name, np.float64) for name in (*OFF, ANY_ON_BODY, REMAINDERS)),
-            (REMAINDER, np.float64, (remainder.MOST, remainder.COLUMNS)),
+            *((name, np.float64) for name in (*OFF, ANY_ON_BODY, REMAINDERS, ANGLES, POWERS)),
+            (REMAINDER, np.float64, (MOST, harmonics.PLANNED_COLUMNS)),
+            (FACTOR, np.int64, (MOST, 1 + harmonics.FACTORS)),
+            (ANGLE, np.float64, (harmonics.MOST_ANGLES, harmonics.ANGLE_COLUMNS)),
         ],
     )
 )
-NO_FUNCTIONS = np.zeros((0, remainder.COLUMNS))
+NO_FUNCTIONS = np.zeros((0, COLUMNS))
 
 
-def effect_switches(on: Mapping[str, float] | None = None, functions: Floats = NO_FUNCTIONS) -> Any:
+def effect_switches(
+    on: Mapping[str, float] | None = None, functions: Floats = NO_FUNCTIONS, plan: AnglePlan | None = None
+) -> Any:
     """Parameters of all effects as one numpy record with fields such as "rough_patch__b", for the compiled functions.
 
-    With it go the `functions` (K, COLUMNS) of a remainder, which has no name (`bcid.effects.remainder`).
+    With it go the `functions` (K, COLUMNS) of a remainder, which has no name (`bcid.effects.remainder`), and the `plan`
+    by which they are computed; where none is given each has an angle of its own.
 
     Values come from `on`, by field; parameters not in `on` have the value at which their effect is off, and with all
     off the car is the base model to the last bit.  A record is passed by its address: copying some sixty numbers at
@@ -63,8 +74,17 @@ def effect_switches(on: Mapping[str, float] | None = None, functions: Floats = N
     switches = np.zeros((), dtype=_LAYOUT)
     for name, value in values.items():
         switches[name] = value
-    switches[ANY_ON_BODY], switches[REMAINDERS] = on_body, len(functions)
-    switches[REMAINDER][: len(functions)] = functions
+    switches[ANY_ON_BODY] = on_body
+    if len(functions):
+        plan = plan or harmonics.plan_angles(functions)
+        angles, K = plan.angles, len(functions)
+        switches[REMAINDERS], switches[ANGLES] = K, len(angles)
+        switches[POWERS] = angles[:, [harmonics.POWERS, harmonics.INVERSE_POWERS]].sum()
+        switches[REMAINDER][:K], switches[FACTOR][:K] = (
+            harmonics.planned_table(functions, plan),
+            plan.factors[plan.order],
+        )
+        switches[ANGLE][: len(angles)] = angles
     return switches[()]
 
 

@@ -20,7 +20,7 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
+from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.projection import linearise_fit, project_out_fit
 from bcid.likelihood.refit import Fit
@@ -106,7 +106,7 @@ def tangent_fit(hypothesis: Hypothesis, phi: Floats, scales: Scales, take: Take)
     inputs = hypothesis.prediction_inputs(phi, take)
     r = pose_residuals(take, inputs, take.start)
     J = parameter_jacobian(take, hypothesis, phi, take.start, r, range(hypothesis.base_size))
-    tangent = Tangent(nuisance_sensitivities(take, inputs, take.start), J)
+    tangent = Tangent(linearise_nuisances(take, inputs, take.start).A, J)
     covariance = np.full((hypothesis.size, hypothesis.size), np.nan)
     return Fit(hypothesis, phi, take.start, scales, np.nan, np.zeros(take.segments), covariance, tangent)
 

@@ -16,7 +16,7 @@ from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import Scales, checked_marginal_terms, score_and_information, segment_moments
-from bcid.likelihood.nuisance import nuisance_sensitivities, pose_residuals
+from bcid.likelihood.nuisance import linearise_nuisances, pose_residuals
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.refit import Fit
@@ -67,7 +67,7 @@ def segment_information(take: Take, inputs: PredictionInputs, scales: Scales, co
     Raises:
         PredictionDiverged: where rounding errors make the marginalisation meaningless.
     """
-    A, still = nuisance_sensitivities(take, inputs, take.start), np.zeros_like(take.pose)
+    A, still = linearise_nuisances(take, inputs, take.start).A, np.zeros_like(take.pose)
     root = checked_marginal_terms(segment_moments(still, A, take.first), scales).root
     return np.asarray(score_and_information(still, A, columns, take.first, scales.r, root)[1])
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Floats, Ints
-from bcid.effects.remainder import (
+from bcid.effects.remainder_table import (
     BODY_X,
     DIRECTION,
     DRIVEN_ALONG,

@@ -15,7 +15,8 @@ from bcid.aliases import Bools, Floats
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import MEASURED_SPEED, RAW_COMMANDS
 from bcid.effects.entry import Effect, Parameter, VehicleScale, resize_effect
-from bcid.effects.remainder import COEFFICIENT
+from bcid.effects.harmonics import AnglePlan
+from bcid.effects.remainder_table import COEFFICIENT
 from bcid.effects.table import ENTRIES, NO_FUNCTIONS, effect_switches
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.prediction_inputs import PredictionInputs, cached_actuator_chain
@@ -80,6 +81,7 @@ class RemainderFunctions(NamedTuple):
     tracking: Floats  # (M, TRACKING_COLUMNS) as in `bcid.likelihood.tracking_functions`, likewise
     channel: tuple[str, ...]  # (B + M,) in which each acts
     sd: Floats  # (B + M,) prior standard deviations of the coefficients (m/s^2, rad/s^2, rad, m, s)
+    plan: AnglePlan | None = None  # by which those on the body are computed
 
 
 NO_REMAINDER = RemainderFunctions(NO_FUNCTIONS, NO_TRACKING, (), np.zeros(0))
@@ -296,5 +298,6 @@ class Hypothesis:
     def prediction_inputs(self, phi: Floats, take: Take) -> PredictionInputs:
         """The car, effect switches and commands after the actuators that predict `take` at the parameter vector phi."""
         car, (body, tracking) = self.car(phi), self.functions(phi)
-        e = effect_switches(self.effect_values(phi), body)
-        return PredictionInputs(car, e, cached_actuator_chain(take, car, self.angle_limit, e), self.constants, tracking)
+        e = effect_switches(self.effect_values(phi), body, self.remainder.plan)
+        chain = cached_actuator_chain(take, car, self.angle_limit, e)
+        return PredictionInputs(car, e, chain, self.constants, body, tracking)

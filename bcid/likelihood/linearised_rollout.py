@@ -20,7 +20,7 @@ from bcid.effects.car import (
 )
 from bcid.effects.constants import Constants
 from bcid.effects.motion import stage_actuation
-from bcid.effects.remainder import INPUTS
+from bcid.effects.remainder_table import INPUTS
 from bcid.likelihood.lag_derivatives import store_steady
 from bcid.likelihood.lane_rollout import (
     PATH_SIZE,

@@ -27,7 +27,7 @@ def evaluate_at(
     chi^2 from their measured poses.  The standard deviations of noise and pushes are estimated from `scales` in at most
     `em_steps` of expectation maximisation.
     """
-    at = nuisance.linearise_residuals(problem.take, problem.hypothesis.prediction_inputs(phi, problem.take), start)
+    at = nuisance.linearise_nuisances(problem.take, problem.hypothesis.prediction_inputs(phi, problem.take), start)
     state = build_state(problem, phi, start.copy(), scales, at.r, at.A, em_steps)
     return settle_initial_states(problem, restart_misfitting_segments(problem, state, em_steps), em_steps)
 

@@ -23,6 +23,13 @@ RECENT_PREDICTIONS = 12
 _RECENT: dict[Any, tuple[tuple[Any, ...], Floats]] = {}
 
 
+class AboutNuisances(NamedTuple):
+    """Measured less predicted poses, and the derivatives of the predicted ones by the nuisance parameters."""
+
+    r: Floats  # (N, 3)
+    A: Floats  # (N, 3, N_NUISANCE)
+
+
 class LinearisedResiduals(NamedTuple):
     """Measured less predicted poses, and the derivatives of the predicted ones."""
 
@@ -39,6 +46,15 @@ class LinearisedHistories(NamedTuple):
     J: Floats  # (N, 3, R) by R parameters of the car
     history: ForceHistory
     poses: Floats  # (N, 3) that are predicted, before what the tracking does without a name
+
+
+def linearise_nuisances(take: Take, inputs: PredictionInputs, start: Floats) -> AboutNuisances:
+    """Measured less predicted poses from `start` (S, N_NUISANCE), and derivatives of predicted poses by it.
+
+    By the variational equation.  Pushes are disturbance accelerations, constant over 0.5 s each.
+    """
+    poses, (by_state, _, by_pushes), _ = _linearise(take, inputs, start, None, COARSE)
+    return AboutNuisances(_residuals(take, inputs, poses), np.concatenate([by_state, by_pushes], axis=2))
 
 
 def linearise_residuals(
@@ -70,9 +86,7 @@ def linearise_histories(
     poses, (by_state, J, D), along = _linearise(take, inputs, start, changed, FINE)
     by_pushes = (D.reshape(-1, HISTORY) @ PUSHES).reshape(len(D), 3, -1)
     A = np.concatenate([by_state, by_pushes], axis=2)
-    seen = tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
-    r = wrap_yaw(take.pose - poses - seen)
-    return LinearisedHistories(r, A, J, ForceHistory(D, along), poses)
+    return LinearisedHistories(_residuals(take, inputs, poses), A, J, ForceHistory(D, along), poses)
 
 
 def _linearise(
@@ -91,7 +105,11 @@ def pose_residuals(take: Take, inputs: PredictionInputs, start: Floats) -> Float
     `start` (S, N_NUISANCE) holds each segment's initial state and pushes (constant disturbances over 0.5 s); `inputs`
     are the car, the effects' parameters and the commands after the actuators.
     """
-    poses = _predict_once(segment_layout(take), inputs, start)
+    return _residuals(take, inputs, _predict_once(segment_layout(take), inputs, start))
+
+
+def _residuals(take: Take, inputs: PredictionInputs, poses: Floats) -> Floats:
+    """Measured less predicted `poses` (N, 3), these as the tracking shows them by what it does without a name."""
     if len(inputs.tracking):
         poses = poses + tracking_changes(inputs.tracking, poses, take.seen_rows) @ inputs.tracking[:, AMOUNT]
     return wrap_yaw(take.pose - poses)
@@ -111,14 +129,6 @@ def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats
         _RECENT.pop(next(iter(_RECENT)))
     _RECENT[key] = arrays, poses  # the arrays are kept, so that their ids stay theirs
     return poses
-
-
-def nuisance_sensitivities(take: Take, inputs: PredictionInputs, start: Floats) -> Floats:
-    """Derivatives (N, 3, N_NUISANCE) of predicted poses by segments' initial states and pushes, at `start`.
-
-    By the variational equation.  Pushes are disturbance accelerations, constant over 0.5 s each.
-    """
-    return linearise_residuals(take, inputs, start).A
 
 
 def move_to_posterior(start: Floats, z: Floats) -> Floats:

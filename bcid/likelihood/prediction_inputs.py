@@ -3,12 +3,11 @@
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from bcid.aliases import Floats, Switches
 from bcid.effects.actuators import ActuatorChain, actuator_chain
 from bcid.effects.constants import Constants
 from bcid.effects.measurement import to_pose_clock
+from bcid.effects.table import NO_FUNCTIONS
 from bcid.likelihood.take import Take
 from bcid.likelihood.tracking_functions import NO_TRACKING
 from bcid.physics.car import Car
@@ -30,12 +29,8 @@ class PredictionInputs(NamedTuple):
     switches: Switches  # record of the effects' parameters
     chain: ActuatorChain
     constants: Constants
+    functions: Floats = NO_FUNCTIONS  # (K, COLUMNS) without a name that act on the body: the switches have them, too
     tracking: Floats = NO_TRACKING  # functions (M, TRACKING_COLUMNS) without a name that are added to seen poses
-
-    @property
-    def functions(self) -> Floats:
-        """Functions (K, COLUMNS) without a name that act on the body."""
-        return np.asarray(self.switches["remainder"][: int(self.switches["remainders"])])
 
     @property
     def kernel_arguments(self) -> tuple[ActuatorChain, Car, Any, Constants]:

@@ -16,7 +16,9 @@ from bcid.effects.car import (
     replace_remainder,
     wheel_directions,
 )
-from bcid.effects.remainder import (
+from bcid.effects.harmonics import ON_COSINE, ON_SINE, angle_powers, product_of_powers
+from bcid.effects.remainder import RemainderAction, WheelDirections, add_to_remainder, no_remainder, unit_remainder
+from bcid.effects.remainder_table import (
     COEFFICIENT,
     DIRECTION,
     ROLLING,
@@ -24,13 +26,7 @@ from bcid.effects.remainder import (
     WAVE,
     WORLD_X,
     WORLD_Y,
-    RemainderAction,
     RemainderInputs,
-    WheelDirections,
-    add_to_remainder,
-    function_angle,
-    no_remainder,
-    unit_remainder,
 )
 from bcid.likelihood.step_derivatives import (
     SLOPE,
@@ -39,7 +35,6 @@ from bcid.likelihood.step_derivatives import (
     put,
 )
 from bcid.physics.car import Car
-from bcid.physics.elementary import sincos
 from bcid.physics.tyres import slip_angle_slopes
 
 
@@ -66,12 +61,13 @@ class SlipSlopes(NamedTuple):
 
 
 @njit_inline
-def _add_function(total: FunctionSum, e: Switches, j: int, s: RemainderInputs) -> FunctionSum:
-    """Function `j` of the remainder in `e` at the inputs `s`, added to `total`."""
-    k, (sin_j, cos_j) = e.remainder, sincos(function_angle(e, j, s))
-    c, slope = k[j, COEFFICIENT], -k[j, COEFFICIENT] * sin_j
+def _add_function(total: FunctionSum, e: Switches, j: int, powers: Floats) -> FunctionSum:
+    """Function `j` of the remainder in `e`, added to `total`; `powers` are those of `angle_powers`."""
+    k, (x, y) = e.remainder, product_of_powers(e, j, powers, total.value)
+    slope = k[j, ON_SINE] * x - k[j, ON_COSINE] * y
     return FunctionSum(
-        total.value + c * cos_j, total.v_x + slope * k[j, WAVE], total.omega + slope * k[j, WAVE + 1],
+        total.value + k[j, ON_COSINE] * x + k[j, ON_SINE] * y,
+        total.v_x + slope * k[j, WAVE], total.omega + slope * k[j, WAVE + 1],
         total.v_fx + slope * k[j, WAVE + 2], total.alpha_f + slope * k[j, WAVE + 3],
         total.alpha_r + slope * k[j, WAVE + 4], total.p_x + slope * k[j, WAVE + 8], total.p_y + slope * k[j, WAVE + 9],
     )  # fmt: skip
@@ -105,13 +101,14 @@ def differentiate_remainder(out: Floats, b: BodyState, act: Actuation, p: Car, e
         return act
     s, w = inputs_of_remainder(act, b, p), wheel_directions(b, act)
     slip, j, zero, rest = _slip_slopes(b, s, w, p), 0, 0.0 * b.v_x, no_remainder(b.v_x)
+    powers = angle_powers(e, s)
     for i in range(6):
         _put_remainder(out, i, rest)
     while j < e.remainders:
         direction, total = e.remainder[j, DIRECTION], FunctionSum(zero, zero, zero, zero, zero, zero, zero, zero)
         while j < e.remainders and e.remainder[j, DIRECTION] == direction:
             if e.remainder[j, COEFFICIENT] != 0.0:
-                total = _add_function(total, e, j, s)
+                total = _add_function(total, e, j, powers)
             j += 1
         unit, (v_x, v_y, omega) = unit_remainder(direction, w, p), _twist_slopes(total, slip, w, p)
         rest = add_to_remainder(rest, unit, total.value)

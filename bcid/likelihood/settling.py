@@ -13,7 +13,7 @@ from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import LinearisedResiduals, move_to_posterior
+from bcid.likelihood.nuisance import AboutNuisances, move_to_posterior
 from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, promised_nats, segment_worths
 from bcid.likelihood.take import Take, select_spans
 
@@ -108,13 +108,13 @@ class _Segments(NamedTuple):
 
     first: Ints  # (M + 1,) of M segments, rows from first[m] to first[m + 1]
     start: Floats  # (M, N_NUISANCE)
-    at: LinearisedResiduals
+    at: AboutNuisances
     terms: MarginalTerms
 
     def part(self, chosen: Ints) -> "_Segments":
         """Those of the segments that are `chosen`."""
         rows, first = select_spans(self.first, chosen)
-        at = LinearisedResiduals(*(array[rows] for array in self.at))
+        at = AboutNuisances(*(array[rows] for array in self.at))
         return _Segments(first, self.start[chosen], at, _part_of(self.terms, chosen))
 
 
@@ -124,7 +124,7 @@ def _linearise_from(problem: RefitProblem, state: RefitState, chosen: Ints, star
     Where a prediction is not finite the terms are NaN.
     """
     part, inputs = problem.take.part(chosen), problem.hypothesis.prediction_inputs(state.phi, problem.take)
-    at = nuisance.linearise_residuals(part, inputs, start)
+    at = nuisance.linearise_nuisances(part, inputs, start)
     return _Segments(part.first, start, at, _terms_along_tangent(at.A, at.r, part, state.scales))
 
 

@@ -21,7 +21,17 @@ from bcid.diagnosis.remainder.evidence import Quadratic
 from bcid.diagnosis.remainder.explain import Explained
 from bcid.diagnosis.remainder.functions import QUANTITIES, channel_of
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
-from bcid.effects.remainder import BODY_X, COLUMNS, DIRECTION, DIRECTIONS, DRIVEN_ALONG, INPUTS, WAVE, WHEEL_ANGLE, YAW
+from bcid.effects.remainder_table import (
+    BODY_X,
+    COLUMNS,
+    DIRECTION,
+    DIRECTIONS,
+    DRIVEN_ALONG,
+    INPUTS,
+    WAVE,
+    WHEEL_ANGLE,
+    YAW,
+)
 from bcid.likelihood.force_history import acting_values
 from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.predict import wrap_yaw

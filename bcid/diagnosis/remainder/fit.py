@@ -19,7 +19,7 @@ from bcid.diagnosis.remainder.evidence import Quadratic, likeliest_spreads
 from bcid.diagnosis.remainder.explain import Explained, explain_with_copies
 from bcid.diagnosis.remainder.functions import RemainderBasis, is_copy
 from bcid.diagnosis.remainder.information import gather_information
-from bcid.effects.remainder import MOST
+from bcid.effects.remainder_table import MOST
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.price import price_nats
@@ -84,18 +84,21 @@ def fit_with_remainder(
 
 @kept_under("near_nats")
 def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: float = -np.inf) -> RemainderFit:
-    """The fit `named`, which has one effect more than that in `rest`, with a remainder found from that in `rest`.
+    """The fit `named`, which has effects more than that in `rest`, with a remainder found from that in `rest`.
 
-    Where the effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
+    Where an effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
     it begins beside what explains them, at no size, and first tries that of `named`.  Refits end where their evidence
     cannot reach `to_exceed`.  What is seen to first order is that of `rest`.
     """
-    hypothesis, name = rest.fit.hypothesis, named.hypothesis.effects[-1]
-    values = [named.hypothesis.effect_values(named.phi)[f] for f in named.hypothesis.entries[name].fields]
-    parameters = hypothesis.entries[name].parameters
-    off = [v if p.is_place else p.off for v, p in zip(values, parameters, strict=True)]
-    more, phi = hypothesis.add_effect(name, rest.fit.phi, off)
-    _, ahead = hypothesis.add_effect(name, rest.fit.phi, values)
+    more, phi, ahead = rest.fit.hypothesis, rest.fit.phi, rest.fit.phi
+    known = named.hypothesis.effect_values(named.phi)
+    for name in named.hypothesis.effects:
+        if name in rest.fit.hypothesis.effects:
+            continue
+        values = [known[f] for f in more.entries[name].fields]
+        off = [v if p.is_place else p.off for v, p in zip(values, more.entries[name].parameters, strict=True)]
+        _, ahead = more.add_effect(name, ahead, values)
+        more, phi = more.add_effect(name, phi, off)
     near, effort = rest.fit, Effort(TANGENTS, least=CONVERGED_NATS, climbs=False)
     further = none_if_diverged(refit, take, more, phi, near.start, near.scales, effort, ahead=(ahead,))
     alone = RemainderFit.without_functions(named, rest.seen._replace(basis=rest.basis))

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.aliases import Bools, Floats, Ints
-from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
+from bcid.effects.harmonics import NO_HALF_WAVES, plan_angles
+from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.hypothesis import RemainderFunctions
 from bcid.likelihood.tracking_functions import (
     FIRST_WAVE,
@@ -71,6 +72,7 @@ class RemainderBasis(NamedTuple):
     size: Floats  # (K,) of a coefficient, beside others of its channel (m/s^2, rad/s^2, rad, m, s)
     yaw_size: float = 1.0  # rad/s^2 that count as much as 1 m/s^2
     price: float = 0.0  # nats that the choice of functions costs, where they were chosen after the data
+    half_waves: Floats = NO_HALF_WAVES  # (len(INPUTS), 2) phase and wave number of half a wave over each range
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -99,8 +101,9 @@ class RemainderBasis(NamedTuple):
     def choose(self, on: Ints, sd: Floats) -> RemainderFunctions:
         """The functions with the indices `on`, with prior standard deviations of `sd` (K,)."""
         B = len(self.functions)
-        channel = tuple(self.channel[j] for j in on)
-        return RemainderFunctions(self.functions[on[on < B]], self.tracking[on[on >= B] - B], channel, sd[on])
+        body, channel = self.functions[on[on < B]], tuple(self.channel[j] for j in on)
+        plan = plan_angles(body, self.half_waves)
+        return RemainderFunctions(body, self.tracking[on[on >= B] - B], channel, sd[on], plan)
 
 
 def _alone(channel: str, direction: str, **most: int) -> Iterator[Term]:
@@ -206,7 +209,11 @@ def remainder_basis(quantities: Mapping[str, Floats], car: Car) -> RemainderBasi
     tracking[:, SHIFT], tracking[:, FIRST_WAVE:] = _phases_and_waves(in_tracking, TRACKING_INPUTS, ranges)
     every = (*on_body, *in_tracking)
     sizes = [size.get(t.direction, 1.0) * _expected_size(t.waves) for t in every]
-    return RemainderBasis(body, tracking, tuple(t.channel for t in every), np.array(sizes), per_turn)
+    each, waves = _phases_and_waves([Term("", "", {name: 1}) for name in INPUTS], INPUTS, ranges)
+    half_waves = np.column_stack([each, np.diag(waves)])
+    return RemainderBasis(
+        body, tracking, tuple(t.channel for t in every), np.array(sizes), per_turn, half_waves=half_waves
+    )
 
 
 def _expected_size(waves: Waves) -> float:

@@ -20,7 +20,7 @@ from bcid.aliases import Floats
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.functions import SEEN_SIZE, TURN_RAD, RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation
-from bcid.effects.remainder import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
+from bcid.effects.remainder_table import COLUMNS, DIRECTION, DIRECTIONS, INPUTS, PHASE, WAVE
 from bcid.likelihood.force_history import HISTORY, unit_actions
 from bcid.likelihood.take import KNOT_S, KNOTS, N_NUISANCE
 from bcid.likelihood.tracking_functions import (

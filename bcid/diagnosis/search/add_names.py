@@ -38,10 +38,17 @@ def add_names_plainly(state: SearchState, fit: Fit, more: Sequence[Fit], report:
         first = refits.rank_credible_fits(quick, take)[:PLAIN_REFITS]
         found = refits.rank_credible_fits([*(refits.refit_fully(f, take) for f in first), *more], take)
         gained = gain_nats(found[0], fit) if found else 0.0
-        if gained < state.gate or gained < SEARCH_LIMITS.remainder_error * state.explain(found[0]).nats:
+        if gained < state.gate or gained < state.required_nats(state.explain(found[0]).nats):
             break
         fit, more = found[0], ()
     return fit
+
+
+def weigh_plain_names(state: SearchState, rest: RemainderFit, fit: Fit) -> RemainderFit:
+    """The `fit`, with names that were added plainly to that of `rest`, with a remainder from the nearer start."""
+    if fit is rest.named or _explains_most(fit, rest):
+        return state.beside_remainder(fit)
+    return state.remember(add_beside_remainder(rest, fit, state.take))
 
 
 def add_names_beside_remainder(
@@ -113,20 +120,21 @@ def _best_credible(
     """The fit of greatest evidence of those of a size that a car may have, if it exceeds that of `rest` enough.
 
     `fits` have one effect more than `rest` each, whose evidence the score test has `promised` to grow.  What cannot add
-    enough is refused, and not tried again.
+    as much as the gate is refused, and not tried again.
     """
-    least, best, refused = rest.log_evidence + state.gate, None, dict[str, float]()
+    least, best, added = rest.log_evidence + state.gate, None, dict[str, float]()
     for f in refits.rank_credible_fits(fits, state.take):
         to_exceed = max(least, best.log_evidence) if best else least
         found = _weigh_candidate(state, rest, f, to_exceed, promised.get(f.hypothesis.effects[-1], 0.0))
-        # smooth functions cannot follow all that has no name: so much is no name's
-        no_name = rest.log_evidence + SEARCH_LIMITS.remainder_error * found.nats
-        if found.log_evidence > max(least, no_name):
+        if found.log_evidence > rest.log_evidence + state.required_nats(found.nats):
             best = greater_evidence(best, found)
-        elif to_exceed == least and found.log_evidence <= least:
-            refused[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
+        elif to_exceed == least:
+            added[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
     held = best.named.hypothesis.effects if best else ()
-    state.refused |= {name: nats for name, nats in refused.items() if name not in held}
+    for name, nats in added.items():
+        if name not in held:
+            # what passes the gate may count beside less that has no name
+            (state.fell_short if nats > state.gate else state.refused)[name] = nats
     if best is None:
         return None
     alone = state.beside_remainder(refits.refit_fully(best.named, state.take))
@@ -143,9 +151,14 @@ def _weigh_candidate(
     a fit that stands alone, it is tried beside that remainder, too.
     """
     found = None
-    if gain_nats(fit, rest.named) > 0.5 * rest.nats:
+    if _explains_most(fit, rest):
         found = state.beside_remainder(refits.refit_fully(fit, state.take), to_exceed=to_exceed)
         if found.log_evidence - rest.log_evidence >= SEARCH_LIMITS.kept_promise * promised:
             return found
     again = state.remember(add_beside_remainder(rest, fit, state.take, to_exceed))
     return greater_evidence(found, again)
+
+
+def _explains_most(fit: Fit, rest: RemainderFit) -> bool:
+    """Whether a fit without a remainder explains most of what that of `rest` does."""
+    return gain_nats(fit, rest.named) > 0.5 * rest.nats

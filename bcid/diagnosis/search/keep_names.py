@@ -52,8 +52,7 @@ def _required_nats(state: SearchState, rest: RemainderFit, full: RemainderFit, l
     all names that smooth functions cannot follow; and the share of that in the name's place to which it is converged.
     """
     alone = max(float(np.max(rest.named.per_segment - less.fit.per_segment)), 0.0)
-    unnamed, converged = SEARCH_LIMITS.remainder_error * full.nats, CONVERGED_SHARE * less.weighed.nats
-    return max(state.gate + alone, unnamed, converged)
+    return max(state.gate + alone, state.required_nats(full.nats), CONVERGED_SHARE * less.weighed.nats)
 
 
 def _gain(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser) -> float:

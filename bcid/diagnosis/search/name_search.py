@@ -12,7 +12,7 @@ from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.explain import basis_for
 from bcid.diagnosis.remainder.fit import RemainderFit
 from bcid.diagnosis.search import refits
-from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, add_names_plainly
+from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, add_names_plainly, weigh_plain_names
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
 from bcid.diagnosis.search.keep_names import KeptNames, keep_names
 from bcid.diagnosis.search.place_search import refine_places
@@ -73,7 +73,7 @@ def name_effects(
     kept = _keep_and_seek_again(state, state.beside_remainder(refine_places(fit, take)), report)
     kept, rivals = _exchange_names(state, kept, (base, corrected))
     state.draw_nulls(kept.rest)
-    dropped = {name: nats for name, nats in state.refused.items() if name not in kept.gains}
+    dropped = {name: nats for name, nats in state.dropped().items() if name not in kept.gains}
     return Naming(
         base, corrected, before, rest=kept.full, gains=kept.gains, without=kept.without, rivals=rivals,
         dropped=dropped, nulls=state.nulls,
@@ -82,11 +82,13 @@ def name_effects(
 
 def _add_names(state: SearchState, before: RemainderFit, more: Sequence[Fit], report: Report) -> RemainderFit:
     """The likeliest fit with names added to that `before`, chance drawn beside it."""
-    plain = state.beside_remainder(add_names_plainly(state, before.named, more, report))
+    plain = weigh_plain_names(state, before, add_names_plainly(state, before.named, more, report))
     state.draw_nulls(plain)
     if plain.nats <= state.gate:
         return plain
-    best = greater_evidence(add_names_beside_remainder(state, before, more, report), plain)
+    beside = add_names_beside_remainder(state, before, more, report)
+    enough = plain.log_evidence > before.log_evidence + state.required_nats(plain.nats)
+    best = greater_evidence(beside, plain) if enough else beside
     state.draw_nulls(best)
     return best
 

@@ -7,6 +7,7 @@ and the likeliest fit without a remainder.
 import math
 from dataclasses import dataclass, field
 
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.explain import Explained, explain
 from bcid.diagnosis.remainder.fit import RemainderFit, allow_copies, fit_with_remainder
 from bcid.diagnosis.remainder.functions import RemainderBasis
@@ -28,6 +29,7 @@ class SearchState:
     weighed: dict[frozenset[str], RemainderFit] = field(default_factory=dict)  # of the greatest evidence
     likeliest: dict[frozenset[str], Fit] = field(default_factory=dict)  # without a remainder
     refused: dict[str, float] = field(default_factory=dict)  # effects, and nats that each adds at most
+    fell_short: dict[str, float] = field(default_factory=dict)  # of those that might count where less has no name
     _weighed_from: dict[frozenset[str], float] = field(default_factory=dict)  # log-likelihoods of the fits weighed
     _explained: tuple[Fit, Explained] | None = None  # the fit that was explained last
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
@@ -38,6 +40,17 @@ class SearchState:
     def gate(self) -> float:
         """Nats that a name must add."""
         return self.nulls.gate
+
+    def required_nats(self, unnamed: float) -> float:
+        """Nats that a name must add beside a remainder of so many nats: smooth functions cannot follow a share of it.
+
+        So much is no name's.
+        """
+        return max(self.gate, SEARCH_LIMITS.remainder_error * unnamed)
+
+    def dropped(self) -> dict[str, float]:
+        """Effects that were tried or taken and are no names, with the nats that each adds at most."""
+        return self.fell_short | self.refused
 
     def draw_nulls(self, rest: RemainderFit) -> None:
         """Find what effects gain by chance beside a fit and its remainder.
