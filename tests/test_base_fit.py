@@ -14,12 +14,12 @@ from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.table import effect_ids
 from bcid.errors import PredictionDiverged
-from bcid.likelihood import base_fit, newton
+from bcid.likelihood import base_fit
 from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import UNLIMITED, Scales
 from bcid.likelihood.refit import evaluate_fixed, refit
-from bcid.likelihood.refit_state import Effort
+from bcid.likelihood.refit_state import MIN_GAIN, Effort
 
 BASE = Hypothesis((), CAR, 2.012, Constants())
 SEGMENTS = 4 * base_fit.PART_SEGMENTS
@@ -201,7 +201,7 @@ def test_a_place_ahead_that_misleads_costs_nothing(seed: int) -> None:
     rng, n = np.random.default_rng(seed), len(fit.phi)
     ahead = tuple(fit.phi + size * rng.normal(size=n) for size in (0.3, 3.0))
     again = refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales, Effort(tangents=0), ahead=ahead)
-    assert again.log_likelihood > fit.log_likelihood - newton.MIN_GAIN
+    assert again.log_likelihood > fit.log_likelihood - MIN_GAIN
     off = fit.phi + 0.05 * rng.normal(size=n)
     there = refit(take, fit.hypothesis, off, fit.start, fit.scales, Effort(tangents=0), ahead=(*ahead, fit.phi))
     np.testing.assert_allclose(there.phi, fit.phi)
@@ -219,5 +219,5 @@ def test_a_refit_never_ends_below_a_start_that_it_contains(seed: int) -> None:
         for name in names.tolist():
             more, phi = more.add_effect(name, phi, [p.off for p in more.entries[name].parameters])
         again = refit(take, more, phi, fit.start, fit.scales)
-        assert again.log_likelihood + again.log_prior > fit.log_likelihood + fit.log_prior - newton.MIN_GAIN
+        assert again.log_likelihood + again.log_prior > fit.log_likelihood + fit.log_prior - MIN_GAIN
         fit = again

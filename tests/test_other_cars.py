@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -338,46 +339,56 @@ def test_a_stored_run_that_knows_no_other_cars_has_none() -> None:
 # --- how they count ----------------------------------------------------------------------------------------------
 
 
-def row(case: PublishedCase, *named: str, **more: Any) -> dict[str, Any]:
-    """A row in which effects are named, and figures told that are others ("K_t is another")."""
+def row(case: PublishedCase, *named: str, others: Sequence[str] = (), **more: Any) -> dict[str, Any]:
+    """A row in which effects are named, and figures told that are `others` than published."""
     findings = [
-        {"effect": n.split()[0], "kind": "parameter" if "is another" in n else EFFECTS[n].kind, "twins": [],
-         "probability": 0.9, "gain": 100.0, "heldout": 90.0, "values": {}}
+        {"effect": n, "kind": EFFECTS[n].kind, "twins": [], "probability": 0.9, "gain": 100.0, "heldout": 90.0,
+         "values": {}}
         for n in named
     ]  # fmt: skip
-    verdict = "named" if named else "nothing-found"
-    said = {"verdict": verdict, "findings": findings, "remainder": {"channel": "fx"}, "seconds": 1.0}
-    return {**case_truth(case), **said, **more}
+    verdict, told = "named" if named else "nothing-found", [{"symbol": s, "nats": 20.0} for s in others]
+    said = {"verdict": verdict, "findings": findings, "other_figures": told, "remainder": {"channel": "fx"}}
+    return {**case_truth(case), **said, "seconds": 1.0, **more}
 
 
-def test_that_a_figure_is_another_is_no_name_where_it_is() -> None:
+def test_effects_that_are_there_besides_may_be_named() -> None:
     day, laws = tier("other-day")[0], tier("other-laws")[0]
-    for said in ([], ["K_t is another"], ["K_t is another", "F_f_max is another"], ["motor_dead_zone is another"],
-                 ["motor_dead_zone__width is another"], ["steering_offset"], ["rear_rolling_coulomb"]):  # fmt: skip
+    for said in ([], ["steering_offset"], ["rear_rolling_coulomb"], ["steering_offset", "motor_dead_zone"]):
         assert is_right(row(day, *said)), said
-    for said in (["C_f is another"], ["rear_toe"], ["K_t is another", "yaw_scrub"], ["tyre_soft_saturation"]):
+    for said in (["rear_toe"], ["steering_offset", "yaw_scrub"], ["tyre_soft_saturation"]):
         assert not is_right(row(day, *said)), said
-    assert is_right(row(laws, "C_f is another"))
     assert not is_right(row(laws, "pose_scale"))
     # other formulas have no name, and to say so is right; another day's car follows the formulas
     assert is_right(row(laws, verdict="unknown"))
     assert not is_right(row(day, verdict="unknown"))
-    rows = [row(day, "K_t is another"), row(day, "C_f is another"), row(day, "steering_offset")]
+    rows = [row(day), row(day, "rear_toe"), row(day, "steering_offset")]
     (scores,) = score_tiers(rows)
     assert (scores.false, scores.missed) == (pytest.approx(1 / 3), ("false",))
     assert calibration(rows).n == 2
-    assert count_confusions(rows) == {"nothing": {"nothing": 1, "C_f": 1, "steering_offset": 1}}
+    assert count_confusions(rows) == {"nothing": {"nothing": 1, "rear_toe": 1, "steering_offset": 1}}
+
+
+def test_figures_that_are_told_to_be_others_and_are_not_are_counted() -> None:
+    """Of parameters and of effects that the simulation has; where nothing is published nothing is counted."""
+    day = tier("other-day")[0]
+    told = [["K_t", "motor_dead_zone__width"], ["C_f"], ["K_t", "C_f", "tyre_soft_saturation__s"], []]
+    (scores,) = score_tiers([row(day, others=others) for others in told])
+    assert scores.false_figures == pytest.approx(0.75)
+    assert scores.right == 1.0
+    failed = {**row(day, others=["C_f"]), "error": "left the numbers"}
+    (scores,) = score_tiers([row(day, others=["K_t"]), failed])
+    assert scores.false_figures == 0.0
+    (scores,) = score_tiers([{k: v for k, v in row(day, others=["C_f"]).items() if k != "other_parameters"}])
+    assert scores.false_figures is None
 
 
 def test_what_is_withheld_is_to_be_named_and_first() -> None:
     less = next(c for c in tier("other-day-less") if c.answer == ("motor_lag",))
-    right = [
-        row(less, *said) for said in (["motor_lag"], ["K_t is another", "motor_lag"], ["motor_lag", "steering_offset"])
-    ]
+    right = [row(less, *said) for said in (["motor_lag"], ["motor_lag", "steering_offset"])]
     assert all(map(is_right, right))
     (scores,) = score_tiers(right)
     assert (scores.right, scores.top1, scores.wrong, scores.missed) == (1.0, 1.0, 0.0, ())
-    wrong = [row(less, *said) for said in ([], ["K_t is another"], ["motor_lag", "rear_toe"], ["steering_offset"])]
+    wrong = [row(less, *said) for said in ([], ["motor_lag", "rear_toe"], ["steering_offset"])]
     assert not any(map(is_right, wrong))
     (scores,) = score_tiers(wrong)
     assert set(scores.missed) == {"right", "top1", "wrong"}

@@ -238,7 +238,7 @@ def test_another_start_is_another_car_with_the_same_effects() -> None:
 
 
 def test_an_answer_is_its_names_or_its_verdict() -> None:
-    named = {"verdict": "ambiguous", "findings": [{"effect": "motor_lag"}, {"effect": "K_t", "kind": "parameter"}]}
+    named = {"verdict": "ambiguous", "findings": [{"effect": "motor_lag"}]}
     assert given_names(named) == ("named", {"motor_lag"})
     assert given_names({"verdict": "unknown", "findings": []}) == ("unknown", frozenset())
 

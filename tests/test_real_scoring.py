@@ -96,11 +96,6 @@ def test_nothing_may_be_named_where_nothing_is_withheld_nor_the_vehicle_where_th
     assert (told["tier"], told["right"]) == ("control", right)
 
 
-def test_another_parameter_of_the_simulation_is_no_name() -> None:
-    drive = RecordedDrive(recording="take.csv")
-    assert scored(drive, said({**finding("rear_toe"), "effect": "K_t", "kind": "parameter"}))["right"]
-
-
 @pytest.mark.parametrize(
     ("value", "se", "before", "unsure", "right"),
     [
@@ -168,7 +163,6 @@ def test_predictions_of_another_drive_are_compared_by_their_medians(
     [
         (said(finding("motor_lag")), False),
         (said(finding("motor_lag", "rear_toe")), False),  # told as ambiguous, but the same name
-        (said({**finding("motor_lag"), "effect": "K_t", "kind": "parameter"}, finding("motor_lag")), False),
         (said(finding("rear_toe")), True),
         (said(finding("motor_lag"), finding("rear_toe")), True),
         (said(), True),

@@ -34,6 +34,7 @@ class TierScores(Part):
     place_overlap: Number = None  # mean intersection over union
     time_overlap: Number = None  # mean intersection over union
     not_seen: Number = None  # of effects that do not show: not named, and reported as not excited
+    false_figures: Number = None  # mean number of figures told to be others than published that are not
     seconds: Number = None  # median time of a diagnosis
     errors: int
     goal: dict[str, Interval] = Field(default_factory=dict)  # lowest and highest wanted value by score

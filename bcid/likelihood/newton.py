@@ -14,7 +14,6 @@ from bcid.likelihood.settling import restart_misfitting_segments, settle_initial
 from bcid.likelihood.take import N_START
 
 MAX_STEP = 3.0  # of any component of phi
-MIN_GAIN = 0.5  # nats, below which a step has gained nothing
 PUSH_SHARE = 0.3  # of the likely pushes, under which derivatives are compared
 
 

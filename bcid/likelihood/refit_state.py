@@ -15,6 +15,7 @@ from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.take import N_START, Take
 
+MIN_GAIN = 0.5  # nats, less than which counts for nothing
 EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
 
 
@@ -30,7 +31,7 @@ class Effort(NamedTuple):
 
     tangents: int = 24  # linearisations of the predictions
     iterations: int = 12  # steps along each
-    least: float = 0.5  # nats, below which a step has gained nothing
+    least: float = MIN_GAIN  # nats, below which a step has gained nothing
     climbs: bool = True  # by the slope under pushes, where a tangent leads nowhere
 
 

@@ -12,8 +12,8 @@ from bcid.diagnosis.remainder.explain import Explained, explain
 from bcid.diagnosis.remainder.fit import RemainderFit, allow_copies, fit_with_remainder
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
-from bcid.likelihood.newton import MIN_GAIN
 from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import MIN_GAIN
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import Take
 

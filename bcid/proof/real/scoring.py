@@ -16,7 +16,6 @@ from bcid.proof.real.misfit import own_quantity
 from bcid.proof.real.questions import DrivePair, EditedQuestion, RecordedDrive, WithheldQuestion
 from bcid.proof.real.transfer import AUGMENTED, BASE
 from bcid.proof.real.variations import AS_ASKED
-from bcid.proof.scores.known_figures import PARAMETER
 
 TIERS = ("withheld", "control", "edited", "replication", "transfer", "start", "part")
 """Kinds of rows.
@@ -70,17 +69,16 @@ def _failed_row(row: Mapping[str, Any]) -> Row:
 
 
 def new_findings(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The findings that name what the simulation does not have: neither a parameter of it nor an effect that it has."""
-    return [f for f in row["findings"] if f.get("kind") != PARAMETER and f["effect"] not in row.get("has", ())]
+    """The findings that name what the simulation does not have."""
+    return [f for f in row["findings"] if f["effect"] not in row.get("has", ())]
 
 
 def given_names(row: Mapping[str, Any]) -> tuple[str, frozenset[str]]:
     """The answer in a diagnosis's row as far as it must not hang on a start: the verdict's kind, and the set of names.
 
-    Names are effects; that a parameter of the simulation is another is no name.  With any name the kind is "named",
-    whether it stands alone or not.
+    With any name the kind is "named", whether it stands alone or not.
     """
-    names = frozenset(f["effect"] for f in row["findings"] if f.get("kind") != PARAMETER)
+    names = frozenset(f["effect"] for f in row["findings"])
     return "named" if names else row["verdict"], names
 
 

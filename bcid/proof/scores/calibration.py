@@ -8,7 +8,6 @@ import numpy as np
 
 from bcid.documents.prove import Calibration, CalibrationBin, NullPValues
 from bcid.proof.limits import LIMITS
-from bcid.proof.scores.known_figures import naming_findings
 from bcid.proof.scores.tiers import binomial_ci95
 
 PROBABILITY_EDGES = (0.0, 0.5, 0.8, 0.95, 0.99, 1.0)
@@ -23,7 +22,7 @@ def calibration(rows: Iterable[dict[str, Any]]) -> Calibration:
     """
     stated, there = [], []
     for row in rows:
-        for finding in naming_findings(row):
+        for finding in row.get("findings", []):
             stated.append(finding["probability"])
             there.append(float(finding["effect"] in (*row["answer"], *row.get("also", ()))))
     p, y = np.array(stated), np.array(there)

@@ -11,7 +11,6 @@ from bcid.documents.prove import ProveDocument, WrongAnswer
 from bcid.proof.limits import LIMITS
 from bcid.proof.scores.calibration import calibration, null_p_values
 from bcid.proof.scores.compare_methods import compare_methods
-from bcid.proof.scores.known_figures import naming_findings
 from bcid.proof.scores.tiers import is_right, pool_each_tier, pool_right_answers, score_tiers
 
 NOTHING, UNKNOWN, ERROR = "nothing", "unknown", "error"
@@ -91,7 +90,7 @@ def count_confusions(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]
         if len(row["answer"]) > 1 or row.get("left_out"):
             continue
         said = ERROR if "error" in row else UNKNOWN if row["verdict"] == "unknown" else NOTHING
-        if named := naming_findings(row):
+        if named := row.get("findings"):
             said = named[0]["effect"]
         counted.setdefault(row["answer"][0] if row["answer"] else NOTHING, Counter())[said] += 1
     return {truth: dict(said) for truth, said in counted.items()}

@@ -8,7 +8,6 @@ import numpy as np
 from bcid.documents.prove import RightAnswers, TierScores
 from bcid.effects.table import EFFECTS
 from bcid.proof.limits import GOALS, LIMITS
-from bcid.proof.scores.known_figures import without_known_figures
 from bcid.proof.scores.localisation import effect_channels, is_channel_right, place_overlap, time_overlap
 
 NORMAL_QUANTILE_975 = 1.96
@@ -41,7 +40,7 @@ def _score_tier(name: str, members: Sequence[dict[str, Any]]) -> TierScores:
     A row with an "error" counts as a miss, or as a false alarm where nothing is concealed ("answer" is empty).
     """
     failed = {"findings": [], "verdict": "error", "remainder": {"channel": ""}, "seconds": float("nan")}
-    rows = [without_known_figures(r) if "error" not in r else {**failed, **r} for r in members]
+    rows = [r if "error" not in r else {**failed, **r} for r in members]
     known = [r for r in rows if r["answer"] and not r["channel"]]
     seen, unseen = [r for r in known if shows_effect(r)], [r for r in known if not shows_effect(r)]
     nulls = [r for r in rows if not r["answer"]]
@@ -79,6 +78,7 @@ def _score_tier(name: str, members: Sequence[dict[str, Any]]) -> TierScores:
         place_overlap=_average(_defined_scores(place_overlap, known)),
         time_overlap=_average(_defined_scores(time_overlap, known)),
         not_seen=_average(map(_is_reported_unexcited, unseen)),
+        false_figures=_average(len(_false_figures(r)) for r in rows if "other_parameters" in r and "error" not in r),
         seconds=_average([r["seconds"] for r in rows if "error" not in r], np.median),
         errors=sum("error" in r for r in members),
     )
@@ -90,12 +90,11 @@ def is_right(row: dict[str, Any]) -> bool:
     Reads "answer" (effects there), "channel" (of an effect without a name), "findings", "verdict", "remainder" and
     "not_excited".  Right is: only what is there is named, or effects that cannot be told from it; nothing is named
     where nothing is there; "unknown" in the right channel, where the effect has no name or was excluded; reported as
-    not excited, where the drive does not show the effect.  That a figure is another than published is no name where
-    that is so, and an effect may be named that is there besides ("also").  A row with an "error" is wrong.
+    not excited, where the drive does not show the effect.  An effect may be named that is there besides ("also").  A
+    row with an "error" is wrong.
     """
     if "error" in row:
         return False
-    row = without_known_figures(row)
     names = {f["effect"] for f in row["findings"]}
     if not row["answer"]:  # flaws of an imperfect base, and laws of other formulas, are there and have no name
         false_names = names - _excusable_names(row)
@@ -105,6 +104,17 @@ def is_right(row: dict[str, Any]) -> bool:
     if not shows_effect(row):
         return not names and _is_reported_unexcited(row)
     return bool(names) and _is_in_short_set(row) and not names - _excusable_names(row)
+
+
+def _false_figures(row: Mapping[str, Any]) -> set[str]:
+    """Figures of which a row says that they are others than published ("other_figures"), and which are not.
+
+    A figure is the symbol of a parameter, or that of an effect's, `effect__symbol`; those that are others are in
+    "other_parameters", effects in "also".
+    """
+    others = {*row["other_parameters"], *row.get("also", ())}
+    told = {f["symbol"] for f in row.get("other_figures", ())}
+    return {symbol for symbol in told if symbol.partition("__")[0] not in others}
 
 
 def shows_effect(row: Mapping[str, Any]) -> bool:
