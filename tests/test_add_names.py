@@ -64,8 +64,8 @@ def test_beside_a_large_remainder_a_name_must_add_more_than_smooth_functions_can
     found = _best_credible(looking, [fit(adds - left, "a")], beside(fit(-left), left), {})
     assert (found is None) is (adds < SEARCH_LIMITS.remainder_error * left)
     # beside less that has no name it may count, and is told until then
-    assert looking.refused == {}
-    assert looking.dropped() == ({} if found else {"a": pytest.approx(adds)})
+    assert looking.refused == set()
+    assert looking.added == ({} if found else {"a": pytest.approx(adds)})
 
 
 def test_the_best_is_weighed_in_earnest(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,7 +125,8 @@ def test_a_name_must_add_more_than_the_gate_to_what_a_remainder_explains_already
     simulating(monkeypatch, "yaw_scrub")
     found = add_name(looking, beside(fit(0.0), 100.0), [], quietly)
     assert (found is not None) is taken
-    assert looking.refused == ({} if taken else {"yaw_scrub": pytest.approx(GATE - 1.0)})
+    assert looking.refused == (set() if taken else {"yaw_scrub"})
+    assert looking.added == ({} if taken else {"yaw_scrub": pytest.approx(GATE - 1.0)})
     assert at.tried_from_rest == [("yaw_scrub",)]  # as it promised far more
 
 
@@ -133,7 +134,7 @@ def test_what_was_refused_or_is_held_is_not_tried_again(monkeypatch: pytest.Monk
     at = Evidence(monkeypatch, {})
     offered = offering(monkeypatch, ("rear_toe", 90.0), ("motor_sag", 80.0), rear_toe=5.0, motor_sag=2.0)
     looking = state_of()
-    looking.refused = {"floor_slope": 1.0}
+    looking.refused = {"floor_slope"}
     simulating(monkeypatch, "yaw_scrub", "rear_toe", "motor_sag", "floor_slope")
     rest = beside(fit(0.0, "yaw_scrub"))
     assert add_name(looking, rest, [], quietly) is None
@@ -210,7 +211,7 @@ def test_what_the_base_model_takes_up_is_tried_where_a_remainder_is_left(
         return [fit(200.0, "motor_lag")]
 
     monkeypatch.setattr(refits, "refit_from_large_sizes", large)
-    looking = SearchState(NOTHING, NOTHING, ("motor_delay",), chance(), refused={"tyre_relaxation": 1.0})
+    looking = SearchState(NOTHING, NOTHING, ("motor_delay",), chance(), refused={"tyre_relaxation"})
     found = add_name(looking, beside(fit(0.0), remainder), [], quietly)
     assert given == ([("motor_delay",)] if asked else [])
     assert (found is not None) is asked
@@ -263,7 +264,7 @@ def test_names_are_added_while_each_makes_the_take_likelier_by_more_than_the_gat
     assert found.hypothesis.effects == ("rear_toe", "yaw_scrub")
     assert rounds == [(), ("rear_toe",), ("rear_toe", "yaw_scrub")]
     assert at.refitted == []
-    assert looking.refused == {}  # beside a remainder it may count
+    assert looking.refused == set()  # beside a remainder it may count
 
 
 @pytest.mark.parametrize(("share", "added"), [(1.05, True), (0.95, False)])
@@ -336,4 +337,4 @@ def test_what_ended_early_for_want_of_a_better_s_evidence_is_not_refused(
     found = _best_credible(looking, fits, beside(fit(0.0), 100.0), {})
     assert (found.named.hypothesis.effects if found else None) == (("best",) if beside_better else None)
     assert at.to_exceed[("near",)] == (1500.0 if beside_better else 100.0 + GATE)
-    assert looking.refused == ({} if beside_better else {"near": pytest.approx(-10.0)})
+    assert looking.refused == (set() if beside_better else {"near"})

@@ -52,7 +52,7 @@ def test_a_name_must_gain_beside_a_remainder_and_without_one(
         assert less["yaw_scrub"].hypothesis.effects == ()
     else:
         assert (kept, less) == ({}, {})
-        assert looking.refused["yaw_scrub"] == pytest.approx(gains)
+        assert looking.added["yaw_scrub"] == pytest.approx(gains)
 
 
 def test_the_weakest_goes_first_and_the_rest_is_weighed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +62,7 @@ def test_the_weakest_goes_first_and_the_rest_is_weighed_anew(monkeypatch: pytest
     rest, _, kept, _ = keep_names(looking, beside(fit(100.0, *AB)))
     assert named_effects(rest.named) == A
     assert kept == {"yaw_scrub": 95.0}
-    assert looking.refused == {"rear_toe": 5.0}
+    assert (looking.refused, looking.added) == ({"rear_toe"}, {"rear_toe": 5.0})
     assert sorted(at.refitted) == sorted([B, A, ()])
 
 

@@ -27,7 +27,7 @@ def explaining(**channels: tuple[float, str]) -> Explained:
     G = 100.0
     b = np.array([np.sqrt(2.0 * G * nats) for nats, _ in channels.values()])
     quadratic = Quadratic(b, G * np.eye(len(channels)))
-    return Explained(basis, spread, quadratic, quadratic.posterior_mean(basis.sd(spread)), np.zeros(0), np.ones(3))
+    return Explained((), basis, spread, quadratic, quadratic.posterior_mean(basis.sd(spread)), np.zeros(0), np.ones(3))
 
 
 def located(seen: Explained, of: Disturbances) -> Location:

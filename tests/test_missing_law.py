@@ -54,7 +54,7 @@ def seen_of(seconds: float, **plant: float) -> Seen:
     vehicle, recording = simulated_vehicle(), recorded(seconds, **plant)
     base = fit_base_model([recording], [estimate_motion(recording, vehicle, TUNING)], vehicle)
     fit, take = base.fit, base.take
-    return Seen(fit, take, explain_with_copies(explain(fit, take, basis_for(fit, take)), fit, take))
+    return Seen(fit, take, explain_with_copies(fit, take, explain(fit, take, basis_for(fit, take)).basis))
 
 
 @pytest.fixture(scope="module")

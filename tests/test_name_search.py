@@ -13,7 +13,7 @@ from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.evidence import likeliest_spreads
 from bcid.diagnosis.search import name_search, refits
 from bcid.diagnosis.search.keep_names import KeptNames
-from bcid.diagnosis.search.name_search import Naming, name_effects, refit_beside_reference
+from bcid.diagnosis.search.name_search import Naming, name_effects, refit_beside
 from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.rivals import Alternatives
 from bcid.diagnosis.search.screen import CandidateEffect
@@ -168,17 +168,17 @@ def test_beside_a_reference_the_first_effect_is_sought_from_its_own_parameters(
     """Joint refits hold the corrections of the base model, too, so that they can be compared with it."""
     base, take = concealing(120.0, yaw_scrub=20.0)
     corrected = refits.refit_with_effects(base, take, ("slip_speed",), [0.1])
-    found = refit_beside_reference(base, corrected, take, ())
+    found = refit_beside(base, corrected, take, ())
     assert 0 < len(found) <= SEARCH_LIMITS.max_candidates
     assert {f.hypothesis.effects[:-1] for f in found} == {("slip_speed",)}
     best = max(found, key=lambda f: f.penalised_log_likelihood)
     assert named_effects(best) == ("yaw_scrub",)
     assert best.penalised_log_likelihood > corrected.penalised_log_likelihood + 100.0
-    without = refit_beside_reference(base, corrected, take, ("yaw_scrub",))
+    without = refit_beside(base, corrected, take, ("yaw_scrub",))
     assert "yaw_scrub" not in {f.hypothesis.effects[-1] for f in without}
 
     def lost(*_: Any) -> Any:
         raise PredictionDiverged
 
     monkeypatch.setattr(name_search, "simulate_trials", lost)
-    assert refit_beside_reference(base, corrected, take, ()) == []
+    assert refit_beside(base, corrected, take, ()) == []

@@ -71,7 +71,7 @@ def test_trials_and_chance_are_those_beside_the_names_that_are_held(monkeypatch:
         return chance(GATE + len(drawn))
 
     monkeypatch.setattr(search_state, "sample_null_gains", draw)
-    state = SearchState(NOTHING, NOTHING, ("d",), refused={"c": 1.0})
+    state = SearchState(NOTHING, NOTHING, ("d",), refused={"c"})
     first, second = beside(fit(0.0)), beside(fit(0.0, "a"))
     gates = list[float]()
     for rest in (first, second, second, first):

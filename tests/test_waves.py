@@ -280,9 +280,12 @@ def test_waves_stand_beside_the_basis_with_a_spread_of_their_own(null: Null) -> 
     np.testing.assert_array_equal(more.size[:B], null.basis.size[:B])
     np.testing.assert_array_equal(more.size[B : B + 2], null.basis.yaw_size)
     np.testing.assert_array_equal(more.size[B + 2 : -2], null.basis.size[B:])
-    assert more.price == 18.5
+    assert more.prices == {"pose~": 9.5, "mz~": 9.0}
     again = add_waves(more, [body])
-    assert again.price == 27.5
+    assert again.prices == {"pose~": 9.5, "mz~": 18.0}
+    # what does not act is not paid for
+    off = dict.fromkeys(again.channels, 0.0)
+    assert (again.price(off), again.price(off | {"mz~": 0.1, "fx": 1.0})) == (0.0, 18.0)
     assert again.channel.count("mz~") == 4
 
 

@@ -1,6 +1,7 @@
 """Fits without a take, and what a remainder adds beside them, for tests of how names are found and weighed."""
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ from bcid.diagnosis.search.search_state import SearchState
 from bcid.likelihood.score_test import Trial, TrialChanges
 
 NOTHING: Any = None
+NO_FUNCTIONS: Any = ()
 GATE = 12.0
 
 
@@ -23,15 +25,21 @@ def fit(nats: float, *effects: str, each: tuple[float, ...] = (0.0, 0.0)) -> Any
     return SimpleNamespace(hypothesis=hypothesis, penalised_log_likelihood=nats, per_segment=np.array(each))
 
 
-def explained_by_remainder(nats: float = 0.0, channels: dict[str, float] | None = None, *copied: str) -> Any:
-    """What a remainder explains: nats in all, by channel, and the channels in which copies of laws are among it."""
+def explained_by_remainder(
+    nats: float = 0.0, channels: dict[str, float] | None = None, *copied: str, beside: Sequence[str] = ()
+) -> Any:
+    """What a remainder explains: nats in all, by channel, and the channels in which copies of laws are among it.
+
+    It is so `beside` a fit with these effects.
+    """
     spread = {f"{channel}=": 1.0 for channel in copied}
-    return SimpleNamespace(nats=nats, spread=spread, channel_nats=lambda: channels or {})
+    return SimpleNamespace(nats=nats, spread=spread, effects=tuple(beside), channel_nats=lambda: channels or {})
 
 
 def beside(named: Any, remainder: float = 0.0, seen: Any = None) -> RemainderFit:
     nats = named.penalised_log_likelihood + remainder
-    return RemainderFit(named, named, NOTHING, NOTHING, NOTHING, {}, nats, seen or explained_by_remainder(remainder))
+    seen = seen or explained_by_remainder(remainder, beside=named.hypothesis.effects)
+    return RemainderFit(named, named, NOTHING, NO_FUNCTIONS, NOTHING, {}, nats, seen)
 
 
 class Evidence:
@@ -51,6 +59,8 @@ class Evidence:
         monkeypatch.setattr(search_state, "explain", self.explain)
         monkeypatch.setattr(search_state, "fit_with_remainder", self.fit_with_remainder)
         monkeypatch.setattr(search_state, "allow_copies", self.allow_copies)
+        monkeypatch.setattr(search_state, "simulate_trials", lambda f, take: trials())
+        monkeypatch.setattr(search_state, "sample_null_gains", lambda f, take, changes: chance())
         monkeypatch.setattr(add_names, "add_beside_remainder", self.add_beside_remainder)
         monkeypatch.setattr(add_names, "converge_further", lambda rest, take: rest)
         monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
@@ -58,7 +68,8 @@ class Evidence:
 
     def explain(self, f: Any, take: Any, basis: Any) -> Any:
         effects = f.hypothesis.effects
-        return explained_by_remainder(self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0)))
+        nats = self.sketch.get("+".join(effects), self.adds.get(frozenset(effects), 0.0))
+        return explained_by_remainder(nats, beside=effects)
 
     def fit_with_remainder(
         self, f: Any, take: Any, seen: Any, copied: tuple[str, ...] = (), to_exceed: float = -math.inf
@@ -81,7 +92,7 @@ class Evidence:
         self.tried_from_rest.append(effects)
         self.to_exceed[effects] = to_exceed
         nats = self.from_rest.get(effects, f.penalised_log_likelihood)
-        return beside(f, nats - f.penalised_log_likelihood)
+        return beside(f, nats - f.penalised_log_likelihood, rest.seen)
 
 
 def state_of(**more: Any) -> SearchState:

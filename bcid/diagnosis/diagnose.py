@@ -85,6 +85,11 @@ class BaseFit(NamedTuple):
     reference: ReferenceModel | None = None
     others: tuple[Fit, ...] = ()  # fits of the base model that ended in other basins
 
+    def starts_of_names(self) -> tuple[Fit, ...]:
+        """Fits beside which effects are sought, too: the reference model as given, and the other basins."""
+        given = self.evaluate_reference()
+        return (given, *self.others) if given else self.others
+
     def evaluate_reference(self) -> Fit | None:
         """The reference model as given, with nothing refitted; None if there is none, it is trusted, or it diverges."""
         if self.reference is None or self.reference.relative_sd is not None:
@@ -112,17 +117,16 @@ def diagnose_recordings(
     base = fit_base_model(recordings, estimates, vehicle, reference, progress)
     take, fit = base.take, base.fit
     with threadpool_limits(1, "blas"), refuse_divergence(recordings):
-        given = base.evaluate_reference()
-        naming = name_effects(fit, take, excluded, given, lambda text: progress(0.3, text))
+        naming = name_effects(fit, take, excluded, base.starts_of_names(), lambda text: progress(0.3, text))
         progress(0.8, "what is left")
         before = estimate_disturbances(naming.corrected, take)
-        seen = explain_with_copies(naming.before.seen, naming.corrected, take)
+        seen = explain_with_copies(naming.corrected, take, naming.before.seen.basis)
         location = locate_mismatch(seen.channel_nats(), seen.depends_on, before, fit.hypothesis.units)
         laws = draw_laws(naming, take, location, seen)
         judgement = judge_names(naming, take)
         after = estimate_disturbances(naming.best, take)
         not_excited = find_unexcited_effects(naming.best, take, base.full_speed_units, naming.nulls.gate)
-        figures = find_other_figures(naming.best, naming.nulls.gate)
+        figures = find_other_figures(naming.best, naming.rest.fit, naming.nulls.gate)
     return Diagnosis(take, base.contacts, naming, judgement, location, laws, before, after, not_excited, figures)
 
 

@@ -113,14 +113,15 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
     """Linearisation and state of greatest log-likelihood plus log prior in a refit whose predictions contain no pushes.
 
     Alternates Gauss-Newton steps of phi, with the linearisation of the predictions held fixed, and a new linearisation
-    where they led, until this gains less than the least that counts.
+    where they led, until this gains less than the least that counts.  On the way over the edge of a place on the floor
+    it may lose; what is returned is the likeliest that was met.
     """
-    effort = problem.effort
-    tangent = newton.tangent_at(problem, state)
+    effort, tangent = problem.effort, newton.tangent_at(problem, state)
+    best = tangent, state
     for _ in range(effort.tangents):
         ahead = _descend_along_tangent(problem, tangent, state, FAR)
         better = None
-        if ahead.objective - state.objective > problem.effort.least:
+        if ahead.objective - state.objective > effort.least:
             better = _evaluate_ahead(problem, state, ahead)
         if effort.climbs and (better is None or better.worth - state.worth < effort.least):
             # the tangent leads nowhere, or astray
@@ -128,9 +129,10 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
         if better is None:
             break
         before, state, tangent = state, better, newton.tangent_at(problem, better)
-        if state.worth - before.worth < problem.effort.least:
+        best = (tangent, state) if state.worth > best[1].worth else best
+        if state.worth - before.worth < effort.least:
             break
-    return tangent, state
+    return best
 
 
 def _descend_along_tangent(problem: RefitProblem, tangent: Tangent, state: RefitState, far: float) -> RefitState:

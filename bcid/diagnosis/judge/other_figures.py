@@ -28,8 +28,19 @@ class ChangedFigure(NamedTuple):
     nats: float  # by which the published figure, all others free, makes the take less likely
 
 
-def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
+def find_other_figures(fit: Fit, beside: Fit, gate: float) -> tuple[ChangedFigure, ...]:
     """The figures of the simulation of a `fit` that are others in its take, the most certain first.
+
+    They must be so without a remainder, and in the fit `beside` one: where much has no name, figures are bent to do
+    some of it.  Told is what fewer nats speak for.
+    """
+    alone, too = ({f.symbol: f for f in _figures_outside_trust(of, gate)} for of in (fit, beside))
+    found = [min(alone[s], too[s], key=lambda f: f.nats) for s in alone.keys() & too.keys()]
+    return tuple(sorted(found, key=lambda f: -f.nats))
+
+
+def _figures_outside_trust(fit: Fit, gate: float) -> list[ChangedFigure]:
+    """The figures of the simulation of a `fit` that are others by this fit alone.
 
     A figure is another if the simulation's trust says with `figure_p_value` that it lies as far off, and if the take
     tells so by more than the `gate` (nats).  These follow from the fit's curvature: half the square of the standard
@@ -38,7 +49,7 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
     """
     hypothesis, trusted = fit.hypothesis, fit.hypothesis.trusted_simulation
     if trusted is None:
-        return ()
+        return []
     n, published = len(trusted.phi), hypothesis.with_effects()
     off = hypothesis.prior(fit.phi).deviations(fit.phi)[:n]
     far = student_t.isf(0.5 * JUDGE_LIMITS.figure_p_value, TRUST_NU)
@@ -51,7 +62,7 @@ def find_other_figures(fit: Fit, gate: float) -> tuple[ChangedFigure, ...]:
         if nats > gate:
             symbol = list(before)[j]
             found.append(ChangedFigure(symbol, before[symbol], after[symbol], float(se[j]), units[symbol], nats))
-    return tuple(sorted(found, key=lambda f: -f.nats))
+    return found
 
 
 def _figures(hypothesis: Hypothesis, phi: Floats) -> dict[str, float]:

@@ -76,6 +76,7 @@ def likeliest_spreads(
         gained = 0.0
         for name in channels:
             nats = _evidence_by_spread(quadratic, basis, spread, np.flatnonzero(member == name))
+            nats = nats - basis.prices.get(name, 0.0) * (np.array(SPREADS) > 0.0)
             k, before = int(np.argmax(nats)), nats[SPREADS.index(spread[name])]
             if nats[k] > before:
                 spread[name], gained = SPREADS[k], gained + nats[k] - before
@@ -110,11 +111,12 @@ def channel_worths(quadratic: Quadratic, basis: RemainderBasis, spread: Mapping[
 
     A channel's waves (~) and constants (=) count as its own.
     """
-    whole = quadratic.log_evidence(basis.sd(spread))
+    whole = quadratic.log_evidence(basis.sd(spread)) - basis.price(spread)
     worths = {}
     for name in {channel_of(n) for n, tau in spread.items() if tau > 0.0}:
         others = [n for n in basis.channels if channel_of(n) != name and (spread[n] > 0.0 or not is_copy(n))]
         without = likeliest_spreads(quadratic, basis, others, spread)
         # spreads are found one after the other: without a channel they may end at a greater maximum
-        worths[name] = max(whole - quadratic.log_evidence(basis.sd(without)), 0.0)
+        less = quadratic.log_evidence(basis.sd(without)) - basis.price(without)
+        worths[name] = max(whole - less, 0.0)
     return dict(sorted(worths.items(), key=lambda item: -item[1]))

@@ -28,6 +28,7 @@ REWEIGHTINGS = 3  # of segments, while the remainder is found from nothing
 class Explained(NamedTuple):
     """What a remainder explains beside a fit, to first order."""
 
+    effects: tuple[str, ...]  # that the fit holds
     basis: RemainderBasis
     spread: Mapping[str, float]
     quadratic: Quadratic
@@ -36,11 +37,12 @@ class Explained(NamedTuple):
     weights: Floats  # (S,) of segments
 
     @classmethod
-    def of_nothing(cls, at: TakeInformation, basis: RemainderBasis) -> Explained:
-        """Nothing explained yet."""
+    def of_nothing(cls, fit: Fit, at: TakeInformation, basis: RemainderBasis) -> Explained:
+        """Nothing explained yet beside a fit."""
         none, K = dict.fromkeys(basis.channels, 0.0), len(basis.size)
         nothing = Quadratic(np.zeros(K), np.zeros((K, K)))
-        return cls(basis, none, nothing, np.zeros(K), np.zeros_like(at.phi), at.robust_weights)
+        effects = fit.hypothesis.effects
+        return cls(effects, basis, none, nothing, np.zeros(K), np.zeros_like(at.phi), at.robust_weights)
 
     def beside(self, basis: RemainderBasis) -> Explained:
         """What is explained, with the functions of a larger basis, of which nothing is known yet."""
@@ -49,7 +51,7 @@ class Explained(NamedTuple):
     @property
     def nats(self) -> float:
         """What the remainder adds, by evidence."""
-        return self.quadratic.log_evidence(self.basis.sd(self.spread)) - self.basis.price
+        return self.quadratic.log_evidence(self.basis.sd(self.spread)) - self.basis.price(self.spread)
 
     def channel_nats(self) -> dict[str, float]:
         """Nats that the functions of each channel add beside those of the others, most first."""
@@ -89,7 +91,7 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis) -> Explained:
     Segments that the remainder explains gain weight, as in the likelihood.
     """
     at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
-    seen = _reweigh(at, Explained.of_nothing(at, basis), (), REWEIGHTINGS)
+    seen = _reweigh(at, Explained.of_nothing(fit, at, basis), (), REWEIGHTINGS)
     for _ in range(MOST_WAVES):
         moved = at.weigh(seen.weights).names_beside(seen.c)
         # what gains less than smooth functions err by is not worth its refits
@@ -106,13 +108,13 @@ def explain(fit: Fit, take: Take, basis: RemainderBasis) -> Explained:
     return seen
 
 
-def explain_with_copies(seen: Explained, fit: Fit, take: Take, copied: tuple[str, ...] = CHANNELS) -> Explained:
+def explain_with_copies(fit: Fit, take: Take, basis: RemainderBasis, copied: tuple[str, ...] = CHANNELS) -> Explained:
     """What a remainder explains beside the `fit` where copies of laws that have names help, in the channels `copied`.
 
-    `seen` is what it explains without, and its waves are those.
+    It has the functions of the `basis`, and no more waves than these.
     """
-    at = gather_information(fit, take, seen.basis, np.zeros(len(seen.basis.size)))
-    return _reweigh(at, seen, copied, 1)
+    at = gather_information(fit, take, basis, np.zeros(len(basis.size)))
+    return _reweigh(at, Explained.of_nothing(fit, at, basis), copied, REWEIGHTINGS)
 
 
 def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], times: int) -> Explained:
@@ -125,4 +127,4 @@ def _reweigh(at: TakeInformation, seen: Explained, copied: tuple[str, ...], time
         c = quadratic.posterior_mean(basis.sd(spread))
         moved = weighed.names_beside(c)
         weights = robust_weights(at.terms._replace(chi2=at.chi2_beside(moved, c)))
-    return Explained(basis, spread, quadratic, c, moved, weights)
+    return Explained(seen.effects, basis, spread, quadratic, c, moved, weights)

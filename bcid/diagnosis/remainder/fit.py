@@ -43,13 +43,13 @@ class RemainderFit(NamedTuple):
     fitted: Floats  # (K,) their coefficients, zero for others
     spread: Mapping[str, float]  # of each channel, 0 where nothing is needed
     log_evidence: float  # log-likelihood, priors and prices of names, integrated over the remainder
-    seen: Explained  # to first order, beside the names alone
+    seen: Explained  # to first order, beside the names alone: those of its `effects`
     settled: bool = True  # False where refits diverged, or ended as they could not reach what they had to exceed
 
     @classmethod
-    def without_functions(cls, fit: Fit, seen: Explained) -> RemainderFit:
-        """The `fit` alone, beside which a remainder would explain what is `seen`."""
-        basis = seen.basis
+    def without_functions(cls, fit: Fit, seen: Explained, basis: RemainderBasis | None = None) -> RemainderFit:
+        """The `fit` alone, beside which a remainder of the functions of a `basis` would explain what is `seen`."""
+        basis = basis or seen.basis
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros(len(basis.size))
         zero = dict.fromkeys(basis.channels, 0.0)
         return cls(fit, fit, basis, none, nothing, zero, fit.penalised_log_likelihood, seen)
@@ -88,7 +88,7 @@ def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: 
 
     Where an effect stands beside others that have no name yet, its fit without them is far from where it belongs: here
     it begins beside what explains them, at no size, and first tries that of `named`.  Refits end where their evidence
-    cannot reach `to_exceed`.  What is seen to first order is that of `rest`.
+    cannot reach `to_exceed`.  What is seen to first order is that of `rest`, as its effects tell.
     """
     more, phi, ahead = rest.fit.hypothesis, rest.fit.phi, rest.fit.phi
     known = named.hypothesis.effect_values(named.phi)
@@ -101,8 +101,28 @@ def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: 
         more, phi = more.add_effect(name, phi, off)
     near, effort = rest.fit, Effort(TANGENTS, least=CONVERGED_NATS, climbs=False)
     further = none_if_diverged(refit, take, more, phi, near.start, near.scales, effort, ahead=(ahead,))
-    alone = RemainderFit.without_functions(named, rest.seen._replace(basis=rest.basis))
+    alone = RemainderFit.without_functions(named, rest.seen, rest.basis)
     return _refit_until_stable(alone, rest.on, further, take, (), to_exceed, rounds=1)
+
+
+@kept_under("near_nats")
+def leave_out(rest: RemainderFit, lesser: Fit, take: Take) -> RemainderFit:
+    """The fit `lesser`, which lacks one effect that is in `rest`, with a remainder found from that in `rest`.
+
+    The functions there grow into the place of the effect.  What is seen to first order is that of `rest`, as its
+    effects tell.
+    """
+    with_all, functions = rest.fit.hypothesis, rest.fit.phi[rest.fit.hypothesis.named_size :]
+    values = with_all.effect_values(rest.fit.phi)
+    hypothesis = replace(lesser.hypothesis, remainder=with_all.remainder)
+    own = [values[field] for field, _ in lesser.hypothesis.effect_parameters]
+    phi, near = lesser.hypothesis.phi_of(rest.fit.car(), own), rest.fit
+    further = none_if_diverged(
+        refit, take, hypothesis, np.r_[phi, functions], near.start, near.scales, Effort(least=CONVERGED_NATS),
+        ahead=(np.r_[lesser.phi, functions],),
+    )  # fmt: skip
+    alone = RemainderFit.without_functions(lesser, rest.seen, rest.basis)
+    return _refit_until_stable(alone, rest.on, further, take, (), -np.inf)
 
 
 @kept_under("near_nats")
@@ -123,7 +143,7 @@ def allow_copies(rest: RemainderFit, take: Take, copied: tuple[str, ...]) -> Rem
 
     What is seen to first order is seen with them.  It is `rest` itself where they do not help.
     """
-    seen = explain_with_copies(rest.seen._replace(basis=rest.basis), rest.named, take, copied)
+    seen = explain_with_copies(rest.named, take, rest.basis, copied)
     if len(rest.on):
         found = _refit_until_stable(rest, rest.on, rest.fit, take, copied, -np.inf)
         return found._replace(seen=seen) if found is not rest else rest
@@ -157,7 +177,7 @@ def _refit_until_stable(
         c = quadratic.posterior_mean(sd)
         # about none, to second order about the refit; integrated, this holds what a last step would gain
         about_none = _without_remainder(further, named, take) - quadratic.gain(fitted)
-        nats = about_none + quadratic.log_evidence(sd) - basis.price
+        nats = about_none + quadratic.log_evidence(sd) - basis.price(spread)
         gained = nats - best.log_evidence
         if nats > best.log_evidence:
             best = best._replace(fit=further, spread=spread, log_evidence=nats, on=on, fitted=fitted)

@@ -8,6 +8,7 @@ smooth is likelier.  No function is a law of the vocabulary.
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -71,13 +72,17 @@ class RemainderBasis(NamedTuple):
     channel: tuple[str, ...]  # (K,), K = B + M
     size: Floats  # (K,) of a coefficient, beside others of its channel (m/s^2, rad/s^2, rad, m, s)
     yaw_size: float = 1.0  # rad/s^2 that count as much as 1 m/s^2
-    price: float = 0.0  # nats that the choice of functions costs, where they were chosen after the data
+    prices: Mapping[str, float] = MappingProxyType({})  # nats, by group, for functions that were chosen after the data
     half_waves: Floats = NO_HALF_WAVES  # (len(INPUTS), 2) phase and wave number of half a wave over each range
 
     @property
     def channels(self) -> tuple[str, ...]:
         """The groups of functions with one spread each: channels, their waves (~) and their constants (=)."""
         return tuple(dict.fromkeys(self.channel))
+
+    def price(self, spread: Mapping[str, float]) -> float:
+        """Nats that the choice of functions costs, of the groups that act by their `spread`."""
+        return sum(nats for group, nats in self.prices.items() if spread[group] > 0.0)
 
     def groups(self, copied: Iterable[str]) -> tuple[str, ...]:
         """All groups, of copies of laws that have names those in the channels `copied` only."""

@@ -95,7 +95,8 @@ def find_wave(
     fields = [*_gains_on_body(at, car, weights, slope), *_gains_in_tracking(at, weights, moved, acts)]
     price, best = float(np.log(sum(len(gains.likely) for _, _, gains in fields))), None
     for channel, direction, gains in fields:
-        likely = np.where(gains.scattered > price + SEARCH_LIMITS.min_wave_nats, gains.likely, 0.0)
+        enough = np.minimum(gains.likely, gains.scattered) > price + SEARCH_LIMITS.min_wave_nats
+        likely = np.where(enough, gains.likely, 0.0)
         k = int(np.argmax(likely))
         if likely[k] > max(least, best.gain if best else 0.0):
             best = Wave(channel, _wave_functions(channel, direction, gains.waves, k), float(likely[k]), price)
@@ -213,21 +214,23 @@ def add_waves(basis: RemainderBasis, waves: list[Wave]) -> RemainderBasis:
     """The basis with cosines and sines of `waves` beside its functions, each channel's under a spread of its own."""
     body, tracking = [basis.functions], [basis.tracking]
     channel, size = list(basis.channel), list(basis.size)
-    B = len(basis.functions)
+    B, prices = len(basis.functions), dict(basis.prices)
     for wave in waves:
+        group = f"{wave.channel}~"
+        prices[group] = prices.get(group, 0.0) + wave.price
         per_unit = {"mz": basis.yaw_size, "steering": TURN_RAD, "pose": SEEN_SIZE}.get(wave.channel, 1.0)
         if wave.functions.shape[1] == COLUMNS:
             body.append(wave.functions)
-            channel[B:B], size[B:B] = [f"{wave.channel}~"] * 2, [per_unit] * 2
+            channel[B:B], size[B:B] = [group] * 2, [per_unit] * 2
             B += 2
         else:
             tracking.append(wave.functions)
-            channel += [f"{wave.channel}~"] * 2
+            channel += [group] * 2
             size += [per_unit] * 2
     return basis._replace(
         functions=np.concatenate(body),
         tracking=np.concatenate(tracking),
         channel=tuple(channel),
         size=np.array(size),
-        price=basis.price + sum(w.price for w in waves),
+        prices=prices,
     )

@@ -48,7 +48,7 @@ def weigh_plain_names(state: SearchState, rest: RemainderFit, fit: Fit) -> Remai
     """The `fit`, with names that were added plainly to that of `rest`, with a remainder from the nearer start."""
     if fit is rest.named or _explains_most(fit, rest):
         return state.beside_remainder(fit)
-    return state.remember(add_beside_remainder(rest, fit, state.take))
+    return state.with_own_view(state.remember(add_beside_remainder(rest, fit, state.take)))
 
 
 def add_names_beside_remainder(
@@ -133,12 +133,14 @@ def _best_credible(
     held = best.named.hypothesis.effects if best else ()
     for name, nats in added.items():
         if name not in held:
-            # what passes the gate may count beside less that has no name
-            (state.fell_short if nats > state.gate else state.refused)[name] = nats
+            state.added[name] = nats
+            if nats < state.gate:  # what passes it may count beside less that has no name
+                state.refused.add(name)
     if best is None:
         return None
     alone = state.beside_remainder(refits.refit_fully(best.named, state.take))
-    return state.remember(converge_further(best, state.take)._replace(named=alone.named, seen=alone.seen))
+    best = converge_further(greater_evidence(best, alone), state.take)
+    return state.with_own_view(state.remember(best._replace(named=alone.named)))
 
 
 def _weigh_candidate(

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import CONVERGED_SHARE, RemainderFit
+from bcid.diagnosis.remainder.fit import CONVERGED_SHARE, RemainderFit, leave_out
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search.refits import gain_nats, named_effects, refit_with_effects
-from bcid.diagnosis.search.search_state import SearchState, effects_of
+from bcid.diagnosis.search.search_state import SearchState, effects_of, greater_evidence
 from bcid.likelihood.refit import Fit
 
 
@@ -35,14 +35,16 @@ class Lesser(NamedTuple):
 def keep_names(state: SearchState, rest: RemainderFit) -> KeptNames:
     """Those names of a fit that each add enough; the one that lacks most goes first, others are weighed anew."""
     while True:
+        state.draw_nulls(rest)
         full, lesser = state.with_copies(rest, CHANNELS), _without_each(state, rest)
         gains = {name: _gain(state, rest, full, less) for name, less in lesser.items()}
         beyond = {name: gains[name] - _required_nats(state, rest, full, less) for name, less in lesser.items()}
         weakest = min(beyond, key=lambda name: beyond[name], default="")
         if not weakest or beyond[weakest] > 0.0:
             return KeptNames(rest, full, gains, {name: less.fit for name, less in lesser.items()})
-        state.refused[weakest] = gains[weakest]
-        rest = lesser[weakest].weighed
+        state.refused.add(weakest)
+        state.added[weakest] = gains[weakest]
+        rest = state.with_own_view(lesser[weakest].weighed)
 
 
 def _required_nats(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser) -> float:
@@ -73,11 +75,15 @@ def _gain(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Less
 def _without_each(state: SearchState, rest: RemainderFit) -> dict[str, Lesser]:
     """What explains the take without each name.
 
-    It is refitted from the fit with the name: what was found before may be a lesser maximum.
+    It is refitted from the fit with the name: what was found before may be a lesser maximum.  Where the name seems to
+    add enough, the remainder without it is also found from that beside it.
     """
     held, lesser = rest.named.hypothesis.effects, dict[str, Lesser]()
     for name in named_effects(rest.named):
         fit = refit_with_effects(rest.named, state.take, tuple(n for n in held if n != name))
         weighed = state.beside_remainder(fit)
+        if len(rest.on) and rest.log_evidence - weighed.log_evidence > state.gate:
+            found = leave_out(rest, state.likeliest[effects_of(fit)], state.take)
+            weighed = state.remember(greater_evidence(weighed, found))
         lesser[name] = Lesser(state.likeliest[effects_of(fit)], weighed)
     return lesser

@@ -16,6 +16,7 @@ from bcid.diagnosis.search.add_names import Report, add_names_beside_remainder, 
 from bcid.diagnosis.search.corrections import fit_corrections, replace_delays_by_latency
 from bcid.diagnosis.search.keep_names import KeptNames, keep_names
 from bcid.diagnosis.search.place_search import refine_places
+from bcid.diagnosis.search.refits import named_effects
 from bcid.diagnosis.search.rivals import distinct_rivals, exchange_until_stable
 from bcid.diagnosis.search.screen import NullGains, screen_effects, simulate_trials
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
@@ -52,13 +53,14 @@ class Naming(NamedTuple):
 
 
 def name_effects(
-    base: Fit, take: Take, excluded: Sequence[str] = (), reference_fit: Fit | None = None,
+    base: Fit, take: Take, excluded: Sequence[str] = (), others: Sequence[Fit] = (),
     report: Report = lambda text: None,
 ) -> Naming:  # fmt: skip
     """Name the effects that a take shows beside the fitted `base` model, but for those `excluded`.
 
-    The first effect is also sought beside `reference_fit`, a reference model at its own parameters, since refitted
-    parameters may hide what is missing.  `report` is called with a text in each round.
+    The first effect is also sought beside `others`: a reference model at its own parameters, since refitted ones may
+    hide what is missing, and fits of the base model in other basins, of which an effect may make one the likeliest.
+    `report` is called with a text in each round.
     """
     report("the base model's own simplifications")
     corrected = fit_corrections(base, take)
@@ -66,14 +68,15 @@ def name_effects(
     state = SearchState(take, basis_for(corrected, take), tuple(excluded))
     before = state.beside_remainder(corrected)
     state.draw_nulls(before)
-    more = refit_beside_reference(reference_fit, corrected, take, excluded) if reference_fit else []
+    more = [f for other in others for f in refit_beside(other, corrected, take, excluded)]
     rest = _add_names(state, before, more, report)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)
-    kept = _keep_and_seek_again(state, state.beside_remainder(refine_places(fit, take)), report)
+    refined = state.with_own_view(state.beside_remainder(refine_places(fit, take)))
+    kept = _keep_and_seek_again(state, refined, report)
     kept, rivals = _exchange_names(state, kept, (base, corrected))
     state.draw_nulls(kept.rest)
-    dropped = {name: nats for name, nats in state.dropped().items() if name not in kept.gains}
+    dropped = {name: nats for name, nats in state.added.items() if name not in kept.gains}
     return Naming(
         base, corrected, before, rest=kept.full, gains=kept.gains, without=kept.without, rivals=rivals,
         dropped=dropped, nulls=state.nulls,
@@ -97,6 +100,8 @@ def _keep_and_seek_again(state: SearchState, rest: RemainderFit, report: Report)
     """The names of `rest` that stay, and those that come in for what one that went had explained."""
     kept = keep_names(state, rest)
     if kept.rest.nats - rest.nats > state.gate:
+        # what was refused beside names that went may count beside those that are left
+        state.refused = set(named_effects(rest.named)) - set(named_effects(kept.rest.named))
         kept = keep_names(state, add_names_beside_remainder(state, kept.rest, (), report))
     return kept
 
@@ -106,30 +111,30 @@ def _exchange_names(state: SearchState, kept: KeptNames, known: Sequence[Fit]) -
 
     `known` are fits with fewer effects.
     """
-    for _ in range(MAX_EXCHANGES):
+    for exchanges in range(MAX_EXCHANGES + 1):
         trials = state.trials_beside(kept.rest.named)
         others = exchange_until_stable(kept.rest.named, state.take, trials, (*known, *kept.without.values()))
-        exchanged = state.beside_remainder(others.best)
-        if exchanged.log_evidence <= kept.rest.log_evidence:
+        exchanged = state.with_own_view(state.beside_remainder(others.best))
+        if exchanged.log_evidence <= kept.rest.log_evidence or exchanges == MAX_EXCHANGES:
             break
         kept = keep_names(state, exchanged)
     return kept, distinct_rivals(kept.rest.named, (others.best, *others.rivals))
 
 
-def refit_beside_reference(reference: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
-    """Joint refits of the `corrected` base model with one effect more, that start from a reference model's parameters.
+def refit_beside(other: Fit, corrected: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
+    """Joint refits of the `corrected` base model with one effect more, from the parameters of an `other` fit.
 
-    `reference` is that model as a fit, not refitted.  The effects are those that a score test beside it promises most
-    from, without those `excluded`.  Empty if predictions of the reference model diverge.
+    That has no effects but the base model's.  Those that come in are the ones from which a score test beside it
+    promises most, without those `excluded`.  Empty if its predictions diverge.
     """
     try:
-        candidates = screen_effects(reference, take, simulate_trials(reference, take).without(excluded))
+        candidates = screen_effects(other, take, simulate_trials(other, take).without(excluded))
     except PredictionDiverged:
         return []
     more = list[Fit]()
     first = candidates[: SEARCH_LIMITS.max_candidates]
     new = [c for c in first if c.effect not in corrected.hypothesis.effects]
-    for quick in refits.refit_candidates_along_tangent(reference, take, new):
+    for quick in refits.refit_candidates_along_tangent(other, take, new):
         values = corrected.hypothesis.effect_values(corrected.phi) | quick.hypothesis.effect_values(quick.phi)
         hypothesis = corrected.hypothesis.with_effects(*corrected.hypothesis.effects, quick.hypothesis.effects[-1])
         phi = hypothesis.phi_of(quick.car(), [values[field] for field, _ in hypothesis.effect_parameters])

@@ -28,13 +28,13 @@ class SearchState:
     nulls: NullGains = NO_NULLS  # what effects gain by chance beside the fit that the search has reached
     weighed: dict[frozenset[str], RemainderFit] = field(default_factory=dict)  # of the greatest evidence
     likeliest: dict[frozenset[str], Fit] = field(default_factory=dict)  # without a remainder
-    refused: dict[str, float] = field(default_factory=dict)  # effects, and nats that each adds at most
-    fell_short: dict[str, float] = field(default_factory=dict)  # of those that might count where less has no name
+    refused: set[str] = field(default_factory=set)  # effects that are not tried again beside the names there are
+    added: dict[str, float] = field(default_factory=dict)  # nats that effects added which were tried, or taken, in vain
     _weighed_from: dict[frozenset[str], float] = field(default_factory=dict)  # log-likelihoods of the fits weighed
-    _explained: tuple[Fit, Explained] | None = None  # the fit that was explained last
+    _explained: dict[frozenset[str], tuple[Fit, Explained]] = field(default_factory=dict)  # the last fit of each
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
     _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
-    _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], RemainderFit] = field(default_factory=dict)
+    _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], tuple[Fit, RemainderFit]] = field(default_factory=dict)
 
     @property
     def gate(self) -> float:
@@ -47,10 +47,6 @@ class SearchState:
         So much is no name's.
         """
         return max(self.gate, SEARCH_LIMITS.remainder_error * unnamed)
-
-    def dropped(self) -> dict[str, float]:
-        """Effects that were tried or taken and are no names, with the nats that each adds at most."""
-        return self.fell_short | self.refused
 
     def draw_nulls(self, rest: RemainderFit) -> None:
         """Find what effects gain by chance beside a fit and its remainder.
@@ -73,12 +69,16 @@ class SearchState:
 
     def explain(self, fit: Fit) -> Explained:
         """What a remainder explains beside a `fit` to first order."""
-        known = self._already_weighed(fit)
-        if known:
-            return known.seen
-        if self._explained is None or self._explained[0] is not fit:
-            self._explained = fit, explain(fit, self.take, self.basis)
-        return self._explained[1]
+        key = effects_of(fit)
+        if key not in self._explained or self._explained[key][0] is not fit:
+            self._explained[key] = fit, explain(fit, self.take, self.basis)
+        return self._explained[key][1]
+
+    def with_own_view(self, rest: RemainderFit) -> RemainderFit:
+        """The fit with what is seen beside its own names, where it has come from a fit of others."""
+        if frozenset(rest.seen.effects) == effects_of(rest.named):
+            return rest
+        return self.remember(rest._replace(seen=self.explain(rest.named)))
 
     def beside_remainder(self, fit: Fit, seen: Explained | None = None, to_exceed: float = -math.inf) -> RemainderFit:
         """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order.
@@ -121,9 +121,9 @@ class SearchState:
         Copies are there in some `channels` only.
         """
         key = (effects_of(rest.named), channels)
-        if key not in self._with_copies:
-            self._with_copies[key] = allow_copies(rest, self.take, channels)
-        return greater_evidence(rest, self._with_copies[key])
+        if key not in self._with_copies or self._with_copies[key][0] is not rest.fit:
+            self._with_copies[key] = rest.fit, allow_copies(rest, self.take, channels)
+        return greater_evidence(rest, self._with_copies[key][1])
 
 
 def effects_of(fit: Fit) -> frozenset[str]:
