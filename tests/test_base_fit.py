@@ -207,6 +207,21 @@ def test_a_place_ahead_that_misleads_costs_nothing(seed: int) -> None:
     np.testing.assert_allclose(there.phi, fit.phi)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_refit_with_a_place_never_ends_below_where_it_began(seed: int) -> None:
+    """Whose edge makes the likelihood rough, so that a step may lose on its way."""
+    fit, take = concealing(motor_dead_zone=0.1, yaw_scrub=10.0)
+    rng = np.random.default_rng(seed)
+    name = ("rough_patch", "slippery_patch")[seed % 2]
+    x, y = take.pose[rng.integers(len(take.pose)), :2]
+    more, _ = fit.hypothesis.add_effect(name, fit.phi, [p.off for p in fit.hypothesis.entries[name].parameters])
+    size = more.entries[name].parameters[0].size
+    more, phi = fit.hypothesis.add_effect(name, fit.phi, [0.5 * size, x, y, 1.0])
+    began = evaluate_fixed(take, more, phi, fit.scales)
+    ended = refit(take, more, phi, began.start, began.scales)
+    assert ended.log_likelihood + ended.log_prior > began.log_likelihood + began.log_prior - MIN_GAIN
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_refit_never_ends_below_a_start_that_it_contains(seed: int) -> None:
     """Effects drawn by lot are added to a fit with others, at sizes that change nothing."""

@@ -115,6 +115,7 @@ def test_a_reference_is_evaluated_as_given_where_it_is_not_trusted(kind: str, mo
         assert h.effect_values(asked[0]) == pytest.approx({"motor_lag__tau": 0.06, "steering_scale__g": 0.0})
     else:
         assert len(asked) == (kind == "diverges")
+    assert of._replace(others=(fit,)).starts_of_names() == (("held", fit) if kind == "given" else (fit,))
 
 
 @pytest.mark.slow

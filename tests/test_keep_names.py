@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 from weighed_names import GATE, Evidence, beside, explained_by_remainder, fit, state_of
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import CONVERGED_SHARE
+from bcid.diagnosis.remainder.fit import CONVERGED_SHARE, RemainderFit
 from bcid.diagnosis.search import keep_names as keep_names_module
 from bcid.diagnosis.search.keep_names import Lesser, _gain, keep_names
 from bcid.diagnosis.search.refits import named_effects
@@ -86,6 +89,28 @@ def test_beside_a_large_remainder_a_name_must_add_more_than_smooth_functions_can
     looking, _ = keeping(monkeypatch, {A: gains, (): 0.0}, {A: left, (): left})
     rest, _, _, _ = keep_names(looking, beside(fit(gains, *A), left))
     assert named_effects(rest.named) == (A if stays else ())
+
+
+@pytest.mark.parametrize(("grown", "stays"), [(180.0, True), (295.0, False)])
+def test_a_name_is_weighed_against_a_remainder_that_grew_into_its_place(
+    grown: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which a search from nothing may miss."""
+    looking, _ = keeping(monkeypatch, {A: 100.0, (): 0.0}, {A: 200.0, (): 150.0})
+    asked = list[tuple[str, ...]]()
+
+    def leave_out(rest: RemainderFit, less: Any, take: Any) -> RemainderFit:
+        asked.append(less.hypothesis.effects)
+        return beside(less, grown, rest.seen)
+
+    monkeypatch.setattr(keep_names_module, "leave_out", leave_out)
+    rest = beside(fit(100.0, *A), 200.0)._replace(on=np.arange(3))
+    kept = keep_names(looking, rest)
+    assert asked == [()]
+    assert kept.gains == ({"yaw_scrub": 100.0} if stays else {})
+    if not stays:
+        assert kept.rest.log_evidence == grown
+        assert kept.rest.seen.effects == ()
 
 
 # --- copies of laws that have names ----------------------------------------------------------------------------------

@@ -104,6 +104,40 @@ def test_a_likelier_exchange_is_a_name_or_a_rival(
     )
 
 
+def test_rivals_are_those_of_the_names_that_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where an exchange is taken, and a name falls after it."""
+    Evidence(monkeypatch, {})
+    asked = list[tuple[str, ...]]()
+
+    def exchange(f: Any, take: Any, some: Any, known: Any) -> Alternatives:
+        asked.append(f.hypothesis.effects)
+        if len(f.hypothesis.effects) == 2:
+            return Alternatives(fit(120.0, "rear_toe", "motor_sag"), (f,))
+        return Alternatives(f, (fit(110.0, "yaw_coulomb"),))
+
+    monkeypatch.setattr(name_search, "exchange_until_stable", exchange)
+    monkeypatch.setattr(name_search, "keep_names", lambda state, rest: kept_of(fit(115.0, "rear_toe"), rear_toe=90.0))
+    before = kept_of(fit(100.0, "yaw_scrub", "motor_sag"), yaw_scrub=50.0, motor_sag=50.0)
+    kept, rivals = name_search._exchange_names(state_of(), before, ())
+    assert kept.rest.named.hypothesis.effects == ("rear_toe",)
+    assert asked == [("yaw_scrub", "motor_sag"), ("rear_toe",)]
+    assert [f.hypothesis.effects for f in rivals] == [("yaw_coulomb",)]
+
+
+@pytest.mark.parametrize("falls", [True, False])
+def test_what_was_refused_beside_a_name_that_went_is_tried_again(falls: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    looking = state_of(refused={"motor_sag", "yaw_scrub"})
+    left = 100.0 if falls else 0.0
+    kept = kept_of(fit(0.0) if falls else fit(0.0, "yaw_scrub"), left)
+    asked = list[set[str]]()
+    monkeypatch.setattr(name_search, "keep_names", lambda state, rest: kept)
+    monkeypatch.setattr(
+        name_search, "add_names_beside_remainder", lambda state, rest, *_: asked.append(set(state.refused)) or rest
+    )
+    name_search._keep_and_seek_again(looking, beside(fit(0.0, "yaw_scrub")), lambda text: None)
+    assert asked == ([{"yaw_scrub"}] if falls else [])
+
+
 def test_an_excluded_effect_is_never_named_nor_tried() -> None:
     base, take = concealing(yaw_scrub=20.0)
     texts = list[str]()

@@ -14,6 +14,7 @@ from bcid.diagnosis.remainder.fit import (
     allow_copies,
     converge_further,
     fit_with_remainder,
+    leave_out,
 )
 from bcid.diagnosis.search import refits
 from bcid.likelihood.refit import Fit, refit
@@ -66,3 +67,14 @@ def test_copies_of_laws_are_added_to_the_functions_that_are_there(unnamed_scrub:
     assert "steering=" not in rest.seen.spread or rest.seen.spread["steering="] == 0.0
     # without copies it is converged to its share, and is never less likely
     assert 0.0 <= allow_copies(rest, take, ()).log_evidence - rest.log_evidence < CONVERGED_SHARE * rest.nats
+
+
+def test_a_remainder_grows_into_the_place_of_a_name_that_is_left_out(unnamed_scrub: tuple[RemainderFit, Take]) -> None:
+    """From the fit with the name evidence comes back to what it is without it, but for what refits are converged to."""
+    rest, take = converge_further(*unnamed_scrub), unnamed_scrub[1]
+    named = add_beside_remainder(rest, quick_fit(rest, take, "yaw_scrub", 5.0), take)
+    assert named.seen.effects == rest.named.hypothesis.effects  # as it tells
+    less = leave_out(named, rest.named, take)
+    assert less.named is rest.named
+    assert less.fit.hypothesis.effects == rest.named.hypothesis.effects
+    assert less.log_evidence == pytest.approx(rest.log_evidence, abs=max(4.0, 2.0 * CONVERGED_SHARE * rest.nats))

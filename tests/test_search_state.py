@@ -48,6 +48,31 @@ def test_what_was_found_from_a_remainder_s_own_fit_does_not_spare_a_search(monke
     assert at.refitted == [("a",)]
 
 
+def test_what_is_seen_is_seen_beside_the_names_that_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A remainder found from that of fewer names brings along what was seen beside those."""
+    at = Evidence(monkeypatch, {(): 90.0, ("a",): 30.0})
+    state = state_of()
+    rest = state.beside_remainder(fit(0.0))
+    at.from_rest[("a",)] = 95.0
+    found = state.remember(at.add_beside_remainder(rest, fit(60.0, "a"), NOTHING))
+    assert found.seen is rest.seen
+    own = state.with_own_view(found)
+    assert (own.seen.effects, own.seen.nats, own.log_evidence) == (("a",), 30.0, 95.0)
+    assert state.weighed[frozenset("a")] is own
+    assert state.with_own_view(own) is own
+    # what comes of a likelier remainder that was kept is seen as the fit is, too
+    assert state.beside_remainder(fit(60.0, "a")).seen is own.seen
+
+
+def test_copies_beside_another_fit_with_the_same_names_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    at = Evidence(monkeypatch, {})
+    at.copies[("a",)] = 50.0
+    state, first = state_of(), beside(fit(0.0, "a"), 10.0)
+    for rest in first, first, beside(fit(0.0, "a"), 20.0):
+        assert state.with_copies(rest, ("fx",)).nats == 50.0
+    assert len(at.copied) == 2
+
+
 def test_evidence_that_ended_early_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is less than that of the fit, so that a name beside it would seem to add more than it does."""
     at = Evidence(monkeypatch, {("a",): 50.0})
