@@ -220,21 +220,26 @@ def test_a_cut_drive_is_the_same_drive(day: QuestionInputs) -> None:
     assert free.car().K_t == pytest.approx(0.8 * CAR.K_t, rel=0.1)
 
 
-def test_another_start_is_another_car_with_the_same_effects() -> None:
-    _, estimate = drive_of(60.0, 21, motor_gain=0.8 * CAR.K_t, steering_drag=60.0)
+def test_another_start_is_the_same_simulation_from_another_car() -> None:
+    recording, estimate = drive_of(60.0, 21, motor_gain=0.8 * CAR.K_t, steering_drag=60.0)
+    vehicle = simulated_vehicle()
     known = ReferenceModel(CAR, {"motor_lag__tau": 0.1}, 0.02)
-    tyres, motor = (move_start(known, start, [estimate], simulated_vehicle()) for start in STARTS)
+    tyres, motor = (move_start(known, start, [estimate], vehicle) for start in STARTS)
     assert tyres is not None
     assert motor is not None
-    assert (tyres.car.C_f, tyres.car.R_1, tyres.car.K_t) == (1.5 * CAR.C_f, 1.5 * CAR.R_1, CAR.K_t)
-    assert (motor.car.K_t, motor.car.C_f, motor.effects) == (CAR.K_t / 1.3, CAR.C_f, known.effects)
-    # what is published lies one standard deviation from where it begins
-    assert motor.relative_sd_of["K_t"] == pytest.approx(np.log(1.3))
-    assert "C_f" not in motor.relative_sd_of
-    assert move_start(None, PARTS[0], [estimate], simulated_vehicle()) is None
-    free = move_start(None, STARTS[1], [estimate], simulated_vehicle())
+    assert tyres._replace(begin={}) == motor._replace(begin={}) == known._replace(begin={})
+    assert (tyres.begin["C_f"], tyres.begin["R_1"], motor.begin["K_t"]) == (1.5, 1.5, 1.0 / 1.3)
+    assert move_start(None, PARTS[0], [estimate], vehicle) is None
+    free = move_start(None, STARTS[1], [estimate], vehicle)
     assert free is not None
-    assert (free.relative_sd, free.relative_sd_of) == (None, {})
+    assert (free.relative_sd, free.begin) == (None, motor.begin)
+    # the fit ends where it does from the simulation itself, by the same prior
+    fits = [fit_base_model([recording], [estimate], vehicle, r).fit for r in (known, tyres, motor)]
+    first = fits[0].hypothesis.trusted_simulation
+    for fit, begin in zip(fits[1:], (tyres.begin, motor.begin), strict=True):
+        assert fit.hypothesis.trusted_simulation == first
+        assert fit.hypothesis.nominal.C_f == pytest.approx(begin.get("C_f", 1.0) * CAR.C_f)
+        assert fit.penalised_log_likelihood == pytest.approx(fits[0].penalised_log_likelihood, abs=2.0)
 
 
 def test_an_answer_is_its_names_or_its_verdict() -> None:

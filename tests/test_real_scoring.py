@@ -10,6 +10,7 @@ import pytest
 from bcid.proof.real.figures import real_document, real_figures, with_goals
 from bcid.proof.real.jobs import Job
 from bcid.proof.real.questions import DrivePair, EditedQuestion, RecordedDrive, WithheldQuestion, Withholding
+from bcid.proof.real.replication import effects_of_figures
 from bcid.proof.real.scoring import score_jobs
 from bcid.proof.real.variations import STARTS
 
@@ -62,7 +63,7 @@ def test_right_is_what_is_withheld_or_what_cannot_be_told_from_it(
     assert told["misfit"] == {"rmse": 1}
 
 
-@pytest.mark.parametrize(("names", "right"), [([], True), (["rear_toe"], True), (["motor_lag"], False)])
+@pytest.mark.parametrize(("names", "right"), [([], True), (["rear_toe"], False), (["motor_lag"], False)])
 def test_what_is_worth_less_than_the_gate_is_a_control(names: list[str], right: bool) -> None:
     told = scored(LAG, said(*map(finding, names), worth=13.9))
     assert (told["tier"], told["right"]) == ("control", right)
@@ -140,9 +141,24 @@ def test_two_drives_of_a_day_show_the_same_or_tell_what_has_changed(
     only: list[str], same: bool, changed: list[str], right: bool
 ) -> None:
     size = {"effect": "motor_lag", "symbol": "tau", "first": [0.1, 0.01], "second": [0.2, 0.01], "same": same}
-    row = {"findings": [], "only": {"first": [], "second": only}, "sizes": [size], "changed": changed}
+    row = {"findings": [], "only": {"first": [], "second": only}, "sizes": [size], "changed": changed, "named": [1, 1]}
     told = scored(PAIR, row, case="replication")
-    assert (told["tier"], told["right"]) == ("replication", right)
+    assert (told["tier"], told["right"], told["empty"]) == ("replication", right, False)
+
+
+def test_two_drives_that_show_nothing_replicate_nothing() -> None:
+    nothing = {"findings": [], "only": {"first": [], "second": []}, "sizes": [], "changed": []}
+    rows = [scored(PAIR, nothing | {"named": named}, case="replication") for named in ([0, 0], [1, 1], [0, 0])]
+    assert [row["empty"] for row in rows] == [True, False, True]
+    told = {f.figure: f for f in real_figures(rows)}
+    assert told["replication: same names and sizes"].n == 1
+    assert (told["replication: pairs without a name"].n, told["replication: pairs without a name"].value) == (3, 2)
+
+
+def test_another_size_of_an_effect_of_the_first_drive_s_model_is_told_as_changed() -> None:
+    symbols = ("motor_lag__tau", "K_t", "motor_dead_zone__width", "motor_lag__tau")
+    row = {"findings": [], "other_figures": [{"symbol": s, "nats": 20.0} for s in symbols]}
+    assert effects_of_figures(row) == ["motor_lag", "motor_dead_zone"]
 
 
 @pytest.mark.parametrize(

@@ -165,6 +165,8 @@ def fit_base_model(
     values = list(assumed.values())
     if reference and reference.relative_sd is not None:
         hypothesis = hypothesis.trust_simulation(values, reference.relative_sd, reference.relative_sd_of)
+    if reference and reference.begin:
+        hypothesis = hypothesis.begin_at(reference.begin)
     progress(0.05, "the base model")
     with threadpool_limits(1, "blas"), refuse_divergence(recordings):
         take, contacts, (fit, others) = prepare.prepare_and_fit_base(recordings, estimates, hypothesis, values)

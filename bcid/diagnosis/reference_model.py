@@ -18,6 +18,7 @@ class ReferenceModel(NamedTuple):
     effects: dict[str, float]  # effect parameters by field of the switches
     relative_sd: float | None = None  # how well all of it is known; None to refit it freely
     relative_sd_of: Mapping[str, float] = MappingProxyType({})  # of parameters and effects that are known otherwise
+    begin: Mapping[str, float] = MappingProxyType({})  # factors of parameters where a fit begins: the model is the same
 
     @classmethod
     def from_fit(cls, fit: Fit) -> ReferenceModel:

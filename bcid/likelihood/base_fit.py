@@ -3,7 +3,8 @@
 Far from the right car, large pushes explain any drive, and the likelihood hardly depends on the car any more.  So a fit
 begins with pushes held small, when what the car does has to explain the poses as well as it can, and what it leaves
 passes for noise.  From there, noise is held to what the poses' own roughness shows, or it would stay as large as that.
-Each start is fitted so to a part of the take, and those that end best to all of it, without limits.
+Each start is fitted so to a part of the take; the likeliest go on, and those that end best are fitted to all of it,
+without limits.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,6 +27,7 @@ FIRST_PUSH = 0.05  # m/s^2 and rad/s^2: where the search for the pushes' scale b
 PART_SEGMENTS = 40  # on which starts are compared: of 85 numbers each, for about 20 parameters
 FIRST_NOISE = 2.0  # times the poses' own roughness, which noise is held below thereafter
 FIRST_EFFORT = Effort(tangents=12)  # with pushes held small, and as many with noise held small
+GO_ON = 2  # starts beside the nominal car's, with noise held small
 BASINS = 2  # that are fitted to the whole take
 SAME_BASIN_NATS = 10.0  # by which a fit's curvature parts two ends of one basin, short of where they would meet
 FIRST_GRIPS = (2.0, 8.0)  # N/kg, of cars without a simulation beside the nominal one
@@ -54,9 +56,9 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     part = take.part(np.arange(0, take.segments, max(1, take.segments // PART_SEGMENTS)))
     cars = first_cars(hypothesis)
     starts = [(part, base, base.phi_of(car, assumed), scales) for car in cars]
-    found = list(map_converged(_fit_part, starts[:1]))
+    found = list(_fit_part(starts[:1]))
     if not (found and _holds_simulation(found[0])):
-        found += list(map_converged(_fit_part, starts[1:], required=not found))
+        found += _fit_part(starts[1:], required=not found)
     basins, start = _distinct(found), base.phi_of(nominal, assumed)
     ends = _ends_on(take, basins)
     ends.append((take, base, start, take.start, scales))  # should all that suits the part diverge elsewhere
@@ -83,10 +85,11 @@ def _ends_on(take: Take, fits: Sequence[Fit]) -> list[tuple[Take, Hypothesis, Fl
 
 
 def first_cars(hypothesis: Hypothesis) -> list[Car]:
-    """Cars from which a base model is fitted: the nominal one, and others like it of stiff and soft tyres.
+    """Cars from which a base model is fitted: the nominal one, and others like it of soft and stiff tyres.
 
-    And of stronger and weaker motors, and of quicker servos where the vehicle file does not say how quick it is.
-    Without a simulation tyres are typical ones of little and of much grip, as the nominal ones are a mere guess.
+    Of soft ones with a stronger motor, of stiff ones with a weaker motor; of soft ones with a slower servo, of stiff
+    ones with a quicker one, where the vehicle file does not say how quick it is.  Without a simulation tyres are
+    typical ones of little and of much grip, as the nominal ones are a mere guess.
     """
     nominal, unknown = hypothesis.nominal, hypothesis.unknown_steering
     stiff = nominal._replace(C_f=nominal.C_f * OTHER_TYRES, C_r=nominal.C_r * OTHER_TYRES)
@@ -97,21 +100,38 @@ def first_cars(hypothesis: Hypothesis) -> list[Car]:
     if hypothesis.trusted_simulation is None:
         size = (nominal.m, nominal.l_f, nominal.l_r, FIRST_INERTIA)
         soft, stiff = (nominal._replace(**typical_inertia_and_tyres(*size, g, g)) for g in FIRST_GRIPS)
-    weak = stiff._replace(K_t=nominal.K_t / OTHER_MOTOR)
-    cars = [nominal, soft, stiff, weak]
+    weak, strong = stiff._replace(K_t=nominal.K_t / OTHER_MOTOR), soft._replace(K_t=nominal.K_t * OTHER_MOTOR)
+    cars = [nominal, soft, stiff, weak, strong]
     if "T_s" in unknown:
-        cars.append(stiff._replace(T_s=nominal.T_s / OTHER_SERVO))
+        cars += [stiff._replace(T_s=nominal.T_s / OTHER_SERVO), soft._replace(T_s=nominal.T_s * OTHER_SERVO)]
     if "d" in unknown:  # a servo may have no limit that shows
         cars[1:] = [car._replace(d=max(car.d, 2.0 * hypothesis.angle_limit / car.T_s)) for car in cars[1:]]
     return cars
 
 
-def _fit_part(part: Take, base: Hypothesis, phi: Floats, scales: Scales) -> Fit:
-    """The base model fitted to a `part` of a take from phi, with pushes held small, then with noise."""
+def _fit_part(starts: Sequence[tuple[Take, Hypothesis, Floats, Scales]], required: bool = False) -> list[Fit]:
+    """Fits of a part of a take from `starts` (part, base model, phi, scales), with pushes held small, then with noise.
+
+    The likeliest GO_ON with pushes held small, in different basins, go on.
+
+    Raises:
+        PredictionDiverged: all diverge, and one is `required`.
+    """
+    first = list(map_converged(_fit_with_small_pushes, starts, required=required))
+    on = [(starts[0][0], f.hypothesis, f.phi, f.start, starts[0][3]) for f in _distinct(first)[:GO_ON]]
+    return list(map_converged(_fit_with_small_noise, on, required=required))
+
+
+def _fit_with_small_pushes(part: Take, base: Hypothesis, phi: Floats, scales: Scales) -> Fit:
+    """The base model fitted from phi: what the car does has to explain the poses."""
     by_noise = UNLIMITED._replace(q=np.full(3, FIRST_PUSH))
+    return refit(part, base, phi, part.start, scales, FIRST_EFFORT, most=by_noise)
+
+
+def _fit_with_small_noise(part: Take, base: Hypothesis, phi: Floats, start: Floats, scales: Scales) -> Fit:
+    """The base model fitted from phi: what it leaves passes for pushes."""
     by_pushes = UNLIMITED._replace(r=FIRST_NOISE * scales.r)
-    first = refit(part, base, phi, part.start, scales, FIRST_EFFORT, most=by_noise)
-    return refit(part, base, first.phi, first.start, scales, FIRST_EFFORT, most=by_pushes)
+    return refit(part, base, phi, start, scales, FIRST_EFFORT, most=by_pushes)
 
 
 def _holds_simulation(fit: Fit) -> bool:

@@ -208,6 +208,16 @@ class Hypothesis:
         drags = np.array([getattr(car, s) for s in DRAG]) / self.drag_units
         return np.array([*logs, *drags, *(np.array(given) / self.effect_units()), *np.zeros(len(self.remainder.sd))])
 
+    def begin_at(self, factors: Mapping[str, float]) -> Hypothesis:
+        """The hypothesis with another nominal car, from which fits begin; what a simulation is trusted for stays.
+
+        Of its `factors` those of base parameters that are fitted count.
+        """
+        fitted = {*self.log_parameters, *DRAG} & factors.keys()
+        return replace(
+            self, nominal=self.nominal._replace(**{s: factors[s] * getattr(self.nominal, s) for s in fitted})
+        )
+
     def prior(self, start: Floats) -> Prior:
         """The prior of the parameter vector phi: a trusted simulation's, or a weak one about `start`.
 

@@ -26,7 +26,7 @@ def real_figures(rows: Sequence[Row]) -> list[RealFigure]:
     tiers: dict[str, list[Row]] = {}
     for row in rows:
         tiers.setdefault(row["tier"], []).append(row)
-    withheld, pairs = tiers.get("withheld", []), tiers.get("transfer", [])
+    withheld, pairs, replicated = (tiers.get(name, []) for name in ("withheld", "transfer", "replication"))
     asked = [row for row in withheld if "error" not in row]
     spent = [row["cpu_s_per_minute"] for row in rows if "cpu_s_per_minute" in row]
     return [
@@ -37,7 +37,11 @@ def real_figures(rows: Sequence[Row]) -> list[RealFigure]:
         _share("controls: right", tiers.get("control", []), "right"),
         _mean_count("controls: false names a question", [len(row["false"]) for row in tiers.get("control", [])]),
         _share("edits: found, with their size", tiers.get("edited", []), "right"),
-        _share("replication: same names and sizes", tiers.get("replication", []), "right"),
+        _share("replication: same names and sizes", [r for r in replicated if not r.get("empty")], "right"),
+        RealFigure(
+            figure="replication: pairs without a name", n=len(replicated),
+            value=sum(r.get("empty", False) for r in replicated) if replicated else None,
+        ),
         _share("transfer: augmented below base", pairs, "below_base"),
         _share("transfer: augmented best of all", pairs, "best"),
         _share("another start: other answer", tiers.get("start", []), "differs"),

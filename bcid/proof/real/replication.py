@@ -18,15 +18,15 @@ def compare_drives(
 ) -> dict[str, Any]:
     """Compare what two drives of one day show, each diagnosed alone; the row of a pair of drives.
 
-    `first` and `second` are rows of `diagnose_drive`, freely diagnosed.  The row has "only" (names that one of the two
-    shows, by "first" and "second"), "sizes" (`compare_sizes`), and "changed": what the second drive is told to have
-    otherwise than the first one's model, if a size differs; else nothing.
+    `first` and `second` are rows of `diagnose_drive`, freely diagnosed.  The row has "named" (how many names either
+    gives), "only" (names that one of the two shows, by "first" and "second"), "sizes" (`compare_sizes`), and "changed":
+    the effects of which the second drive is told to have another size than the first one's model, if a size differs.
     """
     mine, theirs = (_names_and_twins(row["findings"]) for row in (first, second))
     sizes = compare_sizes(first["findings"], second["findings"])
     changed = [] if all(size["same"] for size in sizes) else _changed_effects(pair, inputs, first)
     return {
-        "verdict": "compared", "findings": [], "sizes": sizes, "changed": changed,
+        "verdict": "compared", "findings": [], "named": [len(mine), len(theirs)], "sizes": sizes, "changed": changed,
         "only": {
             "first": [names[0] for names in mine if not _meets_any(names, theirs)],
             "second": [names[0] for names in theirs if not _meets_any(names, mine)],
@@ -55,14 +55,20 @@ def compare_sizes(first: Sequence[Mapping[str, Any]], second: Sequence[Mapping[s
 
 
 def _changed_effects(pair: DrivePair, inputs: QuestionInputs, first: Mapping[str, Any]) -> list[str]:
-    """The effects that a diagnosis of the pair's second drive names against the model of the first."""
+    """The effects of the first drive's model whose size a diagnosis of the second against it tells to be another."""
     vehicle = inputs.vehicle_for(pair.test)
     recording, estimate, _ = inputs.estimate_recording(pair.test, vehicle)
     model = reference_from_row(first["model"])
     assert model is not None  # noqa: S101  # a diagnosis has one
     known = model._replace(relative_sd=LIMITS.unedited_relative_sd)
     row = diagnosis_row(diagnose_recordings([recording], [estimate], vehicle, known))
-    return [f["effect"] for f in row["findings"]]
+    return effects_of_figures(row)
+
+
+def effects_of_figures(row: Mapping[str, Any]) -> list[str]:
+    """The effects of a simulation of which a diagnosis's row tells that a figure is another one, each once."""
+    symbols = [figure["symbol"] for figure in row["other_figures"]]
+    return list(dict.fromkeys(s.partition("__")[0] for s in symbols if "__" in s))
 
 
 def _names_and_twins(findings: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:

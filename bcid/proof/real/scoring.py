@@ -99,7 +99,7 @@ def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any], whole: M
     It has an answer if what is withheld is worth more than the diagnosis's gate.  Right is then one of the withheld
     effects, or what the drive cannot tell from them ("equivalents"), among the findings and their twins, if these are
     fewer than `LIMITS.max_names_per_effect` plus the findings; or as a correction of the base model.  Otherwise the
-    row is a control, and right is not to name it.
+    row is a control, and right is to name neither it nor anything false.
 
     Adds "first" (the first name is right), "false" (findings that are neither right nor shown with nothing withheld,
     in the row `whole`), "ratio" (of the errors in the effect's own channel) and "misfit" of the whole simulation.
@@ -116,7 +116,7 @@ def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any], whole: M
     false = [f["effect"] for f, ok in zip(findings, right, strict=True) if not ok and f["effect"] not in excused]
     return {
         **row, "tier": "withheld" if shows else "control", "effects": list(effects),
-        "right": named if shows else not named, "first": shows and (corrected or (bool(met) and met[0])),
+        "right": named if shows else not (named or false), "first": shows and (corrected or (bool(met) and met[0])),
         "false": false, "ratio": row["ratios"][own_quantity(effects)], "misfit": whole.get("misfit"),
     }  # fmt: skip
 
@@ -151,10 +151,14 @@ def _is_near(value: Sequence[float], before: Sequence[float], edit: float, size:
 
 
 def _score_replication(row: Mapping[str, Any]) -> Row:
-    """Score what two drives of one day show: right are the same names, each size the same or told as changed."""
+    """Score what two drives of one day show: right are the same names, each size the same or told as changed.
+
+    Adds "empty": neither shows a name, and nothing is replicated.
+    """
     names = not row["only"]["first"] and not row["only"]["second"]
     sizes = all(size["same"] or size["effect"] in row["changed"] for size in row["sizes"])
-    return {**row, "right": names and sizes, "false": [], "same_names": names, "same_sizes": sizes}
+    more = {"same_names": names, "same_sizes": sizes, "empty": not any(row["named"])}
+    return {**row, "right": names and sizes, "false": [], **more}
 
 
 def _score_transfer(row: Mapping[str, Any]) -> Row:

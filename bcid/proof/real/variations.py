@@ -5,8 +5,6 @@ A right answer hangs on neither, so that the share of answers that differ says h
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,7 +13,6 @@ import numpy as np
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.estimate.types import Estimate
 from bcid.models.newton_euler.initial_guess import guess_car
-from bcid.physics.car import Car
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
@@ -48,28 +45,17 @@ PARTS = (
 def move_start(
     reference: ReferenceModel | None, variation: QuestionVariation, estimates: list[Estimate], vehicle: Vehicle
 ) -> ReferenceModel | None:
-    """The reference model whose car is another by the factors of a `variation`, so that the fit begins elsewhere.
+    """The reference model with a fit that begins at another car, by the factors of a `variation`.
 
-    Without a reference it is the car that a diagnosis guesses from the `estimates`, to be refitted freely.  Where the
-    simulation is trusted, what it is trusted to be moves along; so that it is not said to be what it is not, parameters
-    that are moved are trusted no better than to the logarithm of their factor.
+    What the simulation is, and how far it is trusted, stays.  Without a reference it is the car that a diagnosis
+    guesses from the `estimates`, to be refitted freely.
     """
     if not variation.factors:
         return reference
     if reference is None:
         car = guess_car(estimates, vehicle, *estimates[0].steering_constants())._replace(u_0=0.0)
         reference = ReferenceModel(car, {})
-    factors, known = dict(variation.factors), reference.relative_sd_of
-    if reference.relative_sd is not None:
-        usual = reference.relative_sd
-        moved = {symbol: max(known.get(symbol, usual), abs(math.log(f))) for symbol, f in factors.items()}
-        known = {**known, **moved}
-    return reference._replace(car=_scale_car(reference.car, factors), relative_sd_of=known)
-
-
-def _scale_car(car: Car, factors: Mapping[str, float]) -> Car:
-    """The car with some of its parameters multiplied by `factors`."""
-    return car._replace(**{symbol: factor * getattr(car, symbol) for symbol, factor in factors.items()})
+    return reference._replace(begin=dict(variation.factors))
 
 
 def cut_recording(recording: Recording, begin: float, end: float) -> Recording:
