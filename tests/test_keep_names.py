@@ -9,7 +9,7 @@ import pytest
 from weighed_names import GATE, Evidence, beside, explained_by_remainder, fit, state_of
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import CONVERGED_SHARE, RemainderFit
+from bcid.diagnosis.remainder.fit import RemainderFit
 from bcid.diagnosis.search import keep_names as keep_names_module
 from bcid.diagnosis.search.keep_names import Lesser, _gain, keep_names
 from bcid.diagnosis.search.refits import named_effects
@@ -181,7 +181,7 @@ def test_a_name_must_add_more_than_evidence_without_it_is_converged_to(
     share: float, stays: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     instead = 5000.0
-    gain = share * CONVERGED_SHARE * instead
+    gain = share * SEARCH_LIMITS.converged_share * instead
     assert gain > GATE
     looking, _ = keeping(monkeypatch, {A: instead + gain, (): 0.0}, {(): instead})
     rest = keep_names(looking, beside(fit(instead + gain, *A))).rest

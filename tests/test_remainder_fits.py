@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from concealed import concealing
 
+from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.explain import basis_for, explain
 from bcid.diagnosis.remainder.fit import (
     CONVERGED_NATS,
-    CONVERGED_SHARE,
     RemainderFit,
     add_beside_remainder,
     allow_copies,
@@ -66,7 +66,9 @@ def test_copies_of_laws_are_added_to_the_functions_that_are_there(unnamed_scrub:
     assert copied.seen.spread["steering="] > 0.0
     assert "steering=" not in rest.seen.spread or rest.seen.spread["steering="] == 0.0
     # without copies it is converged to its share, and is never less likely
-    assert 0.0 <= allow_copies(rest, take, ()).log_evidence - rest.log_evidence < CONVERGED_SHARE * rest.nats
+    assert (
+        0.0 <= allow_copies(rest, take, ()).log_evidence - rest.log_evidence < SEARCH_LIMITS.converged_share * rest.nats
+    )
 
 
 def test_a_remainder_grows_into_the_place_of_a_name_that_is_left_out(unnamed_scrub: tuple[RemainderFit, Take]) -> None:
@@ -77,4 +79,6 @@ def test_a_remainder_grows_into_the_place_of_a_name_that_is_left_out(unnamed_scr
     less = leave_out(named, rest.named, take)
     assert less.named is rest.named
     assert less.fit.hypothesis.effects == rest.named.hypothesis.effects
-    assert less.log_evidence == pytest.approx(rest.log_evidence, abs=max(4.0, 2.0 * CONVERGED_SHARE * rest.nats))
+    assert less.log_evidence == pytest.approx(
+        rest.log_evidence, abs=max(4.0, 2.0 * SEARCH_LIMITS.converged_share * rest.nats)
+    )

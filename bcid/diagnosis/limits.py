@@ -3,8 +3,9 @@
 Gains are penalised log-likelihoods in nats.  A "take of nothing" lacks no physics of the base model: 300 are the tier
 "null" of the blind test, 400 the tiers "null" and "null-imperfect" (a car whose base model is slightly wrong).  "Blind
 test" stands for docs/results/prove.json with the rows in docs/results/proof, "DART" for docs/results/real_dart.json.
-Half and twice of each limit that decides changed 2 of 1440 verdicts of 60 takes (docs/results/limits.json).
-Which of them decide the verdict stands in DECIDING_LIMITS; `bcid prove --limits` halves and doubles each.
+Half and twice of each limit that decides changed 2 of 1440 verdicts of 60 takes (docs/results/limits.json), in a
+search before today's, whose remainder_error was 0.1.  Which of them decide the verdict stands in DECIDING_LIMITS; `bcid
+prove --limits` halves and doubles each.
 """
 
 from collections.abc import Iterator
@@ -23,6 +24,11 @@ class SearchLimits:
     # seven false names fell that added 1 to 9 %, where refits ended by luck; now that they converge, what was tried
     # beside unknown physics added 3 % at most, and a right name in a car of other formulas 8 %.
     remainder_error: float = 0.05
+    # Share of what a remainder explains which a further refit of it must gain: smooth functions miss more than that.
+    # What evidence without a name may lack so, the name must add beyond it.
+    converged_share: float = 0.01
+    # Share of what a remainder explains beyond which a fit's own gain leaves so little that it is found from nothing.
+    most_share: float = 0.5
     # Share of what a name adds which a channel must add beside all names, for copies of laws in it to take its place.
     needed_share: float = 0.2
     # Nats within which evidence to first order decides nothing.

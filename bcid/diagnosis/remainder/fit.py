@@ -29,7 +29,6 @@ from bcid.likelihood.take import Take
 
 ROUNDS = 4  # of refits, each with the spreads found at the one before
 CONVERGED_NATS = 2.0  # that a further round is expected to gain, below which there is none
-CONVERGED_SHARE = 0.01  # of what the remainder explains, likewise: smooth functions miss more than that
 FIRST_TANGENTS, TANGENTS = 3, 8  # of the refit with functions found to first order, and of later ones
 
 
@@ -203,7 +202,7 @@ def _refit_until_stable(
 
 def _least_nats(remainder: float) -> float:
     """Nats that a further step, or round, must gain beside a remainder of so many nats."""
-    return max(CONVERGED_NATS, CONVERGED_SHARE * remainder)
+    return max(CONVERGED_NATS, SEARCH_LIMITS.converged_share * remainder)
 
 
 def _whiten(c: Floats, sd: Floats) -> Floats:

@@ -163,4 +163,4 @@ def _weigh_candidate(
 
 def _explains_most(fit: Fit, rest: RemainderFit) -> bool:
     """Whether a fit without a remainder explains most of what that of `rest` does."""
-    return gain_nats(fit, rest.named) > 0.5 * rest.nats
+    return gain_nats(fit, rest.named) > SEARCH_LIMITS.most_share * rest.nats

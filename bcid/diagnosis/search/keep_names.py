@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import CONVERGED_SHARE, RemainderFit, leave_out
+from bcid.diagnosis.remainder.fit import RemainderFit, leave_out
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search.refits import gain_nats, named_effects, refit_with_effects
 from bcid.diagnosis.search.search_state import SearchState, effects_of, greater_evidence
@@ -54,7 +54,7 @@ def _required_nats(state: SearchState, rest: RemainderFit, full: RemainderFit, l
     all names that smooth functions cannot follow; and the share of that in the name's place to which it is converged.
     """
     alone = max(float(np.max(rest.named.per_segment - less.fit.per_segment)), 0.0)
-    return max(state.gate + alone, state.required_nats(full.nats), CONVERGED_SHARE * less.weighed.nats)
+    return max(state.gate + alone, state.required_nats(full.nats), SEARCH_LIMITS.converged_share * less.weighed.nats)
 
 
 def _gain(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser) -> float:
