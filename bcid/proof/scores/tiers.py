@@ -78,7 +78,7 @@ def _score_tier(name: str, members: Sequence[dict[str, Any]]) -> TierScores:
         place_overlap=_average(_defined_scores(place_overlap, known)),
         time_overlap=_average(_defined_scores(time_overlap, known)),
         not_seen=_average(map(_is_reported_unexcited, unseen)),
-        false_figures=_average(len(_false_figures(r)) for r in rows if "other_parameters" in r and "error" not in r),
+        false_figures=_average(len(_false_figures(r)) for r in rows if r.get("other_parameters") and "error" not in r),
         seconds=_average([r["seconds"] for r in rows if "error" not in r], np.median),
         errors=sum("error" in r for r in members),
     )
