@@ -100,7 +100,11 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         (edited, "diagnose_unedited_drive", unedited),
         (edited, "answer_edited_question", {**said(), "findings": [offset], "before": {"o": [0.0, 0.001]}}),
         (transfer, "predict_other_drive", {"findings": [], "errors": errors}),
-        (replication, "compare_drives", {"findings": [], "only": {"first": [], "second": []}, "sizes": []}),
+        (
+            replication,
+            "compare_drives",
+            {"findings": [], "named": [0, 0], "only": {"first": [], "second": []}, "sizes": []},
+        ),
     ):
         monkeypatch.setattr(module, name, answering(name, row))
     monkeypatch.setattr("bcid.proof.workers.process_pool", ThreadPoolExecutor)  # shares the stand-ins
@@ -299,7 +303,7 @@ def test_what_is_withheld_goes_from_the_day_s_simulation_and_its_servo_is_the_ve
     asked, varied = seen
     assert (asked.car.K_t, asked.car.T_s, asked.car.C_f) == (200.0, 0.1, 9e3)
     assert asked.effects == {"motor_lag__tau": 0.1}
-    assert varied.car.K_t == pytest.approx(200.0 / 1.3)
+    assert (varied.car, varied.begin["K_t"]) == (asked.car, 1.0 / 1.3)
 
 
 def test_the_command_writes_the_figures_and_ends_with_5_where_a_goal_is_missed(

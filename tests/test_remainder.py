@@ -450,8 +450,12 @@ def test_what_is_explained_is_worth_its_evidence_less_its_price() -> None:
     seen = explaining({"v_x": 60.0, "delta": 40.0})
     whole = seen.quadratic.log_evidence(seen.basis.sd(seen.spread))
     assert seen.nats == pytest.approx(whole)
-    dear = seen._replace(basis=seen.basis._replace(price=7.0))
+    group = seen.basis.channel[0]
+    dear = seen._replace(basis=seen.basis._replace(prices={group: 7.0}))
     assert dear.nats == pytest.approx(whole - 7.0)
+    assert dear._replace(spread={**seen.spread, group: 0.0}).nats == pytest.approx(
+        seen._replace(spread={**seen.spread, group: 0.0}).nats
+    )
     more = seen.beside(columns_basis((*seen.basis.channel, "mz~", "mz~")))
     assert more.spread["mz~"] == 0.0
     assert {n: more.spread[n] for n in seen.spread} == dict(seen.spread)
