@@ -139,7 +139,7 @@ def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
 
 
 def test_the_main_job_finds_what_the_readme_says() -> None:
-    """Figures of another machine may differ by a fraction of their standard error; names may not differ."""
+    """Figures of another machine may differ by their standard error; names may not differ, of the last job run here."""
     from bcid.documents.diagnosis import DiagnosisDocument
 
     made = ROOT / "workspace" / "diagnosis" / "diagnosis.json"

@@ -70,7 +70,7 @@ class TrustedSimulation(NamedTuple):
     """A simulation's parameters and how well they are known: a prior of the base model and the assumed effects."""
 
     phi: tuple[float, ...]
-    sd: tuple[float, ...]
+    sd: tuple[float, ...]  # scales of the parameters' laws, of which far values are more likely than of a normal one
     share: float = 1.0  # by which the prior counts where only this share of a take is fitted
 
 
@@ -244,7 +244,7 @@ class Hypothesis:
 
         Args:
             values: parameters of the assumed effects, in their order.
-            relative_sd: standard deviation of every parameter as a share of its value.
+            relative_sd: scale of the law of every parameter (`prior.py`), as a share of its value.
             known_sd: the same share for single parameters, by the base model's symbol or the effect's id.
         """
         base = self.with_effects()

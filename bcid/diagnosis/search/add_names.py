@@ -131,16 +131,15 @@ def _best_credible(
         elif to_exceed == least:
             added[f.hypothesis.effects[-1]] = found.log_evidence - rest.log_evidence
     held = best.named.hypothesis.effects if best else ()
-    for name, nats in added.items():
-        if name not in held:
-            state.added[name] = nats
-            if nats < state.gate:  # what passes it may count beside less that has no name
-                state.refused.add(name)
-    if best is None:
-        return None
+    state.tell_added({name: nats for name, nats in added.items() if name not in held})
+    return _converge_name(state, best) if best else None
+
+
+def _converge_name(state: SearchState, best: RemainderFit) -> RemainderFit:
+    """The fit `best` refitted to its end, with its remainder and without one; the greater evidence of two starts."""
     alone = state.beside_remainder(refits.refit_fully(best.named, state.take))
-    best = converge_further(greater_evidence(best, alone), state.take)
-    return state.with_own_view(state.remember(best._replace(named=alone.named)))
+    found = converge_further(greater_evidence(best, alone), state.take)
+    return state.with_own_view(state.remember(found._replace(named=alone.named)))
 
 
 def _weigh_candidate(

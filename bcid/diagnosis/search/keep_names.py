@@ -20,7 +20,7 @@ class KeptNames(NamedTuple):
     """The names that count, and what shows that."""
 
     rest: RemainderFit  # the fit with them, and the functions beside them that are needed
-    full: RemainderFit  # the same; copies of laws that have names may be among the functions
+    full: RemainderFit  # the fit with them, copies of laws that have names among those functions where that is likelier
     gains: dict[str, float]  # nats by which each makes the take likelier, beside the remainder and without it
     without: dict[str, Fit]  # the likeliest fit without each
 

@@ -5,6 +5,7 @@ and the likeliest fit without a remainder.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
@@ -47,6 +48,14 @@ class SearchState:
         So much is no name's.
         """
         return max(self.gate, SEARCH_LIMITS.remainder_error * unnamed)
+
+    def tell_added(self, added: Mapping[str, float]) -> None:
+        """Keep the nats that effects `added` in vain; those below the gate are not tried again.
+
+        What passes the gate may count beside less that has no name.
+        """
+        self.added |= added
+        self.refused |= {name for name, nats in added.items() if nats < self.gate}
 
     def draw_nulls(self, rest: RemainderFit) -> None:
         """Find what effects gain by chance beside a fit and its remainder.
