@@ -56,6 +56,7 @@ class Refits:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, nats: Any, base: Hypothesis = BASE, sd: float = 1e-3) -> None:
         self.asked: list[tuple[bool, int, float]] = []  # whole take, index of the start, greatest push
+        self.hypotheses, self.part = list[tuple[bool, Any]](), 0
         self._base, self._nats, self._sd = base, nats, sd
         self._starts = [base.with_effects().phi_of(car) for car in first_cars(base)]
         monkeypatch.setattr(base_fit, "refit", self)
@@ -71,6 +72,8 @@ class Refits:
         index = int(np.argmin([np.abs(phi - other).sum() for other in self._starts]))
         whole = take.segments == SEGMENTS
         self.asked.append((whole, index, float(most.q[0])))
+        self.hypotheses.append((whole, hypothesis))
+        self.part = take.segments if not whole else self.part
         nats = self._nats(whole, index)
         if nats is None:
             raise PredictionDiverged(f"lost from start {index}")
@@ -104,6 +107,18 @@ def test_pushes_are_held_small_first_and_the_likeliest_go_on(monkeypatch: pytest
     for index in range(len(CARS)):
         held = [push for whole, of, push in refits.asked if not whole and of == index]
         assert held == ([FIRST_PUSH, np.inf] if index <= GO_ON else [FIRST_PUSH])
+
+
+def test_a_part_of_a_take_is_fitted_against_as_much_of_a_simulation_s_trust(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The whole against all of it."""
+    trusted = BASE.trust_simulation([], 0.05)
+    refits = Refits(monkeypatch, lambda whole, index: -100.0 * index, trusted)
+    refits.fit()
+    shares = {
+        whole: {h.trusted_simulation.share for of, h in refits.hypotheses if of == whole} for whole in (True, False)
+    }
+    assert shares == {True: {1.0}, False: {refits.part / SEGMENTS}}
+    assert refits.part < SEGMENTS
 
 
 def test_the_likeliest_starts_are_refitted_to_the_whole_and_both_basins_are_kept(

@@ -54,13 +54,14 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     """
     base, nominal = hypothesis.with_effects(), hypothesis.nominal
     part = take.part(np.arange(0, take.segments, max(1, take.segments // PART_SEGMENTS)))
-    cars = first_cars(hypothesis)
-    starts = [(part, base, base.phi_of(car, assumed), scales) for car in cars]
+    # a part of a take says so much less against what a simulation is trusted for
+    partly = base.scale_simulation_prior(part.segments / take.segments)
+    starts = [(part, partly, base.phi_of(car, assumed), scales) for car in first_cars(hypothesis)]
     found = list(_fit_part(starts[:1]))
     if not (found and _holds_simulation(found[0])):
         found += _fit_part(starts[1:], required=not found)
     basins, start = _distinct(found), base.phi_of(nominal, assumed)
-    ends = _ends_on(take, basins)
+    ends = _ends_on(take, base, basins)
     ends.append((take, base, start, take.start, scales))  # should all that suits the part diverge elsewhere
     fits = list(islice(map_converged(refit, ends, required=True), min(BASINS, len(basins))))
     fits += _not_below_start(_distinct(fits)[0], take, start)
@@ -74,14 +75,16 @@ def refit_basins(take: Take, fits: BaseFits) -> BaseFits:
     Raises:
         PredictionDiverged: predictions diverge from every end.
     """
-    ends = _ends_on(take, (fits.best, *fits.others))
+    ends = _ends_on(take, fits.best.hypothesis, (fits.best, *fits.others))
     best, *others = _distinct(list(map_converged(refit, ends, required=True)))
     return BaseFits(best, tuple(others))
 
 
-def _ends_on(take: Take, fits: Sequence[Fit]) -> list[tuple[Take, Hypothesis, Floats, Floats, Scales]]:
-    """Arguments of refits to a take from where `fits` to a part of it, or to another cut of it, have ended."""
-    return [(take, f.hypothesis, f.phi, take.start, f.scales) for f in fits]
+def _ends_on(
+    take: Take, hypothesis: Hypothesis, fits: Sequence[Fit]
+) -> list[tuple[Take, Hypothesis, Floats, Floats, Scales]]:
+    """Arguments of refits of a hypothesis to a take from where `fits` to a part of it, or another cut, have ended."""
+    return [(take, hypothesis, f.phi, take.start, f.scales) for f in fits]
 
 
 def first_cars(hypothesis: Hypothesis) -> list[Car]:
