@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.diagnosis.limits import SEARCH_LIMITS
+from bcid.diagnosis.limits import JUDGE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.remainder.fit import RemainderFit, leave_out
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search.refits import gain_nats, named_effects, refit_with_effects
@@ -38,7 +38,7 @@ def keep_names(state: SearchState, rest: RemainderFit) -> KeptNames:
         state.draw_nulls(rest)
         full, lesser = state.with_copies(rest, CHANNELS), _without_each(state, rest)
         gains = {name: _gain(state, rest, full, less) for name, less in lesser.items()}
-        beyond = {name: gains[name] - _required_nats(state, rest, full, less) for name, less in lesser.items()}
+        beyond = {name: _surplus(state, rest, full, less, gains[name]) for name, less in lesser.items()}
         weakest = min(beyond, key=lambda name: beyond[name], default="")
         if not weakest or beyond[weakest] > 0.0:
             return KeptNames(rest, full, gains, {name: less.fit for name, less in lesser.items()})
@@ -47,14 +47,20 @@ def keep_names(state: SearchState, rest: RemainderFit) -> KeptNames:
         rest = state.with_own_view(lesser[weakest].weighed)
 
 
-def _required_nats(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser) -> float:
-    """Nats that a name must add, `less` being what explains the take without it.
+def _surplus(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser, gain: float) -> float:
+    """Nats by which a name adds more than it must, `less` being what explains the take without it; below 0 it falls.
 
-    It is the gate beyond what one segment adds alone, as a single odd one is no law; the share of the remainder beside
-    all names that smooth functions cannot follow; and the share of that in the name's place to which it is converged.
+    Against nothing in its place it must add the gate beyond what one segment adds alone, as a single odd one is no law.
+    Beside a remainder it must add as much, the share of what all names leave that smooth functions cannot follow, and
+    the share of the remainder in its place to which that is converged.  But where all names leave hardly more than that
+    share of what the remainder in its place explains, the two are explanations of the same: the name, which is one law,
+    need only be likelier by the odds that tell rivals apart.
     """
     alone = max(float(np.max(rest.named.per_segment - less.fit.per_segment)), 0.0)
-    return max(state.gate + alone, state.required_nats(full.nats), SEARCH_LIMITS.converged_share * less.weighed.nats)
+    plain, instead = state.gate + alone, less.weighed.nats
+    explains_as_much = full.nats < SEARCH_LIMITS.remainder_error * instead
+    beside = JUDGE_LIMITS.rival_nats if explains_as_much else max(plain, state.required_nats(full.nats))
+    return min(gain_nats(rest.named, less.fit) - plain, gain - max(beside, SEARCH_LIMITS.converged_share * instead))
 
 
 def _gain(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser) -> float:
