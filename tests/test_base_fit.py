@@ -14,7 +14,7 @@ from bcid.effects.constants import Constants
 from bcid.effects.corrections import CORRECTIONS
 from bcid.effects.table import effect_ids
 from bcid.errors import PredictionDiverged
-from bcid.likelihood import base_fit
+from bcid.likelihood import base_fit, newton
 from bcid.likelihood.base_fit import BASINS, FIRST_PUSH, GO_ON, BaseFits, first_cars, fit_base
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import UNLIMITED, Scales
@@ -221,6 +221,15 @@ def test_a_place_ahead_that_misleads_costs_nothing(seed: int) -> None:
     off = fit.phi + 0.05 * rng.normal(size=n)
     there = refit(take, fit.hypothesis, off, fit.start, fit.scales, Effort(tangents=0), ahead=(*ahead, fit.phi))
     np.testing.assert_allclose(there.phi, fit.phi)
+
+
+def test_a_fit_whose_slope_leaves_the_numbers_has_diverged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From such a start no base model is found; a step from there is none."""
+    fit, take = concealing(motor_dead_zone=0.1)
+    jacobian = newton.base_jacobian
+    monkeypatch.setattr(newton, "base_jacobian", lambda *args: 1e200 * jacobian(*args))
+    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(PredictionDiverged, match="slope"):
+        refit(take, fit.hypothesis, fit.phi, fit.start, fit.scales)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -7,6 +7,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.likelihood import marginal, nuisance
+from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.jacobian import base_jacobian, parameter_jacobian
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit_state import EM_STEPS, RefitProblem, RefitState, Tangent, build_state
@@ -79,11 +80,17 @@ def _add_effects(problem: RefitProblem, J: Floats, phi: Floats, start: Floats, r
 
 
 def _slope_along(problem: RefitProblem, state: RefitState, J: Floats) -> tuple[Floats, Floats]:
-    """Gradient (n,) and Gauss-Newton curvature (n, n) of log-likelihood plus log prior, J (N, 3, n) being by phi."""
+    """Gradient (n,) and Gauss-Newton curvature (n, n) of log-likelihood plus log prior, J (N, 3, n) being by phi.
+
+    Raises:
+        PredictionDiverged: either is not finite, as where a derivative is beyond what its square can be.
+    """
     take, prior = problem.take, problem.prior
     g, G = marginal.score_and_information(state.r, state.A, J, take.first, state.scales.r, state.terms.root)
     w = marginal.robust_weights(state.terms)
-    return w @ g + prior.slope(state.phi), np.tensordot(w, G, axes=1) + np.diag(prior.stiffness(state.phi))
+    slope, curvature = w @ g + prior.slope(state.phi), np.tensordot(w, G, axes=1) + np.diag(prior.stiffness(state.phi))
+    require_finite("a slope of the likelihood", slope, curvature)
+    return slope, curvature
 
 
 def bounded_newton_step(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:

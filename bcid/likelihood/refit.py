@@ -142,8 +142,10 @@ def _descend_along_tangent(problem: RefitProblem, tangent: Tangent, state: Refit
     than `far`; that step is kept.  Derivatives by effects' parameters are recomputed at every step.
     """
     for _ in range(problem.effort.iterations):
-        slope, curvature = newton.slope_and_curvature(problem, tangent, state)
-        before, state = state, _step_parameters(problem, state, slope, curvature)
+        slopes = none_if_diverged(newton.slope_and_curvature, problem, tangent, state)
+        if slopes is None:
+            break
+        before, state = state, _step_parameters(problem, state, *slopes)
         if state.objective - before.objective < problem.effort.least or np.max(np.abs(state.phi - before.phi)) > far:
             break
     return state
