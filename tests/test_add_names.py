@@ -69,7 +69,7 @@ def test_beside_a_large_remainder_a_name_must_add_more_than_smooth_functions_can
 
 
 def test_the_best_is_weighed_in_earnest(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the others a remainder found from that without them tells enough; its plain fit is that of its own refit."""
+    """The best candidate is refitted fully, without a remainder too; the others keep their quick fits."""
     at = Evidence(monkeypatch, {("best",): 0.0})
     at.from_rest |= {("best",): 1400.0, ("near",): 1300.0}
     full = fit(450.0, "best")

@@ -369,7 +369,7 @@ def test_effects_that_are_there_besides_may_be_named() -> None:
 
 
 def test_figures_that_are_told_to_be_others_and_are_not_are_counted() -> None:
-    """Of parameters and of effects that the simulation has; where nothing is published nothing is counted."""
+    """A figure that is told counts as false if the car has it as published; without published figures none counts."""
     day = tier("other-day")[0]
     told = [["K_t", "motor_dead_zone__width"], ["C_f"], ["K_t", "C_f", "tyre_soft_saturation__s"], []]
     (scores,) = score_tiers([row(day, others=others) for others in told])

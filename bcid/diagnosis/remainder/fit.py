@@ -142,10 +142,11 @@ def allow_copies(rest: RemainderFit, take: Take, copied: tuple[str, ...]) -> Rem
 
     What is seen to first order is seen with them.  It is `rest` itself where they do not help.
     """
-    seen = explain_with_copies(rest.named, take, rest.basis, copied)
     if len(rest.on):
         found = _refit_until_stable(rest, rest.on, rest.fit, take, copied, -np.inf)
-        return found._replace(seen=seen) if found is not rest else rest
+        helps = found is not rest
+        return found._replace(seen=explain_with_copies(rest.named, take, rest.basis, copied)) if helps else rest
+    seen = explain_with_copies(rest.named, take, rest.basis, copied)
     helps = any(tau > 0.0 for name, tau in seen.spread.items() if is_copy(name))
     return fit_with_remainder(rest.named, take, seen, copied) if helps else rest
 

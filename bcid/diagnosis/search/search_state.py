@@ -89,8 +89,8 @@ class SearchState:
             return rest
         return self.remember(rest._replace(seen=self.explain(rest.named)))
 
-    def beside_remainder(self, fit: Fit, seen: Explained | None = None, to_exceed: float = -math.inf) -> RemainderFit:
-        """The fit with the remainder of greatest evidence beside it; `seen` is what it explains to first order.
+    def beside_remainder(self, fit: Fit, to_exceed: float = -math.inf) -> RemainderFit:
+        """The fit with the remainder of greatest evidence beside it.
 
         Refits end where their evidence cannot reach `to_exceed`.  What is known of a fit that is as likely is returned.
         """
@@ -99,7 +99,7 @@ class SearchState:
             return known
         key = effects_of(fit)
         self.likeliest[key] = max((f for f in (fit, self.likeliest.get(key)) if f), key=_likelihood)
-        found = fit_with_remainder(fit, self.take, seen or self.explain(fit), to_exceed=to_exceed)
+        found = fit_with_remainder(fit, self.take, self.explain(fit), to_exceed=to_exceed)
         if found.settled:
             self._weighed_from[key] = max(_likelihood(fit), self._weighed_from.get(key, -math.inf))
         return self.remember(found)
