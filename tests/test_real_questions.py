@@ -149,6 +149,18 @@ def test_some_are_asked_with_what_they_need_and_the_rest_later(asked: Path, tmp_
         run_real_questions(files, asked, tmp_path, only=["tuesday"])
 
 
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_question_without_an_answer_is_not_asked_in_other_ways(
+    workers: int, asked: Path, tmp_path: Path, answers: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the gate of these answers is 14 nats
+    monkeypatch.setattr(withheld, "answer_withheld_question", lambda *_: said(worth=13.0))
+    rows = run_real_questions([asked / "cases.toml"], asked, tmp_path, workers)
+    assert Counter(row["tier"] for row in rows) == {
+        "control": 4, "edited": 1, "replication": 1, "transfer": 1, "part": 2,
+    }  # fmt: skip
+
+
 def test_a_question_that_ends_in_an_error_is_told_and_asked_again(
     asked: Path, tmp_path: Path, answers: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from bcid.errors import BcidError, UsageError
 from bcid.proof.real.jobs import Job, list_jobs
-from bcid.proof.real.scoring import score_jobs
+from bcid.proof.real.scoring import may_have_answer, score_jobs
+from bcid.proof.real.variations import AS_ASKED
 from bcid.proof.rows import append_row, read_rows
 from bcid.proof.workers import run_jobs
 
@@ -26,8 +27,9 @@ def run_real_questions(
 
     Answers are stored in `folder` under the question and the code, and reused by later calls, but scored anew each
     time.  `recordings` is the folder of the recordings.  With `only`, those jobs alone run whose label holds one of
-    the texts, and what they need; as far as there are rows of others, they are scored, too.  `announce` is called with
-    the label of each job that ends and the share done so far.
+    the texts, and what they need; as far as there are rows of others, they are scored, too.  A question that has no
+    answer is not asked once more in another way.  `announce` is called with the label of each job that ends and the
+    share done so far.
 
     Raises:
         InputRefused: a file of questions, or a file that it names, is invalid.
@@ -45,7 +47,10 @@ def run_real_questions(
     todo = [job for job in jobs if job.key in needed]
 
     def prepare(job: Job) -> Callable[[], dict[str, Any]] | None:
-        if any(key not in rows for key in job.priors):
+        asked_first = job.beside if job.variation != AS_ASKED else ()
+        if any(key not in rows for key in (*job.priors, *asked_first)):
+            return None
+        if not all(may_have_answer(rows[key]) for key in asked_first):
             return None
         return partial(_run_and_store_job, job, [rows[key] for key in job.priors], folder)
 

@@ -68,6 +68,14 @@ def _failed_row(row: Mapping[str, Any]) -> Row:
     return {**row, "right": False, "false": []}
 
 
+def may_have_answer(row: Mapping[str, Any]) -> bool:
+    """Whether the row of a question lets it have an answer: what is withheld is worth more than the diagnosis's gate.
+
+    An edit always has one, and a row with an "error" says nothing against it.
+    """
+    return bool(row.get("worth", math.inf) > row.get("gate", 0.0))
+
+
 def new_findings(row: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The findings that name what the simulation does not have."""
     return [f for f in row["findings"] if f["effect"] not in row.get("has", ())]
@@ -104,7 +112,7 @@ def _score_withheld(question: WithheldQuestion, row: Mapping[str, Any], whole: M
     Adds "first" (the first name is right), "false" (findings that are neither right nor shown with nothing withheld,
     in the row `whole`), "ratio" (of the errors in the effect's own channel) and "misfit" of the whole simulation.
     """
-    effects, shows = question.withholding.effects, row["worth"] > row["gate"]
+    effects, shows = question.withholding.effects, may_have_answer(row)
     accepted = {*effects, *question.withholding.parameters, *(row["equivalents"] if shows else ())}
     findings = new_findings(row) + [f for f in row["findings"] if f["effect"] in question.withholding.parameters]
     sets = [{f["effect"], *f["twins"]} for f in findings]
