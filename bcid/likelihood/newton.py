@@ -40,31 +40,46 @@ def tangent_at(problem: RefitProblem, state: RefitState) -> Tangent:
     return Tangent(state.A, base_jacobian(problem.take, problem.hypothesis, state.phi, state.start, state.r))
 
 
-def slope_and_curvature(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:
+def derivatives_at(problem: RefitProblem, tangent: Tangent, state: RefitState) -> Floats:
+    """Derivatives (N, 3, n) of the predicted poses by all of phi at a refit's `state`.
+
+    Those by base parameters and a remainder's coefficients are those of the `tangent`; those by effects' parameters,
+    which stand between them, are found by finite differences at the `state`.
+    """
+    return _add_effects(problem, tangent.J, state.phi, state.start, state.r)
+
+
+def slope_and_curvature(problem: RefitProblem, state: RefitState, J: Floats) -> tuple[Floats, Floats]:
     """Gradient (n,) and Gauss-Newton curvature (n, n), about -Hessian, of log-likelihood plus log prior by phi.
 
-    phi is the parameter vector (log base parameters, drag, effects' parameters).  Derivatives of predicted poses by
-    base parameters are those of `tangent`; those by effects' parameters are computed at `state` by finite
-    differences.
+    phi is the parameter vector (log base parameters, drag, effects' parameters), and J (N, 3, n) are the derivatives of
+    the predicted poses by it.
+
+    Raises:
+        PredictionDiverged: either is not finite, as where a derivative is beyond what its square can be.
     """
-    return _slope_along(problem, state, _add_effects(problem, tangent.J, state.phi, state.start, state.r))
+    take, prior = problem.take, problem.prior
+    g, G = marginal.score_and_information(state.r, state.A, J, take.first, state.scales.r, state.terms.root)
+    w = marginal.robust_weights(state.terms)
+    slope, curvature = w @ g + prior.slope(state.phi), np.tensordot(w, G, axes=1) + np.diag(prior.stiffness(state.phi))
+    require_finite("a slope of the likelihood", slope, curvature)
+    return slope, curvature
 
 
-def slope_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitState) -> tuple[Floats, Floats]:
+def slope_under_pushes(problem: RefitProblem, state: RefitState, J: Floats) -> tuple[Floats, Floats]:
     """Gradient (n,) and curvature (n, n) as of `slope_and_curvature`, where what pushes do changes with phi.
 
     With z the likely pushes, the likelihood's own slope is by the poses that phi and z predict together: by J + J' z,
-    J being the derivatives without pushes and J' their change by pushes.  J' z is a difference of J under PUSH_SHARE of
-    z and without; a central one costs as much again, and led to no greater likelihood.
+    J (N, 3, n) being the derivatives without pushes and J' their change by pushes.  J' z is a difference of J under
+    PUSH_SHARE of z and without; a central one costs as much again, and led to no greater likelihood.
     """
     pushes = PUSH_SHARE * state.terms.z
     pushes[:, :N_START] = 0.0
     start = state.start + pushes
     r = problem.residuals(state.phi, start)
-    J = _add_effects(problem, tangent.J, state.phi, state.start, state.r)
     pushed = base_jacobian(problem.take, problem.hypothesis, state.phi, start, r)
     change = _add_effects(problem, pushed, state.phi, start, r) - J
-    return _slope_along(problem, state, J + change / PUSH_SHARE)
+    return slope_and_curvature(problem, state, J + change / PUSH_SHARE)
 
 
 def _add_effects(problem: RefitProblem, J: Floats, phi: Floats, start: Floats, r: Floats) -> Floats:
@@ -77,20 +92,6 @@ def _add_effects(problem: RefitProblem, J: Floats, phi: Floats, start: Floats, r
     effects = parameter_jacobian(problem.take, hypothesis, phi, start, r, own)
     base, functions = np.split(J, [hypothesis.base_size], axis=2)
     return np.concatenate([base, effects, functions], axis=2)
-
-
-def _slope_along(problem: RefitProblem, state: RefitState, J: Floats) -> tuple[Floats, Floats]:
-    """Gradient (n,) and Gauss-Newton curvature (n, n) of log-likelihood plus log prior, J (N, 3, n) being by phi.
-
-    Raises:
-        PredictionDiverged: either is not finite, as where a derivative is beyond what its square can be.
-    """
-    take, prior = problem.take, problem.prior
-    g, G = marginal.score_and_information(state.r, state.A, J, take.first, state.scales.r, state.terms.root)
-    w = marginal.robust_weights(state.terms)
-    slope, curvature = w @ g + prior.slope(state.phi), np.tensordot(w, G, axes=1) + np.diag(prior.stiffness(state.phi))
-    require_finite("a slope of the likelihood", slope, curvature)
-    return slope, curvature
 
 
 def bounded_newton_step(phi: Floats, slope: Floats, curvature: Floats, bounds: tuple[Floats, Floats]) -> Floats:

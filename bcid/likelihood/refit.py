@@ -92,14 +92,14 @@ def refit(
     problem = RefitProblem(take, hypothesis, hypothesis.prior(phi), most, effort)
     if tangent is not None:
         state = build_state(problem, phi, start, scales, problem.residuals(phi, start), tangent.A)
-        last, state = tangent, _descend_along_tangent(problem, tangent, state, np.inf)
+        last, state = tangent, _descend_along_tangent(problem, tangent, state, None, np.inf)
     else:
         state = newton.evaluate_at(problem, phi, start, scales)
         steps = [_evaluate_ahead(problem, state, state._replace(phi=np.clip(p, *hypothesis.bounds()))) for p in ahead]
         state = max((state, *(s for s in steps if s)), key=lambda s: s.worth)
         last, state = _refit_by_tangents(problem, state)
     state = build_state(problem, state.phi, state.start, state.scales, state.r, last.A, MAX_EM_STEPS)
-    _, curvature = newton.slope_and_curvature(problem, last, state)
+    _, curvature = newton.slope_and_curvature(problem, state, newton.derivatives_at(problem, last, state))
     return _build_fit(hypothesis, last, state, np.asarray(np.linalg.pinv(curvature), dtype=float))
 
 
@@ -118,14 +118,18 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
     """
     effort, tangent = problem.effort, newton.tangent_at(problem, state)
     best = tangent, state
+    rough = problem.hypothesis.is_place.any()
     for _ in range(effort.tangents):
-        ahead = _descend_along_tangent(problem, tangent, state, FAR)
+        J = none_if_diverged(newton.derivatives_at, problem, tangent, state)
+        if J is None:
+            break
+        ahead = _descend_along_tangent(problem, tangent, state, None if rough else J, FAR)
         better = None
         if ahead.objective - state.objective > effort.least:
             better = _evaluate_ahead(problem, state, ahead)
         if effort.climbs and (better is None or better.worth - state.worth < effort.least):
             # the tangent leads nowhere, or astray
-            better = _climb_under_pushes(problem, tangent, state) or better
+            better = _climb_under_pushes(problem, state, J) or better
         if better is None:
             break
         before, state, tangent = state, better, newton.tangent_at(problem, better)
@@ -135,20 +139,29 @@ def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangen
     return best
 
 
-def _descend_along_tangent(problem: RefitProblem, tangent: Tangent, state: RefitState, far: float) -> RefitState:
+def _descend_along_tangent(
+    problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None, far: float
+) -> RefitState:
     """The refit's state after some Gauss-Newton steps of phi, the linearisation `tangent` held fixed.
 
     It stops after the first step that gains less than the least that counts, or that changes a component of phi by more
-    than `far`; that step is kept.  Derivatives by effects' parameters are recomputed at every step.
+    than `far`; that step is kept.  Derivatives by effects' parameters are those in `J` (N, 3, n).  Without it they are
+    computed at every step, as is needed where the tangent is of a fit without the effect, or the likelihood has edges.
     """
     for _ in range(problem.effort.iterations):
-        slopes = none_if_diverged(newton.slope_and_curvature, problem, tangent, state)
+        slopes = none_if_diverged(_slope_along, problem, tangent, state, J)
         if slopes is None:
             break
         before, state = state, _step_parameters(problem, state, *slopes)
         if state.objective - before.objective < problem.effort.least or np.max(np.abs(state.phi - before.phi)) > far:
             break
     return state
+
+
+def _slope_along(problem: RefitProblem, tangent: Tangent, state: RefitState, J: Floats | None) -> tuple[Floats, Floats]:
+    """Gradient (n,) and curvature (n, n) by phi along a `tangent`, with derivatives `J`, or without it those there."""
+    J = newton.derivatives_at(problem, tangent, state) if J is None else J
+    return newton.slope_and_curvature(problem, state, J)
 
 
 def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState) -> RefitState | None:
@@ -169,13 +182,13 @@ def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState
     return None
 
 
-def _climb_under_pushes(problem: RefitProblem, tangent: Tangent, state: RefitState) -> RefitState | None:
+def _climb_under_pushes(problem: RefitProblem, state: RefitState, J: Floats) -> RefitState | None:
     """The refit's state after one step of phi by the slope that the likelihood has under its likely pushes.
 
-    The step has the least of CLIMB_DAMPINGS by which log-likelihood plus log prior grow by the least that counts; None
-    if there is no such step.
+    `J` (N, 3, n) are the derivatives of predicted poses by phi without these.  The step has the least of CLIMB_DAMPINGS
+    by which log-likelihood plus log prior grow by the least that counts; None if there is no such step.
     """
-    slopes = none_if_diverged(newton.slope_under_pushes, problem, tangent, state)
+    slopes = none_if_diverged(newton.slope_under_pushes, problem, state, J)
     if slopes is None:
         return None
     (slope, curvature), bounds = slopes, problem.hypothesis.bounds()

@@ -11,8 +11,8 @@ import numpy as np
 from bcid.diagnosis.limits import JUDGE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.remainder.fit import RemainderFit, leave_out
 from bcid.diagnosis.remainder.functions import CHANNELS
-from bcid.diagnosis.search.refits import gain_nats, named_effects, refit_with_effects
-from bcid.diagnosis.search.search_state import SearchState, effects_of, greater_evidence
+from bcid.diagnosis.search.refits import first_order_nats, gain_nats, named_effects, refit_with_effects
+from bcid.diagnosis.search.search_state import SearchState, greater_evidence
 from bcid.likelihood.refit import Fit
 
 
@@ -32,64 +32,93 @@ class Lesser(NamedTuple):
     weighed: RemainderFit  # of the greatest evidence
 
 
+class Judged(NamedTuple):
+    """What a name adds, and what explains the take without it."""
+
+    gain: float  # nats that it adds at most, by the comparisons made
+    surplus: float  # nats by which that is more than it must add; at zero and below the name falls
+    less: Lesser
+
+
 def keep_names(state: SearchState, rest: RemainderFit) -> KeptNames:
-    """Those names of a fit that each add enough; the one that lacks most goes first, others are weighed anew."""
+    """Those names of a fit that each add enough; the others go one at a time, and those left are weighed anew.
+
+    Names are judged in the order of what they seem to add, the least first, and the first that falls short goes at
+    once: most of the work of a search is to find what may take a name's place.
+    """
     while True:
         state.draw_nulls(rest)
-        full, lesser = state.with_copies(rest, CHANNELS), _without_each(state, rest)
-        gains = {name: _gain(state, rest, full, less) for name, less in lesser.items()}
-        beyond = {name: _surplus(state, rest, full, less, gains[name]) for name, less in lesser.items()}
-        weakest = min(beyond, key=lambda name: beyond[name], default="")
-        if not weakest or beyond[weakest] > 0.0:
-            return KeptNames(rest, full, gains, {name: less.fit for name, less in lesser.items()})
-        state.refused.add(weakest)
-        state.added[weakest] = gains[weakest]
-        rest = state.with_own_view(lesser[weakest].weighed)
+        kept = dict[str, Judged]()
+        for name in _weakest_first(rest):
+            kept[name] = judged = _judge(state, rest, name)
+            if judged.surplus <= 0.0:
+                state.refused.add(name)
+                state.added[name] = judged.gain
+                rest = state.with_own_view(judged.less.weighed)
+                break
+        else:
+            gains = {name: judged.gain for name, judged in kept.items()}
+            without = {name: judged.less.fit for name, judged in kept.items()}
+            return KeptNames(rest, state.with_copies(rest, CHANNELS), gains, without)
 
 
-def _surplus(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser, gain: float) -> float:
-    """Nats by which a name adds more than it must, `less` being what explains the take without it; below 0 it falls.
+def _weakest_first(rest: RemainderFit) -> list[str]:
+    """The names of a fit in the order of what each adds to first order, beside the remainder or without it."""
+    fits = (rest.named, rest.fit)
+    return sorted(named_effects(rest.named), key=lambda name: min(first_order_nats(fit, name) for fit in fits))
 
-    Against nothing in its place it must add the gate beyond what one segment adds alone, as a single odd one is no law.
-    Beside a remainder it must add as much, the share of what all names leave that smooth functions cannot follow, and
-    the share of the remainder in its place to which that is converged.  But where all names leave hardly more than that
-    share of what the remainder in its place explains, the two are explanations of the same: the name, which is one law,
-    need only be likelier by the odds that tell rivals apart.
+
+def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
+    """What a name adds, against one thing after another in its place, until it falls short.
+
+    Against nothing it must add the gate beyond what one segment adds alone, as a single odd one is no law.  Against a
+    remainder, which is found from nothing and then from that beside the name, and against copies of laws it must add
+    `_least_beside`.  The fit without it begins at the fit with it: what was found before may be a lesser maximum.
     """
-    alone = max(float(np.max(rest.named.per_segment - less.fit.per_segment)), 0.0)
-    plain, instead = state.gate + alone, less.weighed.nats
-    explains_as_much = full.nats < SEARCH_LIMITS.remainder_error * instead
-    beside = JUDGE_LIMITS.rival_nats if explains_as_much else max(plain, state.required_nats(full.nats))
-    return min(gain_nats(rest.named, less.fit) - plain, gain - max(beside, SEARCH_LIMITS.converged_share * instead))
+    others = tuple(n for n in rest.named.hypothesis.effects if n != name)
+    fit = state.keep_likeliest(refit_with_effects(rest.named, state.take, others))
+    alone = max(float(np.max(rest.named.per_segment - fit.per_segment)), 0.0)
+    plain, least = gain_nats(rest.named, fit), state.gate + alone
+    less = Lesser(fit, state.beside_remainder(fit))
+    if plain <= least:
+        return Judged(plain, plain - least, less)
+
+    def judge(less: Lesser, gain: float) -> Judged:
+        return Judged(gain, min(plain - least, gain - _least_beside(state, rest, less, least)), less)
+
+    judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
+    if judged.surplus > 0.0 and len(rest.on):
+        found = leave_out(rest, fit, state.take)
+        less = less._replace(weighed=state.remember(greater_evidence(less.weighed, found)))
+        judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
+    if judged.surplus > 0.0:
+        judged = judge(less, _gain_beside_copies(state, rest, less, judged.gain))
+    return judged
 
 
-def _gain(state: SearchState, rest: RemainderFit, full: RemainderFit, less: Lesser) -> float:
-    """Nats by which a name makes the take likelier, by what explains it with `less`: the least of three comparisons.
+def _least_beside(state: SearchState, rest: RemainderFit, less: Lesser, plain: float) -> float:
+    """Nats that a name must add to a remainder in its place, `plain` being what it must without one.
 
-    What helps only beside a remainder, or only without one, is no name.  Where a channel is needed beside all names,
-    the copies of laws in it may take the name's place; elsewhere they may not, as no name could win.
+    They are the share of what all names leave that smooth functions cannot follow, and the share of the remainder in
+    its place to which that is converged.  But where all names leave hardly more than such a share of what the remainder
+    in its place explains, the two are explanations of the same: the name, which is one law, need only be likelier by
+    the odds that tell rivals apart.
     """
-    gain = min(rest.log_evidence - less.weighed.log_evidence, gain_nats(rest.named, less.fit))
+    left, instead = state.with_copies(rest, CHANNELS).nats, less.weighed.nats
+    explains_as_much = left < SEARCH_LIMITS.remainder_error * instead
+    beside = JUDGE_LIMITS.rival_nats if explains_as_much else max(plain, state.required_nats(left))
+    return max(beside, SEARCH_LIMITS.converged_share * instead)
+
+
+def _gain_beside_copies(state: SearchState, rest: RemainderFit, less: Lesser, gain: float) -> float:
+    """The nats of a name, of which it adds `gain` without copies of laws, where such copies may take its place.
+
+    They may in a channel that is needed beside all names; elsewhere they may not, as no name could win.
+    """
+    full = state.with_copies(rest, CHANNELS)
     least = max(state.gate, SEARCH_LIMITS.needed_share * gain)
     needed = tuple(c for c, nats in full.seen.channel_nats().items() if nats > least) if full.nats > least else ()
-    if gain < state.gate or not needed:
+    if not needed:
         return gain
     copied = state.with_copies(rest, needed).log_evidence - state.with_copies(less.weighed, needed).log_evidence
     return min(gain, copied)
-
-
-def _without_each(state: SearchState, rest: RemainderFit) -> dict[str, Lesser]:
-    """What explains the take without each name.
-
-    It is refitted from the fit with the name: what was found before may be a lesser maximum.  Where the name seems to
-    add enough, the remainder without it is also found from that beside it.
-    """
-    held, lesser = rest.named.hypothesis.effects, dict[str, Lesser]()
-    for name in named_effects(rest.named):
-        fit = refit_with_effects(rest.named, state.take, tuple(n for n in held if n != name))
-        weighed = state.beside_remainder(fit)
-        if len(rest.on) and rest.log_evidence - weighed.log_evidence > state.gate:
-            found = leave_out(rest, state.likeliest[effects_of(fit)], state.take)
-            weighed = state.remember(greater_evidence(weighed, found))
-        lesser[name] = Lesser(state.likeliest[effects_of(fit)], weighed)
-    return lesser

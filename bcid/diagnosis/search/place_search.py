@@ -1,17 +1,19 @@
 """The search for the place or time of an effect: an edge on the floor gives the likelihood kinks without a slope."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import Bounds, direct
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import eliminate_nuisance, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit, refit
-from bcid.likelihood.take import Take
+from bcid.likelihood.score_test import affected_segments
+from bcid.likelihood.take import SEGMENT_S, Take
 
 # steps, as shares of the radius, or of a tenth of the take for a time
 WIDEST_STEP, FINEST_STEP = 0.6, 0.02
@@ -39,8 +41,9 @@ def refine_places(fit: Fit, take: Take) -> Fit:
         phi = fit.phi
         for name in fit.hypothesis.effects:
             widths = _search_widths(fit, take, name)
-            if widths.any():
-                phi = _search_around(fit, take, phi, widths)
+            chosen = segments_in_reach(fit, take, name, phi, widths)
+            if widths.any() and len(chosen):
+                phi = _search_around(*_part(fit, take, chosen), phi, widths)
         # at the edge of a place the prediction may diverge: then the fit stays as it is
         better = none_if_diverged(refit, take, fit.hypothesis, phi, fit.start, fit.scales)
         if better is None or better.penalised_log_likelihood - fit.penalised_log_likelihood < MIN_ROUND_NATS:
@@ -62,6 +65,32 @@ def _search_widths(fit: Fit, take: Take, name: str) -> Floats:
             least = MIN_REACH_M * fit.hypothesis.units.circle_factor
             widths[i] = 0.1 * float(take.length_s.max()) if p.symbol == "t_s" else max(*radii, least)
     return widths
+
+
+def segments_in_reach(fit: Fit, take: Take, name: str, phi: Floats, widths: Floats) -> Ints:
+    """The segments in which the effect `name` is not the same everywhere within `widths` around `phi`.
+
+    They are those that meet any circle of the search, or the time at which anything may change in it.
+    """
+    values = fit.hypothesis.effect_values(phi)
+    reach = zip(values.items(), widths[fit.hypothesis.base_size : fit.hypothesis.named_size], strict=True)
+    own = {f.partition("__")[2]: (v, w) for (f, v), w in reach if f.startswith(f"{name}__")}
+    at, width = {symbol: v for symbol, (v, _) in own.items()}, max(w for _, w in own.values())
+    if "radius" in at:
+        at["radius"] += (1.0 + np.sqrt(2.0)) * width  # it grows, and its centre moves along x and y
+    if "t_s" not in at:
+        path = take.pose - pose_residuals(take, fit.hypothesis.prediction_inputs(phi, take), fit.start)
+        return affected_segments(take, path, at)
+    later = take.begin_s - take.zero_s - SEGMENT_S > at["t_s"] + width
+    at["t_s"] -= width
+    return np.setdiff1d(affected_segments(take, take.pose, at), np.flatnonzero(later))
+
+
+def _part(fit: Fit, take: Take, chosen: Ints) -> tuple[Fit, Take]:
+    """The fit and the take with the segments `chosen` only."""
+    rows = take.rows(chosen)
+    tangent = fit.tangent._replace(A=fit.tangent.A[rows], J=fit.tangent.J[rows])
+    return replace(fit, start=fit.start[chosen], tangent=tangent), take.part(chosen)
 
 
 def _search_around(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:

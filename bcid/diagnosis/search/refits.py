@@ -131,6 +131,16 @@ def estimates_by_symbol(fit: Fit, name: str) -> dict[str, tuple[float, float]]:
     return {p.symbol: estimates[f] for f, p in zip(entry.fields, entry.parameters, strict=True)}
 
 
+def first_order_nats(fit: Fit, name: str) -> float:
+    """Nats that an effect of a `fit` adds to first order: half the square of its size over its standard error.
+
+    It is that of the parameter which adds most; places and times are no sizes.
+    """
+    estimates, entry = estimates_by_symbol(fit, name), ENTRIES[name]
+    sizes = [(estimates[p.symbol], p.off) for p in entry.parameters if not p.is_place]
+    return max(0.5 * ((value - off) / se) ** 2 if se > 0.0 else np.inf for (value, se), off in sizes)
+
+
 def effects_at_bounds(fit: Fit, take: Take) -> tuple[str, ...]:
     """Ids of the named effects of `fit` with an implausible size: a signed amplitude that ended at a bound.
 

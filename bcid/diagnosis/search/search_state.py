@@ -98,11 +98,17 @@ class SearchState:
         if known:
             return known
         key = effects_of(fit)
-        self.likeliest[key] = max((f for f in (fit, self.likeliest.get(key)) if f), key=_likelihood)
+        self.keep_likeliest(fit)
         found = fit_with_remainder(fit, self.take, self.explain(fit), to_exceed=to_exceed)
         if found.settled:
             self._weighed_from[key] = max(_likelihood(fit), self._weighed_from.get(key, -math.inf))
         return self.remember(found)
+
+    def keep_likeliest(self, fit: Fit) -> Fit:
+        """The likeliest fit with these effects, without a remainder, of this one and what is kept; it is kept."""
+        key = effects_of(fit)
+        self.likeliest[key] = max((f for f in (fit, self.likeliest.get(key)) if f), key=_likelihood)
+        return self.likeliest[key]
 
     def _already_weighed(self, fit: Fit) -> RemainderFit | None:
         """The weighed fit that holds the effects of `fit`, if it came of a fit as likely; else None."""
