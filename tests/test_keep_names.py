@@ -112,6 +112,7 @@ def test_a_name_is_weighed_against_a_remainder_that_grew_into_its_place(
         return beside(less, grown, rest.seen)
 
     monkeypatch.setattr(keep_names_module, "leave_out", leave_out)
+    monkeypatch.setattr(keep_names_module, "add_beside_remainder", lambda less, named, take: beside(named, 0.0))
     rest = beside(fit(100.0, *A), 200.0)._replace(on=np.arange(3))
     kept = keep_names(looking, rest)
     assert asked == [()]
@@ -119,6 +120,27 @@ def test_a_name_is_weighed_against_a_remainder_that_grew_into_its_place(
     if not stays:
         assert kept.rest.log_evidence == grown
         assert kept.rest.seen.effects == ()
+
+
+@pytest.mark.parametrize(("again", "stays"), [(310.0, True), (289.0, False)])
+def test_the_remainder_beside_a_name_is_found_from_that_without_it_too(
+    again: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A remainder has many maxima: where the one without the name is the better one, it is no evidence against it."""
+    looking, _ = keeping(monkeypatch, {A: 100.0, (): 0.0}, {A: 150.0, (): 150.0})
+    some = np.arange(3)
+    monkeypatch.setattr(
+        keep_names_module, "leave_out", lambda rest, less, take: beside(less, 280.0, rest.seen)._replace(on=some)
+    )
+
+    def add(less: RemainderFit, named: Any, take: Any) -> RemainderFit:
+        assert less.named.hypothesis.effects == ()
+        return beside(named, again - 100.0, less.seen)._replace(on=some)
+
+    monkeypatch.setattr(keep_names_module, "add_beside_remainder", add)
+    kept = keep_names(looking, beside(fit(100.0, *A), 150.0)._replace(on=some))
+    assert kept.gains == ({"yaw_scrub": again - 280.0} if stays else {})
+    assert kept.rest.log_evidence == (again if stays else 280.0)
 
 
 @pytest.mark.parametrize(("left", "stays"), [(0.9, True), (1.1, False)])

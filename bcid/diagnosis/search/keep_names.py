@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bcid.diagnosis.limits import JUDGE_LIMITS, SEARCH_LIMITS
-from bcid.diagnosis.remainder.fit import RemainderFit, leave_out
+from bcid.diagnosis.remainder.fit import RemainderFit, add_beside_remainder, leave_out
 from bcid.diagnosis.remainder.functions import CHANNELS
 from bcid.diagnosis.search.refits import first_order_nats, gain_nats, named_effects, refit_with_effects
 from bcid.diagnosis.search.search_state import SearchState, greater_evidence
@@ -36,7 +36,8 @@ class Judged(NamedTuple):
     """What a name adds, and what explains the take without it."""
 
     gain: float  # nats that it adds at most, by the comparisons made
-    surplus: float  # nats by which that is more than it must add; at zero and below the name falls
+    alone: float  # nats by which it adds more than it must where there is no remainder
+    surplus: float  # nats by which it does in all comparisons; at zero and below the name falls
     less: Lesser
 
 
@@ -52,14 +53,28 @@ def keep_names(state: SearchState, rest: RemainderFit) -> KeptNames:
         for name in _weakest_first(rest):
             kept[name] = judged = _judge(state, rest, name)
             if judged.surplus <= 0.0:
-                state.refused.add(name)
-                state.added[name] = judged.gain
-                rest = state.with_own_view(judged.less.weighed)
+                again = _find_beside_lesser(state, rest, judged)
+                if again.log_evidence <= rest.log_evidence - judged.surplus:
+                    state.refused.add(name)
+                    state.added[name] = judged.gain
+                    again = judged.less.weighed
+                rest = state.with_own_view(again)
                 break
         else:
             gains = {name: judged.gain for name, judged in kept.items()}
             without = {name: judged.less.fit for name, judged in kept.items()}
             return KeptNames(rest, state.with_copies(rest, CHANNELS), gains, without)
+
+
+def _find_beside_lesser(state: SearchState, rest: RemainderFit, judged: Judged) -> RemainderFit:
+    """The fit with all names of `rest`, its remainder found from that without the name that was judged, too.
+
+    Each of the two is sought from the other: a remainder has many maxima, and the luck of one search is no evidence.
+    """
+    less = judged.less.weighed
+    if judged.alone <= 0.0 or not len(less.on):
+        return rest
+    return state.remember(greater_evidence(rest, add_beside_remainder(less, rest.named, state.take)))
 
 
 def _weakest_first(rest: RemainderFit) -> list[str]:
@@ -81,10 +96,11 @@ def _judge(state: SearchState, rest: RemainderFit, name: str) -> Judged:
     plain, least = gain_nats(rest.named, fit), state.gate + alone
     less = Lesser(fit, state.beside_remainder(fit))
     if plain <= least:
-        return Judged(plain, plain - least, less)
+        return Judged(plain, plain - least, plain - least, less)
 
     def judge(less: Lesser, gain: float) -> Judged:
-        return Judged(gain, min(plain - least, gain - _least_beside(state, rest, less, least)), less)
+        beside = gain - _least_beside(state, rest, less, least)
+        return Judged(gain, plain - least, min(plain - least, beside), less)
 
     judged = judge(less, min(plain, rest.log_evidence - less.weighed.log_evidence))
     if judged.surplus > 0.0 and len(rest.on):
