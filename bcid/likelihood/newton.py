@@ -12,10 +12,8 @@ from bcid.likelihood.jacobian import base_jacobian, parameter_jacobian
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit_state import EM_STEPS, RefitProblem, RefitState, Tangent, build_state
 from bcid.likelihood.settling import restart_misfitting_segments, settle_initial_states
-from bcid.likelihood.take import N_START
 
 MAX_STEP = 3.0  # of any component of phi
-PUSH_SHARE = 0.3  # of the likely pushes, under which derivatives are compared
 
 
 def evaluate_at(
@@ -59,27 +57,12 @@ def slope_and_curvature(problem: RefitProblem, state: RefitState, J: Floats) -> 
         PredictionDiverged: either is not finite, as where a derivative is beyond what its square can be.
     """
     take, prior = problem.take, problem.prior
-    g, G = marginal.score_and_information(state.r, state.A, J, take.first, state.scales.r, state.terms.root)
+    r = nuisance.about_no_pushes(state.r, state.A, state.start, take.first)
+    g, G = marginal.score_and_information(r, state.A, J, take.first, state.scales.r, state.terms.root)
     w = marginal.robust_weights(state.terms)
     slope, curvature = w @ g + prior.slope(state.phi), np.tensordot(w, G, axes=1) + np.diag(prior.stiffness(state.phi))
     require_finite("a slope of the likelihood", slope, curvature)
     return slope, curvature
-
-
-def slope_under_pushes(problem: RefitProblem, state: RefitState, J: Floats) -> tuple[Floats, Floats]:
-    """Gradient (n,) and curvature (n, n) as of `slope_and_curvature`, where what pushes do changes with phi.
-
-    With z the likely pushes, the likelihood's own slope is by the poses that phi and z predict together: by J + J' z,
-    J (N, 3, n) being the derivatives without pushes and J' their change by pushes.  J' z is a difference of J under
-    PUSH_SHARE of z and without; a central one costs as much again, and led to no greater likelihood.
-    """
-    pushes = PUSH_SHARE * state.terms.z
-    pushes[:, :N_START] = 0.0
-    start = state.start + pushes
-    r = problem.residuals(state.phi, start)
-    pushed = base_jacobian(problem.take, problem.hypothesis, state.phi, start, r)
-    change = _add_effects(problem, pushed, state.phi, start, r) - J
-    return slope_and_curvature(problem, state, J + change / PUSH_SHARE)
 
 
 def _add_effects(problem: RefitProblem, J: Floats, phi: Floats, start: Floats, r: Floats) -> Floats:

@@ -1,15 +1,15 @@
 """Nuisance parameters, the initial state and the pushes of every segment: predictions from them, and derivatives.
 
-The likelihood eliminates them linearly (`bcid.likelihood.marginal`): about an initial state that a refit moves to its
-posterior mean, and about no pushes.  `start` stands for the nuisance parameters (S, N_NUISANCE) of S segments
-throughout.
+The likelihood eliminates them linearly (`bcid.likelihood.marginal`), about an initial state and pushes that a refit
+moves to their posterior means: where a model lacks much the pushes are large, and predictions without them are no place
+to differentiate.  `start` stands for the nuisance parameters (S, N_NUISANCE) of S segments throughout.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
 from bcid.likelihood.force_history import HISTORY, PUSHES, ForceHistory, answer_to, history_values
 from bcid.likelihood.lane_rollout import SegmentLayout, segment_layout
 from bcid.likelihood.linearised_rollout import Resolution
@@ -131,11 +131,31 @@ def _predict_once(layout: SegmentLayout, inputs: PredictionInputs, start: Floats
     return poses
 
 
-def move_to_posterior(start: Floats, z: Floats) -> Floats:
-    """Initial states and pushes (S, N_NUISANCE) after a Gauss-Newton step of the initial states from `start`.
+def move_to_posterior(start: Floats, z: Floats, share: Floats | float = 1.0) -> Floats:
+    """Initial states and pushes (S, N_NUISANCE) after a `share` (S, 1) of a Gauss-Newton step from `start`.
 
-    `z` (S, N_NUISANCE) is the posterior mean: first the change of the initial state.  Pushes stay zero.
+    `z` (S, N_NUISANCE) is the posterior mean: the change of the initial state, and then the pushes.
     """
+    change = z - start
+    change[:, :N_START] = z[:, :N_START]
+    return start + share * change
+
+
+def without_pushes(start: Floats) -> Floats:
+    """The initial states of `start` (S, N_NUISANCE), and no pushes."""
     there = start.copy()
-    there[:, :N_START] += z[:, :N_START]
+    there[:, N_START:] = 0.0
     return there
+
+
+def about_no_pushes(r: Floats, A: Floats, start: Floats, first: Ints) -> Floats:
+    """The residual (N, 3) that predictions would have without the pushes in `start`, were they as linear as there.
+
+    `r` (N, 3) is the residual and `A` (N, 3, N_NUISANCE) are the derivatives of predictions at `start`; segment s has
+    the rows `first[s]` to `first[s + 1]`.  With this residual pushes count from zero, where their prior lies.
+    """
+    pushes = start[:, N_START:]
+    if not pushes.any():
+        return r
+    there = np.repeat(pushes, np.diff(first), axis=0)
+    return np.asarray(r + np.einsum("ncp,np->nc", A[:, :, N_START:], there))

@@ -18,7 +18,7 @@ from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood.divergence import require_finite
 from bcid.likelihood.jacobian import parameter_jacobian
 from bcid.likelihood.marginal import estimate_scales, robust_weights, segment_moments
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, Take
 
@@ -57,10 +57,11 @@ def linearise_fit(fit: Fit, take: Take) -> LinearisedFit:
         take, hypothesis, fit.phi, fit.start, r, range(hypothesis.base_size, hypothesis.named_size)
     )
     n = fit.tangent.J.shape[2] + own.shape[2]
-    _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    still = about_no_pushes(r, fit.tangent.A, fit.start, take.first)
+    _, e = estimate_scales(segment_moments(still, fit.tangent.A, take.first), fit.scales, 0)
     root, noise = e.root, fit.scales.r
     base, functions = np.split(fit.tangent.J, [hypothesis.base_size], axis=2)
-    rows = np.concatenate([fit.tangent.A, base, own, functions, r[:, :, None]], axis=2) / noise[:, None]
+    rows = np.concatenate([fit.tangent.A, base, own, functions, still[:, :, None]], axis=2) / noise[:, None]
     rows = rows.reshape(-1, N_NUISANCE + n + 1)
     products = np.stack([part.T @ part for part in np.split(rows, 3 * take.first[1:-1])])
     # of all of A, F and r with A, and of F and r with themselves

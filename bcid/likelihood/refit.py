@@ -34,7 +34,6 @@ PHI_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Added to the curvature by phi, whose components are of size one: what the take hardly shows is held back, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal they would be closed)."""
 THOROUGH = Effort()
-CLIMB_DAMPINGS = PHI_DAMPINGS[::2]
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 
 
@@ -44,7 +43,7 @@ class Fit:
 
     hypothesis: Hypothesis
     phi: Floats
-    start: Floats  # (S, N_NUISANCE) initial states; pushes are zero where predictions are made
+    start: Floats  # (S, N_NUISANCE) initial states and pushes, about which predictions are linear
     scales: Scales
     log_likelihood: float  # sum over segments, without the prior
     per_segment: Floats  # (S,)
@@ -105,31 +104,25 @@ def refit(
 
 def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, covariance: Floats) -> Fit:
     """Assemble a `Fit` from a refit's final `state`, its linearisation `tangent` and the `covariance` (n, n) of phi."""
-    each = segment_worths(state.terms)
+    each = segment_worths(state.terms, state.start)
     return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent)
 
 
 def _refit_by_tangents(problem: RefitProblem, state: RefitState) -> tuple[Tangent, RefitState]:
-    """Linearisation and state of greatest log-likelihood plus log prior in a refit whose predictions contain no pushes.
+    """Linearisation and state of greatest log-likelihood plus log prior in a refit.
 
     Alternates Gauss-Newton steps of phi, with the linearisation of the predictions held fixed, and a new linearisation
     where they led, until this gains less than the least that counts.  On the way over the edge of a place on the floor
     it may lose; what is returned is the likeliest that was met.
     """
     effort, tangent = problem.effort, newton.tangent_at(problem, state)
-    best = tangent, state
-    rough = problem.hypothesis.is_place.any()
+    best, rough = (tangent, state), problem.hypothesis.is_place.any()
     for _ in range(effort.tangents):
-        J = none_if_diverged(newton.derivatives_at, problem, tangent, state)
-        if J is None:
+        J = None if rough else none_if_diverged(newton.derivatives_at, problem, tangent, state)
+        ahead = _descend_along_tangent(problem, tangent, state, J, FAR)
+        if ahead.objective - state.objective < effort.least:
             break
-        ahead = _descend_along_tangent(problem, tangent, state, None if rough else J, FAR)
-        better = None
-        if ahead.objective - state.objective > effort.least:
-            better = _evaluate_ahead(problem, state, ahead)
-        if effort.climbs and (better is None or better.worth - state.worth < effort.least):
-            # the tangent leads nowhere, or astray
-            better = _climb_under_pushes(problem, state, J) or better
+        better = _evaluate_ahead(problem, state, ahead)
         if better is None:
             break
         before, state, tangent = state, better, newton.tangent_at(problem, better)
@@ -178,26 +171,6 @@ def _evaluate_ahead(problem: RefitProblem, anchor: RefitState, ahead: RefitState
         scales = ahead.scales if share == 1.0 else anchor.scales  # less noise suits what is ahead
         there = none_if_diverged(newton.evaluate_at, problem, phi, start, scales)
         if there and (rough or there.worth > anchor.worth):
-            return there
-    return None
-
-
-def _climb_under_pushes(problem: RefitProblem, state: RefitState, J: Floats) -> RefitState | None:
-    """The refit's state after one step of phi by the slope that the likelihood has under its likely pushes.
-
-    `J` (N, 3, n) are the derivatives of predicted poses by phi without these.  The step has the least of CLIMB_DAMPINGS
-    by which log-likelihood plus log prior grow by the least that counts; None if there is no such step.
-    """
-    slopes = none_if_diverged(newton.slope_under_pushes, problem, state, J)
-    if slopes is None:
-        return None
-    (slope, curvature), bounds = slopes, problem.hypothesis.bounds()
-    for damping in CLIMB_DAMPINGS:
-        phi = newton.bounded_newton_step(state.phi, slope, curvature + damping * np.eye(len(curvature)), bounds)
-        if 0.5 * slope @ (phi - state.phi) < problem.effort.least:  # a Newton step gains half of that
-            return None
-        there = none_if_diverged(newton.evaluate_at, problem, phi, state.start, state.scales)
-        if there and there.worth - state.worth > problem.effort.least:
             return there
     return None
 

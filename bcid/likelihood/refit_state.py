@@ -11,9 +11,9 @@ from bcid.aliases import Floats
 from bcid.likelihood import marginal
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import NU, UNLIMITED, MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import about_no_pushes, move_to_posterior, pose_residuals
 from bcid.likelihood.prior import Prior
-from bcid.likelihood.take import N_START, Take
+from bcid.likelihood.take import Take
 
 MIN_GAIN = 0.5  # nats, less than which counts for nothing
 EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
@@ -32,7 +32,6 @@ class Effort(NamedTuple):
     tangents: int = 24  # linearisations of the predictions
     iterations: int = 12  # steps along each
     least: float = MIN_GAIN  # nats, below which a step has gained nothing
-    climbs: bool = True  # by the slope under pushes, where a tangent leads nowhere
 
 
 class RefitProblem(NamedTuple):
@@ -66,8 +65,8 @@ class RefitState(NamedTuple):
 
     @property
     def worth(self) -> float:
-        """Log-likelihood plus log prior (nats), less what initial states have yet to earn."""
-        return self.objective - float(promised_nats(self.terms).sum())
+        """Log-likelihood plus log prior (nats), less what initial states and pushes have yet to earn."""
+        return self.objective - float(promised_nats(self.terms, self.start).sum())
 
 
 def build_state(
@@ -79,34 +78,33 @@ def build_state(
     nuisance parameters `start` (initial states and pushes).  The standard deviations of noise and pushes are
     estimated from `scales` by at most `em_steps` of expectation maximisation.
     """
-    moments = segment_moments(r, A, problem.take.first)
+    moments = segment_moments(about_no_pushes(r, A, start, problem.take.first), A, problem.take.first)
     scales, terms = marginal.estimate_scales(moments, scales, em_steps, problem.most)
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
 
-def promised_nats(terms: MarginalTerms) -> Floats:
-    """Nats (S,) of each segment's likelihood that a step of its initial state promises, and has yet to earn.
+def promised_nats(terms: MarginalTerms, start: Floats) -> Floats:
+    """Nats (S,) of each segment's likelihood that a step from `start` to the posterior mean promises, yet to be earned.
 
-    The likelihood takes predictions for linear in the initial state x_0, and integrates over it about the end of the
-    step x of least chi^2.  With x_0 held where it is, chi^2 is greater by x^T V_xx^-1 x, V_xx being the posterior
-    covariance of x_0.  Where predictions bend before the step's end, so much is promised that no initial state keeps.
+    The likelihood takes predictions for linear in a segment's initial state and pushes z, and is that at the end of the
+    step y from `start` (S, N_NUISANCE) to the z of least chi^2.  At `start` itself chi^2 is greater by y^T M y, where M
+    is the posterior precision L L^T.  Where predictions bend before the step's end, so much is promised that no z keeps.
     NaN in segments whose prediction is not finite.
     """
     finite = np.isfinite(terms.root).all(axis=(1, 2)) & np.isfinite(terms.z).all(axis=1)
     promised = np.full(len(terms.chi2), np.nan)
-    # V_xx = R^T R; a part of x_0 that is hardly shown makes V_xx almost singular, and R less so
-    R: Floats = np.asarray(np.linalg.qr(terms.root[finite][:, :, :N_START], mode="r"))
-    in_sd = np.linalg.solve(R.transpose(0, 2, 1), terms.z[finite, :N_START, None])[:, :, 0]
+    y = move_to_posterior(start[finite], terms.z[finite]) - start[finite]
+    in_sd = np.linalg.solve(terms.root[finite].transpose(0, 2, 1), y[:, :, None])[:, :, 0]
     chi2 = terms.chi2[finite]
     half = 0.5 * (NU + terms.numbers[finite])
     promised[finite] = half * (np.log1p((chi2 + np.sum(in_sd**2, axis=1)) / NU) - np.log1p(chi2 / NU))
     return promised
 
 
-def segment_worths(terms: MarginalTerms) -> Floats:
-    """Log-likelihood (S,) of each segment, less what its initial state has yet to earn (`promised_nats`).
+def segment_worths(terms: MarginalTerms, start: Floats) -> Floats:
+    """Log-likelihood (S,) of each segment, less what its initial state and pushes have yet to earn (`promised_nats`).
 
     NaN in segments whose prediction is not finite.
     """
     with np.errstate(invalid="ignore"):
-        return student_log_densities(terms) - promised_nats(terms)
+        return student_log_densities(terms) - promised_nats(terms, start)

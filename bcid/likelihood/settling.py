@@ -1,8 +1,7 @@
-"""Initial states of segments moved to where the take is likeliest, each segment by itself, the parameters held.
+"""Initial states and pushes of segments moved to where the take is likeliest, each segment by itself.
 
-The likelihood integrates initial states out as if predictions were linear in them.  That is as good as the point about
-which they are linearised: it has to lie where the likelihood by the initial state is greatest, or a segment is promised
-what no initial state gives.
+The likelihood integrates them out as if predictions were linear in them.  That is as good as the point about which
+they are linearised: it has to lie where the likelihood by them is greatest, or a segment is promised what it never gets.
 """
 
 from typing import NamedTuple
@@ -13,7 +12,7 @@ from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import AboutNuisances, move_to_posterior
+from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, move_to_posterior
 from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, promised_nats, segment_worths
 from bcid.likelihood.take import Take, select_spans
 
@@ -32,13 +31,13 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
     """
     share, found = np.ones(problem.take.segments), state
     for _ in range(SETTLING_TANGENTS):
-        unsettled = np.flatnonzero(~(promised_nats(found.terms) < SETTLED_NATS))
+        unsettled = np.flatnonzero(~(promised_nats(found.terms, found.start) < SETTLED_NATS))
         if not len(unsettled):
             break
         start = _settle_along_tangent(problem, found, unsettled, share[unsettled])
         moved = _linearise_from(problem, found, unsettled, start)
-        before = _part_of(found.terms, unsettled)
-        better = segment_worths(moved.terms) > segment_worths(before)  # False where a prediction is not finite
+        before = segment_worths(_part_of(found.terms, unsettled), found.start[unsettled])
+        better = segment_worths(moved.terms, moved.start) > before  # False where a prediction is not finite
         share[unsettled] = np.where(better, 1.0, SHORTER * share[unsettled])
         found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
     return _estimate_anew(problem, found, em_steps) if found is not state else state
@@ -53,13 +52,14 @@ def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints
     inputs, A = problem.hypothesis.prediction_inputs(state.phi, problem.take), state.A[rows]
     best = state.start[chosen]
     terms = _part_of(state.terms, chosen)
-    start = move_to_posterior(best, terms.z * share[:, None])
+    start = move_to_posterior(best, terms.z, share[:, None])
+    worth = segment_worths(terms, best)
     for first in (True, *[False] * (CHORDS - 1)):
-        there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), part, state.scales)
-        better = segment_worths(there) > segment_worths(terms)
-        best = np.where((better | first)[:, None], start, best)
-        terms = _select_terms(better, there, terms)
-        if not (better & (promised_nats(terms) > SETTLED_NATS)).any():
+        there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), start, part, state.scales)
+        now = segment_worths(there, start)
+        better = now > worth
+        best, worth = np.where((better | first)[:, None], start, best), np.where(better, now, worth)
+        if not (better & (promised_nats(there, start) > SETTLED_NATS)).any():
             break
         start = np.where(better[:, None], move_to_posterior(start, there.z), start)
     return best
@@ -80,7 +80,8 @@ def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_ste
     start, found = take.start[misfits], state
     for _ in range(RESTART_TANGENTS):
         there = _linearise_from(problem, found, misfits, start)
-        gained = segment_worths(there.terms) - segment_worths(_part_of(found.terms, misfits))
+        before = segment_worths(_part_of(found.terms, misfits), found.start[misfits])
+        gained = segment_worths(there.terms, there.start) - before
         better = ~(gained < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(there.terms.chi2)
         found = _put_segments(problem, found, misfits[better], there.part(np.flatnonzero(better)))
         finite = np.isfinite(there.terms.z).all(axis=1, keepdims=True)
@@ -96,7 +97,7 @@ def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
     """
     start = move_to_posterior(state.start, state.terms.z)
     r = problem.residuals(state.phi, start)
-    terms = _terms_along_tangent(state.A, r, problem.take, state.scales)
+    terms = _terms_along_tangent(state.A, r, start, problem.take, state.scales)
     moves = _segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats
     rows, terms = np.repeat(moves, np.diff(problem.take.first)), _select_terms(moves, terms, state.terms)
     start, r = np.where(moves[:, None], start, state.start), np.where(rows[:, None], r, state.r)
@@ -125,7 +126,7 @@ def _linearise_from(problem: RefitProblem, state: RefitState, chosen: Ints, star
     """
     part, inputs = problem.take.part(chosen), problem.hypothesis.prediction_inputs(state.phi, problem.take)
     at = nuisance.linearise_nuisances(part, inputs, start)
-    return _Segments(part.first, start, at, _terms_along_tangent(at.A, at.r, part, state.scales))
+    return _Segments(part.first, start, at, _terms_along_tangent(at.A, at.r, start, part, state.scales))
 
 
 def _put_segments(problem: RefitProblem, state: RefitState, into: Ints, new: _Segments) -> RefitState:
@@ -144,13 +145,13 @@ def _estimate_anew(problem: RefitProblem, state: RefitState, em_steps: int) -> R
     return build_state(problem, state.phi, state.start, state.scales, state.r, state.A, em_steps)
 
 
-def _terms_along_tangent(A: Floats, r: Floats, take: Take, scales: Scales) -> MarginalTerms:
+def _terms_along_tangent(A: Floats, r: Floats, start: Floats, take: Take, scales: Scales) -> MarginalTerms:
     """Marginal likelihood terms of segments, predictions being linear in initial states and pushes.
 
-    `r` (N, 3) is measured less predicted poses, `A` (N, 3, N_NUISANCE) are the derivatives of predicted ones.  The
-    terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
+    `r` (N, 3) is measured less predicted poses from `start`, `A` (N, 3, N_NUISANCE) are the derivatives of predicted
+    ones.  The terms (chi^2, log-determinant, posterior) are NaN in segments whose prediction is not finite.
     """
-    moments = segment_moments(r, A, take.first)
+    moments = segment_moments(about_no_pushes(r, A, start, take.first), A, take.first)
     return marginal.eliminate_nuisance(moments, scales.r, scales.nuisance_precisions())
 
 

@@ -9,7 +9,7 @@ from bcid.bootstrap import draw_blocks, quantile_interval
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.refit_state import Effort, Tangent
 from bcid.likelihood.take import Take
@@ -74,6 +74,7 @@ def _evaluate_segments(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: 
     part = take.part(chosen)
     A = np.ascontiguousarray(fit.tangent.A[take.rows(chosen)])
     r = pose_residuals(part, fit.hypothesis.prediction_inputs(phi, part), fit.start[chosen])
+    r = about_no_pushes(r, A, fit.start[chosen], part.first)
     _, e = estimate_scales(segment_moments(r, A, part.first), scales, 0)
     return student_log_densities(e)
 

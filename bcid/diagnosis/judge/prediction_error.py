@@ -16,6 +16,7 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import RestartedPrediction, predict_with_restarts
 from bcid.experiment.simulate import observe_states, simulate_states
 from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.nuisance import without_pushes
 from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Take
@@ -178,7 +179,7 @@ def simulate_fitted_car(fit: Fit, take: Take, recording: Recording, seed: int = 
     setting = fit.hypothesis.prediction_inputs(fit.phi, take)
     path = observe_states(
         recording.poses.time_s - recording.poses.time_s[0],
-        simulate_states(setting, float(take.length_s[0]), fit.scales, seed, fit.start[0]), setting,
+        simulate_states(setting, float(take.length_s[0]), fit.scales, seed, without_pushes(fit.start)[0]), setting,
     )  # fmt: skip
     each = max(1.0, round(GROUP_S * recording.rate_hz))
     noise = np.random.default_rng([seed, 1]).standard_normal(path.shape) * fit.scales.r * np.sqrt(each)

@@ -33,7 +33,7 @@ from bcid.effects.remainder_table import (
     YAW,
 )
 from bcid.likelihood.force_history import acting_values
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import pose_residuals, without_pushes
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -107,7 +107,9 @@ def change_by_names(fit: Fit, named: Fit, take: Take) -> Floats | None:
     """
     if named is fit:
         return None
-    left, before = (pose_residuals(take, f.hypothesis.prediction_inputs(f.phi, take), f.start) for f in (named, fit))
+    left, before = (
+        pose_residuals(take, f.hypothesis.prediction_inputs(f.phi, take), without_pushes(f.start)) for f in (named, fit)
+    )
     change = wrap_yaw(before - left)
     return change if np.isfinite(change).all() else None
 

@@ -98,7 +98,7 @@ def add_beside_remainder(rest: RemainderFit, named: Fit, take: Take, to_exceed: 
         off = [v if p.is_place else p.off for v, p in zip(values, more.entries[name].parameters, strict=True)]
         _, ahead = more.add_effect(name, ahead, values)
         more, phi = more.add_effect(name, phi, off)
-    near, effort = rest.fit, Effort(TANGENTS, least=CONVERGED_NATS, climbs=False)
+    near, effort = rest.fit, Effort(TANGENTS, least=CONVERGED_NATS)
     further = none_if_diverged(refit, take, more, phi, near.start, near.scales, effort, ahead=(ahead,))
     alone = RemainderFit.without_functions(named, rest.seen, rest.basis)
     return _refit_until_stable(alone, rest.on, further, take, (), to_exceed, rounds=1)

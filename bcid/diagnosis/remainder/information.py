@@ -21,7 +21,7 @@ from bcid.likelihood.force_history import history_values
 from bcid.likelihood.hypothesis import NO_REMAINDER, Hypothesis
 from bcid.likelihood.jacobian import changed_cars, on_body_and_servo, parameter_jacobian
 from bcid.likelihood.marginal import MarginalTerms, estimate_scales, robust_weights, segment_moments
-from bcid.likelihood.nuisance import LinearisedHistories, linearise_histories
+from bcid.likelihood.nuisance import LinearisedHistories, about_no_pushes, linearise_histories
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import N_NUISANCE, Take
@@ -121,9 +121,10 @@ def gather_information(fit: Fit, take: Take, basis: RemainderBasis, c: Floats) -
     named = replace(h, remainder=NO_REMAINDER)
     n, phi = named.named_size, fit.phi[: named.named_size]
     at, J = _linearise(fit, take, named)
-    _, terms = estimate_scales(segment_moments(at.r, at.A, take.first), fit.scales, 0)
+    r = about_no_pushes(at.r, at.A, fit.start, take.first)
+    _, terms = estimate_scales(segment_moments(r, at.A, take.first), fit.scales, 0)
     seen = tracking_changes(basis.tracking, at.poses, take.seen_rows)
-    rows = np.concatenate([at.A, J, at.history.D, seen, at.r[:, :, None]], axis=2) / fit.scales.r[:, None]
+    rows = np.concatenate([at.A, J, at.history.D, seen, r[:, :, None]], axis=2) / fit.scales.r[:, None]
     products = _project_out_nuisance(rows, terms.root, take)
     values = _carried_values(basis, at.history.along, fit.car())
     own, carried = slice(n), slice(n, n + values.shape[1])

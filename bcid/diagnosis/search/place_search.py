@@ -10,7 +10,7 @@ from bcid.aliases import Floats, Ints
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import eliminate_nuisance, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.take import SEGMENT_S, Take
@@ -152,6 +152,7 @@ def _log_likelihood_at(fit: Fit, take: Take, phi: Floats) -> float:
     r = pose_residuals(take, fit.hypothesis.prediction_inputs(phi, take), fit.start)
     if not np.isfinite(r).all():
         return -np.inf
+    r = about_no_pushes(r, fit.tangent.A, fit.start, take.first)
     moments = segment_moments(r, fit.tangent.A, take.first)
     eliminated = eliminate_nuisance(moments, fit.scales.r, fit.scales.nuisance_precisions())
     likelihood = float(student_log_densities(eliminated).sum())

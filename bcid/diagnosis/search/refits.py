@@ -16,7 +16,7 @@ from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 
-QUICK = Effort(tangents=4, iterations=6, climbs=False)
+QUICK = Effort(tangents=4, iterations=6)
 """Where starts are compared on a part of a take, and of refits along one tangent."""
 
 ABSORBED_BY_BASE_MODEL = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
