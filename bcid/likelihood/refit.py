@@ -104,7 +104,7 @@ def refit(
 
 def _build_fit(hypothesis: Hypothesis, tangent: Tangent, state: RefitState, covariance: Floats) -> Fit:
     """Assemble a `Fit` from a refit's final `state`, its linearisation `tangent` and the `covariance` (n, n) of phi."""
-    each = segment_worths(state.terms, state.start)
+    each = segment_worths(state.terms)
     return Fit(hypothesis, state.phi, state.start, state.scales, float(each.sum()), each, covariance, tangent)
 
 

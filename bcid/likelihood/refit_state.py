@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Bools, Floats
 from bcid.likelihood import marginal
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import NU, UNLIMITED, MarginalTerms, Scales, segment_moments, student_log_densities
 from bcid.likelihood.nuisance import about_no_pushes, move_to_posterior, pose_residuals
 from bcid.likelihood.prior import Prior
-from bcid.likelihood.take import Take
+from bcid.likelihood.take import N_START, Take
 
 MIN_GAIN = 0.5  # nats, less than which counts for nothing
 EM_STEPS, MAX_EM_STEPS = 2, 20  # on the way along a tangent, and where the scales have to converge
@@ -65,8 +65,8 @@ class RefitState(NamedTuple):
 
     @property
     def worth(self) -> float:
-        """Log-likelihood plus log prior (nats), less what initial states and pushes have yet to earn."""
-        return self.objective - float(promised_nats(self.terms, self.start).sum())
+        """Log-likelihood plus log prior (nats), less what initial states have yet to earn."""
+        return self.objective - float(promised_nats(self.terms).sum())
 
 
 def build_state(
@@ -83,28 +83,53 @@ def build_state(
     return RefitState(phi, start, scales, r, A, terms, problem.objective(phi, terms))
 
 
-def promised_nats(terms: MarginalTerms, start: Floats) -> Floats:
-    """Nats (S,) of each segment's likelihood that a step from `start` to the posterior mean promises, yet to be earned.
+def promised_nats(terms: MarginalTerms) -> Floats:
+    """Nats (S,) of each segment's likelihood that a step of its initial state promises, and has yet to earn.
 
-    The likelihood takes predictions for linear in a segment's initial state and pushes z, and is that at the end of the
-    step y from `start` (S, N_NUISANCE) to the z of least chi^2.  At `start` itself chi^2 is greater by y^T M y, where M
-    is the posterior precision L L^T.  Where predictions bend before the step's end, so much is promised that no z keeps.
+    The likelihood takes predictions for linear in the initial state x_0, and integrates over it about the end of the
+    step x of least chi^2.  With x_0 held where it is, chi^2 is greater by x^T V_xx^-1 x, V_xx being the posterior
+    covariance of x_0.  Where predictions bend before the step's end, so much is promised that no initial state keeps.
     NaN in segments whose prediction is not finite.
     """
-    finite = np.isfinite(terms.root).all(axis=(1, 2)) & np.isfinite(terms.z).all(axis=1)
+    finite = _finite(terms)
     promised = np.full(len(terms.chi2), np.nan)
-    y = move_to_posterior(start[finite], terms.z[finite]) - start[finite]
-    in_sd = np.linalg.solve(terms.root[finite].transpose(0, 2, 1), y[:, :, None])[:, :, 0]
-    chi2 = terms.chi2[finite]
-    half = 0.5 * (NU + terms.numbers[finite])
-    promised[finite] = half * (np.log1p((chi2 + np.sum(in_sd**2, axis=1)) / NU) - np.log1p(chi2 / NU))
+    # V_xx = R^T R; a part of x_0 that is hardly shown makes V_xx almost singular, and R less so
+    R: Floats = np.asarray(np.linalg.qr(terms.root[finite][:, :, :N_START], mode="r"))
+    in_sd: Floats = np.asarray(np.linalg.solve(R.transpose(0, 2, 1), terms.z[finite, :N_START, None])[:, :, 0])
+    promised[finite] = _lost_beyond(terms, finite, in_sd)
     return promised
 
 
-def segment_worths(terms: MarginalTerms, start: Floats) -> Floats:
-    """Log-likelihood (S,) of each segment, less what its initial state and pushes have yet to earn (`promised_nats`).
+def promised_to_all(terms: MarginalTerms, start: Floats) -> Floats:
+    """Nats (S,) of each segment's likelihood that a step of its initial state and pushes from `start` promises.
+
+    At `start` (S, N_NUISANCE) itself chi^2 is greater than at the step's end y by y^T M y, where M is the posterior
+    precision L L^T.  NaN in segments whose prediction is not finite.
+    """
+    finite = _finite(terms)
+    promised = np.full(len(terms.chi2), np.nan)
+    y = move_to_posterior(start[finite], terms.z[finite]) - start[finite]
+    in_sd: Floats = np.asarray(np.linalg.solve(terms.root[finite].transpose(0, 2, 1), y[:, :, None])[:, :, 0])
+    promised[finite] = _lost_beyond(terms, finite, in_sd)
+    return promised
+
+
+def _finite(terms: MarginalTerms) -> Bools:
+    """Which segments (S,) have a finite prediction."""
+    return np.asarray(np.isfinite(terms.root).all(axis=(1, 2)) & np.isfinite(terms.z).all(axis=1), dtype=np.bool_)
+
+
+def _lost_beyond(terms: MarginalTerms, chosen: Bools, in_sd: Floats) -> Floats:
+    """Nats that the `chosen` segments lose where their nuisances are `in_sd` standard deviations from the likeliest."""
+    chi2 = terms.chi2[chosen]
+    half = 0.5 * (NU + terms.numbers[chosen])
+    return np.asarray(half * (np.log1p((chi2 + np.sum(in_sd**2, axis=1)) / NU) - np.log1p(chi2 / NU)))
+
+
+def segment_worths(terms: MarginalTerms) -> Floats:
+    """Log-likelihood (S,) of each segment, less what its initial state has yet to earn (`promised_nats`).
 
     NaN in segments whose prediction is not finite.
     """
     with np.errstate(invalid="ignore"):
-        return student_log_densities(terms) - promised_nats(terms, start)
+        return student_log_densities(terms) - promised_nats(terms)

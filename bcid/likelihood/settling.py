@@ -1,7 +1,7 @@
 """Initial states and pushes of segments moved to where the take is likeliest, each segment by itself.
 
 The likelihood integrates them out as if predictions were linear in them.  That is as good as the point about which
-they are linearised: it has to lie where the likelihood by them is greatest, or a segment is promised what it never gets.
+they are linearised: it has to lie where the likelihood by them is greatest, or a segment is promised too much.
 """
 
 from typing import NamedTuple
@@ -12,35 +12,67 @@ from bcid.aliases import Bools, Floats, Ints
 from bcid.likelihood import marginal, nuisance
 from bcid.likelihood.limits import SEGMENT_LIMITS
 from bcid.likelihood.marginal import MarginalTerms, Scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, move_to_posterior
-from bcid.likelihood.refit_state import RefitProblem, RefitState, build_state, promised_nats, segment_worths
-from bcid.likelihood.take import Take, select_spans
+from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, move_to_posterior, without_pushes
+from bcid.likelihood.refit_state import (
+    RefitProblem,
+    RefitState,
+    build_state,
+    promised_nats,
+    promised_to_all,
+    segment_worths,
+)
+from bcid.likelihood.take import N_START, Take, select_spans
 
 RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
-SETTLING_TANGENTS = 4  # along which an initial state goes where the likelihood is greatest, at most
+SETTLING_TANGENTS = 8  # along which an initial state goes where the likelihood is greatest, at most
 CHORDS = 3  # steps along each, with derivatives held fixed
 SETTLED_NATS = 0.05  # that the step of an initial state still promises, below which it stays
+SETTLED_PUSHES_NATS = 0.5  # likewise with pushes
+FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
 SHORTER = 0.3  # of a step that has led astray, the share that is tried next
 
 
 def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
-    """The refit's state with each segment's initial state moved to where its likelihood is greatest nearby.
+    """The refit's state with each segment's initial state and pushes moved to where its likelihood is greatest nearby.
 
     By Gauss-Newton steps, the predictions linearised anew after each; one that leads where the segment is worth less
-    (`segment_worths`) is shortened.  Noise and pushes are estimated anew in at most `em_steps`.
+    is shortened.  Segments that are far off begin without pushes where that is better: a hypothesis may need none where
+    another had many.  Noise and pushes are estimated anew in at most `em_steps`.
     """
-    share, found = np.ones(problem.take.segments), state
+    share, found = np.ones(problem.take.segments), _begin_without_pushes(problem, state)
     for _ in range(SETTLING_TANGENTS):
-        unsettled = np.flatnonzero(~(promised_nats(found.terms, found.start) < SETTLED_NATS))
+        settled = (promised_nats(found.terms) < SETTLED_NATS) & (_promised(found) < SETTLED_PUSHES_NATS)
+        unsettled = np.flatnonzero(~settled)
         if not len(unsettled):
             break
         start = _settle_along_tangent(problem, found, unsettled, share[unsettled])
         moved = _linearise_from(problem, found, unsettled, start)
-        before = segment_worths(_part_of(found.terms, unsettled), found.start[unsettled])
-        better = segment_worths(moved.terms, moved.start) > before  # False where a prediction is not finite
+        before = _worths_there(_part_of(found.terms, unsettled), found.start[unsettled])
+        better = _worths_there(moved.terms, moved.start) > before  # False where a prediction is not finite
         share[unsettled] = np.where(better, 1.0, SHORTER * share[unsettled])
         found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
     return _estimate_anew(problem, found, em_steps) if found is not state else state
+
+
+def _begin_without_pushes(problem: RefitProblem, state: RefitState) -> RefitState:
+    """The refit's state without the pushes of segments that are worth more without."""
+    far = np.flatnonzero(~(_promised(state) < FAR_NATS) & state.start[:, N_START:].any(axis=1))
+    if not len(far):
+        return state
+    there = _linearise_from(problem, state, far, without_pushes(state.start[far]))
+    better = _worths_there(there.terms, there.start) > _worths_there(_part_of(state.terms, far), state.start[far])
+    return _put_segments(problem, state, far[better], there.part(np.flatnonzero(better)))
+
+
+def _promised(state: RefitState) -> Floats:
+    """What each segment of a refit's state (S,) is promised by its initial state and pushes."""
+    return promised_to_all(state.terms, state.start)
+
+
+def _worths_there(terms: MarginalTerms, start: Floats) -> Floats:
+    """Log-likelihood (S,) of each segment, less what a step from `start` promises: it has no more at `start` itself."""
+    with np.errstate(invalid="ignore"):
+        return student_log_densities(terms) - promised_to_all(terms, start)
 
 
 def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints, share: Floats) -> Floats:
@@ -53,13 +85,13 @@ def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints
     best = state.start[chosen]
     terms = _part_of(state.terms, chosen)
     start = move_to_posterior(best, terms.z, share[:, None])
-    worth = segment_worths(terms, best)
+    worth = _worths_there(terms, best)
     for first in (True, *[False] * (CHORDS - 1)):
         there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), start, part, state.scales)
-        now = segment_worths(there, start)
+        now = _worths_there(there, start)
         better = now > worth
         best, worth = np.where((better | first)[:, None], start, best), np.where(better, now, worth)
-        if not (better & (promised_nats(there, start) > SETTLED_NATS)).any():
+        if not (better & (promised_to_all(there, start) > SETTLED_NATS)).any():
             break
         start = np.where(better[:, None], move_to_posterior(start, there.z), start)
     return best
@@ -80,8 +112,7 @@ def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_ste
     start, found = take.start[misfits], state
     for _ in range(RESTART_TANGENTS):
         there = _linearise_from(problem, found, misfits, start)
-        before = segment_worths(_part_of(found.terms, misfits), found.start[misfits])
-        gained = segment_worths(there.terms, there.start) - before
+        gained = segment_worths(there.terms) - segment_worths(_part_of(found.terms, misfits))
         better = ~(gained < SEGMENT_LIMITS.max_loss_nats) & np.isfinite(there.terms.chi2)
         found = _put_segments(problem, found, misfits[better], there.part(np.flatnonzero(better)))
         finite = np.isfinite(there.terms.z).all(axis=1, keepdims=True)
@@ -90,12 +121,13 @@ def restart_misfitting_segments(problem: RefitProblem, state: RefitState, em_ste
 
 
 def move_initial_states(problem: RefitProblem, state: RefitState) -> RefitState:
-    """The refit's state with segments' initial states moved to their posterior means.
+    """The refit's state with segments' initial states moved to their posterior means, pushes held.
 
     Residuals are predicted anew, derivatives kept.  Each segment is decided by itself: it stays where it was if its
     log-likelihood falls by SEGMENT_LIMITS.max_loss_nats or more, or is not finite.
     """
     start = move_to_posterior(state.start, state.terms.z)
+    start[:, N_START:] = state.start[:, N_START:]  # where derivatives are held, pushes are linear
     r = problem.residuals(state.phi, start)
     terms = _terms_along_tangent(state.A, r, start, problem.take, state.scales)
     moves = _segment_gains(terms, state.terms) > -SEGMENT_LIMITS.max_loss_nats
