@@ -34,6 +34,7 @@ PHI_DAMPINGS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 """Added to the curvature by phi, whose components are of size one: what the take hardly shows is held back, and valleys
 that logarithms of two parameters share stay open (scaled by the curvature's diagonal they would be closed)."""
 THOROUGH = Effort()
+SETTLING_ROUNDS = 3  # of evaluations at fixed parameters
 FAR = 0.03  # a step of phi after which the tangent is found anew: 3 % of a base parameter
 
 
@@ -208,6 +209,8 @@ def evaluate_fixed(take: Take, hypothesis: Hypothesis, phi: Floats, scales: Scal
     """
     problem = RefitProblem(take, hypothesis, Prior.normal(phi, np.zeros_like(phi)))
     state = newton.evaluate_at(problem, phi, take.start, scales, MAX_EM_STEPS)
+    for _ in range(SETTLING_ROUNDS):  # pushes depend on their standard deviation, and it on them
+        state = newton.evaluate_at(problem, phi, state.start, state.scales, MAX_EM_STEPS)
     return _build_fit(
         hypothesis, newton.tangent_at(problem, state), state, np.zeros((hypothesis.size, hypothesis.size))
     )
