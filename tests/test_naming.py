@@ -32,7 +32,7 @@ from bcid.likelihood.marginal import (
     student_log_densities,
 )
 from bcid.likelihood.newton import bounded_newton_step
-from bcid.likelihood.nuisance import AboutNuisances, pose_residuals
+from bcid.likelihood.nuisance import AboutNuisances, about_no_pushes, pose_residuals
 from bcid.likelihood.prediction_inputs import PredictionInputs
 from bcid.likelihood.prepare import (
     fit_base,
@@ -313,6 +313,7 @@ def test_a_trusted_parameter_that_is_bent_pulls_back(null_take: Take, null_fit: 
     columns = fit.tangent.J[:, :, [len(BASE.log_parameters)]]  # another drag, beside R_1, which is bent
     found = project_out_fit(linearise_fit(fit, null_take), columns)
     r = pose_residuals(null_take, fit.hypothesis.prediction_inputs(fit.phi, null_take), fit.start)
+    r = about_no_pushes(r, fit.tangent.A, fit.start, null_take.first)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, null_take.first), fit.scales, 0)
     g, _ = score_and_information(r, fit.tangent.A, columns, null_take.first, fit.scales.r, e.root)
     likelihood = float((robust_weights(e) @ g)[0])

@@ -17,7 +17,6 @@ from bcid.likelihood.refit_state import (
     RefitProblem,
     RefitState,
     build_state,
-    promised_nats,
     promised_to_all,
     segment_worths,
 )
@@ -26,8 +25,7 @@ from bcid.likelihood.take import N_START, Take, select_spans
 RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
 SETTLING_TANGENTS = 8  # along which an initial state goes where the likelihood is greatest, at most
 CHORDS = 3  # steps along each, with derivatives held fixed
-SETTLED_NATS = 0.05  # that the step of an initial state still promises, below which it stays
-SETTLED_PUSHES_NATS = 0.5  # likewise with pushes
+SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
 FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
 SHORTER = 0.3  # of a step that has led astray, the share that is tried next
 
@@ -41,8 +39,7 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
     """
     share, found = np.ones(problem.take.segments), _begin_without_pushes(problem, state)
     for _ in range(SETTLING_TANGENTS):
-        settled = (promised_nats(found.terms) < SETTLED_NATS) & (_promised(found) < SETTLED_PUSHES_NATS)
-        unsettled = np.flatnonzero(~settled)
+        unsettled = np.flatnonzero(~(_promised(found) < SETTLED_NATS))
         if not len(unsettled):
             break
         start = _settle_along_tangent(problem, found, unsettled, share[unsettled])

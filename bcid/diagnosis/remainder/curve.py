@@ -33,7 +33,7 @@ from bcid.effects.remainder_table import (
     YAW,
 )
 from bcid.likelihood.force_history import acting_values
-from bcid.likelihood.nuisance import pose_residuals, without_pushes
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -101,14 +101,17 @@ def missing_laws(
 
 
 def change_by_names(fit: Fit, named: Fit, take: Take) -> Floats | None:
-    """The poses (N, 3) that the fit with names predicts less those of the `fit` without, each from its initial states.
+    """The poses (N, 3) that the fit with names predicts less those of the `fit` without, each without its pushes.
 
     None where `named` is that fit itself, or where a prediction is not finite.
     """
     if named is fit:
         return None
     left, before = (
-        pose_residuals(take, f.hypothesis.prediction_inputs(f.phi, take), without_pushes(f.start)) for f in (named, fit)
+        about_no_pushes(
+            pose_residuals(take, f.hypothesis.prediction_inputs(f.phi, take), f.start), f.tangent.A, f.start, take.first
+        )
+        for f in (named, fit)
     )
     change = wrap_yaw(before - left)
     return change if np.isfinite(change).all() else None
