@@ -23,8 +23,8 @@ from bcid.likelihood.refit_state import (
 from bcid.likelihood.take import N_START, Take, select_spans
 
 RESTART_TANGENTS = 3  # tangents from which a segment that fits badly is tried
-SETTLING_TANGENTS = 8  # along which an initial state goes where the likelihood is greatest, at most
-CHORDS = 3  # steps along each, with derivatives held fixed
+SETTLING_TANGENTS = 12  # along which an initial state goes where the likelihood is greatest, at most
+CHORDS = 4  # steps along each, with derivatives held fixed
 SETTLED_NATS = 0.05  # that the step of an initial state and pushes still promises, below which they stay
 FAR_NATS = 5.0  # that are promised where a segment may do better without its pushes
 SHORTER = 0.3  # of a step that has led astray, the share that is tried next
@@ -33,20 +33,20 @@ SHORTER = 0.3  # of a step that has led astray, the share that is tried next
 def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: int) -> RefitState:
     """The refit's state with each segment's initial state and pushes moved to where its likelihood is greatest nearby.
 
-    By Gauss-Newton steps, the predictions linearised anew after each; one that leads where the segment is worth less
-    is shortened.  Segments that are far off begin without pushes where that is better: a hypothesis may need none where
-    another had many.  Noise and pushes are estimated anew in at most `em_steps`.
+    By Gauss-Newton steps, the predictions linearised anew after a few.  Segments that are far off begin without pushes
+    where that is better: a hypothesis may need none where another had many.  Noise and pushes are estimated anew in at
+    most `em_steps`.
     """
-    share, found = np.ones(problem.take.segments), _begin_without_pushes(problem, state)
+    found, stuck = _begin_without_pushes(problem, state), np.zeros(problem.take.segments, dtype=bool)
     for _ in range(SETTLING_TANGENTS):
-        unsettled = np.flatnonzero(~(_promised(found) < SETTLED_NATS))
+        unsettled = np.flatnonzero(~(stuck | (_promised(found) < SETTLED_NATS)))
         if not len(unsettled):
             break
-        start = _settle_along_tangent(problem, found, unsettled, share[unsettled])
+        start = _settle_along_tangent(problem, found, unsettled)
         moved = _linearise_from(problem, found, unsettled, start)
         before = _worths_there(_part_of(found.terms, unsettled), found.start[unsettled])
         better = _worths_there(moved.terms, moved.start) > before  # False where a prediction is not finite
-        share[unsettled] = np.where(better, 1.0, SHORTER * share[unsettled])
+        stuck[unsettled] = ~better
         found = _put_segments(problem, found, unsettled[better], moved.part(np.flatnonzero(better)))
     return _estimate_anew(problem, found, em_steps) if found is not state else state
 
@@ -72,25 +72,24 @@ def _worths_there(terms: MarginalTerms, start: Floats) -> Floats:
         return student_log_densities(terms) - promised_to_all(terms, start)
 
 
-def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints, share: Floats) -> Floats:
+def _settle_along_tangent(problem: RefitProblem, state: RefitState, chosen: Ints) -> Floats:
     """Initial states and pushes (M, N_NUISANCE) of the segments `chosen` after steps with derivatives held fixed.
 
-    The first step is the `share` (M,) of a Gauss-Newton step; further ones follow while a segment is worth more.
+    A step after which a segment is worth less is shortened, from where it began.
     """
     part, rows = problem.take.part(chosen), problem.take.rows(chosen)
     inputs, A = problem.hypothesis.prediction_inputs(state.phi, problem.take), state.A[rows]
-    best = state.start[chosen]
-    terms = _part_of(state.terms, chosen)
-    start = move_to_posterior(best, terms.z, share[:, None])
+    best, terms, share = state.start[chosen], _part_of(state.terms, chosen), np.ones((len(chosen), 1))
     worth = _worths_there(terms, best)
-    for first in (True, *[False] * (CHORDS - 1)):
+    for _ in range(CHORDS):
+        start = move_to_posterior(best, terms.z, share)
         there = _terms_along_tangent(A, nuisance.pose_residuals(part, inputs, start), start, part, state.scales)
         now = _worths_there(there, start)
         better = now > worth
-        best, worth = np.where((better | first)[:, None], start, best), np.where(better, now, worth)
-        if not (better & (promised_to_all(there, start) > SETTLED_NATS)).any():
+        best, worth = np.where(better[:, None], start, best), np.where(better, now, worth)
+        terms, share = _select_terms(better, there, terms), np.where(better[:, None], 1.0, SHORTER * share)
+        if (promised_to_all(terms, best) < SETTLED_NATS).all():
             break
-        start = np.where(better[:, None], move_to_posterior(start, there.z), start)
     return best
 
 

@@ -1,0 +1,99 @@
+"""Where predictions are linearised: about the initial state and the pushes that are likeliest in each segment."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from concealed import concealing
+
+from bcid.likelihood.lane_rollout import segment_layout
+from bcid.likelihood.marginal import Scales, student_log_densities
+from bcid.likelihood.newton import derivatives_at, evaluate_at, slope_and_curvature, tangent_at
+from bcid.likelihood.nuisance import about_no_pushes, move_to_posterior, pose_residuals
+from bcid.likelihood.predict import predict_poses
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import RefitProblem, RefitState, promised_to_all
+from bcid.likelihood.settling import SETTLED_NATS
+from bcid.likelihood.take import KNOTS, N_NUISANCE, N_START, Take
+
+PUSHES = (0.8, 0.8, 2.0)  # m/s^2, m/s^2, rad/s^2
+
+
+@pytest.fixture(scope="module")
+def base() -> tuple[Fit, Take]:
+    return concealing(60.0)
+
+
+@pytest.fixture(scope="module")
+def shoved(base: tuple[Fit, Take]) -> tuple[Fit, Take, np.ndarray]:
+    """The fitted car's own poses under large pushes, and initial states and pushes."""
+    fit, take = base
+    start = fit.start.copy()
+    drawn = np.random.default_rng(4).standard_normal((take.segments, 3 * KNOTS))
+    start[:, N_START:] = drawn * np.tile(PUSHES, KNOTS)
+    inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
+    poses = np.asarray(predict_poses(segment_layout(take), start, *inputs.kernel_arguments))
+    noise = np.random.default_rng(5).standard_normal(poses.shape) * fit.scales.r
+    return fit, take._replace(pose=poses + noise), start
+
+
+def settled(fit: Fit, take: Take, phi: np.ndarray, start: np.ndarray) -> RefitState:
+    problem = RefitProblem(take, fit.hypothesis, fit.hypothesis.prior(phi))
+    return evaluate_at(problem, phi, start, Scales(fit.scales.r, np.array(PUSHES)), 0)
+
+
+def test_a_linear_prediction_has_the_same_residual_about_any_pushes() -> None:
+    rng = np.random.default_rng(1)
+    first, A, r = np.array([0, 7, 20]), rng.standard_normal((20, 3, N_NUISANCE)), rng.standard_normal((20, 3))
+    start = rng.standard_normal((2, N_NUISANCE))
+    pushed = r - np.einsum("ncp,np->nc", A[:, :, N_START:], np.repeat(start[:, N_START:], [7, 13], axis=0))
+    np.testing.assert_allclose(about_no_pushes(pushed, A, start, first), r, atol=1e-12)
+
+
+def test_a_step_leads_initial_states_on_and_pushes_to_their_means() -> None:
+    start, z = np.full((1, N_NUISANCE), 2.0), np.full((1, N_NUISANCE), 3.0)
+    whole, half = move_to_posterior(start, z)[0], move_to_posterior(start, z, 0.5)[0]
+    assert (set(whole[:N_START]), set(whole[N_START:])) == ({5.0}, {3.0})
+    assert (set(half[:N_START]), set(half[N_START:])) == ({3.5}, {2.5})
+
+
+def test_segments_settle_under_the_pushes_that_were_there(shoved: tuple[Fit, Take, np.ndarray]) -> None:
+    """From none: what is left of the poses is their noise, and no step promises more."""
+    fit, take, true = shoved
+    state = settled(fit, take, fit.phi, fit.start)
+    assert np.mean(promised_to_all(state.terms, state.start) < SETTLED_NATS) > 0.95
+    r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), state.start)
+    assert np.sqrt(np.mean(r**2, axis=0)) == pytest.approx(fit.scales.r, rel=0.3)
+    found, there = state.start[:, N_START:], true[:, N_START:]
+    assert np.corrcoef(found.ravel(), there.ravel())[0, 1] > 0.95
+
+
+def test_pushes_that_do_not_belong_are_left(base: tuple[Fit, Take]) -> None:
+    """As those that stood in for what a hypothesis has now."""
+    fit, take = base
+    off = fit.start.copy()
+    off[:, N_START:] = 4.0 * np.tile(PUSHES, KNOTS)
+    states = [settled(fit, take, fit.phi, start) for start in (fit.start, off)]
+    each = [student_log_densities(state.terms) for state in states]
+    np.testing.assert_allclose(each[1], each[0], atol=0.5)
+
+
+def test_slopes_of_a_model_that_lacks_much_are_those_of_the_likelihood(shoved: tuple[Fit, Take, np.ndarray]) -> None:
+    """Derivatives of predictions without the pushes that are there had the wrong sign for half of the parameters."""
+    fit, take, _ = shoved
+    problem = RefitProblem(take, fit.hypothesis, fit.hypothesis.prior(fit.phi))
+    phi = fit.phi.copy()
+    phi[[fit.hypothesis.log_parameters.index(s) for s in ("K_t", "C_f", "C_r")]] += (0.1, -0.1, 0.1)
+    state = settled(fit, take, phi, fit.start)
+    state = settled(fit, take, phi, state.start)
+    J = derivatives_at(problem, tangent_at(problem, state), state)
+    slope, curvature = slope_and_curvature(problem, state, J)
+    sd = 1.0 / np.sqrt(np.diag(curvature))
+    for symbol in ("K_t", "C_f", "C_r"):
+        j = fit.hypothesis.log_parameters.index(symbol)
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = phi.copy()
+            moved[j] += sign * 0.3 * sd[j]
+            ends.append(settled(fit, take, moved, state.start).worth)
+        assert (ends[0] - ends[1]) / 0.6 == pytest.approx(slope[j] * sd[j], rel=0.3, abs=0.5)
