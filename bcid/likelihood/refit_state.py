@@ -123,7 +123,9 @@ def _lost_beyond(terms: MarginalTerms, chosen: Bools, in_sd: Floats) -> Floats:
     """Nats that the `chosen` segments lose where their nuisances are `in_sd` standard deviations from the likeliest."""
     chi2 = terms.chi2[chosen]
     half = 0.5 * (NU + terms.numbers[chosen])
-    return np.asarray(half * (np.log1p((chi2 + np.sum(in_sd**2, axis=1)) / NU) - np.log1p(chi2 / NU)))
+    with np.errstate(over="ignore"):  # so far off is as far as can be
+        off = chi2 + np.sum(in_sd**2, axis=1)
+    return np.asarray(half * (np.log1p(off / NU) - np.log1p(chi2 / NU)))
 
 
 def segment_worths(terms: MarginalTerms) -> Floats:
