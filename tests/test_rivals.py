@@ -20,6 +20,8 @@ from bcid.diagnosis.search.screen import CandidateEffect
 from bcid.effects.constants import Constants
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import Tangent
 from bcid.likelihood.score_test import Trial, TrialChanges
 
 TAKE: Any = None
@@ -62,8 +64,8 @@ def test_half_a_take_bends_a_trusted_simulation_as_far_as_the_whole_does(monkeyp
     take: Any = SimpleNamespace(segments=4, rows=lambda chosen: chosen, part=lambda chosen: None)
     made = list[Any]()
     monkeypatch.setattr(held_out, "refit", lambda part, hypothesis, *_: made.append(hypothesis))
-    tangent = SimpleNamespace(A=np.zeros((4, 1)), J=np.zeros((4, 1)))
-    whole: Any = SimpleNamespace(hypothesis=trusting, phi=None, start=np.zeros((4, 1)), scales=None, tangent=tangent)
+    nothing: Any = np.zeros((4, 1))
+    whole = Fit(trusting, nothing, nothing, nothing, 0.0, nothing, nothing, Tangent(nothing, nothing))
     held_out.refit_on_half(whole, take, np.array([0, 2]))
     phi = trusting.with_effects().phi_of(CAR, [0.06])
     half, full = (h.with_effects().prior(phi) for h in (made[0], trusting))

@@ -25,7 +25,7 @@ def base() -> tuple[Fit, Take]:
 
 
 @pytest.fixture(scope="module")
-def shoved(base: tuple[Fit, Take]) -> tuple[Fit, Take, np.ndarray]:
+def pushed_drive(base: tuple[Fit, Take]) -> tuple[Fit, Take, np.ndarray]:
     """The fitted car's own poses under large pushes, and initial states and pushes."""
     fit, take = base
     start = fit.start.copy()
@@ -37,7 +37,8 @@ def shoved(base: tuple[Fit, Take]) -> tuple[Fit, Take, np.ndarray]:
     return fit, take._replace(pose=poses + noise), start
 
 
-def settled(fit: Fit, take: Take, phi: np.ndarray, start: np.ndarray) -> RefitState:
+def settle(fit: Fit, take: Take, phi: np.ndarray, start: np.ndarray) -> RefitState:
+    """A refit's state at `phi`, initial states and pushes moved from `start` to where they are likeliest."""
     problem = RefitProblem(take, fit.hypothesis, fit.hypothesis.prior(phi))
     return evaluate_at(problem, phi, start, Scales(fit.scales.r, np.array(PUSHES)), 0)
 
@@ -57,10 +58,10 @@ def test_a_step_leads_initial_states_on_and_pushes_to_their_means() -> None:
     assert (set(half[:N_START]), set(half[N_START:])) == ({3.5}, {2.5})
 
 
-def test_segments_settle_under_the_pushes_that_were_there(shoved: tuple[Fit, Take, np.ndarray]) -> None:
+def test_segments_settle_under_the_pushes_that_were_there(pushed_drive: tuple[Fit, Take, np.ndarray]) -> None:
     """From none: what is left of the poses is their noise, and no step promises more."""
-    fit, take, true = shoved
-    state = settled(fit, take, fit.phi, fit.start)
+    fit, take, true = pushed_drive
+    state = settle(fit, take, fit.phi, fit.start)
     assert np.mean(promised_to_all(state.terms, state.start) < SETTLED_NATS) > 0.95
     r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), state.start)
     assert np.sqrt(np.mean(r**2, axis=0)) == pytest.approx(fit.scales.r, rel=0.3)
@@ -73,19 +74,21 @@ def test_pushes_that_do_not_belong_are_left(base: tuple[Fit, Take]) -> None:
     fit, take = base
     off = fit.start.copy()
     off[:, N_START:] = 4.0 * np.tile(PUSHES, KNOTS)
-    states = [settled(fit, take, fit.phi, start) for start in (fit.start, off)]
+    states = [settle(fit, take, fit.phi, start) for start in (fit.start, off)]
     each = [student_log_densities(state.terms) for state in states]
     np.testing.assert_allclose(each[1], each[0], atol=0.5)
 
 
-def test_slopes_of_a_model_that_lacks_much_are_those_of_the_likelihood(shoved: tuple[Fit, Take, np.ndarray]) -> None:
+def test_slopes_of_a_model_that_lacks_much_are_those_of_the_likelihood(
+    pushed_drive: tuple[Fit, Take, np.ndarray],
+) -> None:
     """Derivatives of predictions without the pushes that are there had the wrong sign for half of the parameters."""
-    fit, take, _ = shoved
+    fit, take, _ = pushed_drive
     problem = RefitProblem(take, fit.hypothesis, fit.hypothesis.prior(fit.phi))
     phi = fit.phi.copy()
     phi[[fit.hypothesis.log_parameters.index(s) for s in ("K_t", "C_f", "C_r")]] += (0.1, -0.1, 0.1)
-    state = settled(fit, take, phi, fit.start)
-    state = settled(fit, take, phi, state.start)
+    state = settle(fit, take, phi, fit.start)
+    state = settle(fit, take, phi, state.start)
     J = derivatives_at(problem, tangent_at(problem, state), state)
     slope, curvature = slope_and_curvature(problem, state, J)
     sd = 1.0 / np.sqrt(np.diag(curvature))
@@ -95,5 +98,5 @@ def test_slopes_of_a_model_that_lacks_much_are_those_of_the_likelihood(shoved: t
         for sign in (1.0, -1.0):
             moved = phi.copy()
             moved[j] += sign * 0.3 * sd[j]
-            ends.append(settled(fit, take, moved, state.start).worth)
+            ends.append(settle(fit, take, moved, state.start).worth)
         assert (ends[0] - ends[1]) / 0.6 == pytest.approx(slope[j] * sd[j], rel=0.3, abs=0.5)

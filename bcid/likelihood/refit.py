@@ -3,17 +3,20 @@
 All functions raise `PredictionDiverged` where predictions at their starting point leave the finite numbers.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
 from bcid.likelihood import newton
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import UNLIMITED, Scales
+from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.price import price_nats
 from bcid.likelihood.prior import Prior
 from bcid.likelihood.refit_state import (
@@ -66,6 +69,20 @@ class Fit:
     def car(self) -> Car:
         """The car with the fitted base parameters."""
         return self.hypothesis.car(self.phi)
+
+    def part(self, take: Take, chosen: Ints) -> tuple[Fit, Take]:
+        """The fit and its `take` with the segments of the indices `chosen` only; what is of the whole stays so."""
+        rows = take.rows(chosen)
+        A, J = (np.ascontiguousarray(derivatives[rows]) for derivatives in self.tangent)
+        return replace(self, start=self.start[chosen], tangent=Tangent(A, J)), take.part(chosen)
+
+    def residuals(self, take: Take, phi: Floats) -> Floats:
+        """Measured less predicted poses (N, 3) of the fit's `take` at the parameter vector `phi`, pushes from zero.
+
+        Initial states, and the derivatives by which pushes are taken off, are the fit's own.
+        """
+        r = pose_residuals(take, self.hypothesis.prediction_inputs(phi, take), self.start)
+        return about_no_pushes(r, self.tangent.A, self.start, take.first)
 
     def effect_estimates(self) -> dict[str, tuple[float, float]]:
         """Value and standard error (SI) of each effect parameter, by its field among the switches."""

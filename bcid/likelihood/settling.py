@@ -39,7 +39,7 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
     """
     found, stuck = _begin_without_pushes(problem, state), np.zeros(problem.take.segments, dtype=bool)
     for _ in range(SETTLING_TANGENTS):
-        unsettled = np.flatnonzero(~(stuck | (_promised(found) < SETTLED_NATS)))
+        unsettled = np.flatnonzero(~(stuck | (_unearned_nats(found) < SETTLED_NATS)))
         if not len(unsettled):
             break
         start = _settle_along_tangent(problem, found, unsettled)
@@ -53,7 +53,7 @@ def settle_initial_states(problem: RefitProblem, state: RefitState, em_steps: in
 
 def _begin_without_pushes(problem: RefitProblem, state: RefitState) -> RefitState:
     """The refit's state without the pushes of segments that are worth more without."""
-    far = np.flatnonzero(~(_promised(state) < FAR_NATS) & state.start[:, N_START:].any(axis=1))
+    far = np.flatnonzero(~(_unearned_nats(state) < FAR_NATS) & state.start[:, N_START:].any(axis=1))
     if not len(far):
         return state
     there = _linearise_from(problem, state, far, without_pushes(state.start[far]))
@@ -61,8 +61,8 @@ def _begin_without_pushes(problem: RefitProblem, state: RefitState) -> RefitStat
     return _put_segments(problem, state, far[better], there.part(np.flatnonzero(better)))
 
 
-def _promised(state: RefitState) -> Floats:
-    """What each segment of a refit's state (S,) is promised by its initial state and pushes."""
+def _unearned_nats(state: RefitState) -> Floats:
+    """Nats (S,) that a step of initial state and pushes promises each segment of a refit's state."""
     return promised_to_all(state.terms, state.start)
 
 

@@ -9,9 +9,8 @@ from bcid.bootstrap import draw_blocks, quantile_interval
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.errors import PredictionDiverged
 from bcid.likelihood.marginal import Scales, estimate_scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit, refit
-from bcid.likelihood.refit_state import Effort, Tangent
+from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
 
 HALF_EFFORT = Effort(iterations=3)
@@ -44,9 +43,9 @@ def refit_on_half(fit: Fit, take: Take, chosen: Ints) -> Fit:
     Derivatives of the predictions by base parameters and initial states are not renewed: they are those of `fit`,
     which was made to the whole take.
     """
-    rows, share = take.rows(chosen), fit.hypothesis.scale_simulation_prior(len(chosen) / take.segments)
-    tangent = Tangent(np.ascontiguousarray(fit.tangent.A[rows]), np.ascontiguousarray(fit.tangent.J[rows]))
-    return refit(take.part(chosen), share, fit.phi, fit.start[chosen], fit.scales, HALF_EFFORT, tangent)
+    share = fit.hypothesis.scale_simulation_prior(len(chosen) / take.segments)
+    fit, half = fit.part(take, chosen)
+    return refit(half, share, fit.phi, fit.start, fit.scales, HALF_EFFORT, fit.tangent)
 
 
 def held_out_log_likelihoods(fit: Fit, take: Take) -> Floats:
@@ -71,11 +70,8 @@ def _evaluate_segments(fit: Fit, take: Take, chosen: Ints, phi: Floats, scales: 
     Its parameter vector is `phi` (base parameters, then effects' parameters); `scales` are standard deviations of pose
     noise and of disturbances of the body.  Each segment's initial state and disturbances are integrated out.
     """
-    part = take.part(chosen)
-    A = np.ascontiguousarray(fit.tangent.A[take.rows(chosen)])
-    r = pose_residuals(part, fit.hypothesis.prediction_inputs(phi, part), fit.start[chosen])
-    r = about_no_pushes(r, A, fit.start[chosen], part.first)
-    _, e = estimate_scales(segment_moments(r, A, part.first), scales, 0)
+    fit, part = fit.part(take, chosen)
+    _, e = estimate_scales(segment_moments(fit.residuals(part, phi), fit.tangent.A, part.first), scales, 0)
     return student_log_densities(e)
 
 

@@ -14,7 +14,6 @@ from bcid.effects.motion import integrate_body
 from bcid.likelihood.lane_rollout import SegmentLayout, push_wrenches, segment_layout, shift_chain_time
 from bcid.likelihood.lane_start import first_lags_of_one, steps_of_recording
 from bcid.likelihood.marginal import estimate_scales, segment_moments
-from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import KNOTS, N_START, Take
 from bcid.physics.car import Car
@@ -82,9 +81,7 @@ def estimate_disturbances(fit: Fit, take: Take) -> Disturbances:
     With them come the car's mean states over the same intervals.
     """
     inputs = fit.hypothesis.prediction_inputs(fit.phi, take)
-    r = pose_residuals(take, inputs, fit.start)
-    r = about_no_pushes(r, fit.tangent.A, fit.start, take.first)
-    _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
+    _, e = estimate_scales(segment_moments(fit.residuals(take, fit.phi), fit.tangent.A, take.first), fit.scales, 0)
     means = _mean_knot_states(segment_layout(take), fit.start, *inputs.kernel_arguments)
     push = e.z[:, N_START:].reshape(-1, 3)
     spread = np.einsum("skk->sk", e.V)[:, N_START:].reshape(-1, 3)

@@ -33,7 +33,6 @@ from bcid.effects.remainder_table import (
     YAW,
 )
 from bcid.likelihood.force_history import acting_values
-from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.predict import wrap_yaw
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -107,13 +106,7 @@ def change_by_names(fit: Fit, named: Fit, take: Take) -> Floats | None:
     """
     if named is fit:
         return None
-    left, before = (
-        about_no_pushes(
-            pose_residuals(take, f.hypothesis.prediction_inputs(f.phi, take), f.start), f.tangent.A, f.start, take.first
-        )
-        for f in (named, fit)
-    )
-    change = wrap_yaw(before - left)
+    change = wrap_yaw(fit.residuals(take, fit.phi) - named.residuals(take, named.phi))
     return change if np.isfinite(change).all() else None
 
 

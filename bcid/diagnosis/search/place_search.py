@@ -1,7 +1,6 @@
 """The search for the place or time of an effect: an edge on the floor gives the likelihood kinks without a slope."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import Bounds, direct
@@ -10,7 +9,7 @@ from bcid.aliases import Floats, Ints
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.kept_fits import kept_in_proofs
 from bcid.likelihood.marginal import eliminate_nuisance, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
+from bcid.likelihood.nuisance import pose_residuals
 from bcid.likelihood.refit import Fit, refit
 from bcid.likelihood.score_test import affected_segments
 from bcid.likelihood.take import SEGMENT_S, Take
@@ -43,7 +42,7 @@ def refine_places(fit: Fit, take: Take) -> Fit:
             widths = _search_widths(fit, take, name)
             chosen = segments_in_reach(fit, take, name, phi, widths)
             if widths.any() and len(chosen):
-                phi = _search_around(*_part(fit, take, chosen), phi, widths)
+                phi = _search_around(*fit.part(take, chosen), phi, widths)
         # at the edge of a place the prediction may diverge: then the fit stays as it is
         better = none_if_diverged(refit, take, fit.hypothesis, phi, fit.start, fit.scales)
         if better is None or better.penalised_log_likelihood - fit.penalised_log_likelihood < MIN_ROUND_NATS:
@@ -84,13 +83,6 @@ def segments_in_reach(fit: Fit, take: Take, name: str, phi: Floats, widths: Floa
     later = take.begin_s - take.zero_s - SEGMENT_S > at["t_s"] + width
     at["t_s"] -= width
     return np.setdiff1d(affected_segments(take, take.pose, at), np.flatnonzero(later))
-
-
-def _part(fit: Fit, take: Take, chosen: Ints) -> tuple[Fit, Take]:
-    """The fit and the take with the segments `chosen` only."""
-    rows = take.rows(chosen)
-    tangent = fit.tangent._replace(A=fit.tangent.A[rows], J=fit.tangent.J[rows])
-    return replace(fit, start=fit.start[chosen], tangent=tangent), take.part(chosen)
 
 
 def _search_around(fit: Fit, take: Take, phi: Floats, widths: Floats) -> Floats:
@@ -149,10 +141,9 @@ def _log_likelihood_at(fit: Fit, take: Take, phi: Floats) -> float:
     All else is as in `fit`: initial states, standard deviations of noise and disturbances, and the derivatives of
     predictions by initial states and disturbances, by which these are integrated out.
     """
-    r = pose_residuals(take, fit.hypothesis.prediction_inputs(phi, take), fit.start)
+    r = fit.residuals(take, phi)
     if not np.isfinite(r).all():
         return -np.inf
-    r = about_no_pushes(r, fit.tangent.A, fit.start, take.first)
     moments = segment_moments(r, fit.tangent.A, take.first)
     eliminated = eliminate_nuisance(moments, fit.scales.r, fit.scales.nuisance_precisions())
     likelihood = float(student_log_densities(eliminated).sum())

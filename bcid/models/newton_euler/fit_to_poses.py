@@ -16,7 +16,6 @@ from bcid.likelihood.divergence import refuse_divergence
 from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import estimate_scales, segment_moments, student_log_densities
-from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
@@ -110,8 +109,7 @@ def _find_unreached_saturations(fit: Fit, take: Take) -> list[str]:
         phi = fit.phi.copy()
         phi[j] = np.inf
         try:
-            r = pose_residuals(take, hypothesis.prediction_inputs(phi, take), fit.start)
-            r = about_no_pushes(r, fit.tangent.A, fit.start, take.first)
+            r = fit.residuals(take, phi)
             free = student_log_densities(
                 estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)[1]
             ).sum()

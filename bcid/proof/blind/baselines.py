@@ -19,7 +19,6 @@ from bcid.diagnosis.locate.pushes import Disturbances
 from bcid.diagnosis.search.screen import simulate_trials
 from bcid.effects.table import EFFECTS
 from bcid.likelihood.marginal import estimate_scales, robust_weights, score_and_information, segment_moments
-from bcid.likelihood.nuisance import about_no_pushes, pose_residuals
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.proof.blind.limits import LIMITS
@@ -146,8 +145,7 @@ def select_stepwise(residual: ResidualData) -> MethodAnswer:
     columns.
     """
     take, fit = residual.take, residual.base
-    r = pose_residuals(take, fit.hypothesis.prediction_inputs(fit.phi, take), fit.start)
-    r = about_no_pushes(r, fit.tangent.A, fit.start, take.first)
+    r = fit.residuals(take, fit.phi)
     _, e = estimate_scales(segment_moments(r, fit.tangent.A, take.first), fit.scales, 0)
     tried = simulate_trials(fit, take)
     g, G = score_and_information(r, fit.tangent.A, tried.columns, take.first, fit.scales.r, e.root)
