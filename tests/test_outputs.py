@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -109,6 +110,30 @@ def test_an_interruption_while_they_are_written_leaves_nothing(tmp_path: Path) -
     with pytest.raises(KeyboardInterrupt):
         write_output(tmp_path / "new" / "a.txt", fails, never, "elsewhere")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("home", ["new/inner", "."])
+def test_an_interruption_just_after_any_folder_is_made_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, home: str
+) -> None:
+    make, left = Path.mkdir, [0]
+
+    def make_and_be_interrupted(folder: Path, *words: Any, **named: Any) -> None:
+        make(folder, *words, **named)
+        left[0] -= 1
+        if left[0] < 0:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "mkdir", make_and_be_interrupted)
+    # the folder itself, the three of unfinished files, the one inside and its place
+    for calls_before in range(6):
+        left[0] = calls_before
+        with pytest.raises(KeyboardInterrupt):
+            write_two(tmp_path / home, never)
+        assert list(tmp_path.iterdir()) == []
+    left[0] = 20
+    write_two(tmp_path / home, never)
+    assert sorted(p.name for p in (tmp_path / home).iterdir()) == ["a.txt", "sub"]
 
 
 KILLED = """

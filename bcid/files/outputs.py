@@ -5,11 +5,11 @@ Files are written into a folder of their own beside their places, checked togeth
 
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
 from bcid.errors import DiskFull, InputRefused, is_disk_full
 from bcid.files.limits import LIMITS
@@ -81,20 +81,20 @@ def staged_outputs(home: Path, may_replace: MayReplace, other_place: str = OTHER
         DiskFull: the disk is full.
     """
     with explain_write_errors(home, f"{other_place} that can be written to"):
-        made = _make_folders(home)
-        _remove_stale_parts(home)
+        # named before any of it is made: an interruption may come between a folder and the line after it
+        missing, work = _missing_folders(home), home / f"{PREFIX}{uuid4().hex}{SUFFIX}"
+        staged, aside = work / "new", work / "old"
         try:
-            with tempfile.TemporaryDirectory(prefix=PREFIX, suffix=SUFFIX, dir=home) as work:
-                staged, aside = Path(work) / "new", Path(work) / "old"
-                staged.mkdir()
-                yield staged
-                aside.mkdir()
-                _place_all(staged, home, aside, may_replace, other_place)
+            home.mkdir(parents=True, exist_ok=True)
+            _remove_stale_parts(home)
+            work.mkdir(mode=0o700)
+            staged.mkdir()
+            yield staged
+            aside.mkdir()
+            _place_all(staged, home, aside, may_replace, other_place)
         finally:
-            for folder in made:
-                # only what is empty: the folders of a run that failed
-                with suppress(OSError):
-                    folder.rmdir()
+            shutil.rmtree(work, ignore_errors=True)
+            _remove_empty(missing)
 
 
 def write_output(path: Path, write: Callable[[Path], object], may_replace: MayReplace, other_place: str) -> None:
@@ -113,11 +113,16 @@ def replace_whole(path: Path, write: Callable[[Path], object], other_place: str 
     write_output(path, write, lambda there: True, other_place)
 
 
-def _make_folders(home: Path) -> list[Path]:
-    """Make the folder `home`; returns the folders that had to be made for it, the innermost first."""
-    missing = [folder for folder in (home, *home.parents) if not os.path.lexists(folder)]
-    home.mkdir(parents=True, exist_ok=True)
-    return missing
+def _missing_folders(home: Path) -> list[Path]:
+    """The folders that would have to be made for `home` to exist, the innermost first."""
+    return [folder for folder in (home, *home.parents) if not os.path.lexists(folder)]
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove those of `folders` that hold nothing, which are those of a run that failed; in the order given."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
 
 
 def _remove_stale_parts(home: Path) -> None:
@@ -139,7 +144,8 @@ def _place_all(staged: Path, home: Path, aside: Path, may_replace: MayReplace, o
     made = list[Path]()
     try:
         for number, (path, target) in enumerate(zip(files, targets, strict=True)):
-            made = _make_folders(target.parent) + made
+            made = _missing_folders(target.parent) + made
+            target.parent.mkdir(parents=True, exist_ok=True)
             old = aside / str(number) if os.path.lexists(target) else None
             if old is not None:
                 shutil.copy2(target, old, follow_symlinks=False)
@@ -151,9 +157,7 @@ def _place_all(staged: Path, home: Path, aside: Path, may_replace: MayReplace, o
                 old.replace(target)
             else:
                 target.unlink(missing_ok=True)
-        for folder in made:
-            with suppress(OSError):
-                folder.rmdir()
+        _remove_empty(made)
         raise
 
 
