@@ -156,9 +156,14 @@ class Command(Settings):
 
 
 class Clock(Settings):
-    """The table [clock]: the correction of the command clock against the pose clock; none unless stated."""
+    """The table [clock]: the corrections of the command clock against the pose clock; none unless stated.
+
+    `commands_read_every_s` (s) says that the recorder reads the commands at its own rate, so that each is logged late:
+    by an age that is found from how the car turns and taken off (`bcid.recording.checks.command_age`).
+    """
 
     offset_s: float = 0.0
+    commands_read_every_s: float | None = Field(default=None, ge=0.03, le=0.5)
 
 
 class Vehicle(Settings):

@@ -67,7 +67,8 @@ class Recording:
     """One take: poses, commands and further channels over time, its irregularities, and the estimate of its clock.
 
     Poses are those of the CoG as far as the vehicle file states how the tracked body is mounted on the car. Time stamps
-    are as recorded: a clock offset is applied where the vehicle file states it, an estimated one is only reported.
+    are as recorded, but for what the vehicle file's [clock] states: an offset of the commands' clock, and that commands
+    are old when they are logged.  What is only estimated is only reported.
     """
 
     name: str

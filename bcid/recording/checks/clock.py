@@ -6,23 +6,20 @@ told.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Floats
 from bcid.documents.health import ClockEstimate
+from bcid.recording.checks.block_delays import block_delays
 from bcid.recording.checks.clock_drift import DRIFT
 from bcid.recording.checks.clock_fault import CLOCK_FAULTS
+from bcid.recording.checks.command_age import account_for_age, take_off_mean_age
 from bcid.recording.checks.geometry import hint_at_drive
 from bcid.recording.checks.limits import CLOCK as LIMITS
-from bcid.recording.checks.steering_fit import NAMES, SteeringFit, fit_steering, predicted_turn, systematic_delay_s
-from bcid.recording.checks.turning import TurningData, liveliest, split_at_blocks
+from bcid.recording.checks.steering_fit import SteeringFit, fit_steering, systematic_delay_s
+from bcid.recording.checks.turning import TurningData, liveliest
 from bcid.recording.types import Irregularity, Recording, command_source_path
 from bcid.vehicle import Vehicle
-
-DELAY = NAMES.index("delay_s")
-DERIVATIVE_STEP_S = 5e-3  # of the numerical derivative by the delay
 
 
 def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | None, lag_s: float | None) -> Recording:
@@ -39,16 +36,19 @@ def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | N
     """
     applied_s = vehicle.clock.offset_s if vehicle.clock else 0.0
     if data is None:
-        return replace(recording, clock=ClockEstimate(applied_s=applied_s, reason="the take is too short"))
+        clock = ClockEstimate(applied_s=applied_s, reason="the take is too short")
+        return replace(take_off_mean_age(recording, vehicle), clock=clock)
     if lag_s is None:
         moves = any(odd.kind in CLOCK_FAULTS for odd in recording.irregularities)
         reason = "one of the clocks jumps or drifts" if moves else "the commands explain too little of the turning"
-        return replace(recording, clock=ClockEstimate(applied_s=applied_s, reason=reason))
+        clock = ClockEstimate(applied_s=applied_s, reason=reason)
+        return replace(take_off_mean_age(recording, vehicle), clock=clock)
     given = vehicle.steering
     stated = {"T_s": given.time_constant_s, "d": given.max_rate_radps}
     fixed = {name: value for name, value in stated.items() if value is not None}
+    fit = fit_steering([liveliest(data, LIMITS.fitted_s)], vehicle, fixed, lag_s)
+    recording, data, fit = account_for_age(recording, data, vehicle, fit, fixed)
     part = liveliest(data, LIMITS.fitted_s)
-    fit = fit_steering([part], vehicle, fixed, lag_s)
     # a body that sits askew, axles elsewhere or another scale look like an offset, or another drive
     misread = any(odd.kind in ("yaw offset", "vehicle file", "scale") for odd in recording.irregularities)
     hint = None if misread else hint_at_drive(part, vehicle, fit)
@@ -73,7 +73,7 @@ def _estimate(
     if fit.explained < LIMITS.min_explained_share:
         reason = f"the commands explain only {fit.explained:.0%} of the yaw rate"
         return clock.model_copy(update={"reason": reason})
-    blocks = _block_delays(data, vehicle, fit)
+    blocks = block_delays(data, vehicle, fit, LIMITS.block_s, LIMITS.min_block_share)
     sd = float(np.hypot(fit.sd("delay_s"), systematic_delay_s(data, fit.value("T_s"), servo_known)))
     if sd > LIMITS.max_sd_s:
         lag, lag_sd = fit.lag()
@@ -94,32 +94,6 @@ def _estimate(
         "offset_s": offset_s, "offset_ci95": (offset_s - 1.96 * sd, offset_s + 1.96 * sd), "drift": drift,
         "drift_ci95": None if low is None or high is None else (low, high), "blocks": len(blocks.delay_s),
     })  # fmt: skip
-
-
-class _BlockDelays(NamedTuple):
-    """Middle times (B,) and delays (B,) in s of a recording's blocks."""
-
-    middle_s: Floats
-    delay_s: Floats
-
-
-def _block_delays(data: TurningData, vehicle: Vehicle, fit: SteeringFit) -> _BlockDelays:
-    """The delay of each block of a take: that of the fit, and what its residuals say beyond, by one Newton step."""
-    sides = []
-    for sign in (1.0, -1.0):
-        theta = fit.theta.copy()
-        theta[DELAY] += sign * DERIVATIVE_STEP_S
-        sides.append(predicted_turn(theta, data, vehicle)[data.rows])
-    slope = (sides[0] - sides[1]) / (2.0 * DERIVATIVE_STEP_S)
-    left = data.turn[data.rows] - 0.5 * (sides[0] + sides[1])
-    t = data.time_s[data.rows]
-    found = [
-        (float(t[rows].mean()), float(slope[rows] @ left[rows]), float(slope[rows] @ slope[rows]))
-        for rows in split_at_blocks(np.arange(len(t)), t, LIMITS.block_s)
-    ]
-    middle, across, square = np.array(found).reshape(len(found), 3).T
-    told = square > LIMITS.min_block_share * np.median(square)
-    return _BlockDelays(middle[told], fit.value("delay_s") + across[told] / square[told])
 
 
 def _say(clock: ClockEstimate, recording: Recording, vehicle: Vehicle) -> list[Irregularity]:

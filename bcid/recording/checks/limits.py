@@ -219,6 +219,48 @@ class ClockLimits:
 
 
 @dataclass(frozen=True)
+class CommandAgeLimits:
+    """Limits of the age that commands have when a recorder reads them at its own rate (`checks/command_age`)."""
+
+    # shortest period of reading that is looked at: an age below it hardly moves a car
+    least_s: float = 0.03
+    # longest: no car is driven by fewer commands
+    most_s: float = 0.5
+    # fewest changes of the commands that show a period
+    least_changes: int = 20
+    # longest period by a short step between changes: rows of a table are a little uneven
+    short_step: float = 1.3
+    # which of all steps is a short one
+    short_quantile: float = 0.05
+    # periods that are tried, 0.2 % apart: a step of a second at a tenth of one is then met within a tenth of a period
+    periods: int = 1400
+    # mean of cos(2 pi step / period): 1 of even steps, 0.9 of those of 0.1 s in rows 0.01 s apart
+    least_evenness: float = 0.7
+    # width of a peak of that
+    same_period: float = 0.25
+    # length of the blocks that give a delay each
+    block_s: float = 2.0
+    # least information of a block by the usual one, from which it gives a delay
+    min_block_share: float = 0.05
+    # fewest blocks: a saw has three numbers, an even drift two
+    min_blocks: int = 12
+    # the liveliest part of a take to which servo and car are fitted
+    fitted_s: float = 50.0
+    # fastest beat: a tooth of a saw of three blocks
+    fastest_hz: float = 0.16
+    # step between the beats that are tried, in cycles over the take
+    beat_step: float = 0.125
+    # phases of each that are tried
+    phases: int = 24
+    # even drifts that are tried instead
+    drifts: int = 81
+    # times that delays are found anew, the commands taken from when they were in force
+    rounds: int = 3
+    # nats by which a saw must explain the delays better than an even drift: chance among a few thousand saws
+    least_nats: float = 10.0
+
+
+@dataclass(frozen=True)
 class GeometryLimits:
     """Limits between lengths of a vehicle file that fit the motion and those that do not (tests/fleet.py)."""
 
@@ -263,4 +305,5 @@ CLOCK_JUMP = ClockJumpLimits()
 CLOCK_DRIFT = ClockDriftLimits()
 SERVO = ServoLimits()
 CLOCK = ClockLimits()
+COMMAND_AGE = CommandAgeLimits()
 GEOMETRY = GeometryLimits()
