@@ -238,15 +238,15 @@ class CommandAgeLimits:
     least_evenness: float = 0.7
     # width of a peak of that
     same_period: float = 0.25
-    # length of the blocks that give a delay each
-    block_s: float = 2.0
+    # length of the blocks that give a delay each: a driver steers once in a second
+    block_s: float = 1.0
     # least information of a block by the usual one, from which it gives a delay
     min_block_share: float = 0.05
     # fewest blocks: a saw has three numbers, an even drift two
     min_blocks: int = 12
     # the liveliest part of a take to which servo and car are fitted
     fitted_s: float = 50.0
-    # fastest beat: a tooth of a saw of three blocks
+    # fastest beat: a tooth of a saw of six blocks
     fastest_hz: float = 0.16
     # step between the beats that are tried, in cycles over the take
     beat_step: float = 0.125
