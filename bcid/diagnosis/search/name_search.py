@@ -58,8 +58,9 @@ def name_effects(
 ) -> Naming:  # fmt: skip
     """Name the effects that a take shows beside the fitted `base` model, but for those `excluded`.
 
-    The first effect is also sought beside `others`: a reference model at its own parameters, since refitted ones may
-    hide what is missing, and fits of the base model in other basins, of which an effect may make one the likeliest.
+    The first effect is also sought from large sizes and beside `others`: a reference model at its own parameters, since
+    refitted ones may hide what is missing, and fits of the base model in other basins, of which an effect may make one
+    the likeliest.
     `report` is called with a text in each round.
     """
     report("the base model's own simplifications")
@@ -69,6 +70,8 @@ def name_effects(
     before = state.beside_remainder(corrected)
     state.draw_nulls(before)
     more = [f for other in others for f in refit_beside(other, corrected, take, excluded)]
+    if before.nats > state.gate:
+        more += refits.refit_from_large_sizes(corrected, take, excluded)
     rest = _add_names(state, before, more, report)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)

@@ -19,7 +19,9 @@ from bcid.likelihood.take import Take
 QUICK = Effort(tangents=4, iterations=6)
 """Where starts are compared on a part of a take, and of refits along one tangent."""
 
-ABSORBED_BY_BASE_MODEL = ("motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle")
+ABSORBED_BY_BASE_MODEL = (
+    "motor_dead_zone", "motor_power_limit", "tyre_relaxation", "motor_lag", "steering_lag", "friction_circle",
+)  # fmt: skip
 """Effects that a refitted base model takes up so far that no score test beside it shows them."""
 
 LARGE_SIZES = (1.0, 1.6)
@@ -52,8 +54,8 @@ def rank_credible_fits(fits: Iterable[Fit], take: Take) -> list[Fit]:
 def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> list[Fit]:
     """The joint refit with the best of the effects in ABSORBED_BY_BASE_MODEL, in a list; empty if all diverge.
 
-    Refitted base parameters imitate these effects, such as a motor's lag, so that no score test near `fit` shows
-    them.  Refits from LARGE_SIZES times the declared sizes are compared on every PART_STRIDE-th segment; that of
+    Refitted base parameters imitate these effects, as a weak motor does a dead zone, so that no score test near `fit`
+    shows them.  Refits from LARGE_SIZES times the declared sizes are compared on every PART_STRIDE-th segment; that of
     greatest penalised log-likelihood is refitted on the whole take.
     """
     chosen = np.arange(0, take.segments, PART_STRIDE)

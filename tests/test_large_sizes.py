@@ -1,0 +1,27 @@
+"""What a refitted base model takes up shows in no score test, and is sought by refits from large sizes."""
+
+from __future__ import annotations
+
+from bcid.diagnosis.diagnose import fit_base_model
+from bcid.diagnosis.search.refits import gain_nats, refit_from_large_sizes
+from bcid.diagnosis.search.screen import screen_effects, simulate_trials
+from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
+from bcid.proof.blind.diagnose_case import estimate_concealed_drive
+from bcid.virtual_lab import read_vehicle_text, record_drive
+
+
+def test_a_dead_zone_that_a_weaker_motor_imitates_is_found_from_a_large_size() -> None:
+    cases = BlindTest(90421, "", False, SuiteSizes(every=20)).cases
+    case = next(c for c in cases if c.name == "other-day-less-1361")
+    assert case.answer == ("motor_dead_zone",)
+    files = case.lab_files
+    vehicle = read_vehicle_text(files.vehicle)
+    recording = record_drive(case.simulate(), case.rate_hz, vehicle, "concealed")
+    estimate, published = estimate_concealed_drive(recording, vehicle, files.vehicle, files.simulation)
+    base = fit_base_model([recording], [estimate], vehicle, published)
+    promised = {c.effect: c.score for c in screen_effects(base.fit, base.take, simulate_trials(base.fit, base.take))}
+    assert promised.get("motor_dead_zone", 0.0) < 15.0
+    (found,) = refit_from_large_sizes(base.fit, base.take, ())
+    assert found.hypothesis.effects[-1] == "motor_dead_zone"
+    assert gain_nats(found, base.fit) > 500.0
+    assert base.fit.car().K_t < found.car().K_t
