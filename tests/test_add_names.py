@@ -106,7 +106,7 @@ def offering(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, float], **nats
     simulating(monkeypatch)
     monkeypatch.setattr(refits, "refit_along_tangent", quick)
     monkeypatch.setattr(refits, "refit_fully", lambda f, take: f)
-    monkeypatch.setattr(refits, "refit_from_large_sizes", lambda *_: [])
+    monkeypatch.setattr(search_state, "refit_from_large_sizes", lambda *_: [])
     return offered
 
 
@@ -210,7 +210,7 @@ def test_what_the_base_model_takes_up_is_tried_where_a_remainder_is_left(
         given.append(tuple(others))
         return [fit(200.0, "motor_lag")]
 
-    monkeypatch.setattr(refits, "refit_from_large_sizes", large)
+    monkeypatch.setattr(search_state, "refit_from_large_sizes", large)
     looking = SearchState(NOTHING, NOTHING, ("motor_delay",), chance(), refused={"tyre_relaxation"})
     found = add_name(looking, beside(fit(0.0), remainder), [], quietly)
     assert given == ([("motor_delay",)] if asked else [])

@@ -87,8 +87,7 @@ def add_name(state: SearchState, rest: RemainderFit, more: Sequence[Fit], report
     better = _best_credible(state, [*quick, *more], rest, promised)
     if better is None and rest.nats > state.gate:
         # what the base model takes up shows beside no fit of it, and may have been refused from a small size
-        large = refits.refit_from_large_sizes(fit, take, state.excluded)
-        better = _best_credible(state, large, rest, {})
+        better = _best_credible(state, state.from_large_sizes(fit), rest, {})
     return better
 
 

@@ -71,7 +71,7 @@ def name_effects(
     state.draw_nulls(before)
     more = [f for other in others for f in refit_beside(other, corrected, take, excluded)]
     if before.nats > state.gate:
-        more += refits.refit_from_large_sizes(corrected, take, excluded)
+        more += state.from_large_sizes(corrected)
     rest = _add_names(state, before, more, report)
     report("each name left out, and exchanged")
     fit = rest.named if "pose_latency" in excluded else replace_delays_by_latency(rest.named, take)

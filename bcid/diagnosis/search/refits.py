@@ -24,8 +24,12 @@ ABSORBED_BY_BASE_MODEL = (
 )  # fmt: skip
 """Effects that a refitted base model takes up so far that no score test beside it shows them."""
 
-LARGE_SIZES = (1.0, 1.6)
-"""Multiples of their declared sizes from which those effects are refitted, on every PART_STRIDE-th segment first."""
+NEAR_FIT, NEAR_PUBLISHED = 1.0, 1.6
+"""Multiples of their declared sizes from which those effects are refitted: beside the fit, and beside what was known
+before it, a published simulation or the nominal car.  On every PART_STRIDE-th segment first."""
+
+FAR = Effort(tangents=12, iterations=10)
+"""Where a start is far from any maximum."""
 
 PART_STRIDE = 4
 
@@ -55,19 +59,21 @@ def refit_from_large_sizes(fit: Fit, take: Take, excluded: Sequence[str]) -> lis
     """The joint refit with the best of the effects in ABSORBED_BY_BASE_MODEL, in a list; empty if all diverge.
 
     Refitted base parameters imitate these effects, as a weak motor does a dead zone, so that no score test near `fit`
-    shows them.  Refits from LARGE_SIZES times the declared sizes are compared on every PART_STRIDE-th segment; that of
-    greatest penalised log-likelihood is refitted on the whole take.
+    shows them.  Refits from large sizes are compared on every PART_STRIDE-th segment; that of greatest penalised
+    log-likelihood is refitted on the whole take.
     """
     chosen = np.arange(0, take.segments, PART_STRIDE)
     part, starts, h = take.part(chosen), [], fit.hypothesis
-    nominal = h.phi_of(h.nominal, list(h.effect_values(fit.phi).values()))
-    for name, size, near in itertools.product(ABSORBED_BY_BASE_MODEL, LARGE_SIZES, (fit.phi, nominal)):
+    published = h.prior(h.phi_of(h.nominal, list(h.effect_values(fit.phi).values()))).centre
+    for name, (size, near) in itertools.product(
+        ABSORBED_BY_BASE_MODEL, ((NEAR_FIT, fit.phi), (NEAR_PUBLISHED, published))
+    ):
         if name not in h.entries or name in h.effects or name in excluded:
             continue
         more, phi = h.add_effect(name, near, [size * p.size for p in h.entries[name].parameters])
         starts.append((part, more, phi, fit.start[chosen], fit.scales))
-    quickly = partial(refit, effort=QUICK)
-    best = max(map_converged(quickly, starts), key=lambda f: f.penalised_log_likelihood, default=None)
+    far = partial(refit, effort=FAR)
+    best = max(map_converged(far, starts), key=lambda f: f.penalised_log_likelihood, default=None)
     if best is None:
         return []
     return list(map_converged(refit, [(take, best.hypothesis, best.phi, fit.start, fit.scales)]))

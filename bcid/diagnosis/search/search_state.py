@@ -12,6 +12,7 @@ from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.explain import Explained, explain
 from bcid.diagnosis.remainder.fit import RemainderFit, allow_copies, fit_with_remainder
 from bcid.diagnosis.remainder.functions import RemainderBasis
+from bcid.diagnosis.search.refits import refit_from_large_sizes
 from bcid.diagnosis.search.screen import NO_NULLS, NullGains, sample_null_gains, simulate_trials
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import MIN_GAIN
@@ -35,6 +36,7 @@ class SearchState:
     _explained: dict[frozenset[str], tuple[Fit, Explained]] = field(default_factory=dict)  # the last fit of each
     _trials: dict[frozenset[str], TrialChanges] = field(default_factory=dict)
     _nulls: dict[frozenset[str], NullGains] = field(default_factory=dict)
+    _from_large_sizes: dict[frozenset[str], tuple[Fit, list[Fit]]] = field(default_factory=dict)
     _with_copies: dict[tuple[frozenset[str], tuple[str, ...]], tuple[Fit, RemainderFit]] = field(default_factory=dict)
 
     @property
@@ -75,6 +77,13 @@ class SearchState:
             # those beside other fits are not needed again, and large
             self._trials = {key: simulate_trials(fit, self.take).without((*self.excluded, *key))}
         return self._trials[key]
+
+    def from_large_sizes(self, fit: Fit) -> list[Fit]:
+        """The refits of `fit` with an effect more that a refitted base model takes up, but for those excluded."""
+        key = effects_of(fit)
+        if key not in self._from_large_sizes or self._from_large_sizes[key][0] is not fit:
+            self._from_large_sizes[key] = fit, refit_from_large_sizes(fit, self.take, self.excluded)
+        return self._from_large_sizes[key][1]
 
     def explain(self, fit: Fit) -> Explained:
         """What a remainder explains beside a `fit` to first order."""
