@@ -190,6 +190,15 @@ class Vehicle(Settings):
             _refuse_beyond(math.hypot(*mocap.marker_offset_m), 0.0, high, "m", "marker_offset_m, a distance of ")
         return mocap
 
+    @model_validator(mode="after")
+    def _check_reading(self) -> Vehicle:
+        """Refuse an age of commands where the throttle is none: a measured speed is as old as its encoder makes it."""
+        if self.clock and self.clock.commands_read_every_s and self.motor.law == "measured-speed":
+            raise PydanticCustomError(
+                "reading", "commands_read_every_s is of commands, and the throttle is a measured speed"
+            )
+        return self
+
     @property
     def front_share(self) -> float:
         """Share of motor force and drag at the front axle, in [0, 1]."""

@@ -27,6 +27,8 @@ DRIVES = (
     "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_09_16_2024_10_01_01.csv",
     "dart/82_huge_datest_for_gp_fitting/car_1_Datarecording_09_16_2024_10_02_28.csv",
 )
+STATED: tuple[tuple[str, ...], ...] = ((), ("offset_s",), ("commands_read_every_s", "offset_s"))
+"""Which entries of the vehicle file's [clock] are used."""
 CLEAN, READ = range(70_000, 70_100), range(71_000, 71_060)
 LEAST_PERIOD_S = 0.04
 
@@ -34,7 +36,7 @@ LEAST_PERIOD_S = 0.04
 def main() -> None:
     """Measure and write."""
     found = {"clean drives": _count(_clean()), "read at another rate": _count(_read_at_another_rate())}
-    real = [_fit(Path(sys.argv[1]), drive, clock) for drive in DRIVES for clock in (False, True)]
+    real = [_fit(Path(sys.argv[1]), drive, stated) for drive in DRIVES for stated in STATED]
     text = json.dumps({"fleet": found, "dart": real}, indent=1)
     (ROOT / "docs" / "results" / "command_age.json").write_text(text + "\n", encoding="utf-8")
 
@@ -70,27 +72,30 @@ def _count(takes: Iterator[tuple[Drive, RawTake]]) -> dict[str, int]:
     return {"drives": drives, "read": read, "told": told}
 
 
-def _fit(recordings: Path, drive: str, clock: bool) -> dict[str, Any]:
-    """The published structure fitted to a drive, with or without what the vehicle file says of the commands' clock."""
+def _fit(recordings: Path, drive: str, stated: tuple[str, ...]) -> dict[str, Any]:
+    """The published structure fitted to a drive, with what of the commands' clock in the vehicle file is `stated`."""
     from bcid.diagnosis.diagnose import fit_base_model
     from bcid.proof.real.question_files import QuestionInputs
     from bcid.proof.real.questions import read_questions
-    from bcid.vehicle import read_vehicle
+    from bcid.vehicle import Clock, read_vehicle
 
     questions = read_questions(DART / "cases.toml")
     drives = {d.recording: d for d in questions.drives}
     inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
     vehicle = inputs.vehicle_for(drive)
-    if not clock:
-        vehicle = vehicle.model_copy(update={"clock": None})
+    assert vehicle.clock is not None
+    clock = Clock(**{name: getattr(vehicle.clock, name) for name in stated})
+    vehicle = vehicle.model_copy(update={"clock": clock})
     recording, estimate, _ = inputs.estimate_recording(drive, vehicle)
-    fit = fit_base_model([recording], [estimate], vehicle, inputs.published_model([estimate], vehicle)).fit
+    published = inputs.published_model([estimate], vehicle)
+    assert published is not None
+    fit = fit_base_model([recording], [estimate], vehicle, published).fit
     car = fit.car()
     told = [odd.detail for odd in said_of_age(recording)]
     symbols = ("I_z", "C_f", "C_r", "F_f_max", "F_r_max", "K_t")
     return {
-        "recording": drive, "clock_stated": clock, "told": told, "nats": fit.penalised_log_likelihood,
-        **{symbol: getattr(car, symbol) for symbol in symbols},
+        "recording": drive, "stated": stated, "told": told, "nats": fit.penalised_log_likelihood,
+        **{symbol: {"fitted": getattr(car, symbol), "published": getattr(published.car, symbol)} for symbol in symbols},
     }  # fmt: skip
 
 

@@ -125,8 +125,11 @@ def test_an_interruption_just_after_any_folder_is_made_leaves_nothing(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(Path, "mkdir", make_and_be_interrupted)
-    # the folder itself, the three of unfinished files, the one inside and its place
-    for calls_before in range(6):
+    os.mkdir(tmp_path / "elsewhere")
+    left[0] = 1000
+    write_two(tmp_path / "elsewhere" / home, never)
+    shutil.rmtree(tmp_path / "elsewhere")
+    for calls_before in range(1000 - left[0]):
         left[0] = calls_before
         with pytest.raises(KeyboardInterrupt):
             write_two(tmp_path / home, never)

@@ -87,7 +87,8 @@ def add_name(state: SearchState, rest: RemainderFit, more: Sequence[Fit], report
     better = _best_credible(state, [*quick, *more], rest, promised)
     if better is None and rest.nats > state.gate:
         # what the base model takes up shows beside no fit of it, and may have been refused from a small size
-        better = _best_credible(state, state.from_large_sizes(fit), rest, {})
+        large = [f for f in state.from_large_sizes(fit) if all(f is not tried for tried in more)]
+        better = _best_credible(state, large, rest, {})
     return better
 
 

@@ -1,5 +1,7 @@
 """Offset and drift of the command clock against the pose clock, estimated and reported, never applied.
 
+Before, commands lose the age that they have when they are read, where the vehicle file says so (`command_age`).
+
 A servo's lag and a late clock look much alike, so the delay of the commands is fitted together with a servo that the
 vehicle file does not state, and with tyres and inertia.  Where no fit can tell delay and servo apart, their sum is
 told.
@@ -13,7 +15,7 @@ from bcid.documents.health import ClockEstimate
 from bcid.recording.checks.block_delays import block_delays
 from bcid.recording.checks.clock_drift import DRIFT
 from bcid.recording.checks.clock_fault import CLOCK_FAULTS
-from bcid.recording.checks.command_age import account_for_age, take_off_mean_age
+from bcid.recording.checks.command_age import AGE, account_for_age, take_off_mean_age
 from bcid.recording.checks.geometry import hint_at_drive
 from bcid.recording.checks.limits import CLOCK as LIMITS
 from bcid.recording.checks.steering_fit import SteeringFit, fit_steering, systematic_delay_s
@@ -57,6 +59,8 @@ def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | N
         clock = ClockEstimate(applied_s=applied_s, reason="the driven axle is likely another than stated")
         return replace(recording, clock=clock, irregularities=(*recording.irregularities, odd))
     clock = _estimate(data, vehicle, fit, "T_s" in fixed, applied_s)
+    # an age that is not taken off is a drift and an offset, too
+    misread = misread or any(odd.kind == AGE and odd.action == "warning" for odd in recording.irregularities)
     said = [odd for odd in _say(clock, recording, vehicle) if odd.action == "no-go" or not misread]
     if any(odd.kind == "clock offset" for odd in said):
         exact = fit_steering([part], vehicle, {**fixed, "delay_s": 0.0})

@@ -6,9 +6,9 @@ skipped or read twice: at the time t (s) of a take the age is
 
     a(t) = P ((phase + f t) mod 1),
 
-a saw of the beat frequency f (Hz, of either sign) of the two loops.  No clock that is late or drifts does this, as the
-saw falls back by P.  The car shows it: commands act later than they are stamped by D - a(t), D being what servo and
-transport take.
+a saw of the beat frequency f (Hz, of either sign) of the two loops.  No clock that is late, drifts or jumps once does
+this, as the saw rises and falls back by P.  The car shows it: commands act later than they are stamped by D - a(t), D
+being what servo and transport take.
 """
 
 from dataclasses import replace
@@ -18,11 +18,15 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.recording.checks.block_delays import DELAY, BlockDelays, block_delays
+from bcid.recording.checks.limits import CLOCK
 from bcid.recording.checks.limits import COMMAND_AGE as LIMITS
-from bcid.recording.checks.steering_fit import SteeringFit, fit_steering
+from bcid.recording.checks.steering_fit import SteeringFit, fit_steering, predicted_turn
 from bcid.recording.checks.turning import TurningData, liveliest
-from bcid.recording.types import Irregularity, Recording, Stream, command_source_path
+from bcid.recording.types import BRAKE_CHANNEL, Irregularity, Recording, Stream, command_source_path
 from bcid.vehicle import Vehicle
+
+AGE = "command age"
+"""The kind of the irregularity."""
 
 
 class CommandAge(NamedTuple):
@@ -31,7 +35,11 @@ class CommandAge(NamedTuple):
     read_every_s: float  # P
     beat_hz: float  # f; above 0 commands are older at each reading
     phase: float  # share of P at the take's time zero
-    nats: float  # by which the saw explains the delays of blocks better than an even drift does
+
+    @property
+    def drifts(self) -> bool:
+        """Whether it is a saw that the turning shows, and not what is expected where it shows none."""
+        return self.beat_hz != 0.0
 
     def at(self, time_s: Floats) -> Floats:
         """The ages (N,) in s of commands that are stamped at `time_s` (N,) (s)."""
@@ -56,6 +64,9 @@ def reading_period(commands: Stream) -> float:
     if len(steps) < LIMITS.least_changes:
         return float("inf")
     longest = min(LIMITS.most_s, LIMITS.short_step * float(np.quantile(steps, LIMITS.short_quantile)))
+    if longest < LIMITS.least_s:
+        return float("inf")
+    steps = steps[:: 1 + len(steps) // LIMITS.most_steps]
     periods = np.geomspace(LIMITS.least_s, LIMITS.most_s, LIMITS.periods)
     # 1 where every step is a multiple
     evenness = np.cos(2.0 * np.pi * steps / periods[:, None]).mean(axis=1)
@@ -74,16 +85,18 @@ def account_for_age(
     Where the file does not state how often they are read, an age that is shown is warned of.
     """
     stated_s = _stated_period(vehicle)
-    age = find_command_age(data, vehicle, fit, fixed, stated_s or reading_period(recording.commands))
+    period_s = stated_s or reading_period(recording.commands)
+    age = find_command_age(data, vehicle, fit, fixed, period_s, expected=stated_s is not None)
     if stated_s is None:
         return (recording if age is None else _say(recording, "warning", age)), data, fit
     recording = (
         take_off_mean_age(recording, vehicle) if age is None else _say(take_off_age(recording, age), "fixed", age)
     )
     data = with_commands_in_force(data, age or _mean_age(stated_s))
-    part, theta = liveliest(data, LIMITS.fitted_s), fit.theta.copy()
+    theta = fit.theta.copy()
     theta[DELAY] += 0.5 * stated_s
-    return recording, data, fit_steering([part], vehicle, fixed, theta[DELAY], start=theta)
+    part = liveliest(data, LIMITS.fitted_s)
+    return recording, data, fit_steering([part], vehicle, fixed, float(theta[DELAY]), start=theta)
 
 
 def take_off_mean_age(recording: Recording, vehicle: Vehicle) -> Recording:
@@ -102,31 +115,35 @@ def _stated_period(vehicle: Vehicle) -> float | None:
 
 def _mean_age(read_every_s: float) -> CommandAge:
     """Half a period of reading all the time: what is expected where the turning does not show it."""
-    return CommandAge(read_every_s, 0.0, 0.5, 0.0)
+    return CommandAge(read_every_s, 0.0, 0.5)
 
 
 def _say(recording: Recording, action: Literal["fixed", "warning"], age: CommandAge) -> Recording:
     """The recording with what is to be said of the `age` of its commands."""
     read_s = age.read_every_s
-    text = f"read by the recorder every {1e3 * read_s:.0f} ms, and up to as old then"
-    if not age.beat_hz:
-        text += ": half of it is taken off, as the turning does not show more"
-    elif action == "fixed":
-        text += f", by a saw of {abs(1.0 / age.beat_hz):.0f} s: taken off, by how the car turns"
+    text = f"commands are up to {1e3 * read_s:.0f} ms old when the recorder reads them"
+    if not age.drifts:
+        text += ": half of that is taken off, as the turning does not show more"
     else:
-        text += (
-            f", by a saw of {abs(1.0 / age.beat_hz):.0f} s; [clock] commands_read_every_s = {read_s:.2g} takes it off"
-        )
+        text += f", by a saw of {abs(1.0 / age.beat_hz):.0f} s"
+        advice = f"; [clock] commands_read_every_s = {float(f'{read_s:.2g}'):g} takes it off"
+        text += ": taken off, by how the car turns" if action == "fixed" else advice
     where = command_source_path(recording.sources)
-    odd = Irregularity("command age", action, len(recording.commands), where, text)
+    odd = Irregularity(AGE, action, len(recording.commands), where, text)
     return replace(recording, irregularities=(*recording.irregularities, odd))
 
 
 def take_off_age(recording: Recording, age: CommandAge) -> Recording:
-    """The recording with its commands from the times on from which they were in force."""
-    since = age.in_force_from(recording.commands.time_s)
+    """The recording with its commands, the brake among them, from the times on from which they were in force."""
+    channels = {n: _in_force(s, age) if n == BRAKE_CHANNEL else s for n, s in recording.channels.items()}
+    return replace(recording, commands=_in_force(recording.commands, age), channels=channels)
+
+
+def _in_force(stream: Stream, age: CommandAge) -> Stream:
+    """Commands from the times on from which they were in force."""
+    since = age.in_force_from(stream.time_s)
     last = np.r_[np.diff(since) > 0.0, True]  # of those from one instant
-    return replace(recording, commands=Stream(since[last], recording.commands.values[last]))
+    return Stream(since[last], stream.values[last])
 
 
 def with_commands_in_force(data: TurningData, age: CommandAge) -> TurningData:
@@ -135,45 +152,96 @@ def with_commands_in_force(data: TurningData, age: CommandAge) -> TurningData:
 
 
 def find_command_age(
-    data: TurningData, vehicle: Vehicle, fit: SteeringFit, fixed: dict[str, float], read_every_s: float
-) -> CommandAge | None:
+    data: TurningData, vehicle: Vehicle, fit: SteeringFit, fixed: dict[str, float], read_every_s: float,
+    expected: bool,
+) -> CommandAge | None:  # fmt: skip
     """The age of commands that are read every `read_every_s` (s), by how the car turns; None where no saw is shown.
 
     The delays of blocks are those of the `fit`, of a servo whose values in `fixed` are known, and then of a fit to the
-    commands from when they were in force.  A saw must explain them better than an even drift, by `least_nats`.
+    commands from when they were in force.  A saw must explain them clearly better than a drift or a jump of one clock;
+    where none is `expected`, by more than the best of so many does by chance.  Then it is moved to where least of the
+    turning is left.
     """
-    if not LIMITS.least_s <= read_every_s <= LIMITS.most_s:
+    told = fit.explained > CLOCK.min_explained_share
+    if not told or not LIMITS.least_s <= read_every_s <= LIMITS.most_s:
         return None
-    age = CommandAge(read_every_s, 0.0, 0.0, 0.0)
+    age = CommandAge(read_every_s, 0.0, 0.0)
+    block_s = max(LIMITS.block_s, float(np.ptp(data.time_s)) / LIMITS.most_blocks)
     for _ in range(LIMITS.rounds):
         led = with_commands_in_force(data, age)
-        blocks = block_delays(led, vehicle, fit, LIMITS.block_s, LIMITS.min_block_share)
+        blocks = block_delays(led, vehicle, fit, block_s, LIMITS.min_block_share)
         if len(blocks.delay_s) < LIMITS.min_blocks:
             return None
         stamped = blocks._replace(delay_s=blocks.delay_s - age.at(blocks.middle_s))
-        age = _likeliest_saw(stamped, read_every_s)
-        if age.nats < LIMITS.least_nats:
+        age, nats, tried = _likeliest_saw(stamped, read_every_s, block_s)
+        if nats < LIMITS.least_nats + (0.0 if expected else np.log(tried)):
             return None
-        part = liveliest(with_commands_in_force(data, age), LIMITS.fitted_s)
-        fit = fit_steering([part], vehicle, fixed, start=fit.theta)
+        fit = _fit_again(data, vehicle, age, fit.theta, fixed)
+    for _ in range(LIMITS.rounds):
+        age, theta = _move_saw(age, data, vehicle, fit.theta)
+        fit = _fit_again(data, vehicle, age, theta, fixed)
     return age
 
 
-def _likeliest_saw(blocks: BlockDelays, P: float) -> CommandAge:
-    """The saw of the height `P` (s) under which the delays of the `blocks` are likeliest."""
+def _fit_again(
+    data: TurningData, vehicle: Vehicle, age: CommandAge, theta: Floats, fixed: dict[str, float]
+) -> SteeringFit:  # fmt: skip
+    """Servo and car fitted to the liveliest part of a take, from `theta` on, the commands being of that `age`."""
+    part = liveliest(with_commands_in_force(data, age), LIMITS.fitted_s)
+    return fit_steering([part], vehicle, fixed, float(theta[DELAY]), start=theta)
+
+
+def _move_saw(age: CommandAge, data: TurningData, vehicle: Vehicle, theta: Floats) -> tuple[CommandAge, Floats]:
+    """The `age` and `theta` with beat, phase and delay where the mean absolute residual of the turning is least nearby.
+
+    A pattern search, whose steps are halved; the phase is that in the middle of the take, which hardly knows the beat.
+    """
+    t = data.time_s[data.rows]
+    widths = np.array([LIMITS.beat_step / np.ptp(t), 1.0 / LIMITS.phases, LIMITS.delay_step_s])
+    middle = float(t.mean())
+
+    def at(place: Floats) -> tuple[CommandAge, Floats]:
+        moved = theta.copy()
+        moved[DELAY] = place[2]
+        phase = float(np.mod(place[1] - place[0] * middle, 1.0))
+        return age._replace(beat_hz=float(place[0]), phase=phase), moved
+
+    def left(place: Floats) -> float:
+        there, moved = at(place)
+        residual = data.turn - predicted_turn(moved, with_commands_in_force(data, there), vehicle)
+        return float(np.abs(residual[data.rows]).mean())
+
+    place = np.array([age.beat_hz, age.phase + age.beat_hz * middle, theta[DELAY]])
+    least, share = left(place), 1.0
+    while share > LIMITS.finest_share:
+        near = [place + share * sign * step for step in np.diag(widths) for sign in (1.0, -1.0)]
+        each = [left(p) for p in near]
+        k = int(np.argmin(each))
+        if each[k] < least:
+            least, place = each[k], near[k]
+        else:
+            share *= 0.5
+    return at(place)
+
+
+def _likeliest_saw(blocks: BlockDelays, P: float, block_s: float) -> tuple[CommandAge, float, int]:
+    """The saw of the height `P` (s) under which the blocks' delays are likeliest, what speaks for it, and of how many.
+
+    What speaks for it are the nats by which it explains the delays better than any even drift, and any jump of a clock.
+    """
     t, seconds = blocks.middle_s, float(np.ptp(blocks.middle_s))
     step = LIMITS.beat_step / seconds
-    rising = np.arange(step, LIMITS.fastest_hz, step)
-    beats = np.r_[-rising[::-1], rising]
-    phases = np.arange(LIMITS.phases) / LIMITS.phases
-    f, phase = (x.ravel() for x in np.meshgrid(beats, phases, indexing="ij"))
-    saws = -P * np.mod(phase[:, None] + f[:, None] * t, 1.0)
-    drifts = np.linspace(-2.0 * P, 2.0 * P, LIMITS.drifts)[:, None] * (t - t.mean()) / seconds
-    by_saw, by_drift = _scatter_about(saws, blocks), _scatter_about(drifts, blocks)
-    k = int(np.argmin(by_saw))
+    rising = np.arange(step, LIMITS.fastest_beat / block_s, step)
+    phases, best, least = np.arange(LIMITS.phases) / LIMITS.phases, CommandAge(P, 0.0, 0.0), np.inf
+    for f in (*rising, *-rising):
+        scatter = _scatter_about(-P * np.mod(phases[:, None] + f * t, 1.0), blocks)
+        if scatter.min() < least:
+            best, least = CommandAge(P, float(f), float(phases[scatter.argmin()])), float(scatter.min())
+    sizes = np.linspace(-2.0 * P, 2.0 * P, LIMITS.drifts)[:, None]
+    others = [_scatter_about(sizes * (t - t.mean()) / seconds, blocks).min()]
+    others += [_scatter_about(sizes * (t > at), blocks).min() for at in t[:-1]]
     # of errors with Laplace's density, its width fitted
-    nats = len(t) * float(np.log(by_drift.min() / by_saw[k]))
-    return CommandAge(P, float(f[k]), float(phase[k]), nats)
+    return best, len(t) * float(np.log(min(others) / least)), 2 * len(rising) * LIMITS.phases
 
 
 def _scatter_about(shapes: Floats, blocks: BlockDelays) -> Floats:

@@ -228,6 +228,8 @@ class CommandAgeLimits:
     most_s: float = 0.5
     # fewest changes of the commands that show a period
     least_changes: int = 20
+    # steps between changes that are looked at
+    most_steps: int = 2000
     # longest period by a short step between changes: rows of a table are a little uneven
     short_step: float = 1.3
     # which of all steps is a short one
@@ -246,18 +248,24 @@ class CommandAgeLimits:
     min_blocks: int = 12
     # the liveliest part of a take to which servo and car are fitted
     fitted_s: float = 50.0
-    # fastest beat: a tooth of a saw of six blocks
-    fastest_hz: float = 0.16
+    # most blocks: of long takes they are longer
+    most_blocks: int = 300
+    # fastest beat, in cycles a block: a tooth of a saw of six blocks
+    fastest_beat: float = 0.16
     # step between the beats that are tried, in cycles over the take
     beat_step: float = 0.125
     # phases of each that are tried
     phases: int = 24
-    # even drifts that are tried instead
-    drifts: int = 81
-    # times that delays are found anew, the commands taken from when they were in force
-    rounds: int = 3
-    # nats by which a saw must explain the delays better than an even drift: chance among a few thousand saws
-    least_nats: float = 10.0
+    # sizes of drifts and jumps that are tried instead
+    drifts: int = 41
+    # times that delays are found anew, the commands taken from when they were in force, and that the saw is moved
+    rounds: int = 2
+    # first step of the delay where the saw is moved: a tenth of a servo's lag
+    delay_step_s: float = 0.005
+    # share of the first steps at which that ends: a tenth of a twenty-fourth of 0.1 s is 0.4 ms
+    finest_share: float = 0.1
+    # nats by which a saw must explain the delays better than a drift or a jump of one clock
+    least_nats: float = 3.0
 
 
 @dataclass(frozen=True)
