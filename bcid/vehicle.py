@@ -178,7 +178,7 @@ class Vehicle(Settings):
     columns: Columns | None = None
     commands: CommandColumns = CommandColumns()
     command: Command = Command()
-    clock: Clock | None = None
+    clock: Clock = Clock()
 
     @field_validator("mocap")
     @classmethod
@@ -193,7 +193,7 @@ class Vehicle(Settings):
     @model_validator(mode="after")
     def _check_reading(self) -> Vehicle:
         """Refuse an age of commands where the throttle is none: a measured speed is as old as its encoder makes it."""
-        if self.clock and self.clock.commands_read_every_s and self.motor.law == "measured-speed":
+        if self.clock.commands_read_every_s and self.motor.law == "measured-speed":
             raise PydanticCustomError(
                 "reading", "commands_read_every_s is of commands, and the throttle is a measured speed"
             )

@@ -55,7 +55,7 @@ def _read_at_another_rate() -> Iterator[tuple[Drive, RawTake]]:
         period = float(np.median(np.diff(drive.raw.command_time_s)))
         if period >= LEAST_PERIOD_S:
             off = rng.choice((-1.0, 1.0)) * rng.uniform(0.001, 0.004)
-            yield drive, read_anew(drive.raw, period * (1.0 + off), period * rng.random())[0]
+            yield drive, read_anew(drive.raw, period * (1.0 + off), period * rng.random())
 
 
 def _count(takes: Iterator[tuple[Drive, RawTake]]) -> dict[str, int]:
@@ -83,7 +83,6 @@ def _fit(recordings: Path, drive: str, stated: tuple[str, ...]) -> dict[str, Any
     drives = {d.recording: d for d in questions.drives}
     inputs = QuestionInputs(read_vehicle(questions.vehicle), drives, questions.simulation, recordings)
     vehicle = inputs.vehicle_for(drive)
-    assert vehicle.clock is not None
     clock = Clock(**{name: getattr(vehicle.clock, name) for name in stated})
     vehicle = vehicle.model_copy(update={"clock": clock})
     recording, estimate, _ = inputs.estimate_recording(drive, vehicle)

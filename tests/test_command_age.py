@@ -9,7 +9,6 @@ import pytest
 from fleet import draw_drive, shifted
 from pydantic import ValidationError
 
-from bcid.aliases import Floats
 from bcid.recording.assemble import assemble_recording
 from bcid.recording.checks.command_age import CommandAge, reading_period, take_off_age
 from bcid.recording.formats.raw import RawTake
@@ -19,12 +18,11 @@ READ = 0.1
 """Time (s) between two commands of the drives, and nearly that between two readings."""
 
 
-def read_anew(raw: RawTake, every_s: float, first_s: float) -> tuple[RawTake, Floats]:
-    """The take as a recorder logs it that reads the latest command every so often, and each reading's age (s)."""
+def read_anew(raw: RawTake, every_s: float, first_s: float) -> RawTake:
+    """The take as a recorder logs it that reads the latest command every so often."""
     read_s = np.arange(raw.command_time_s[0] + first_s, raw.command_time_s[-1], every_s)
     latest = np.searchsorted(raw.command_time_s, read_s, side="right") - 1
-    age_s = read_s - raw.command_time_s[latest]
-    return replace(raw, command_time_s=read_s, command=raw.command[latest]), age_s
+    return replace(raw, command_time_s=read_s, command=raw.command[latest])
 
 
 def said_of_age(recording: Recording) -> list[Irregularity]:
@@ -36,7 +34,7 @@ def said_of_age(recording: Recording) -> list[Irregularity]:
 )
 def test_the_age_is_found_and_taken_off_where_the_file_states_the_reading(kind: str, seed: int, slower: float) -> None:
     drive = draw_drive(seed, kind=kind)
-    raw, _ = read_anew(drive.raw, READ * (1.0 + slower), 0.4 * READ)
+    raw = read_anew(drive.raw, READ * (1.0 + slower), 0.4 * READ)
     (warning,) = said_of_age(assemble_recording(raw, drive.kind.vehicle()))
     assert warning.action == "warning"
     assert "commands_read_every_s = 0.1" in warning.detail
@@ -78,7 +76,7 @@ def test_a_clock_that_drifts_or_jumps_makes_no_saw(jumps: bool) -> None:
 
 def test_an_age_that_is_not_taken_off_is_told_once() -> None:
     drive = draw_drive(15, kind="rc")
-    raw, _ = read_anew(drive.raw, READ * 1.003, 0.4 * READ)
+    raw = read_anew(drive.raw, READ * 1.003, 0.4 * READ)
     kinds = [odd.kind for odd in assemble_recording(raw, drive.kind.vehicle()).irregularities]
     assert kinds.count("command age") == 1
     assert not {"clock offset", "clock drift"} & set(kinds)

@@ -82,7 +82,7 @@ def assemble_recording(raw: RawTake, vehicle: Vehicle) -> Recording:
     """
     source, command_log = raw.sources[0].path, command_source_path(raw.sources)
     poses, commands, channels = _clean_streams(raw)
-    offset, hold_s = vehicle.clock.offset_s if vehicle.clock else 0.0, vehicle.command.max_hold_s
+    offset, hold_s = vehicle.clock.offset_s, vehicle.command.max_hold_s
     problems, beyond, breaks = Problems(), list[Irregularity](), list[float]()
     with problems.gather_refusals():
         samples.check_pose_times(poses.time_s, source)

@@ -78,9 +78,7 @@ def _share_explained(path: Path, other: Path, recording: Recording, vehicle: Veh
     time_s, rows = np.unique(raw.command_time_s[known], return_index=True)
     if len(time_s) < 2:
         return 0.0
-    offset_s = 0.0
-    if vehicle.clock:
-        offset_s = vehicle.clock.offset_s - 0.5 * (vehicle.clock.commands_read_every_s or 0.0)
+    offset_s = vehicle.clock.offset_s - 0.5 * (vehicle.clock.commands_read_every_s or 0.0)
     changed = replace(recording, commands=Stream(time_s + offset_s, raw.command[known][rows]))
     data = prepare_turning(changed, vehicle)
     if data is None:

@@ -5,8 +5,9 @@ and the likeliest fit without a remainder.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from bcid.diagnosis.limits import SEARCH_LIMITS
 from bcid.diagnosis.remainder.explain import Explained, explain
@@ -18,6 +19,9 @@ from bcid.likelihood.refit import Fit
 from bcid.likelihood.refit_state import MIN_GAIN
 from bcid.likelihood.score_test import TrialChanges
 from bcid.likelihood.take import Take
+
+Key = TypeVar("Key", bound=Hashable)
+Made = TypeVar("Made")
 
 
 @dataclass
@@ -80,17 +84,12 @@ class SearchState:
 
     def from_large_sizes(self, fit: Fit) -> list[Fit]:
         """The refits of `fit` with an effect more that a refitted base model takes up, but for those excluded."""
-        key = effects_of(fit)
-        if key not in self._from_large_sizes or self._from_large_sizes[key][0] is not fit:
-            self._from_large_sizes[key] = fit, refit_from_large_sizes(fit, self.take, self.excluded)
-        return self._from_large_sizes[key][1]
+        kept = self._from_large_sizes
+        return _made_once(kept, effects_of(fit), fit, lambda: refit_from_large_sizes(fit, self.take, self.excluded))
 
     def explain(self, fit: Fit) -> Explained:
         """What a remainder explains beside a `fit` to first order."""
-        key = effects_of(fit)
-        if key not in self._explained or self._explained[key][0] is not fit:
-            self._explained[key] = fit, explain(fit, self.take, self.basis)
-        return self._explained[key][1]
+        return _made_once(self._explained, effects_of(fit), fit, lambda: explain(fit, self.take, self.basis))
 
     def with_own_view(self, rest: RemainderFit) -> RemainderFit:
         """The fit with what is seen beside its own names, where it has come from a fit of others."""
@@ -144,15 +143,21 @@ class SearchState:
 
         Copies are there in some `channels` only.
         """
-        key = (effects_of(rest.named), channels)
-        if key not in self._with_copies or self._with_copies[key][0] is not rest.fit:
-            self._with_copies[key] = rest.fit, allow_copies(rest, self.take, channels)
-        return greater_evidence(rest, self._with_copies[key][1])
+        key, kept = (effects_of(rest.named), channels), self._with_copies
+        with_them = _made_once(kept, key, rest.fit, lambda: allow_copies(rest, self.take, channels))
+        return greater_evidence(rest, with_them)
 
 
 def effects_of(fit: Fit) -> frozenset[str]:
     """The effects that a fit holds, by which it is kept."""
     return frozenset(fit.hypothesis.effects)
+
+
+def _made_once(kept: dict[Key, tuple[Fit, Made]], key: Key, fit: Fit, make: Callable[[], Made]) -> Made:
+    """What is `kept` under a `key` beside this very `fit`; made anew beside another, and kept instead."""
+    if key not in kept or kept[key][0] is not fit:
+        kept[key] = fit, make()
+    return kept[key][1]
 
 
 def greater_evidence(one: RemainderFit | None, other: RemainderFit) -> RemainderFit:

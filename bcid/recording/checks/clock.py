@@ -36,7 +36,7 @@ def estimate_clock(recording: Recording, vehicle: Vehicle, data: TurningData | N
         data: the recording's turning; None where it is too short.
         lag_s: the lag (s) at which the commands fit the motion; None where they fit at none.
     """
-    applied_s = vehicle.clock.offset_s if vehicle.clock else 0.0
+    applied_s = vehicle.clock.offset_s
     if data is None:
         clock = ClockEstimate(applied_s=applied_s, reason="the take is too short")
         return replace(take_off_mean_age(recording, vehicle), clock=clock)

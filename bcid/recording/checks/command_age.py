@@ -11,6 +11,8 @@ this, as the saw rises and falls back by P.  The car shows it: commands act late
 being what servo and transport take.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -54,6 +56,13 @@ class CommandAge(NamedTuple):
         return since
 
 
+class FoundAge(NamedTuple):
+    """An age of commands, and servo and car fitted to the turning without it."""
+
+    age: CommandAge
+    fit: SteeringFit
+
+
 def reading_period(commands: Stream) -> float:
     """The time (s) between the readings that logged the `commands`: the longest of which all steps are multiples.
 
@@ -84,33 +93,26 @@ def account_for_age(
 
     Where the file does not state how often they are read, an age that is shown is warned of.
     """
-    stated_s = _stated_period(vehicle)
+    stated_s = vehicle.clock.commands_read_every_s
     period_s = stated_s or reading_period(recording.commands)
-    age = find_command_age(data, vehicle, fit, fixed, period_s, expected=stated_s is not None)
+    found = find_command_age(data, vehicle, fit, fixed, period_s, expected=stated_s is not None)
     if stated_s is None:
-        return (recording if age is None else _say(recording, "warning", age)), data, fit
-    recording = (
-        take_off_mean_age(recording, vehicle) if age is None else _say(take_off_age(recording, age), "fixed", age)
-    )
-    data = with_commands_in_force(data, age or _mean_age(stated_s))
-    theta = fit.theta.copy()
-    theta[DELAY] += 0.5 * stated_s
-    part = liveliest(data, LIMITS.fitted_s)
-    return recording, data, fit_steering([part], vehicle, fixed, float(theta[DELAY]), start=theta)
+        return (recording if found is None else _say(recording, "warning", found.age)), data, fit
+    if found is None:
+        age, theta = _mean_age(stated_s), fit.theta.copy()
+        theta[DELAY] += 0.5 * stated_s
+        found = FoundAge(age, _fit_again(data, vehicle, age, theta, fixed))
+    recording = _say(take_off_age(recording, found.age), "fixed", found.age)
+    return recording, with_commands_in_force(data, found.age), found.fit
 
 
 def take_off_mean_age(recording: Recording, vehicle: Vehicle) -> Recording:
     """The recording less half a period of reading, where the vehicle file states one: no age is shown."""
-    stated_s = _stated_period(vehicle)
+    stated_s = vehicle.clock.commands_read_every_s
     if stated_s is None:
         return recording
     age = _mean_age(stated_s)
     return _say(take_off_age(recording, age), "fixed", age)
-
-
-def _stated_period(vehicle: Vehicle) -> float | None:
-    """How often (s) the recorder reads the commands by the vehicle file; None where it does not say."""
-    return vehicle.clock.commands_read_every_s if vehicle.clock else None
 
 
 def _mean_age(read_every_s: float) -> CommandAge:
@@ -154,7 +156,7 @@ def with_commands_in_force(data: TurningData, age: CommandAge) -> TurningData:
 def find_command_age(
     data: TurningData, vehicle: Vehicle, fit: SteeringFit, fixed: dict[str, float], read_every_s: float,
     expected: bool,
-) -> CommandAge | None:  # fmt: skip
+) -> FoundAge | None:  # fmt: skip
     """The age of commands that are read every `read_every_s` (s), by how the car turns; None where no saw is shown.
 
     The delays of blocks are those of the `fit`, of a servo whose values in `fixed` are known, and then of a fit to the
@@ -180,14 +182,14 @@ def find_command_age(
     for _ in range(LIMITS.rounds):
         age, theta = _move_saw(age, data, vehicle, fit.theta)
         fit = _fit_again(data, vehicle, age, theta, fixed)
-    return age
+    return FoundAge(age, fit)
 
 
 def _fit_again(
     data: TurningData, vehicle: Vehicle, age: CommandAge, theta: Floats, fixed: dict[str, float]
 ) -> SteeringFit:  # fmt: skip
     """Servo and car fitted to the liveliest part of a take, from `theta` on, the commands being of that `age`."""
-    part = liveliest(with_commands_in_force(data, age), LIMITS.fitted_s)
+    part = liveliest(with_commands_in_force(data, age), CLOCK.fitted_s)
     return fit_steering([part], vehicle, fixed, float(theta[DELAY]), start=theta)
 
 
@@ -200,28 +202,30 @@ def _move_saw(age: CommandAge, data: TurningData, vehicle: Vehicle, theta: Float
     widths = np.array([LIMITS.beat_step / np.ptp(t), 1.0 / LIMITS.phases, LIMITS.delay_step_s])
     middle = float(t.mean())
 
-    def at(place: Floats) -> tuple[CommandAge, Floats]:
+    def saw_at(place: Floats) -> tuple[CommandAge, Floats]:
+        """The age and theta with the beat, the phase in the middle and the delay of a `place` (3,)."""
         moved = theta.copy()
         moved[DELAY] = place[2]
         phase = float(np.mod(place[1] - place[0] * middle, 1.0))
         return age._replace(beat_hz=float(place[0]), phase=phase), moved
 
-    def left(place: Floats) -> float:
-        there, moved = at(place)
+    def mean_residual(place: Floats) -> float:
+        """Mean absolute residual of the turning (rad/s) with the saw at a `place` (3,)."""
+        there, moved = saw_at(place)
         residual = data.turn - predicted_turn(moved, with_commands_in_force(data, there), vehicle)
         return float(np.abs(residual[data.rows]).mean())
 
     place = np.array([age.beat_hz, age.phase + age.beat_hz * middle, theta[DELAY]])
-    least, share = left(place), 1.0
+    least, share = mean_residual(place), 1.0
     while share > LIMITS.finest_share:
         near = [place + share * sign * step for step in np.diag(widths) for sign in (1.0, -1.0)]
-        each = [left(p) for p in near]
+        each = [mean_residual(p) for p in near]
         k = int(np.argmin(each))
         if each[k] < least:
             least, place = each[k], near[k]
         else:
             share *= 0.5
-    return at(place)
+    return saw_at(place)
 
 
 def _likeliest_saw(blocks: BlockDelays, P: float, block_s: float) -> tuple[CommandAge, float, int]:

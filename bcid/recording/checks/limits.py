@@ -246,8 +246,6 @@ class CommandAgeLimits:
     min_block_share: float = 0.05
     # fewest blocks: a saw has three numbers, an even drift two
     min_blocks: int = 12
-    # the liveliest part of a take to which servo and car are fitted
-    fitted_s: float = 50.0
     # most blocks: of long takes they are longer
     most_blocks: int = 300
     # fastest beat, in cycles a block: a tooth of a saw of six blocks

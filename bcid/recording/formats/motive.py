@@ -194,8 +194,7 @@ def read_motive(path: Path, vehicle: Vehicle, commands: Path) -> RawTake:
         text = read_csv_text(path)
         poses = _read_poses(text, source, vehicle)
     with problems.gather_refusals():
-        offset_s = vehicle.clock.offset_s if vehicle.clock else 0.0
-        start = TakeStart(motive_header.capture_start_time(text or read_csv_text(path)), None, offset_s)
+        start = TakeStart(motive_header.capture_start_time(text or read_csv_text(path)), None, vehicle.clock.offset_s)
         file = read_commands_file(commands, vehicle.commands, start)
     problems.raise_if_any(path)
     return replace(
