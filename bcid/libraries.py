@@ -7,8 +7,16 @@ from importlib.util import find_spec
 
 from bcid.errors import LibraryMissing
 
-EXTRAS = {"torch": "networks", "deap": "checks", "filterpy": "checks", "pysindy": "checks"}
-"""The extra that installs each library: to train networks, and to check our kernels and answers against others'."""
+EXTRAS = {"torch": "networks", "deap": "checks", "filterpy": "checks", "pysindy": "checks", "casadi": "export"}
+"""The extra that installs each library: to train networks, to check answers against others', to export."""
+
+
+def is_installed(name: str) -> bool:
+    """Whether the library `name` is installed; it is looked for and not imported."""
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:
+        return False
 
 
 def require_library(name: str, purpose: str) -> None:
@@ -17,11 +25,7 @@ def require_library(name: str, purpose: str) -> None:
     Raises:
         LibraryMissing: it is not installed; the message says that `purpose` needs it, and how to install it.
     """
-    try:
-        missing = find_spec(name) is None
-    except ModuleNotFoundError:
-        missing = True
-    if missing:
+    if not is_installed(name):
         raise library_missing(name, purpose)
 
 

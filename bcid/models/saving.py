@@ -29,6 +29,11 @@ def save_model(model: Model, folder: Path) -> None:
     write_json(folder / _JSON, data)
 
 
+def model_digest(folder: Path) -> str:
+    """The SHA-256 of the model saved in `folder`, which holds that of its arrays, in hex digits."""
+    return file_sha256(folder / _JSON)
+
+
 def _read_arrays(path: Path, expected_digest: object) -> dict[str, Any]:
     """Read the arrays by name from the safetensors file at `path`; none if there is neither file nor expected digest.
 

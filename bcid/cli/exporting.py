@@ -1,0 +1,81 @@
+"""`bcid export`: a saved model as C, Python or CasADi, checked against the model itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bcid.cli.options import ForceOption, Format
+from bcid.errors import UsageError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from bcid.documents.export import ExportDocument
+
+ALL = "all"
+DEFAULT_FOLDER = Path("export")
+
+
+def export(
+    model: Annotated[Path, typer.Argument(help="The folder of a saved model.", show_default=False)],
+    format: Annotated[  # noqa: A002
+        list[str] | None,
+        typer.Option(help="c, python, casadi or all; repeat for several.", show_default=ALL),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = DEFAULT_FOLDER,
+    name: Annotated[
+        str | None, typer.Option(help="What files and functions are called.", show_default="the model's name")
+    ] = None,
+    of: Annotated[
+        str, typer.Option("--as", help="recording: poses as they were recorded. vehicle: the car itself.")
+    ] = "recording",
+    time: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Second of the recording at which effects of its time stand still.",
+            show_default="they go on",
+        ),
+    ] = None,
+    force: ForceOption = False,
+    output: Annotated[Format, typer.Option(help="Format of the results on stdout.")] = Format.human,
+) -> None:
+    """Write a saved model as code for controllers and simulations; each file is run against the model before."""
+    from bcid.cli.sink import Sink
+    from bcid.evaluation.validity import load_validity
+    from bcid.export.exported import export_model
+    from bcid.export.formats import FORMATS
+    from bcid.export.write import write_export
+    from bcid.models.saving import load_model, model_digest
+
+    formats = list(FORMATS) if not format or ALL in format else list(dict.fromkeys(format))
+    for one in formats:
+        if one not in FORMATS:
+            raise UsageError(f"there is no format {one!r}\n  next: choose of {', '.join(FORMATS)}, {ALL}")
+    if of not in ("recording", "vehicle"):
+        raise UsageError(f"a model is exported as recording or as vehicle, not as {of!r}\n  next: choose one of them")
+    sink = Sink(output)
+    with sink.stage("export") as progress:
+        exported = export_model(
+            load_model(model), model_digest(model), load_validity(model), name, of == "vehicle", time
+        )
+        document = write_export(exported, formats, out, lambda path: force, progress)
+    sink.result(document.as_json(), lambda: _table(document))
+    sink.note(f"written to: {out}")
+    for made in document.formats:
+        if made.not_checked:
+            sink.note(f"warning: {made.format} was not run: {made.not_checked}")
+
+
+def _table(document: ExportDocument) -> RenderableType:
+    """The formats with their files, and how far each is off the model."""
+    from rich.table import Table
+
+    table = Table("format", "files", "largest error over 200 steps")
+    for made in document.formats:
+        error = "not run" if made.error is None else f"{made.error:.1e} m/s, rad/s"
+        table.add_row(made.format, ", ".join(made.files), error)
+    return table

@@ -1,0 +1,113 @@
+"""One period of a fitted model as formulas: the state after it and the twist there, from a state and a command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bcid.export.graph import Graph, Node
+from bcid.export.trace import Tracer
+from bcid.models.network.mlp import MlpWeights
+
+
+class Quantity(NamedTuple):
+    """A number that a formula takes or gives."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+COMMANDS = (
+    Quantity("u_s", "rad", "steering command, left positive"),
+    Quantity(
+        "u_m", "", "throttle: a reference speed in m/s, or a share of full force; below zero it brakes or reverses"
+    ),
+)
+TWIST = (
+    Quantity("v_x", "m/s", "velocity ahead"),
+    Quantity("v_y", "m/s", "velocity to the left"),
+    Quantity("yaw_rate", "rad/s", "yaw rate, counter-clockwise"),
+)
+POSE = (
+    Quantity("p_x", "m", "position in the world"),
+    Quantity("p_y", "m", "position in the world"),
+    Quantity("theta", "rad", "yaw, counter-clockwise"),
+)
+STEERED = Quantity("delta", "rad", "steering angle, left positive")
+
+START = tuple(q._replace(name=f"{q.name}_0") for q in (*POSE, *TWIST, STEERED))
+"""Of what a state is made where the past is not known: pose, twist and steering angle."""
+
+
+@dataclass(frozen=True)
+class StepFormulas:
+    """The formulas of one model.  Nodes are of `graph`, whose inputs are called as the states, commands and `START`."""
+
+    graph: Graph
+    period_s: float
+    states: tuple[Quantity, ...]
+    next_states: tuple[Node, ...]
+    twist: tuple[Node, ...]  # after the period
+    first_states: tuple[Node, ...]  # from pose, twist and steering angle: a car that coasts, its wheel held
+    networks: Mapping[str, MlpWeights]
+
+    @property
+    def results(self) -> tuple[Node, ...]:
+        """All nodes of a step."""
+        return (*self.next_states, *self.twist)
+
+    def without_idle_states(self, wanted: Sequence[str] = ()) -> StepFormulas:
+        """The formulas without the states on which neither the twist nor a state of those `wanted` ever depends."""
+        names = [state.name for state in self.states]
+        kept, ahead = set(wanted), [*self.twist, *(self.next_states[names.index(name)] for name in wanted)]
+        while ahead:
+            asked = {n.name for n in self.graph.needed(ahead) if n.operation == "input"} & set(names) - kept
+            kept |= asked
+            ahead = [self.next_states[names.index(name)] for name in asked]
+        places = [i for i, name in enumerate(names) if name in kept]
+        return replace(
+            self,
+            states=tuple(self.states[i] for i in places),
+            next_states=tuple(self.next_states[i] for i in places),
+            first_states=tuple(self.first_states[i] for i in places),
+        )
+
+
+def name_constants(graph: Graph, values: Mapping[str, float], plain: Sequence[str] = ()) -> dict[str, Any]:
+    """`values` as named constants of `graph`; those called `plain`, and zeros, on which the structure hangs, stay."""
+    return {
+        name: value if name in plain or value == 0.0 else graph.parameter(name, value) for name, value in values.items()
+    }
+
+
+def trace_scan(
+    scan: Callable[..., Any],
+    tracer: Tracer,
+    states: Sequence[Quantity],
+    first: Callable[[dict[str, Node]], Sequence[Any]],
+    arguments: Sequence[Any],
+    period_s: float,
+    networks: Mapping[str, MlpWeights],
+) -> StepFormulas:
+    """The formulas of a model whose compiled `scan(carry, parts, *arguments)` keeps the `states` in its carry.
+
+    `first` gives the first state from the nodes of `START` by name.
+    """
+    graph = tracer.graph
+    carry = np.array([graph.input(state.name) for state in states], object)
+    parts = np.array([[[period_s, *(graph.input(command.name) for command in COMMANDS), 0.0]]], object)
+    twists = tracer.trace(scan)(carry, parts, *arguments)
+    begin = first({quantity.name: graph.input(quantity.name) for quantity in START})
+    return StepFormulas(
+        graph, period_s, tuple(states), as_nodes(graph, carry), as_nodes(graph, twists[0]), as_nodes(graph, begin),
+        networks,
+    )  # fmt: skip
+
+
+def as_nodes(graph: Graph, numbers: Iterable[Any]) -> tuple[Node, ...]:
+    """`numbers`, some of them nodes already, as nodes of `graph`."""
+    return tuple(graph.as_node(number) for number in numbers)

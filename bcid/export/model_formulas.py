@@ -1,0 +1,134 @@
+"""The formulas of each kind of model: its own compiled step, traced over its states and commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from bcid.export.formulas import STEERED, TWIST, Quantity, StepFormulas, name_constants, trace_scan
+from bcid.export.graph import Graph, Node
+from bcid.export.trace import Tracer
+from bcid.models.kinematic.state import KinematicCar
+from bcid.models.network import mlp
+from bcid.models.network.mlp import MlpBuffers, MlpWeights
+from bcid.physics.car import Car
+from bcid.physics.kinematics import kinematic_state
+
+FLAGS = ("front_share", "sets_force", "reverses", "follows_wheel", "follow")
+"""Constants of a car that choose among laws."""
+
+BODY_STATES = (*TWIST, STEERED)
+KINEMATIC_STATES = (
+    Quantity("v_f", "m/s", "speed of the front wheel"),
+    Quantity("alpha_f", "rad", "slip angle of the front wheel"),
+    Quantity("alpha_r", "rad", "slip angle of the rear wheels"),
+    STEERED,
+)
+
+
+def trace_newton_euler(model: Any) -> StepFormulas:
+    """The formulas of a Newton-Euler car, its state [v_x, v_y, yaw rate, delta]."""
+    tracer = Tracer(Graph())
+    car, longest = model.kernel_arguments
+    named = Car(**name_constants(tracer.graph, car._asdict(), FLAGS))
+    return _trace(model, tracer, BODY_STATES, _begin_body, (named, longest), {})
+
+
+def trace_linear(model: Any) -> StepFormulas:
+    """The formulas of a linearised car, its state [v_x, v_y, yaw rate, delta]."""
+    return _trace(model, Tracer(Graph()), BODY_STATES, _begin_body, model.kernel_arguments, {})
+
+
+def trace_k_sindy(model: Any) -> StepFormulas:
+    """The formulas of a K-SINDy, its state [v_f, alpha_f, alpha_r, delta]."""
+    tracer = Tracer(Graph())
+    sparse, car = model.kernel_arguments
+    return _trace(model, tracer, KINEMATIC_STATES, _begin_kinematic(tracer, car), (sparse, car), {})
+
+
+def trace_k_mlp(model: Any) -> StepFormulas:
+    """The formulas of a K-MLP, its state [v_f, alpha_f, alpha_r, delta]."""
+    tracer, networks = _with_network(model.weights)
+    return _trace(
+        model, tracer, KINEMATIC_STATES, _begin_kinematic(tracer, model.car), model.kernel_arguments, networks
+    )
+
+
+def trace_k_sindy_mlp(model: Any) -> StepFormulas:
+    """The formulas of a K-SINDy-MLP, its state [v_f, alpha_f, alpha_r, delta]."""
+    return trace_k_mlp(model)
+
+
+def trace_narx_mlp(model: Any) -> StepFormulas:
+    """The formulas of a NARX-MLP, its state the last three twists, newest first, and the two commands before."""
+    tracer, networks = _with_network(model.weights)
+    twists = [
+        Quantity(f"{q.name}{_ago(k)}", q.unit, q.meaning + (f", {k} periods ago" if k else ""))
+        for k in range(3)
+        for q in TWIST
+    ]
+    commands = [
+        Quantity(f"{name}{_ago(k)}", unit, f"command {k} periods ago")
+        for k in (1, 2)
+        for name, unit in (("u_s", "rad"), ("u_m", ""))
+    ]
+
+    def begin(start: dict[str, Node]) -> list[Any]:
+        return [*3 * [start[f"{q.name}_0"] for q in TWIST], *4 * [0.0]]
+
+    return _trace(model, tracer, (*twists, *commands), begin, model.kernel_arguments, networks)
+
+
+def _ago(k: int) -> str:
+    """What is appended to the name of a quantity `k` periods ago."""
+    return f"_ago_{k}" if k else ""
+
+
+def _trace(
+    model: Any,
+    tracer: Tracer,
+    states: tuple[Quantity, ...],
+    begin: Callable[[dict[str, Node]], Any],
+    arguments: tuple[Any, ...],
+    networks: dict[str, MlpWeights],
+) -> StepFormulas:
+    """The formulas of one period of `model`, by the compiled scan of its class."""
+    return trace_scan(model.kernels.scan, tracer, states, begin, arguments, model.period_s, networks)
+
+
+def _begin_body(start: dict[str, Node]) -> list[Node]:
+    """The first state [v_x, v_y, yaw rate, delta]."""
+    return [start[f"{quantity.name}_0"] for quantity in BODY_STATES]
+
+
+def _begin_kinematic(tracer: Tracer, car: KinematicCar) -> Callable[[dict[str, Node]], list[Any]]:
+    """What gives the first state [v_f, alpha_f, alpha_r, delta] of a kinematic model of `car`."""
+
+    def begin(start: dict[str, Node]) -> list[Any]:
+        v_x, v_y, yaw_rate, delta = _begin_body(start)
+        return [*tracer.trace(kinematic_state)(v_x, v_y, yaw_rate, delta, car.l_f, car.l_r), delta]
+
+    return begin
+
+
+def _with_network(weights: MlpWeights) -> tuple[Tracer, dict[str, MlpWeights]]:
+    """A tracer for which a perceptron is one operation, and its weights by the name of that."""
+    graph = Graph()
+
+    def evaluate(buffers: MlpBuffers, _weights: MlpWeights) -> None:
+        inputs = tuple(graph.as_node(x) for x in buffers.x)
+        for i in range(len(buffers.y)):
+            buffers.y[i] = graph.network_output("network", inputs, i)
+
+    return Tracer(graph, {mlp.evaluate_mlp: evaluate}), {"network": weights}
+
+
+TRACED: dict[str, Callable[[Any], StepFormulas]] = {
+    "newton-euler": trace_newton_euler,
+    "newton-euler-linear": trace_linear,
+    "narx-mlp": trace_narx_mlp,
+    "k-mlp": trace_k_mlp,
+    "k-sindy": trace_k_sindy,
+    "k-sindy-mlp": trace_k_sindy_mlp,
+}
+"""How the formulas of a model are found, by its name."""
