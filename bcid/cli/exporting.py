@@ -23,7 +23,7 @@ def export(
     model: Annotated[Path, typer.Argument(help="The folder of a saved model.", show_default=False)],
     format: Annotated[  # noqa: A002
         list[str] | None,
-        typer.Option(help="c, python, casadi or all; repeat for several.", show_default=ALL),
+        typer.Option(help="c, python, casadi, acados, ros2, parameters or all; repeat for several.", show_default=ALL),
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = DEFAULT_FOLDER,
     name: Annotated[
@@ -51,9 +51,8 @@ def export(
     from bcid.export.write import write_export
     from bcid.models.saving import load_model, model_digest
 
-    formats = list(FORMATS) if not format or ALL in format else list(dict.fromkeys(format))
-    for one in formats:
-        if one not in FORMATS:
+    for one in format or []:
+        if one not in (*FORMATS, ALL):
             raise UsageError(f"there is no format {one!r}\n  next: choose of {', '.join(FORMATS)}, {ALL}")
     if of not in ("recording", "vehicle"):
         raise UsageError(f"a model is exported as recording or as vehicle, not as {of!r}\n  next: choose one of them")
@@ -62,6 +61,8 @@ def export(
         exported = export_model(
             load_model(model), model_digest(model), load_validity(model), name, of == "vehicle", time
         )
+        suited = [one for one in FORMATS if FORMATS[one].suits(exported)]
+        formats = suited if not format or ALL in format else format
         document = write_export(exported, formats, out, lambda path: force, progress)
     sink.result(document.as_json(), lambda: _table(document))
     sink.note(f"written to: {out}")
@@ -72,10 +73,13 @@ def export(
 
 def _table(document: ExportDocument) -> RenderableType:
     """The formats with their files, and how far each is off the model."""
-    from rich.table import Table
+    from bcid.cli.sink import plain_table
 
-    table = Table("format", "files", "largest error over 200 steps")
-    for made in document.formats:
-        error = "not run" if made.error is None else f"{made.error:.1e} m/s, rad/s"
-        table.add_row(made.format, ", ".join(made.files), error)
-    return table
+    rows = [
+        [made.format, ", ".join(made.files), "not run" if made.error is None else f"{made.error:.1e}"]
+        for made in document.formats
+    ]
+    steps, n = len(document.vectors.commands), len(document.states)
+    caption = f"error: the largest of a twist (m/s, rad/s) over {steps} steps beside the model itself"
+    title = f"{document.name}: {n} states, 2 commands, a step of {document.period_s:g} s"
+    return plain_table(title, ["format", "files", "error"], rows, caption)

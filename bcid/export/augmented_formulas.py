@@ -36,7 +36,12 @@ from bcid.export.graph import Graph
 from bcid.export.model_formulas import FLAGS
 from bcid.export.trace import Tracer
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler, max_command_delay
-from bcid.models.newton_euler.augmented_step import AugmentedSetup, body_from_tracked, tracked_twist
+from bcid.models.newton_euler.augmented_step import (
+    AugmentedSetup,
+    body_from_tracked,
+    command_arrivals,
+    tracked_twist,
+)
 from bcid.physics.car import Car
 
 BODY = (*POSE, *TWIST)
@@ -93,7 +98,7 @@ def trace_augmented(model: AugmentedNewtonEuler, time_s: float | None = None) ->
     graph, past = named.tracer.graph, _past_commands(model)
     states = (*BODY, *LAGS, *STEERING, TIME, *past)
     now = graph.input(TIME.name) if time_s is None else time_s
-    after, twist = _advance(named, model, past, now, _lateness(model, time_s))
+    after, twist = _advance(named, model, past, now, time_s or 0.0)
     first = _begin(named, past, 0.0 if time_s is None else time_s)
     formulas = StepFormulas(
         graph, model.period_s, states, as_nodes(graph, after), as_nodes(graph, twist), as_nodes(graph, first), {}
@@ -114,16 +119,27 @@ def _name_constants(model: AugmentedNewtonEuler) -> _NamedModel:
 
 
 def _advance(
-    named: _NamedModel, model: AugmentedNewtonEuler, past: Sequence[Quantity], now: Any, late_s: float
+    named: _NamedModel, model: AugmentedNewtonEuler, past: Sequence[Quantity], now: Any, time_s: float
 ) -> tuple[list[Any], Sequence[Any]]:
-    """All states after a period that begins at `now`, and the twist that is seen then; commands act `late_s` later."""
+    """All states after a period that begins at `now`, and the twist that is seen then.
+
+    How late commands act is taken as at `time_s` (s) of the recording.
+    """
     tracer, car, constants, switches, setup = named
     inputs: Any = tracer.graph.input
     given_s, commands = _list_commands(tracer.graph, past, setup.period)
     angle, lagged, behind = (inputs(quantity.name) for quantity in STEERING)
     begin = SteeringState(angle, lagged if model.effects.get("steering_lag__tau") else angle, behind)
     chain, steering = tracer.trace(continue_actuator_chain)(
-        begin, given_s + late_s, commands, 0.0, setup.steps, named.h, car, setup.limit, switches
+        begin,
+        command_arrivals(time_s + given_s[:, None], setup) - time_s,
+        commands,
+        0.0,
+        setup.steps,
+        named.h,
+        car,
+        setup.limit,
+        switches,
     )
     body = BodyState(*(inputs(quantity.name) for quantity in BODY))
     lags = LagState(*(inputs(quantity.name) for quantity in LAGS))
@@ -155,13 +171,6 @@ def leave_out_measurement(model: AugmentedNewtonEuler) -> AugmentedNewtonEuler:
     """The car itself: the model without the effects of how its poses were measured."""
     measured = {f for e in ENTRIES.values() if e.kind == "measurement" for f in e.fields}
     return replace(model, effects={f: x for f, x in model.effects.items() if f not in measured})
-
-
-def _lateness(model: AugmentedNewtonEuler, time_s: float | None) -> float:
-    """How late (s) poses show what commands do beside delays of the car: latency of the poses, drift of their clock."""
-    latency, drift = (float(model.effects.get(name, 0.0)) for name in ("pose_latency__tau", DRIFTS))
-    now = min(time_s or 0.0, model.recording_s)
-    return (now + latency) * (1.0 + drift) - now
 
 
 def _past_commands(model: AugmentedNewtonEuler) -> tuple[Quantity, ...]:

@@ -135,7 +135,8 @@ def write_c_source(name: str, formulas: StepFormulas, about: str) -> str:
         ),
         _write_function(
             f"void {name}_pose(const double pose[3], const double twist[3], const double twist_next[3],\n"
-            f"{' ' * (len(name) + 11)}double pose_next[3])", moved, _places(POSE, "pose") | _places(TWIST, "twist") | _places(TWIST, "twist_next", "_next"),
+            f"{' ' * (len(name) + 11)}double pose_next[3])", moved,
+            _places(POSE, "pose") | _places(TWIST, "twist") | _places(TWIST, "twist_next", "_next"),
             _indexed("pose_next", 3), [],
         ),
     ]  # fmt: skip

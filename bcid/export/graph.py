@@ -36,7 +36,7 @@ class UndecidedBranch(Exception):
         self.condition = condition
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Graph:
     """The nodes of some formulas, each once, in the order in which they were made: arguments come first."""
 
@@ -121,7 +121,7 @@ class Graph:
         return [self.nodes[place] for place in sorted(found)]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Node:
     """A number, or a truth value, in formulas: what it is computed by, and from what."""
 
@@ -133,6 +133,10 @@ class Node:
     name: str  # of an input, a named constant, or an output of a network
 
     __array_priority__ = 1000.0  # numbers of numpy leave an operation to us
+
+    def __repr__(self) -> str:
+        """What computes the node, and from which nodes, but not what computes those."""
+        return f"<{self.place}: {self.operation} {self.name or [a.place for a in self.arguments]}>"
 
     def __bool__(self) -> bool:
         """The truth of a condition: known, or the next of the answers that are to be tried.

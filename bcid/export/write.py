@@ -27,20 +27,26 @@ def write_export(
         InputRefused: a format does not do what the model does, and nothing is written; or a file would be overwritten.
         DiskFull: the disk is full.
     """
-    made = []
+    made, chosen = [], _with_needed(formats)
     with staged_outputs(folder, may_replace) as staged:
-        for i, name in enumerate(formats):
-            progress(i / len(formats), name)
-            texts = FORMATS[name].write(e)
-            for file, text in texts.items():
-                (staged / file).write_text(text, encoding="utf-8", newline="\n")
+        for i, name in enumerate(chosen):
+            progress(i / len(chosen), name)
+            files = FORMATS[name].write(e)
+            for file, content in files.items():
+                (staged / file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
             checked = FORMATS[name].check(staged, e)
-            made.append(ExportedFormat(
-                format=name, files=tuple(texts), error=checked.error, not_checked=checked.left_out,
-            ))  # fmt: skip
+            made.append(
+                ExportedFormat(format=name, files=tuple(files), error=checked.error, not_checked=checked.left_out)
+            )
         document = _describe(e, made)
         document.write(staged / f"{e.name}.json")
     return document
+
+
+def _with_needed(formats: Sequence[str]) -> list[str]:
+    """The `formats` and those that they need, in the order of the table."""
+    wanted = {needed for name in formats for needed in (name, *FORMATS[name].needs)}
+    return [name for name in FORMATS if name in wanted]
 
 
 def _describe(e: Exported, made: Sequence[ExportedFormat]) -> ExportDocument:

@@ -100,7 +100,7 @@ def body_from_tracked(pose: Floats, twist: Floats, e: Switches) -> BodyState:
 
 
 @njit
-def _command_arrivals(commands: Floats, s: AugmentedSetup) -> Floats:
+def command_arrivals(commands: Floats, s: AugmentedSetup) -> Floats:
     """Times (n,) (s) on the poses' clock at which `commands` (n, 4), [time, u_s, u_m, brake share], are given.
 
     They are shifted by the poses' latency and the drift of their clock, both effects in `s`.  The clock is no further
@@ -139,7 +139,7 @@ def initial_state(
     """
     n, h, e = periods * s.steps, s.period / s.steps, s.switches
     still, begin = SteeringState(delta, delta, delta), t - periods * s.period
-    arrivals, values = _command_arrivals(commands, s), commands[:, 1:].copy()
+    arrivals, values = command_arrivals(commands, s), commands[:, 1:].copy()
     chain, servo = continue_actuator_chain(still, arrivals, values, begin, n, h, s.car, s.limit, e)
     lagged = first_lags_of_one(b, n, n, chain, s.T, s.car, e, s.constants)
     kept = np.empty((s.kept, 4))
@@ -158,7 +158,7 @@ def advance_augmented(state: AugmentedState, parts: Floats, s: AugmentedSetup) -
     commands = _append_parts(state.commands, parts, state.t)
     h, e, values = s.period / s.steps, s.switches, commands[:, 1:].copy()
     chain, servo = continue_actuator_chain(
-        state.servo, _command_arrivals(commands, s), values, state.t, s.steps, h, s.car, s.limit, e
+        state.servo, command_arrivals(commands, s), values, state.t, s.steps, h, s.car, s.limit, e
     )
     no_pushes = np.zeros((1, 3))
     end = integrate_body(
