@@ -41,7 +41,7 @@ samples: $(READY)
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt torch
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e ".[networks,checks,dev]"
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e ".[networks,checks,export,dev]"
 	touch $(READY)
 
 clean:

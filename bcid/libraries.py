@@ -7,7 +7,10 @@ from importlib.util import find_spec
 
 from bcid.errors import LibraryMissing
 
-EXTRAS = {"torch": "networks", "deap": "checks", "filterpy": "checks", "pysindy": "checks", "casadi": "export"}
+EXTRAS = {
+    "torch": "networks", "deap": "checks", "filterpy": "checks", "pysindy": "checks",
+    "casadi": "export", "fmpy": "export", "onnx": "export", "onnxruntime": "export",
+}  # fmt: skip
 """The extra that installs each library: to train networks, to check answers against others', to export."""
 
 

@@ -26,11 +26,11 @@ NOT_ASKED = "not asked"
 """Verdict, in rows of `bcid.prove-real/1`, where the simulation predicted as well without what was withheld."""
 
 ALWAYS_SHOWN = ("channel", "not_seen", "coverage")
-"""Fields that the README's table shows for every tier that has them."""
+"""Fields that the table shows for every tier that has them."""
 
 
 def evidence_table(outcome: ProveDocument) -> str:
-    """The README's table of a run: one row for each tier, goals in brackets."""
+    """The table of a run: one row for each tier, goals in brackets."""
     rows = []
     for tier in outcome.tiers:
         wrongly = "wrong" if tier.false is None else "false"
@@ -52,7 +52,7 @@ def evidence_table(outcome: ProveDocument) -> str:
 
 
 def methods_table(outcome: ProveDocument) -> str:
-    """The README's table of the diagnosis beside other methods on the same takes."""
+    """The table of the diagnosis beside other methods on the same takes."""
     return _markdown_table(
         ["method", "n", "figures"],
         [[b.method, str(b.n), _method_summary(b)] for b in outcome.baselines],

@@ -30,7 +30,8 @@ def bcid(*words: str | Path, cwd: Path | None = None, **env: str) -> subprocess.
 def test_every_command_and_option_has_help_and_documentation(command: str) -> None:
     registered = get_command(app).commands[command]  # type: ignore[attr-defined]
     assert registered.help
-    assert f"bcid {command}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    pages = (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
+    assert any(f"bcid {command}" in page.read_text(encoding="utf-8") for page in pages)
     for option in registered.params:
         assert getattr(option, "help", None), option.name
 

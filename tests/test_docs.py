@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,9 @@ from bcid.proof.blind.limit_panel import EXAMPLE_TIER
 from bcid.report.formats import format_thousandths
 
 ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+README_WORDS = 900
+"""A door, and no proof."""
 
 
 def table(report: dict[str, object]) -> str:
@@ -103,31 +107,31 @@ def test_the_docs_counts_of_faults_are_the_committed_ones() -> None:
         assert told in text
 
 
-def test_the_readme_s_accuracies_are_the_committed_comparison() -> None:
+def test_the_docs_accuracies_are_the_committed_comparison() -> None:
     found = json.loads((ROOT / "docs" / "results" / "accuracy.json").read_text(encoding="utf-8"))
-    assert accuracy_table(found) in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert accuracy_table(found) in (DOCS / "accuracy.md").read_text(encoding="utf-8")
 
 
-def test_the_readme_s_constants_are_the_committed_recovery() -> None:
+def test_the_docs_constants_are_the_committed_recovery() -> None:
     found = json.loads((ROOT / "docs" / "results" / "parameters.json").read_text(encoding="utf-8"))
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = (DOCS / "accuracy.md").read_text(encoding="utf-8")
     assert parameters_table(found) in text
     assert f"{found['fits']} takes of {found['seconds']:g} s" in text
 
 
-def test_the_readme_s_speeds_are_the_committed_benchmark() -> None:
+def test_the_docs_speeds_are_the_committed_benchmark() -> None:
     bench = json.loads((ROOT / "docs" / "results" / "bench.json").read_text(encoding="utf-8"))
-    assert bench_table(bench) in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert bench_table(bench) in (DOCS / "speed.md").read_text(encoding="utf-8")
 
 
-def test_the_readme_s_losses_are_the_committed_report() -> None:
+def test_the_docs_losses_are_the_committed_report() -> None:
     report = json.loads((ROOT / "docs" / "results" / "report.json").read_text(encoding="utf-8"))
-    assert losses(report) in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert losses(report) in (DOCS / "accuracy.md").read_text(encoding="utf-8")
 
 
-def test_the_readme_s_table_is_the_committed_report() -> None:
+def test_the_docs_table_is_the_committed_report() -> None:
     report = json.loads((ROOT / "docs" / "results" / "report.json").read_text())
-    assert table(report) in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert table(report) in (DOCS / "accuracy.md").read_text(encoding="utf-8")
 
 
 def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
@@ -153,9 +157,9 @@ def test_the_main_job_finds_what_the_readme_says() -> None:
             assert one.parameters[symbol].value == pytest.approx(known.value, abs=known.se), symbol
 
 
-def test_the_readme_s_evidence_is_the_committed_blind_test() -> None:
+def test_the_docs_evidence_is_the_committed_blind_test() -> None:
     whole, quick = (ProveDocument.read(ROOT / "docs" / "results" / f"{name}.json") for name in ("prove", "prove_quick"))
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    readme = (DOCS / "evidence.md").read_text(encoding="utf-8")
     assert evidence_table(whole) in readme
     assert methods_table(quick) in readme
     assert f"seed {quick.seed}, code {quick.code}" in readme
@@ -183,7 +187,7 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     assert suite_seal(cases, told["salt"]) == seals["seal"] == told["seal"]
     rows = {key.partition(".")[0]: row for key, row in read_rows(folder).items()}
     assert {key.partition(".")[2] for key in read_rows(folder)} == {told["code"]}
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = (DOCS / "evidence.md").read_text(encoding="utf-8")
     assert f"seed {told['seed']}, code {told['code']}" in text
     assert f"{told['pooled']['right']} of {told['cases']} takes were answered right" in text
     ran = [case_truth(case) | rows[case.digest()] for case in cases if case.digest() in rows]
@@ -203,7 +207,7 @@ def test_the_docs_count_of_verdicts_that_hang_on_a_limit_is_the_committed_one() 
     assert not varied.missed
     assert not any(change.case.startswith(EXAMPLE_TIER) for change in varied.changes)
     said = f"{len(varied.changes)} of {verdicts} verdicts"
-    assert f"{said} changed, at most {100.0 * worst:.2f} %" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"{said} changed, at most {100.0 * worst:.2f} %" in (DOCS / "evidence.md").read_text(encoding="utf-8")
     method = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
     assert f"Of {verdicts} (seed {varied.seed}" in method
     assert {limit.limit for limit in varied.limits} == set(DECIDING_LIMITS)
@@ -223,7 +227,7 @@ def committed_real_answers(schema: str) -> list[Any]:
 def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
     tiers = ("withheld", "control", "edited")
     found = committed_real_answers("bcid.prove-real/1")
-    page, readme = ((ROOT / name).read_text(encoding="utf-8") for name in ("docs/real_recordings.md", "README.md"))
+    page, readme = ((DOCS / name).read_text(encoding="utf-8") for name in ("real_recordings.md", "evidence.md"))
     assert answers_table(found) in page
     assert all(outcome["code"][:12] in page for outcome in found)  # whose answers they are
     counts = [[sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in tiers]
@@ -244,6 +248,29 @@ def test_the_docs_tables_of_real_recordings_are_those_of_the_committed_rows() ->
     assert real_figures_table(rows) in page
     assert real_answers_table(rows) in page
     assert all(outcome["code"] in page for outcome in found)
+
+
+def test_the_readme_is_a_door() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
+
+
+def test_the_readme_s_trust_is_what_was_counted() -> None:
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    runs = [ProveDocument.read(DOCS / "results" / f"{name}.json") for name in ("prove", "prove_part")]
+    right, n = (sum(getattr(run.pooled, key) for run in runs) for key in ("right", "n"))
+    assert f"{right} of {n} takes are answered rightly" in readme
+    of_nothing = [t for run in runs for t in run.tiers if t.tier in ("null", "null-imperfect")]
+    named = sum(round((t.false or 0.0) * t.n) for t in of_nothing)
+    assert f"{named} of {sum(t.n for t in of_nothing)} get a name" in readme
+    parameters = json.loads((DOCS / "results" / "parameters.json").read_text(encoding="utf-8"))
+    (poses,) = [r for r in parameters["rows"] if r["symbol"] == "all" and r["loss"] == "poses"]
+    assert f"in {100 * poses['covered']:.0f} % of {poses['n']} cases" in readme
+
+
+def test_every_link_of_the_docs_leads_somewhere() -> None:
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md")):
+        for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert link.startswith("https://") or (page.parent / link).exists(), (page.name, link)
 
 
 def test_the_docs_are_text_without_control_characters() -> None:

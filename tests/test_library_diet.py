@@ -97,7 +97,7 @@ def test_the_table_of_extras_is_that_of_the_installation() -> None:
         assert names[extra] == {library for library, e in EXTRAS.items() if e == extra}
     assert not EXTRAS.keys() & {r.partition(">")[0] for r in project["dependencies"]}
     wanted = f'-e ".[{",".join(dict.fromkeys(EXTRAS.values()))},dev]"'
-    for file in ("Makefile", "README.md"):
+    for file in ("Makefile", "docs/quickstart.md"):
         assert wanted in (ROOT / file).read_text(encoding="utf-8"), file
 
 

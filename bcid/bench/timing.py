@@ -72,7 +72,7 @@ def require(*modules: str) -> None:
     """Raise `PeerMissing` where one of the `modules` is not installed."""
     absent = [name for name in modules if find_spec(name) is None]
     if absent:
-        raise PeerMissing(f"{', '.join(absent)} not installed (pip install -e '.[bench]')")
+        raise PeerMissing(f"{', '.join(absent)} not installed (pip install -e '.[bench,export]')")
 
 
 def time_against_peers(

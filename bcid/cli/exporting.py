@@ -23,7 +23,9 @@ def export(
     model: Annotated[Path, typer.Argument(help="The folder of a saved model.", show_default=False)],
     format: Annotated[  # noqa: A002
         list[str] | None,
-        typer.Option(help="c, python, casadi, acados, ros2, parameters or all; repeat for several.", show_default=ALL),
+        typer.Option(
+            help="c, python, casadi, acados, ros2, fmi, onnx, parameters or all; repeat for several.", show_default=ALL
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = DEFAULT_FOLDER,
     name: Annotated[

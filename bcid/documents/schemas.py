@@ -5,6 +5,7 @@ from pathlib import Path
 
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.document import Document
+from bcid.documents.export import ExportDocument
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
 from bcid.documents.prove import ProveDocument
@@ -15,6 +16,7 @@ from bcid.documents.varied_limits import VariedLimitsDocument
 DOCUMENTS: dict[str, type[Document]] = {
     "diagnosis": DiagnosisDocument,
     "evaluation": EvaluationDocument,
+    "export": ExportDocument,
     "health": HealthDocument,
     "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,

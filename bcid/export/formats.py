@@ -11,7 +11,10 @@ from bcid.export.casadi_source import write_casadi_source
 from bcid.export.check import Checked, check_c, check_python
 from bcid.export.check_programs import write_c_test, write_python_test
 from bcid.export.exported import Exported
+from bcid.export.fmi.check_fmus import check_fmus
+from bcid.export.fmi.fmu import write_fmus
 from bcid.export.framework_files import write_acados_files, write_ros_node
+from bcid.export.onnx_rollout import check_onnx, write_onnx
 from bcid.export.parameter_file import write_parameter_file
 from bcid.export.python_source import write_python_source
 from bcid.libraries import is_installed
@@ -30,9 +33,12 @@ class ExportFormat:
     check: Callable[[Path, Exported], Checked]  # in the folder in which the files lie
     needs: tuple[str, ...] = ()  # formats whose files must lie beside these
     of_cars_only: bool = False
+    library: str | None = None  # without which it cannot be written
 
     def suits(self, e: Exported) -> bool:
-        """Whether the model can have this format."""
+        """Whether the model can have this format, and what writes it is installed."""
+        if self.library is not None and not is_installed(self.library):
+            return False
         return not self.of_cars_only or isinstance(getattr(e.model, "car", None), Car)
 
 
@@ -90,6 +96,10 @@ FORMATS: dict[str, ExportFormat] = {
     "ros2": ExportFormat(
         "a node of ROS 2 around the Python file", write_ros_node, _check_nothing("it runs where rclpy is installed"),
         needs=("python",),
+    ),
+    "fmi": ExportFormat("FMUs of FMI 3.0 and 2.0 for co-simulation", write_fmus, check_fmus),
+    "onnx": ExportFormat(
+        "ONNX in double precision: a step and a rollout, of batches", write_onnx, check_onnx, library="onnx"
     ),
     "parameters": ExportFormat(
         "constants as CommonRoad and the F1TENTH gym call them",
