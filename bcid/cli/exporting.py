@@ -31,7 +31,7 @@ def export(
     name: Annotated[
         str | None, typer.Option(help="What files and functions are called.", show_default="the model's name")
     ] = None,
-    of: Annotated[
+    view: Annotated[
         str, typer.Option("--as", help="recording: poses as they were recorded. vehicle: the car itself.")
     ] = "recording",
     time: Annotated[
@@ -56,12 +56,12 @@ def export(
     for one in format or []:
         if one not in (*FORMATS, ALL):
             raise UsageError(f"there is no format {one!r}\n  next: choose of {', '.join(FORMATS)}, {ALL}")
-    if of not in ("recording", "vehicle"):
-        raise UsageError(f"a model is exported as recording or as vehicle, not as {of!r}\n  next: choose one of them")
+    if view not in ("recording", "vehicle"):
+        raise UsageError(f"a model is exported as recording or as vehicle, not as {view!r}\n  next: choose one of them")
     sink = Sink(output)
     with sink.stage("export") as progress:
         exported = export_model(
-            load_model(model), model_digest(model), load_validity(model), name, of == "vehicle", time
+            load_model(model), model_digest(model), load_validity(model), name, view == "vehicle", time
         )
         suited = [one for one in FORMATS if FORMATS[one].suits(exported)]
         formats = suited if not format or ALL in format else format

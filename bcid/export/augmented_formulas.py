@@ -27,8 +27,8 @@ from bcid.export.formulas import (
     START,
     STEERED,
     TWIST,
-    Quantity,
     StepFormulas,
+    Variable,
     as_nodes,
     name_constants,
 )
@@ -46,16 +46,16 @@ from bcid.physics.car import Car
 
 BODY = (*POSE, *TWIST)
 LAGS = (
-    Quantity("alpha_f", "rad", "lagging slip angle of the front wheel"),
-    Quantity("F_mf", "N", "lagging motor force at a front wheel"),
-    Quantity("F_mr", "N", "lagging motor force at a rear wheel"),
+    Variable("alpha_f", "rad", "lagging slip angle of the front wheel"),
+    Variable("F_mf", "N", "lagging motor force at a front wheel"),
+    Variable("F_mr", "N", "lagging motor force at a rear wheel"),
 )
 STEERING = (
     STEERED._replace(meaning="angle of the servo, left positive"),
-    Quantity("delta_lagged", "rad", "steering angle behind its further lag"),
-    Quantity("delta_behind", "rad", "steering angle behind its play"),
+    Variable("delta_lagged", "rad", "steering angle behind its further lag"),
+    Variable("delta_behind", "rad", "steering angle behind its play"),
 )
-TIME = Quantity("t", "s", "time since the recording began, on which effects depend")
+TIME = Variable("t", "s", "time since the recording began, on which effects depend")
 TIMED = ("steering_delay__tau", "motor_delay__tau", "throttle_timing__tau", "pose_latency__tau", "clock_drift__rho")
 """Parameters of the effects that shift commands in time."""
 
@@ -119,7 +119,7 @@ def _name_constants(model: AugmentedNewtonEuler) -> _NamedModel:
 
 
 def _advance(
-    named: _NamedModel, model: AugmentedNewtonEuler, past: Sequence[Quantity], now: Any, time_s: float
+    named: _NamedModel, model: AugmentedNewtonEuler, past: Sequence[Variable], now: Any, time_s: float
 ) -> tuple[list[Any], Sequence[Any]]:
     """All states after a period that begins at `now`, and the twist that is seen then.
 
@@ -152,7 +152,7 @@ def _advance(
     return [*rows[-1], *steering, now + setup.period, *given[: len(past)]], twist
 
 
-def _begin(named: _NamedModel, past: Sequence[Quantity], time_s: float) -> list[Any]:
+def _begin(named: _NamedModel, past: Sequence[Variable], time_s: float) -> list[Any]:
     """All states at `time_s` (s) of a car that coasts, its wheel held where it is."""
     tracer, car, constants, switches, setup = named
     start: Any = [tracer.graph.input(quantity.name) for quantity in START]
@@ -173,18 +173,18 @@ def leave_out_measurement(model: AugmentedNewtonEuler) -> AugmentedNewtonEuler:
     return replace(model, effects={f: x for f, x in model.effects.items() if f not in measured})
 
 
-def _past_commands(model: AugmentedNewtonEuler) -> tuple[Quantity, ...]:
+def _past_commands(model: AugmentedNewtonEuler) -> tuple[Variable, ...]:
     """The commands before this one that still act or have not yet, newest first, as states: of the longest delay."""
     delay = max_command_delay(model.setup.switches, model.recording_s) + model.effects.get("throttle_timing__tau", 0.0)
     count = math.ceil(delay / model.period_s - SAME_TIME_PERIODS) if delay > 0.0 else 0
     return tuple(
-        Quantity(f"{command.name}_ago_{k}", command.unit, f"command {k} periods ago")
+        Variable(f"{command.name}_ago_{k}", command.unit, f"command {k} periods ago")
         for k in range(1, count + 1)
         for command in COMMANDS
     )
 
 
-def _list_commands(graph: Graph, past: Sequence[Quantity], period_s: float) -> tuple[Any, Any]:
+def _list_commands(graph: Graph, past: Sequence[Variable], period_s: float) -> tuple[Any, Any]:
     """When commands were given (n,) (s), 0 now, and the commands (n, 3) as nodes, oldest first."""
     given = [graph.input(quantity.name) for quantity in (*COMMANDS, *past)]
     rows = [[u_s, u_m, 0.0] for u_s, u_m in zip(given[::2], given[1::2], strict=True)]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bcid.export.formulas import COMMANDS, POSE, START, TWIST, Quantity, StepFormulas
+from bcid.export.formulas import COMMANDS, POSE, START, TWIST, StepFormulas, Variable
 from bcid.export.pose_formulas import trace_pose
 from bcid.export.statements import Language, Line, NetworkLine, Program, wrapped, write_program
 from bcid.models.network.mlp import MlpWeights
@@ -195,11 +195,11 @@ def _indexed(array: str, n: int) -> list[str]:
     return [f"{array}[{i}]" for i in range(n)]
 
 
-def _places(quantities: Sequence[Quantity], array: str, after: str = "") -> dict[str, str]:
+def _places(quantities: Sequence[Variable], array: str, after: str = "") -> dict[str, str]:
     """Where each of the `quantities` stands in an `array`, by its name followed by `after`."""
     return {q.name + after: f"{array}[{i}]" for i, q in enumerate(quantities)}
 
 
-def _describe(quantity: Quantity) -> str:
+def _describe(quantity: Variable) -> str:
     """A quantity in a comment."""
     return f"{quantity.name:14} {quantity.unit and f'({quantity.unit}) '}{quantity.meaning}"

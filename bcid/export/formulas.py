@@ -13,7 +13,7 @@ from bcid.export.trace import Tracer
 from bcid.models.network.mlp import MlpWeights
 
 
-class Quantity(NamedTuple):
+class Variable(NamedTuple):
     """A number that a formula takes or gives."""
 
     name: str
@@ -22,22 +22,22 @@ class Quantity(NamedTuple):
 
 
 COMMANDS = (
-    Quantity("u_s", "rad", "steering command, left positive"),
-    Quantity(
+    Variable("u_s", "rad", "steering command, left positive"),
+    Variable(
         "u_m", "", "throttle: a reference speed in m/s, or a share of full force; below zero it brakes or reverses"
     ),
 )
 TWIST = (
-    Quantity("v_x", "m/s", "velocity ahead"),
-    Quantity("v_y", "m/s", "velocity to the left"),
-    Quantity("yaw_rate", "rad/s", "yaw rate, counter-clockwise"),
+    Variable("v_x", "m/s", "velocity ahead"),
+    Variable("v_y", "m/s", "velocity to the left"),
+    Variable("yaw_rate", "rad/s", "yaw rate, counter-clockwise"),
 )
 POSE = (
-    Quantity("p_x", "m", "position in the world"),
-    Quantity("p_y", "m", "position in the world"),
-    Quantity("theta", "rad", "yaw, counter-clockwise"),
+    Variable("p_x", "m", "position in the world"),
+    Variable("p_y", "m", "position in the world"),
+    Variable("theta", "rad", "yaw, counter-clockwise"),
 )
-STEERED = Quantity("delta", "rad", "steering angle, left positive")
+STEERED = Variable("delta", "rad", "steering angle, left positive")
 
 START = tuple(q._replace(name=f"{q.name}_0") for q in (*POSE, *TWIST, STEERED))
 """Of what a state is made where the past is not known: pose, twist and steering angle."""
@@ -49,7 +49,7 @@ class StepFormulas:
 
     graph: Graph
     period_s: float
-    states: tuple[Quantity, ...]
+    states: tuple[Variable, ...]
     next_states: tuple[Node, ...]
     twist: tuple[Node, ...]  # after the period
     first_states: tuple[Node, ...]  # from pose, twist and steering angle: a car that coasts, its wheel held
@@ -87,7 +87,7 @@ def name_constants(graph: Graph, values: Mapping[str, float], plain: Sequence[st
 def trace_scan(
     scan: Callable[..., Any],
     tracer: Tracer,
-    states: Sequence[Quantity],
+    states: Sequence[Variable],
     first: Callable[[dict[str, Node]], Sequence[Any]],
     arguments: Sequence[Any],
     period_s: float,

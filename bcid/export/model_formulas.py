@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from bcid.export.formulas import STEERED, TWIST, Quantity, StepFormulas, name_constants, trace_scan
+from bcid.export.formulas import STEERED, TWIST, StepFormulas, Variable, name_constants, trace_scan
 from bcid.export.graph import Graph, Node
 from bcid.export.trace import Tracer
 from bcid.models.kinematic.state import KinematicCar
@@ -19,9 +19,9 @@ FLAGS = ("front_share", "sets_force", "reverses", "follows_wheel", "follow")
 
 BODY_STATES = (*TWIST, STEERED)
 KINEMATIC_STATES = (
-    Quantity("v_f", "m/s", "speed of the front wheel"),
-    Quantity("alpha_f", "rad", "slip angle of the front wheel"),
-    Quantity("alpha_r", "rad", "slip angle of the rear wheels"),
+    Variable("v_f", "m/s", "speed of the front wheel"),
+    Variable("alpha_f", "rad", "slip angle of the front wheel"),
+    Variable("alpha_r", "rad", "slip angle of the rear wheels"),
     STEERED,
 )
 
@@ -63,12 +63,12 @@ def trace_narx_mlp(model: Any) -> StepFormulas:
     """The formulas of a NARX-MLP, its state the last three twists, newest first, and the two commands before."""
     tracer, networks = _with_network(model.weights)
     twists = [
-        Quantity(f"{q.name}{_ago(k)}", q.unit, q.meaning + (f", {k} periods ago" if k else ""))
+        Variable(f"{q.name}{_ago(k)}", q.unit, q.meaning + (f", {k} periods ago" if k else ""))
         for k in range(3)
         for q in TWIST
     ]
     commands = [
-        Quantity(f"{name}{_ago(k)}", unit, f"command {k} periods ago")
+        Variable(f"{name}{_ago(k)}", unit, f"command {k} periods ago")
         for k in (1, 2)
         for name, unit in (("u_s", "rad"), ("u_m", ""))
     ]
@@ -87,7 +87,7 @@ def _ago(k: int) -> str:
 def _trace(
     model: Any,
     tracer: Tracer,
-    states: tuple[Quantity, ...],
+    states: tuple[Variable, ...],
     begin: Callable[[dict[str, Node]], Any],
     arguments: tuple[Any, ...],
     networks: dict[str, MlpWeights],

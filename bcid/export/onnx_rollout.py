@@ -14,7 +14,7 @@ from bcid.aliases import Floats
 from bcid.errors import InputRefused
 from bcid.export.check import Checked
 from bcid.export.exported import Exported
-from bcid.export.formulas import COMMANDS, START, TWIST, Quantity
+from bcid.export.formulas import COMMANDS, START, TWIST, Variable
 from bcid.export.onnx_graph import write_graph
 from bcid.libraries import is_installed, require_library
 
@@ -92,7 +92,7 @@ def _make_model(graph: GraphProto, e: Exported | None = None) -> ModelProto:
     return model
 
 
-def _quantities_text(quantities: Sequence[Quantity]) -> str:
+def _quantities_text(quantities: Sequence[Variable]) -> str:
     """The columns of a matrix as JSON: name, unit and meaning of each, in order."""
     return json.dumps([quantity._asdict() for quantity in quantities])
 

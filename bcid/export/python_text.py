@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bcid.export.formulas import Quantity
+from bcid.export.formulas import Variable
 from bcid.export.statements import Line, Program, wrapped
 from bcid.models.network.mlp import MlpWeights
 
@@ -24,7 +24,7 @@ def body_text(program: Program) -> str:
     )
 
 
-def unpack_text(quantities: Sequence[Quantity], array: str, after: str = "") -> str:
+def unpack_text(quantities: Sequence[Variable], array: str, after: str = "") -> str:
     """An assignment of the numbers of `array` to the names of the `quantities`, each followed by `after`."""
     places = ", ".join(f"{array}[{i}]" for i in range(len(quantities)))
     return f"    {', '.join(q.name + after for q in quantities)} = {places}\n"

@@ -14,7 +14,7 @@ from bcid.documents.report import ProcessNoiseFigures
 from bcid.evaluation.validity import QUANTITIES
 from bcid.export.exported import Exported
 from bcid.export.formats import FORMATS
-from bcid.export.formulas import COMMANDS, TWIST, Quantity
+from bcid.export.formulas import COMMANDS, TWIST, Variable
 from bcid.files.outputs import MayReplace, staged_outputs
 
 
@@ -63,7 +63,7 @@ def _describe(e: Exported, made: Sequence[ExportedFormat]) -> ExportDocument:
     )  # fmt: skip
 
 
-def _quantities(e: Exported, quantities: Sequence[Quantity]) -> tuple[ExportedQuantity, ...]:
+def _quantities(e: Exported, quantities: Sequence[Variable]) -> tuple[ExportedQuantity, ...]:
     """Quantities with their range over the data that the model was fitted on, where it is known."""
     names = list(QUANTITIES)
     ranges = dict[str, tuple[float, float]]()

@@ -1,1 +1,5 @@
-"""A model as FMUs of the Functional Mock-up Interface 2.0 and 3.0, for co-simulation: its C, wrapped and compiled."""
+"""Co-simulation: the C of a model in FMUs of FMI 2.0 and 3.0, with no Python at run time.
+
+`description` (the XML), `fmu` (sources, compiled library, archive), `check_fmus` (validated and driven by fmpy).  In C:
+`fmu_vehicle.h` (one vehicle, whatever the version), `fmi2.c`, `fmi3.c` and their interfaces.
+"""

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from bcid import __version__
 from bcid.export.exported import Exported
-from bcid.export.formulas import COMMANDS, POSE, START, TWIST, Quantity, StepFormulas
+from bcid.export.formulas import COMMANDS, POSE, START, TWIST, StepFormulas, Variable
 
 UNITS: dict[str, dict[str, int]] = {
     "s": {"s": 1}, "m": {"m": 1}, "rad": {"rad": 1}, "m/s": {"m": 1, "s": -1}, "rad/s": {"rad": 1, "s": -1},
@@ -31,15 +31,15 @@ OF_WHAT = {"output": " of the tracked point", "parameter": " at the start"}
 RULE = "Communication steps are whole multiples of the period; commands hold for a whole step."
 
 
-class Variable(NamedTuple):
+class ModelVariable(NamedTuple):
     """A variable of an FMU, at the place in its array of values that `reference` is (fmu_vehicle.h)."""
 
     reference: int
     causality: str
-    quantity: Quantity
+    quantity: Variable
 
 
-def list_variables(formulas: StepFormulas) -> list[Variable]:
+def list_variables(formulas: StepFormulas) -> list[ModelVariable]:
     """All variables but the time, whose reference is 0, in the order of their references: from 1 on, without a gap.
 
     In FMI 2.0, where the time is no variable, a reference is thus also the index by which others depend on it.
@@ -47,7 +47,7 @@ def list_variables(formulas: StepFormulas) -> list[Variable]:
     states = [state._replace(name=STATE_PREFIX + state.name) for state in formulas.states]
     kinds = [("input", COMMANDS), ("output", OUTPUTS), ("parameter", START), ("local", states)]
     listed = [(causality, quantity) for causality, quantities in kinds for quantity in quantities]
-    return [Variable(i, causality, quantity) for i, (causality, quantity) in enumerate(listed, start=1)]
+    return [ModelVariable(i, causality, quantity) for i, (causality, quantity) in enumerate(listed, start=1)]
 
 
 def describe_fmi2(e: Exported, guid: str, sources: Iterable[str]) -> str:
@@ -120,7 +120,7 @@ def _begin(e: Exported, **attributes: str) -> Element:
     )  # fmt: skip
 
 
-def _add_definitions(root: Element, e: Exported, variables: Sequence[Variable]) -> None:
+def _add_definitions(root: Element, e: Exported, variables: Sequence[ModelVariable]) -> None:
     """Units, what is logged, and the length of a step where nobody asks for another."""
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({"s", *(v.quantity.unit for v in variables)} - {""}):
@@ -132,7 +132,7 @@ def _add_definitions(root: Element, e: Exported, variables: Sequence[Variable]) 
     SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(e.formulas.period_s))
 
 
-def _attributes(variable: Variable) -> dict[str, str]:
+def _attributes(variable: ModelVariable) -> dict[str, str]:
     """What both versions say of a variable."""
     causality, quantity = variable.causality, variable.quantity
     known = {
@@ -143,14 +143,14 @@ def _attributes(variable: Variable) -> dict[str, str]:
     return known | ({"initial": INITIAL[causality]} if causality in INITIAL else {})
 
 
-def _unit_and_start(variable: Variable) -> dict[str, str]:
+def _unit_and_start(variable: ModelVariable) -> dict[str, str]:
     """The unit of a variable, where it has one, and its start: a vehicle at rest at the origin, without commands."""
     unit = variable.quantity.unit
     starts = variable.causality in ("input", "parameter")
     return ({"unit": unit} if unit else {}) | ({"start": "0.0"} if starts else {})
 
 
-def _outputs_by_parameter(variables: Sequence[Variable]) -> list[tuple[Variable, Variable]]:
+def _outputs_by_parameter(variables: Sequence[ModelVariable]) -> list[tuple[ModelVariable, ModelVariable]]:
     """The outputs, none of which depends on a command before a step, each with the parameter that it begins with."""
     outputs, parameters = ([v for v in variables if v.causality == kind] for kind in ("output", "parameter"))
     return list(zip(outputs, parameters, strict=False))
