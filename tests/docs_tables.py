@@ -12,7 +12,6 @@ from bcid.report.proof_page import (
     METHOD_FIGURES,
     SHOWN_IF_ANY,
     count_takes,
-    error_ratio_text,
     filled_columns,
     format_cell,
     method_figure,
@@ -21,9 +20,6 @@ from bcid.report.proof_page import (
     tiers_not_run,
 )
 from bcid.report.real_answers import answer_text, misfit_text, question_text, ratio_text, worth_text
-
-NOT_ASKED = "not asked"
-"""Verdict, in rows of `bcid.prove-real/1`, where the simulation predicted as well without what was withheld."""
 
 ALWAYS_SHOWN = ("channel", "not_seen", "coverage")
 """Fields that the table shows for every tier that has them."""
@@ -63,24 +59,6 @@ def _method_summary(method: MethodScores) -> str:
     """All figures of a method in one line, and its seconds."""
     figures = [f"{title} {method_figure(method, f)}" for title, f in METHOD_FIGURES.items() if getattr(method, f)]
     return "; ".join([*figures, f"seconds {method_figure(method, 'seconds')}"])
-
-
-def answers_table(outcomes: Sequence[Mapping[str, Any]]) -> str:
-    """The docs' table of questions to real recordings in documents `bcid.prove-real/1`: one row each, by tier."""
-    rows = [row for outcome in outcomes for row in outcome["rows"]]
-    tiers = list(dict.fromkeys(row["tier"] for row in rows))
-    rows.sort(key=lambda r: (tiers.index(r["tier"]), r["recording"], r["case"]))
-    return _markdown_table(
-        ["tier", "recording", "what", "error", "answered", "right"],
-        [
-            [
-                row["tier"], _shorten_name(Path(row["recording"]).stem), question_text(row),
-                error_ratio_text(row, "× {:.2f}"), answer_text(row),
-                "–" if row["verdict"] == NOT_ASKED else "yes" if row["right"] else "**no**",
-            ]
-            for row in rows
-        ],
-    )  # fmt: skip
 
 
 def real_figures_table(rows: Sequence[Mapping[str, Any]]) -> str:

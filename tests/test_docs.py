@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
 from docs_tables import (
-    answers_table,
     evidence_table,
     methods_table,
     real_answers_table,
@@ -97,40 +95,40 @@ def parameters_table(found: dict[str, object]) -> str:
 
 def test_what_the_docs_say_of_bad_recordings_is_what_is_said() -> None:
     golden = json.loads((ROOT / "tests" / "catalogue" / "golden.json").read_text(encoding="utf-8"))
-    assert catalogue_table(golden) in (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+    assert catalogue_table(golden) in (DOCS / "recordings.md").read_text(encoding="utf-8")
 
 
 def test_the_docs_counts_of_faults_are_the_committed_ones() -> None:
-    found = json.loads((ROOT / "docs" / "results" / "faults.json").read_text(encoding="utf-8"))
-    text = (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+    found = json.loads((DOCS / "results" / "faults.json").read_text(encoding="utf-8"))
+    text = (DOCS / "recordings.md").read_text(encoding="utf-8")
     for told in (faults_table(found["fuzz"]), kills_told(found["kills"]), counts_told(found)):
         assert told in text
 
 
 def test_the_docs_accuracies_are_the_committed_comparison() -> None:
-    found = json.loads((ROOT / "docs" / "results" / "accuracy.json").read_text(encoding="utf-8"))
+    found = json.loads((DOCS / "results" / "accuracy.json").read_text(encoding="utf-8"))
     assert accuracy_table(found) in (DOCS / "accuracy.md").read_text(encoding="utf-8")
 
 
 def test_the_docs_constants_are_the_committed_recovery() -> None:
-    found = json.loads((ROOT / "docs" / "results" / "parameters.json").read_text(encoding="utf-8"))
+    found = json.loads((DOCS / "results" / "parameters.json").read_text(encoding="utf-8"))
     text = (DOCS / "accuracy.md").read_text(encoding="utf-8")
     assert parameters_table(found) in text
     assert f"{found['fits']} takes of {found['seconds']:g} s" in text
 
 
 def test_the_docs_speeds_are_the_committed_benchmark() -> None:
-    bench = json.loads((ROOT / "docs" / "results" / "bench.json").read_text(encoding="utf-8"))
+    bench = json.loads((DOCS / "results" / "bench.json").read_text(encoding="utf-8"))
     assert bench_table(bench) in (DOCS / "speed.md").read_text(encoding="utf-8")
 
 
 def test_the_docs_losses_are_the_committed_report() -> None:
-    report = json.loads((ROOT / "docs" / "results" / "report.json").read_text(encoding="utf-8"))
+    report = json.loads((DOCS / "results" / "report.json").read_text(encoding="utf-8"))
     assert losses(report) in (DOCS / "accuracy.md").read_text(encoding="utf-8")
 
 
 def test_the_docs_table_is_the_committed_report() -> None:
-    report = json.loads((ROOT / "docs" / "results" / "report.json").read_text())
+    report = json.loads((DOCS / "results" / "report.json").read_text())
     assert table(report) in (DOCS / "accuracy.md").read_text(encoding="utf-8")
 
 
@@ -138,7 +136,7 @@ def test_the_readme_s_sentence_is_the_committed_diagnosis() -> None:
     from bcid.documents.diagnosis import DiagnosisDocument
     from bcid.report.verdict_words import verdict_sentence
 
-    diagnosis = DiagnosisDocument.read(ROOT / "docs" / "results" / "diagnosis.json")
+    diagnosis = DiagnosisDocument.read(DOCS / "results" / "diagnosis.json")
     assert f"> {verdict_sentence(diagnosis)}\n" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -149,7 +147,7 @@ def test_the_main_job_finds_what_the_readme_says() -> None:
     made = ROOT / "workspace" / "diagnosis" / "diagnosis.json"
     if not made.is_file():
         pytest.skip("the main job has not been run here: `make run` does it")
-    found, told = (DiagnosisDocument.read(p) for p in (made, ROOT / "docs" / "results" / "diagnosis.json"))
+    found, told = (DiagnosisDocument.read(p) for p in (made, DOCS / "results" / "diagnosis.json"))
     assert [f.effect for f in found.findings] == [f.effect for f in told.findings]
     for one, other in zip(found.findings, told.findings, strict=True):
         assert one.parameters.keys() == other.parameters.keys()
@@ -158,7 +156,7 @@ def test_the_main_job_finds_what_the_readme_says() -> None:
 
 
 def test_the_docs_evidence_is_the_committed_blind_test() -> None:
-    whole, quick = (ProveDocument.read(ROOT / "docs" / "results" / f"{name}.json") for name in ("prove", "prove_quick"))
+    whole, quick = (ProveDocument.read(DOCS / "results" / f"{name}.json") for name in ("prove", "prove_quick"))
     readme = (DOCS / "evidence.md").read_text(encoding="utf-8")
     assert evidence_table(whole) in readme
     assert methods_table(quick) in readme
@@ -178,7 +176,7 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     from bcid.proof.rows import read_rows
     from bcid.proof.scores.outcome import blind_outcome
 
-    results = ROOT / "docs" / "results"
+    results = DOCS / "results"
     folder = results / name.removesuffix(".json").replace("prove", "proof")
     told = json.loads((results / name).read_text(encoding="utf-8"))
     seals = json.loads((folder / SEALS_FILE).read_text(encoding="utf-8"))
@@ -201,52 +199,36 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
 
 
 def test_the_docs_count_of_verdicts_that_hang_on_a_limit_is_the_committed_one() -> None:
-    varied = VariedLimitsDocument.read(ROOT / "docs" / "results" / "limits.json")
+    varied = VariedLimitsDocument.read(DOCS / "results" / "limits.json")
     verdicts = sum(2 * limit.takes for limit in varied.limits)
     worst = max(limit.changed_share or 0.0 for limit in varied.limits)
     assert not varied.missed
     assert not any(change.case.startswith(EXAMPLE_TIER) for change in varied.changes)
     said = f"{len(varied.changes)} of {verdicts} verdicts"
     assert f"{said} changed, at most {100.0 * worst:.2f} %" in (DOCS / "evidence.md").read_text(encoding="utf-8")
-    method = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    method = (DOCS / "method.md").read_text(encoding="utf-8")
     assert f"Of {verdicts} (seed {varied.seed}" in method
     assert {limit.limit for limit in varied.limits} == set(DECIDING_LIMITS)
 
 
-def committed_real_answers(schema: str) -> list[Any]:
-    """The committed answers about real recordings whose document is of this version; it skips where there are none."""
-    files = sorted((ROOT / "docs" / "results").glob("real_*.json"))
-    found = [json.loads(file.read_text(encoding="utf-8")) for file in files]
-    assert {outcome["schema"] for outcome in found} <= {"bcid.prove-real/1", "bcid.prove-real/2"}
-    of_schema = [outcome for outcome in found if outcome["schema"] == schema]
-    if not of_schema:
-        pytest.skip(f"no answers of {schema} are committed")
-    return of_schema
-
-
-def test_the_docs_answers_are_those_of_the_committed_real_recordings() -> None:
-    tiers = ("withheld", "control", "edited")
-    found = committed_real_answers("bcid.prove-real/1")
-    page, readme = ((DOCS / name).read_text(encoding="utf-8") for name in ("real_recordings.md", "evidence.md"))
-    assert answers_table(found) in page
-    assert all(outcome["code"][:12] in page for outcome in found)  # whose answers they are
-    counts = [[sum(f["tiers"].get(tier, {}).get(k, 0) for f in found) for k in ("right", "n")] for tier in tiers]
-    told = [f"{right} of {n}" for right, n in counts]
-    assert "; ".join(f"{tier}: {count}" for tier, count in zip(tiers, told, strict=True)) in page
-    readme = " ".join(readme.split())
-    assert f"rightly were {told[0]} questions" in readme
-    assert "controls passed {}, edits were found in {}".format(*told[1:]) in readme
-    by_name = sum(f["tiers"].get("withheld", {}).get("named", 0) for f in found)
-    assert f"({by_name} by a name, {counts[0][0] - by_name} as unknown in its channel)" in readme
-
-
 def test_the_docs_tables_of_real_recordings_are_those_of_the_committed_rows() -> None:
     """Of questions that have an answer: figures are counted anew from the rows."""
-    found = committed_real_answers("bcid.prove-real/2")
-    page = (ROOT / "docs" / "real_recordings.md").read_text(encoding="utf-8")
+    files = sorted((DOCS / "results").glob("real_*.json"))
+    answers = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    found = [answer for answer in answers if answer.get("schema") == "bcid.prove-real/2"]
+    assert len(found) == 2
+    page = (DOCS / "real_recordings.md").read_text(encoding="utf-8")
     rows = [row for outcome in found for row in outcome["rows"]]
     assert real_figures_table(rows) in page
     assert real_answers_table(rows) in page
+    told = " ".join((DOCS / "evidence.md").read_text(encoding="utf-8").split())
+    for tier, words in (
+        ("withheld", "withheld effects are named"),
+        ("control", "controls pass"),
+        ("edited", "edits are"),
+    ):
+        of_tier = [row for row in rows if row["tier"] == tier]
+        assert f"{sum(bool(row['right']) for row in of_tier)} of {len(of_tier)} {words}" in told
     assert all(outcome["code"] in page for outcome in found)
 
 
@@ -274,7 +256,7 @@ def test_every_link_of_the_docs_leads_somewhere() -> None:
 
 
 def test_the_docs_are_text_without_control_characters() -> None:
-    for path in (ROOT / "docs").glob("*.md"):
+    for path in DOCS.glob("*.md"):
         text = path.read_text(encoding="utf-8")
         assert all(sign.isprintable() or sign in "\n\xa0" for sign in text), path.name
 
@@ -283,7 +265,7 @@ def test_the_page_of_effects_is_what_the_command_makes() -> None:
     from bcid.effects.listing import effects_page
     from bcid.effects.table import EFFECTS
 
-    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    page = (DOCS / "effects.md").read_text(encoding="utf-8")
     assert page == effects_page(list(EFFECTS.values())) + "\n"
     for effect in EFFECTS.values():
         assert f"`{effect.id}`" in page

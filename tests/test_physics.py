@@ -113,6 +113,7 @@ def test_drag_is_odd_and_dissipates(v: float) -> None:
     """Errata 6: with R_1 v + R_2 v^2 a car rolling backwards would be driven."""
     assert drag_force(-v, 40.0, 5.0) == -drag_force(v, 40.0, 5.0)
     assert drag_force(v, 40.0, 5.0) * v >= 0.0
+    assert drag_force(v, 43.40, -15.61) * v >= 0.0  # the paper's, which falls with the speed
 
 
 @given(small, st.floats(1.0, 1e4), st.floats(1.0, 1e4))

@@ -9,7 +9,14 @@ from bcid.aliases import Floats
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import NU
 from bcid.likelihood.projection import LinearisedFit, ProjectedChanges, project_out_fit
-from bcid.likelihood.score_test import REWEIGHTINGS, best_amplitudes, null_maxima, robust_amplitudes, score_test_gain
+from bcid.likelihood.score_test import (
+    REWEIGHTINGS,
+    best_amplitudes,
+    null_maxima,
+    robust_amplitudes,
+    score_test_gain,
+    zero_if_lost,
+)
 from bcid.likelihood.take import N_NUISANCE
 
 ROWS = np.array([9, 8, 9, 7, 9])
@@ -35,6 +42,17 @@ def split(values: Floats) -> list[Floats]:
     """The rows of each segment, over the noise, channels one after the other."""
     scaled = values / NOISE.reshape(1, 3, *(1,) * (values.ndim - 2))
     return [part.reshape(-1, *values.shape[2:]) for part in np.split(scaled, FIRST[1:-1])]
+
+
+@pytest.mark.parametrize("lost", [2e158, np.inf, np.nan])
+def test_a_trial_that_is_lost_says_nothing_and_spoils_no_other(lost: float, columns: Floats, dense: Dense) -> None:
+    """A finite number whose square is none would refuse the whole take."""
+    changes = columns.copy()
+    changes[3, 1, 2] = lost
+    changes[..., 2] = zero_if_lost(changes[..., 2])
+    assert not changes[..., 2].any()
+    assert (zero_if_lost(columns[..., 0]) == columns[..., 0]).all()
+    assert np.isfinite(project_out_fit(linearised(dense), changes, WIDEST).G).all()
 
 
 @pytest.fixture

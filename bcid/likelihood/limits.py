@@ -36,6 +36,9 @@ class LikelihoodLimits:
     base_prior_sd: float = 1.5
     # Scales of its trust within which a figure of a simulation holds: no other start of the base model is tried then.
     held_sd: float = 3.0
+    # Change of a predicted pose (m, rad) by a trial, from which it says nothing: no car is a thousand kilometres off
+    # after a segment.  On the F1TENTH, its poses 0.05 s later, a trial was off by 2e158 m, and its square no number.
+    lost_change: float = 1e6
     # Multiple of a trial's size that a score test may claim: the tangent says nothing beyond.  Not yet justified.
     max_trial_amplitude: float = 3.0
     # Information (nats per squared multiple) below which a take does not excite a trial: only rounding is smaller.

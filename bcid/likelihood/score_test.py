@@ -195,7 +195,7 @@ def compute_trial_changes(
 def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: Floats) -> Floats:
     """Change (N, 3) in x, y (m), yaw (rad) of a fit's predicted poses when effect `name` is added with `values` (SI).
 
-    All else stays as fitted; `r` (N, 3) is the fit's residual.  All zeros if a changed prediction is not finite.
+    All else stays as fitted; `r` (N, 3) is the fit's residual.  All zeros if a changed prediction is lost.
     """
     more, phi = fit.hypothesis.add_effect(name, fit.phi, values)
     at = {p.symbol: v for p, v in zip(more.entries[name].parameters, values, strict=True)}
@@ -205,7 +205,13 @@ def _prediction_change(fit: Fit, take: Take, name: str, values: list[float], r: 
     else:
         part, rows, change = take.part(chosen), take.rows(chosen), np.zeros_like(r)
         change[rows] = wrap_yaw(r[rows] - pose_residuals(part, more.prediction_inputs(phi, part), fit.start[chosen]))
-    return change if np.isfinite(change).all() else np.zeros_like(change)
+    return zero_if_lost(change)
+
+
+def zero_if_lost(change: Floats) -> Floats:
+    """The change (N, 3) of predicted poses, or zeros of its shape where it is not finite or beyond `lost_change`."""
+    # NaN is not below it
+    return change if (np.abs(change) <= LIKELIHOOD_LIMITS.lost_change).all() else np.zeros_like(change)
 
 
 def replace_value(values: list[float], i: int, value: float) -> list[float]:

@@ -65,5 +65,9 @@ def speed_following_line(u_m: float, K: float, F_max: float) -> MotorLine:
 
 @njit_inline
 def drag_force(v_w: float, R_1: float, R_2: float) -> float:
-    """Drag force R_1 v_w + R_2 v_w |v_w| (N) against rolling at v_w (m/s) (paper, F_d; docs/errata.md row 6)."""
-    return v_w * multiply_add(abs(v_w), R_2, R_1)
+    """Drag force R_1 v_w + R_2 v_w |v_w| (N) against rolling at v_w (m/s) (paper, F_d; docs/errata.md row 6).
+
+    Where R_2 < 0, as in the paper, the drag falls with the speed; beyond -R_1/R_2 it is 0, and does not push.
+    """
+    per_speed = multiply_add(abs(v_w), R_2, R_1)
+    return v_w * where(R_1 > 0.0, max(per_speed, 0.0), per_speed)

@@ -143,7 +143,7 @@ def equation_lines(p: Car) -> list[str]:
         "F_x = cos(delta) (F_m - F_d) - sin(delta) F_af",
         "F_y = sin(delta) (F_m - F_d) + cos(delta) F_af + F_ar",
         "M_z = l_f (sin(delta) (F_m - F_d) + cos(delta) F_af) - l_r F_ar",
-        f"{motor},  F_d = R_1 v_w + R_2 v_w |v_w|",
+        f"{motor},  F_d = v_w max(R_1 + R_2 |v_w|, 0)",
         *(["backward the motor is as forward: F_m(u_m, v_w) = -F_m(-u_m, -v_w) for u_m < 0"] if told_back else []),
         "F_ai = clip(-C_i a_i, +-F_i_max),  a_i = arctan(v_iy / max(|v_ix|, v_0)),  i = f, r",
         f"w: yaw rate; v_w: rolling speed of the driven wheel; front share {p.front_share:g}",

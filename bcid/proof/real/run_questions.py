@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -52,7 +53,7 @@ def run_real_questions(
             return None
         if not all(may_have_answer(rows[key]) for key in asked_first):
             return None
-        return partial(_run_and_store_job, job, [rows[key] for key in job.priors], folder)
+        return partial(_run_and_store_job, job, [rows[key] for key in job.priors], folder, recordings)
 
     for done, (job, row) in enumerate(run_jobs(todo, prepare, workers), 1):
         rows[job.key] = row
@@ -73,7 +74,9 @@ def _wanted_keys(jobs: Sequence[Job], only: Sequence[str]) -> set[str]:
     return chosen
 
 
-def _run_and_store_job(job: Job, priors: Sequence[Mapping[str, Any]], folder: Path) -> dict[str, Any]:
+def _run_and_store_job(
+    job: Job, priors: Sequence[Mapping[str, Any]], folder: Path, recordings: Path
+) -> dict[str, Any]:
     """Do a job, store its row in `folder`, and return the row.
 
     `priors` are the rows that it is made of.  A row with an "error" is returned but not stored, so that the job is done
@@ -84,7 +87,8 @@ def _run_and_store_job(job: Job, priors: Sequence[Mapping[str, Any]], folder: Pa
         try:
             row = job.work(*priors)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError, BcidError) as failed:
-            error = repr(failed)
+            # a published row names no folder of ours
+            error = repr(failed).replace(f"{recordings}{os.sep}", "")
         else:
             append_row(row, job.key, folder)
             return row
