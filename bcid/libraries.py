@@ -35,5 +35,10 @@ def require_library(name: str, purpose: str) -> None:
 def library_missing(name: str, purpose: str) -> LibraryMissing:
     """The error that `purpose` needs the library `name`, one of `EXTRAS`, with the command that installs it."""
     return LibraryMissing(
-        f'{purpose} needs the library {name}, which is not installed\n  next: pip install "bcid[{EXTRAS[name]}]"'
+        f"{purpose} needs the library {name}, which is not installed\n  next: {install_command(name)}"
     )
+
+
+def install_command(name: str) -> str:
+    """The command that installs the library `name`, one of `EXTRAS`."""
+    return f'pip install "bcid[{EXTRAS[name]}]"'

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import importlib.util
+import math
+import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bcid.documents.export import ExportDocument
 from bcid.effects.constants import Constants
 from bcid.effects.entry import Effect
+from bcid.effects.table import ENTRIES
+from bcid.export.exported import Exported, export_model
 from bcid.export.graph import OPERATIONS, Node
+from bcid.export.write import write_export
 from bcid.models.interface import Model
 from bcid.models.kinematic import library
 from bcid.models.kinematic.k_mlp import KMlp
@@ -78,8 +86,39 @@ MODELS: dict[str, Model] = {
 }  # fmt: skip
 
 
+def exported(name: str, **more: Any) -> Exported:
+    return export_model(MODELS[name], "0" * 64, None, **more)
+
+
+def no_progress(share: float, text: str) -> None:
+    pass
+
+
+def written(e: Exported, formats: list[str], folder: Path) -> ExportDocument:
+    return write_export(e, formats, folder, lambda path: False, no_progress)
+
+
+def imported(path: Path) -> Any:
+    """A module from a file, with those beside it."""
+    sys.path.insert(0, str(path.parent))
+    try:
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(path.parent))
+    return module
+
+
+def all_effects_but(*left_out: str) -> dict[str, float]:
+    """The parameters of all effects at once, at which each shows."""
+    return {f: x for name, e in ENTRIES.items() if name not in left_out for f, x in typical(e).items()}
+
+
 def evaluate(results: tuple[Node, ...], values: dict[str, float]) -> list[Any]:
-    """The numbers that formulas without networks come to."""
+    """The numbers that formulas without networks come to; a division by zero, which is selected away, gives NaN."""
     numbers = dict[int, Any]()
     for node in results[0].graph.needed(results):
         if node.operation == "input":
@@ -87,5 +126,7 @@ def evaluate(results: tuple[Node, ...], values: dict[str, float]) -> list[Any]:
         elif not node.arguments:
             numbers[node.place] = node.value
         else:
-            numbers[node.place] = OPERATIONS[node.operation](*(numbers[a.place] for a in node.arguments))
+            operands = [numbers[a.place] for a in node.arguments]
+            is_nowhere = node.operation == "div" and operands[1] == 0.0
+            numbers[node.place] = math.nan if is_nowhere else OPERATIONS[node.operation](*operands)
     return [numbers[node.place] for node in results]

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
 from docs_tables import (
     evidence_table,
@@ -14,12 +19,15 @@ from docs_tables import (
     real_answers_table,
     real_figures_table,
 )
+from exported_models import MODELS
 
 from bcid.bench.limits import ACCURACY
+from bcid.cli.app import app
 from bcid.cli.show import goal_of_timing
 from bcid.diagnosis.limits import DECIDING_LIMITS
 from bcid.documents.prove import ProveDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
+from bcid.models.saving import save_model
 from bcid.proof.blind.limit_panel import EXAMPLE_TIER
 from bcid.report.formats import format_thousandths
 
@@ -211,11 +219,16 @@ def test_the_docs_count_of_verdicts_that_hang_on_a_limit_is_the_committed_one() 
     assert {limit.limit for limit in varied.limits} == set(DECIDING_LIMITS)
 
 
-def test_the_docs_tables_of_real_recordings_are_those_of_the_committed_rows() -> None:
-    """Of questions that have an answer: figures are counted anew from the rows."""
+def real_answers() -> list[dict[str, Any]]:
+    """The committed outcomes of questions to real recordings that have an answer."""
     files = sorted((DOCS / "results").glob("real_*.json"))
     answers = [json.loads(file.read_text(encoding="utf-8")) for file in files]
-    found = [answer for answer in answers if answer.get("schema") == "bcid.prove-real/2"]
+    return [answer for answer in answers if answer.get("schema") == "bcid.prove-real/2"]
+
+
+def test_the_docs_tables_of_real_recordings_are_those_of_the_committed_rows() -> None:
+    """Of questions that have an answer: figures are counted anew from the rows."""
+    found = real_answers()
     assert len(found) == 2
     page = (DOCS / "real_recordings.md").read_text(encoding="utf-8")
     rows = [row for outcome in found for row in outcome["rows"]]
@@ -247,6 +260,71 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
     parameters = json.loads((DOCS / "results" / "parameters.json").read_text(encoding="utf-8"))
     (poses,) = [r for r in parameters["rows"] if r["symbol"] == "all" and r["loss"] == "poses"]
     assert f"in {100 * poses['covered']:.0f} % of {poses['n']} cases" in readme
+    asked = [row for answer in real_answers() for row in answer["rows"]]
+    for tier, words in (
+        ("withheld", "withheld effects are named"),
+        ("edited", "edits found"),
+        ("control", "controls pass"),
+    ):
+        of_tier = [row for row in asked if row["tier"] == tier]
+        assert f"{sum(bool(row['right']) for row in of_tier)} of {len(of_tier)} {words}" in readme
+
+
+PAGES_OF_COMMANDS = ("README.md", "docs/quickstart.md", "docs/export.md", "docs/evidence.md")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """The blocks of code in a `language` of a page of the docs."""
+    return re.findall(
+        rf"^```{language}\n(.*?)^```$", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+
+
+def command_lines(page: str) -> list[str]:
+    """What a page says to type that begins with `bcid`, or with where that lies."""
+    lines = [line.strip() for block in blocks(page, "sh") for line in block.splitlines()]
+    return [line for line in lines if re.match(r"(\S*/)?bcid\s", line)]
+
+
+@pytest.mark.parametrize("page", PAGES_OF_COMMANDS)
+def test_every_command_line_of_the_docs_is_one_that_is_accepted(page: str) -> None:
+    lines = command_lines(page)
+    assert lines
+    for line in lines:
+        parse_command(line)
+
+
+def parse_command(line: str) -> None:
+    """Raise what the command line raises for `line`: a command, option or value that there is not."""
+    _, name, *words = shlex.split(line, comments=True)
+    group: Any = typer.main.get_command(app)
+    assert name in group.commands, f"no such command: {line}"
+    group.commands[name].make_context(name, words)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("bcid sail away", "no such command"), ("bcid export MODEL --format c --wings", "No such option: --wings"),
+        ("bcid export MODEL --output loud", "'loud' is not one of"), ("bcid export", "Missing"),
+    ],
+)  # fmt: skip
+def test_a_command_line_that_is_not_accepted_would_be_found(line: str, said: str) -> None:
+    with pytest.raises(Exception, match=said):
+        parse_command(line)
+
+
+def test_the_python_of_the_quickstart_runs(tmp_path: Path) -> None:
+    (snippet,) = blocks("docs/quickstart.md", "python")
+    (named,) = re.findall(r'load_model\(Path\("([^"]+)"\)\)', snippet)
+    (tmp_path / named).mkdir(parents=True)
+    save_model(MODELS["newton-euler-augmented"], tmp_path / named)
+    program = tmp_path / "snippet.py"
+    told = "print(twist.shape, twists.shape)"
+    program.write_text(f"{snippet}{told}\n", encoding="utf-8")
+    done = subprocess.run([sys.executable, program.name], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["(3,)", "(51,", "3)"]
 
 
 def test_every_link_of_the_docs_leads_somewhere() -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
-import json
-import subprocess
 import sys
 import types
 from dataclasses import replace
@@ -14,26 +12,32 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_models import CAR, MODELS, PERIOD_S, augmented, evaluate, typical
-from typer.testing import CliRunner
+from exported_models import (
+    CAR,
+    MODELS,
+    PERIOD_S,
+    all_effects_but,
+    augmented,
+    evaluate,
+    exported,
+    imported,
+    typical,
+    written,
+)
 
-from bcid.cli.app import app
 from bcid.documents.export import ExportDocument
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused, UsageError
 from bcid.export.augmented_formulas import trace_augmented
 from bcid.export.check import find_compiler
-from bcid.export.exported import Exported, export_model
-from bcid.export.formats import FORMATS
+from bcid.export.exported import export_model
 from bcid.export.formulas import StepFormulas
-from bcid.export.graph import OPERATIONS, TRUTHS, Graph, Node
+from bcid.export.graph import Graph, Node
 from bcid.export.model_formulas import TRACED
-from bcid.export.reference_drive import EXACT, STEPS, drive_for_reference
+from bcid.export.reference_drive import EXACT, drive_for_reference
 from bcid.export.trace import Tracer
-from bcid.export.write import write_export
 from bcid.models.interface import History
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.saving import save_model
 from bcid.physics.car import Car
 
 every_model = pytest.mark.parametrize("name", list(MODELS))
@@ -56,18 +60,6 @@ def worst_error(formulas: StepFormulas, model: Any, time_s: float | None = None)
     return worst
 
 
-def exported(name: str, **more: Any) -> Exported:
-    return export_model(MODELS[name], "0" * 64, None, **more)
-
-
-def no_progress(share: float, text: str) -> None:
-    pass
-
-
-def written(e: Exported, formats: list[str], folder: Path) -> ExportDocument:
-    return write_export(e, formats, folder, lambda path: False, no_progress)
-
-
 @pytest.mark.parametrize("effect", [e for e in ENTRIES if e != "clock_drift"])
 def test_a_car_with_any_effect_is_traced_exactly(effect: str) -> None:
     model = augmented(typical(ENTRIES[effect]))
@@ -81,8 +73,7 @@ def test_a_car_with_all_effects_at_once_is_traced_exactly(kind: str) -> None:
         "force": {"sets_force": 1.0, "u_0": 0.1, "K_v": 50.0, "front_share": 0.5},
         "measured speed": {"follows_wheel": 1.0, "K_t": 2000.0},
     }  # fmt: skip
-    effects = {f: x for name, e in ENTRIES.items() if name != "clock_drift" for f, x in typical(e).items()}
-    model = augmented(effects, CAR._replace(**changes[kind]))
+    model = augmented(all_effects_but("clock_drift"), CAR._replace(**changes[kind]))
     assert worst_error(trace_augmented(model), model) < EXACT
 
 
@@ -165,45 +156,6 @@ def test_an_export_that_does_not_do_what_the_model_does_is_refused_and_not_writt
     assert not (tmp_path / "out").exists()
 
 
-@needs_casadi
-@pytest.mark.parametrize("name", ["newton-euler", "newton-euler-augmented", "k-sindy-mlp"])
-def test_casadi_differentiates_the_step(name: str, tmp_path: Path) -> None:
-    import casadi as ca
-
-    e = exported(name)
-    written(e, ["casadi"], tmp_path)
-    module = imported(tmp_path / f"{e.name}_casadi.py")
-    function = module.step_function()
-    X, U = ca.MX.sym("x", len(module.STATES)), ca.MX.sym("u", 2)
-    jacobian = ca.Function("J", [X, U], [ca.jacobian(function(X, U)[0], ca.vertcat(X, U))])
-    rng = np.random.default_rng(4)
-    x, u = rng.uniform(0.1, 0.4, len(module.STATES)), np.array([0.2, 0.8])
-    if "v_x" in module.STATES:
-        x[module.STATES.index("v_x")] = 0.6
-    z, h = np.r_[x, u], 1e-6
-
-    def after(z: np.ndarray) -> np.ndarray:
-        return np.array(function(z[:-2], z[-2:])[0]).ravel()
-
-    differences = np.array([(after(z + h * e) - after(z - h * e)) / (2.0 * h) for e in np.eye(len(z))]).T
-    # of a network in double precision, whose derivative jumps only where a unit changes its sign
-    assert np.abs(np.array(jacobian(x, u)) - differences).max() < 1e-6 * max(1.0, np.abs(differences).max())
-
-
-def imported(path: Path) -> Any:
-    """A module from a file, with those beside it."""
-    sys.path.insert(0, str(path.parent))
-    try:
-        spec = importlib.util.spec_from_file_location(path.stem, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.remove(str(path.parent))
-    return module
-
-
 def test_poses_are_moved_by_the_rule_by_which_predictions_are_scored(tmp_path: Path) -> None:
     from bcid.evaluation.closed_loop import integrate_poses
 
@@ -271,26 +223,14 @@ def stand_in_for_ros(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
             return types.SimpleNamespace(now=lambda: types.SimpleNamespace(to_msg=lambda: 0))
 
     for name, content in {
-        "rclpy": {}, "rclpy.node": {"Node": Node}, "nav_msgs": {}, "nav_msgs.msg": {"Odometry": Anything},
-        "std_msgs": {}, "std_msgs.msg": {"Float64MultiArray": Anything},
+        "rclpy": {}, "rclpy.executors": {"ExternalShutdownException": KeyError}, "rclpy.node": {"Node": Node},
+        "nav_msgs": {}, "nav_msgs.msg": {"Odometry": Anything}, "std_msgs": {},
+        "std_msgs.msg": {"Float64MultiArray": Anything},
     }.items():  # fmt: skip
         module = types.ModuleType(name)
         module.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, module)
     return published
-
-
-def test_constants_under_other_names_make_the_same_axle_forces(tmp_path: Path) -> None:
-    e = exported("newton-euler")
-    text = FORMATS["parameters"].write(e)["newton_euler_parameters.yaml"]
-    assert isinstance(text, str)
-    rows = [line.split("#")[0].split(":") for line in text.splitlines() if line.startswith("  ")]
-    p = {key.strip(): float(value) for key, value in rows}
-    load_f = p["m"] * 9.81 * p["lr"] / (p["lf"] + p["lr"])
-    load_r = p["m"] * 9.81 * p["lf"] / (p["lf"] + p["lr"])
-    assert p["mu"] * p["C_Sf"] * load_f == pytest.approx(CAR.C_f)
-    assert p["mu"] * p["C_Sr"] * load_r == pytest.approx(CAR.C_r)
-    assert not FORMATS["parameters"].suits(exported("k-sindy"))
 
 
 def test_a_graph_keeps_each_formula_once_and_leaves_out_what_changes_nothing() -> None:
@@ -308,18 +248,6 @@ def test_a_graph_keeps_each_formula_once_and_leaves_out_what_changes_nothing() -
     assert graph.operate("min", x, float("inf")) is x
     assert isinstance(k * 2.0, Node)  # a named constant stays one
     assert (k * 2.0).value == 6.0
-
-
-@pytest.mark.parametrize("operation", [o for o in OPERATIONS if o not in TRUTHS and o != "select"])
-def test_operations_on_nodes_are_those_on_numbers(operation: str) -> None:
-    graph, function = Graph(), OPERATIONS[operation]
-    numbers = [0.7, -1.3][: 2 if operation in TWO_OPERANDS else 1]
-    node = graph.operate(operation, *(graph.input(f"x{i}") for i in range(len(numbers))))
-    (value,) = evaluate((graph.as_node(node),), {f"x{i}": x for i, x in enumerate(numbers)})
-    assert value == function(*numbers)
-
-
-TWO_OPERANDS = {"add", "sub", "mul", "div", "min", "max", "hypot", "copysign", "atan2"}
 
 
 def branching(x: float, y: float) -> tuple[float, float]:
@@ -340,53 +268,6 @@ def test_a_condition_outside_of_a_traced_function_is_not_guessed() -> None:
     x = Graph().input("x")
     with pytest.raises(Exception, match="branch on a number that is not known"):
         bool(x > 0.0)
-
-
-def run(*arguments: str) -> Any:
-    return CliRunner().invoke(app, list(arguments), catch_exceptions=True)
-
-
-def test_the_command_writes_files_and_says_how_exact_they_are(tmp_path: Path) -> None:
-    save_model(MODELS["newton-euler"], tmp_path)
-    out = tmp_path / "out"
-    said = run("export", str(tmp_path), "--format", "python", "--out", str(out), "--name", "my_car", "--output", "json")
-    assert said.exit_code == 0, said
-    document = json.loads(said.stdout)
-    assert {path.name for path in out.iterdir()} == {"my_car.py", "my_car_test.py", "my_car.json"}
-    assert document["formats"][0]["error"] < EXACT
-    assert document["states"][0]["name"] == "v_x"
-    assert len(document["vectors"]["commands"]) == STEPS
-    again = subprocess.run([sys.executable, out / "my_car_test.py"], capture_output=True, text=True, check=True)
-    assert float(again.stdout) == document["formats"][0]["error"]
-
-
-def test_a_format_brings_what_it_needs(tmp_path: Path) -> None:
-    document = written(exported("newton-euler"), ["ros2"], tmp_path)
-    assert [made.format for made in document.formats] == ["python", "ros2"]
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--format", "fortran"], "there is no format 'fortran'"), (["--as", "wish"], "as recording or as vehicle"),
-        (["--name", "my car"], "cannot be a name"), (["--format", "parameters", "--name", "3d"], "cannot be a name"),
-    ],
-)  # fmt: skip
-def test_wrong_options_are_told_and_nothing_is_written(options: list[str], said: str, tmp_path: Path) -> None:
-    save_model(MODELS["k-sindy"], tmp_path)
-    done = run("export", str(tmp_path), "--out", str(tmp_path / "out"), *options)
-    assert isinstance(done.exception, UsageError)
-    assert said in str(done.exception)
-    assert not (tmp_path / "out").exists()
-
-
-def test_what_is_there_is_not_written_over(tmp_path: Path) -> None:
-    save_model(MODELS["newton-euler"], tmp_path)
-    (tmp_path / "newton_euler.py").write_text("mine", encoding="utf-8")
-    done = run("export", str(tmp_path), "--format", "python", "--out", str(tmp_path))
-    assert isinstance(done.exception, InputRefused)
-    assert (tmp_path / "newton_euler.py").read_text(encoding="utf-8") == "mine"
-    assert not (tmp_path / "newton_euler.json").exists()
 
 
 def test_a_car_of_flags_has_numbers_for_them_and_names_for_the_rest() -> None:

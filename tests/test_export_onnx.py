@@ -14,8 +14,9 @@ from exported_models import CAR, MODELS, PERIOD_S
 
 from bcid.errors import InputRefused, LibraryMissing
 from bcid.export import onnx_rollout
+from bcid.export.commands import commands_of
 from bcid.export.exported import Exported, export_model
-from bcid.export.formulas import COMMANDS, TWIST
+from bcid.export.formulas import TWIST
 from bcid.export.graph import OPERATIONS, TRUTHS, Graph, Node
 from bcid.export.model_formulas import TRACED
 from bcid.export.onnx_graph import write_graph
@@ -181,8 +182,10 @@ def test_a_file_says_what_its_columns_are() -> None:
     said = {entry.key: entry.value for entry in model.metadata_props}
     assert float(said["period_s"]) == PERIOD_S
     assert [q["name"] for q in json.loads(said["states"])] == ["v_x", "v_y", "yaw_rate", "delta"]
-    assert json.loads(said["commands"]) == [q._asdict() for q in COMMANDS]
-    assert json.loads(said["twist"]) == [q._asdict() for q in TWIST]
+    assert json.loads(said["commands"]) == [q._asdict() for q in commands_of(MODELS["newton-euler"])]
+    assert json.loads(said["twist"]) == [
+        q._replace(meaning=f"{q.meaning}, of the tracked point")._asdict() for q in TWIST
+    ]
     constants = {c.name: float(onnx.numpy_helper.to_array(c)) for c in model.graph.initializer}
     assert constants["m"] == CAR.m
     shapes = {v.name: [d.dim_param or d.dim_value for d in v.type.tensor_type.shape.dim] for v in model.graph.input}

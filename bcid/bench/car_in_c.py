@@ -76,7 +76,7 @@ def roll_out_in_generated_c(start: Floats, commands: Floats, car: Car, period_s:
     """Compile the C code that casadi generates of a step, with a loop around it; return the call: twists (N, 3)."""
     step, N = _casadi_step(car, period_s), len(commands)
     with tempfile.TemporaryDirectory() as folder:
-        generated = _generate(step, Path(folder))
+        generated = generate_c(step, Path(folder))
     library = load_c(generated + LOOP)
 
     def rollout() -> Floats:
@@ -87,7 +87,7 @@ def roll_out_in_generated_c(start: Floats, commands: Floats, car: Car, period_s:
     return rollout
 
 
-def _generate(step: Any, folder: Path) -> str:
+def generate_c(step: Any, folder: Path) -> str:
     """The C text that casadi generates of the function `step`."""
     import casadi as ca
 

@@ -17,6 +17,16 @@ class SpeedGoals:
     jax_rollout: float = 5.0
     # The same rollout against a loop in numpy.
     numpy_rollout: float = 100.0
+    # A step (us) of a Newton-Euler car as exported C, on the machine of the committed figures.
+    exported_us: float = 1.0
+    # The same of the car with what the sample's diagnosis finds (us).
+    exported_augmented_us: float = 4.0
+    # Of both, against the C that casadi generates of the same formulas.
+    exported_ratio: float = 1.0
+    # A step (us) of exported C with a perceptron.
+    exported_network_us: float = 2.0
+    # The same against casadi's C, whose products are plain loops in double precision.
+    exported_network_ratio: float = 5.0
     # A thousand Newton-Euler rollouts against C that advances cars abreast.
     c_many_rollouts: float = 1.0
     # The same thousand against numpy, one operation for all cars.

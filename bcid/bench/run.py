@@ -5,7 +5,7 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from bcid.bench import filters, fits, reading, rollouts
+from bcid.bench import exports, filters, fits, reading, rollouts
 from bcid.bench.timing import Skipped, Timing
 
 SCHEMA = "bcid.bench/1"
@@ -24,6 +24,7 @@ HOT_PATHS: dict[str, Callable[[int], Iterator[Timing | Skipped]]] = {
     "training": fits.time_training_epoch,
     "least-squares": fits.time_least_squares,
     "fit": fits.time_white_box_fit,
+    "exports": exports.time_exported_steps,
 }
 """Functions that time a hot path, by the name that `bcid bench --only` takes; their argument is the number of turns."""
 

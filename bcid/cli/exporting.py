@@ -1,4 +1,4 @@
-"""`bcid export`: a saved model as C, Python or CasADi, checked against the model itself."""
+"""`bcid export`: a saved model in languages, frameworks and formats of others, each checked against the model."""
 
 from __future__ import annotations
 
@@ -51,6 +51,7 @@ def export(
     from bcid.export.exported import export_model
     from bcid.export.formats import FORMATS
     from bcid.export.write import write_export
+    from bcid.libraries import install_command
     from bcid.models.saving import load_model, model_digest
 
     for one in format or []:
@@ -64,13 +65,17 @@ def export(
             load_model(model), model_digest(model), load_validity(model), name, view == "vehicle", time
         )
         suited = [one for one in FORMATS if FORMATS[one].suits(exported)]
-        formats = suited if not format or ALL in format else format
+        everything = not format or ALL in format
+        formats = [one for one in suited if not FORMATS[one].missing_library()] if everything else format or []
         document = write_export(exported, formats, out, lambda path: force, progress)
     sink.result(document.as_json(), lambda: _table(document))
     sink.note(f"written to: {out}")
     for made in document.formats:
-        if made.not_checked:
+        if made.not_checked and FORMATS[made.format].check:
             sink.note(f"warning: {made.format} was not run: {made.not_checked}")
+    for one in suited if everything else ():
+        if library := FORMATS[one].missing_library():
+            sink.note(f"{one} was left out: {library} is not installed\n  next: {install_command(library)}")
 
 
 def _table(document: ExportDocument) -> RenderableType:

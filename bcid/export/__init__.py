@@ -7,6 +7,8 @@ Formulas become files: `statements` (lines of a program in any language), `c_sou
 `casadi_source` (with `python_text`, what the two have in common), `onnx_graph` and `onnx_rollout`, `fmi`,
 `framework_files` (acados, ROS 2), `parameter_file` (other simulators' constants).
 
-Files are checked and written: `reference_drive` (what the model makes of 200 commands), `check_programs` and `check`
-(an export run beside it), `exported` (what is exported), `formats` (the table of them), `write`.
+Files are checked and written: `reference_drive` (what the model makes of 200 commands), `reference_steps` (of single
+periods), `start` (where slip angles start), `check_programs` and `check` (an export run beside it), `exported` (what is
+exported, with `names` and `commands`: what it may be called, what its commands mean), `formats` (the table of them),
+`write`.
 """

@@ -18,6 +18,7 @@ import numpy as np
 from bcid.effects.actuators import SteeringState, actuation_at, continue_actuator_chain
 from bcid.effects.car import BodyState, LagState
 from bcid.effects.constants import Constants
+from bcid.effects.corrections import MEASURED_SPEED
 from bcid.effects.motion import integrate_body, steady_lags
 from bcid.effects.table import ENTRIES
 from bcid.errors import UsageError
@@ -31,6 +32,7 @@ from bcid.export.formulas import (
     Variable,
     as_nodes,
     name_constants,
+    periods_ago,
 )
 from bcid.export.graph import Graph
 from bcid.export.model_formulas import FLAGS
@@ -44,7 +46,7 @@ from bcid.models.newton_euler.augmented_step import (
 )
 from bcid.physics.car import Car
 
-BODY = (*POSE, *TWIST)
+BODY = tuple(q._replace(meaning=f"{q.meaning}, of the centre of gravity") for q in (*POSE, *TWIST))
 LAGS = (
     Variable("alpha_f", "rad", "lagging slip angle of the front wheel"),
     Variable("F_mf", "N", "lagging motor force at a front wheel"),
@@ -61,8 +63,9 @@ TIMED = ("steering_delay__tau", "motor_delay__tau", "throttle_timing__tau", "pos
 
 DRIFTS = "clock_drift__rho"
 SAME_TIME_PERIODS = 1e-9
-# Steps of the compliance's regula falsi, which are all written out: seven end within rounding.
-COMPLIANCE_STEPS = 7
+# Steps of the compliance's regula falsi, which are all written out.  At the bounds of compliance, and of what bends a
+# tyre's force, twelve leave 3e-6, sixteen end within rounding.
+COMPLIANCE_STEPS = 16
 
 
 class _NamedModel(NamedTuple):
@@ -89,7 +92,7 @@ def trace_augmented(model: AugmentedNewtonEuler, time_s: float | None = None) ->
     Raises:
         UsageError: a clock drifts, and no time is given: commands would act at another time in every period.
     """
-    if model.effects.get(DRIFTS) and time_s is None:
+    if drifts(model) and time_s is None:
         raise UsageError(
             "the model has a clock that drifts, so that commands act later and later\n"
             "  next: give --time SECONDS of the recording, or --as vehicle, which leaves the clock out"
@@ -167,18 +170,28 @@ def _begin(named: _NamedModel, past: Sequence[Variable], time_s: float) -> list[
     return [*body, *lags, delta, delta, delta, time_s, *(delta if quantity.unit else 0.0 for quantity in past)]
 
 
+def drifts(model: AugmentedNewtonEuler) -> bool:
+    """Whether the clock of the poses drifts, so that commands act later and later."""
+    return bool(model.effects.get(DRIFTS))
+
+
+def has_time(formulas: StepFormulas) -> bool:
+    """Whether the time of the recording is a state."""
+    return TIME in formulas.states
+
+
 def leave_out_measurement(model: AugmentedNewtonEuler) -> AugmentedNewtonEuler:
-    """The car itself: the model without the effects of how its poses were measured."""
-    measured = {f for e in ENTRIES.values() if e.kind == "measurement" for f in e.fields}
+    """The car itself: the model without the effects of how its poses, and its wheel's speed, were measured."""
+    measured = {f for e in ENTRIES.values() if e.kind == "measurement" or e.id in MEASURED_SPEED for f in e.fields}
     return replace(model, effects={f: x for f, x in model.effects.items() if f not in measured})
 
 
 def _past_commands(model: AugmentedNewtonEuler) -> tuple[Variable, ...]:
     """The commands before this one that still act or have not yet, newest first, as states: of the longest delay."""
-    delay = max_command_delay(model.setup.switches, model.recording_s) + model.effects.get("throttle_timing__tau", 0.0)
-    count = math.ceil(delay / model.period_s - SAME_TIME_PERIODS) if delay > 0.0 else 0
+    delay = max_command_delay(model.setup.switches, model.recording_s)
+    count = max(math.ceil(delay / model.period_s - SAME_TIME_PERIODS), 0)
     return tuple(
-        Variable(f"{command.name}_ago_{k}", command.unit, f"command {k} periods ago")
+        Variable(f"{command.name}_ago_{k}", command.unit, f"command {periods_ago(k)}")
         for k in range(1, count + 1)
         for command in COMMANDS
     )

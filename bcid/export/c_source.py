@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from bcid.export.exported import Exported
 from bcid.export.formulas import COMMANDS, POSE, START, TWIST, StepFormulas, Variable
 from bcid.export.pose_formulas import trace_pose
-from bcid.export.statements import Language, Line, NetworkLine, Program, wrapped, write_program
+from bcid.export.statements import NETWORK_FORMULA, Language, Line, NetworkLine, Program, wrapped, write_program
 from bcid.models.network.mlp import MlpWeights
 
 WIDTH = 100
@@ -38,7 +39,7 @@ _HELPERS = {
 }
 
 _NETWORK = """\
-/* y = y_mean + y_sd (W3 relu(W2 relu(W1 z + b1) + b2) + b3), z = (x - x_mean) / x_sd; a row for each input */
+/* {formula}; a row for each input */
 static void {name}(const double x[{n}], double y[{m}])
 {{
     float h1[{a}], h2[{b}], h3[{m}];
@@ -65,20 +66,20 @@ static void {name}(const double x[{n}], double y[{m}])
 """
 
 
-def write_c_header(name: str, formulas: StepFormulas, about: str) -> str:
+def write_c_header(e: Exported) -> str:
     """The text of NAME.h."""
+    name, formulas = e.name, e.formulas
     guard = f"{name.upper()}_H"
-    states = "\n".join(f" *   x[{i}]  {_describe(q)}" for i, q in enumerate(formulas.states))
-    commands = "\n".join(f" *   u[{i}]  {_describe(q)}" for i, q in enumerate(COMMANDS))
+    states, commands = _describe_all("x", formulas.states), _describe_all("u", e.commands)
     return f"""\
-/* {about}
+/* {e.about}
  *
  * State:
 {states}
  * Command, held for one period:
 {commands}
- * Pose [p_x, p_y (m), theta (rad)] in the world, x to y counter-clockwise; twist [v_x, v_y (m/s), yaw rate (rad/s)] of
- * the tracked point in its own axes, x ahead, y left.
+ * Pose [p_x, p_y (m), theta (rad)] in the world, x to y counter-clockwise; twist [v_x, v_y (m/s), yaw rate (rad/s)] in
+ * the vehicle's axes, x ahead, y left.  Both are of the {e.point}.
  */
 #ifndef {guard}
 #define {guard}
@@ -174,7 +175,7 @@ def _write_network(name: str, w: MlpWeights) -> str:
     """The tables of a perceptron, and the function that evaluates it."""
     text = "".join(_write_table(f"{name}_{key}", table) for key, table in w._asdict().items())
     sizes = {"n": len(w.x_mean), "a": len(w.b1), "b": len(w.b2), "m": len(w.b3)}
-    return text + "\n" + _NETWORK.format(name=name, **sizes)
+    return text + "\n" + _NETWORK.format(name=name, formula=NETWORK_FORMULA, **sizes)
 
 
 def _write_table(name: str, table: Any) -> str:
@@ -200,6 +201,10 @@ def _places(quantities: Sequence[Variable], array: str, after: str = "") -> dict
     return {q.name + after: f"{array}[{i}]" for i, q in enumerate(quantities)}
 
 
-def _describe(quantity: Variable) -> str:
-    """A quantity in a comment."""
-    return f"{quantity.name:14} {quantity.unit and f'({quantity.unit}) '}{quantity.meaning}"
+def _describe_all(array: str, quantities: Sequence[Variable]) -> str:
+    """The elements of an array in a comment, a line each."""
+    width = len(f"{array}[{len(quantities) - 1}]")
+    return "\n".join(
+        f" *   {f'{array}[{i}]':{width}}  {q.name:14} {q.unit and f'({q.unit}) '}{q.meaning}"
+        for i, q in enumerate(quantities)
+    )

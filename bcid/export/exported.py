@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from bcid import __version__
 from bcid.errors import UsageError
 from bcid.evaluation.validity import ModelValidity
-from bcid.export.augmented_formulas import leave_out_measurement, trace_augmented
-from bcid.export.formulas import StepFormulas
+from bcid.export.augmented_formulas import drifts, has_time, leave_out_measurement, trace_augmented
+from bcid.export.commands import commands_of
+from bcid.export.formulas import TWIST, StepFormulas, Variable
 from bcid.export.model_formulas import TRACED
+from bcid.export.names import check_name
 from bcid.export.reference_drive import ReferenceDrive, drive_for_reference
 from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
-
-NAME = re.compile(r"[a-z][a-z0-9_]{0,62}")
-"""What can be a name in all languages, and of files."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +29,21 @@ class Exported:
     validity: ModelValidity | None
     time_s: float | None
     without_measurement: bool
+
+    @property
+    def point(self) -> str:
+        """The point of the vehicle whose poses and twists it takes and gives."""
+        return "centre of gravity" if self.without_measurement else "tracked point"
+
+    @property
+    def commands(self) -> tuple[Variable, ...]:
+        """The commands with what they mean to this model."""
+        return commands_of(self.model)
+
+    @property
+    def twist(self) -> tuple[Variable, ...]:
+        """The twist, of which point it is being said."""
+        return tuple(q._replace(meaning=f"{q.meaning}, of the {self.point}") for q in TWIST)
 
     @property
     def about(self) -> str:
@@ -55,19 +68,48 @@ def export_model(
     that depend on its time, which otherwise go on.
 
     Raises:
-        UsageError: the name is none, or the model has a clock that drifts and no time is given.
+        UsageError: nothing can be called `name`; `of_vehicle` or `time_s` would change nothing; or the model has a
+            clock that drifts and no time is given.
         InputRefused: the model leaves the finite numbers when it is driven for a check.
     """
-    name = name or model.name.replace("-", "_")
-    if not NAME.fullmatch(name):
-        raise UsageError(
-            f"{name!r} cannot be a name in C, Python and of files\n"
-            "  next: use small letters, digits and _, a letter first"
-        )
-    if isinstance(model, AugmentedNewtonEuler):
-        model = leave_out_measurement(model) if of_vehicle else model
-        formulas = trace_augmented(model, time_s)
-    else:
-        formulas = TRACED[model.name](model)
+    name = check_name(model.name.replace("-", "_") if name is None else name)
+    if of_vehicle:
+        model = _leave_out_measurement(model)
+    formulas = _trace_at(model, time_s)
     vectors = drive_for_reference(model, formulas, validity and validity.range, time_s)
     return Exported(name, model, digest, formulas, vectors, validity, time_s, of_vehicle)
+
+
+def _leave_out_measurement(model: Model) -> Model:
+    """The car itself.
+
+    Raises:
+        UsageError: no effect of `model` is one of how poses were measured.
+    """
+    alone = leave_out_measurement(model) if isinstance(model, AugmentedNewtonEuler) else None
+    if alone is None or alone == model:
+        raise UsageError(
+            f"{model.name} has no effects of how poses were measured, which --as vehicle would leave out\n"
+            "  next: leave out --as"
+        )
+    return alone
+
+
+def _trace_at(model: Model, time_s: float | None) -> StepFormulas:
+    """The formulas of `model`, effects of the recording's time standing at `time_s` (s) where that is given.
+
+    Raises:
+        UsageError: there are none of these, or a clock drifts and no time is given.
+    """
+    if not isinstance(model, AugmentedNewtonEuler):
+        formulas = TRACED[model.name](model)
+        is_timed = False
+    else:
+        formulas = trace_augmented(model, time_s)
+        is_timed = time_s is not None and (drifts(model) or has_time(trace_augmented(model)))
+    if time_s is not None and not is_timed:
+        raise UsageError(
+            f"nothing in {model.name} depends on the time of the recording, at which --time would hold it\n"
+            "  next: leave out --time"
+        )
+    return formulas

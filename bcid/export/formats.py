@@ -30,22 +30,24 @@ class ExportFormat:
 
     summary: str
     write: Callable[[Exported], Files]
-    check: Callable[[Path, Exported], Checked]  # in the folder in which the files lie
+    check: Callable[[Path, Exported], Checked] | None  # in the folder in which the files lie; None: nothing can be run
     needs: tuple[str, ...] = ()  # formats whose files must lie beside these
     of_cars_only: bool = False
     library: str | None = None  # without which it cannot be written
 
     def suits(self, e: Exported) -> bool:
-        """Whether the model can have this format, and what writes it is installed."""
-        if self.library is not None and not is_installed(self.library):
-            return False
+        """Whether the model can have this format."""
         return not self.of_cars_only or isinstance(getattr(e.model, "car", None), Car)
+
+    def missing_library(self) -> str | None:
+        """The library that writes it, where that is not installed; None where it can be written."""
+        return None if self.library is None or is_installed(self.library) else self.library
 
 
 def _write_c(e: Exported) -> Files:
     """NAME.h, NAME.c and NAME_test.c."""
     return {
-        f"{e.name}.h": write_c_header(e.name, e.formulas, e.about),
+        f"{e.name}.h": write_c_header(e),
         f"{e.name}.c": write_c_source(e.name, e.formulas, e.about),
         f"{e.name}_test.c": write_c_test(e.name, e.vectors),
     }
@@ -54,7 +56,7 @@ def _write_c(e: Exported) -> Files:
 def _write_python(e: Exported) -> Files:
     """NAME.py and NAME_test.py."""
     return {
-        f"{e.name}.py": write_python_source(e.formulas, e.about),
+        f"{e.name}.py": write_python_source(e),
         f"{e.name}_test.py": write_python_test(e.name, e.vectors),
     }
 
@@ -62,7 +64,7 @@ def _write_python(e: Exported) -> Files:
 def _write_casadi(e: Exported) -> Files:
     """NAME_casadi.py and NAME_casadi_test.py."""
     return {
-        f"{e.name}_casadi.py": write_casadi_source(e.name, e.formulas, e.about),
+        f"{e.name}_casadi.py": write_casadi_source(e),
         f"{e.name}_casadi_test.py": write_python_test(f"{e.name}_casadi", e.vectors, in_casadi=True),
     }
 
@@ -78,8 +80,8 @@ def _check_in_python(test: str, what: str, library: str | None = None) -> Callab
     return check
 
 
-def _check_nothing(why: str) -> Callable[[Path, Exported], Checked]:
-    """A check of what cannot be run, for the reason `why`."""
+def _check_elsewhere(why: str) -> Callable[[Path, Exported], Checked]:
+    """A check of what cannot be run here, for the reason `why`."""
     return lambda folder, e: Checked(None, why)
 
 
@@ -94,7 +96,7 @@ FORMATS: dict[str, ExportFormat] = {
         _check_in_python("_acados_test.py", "acados", "casadi"), needs=("casadi",),
     ),
     "ros2": ExportFormat(
-        "a node of ROS 2 around the Python file", write_ros_node, _check_nothing("it runs where rclpy is installed"),
+        "a node of ROS 2 around the Python file", write_ros_node, _check_elsewhere("it runs where rclpy is installed"),
         needs=("python",),
     ),
     "fmi": ExportFormat("FMUs of FMI 3.0 and 2.0 for co-simulation", write_fmus, check_fmus),
@@ -104,7 +106,7 @@ FORMATS: dict[str, ExportFormat] = {
     "parameters": ExportFormat(
         "constants as CommonRoad and the F1TENTH gym call them",
         lambda e: {f"{e.name}_parameters.yaml": write_parameter_file(e)},
-        _check_nothing("it holds no equations"), of_cars_only=True,
+        None, of_cars_only=True,
     ),
 }  # fmt: skip
 """All formats by name; what one needs comes before it."""

@@ -77,6 +77,11 @@ class StepFormulas:
         )
 
 
+def periods_ago(k: int) -> str:
+    """`k` periods ago, in words."""
+    return f"{k} period{'' if k == 1 else 's'} ago"
+
+
 def name_constants(graph: Graph, values: Mapping[str, float], plain: Sequence[str] = ()) -> dict[str, Any]:
     """`values` as named constants of `graph`; those called `plain`, and zeros, on which the structure hangs, stay."""
     return {

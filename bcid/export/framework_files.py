@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcid.export.exported import Exported
+from bcid.export.reference_drive import EXACT
 
 _ACADOS = '''\
 """{about}
@@ -13,17 +14,30 @@ An AcadosModel of the discrete step, for optimal control with acados (acados_tem
 import casadi as ca
 from acados_template import AcadosModel
 
-from {name}_casadi import COMMANDS, PERIOD_S, STATES, step
+from {name}_casadi import COMMANDS, PERIOD_S, STATES, move, step
+
+SEEN = ("seen_p_x", "seen_p_y", "seen_theta", "seen_v_x", "seen_v_y", "seen_yaw_rate")
 
 
-def make_model():
-    """The model; give an AcadosOcp `solver_options.integrator_type = "DISCRETE"` and shooting intervals of PERIOD_S."""
+def make_model(with_pose=False):
+    """The model; give an AcadosOcp `solver_options.integrator_type = "DISCRETE"` and shooting intervals of PERIOD_S.
+
+    If `with_pose`, pose and twist of the {point}, SEEN, stand in x behind the model's own state: for costs and
+    constraints.  They begin with those that `init` of {name}_casadi.py is given.
+    """
     x, u = ca.{symbol}.sym("x", len(STATES)), ca.{symbol}.sym("u", len(COMMANDS))
+    x_next, twist_next = step(x, u)
+    labels = list(STATES)
+    if with_pose:
+        pose, twist = ca.{symbol}.sym("pose", 3), ca.{symbol}.sym("twist", 3)
+        x_next = ca.vertcat(x_next, move(pose, twist, twist_next), twist_next)
+        x = ca.vertcat(x, pose, twist)
+        labels += SEEN
     model = AcadosModel()
     model.name = "{name}"
     model.x, model.u = x, u
-    model.disc_dyn_expr = step(x, u)[0]
-    model.x_labels, model.u_labels = list(STATES), list(COMMANDS)
+    model.disc_dyn_expr = x_next
+    model.x_labels, model.u_labels = labels, list(COMMANDS)
     return model
 
 
@@ -33,7 +47,7 @@ def horizon_s(steps):
 '''
 
 _ACADOS_TEST = '''\
-"""Runs {name}_acados.py with a stand-in for acados_template, and compares its step with that of {name}_casadi.py."""
+"""Runs {name}_acados.py with a stand-in for acados_template, over the drive of {name}_casadi_test.py."""
 
 import sys
 import types
@@ -44,24 +58,34 @@ stand_in = types.ModuleType("acados_template")
 stand_in.AcadosModel = type("AcadosModel", (), {{}})
 sys.modules["acados_template"] = stand_in
 
+import {name}_casadi_test as drive  # noqa: E402
 from {name}_acados import make_model  # noqa: E402
-from {name}_casadi import step  # noqa: E402
 
-model = make_model()
-dynamics = ca.Function("dynamics", [model.x, model.u], [model.disc_dyn_expr])
-worst = 0.0
-for k in range(20):
-    x, u = ca.DM([0.1 + 0.01 * (k + i) for i in range(model.x.size1())]), ca.DM([0.02 * k - 0.2, 0.05 * k])
-    worst = max(worst, float(ca.mmax(ca.fabs(dynamics(x, u) - step(x, u)[0]))))
+models = [make_model(), make_model(with_pose=True)]
+alone, dynamics = (ca.Function("dynamics", [model.x, model.u], [model.disc_dyn_expr]) for model in models)
+own = models[0].x.size1()
+pose, twist, _, x = drive.STARTS[0]
+x = ca.vertcat(*x, *pose, *twist)
+worst = unlike = 0.0
+for k, (u, expected) in enumerate(zip(drive.COMMANDS, drive.TWISTS)):
+    {restart}after = alone(x[:own], u)
+    x = dynamics(x, u)
+    unlike = max(unlike, drive.compare(drive.numbers(after), drive.numbers(x[:own]), drive.SCALES))
+    worst = max(worst, drive.compare(drive.numbers(x[own + 3 :]), expected))
+off = drive.compare(drive.numbers(x[own : own + 3]), drive.END_POSE)
 print(f"{{worst:.3e}}")
-sys.exit(0 if worst <= {tolerance!r} else 1)
+failed = not (worst <= {tolerance!r} and off <= {pose_tolerance!r} and unlike == 0.0)
+if failed:
+    print(f"twists are off by {{worst:.3e}}, the pose by {{off:.3e}}, states by {{unlike:.3e}}", file=sys.stderr)
+sys.exit(1 if failed else 0)
 '''
 
 _ROS = '''\
 """{about}
 
 A node of ROS 2 (rclpy) that drives the model: it takes commands from the topic `command` (std_msgs/Float64MultiArray:
-steering in rad, throttle), and publishes pose and twist as `odom` (nav_msgs/Odometry) every {period:g} s.
+steering in rad, throttle, see {name}.py), and publishes pose and twist of the {point} as `odom`
+(nav_msgs/Odometry) every {period:g} s.
 
     python3 {name}_node.py
 """
@@ -70,6 +94,7 @@ import math
 
 import rclpy
 from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 
@@ -122,10 +147,11 @@ def main():
     node = VehicleNode()
     try:
         rclpy.spin(node)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
         node.destroy_node()
+        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":
@@ -135,13 +161,20 @@ if __name__ == "__main__":
 
 def write_acados_files(e: Exported) -> dict[str, str]:
     """NAME_acados.py, which needs NAME_casadi.py beside it, and NAME_acados_test.py."""
-    symbol = "MX" if e.formulas.networks else "SX"
+    symbol, v = "MX" if e.formulas.networks else "SX", e.vectors
+    # errors of a network's poses are those of its twists, over the whole drive
+    pose_tolerance = EXACT if v.states is None else v.tolerance * max(1.0, len(v.commands) * e.formulas.period_s) ** 2
+    test = _ACADOS_TEST.format(
+        name=e.name, tolerance=v.tolerance, pose_tolerance=pose_tolerance,
+        restart="" if v.states is None else "x[:own] = drive.STATES[k]\n    ",
+    )  # fmt: skip
     return {
-        f"{e.name}_acados.py": _ACADOS.format(about=e.about, name=e.name, symbol=symbol),
-        f"{e.name}_acados_test.py": _ACADOS_TEST.format(name=e.name, tolerance=e.vectors.tolerance),
+        f"{e.name}_acados.py": _ACADOS.format(about=e.about, name=e.name, symbol=symbol, point=e.point),
+        f"{e.name}_acados_test.py": test,
     }
 
 
 def write_ros_node(e: Exported) -> dict[str, str]:
     """NAME_node.py, which needs NAME.py beside it."""
-    return {f"{e.name}_node.py": _ROS.format(about=e.about, name=e.name, period=e.formulas.period_s)}
+    text = _ROS.format(about=e.about, name=e.name, period=e.formulas.period_s, point=e.point)
+    return {f"{e.name}_node.py": text}

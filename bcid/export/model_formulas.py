@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from bcid.export.formulas import STEERED, TWIST, StepFormulas, Variable, name_constants, trace_scan
+from bcid.export.formulas import STEERED, TWIST, StepFormulas, Variable, name_constants, periods_ago, trace_scan
 from bcid.export.graph import Graph, Node
+from bcid.export.start import slips_at_start
 from bcid.export.trace import Tracer
 from bcid.models.kinematic.state import KinematicCar
 from bcid.models.network import mlp
 from bcid.models.network.mlp import MlpBuffers, MlpWeights
 from bcid.physics.car import Car
-from bcid.physics.kinematics import kinematic_state
 
 FLAGS = ("front_share", "sets_force", "reverses", "follows_wheel", "follow")
 """Constants of a car that choose among laws."""
@@ -63,18 +63,18 @@ def trace_narx_mlp(model: Any) -> StepFormulas:
     """The formulas of a NARX-MLP, its state the last three twists, newest first, and the two commands before."""
     tracer, networks = _with_network(model.weights)
     twists = [
-        Variable(f"{q.name}{_ago(k)}", q.unit, q.meaning + (f", {k} periods ago" if k else ""))
+        Variable(f"{q.name}{_ago(k)}", q.unit, q.meaning + (f", {periods_ago(k)}" if k else ""))
         for k in range(3)
         for q in TWIST
     ]
     commands = [
-        Variable(f"{name}{_ago(k)}", unit, f"command {k} periods ago")
+        Variable(f"{name}{_ago(k)}", unit, f"command {periods_ago(k)}")
         for k in (1, 2)
         for name, unit in (("u_s", "rad"), ("u_m", ""))
     ]
 
     def begin(start: dict[str, Node]) -> list[Any]:
-        return [*3 * [start[f"{q.name}_0"] for q in TWIST], *4 * [0.0]]
+        return [*3 * [start[f"{q.name}_0"] for q in TWIST], *2 * [start[f"{STEERED.name}_0"], 0.0]]
 
     return _trace(model, tracer, (*twists, *commands), begin, model.kernel_arguments, networks)
 
@@ -106,7 +106,7 @@ def _begin_kinematic(tracer: Tracer, car: KinematicCar) -> Callable[[dict[str, N
 
     def begin(start: dict[str, Node]) -> list[Any]:
         v_x, v_y, yaw_rate, delta = _begin_body(start)
-        return [*tracer.trace(kinematic_state)(v_x, v_y, yaw_rate, delta, car.l_f, car.l_r), delta]
+        return [*tracer.trace(slips_at_start)(v_x, v_y, yaw_rate, delta, car.l_f, car.l_r), delta]
 
     return begin
 

@@ -12,10 +12,11 @@ import numpy as np
 from bcid import __version__
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
-from bcid.export.check import Checked
+from bcid.export.check import NOT_THE_MODEL, OWN_FAULT, Checked
 from bcid.export.exported import Exported
 from bcid.export.formulas import COMMANDS, START, TWIST, Variable
 from bcid.export.onnx_graph import write_graph
+from bcid.export.reference_drive import ReferenceDrive
 from bcid.libraries import is_installed, require_library
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 OPSET, IR_VERSION = 18, 8
 """Those of ONNX 1.13, so that runtimes of 2023 and later load the models."""
 
-PLACE, FAULT = "export to ONNX", "report this: it is a fault of bcid"
+PLACE = "export to ONNX"
 
 Computation = Callable[..., list[Floats]]
 """From the input matrices of a model of ONNX, in order, to its results, in order."""
@@ -86,7 +87,7 @@ def _make_model(graph: GraphProto, e: Exported | None = None) -> ModelProto:
         producer_version=__version__, doc_string=e.about if e else "",
     )  # fmt: skip
     if e:
-        columns = {"states": e.formulas.states, "commands": COMMANDS, "twist": TWIST}
+        columns = {"states": e.formulas.states, "commands": e.commands, "twist": e.twist}
         texts = {name: _quantities_text(quantities) for name, quantities in columns.items()}
         helper.set_model_props(model, {"period_s": repr(e.formulas.period_s), "model_digest": e.digest, **texts})
     return model
@@ -114,13 +115,23 @@ def check_onnx(folder: Path, e: Exported) -> Checked:
         try:
             onnx.checker.check_model(onnx.load(path), full_check=True)
         except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:
-            raise InputRefused(path, PLACE, f"breaks a rule of ONNX: {error}", FAULT) from None
+            raise InputRefused(path, PLACE, f"breaks a rule of ONNX: {error}", OWN_FAULT) from None
     if not is_installed("onnxruntime"):
         return Checked(None, "onnxruntime is not installed")
-    worst = float(np.abs(np.array(_drive(e, *map(load_onnx, paths))) - e.vectors.twists).max())
-    if not worst <= e.vectors.tolerance:
-        raise InputRefused(folder, PLACE, f"does not do what the model does: off by {worst:.3e}", FAULT)
+    v, (step, rollout) = e.vectors, map(load_onnx, paths)
+    worst = float(np.abs(np.array(_drive(e, step, rollout)) - v.twists).max())
+    single = _single_error(v, step)
+    for off, tolerance, what in ((worst, v.tolerance, "a drive"), (single, v.step_tolerance, "single periods")):
+        if not off <= tolerance:
+            raise InputRefused(folder, PLACE, f"{NOT_THE_MODEL}: off by {off:.3e} in {what}", OWN_FAULT)
     return Checked(worst)
+
+
+def _single_error(v: ReferenceDrive, step: Computation) -> float:
+    """The largest error of a state or twist after a single period, relative beyond the scales of `v`; NaN if one is."""
+    s, scales = v.steps, np.r_[v.scales, 1.0, 1.0, 1.0]
+    wanted = np.hstack([s.next_states, s.twists])
+    return float(np.max(np.abs(np.hstack(step(s.states, s.commands)) - wanted) / np.maximum(scales, np.abs(wanted))))
 
 
 def load_onnx(source: Path | bytes) -> Computation:
@@ -137,7 +148,7 @@ def load_onnx(source: Path | bytes) -> Computation:
         session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no other class in common
         name = source if isinstance(source, Path) else "a graph"
-        raise InputRefused(name, PLACE, f"onnxruntime cannot load it: {error}", FAULT) from error
+        raise InputRefused(name, PLACE, f"onnxruntime cannot load it: {error}", OWN_FAULT) from error
     names = [given.name for given in session.get_inputs()]
     return lambda *matrices: session.run(None, dict(zip(names, matrices, strict=True)))
 

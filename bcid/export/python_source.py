@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
-from bcid.export.formulas import COMMANDS, POSE, START, STEERED, TWIST, StepFormulas
+from bcid.export.exported import Exported
+from bcid.export.formulas import COMMANDS, POSE, START, STEERED, TWIST
 from bcid.export.pose_formulas import trace_pose
-from bcid.export.python_text import body_text, constants_text, tables_text, tuple_text, unpack_text
-from bcid.export.statements import Language, write_program
+from bcid.export.python_text import body_text, constants_text, quantities_text, tables_text, tuple_text, unpack_text
+from bcid.export.statements import NETWORK_FORMULA, Language, write_program
 
 PYTHON = Language(
     {
@@ -22,7 +23,7 @@ PYTHON = Language(
 _NETWORK = '''
 
 def {name}(x):
-    """y_mean + y_sd (W3 relu(W2 relu(W1 z + b1) + b2) + b3), z = (x - x_mean) / x_sd."""
+    """{formula}."""
     z = [(a - mean) / sd for a, mean, sd in zip(x, {name}_x_mean, {name}_x_sd)]
     h = [max(b + sum(a * w for a, w in zip(z, row)), 0.0) for b, row in zip({name}_b1, {name}_W1)]
     h = [max(b + sum(a * w for a, w in zip(h, row)), 0.0) for b, row in zip({name}_b2, {name}_W2)]
@@ -31,20 +32,25 @@ def {name}(x):
 '''
 
 
-def write_python_source(formulas: StepFormulas, about: str) -> str:
+def write_python_source(e: Exported) -> str:
     """The text of NAME.py, with `init(pose, twist, delta)`, `step(x, u)` and `move(pose, twist, twist_next)`."""
+    formulas = e.formulas
     step = write_program(formulas.results, PYTHON)
     init = write_program(formulas.first_states, PYTHON)
     moved = write_program(trace_pose(formulas.period_s), PYTHON)
     n = len(formulas.states)
-    networks = "".join(tables_text(k, w) + _NETWORK.format(name=k) for k, w in formulas.networks.items())
+    networks = "".join(
+        tables_text(k, w) + _NETWORK.format(name=k, formula=NETWORK_FORMULA) for k, w in formulas.networks.items()
+    )
     next_states = "".join(f"        {text},\n" for text in step.results[:n])
     return f'''\
-"""{about}
+"""{e.about}
 
 All are lists of floats: a state `x`, see STATES; a command `u`, see COMMANDS, held for PERIOD_S seconds; a pose
 [p_x, p_y (m), theta (rad)] in the world; a twist [v_x, v_y (m/s), yaw rate (rad/s)], x ahead, y left.
-"""
+Poses and twists are of the {e.point}.
+
+{quantities_text(formulas.states, e.commands)}"""
 
 import math  # noqa: F401
 

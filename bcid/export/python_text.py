@@ -30,6 +30,13 @@ def unpack_text(quantities: Sequence[Variable], array: str, after: str = "") -> 
     return f"    {', '.join(q.name + after for q in quantities)} = {places}\n"
 
 
+def quantities_text(*arrays: Sequence[Variable]) -> str:
+    """Lines of a docstring: name, unit and meaning of each quantity in some arrays."""
+    return "".join(
+        f"    {q.name:14} {q.unit and f'({q.unit}) '}{q.meaning}\n" for quantities in arrays for q in quantities
+    )
+
+
 def tuple_text(names: Sequence[str]) -> str:
     """A tuple of strings."""
     return "(" + ", ".join(f'"{name}"' for name in names) + ("," if len(names) == 1 else "") + ")"

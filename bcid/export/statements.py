@@ -20,6 +20,9 @@ INFIX = {
 """Signs between two operands, and how tightly they bind: as in C and in Python."""
 NEGATION = 7
 
+NETWORK_FORMULA = "y = y_mean + y_sd (W3 relu(W2 relu(W1 z + b1) + b2) + b3), z = (x - x_mean) / x_sd"
+"""What a network computes, for the comments of every language."""
+
 
 @dataclass(frozen=True)
 class Language:
@@ -34,7 +37,7 @@ class Language:
 
 
 class Line(NamedTuple):
-    """`name` = `text`; of a network, the names of all outputs and the texts of its inputs."""
+    """`name` = `text`, a number or, if `is_truth`, a truth value."""
 
     name: str
     text: str

@@ -9,12 +9,14 @@ import numpy as np
 
 from bcid import __version__
 from bcid.aliases import Progress
-from bcid.documents.export import ExportDocument, ExportedFormat, ExportedQuantity, ExportedVectors
+from bcid.documents.export import ExportDocument, ExportedFormat, ExportedQuantity, ExportedStart, ExportedVectors
 from bcid.documents.report import ProcessNoiseFigures
 from bcid.evaluation.validity import QUANTITIES
+from bcid.export.check import Checked
+from bcid.export.commands import steering_limit_of
 from bcid.export.exported import Exported
 from bcid.export.formats import FORMATS
-from bcid.export.formulas import COMMANDS, TWIST, Variable
+from bcid.export.formulas import Variable
 from bcid.files.outputs import MayReplace, staged_outputs
 
 
@@ -34,9 +36,10 @@ def write_export(
             files = FORMATS[name].write(e)
             for file, content in files.items():
                 (staged / file).write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-            checked = FORMATS[name].check(staged, e)
+            check = FORMATS[name].check
+            checked = check(staged, e) if check else Checked(None, "it holds no equations")
             made.append(
-                ExportedFormat(format=name, files=tuple(files), error=checked.error, not_checked=checked.left_out)
+                ExportedFormat(format=name, files=tuple(files), error=checked.error, not_checked=checked.not_checked)
             )
         document = _describe(e, made)
         document.write(staged / f"{e.name}.json")
@@ -56,8 +59,9 @@ def _describe(e: Exported, made: Sequence[ExportedFormat]) -> ExportDocument:
     parameters = [node for node in e.formulas.graph.needed(results) if node.operation == "parameter"]
     return ExportDocument(
         kind="bcid.export/1", name=e.name, model=e.model.name, model_digest=e.digest, made_by=f"bcid {__version__}",
-        of="vehicle" if e.without_measurement else "recording", time_s=e.time_s, period_s=e.formulas.period_s,
-        states=_quantities(e, e.formulas.states), commands=_quantities(e, COMMANDS), twist=_quantities(e, TWIST),
+        of="vehicle" if e.without_measurement else "recording", time_s=e.time_s, point=e.point,
+        period_s=e.formulas.period_s, states=_quantities(e, e.formulas.states), commands=_quantities(e, e.commands),
+        twist=_quantities(e, e.twist), steering_limit_rad=steering_limit_of(e.model),
         constants={node.name: float(node.value or 0.0) for node in parameters},
         process_noise=noise and ProcessNoiseFigures(**noise._asdict()), formats=tuple(made), vectors=_vectors(e),
     )  # fmt: skip
@@ -86,4 +90,12 @@ def _vectors(e: Exported) -> ExportedVectors:
     return ExportedVectors(
         pose=tuple(v.pose.tolist()), twist=tuple(v.twist.tolist()), delta=v.delta, commands=rows(v.commands),
         twists=rows(v.twists), states=None if v.states is None else rows(v.states), tolerance=v.tolerance,
+        end_pose=tuple(v.end_pose.tolist()),
+        starts=tuple(
+            ExportedStart(
+                pose=tuple(start.pose.tolist()), twist=tuple(start.twist.tolist()), delta=start.delta,
+                state=tuple(start.state.tolist()),
+            )
+            for start in v.starts
+        ),
     )  # fmt: skip

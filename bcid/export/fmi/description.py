@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from bcid import __version__
 from bcid.export.exported import Exported
-from bcid.export.formulas import COMMANDS, POSE, START, TWIST, StepFormulas, Variable
+from bcid.export.formulas import POSE, START, TWIST, Variable
 
 UNITS: dict[str, dict[str, int]] = {
     "s": {"s": 1}, "m": {"m": 1}, "rad": {"rad": 1}, "m/s": {"m": 1, "s": -1}, "rad/s": {"rad": 1, "s": -1},
@@ -17,7 +17,7 @@ UNITS: dict[str, dict[str, int]] = {
 """Units of quantities as powers of the base units."""
 
 OUTPUTS = (*POSE, *TWIST)
-"""Of the tracked point; each follows at the start from the parameter at the same place in `START`."""
+"""Of one point of the vehicle; each follows at the start from the parameter at the same place in `START`."""
 
 STATE_PREFIX = "x."
 """Before the names of the model's states, which may be called as outputs are."""
@@ -25,27 +25,32 @@ STATE_PREFIX = "x."
 VARIABILITY = {"input": "continuous", "output": "continuous", "parameter": "fixed", "local": "discrete"}
 INITIAL = {"output": "calculated", "parameter": "exact", "local": "calculated"}
 
-OF_WHAT = {"output": " of the tracked point", "parameter": " at the start"}
-"""What is added to what a quantity means."""
+AT_THE_START = " at the start"
+"""What is added to what a quantity means, of a parameter."""
 
 RULE = "Communication steps are whole multiples of the period; commands hold for a whole step."
 
 
 class ModelVariable(NamedTuple):
-    """A variable of an FMU, at the place in its array of values that `reference` is (fmu_vehicle.h)."""
+    """A variable of an FMU, at the place in its array of values that `reference` is (fmu-vehicle.h)."""
 
     reference: int
     causality: str
     quantity: Variable
 
 
-def list_variables(formulas: StepFormulas) -> list[ModelVariable]:
+def list_variables(e: Exported) -> list[ModelVariable]:
     """All variables but the time, whose reference is 0, in the order of their references: from 1 on, without a gap.
 
     In FMI 2.0, where the time is no variable, a reference is thus also the index by which others depend on it.
     """
-    states = [state._replace(name=STATE_PREFIX + state.name) for state in formulas.states]
-    kinds = [("input", COMMANDS), ("output", OUTPUTS), ("parameter", START), ("local", states)]
+    states = [state._replace(name=STATE_PREFIX + state.name) for state in e.formulas.states]
+    outputs, starts = (
+        [q._replace(meaning=f"{q.meaning}{when}, of the {e.point}") for q in quantities]
+        for quantities, when in ((OUTPUTS, ""), (START, AT_THE_START))
+    )
+    starts[-1] = START[-1]._replace(meaning=START[-1].meaning + AT_THE_START)
+    kinds = [("input", e.commands), ("output", outputs), ("parameter", starts), ("local", states)]
     listed = [(causality, quantity) for causality, quantities in kinds for quantity in quantities]
     return [ModelVariable(i, causality, quantity) for i, (causality, quantity) in enumerate(listed, start=1)]
 
@@ -61,7 +66,7 @@ def describe_fmi2(e: Exported, guid: str, sources: Iterable[str]) -> str:
     files = SubElement(simulation, "SourceFiles")
     for name in sources:
         SubElement(files, "File", name=name)
-    variables = list_variables(e.formulas)
+    variables = list_variables(e)
     _add_definitions(root, e, variables)
     listed = SubElement(root, "ModelVariables")
     for variable in variables:
@@ -82,7 +87,7 @@ def describe_fmi3(e: Exported, token: str) -> str:
         root, "CoSimulation", modelIdentifier=e.name, canGetAndSetFMUState="true", canSerializeFMUState="true",
         canHandleVariableCommunicationStepSize="true", fixedInternalStepSize=repr(e.formulas.period_s),
     )  # fmt: skip
-    variables = list_variables(e.formulas)
+    variables = list_variables(e)
     _add_definitions(root, e, variables)
     listed = SubElement(root, "ModelVariables")
     SubElement(
@@ -137,7 +142,7 @@ def _attributes(variable: ModelVariable) -> dict[str, str]:
     causality, quantity = variable.causality, variable.quantity
     known = {
         "name": quantity.name, "valueReference": str(variable.reference),
-        "description": quantity.meaning + OF_WHAT.get(causality, ""),
+        "description": quantity.meaning,
         "causality": causality, "variability": VARIABILITY[causality],
     }  # fmt: skip
     return known | ({"initial": INITIAL[causality]} if causality in INITIAL else {})

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import platform
-import subprocess
 import sys
 import tempfile
 import uuid
@@ -18,9 +17,8 @@ from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
-from bcid.errors import InputRefused
 from bcid.export.c_source import write_c_header, write_c_source
-from bcid.export.check import C_FLAGS, LONGEST_RUN_S, find_compiler
+from bcid.export.check import compile_c, find_compiler
 from bcid.export.exported import Exported
 from bcid.export.fmi.description import describe_build, describe_fmi2, describe_fmi3
 
@@ -38,15 +36,15 @@ ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 UNIX, TEXT_RIGHTS, LIBRARY_RIGHTS = 3, 0o100644, 0o100755
 
 _MODEL_HEADER = """\
-/* The model in this FMU. */
+/* The model in this FMU, under names of mixed case, which none of its own has. */
 #include "{name}.h"
 
-#define MODEL_TOKEN "{token}"
-#define MODEL_STATES {N}_STATES
-#define MODEL_PERIOD_S {N}_PERIOD_S
-#define MODEL_init {name}_init
-#define MODEL_step {name}_step
-#define MODEL_pose {name}_pose
+#define Model_TOKEN "{token}"
+#define Model_STATES {N}_STATES
+#define Model_PERIOD_S {N}_PERIOD_S
+#define Model_init {name}_init
+#define Model_step {name}_step
+#define Model_pose {name}_pose
 """
 
 
@@ -56,7 +54,7 @@ def write_fmus(e: Exported) -> dict[str, bytes]:
     Each holds a shared library for this computer where a C compiler is found, and otherwise only sources.
 
     Raises:
-        InputRefused: the sources do not compile.
+        InputRefused: the sources do not compile, or not in time.
     """
     return {f"{e.name}.fmu": _write_fmu(e, 3), f"{e.name}_fmi2.fmu": _write_fmu(e, 2)}
 
@@ -74,16 +72,16 @@ def write_texts(e: Exported, version: int) -> dict[str, str]:
 
     They are told apart from all others by the token in them, which is a digest of the rest of them.
     """
-    own = (f"fmi{version}.c", f"fmi{version}_interface.h", "fmu_vehicle.h")
+    own = (f"fmu-fmi{version}.c", f"fmi{version}-interface.h", "fmu-vehicle.h")
     sources = {
         f"{e.name}.c": write_c_source(e.name, e.formulas, e.about),
-        f"{e.name}.h": write_c_header(e.name, e.formulas, e.about),
+        f"{e.name}.h": write_c_header(e),
         **{name: files("bcid.export.fmi").joinpath(name).read_text(encoding="utf-8") for name in own},
     }
 
     def with_token(token: str) -> dict[str, str]:
         header = _MODEL_HEADER.format(name=e.name, N=e.name.upper(), token=token)
-        all_sources = sources | {"fmu_model.h": header}
+        all_sources = sources | {"fmu-model.h": header}
         return _describe(e, version, token, sources) | {f"sources/{name}": all_sources[name] for name in all_sources}
 
     return with_token(_digest(with_token("")))
@@ -119,20 +117,14 @@ def _compile(compiler: str, name: str, texts: Mapping[str, str]) -> bytes:
     """The shared library of the sources among `texts`.
 
     Raises:
-        InputRefused: they do not compile.
+        InputRefused: they do not compile, or not in time.
     """
     with tempfile.TemporaryDirectory() as folder:
         sources = {Path(path).name: text for path, text in texts.items() if path.startswith("sources/")}
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
         library, compiled = f"{name}{LIBRARY}", [file for file in sources if file.endswith(".c")]
-        done = subprocess.run(  # noqa: S603  # a compiler
-            [compiler, *C_FLAGS, *SHARED, *compiled, "-lm", "-o", library],
-            cwd=folder, capture_output=True, text=True, timeout=LONGEST_RUN_S, check=False,
-        )  # fmt: skip
-        if done.returncode != 0:
-            cause = f"does not compile: {(done.stdout + done.stderr).strip()[-800:]}"
-            raise InputRefused(name, "export to FMI", cause, "report this: it is a fault of bcid")
+        compile_c(compiler, compiled, Path(folder).resolve() / library, "FMI", SHARED)
         return (Path(folder) / library).read_bytes()
 
 

@@ -201,9 +201,11 @@ class AugmentedNewtonEuler(CompiledModel):
 def max_command_delay(e: Switches, T: float) -> float:
     """The longest time (s) from a command to its effect on the recorded poses, by the effects' parameters `e`.
 
-    It is the longer delay of steering and motor, plus the poses' latency and what the clock drifts in `T` seconds.
+    It is the longer delay of steering and motor, that of a throttle that is logged too early among the motor's, plus
+    the poses' latency and what the clock drifts in `T` seconds.
     """
-    actuators: float = max(e.steering_delay__tau, e.motor_delay__tau)
+    motor = e.motor_delay__tau + max(e.throttle_timing__tau, 0.0)
+    actuators: float = max(e.steering_delay__tau, motor)
     poses: float = abs(e.pose_latency__tau) + abs(e.clock_drift__rho) * T
     return actuators + poses
 

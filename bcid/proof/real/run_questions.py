@@ -74,9 +74,7 @@ def _wanted_keys(jobs: Sequence[Job], only: Sequence[str]) -> set[str]:
     return chosen
 
 
-def _run_and_store_job(
-    job: Job, priors: Sequence[Mapping[str, Any]], folder: Path, recordings: Path
-) -> dict[str, Any]:
+def _run_and_store_job(job: Job, priors: Sequence[Mapping[str, Any]], folder: Path, recordings: Path) -> dict[str, Any]:
     """Do a job, store its row in `folder`, and return the row.
 
     `priors` are the rows that it is made of.  A row with an "error" is returned but not stored, so that the job is done

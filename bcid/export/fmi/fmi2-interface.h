@@ -3,8 +3,8 @@
  * They are declared here, so that an FMU compiles without the standard's headers.  Where fmi2Functions.h stands before
  * this, they are those of that.
  */
-#ifndef FMI2_INTERFACE_H
-#define FMI2_INTERFACE_H
+#ifndef Fmi2Interface_h
+#define Fmi2Interface_h
 
 #include <stddef.h>
 

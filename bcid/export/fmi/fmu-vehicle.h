@@ -1,26 +1,26 @@
 /* One vehicle of a co-simulation, whatever the version of the interface: its values, its steps, its saved states.
  *
- * The model and its sizes are those of fmu_model.h.  Values lie in one array, and where each lies is its value
+ * The model and its sizes are those of fmu-model.h.  Values lie in one array, and where each lies is its value
  * reference: the time, then inputs, outputs, parameters and states.
  */
-#ifndef FMU_VEHICLE_H
-#define FMU_VEHICLE_H
+#ifndef FmuVehicle_h
+#define FmuVehicle_h
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "fmu_model.h"
+#include "fmu-model.h"
 
 enum {
     TIME = 0,                 /* s */
     INPUTS = 1,               /* the command, which holds for a whole communication step */
-    POSE = 3, TWIST = 6,      /* the outputs, of the tracked point */
+    POSE = 3, TWIST = 6,      /* the outputs, of the point that the description names */
     PARAMETERS = 9,           /* pose, twist and steering angle at the start */
     STEERING = 15,
     STATES = 16,              /* of the model */
-    VALUES = STATES + MODEL_STATES
+    VALUES = STATES + Model_STATES
 };
 
 enum { MESSAGE_SIZE = 200 };
@@ -32,7 +32,7 @@ typedef enum { INSTANTIATED, INITIALIZING, STEPPING, TERMINATED } Mode;
 
 /* No pointer is in it, so that a copy of its bytes is a saved state; the token tells of which model. */
 typedef struct {
-    char token[sizeof MODEL_TOKEN];
+    char token[sizeof Model_TOKEN];
     Mode mode;
     double start_s, stop_s;
     double periods; /* whole ones since the start: times are made of them, and do not add up errors */
@@ -43,7 +43,7 @@ typedef struct {
 static void reset_vehicle(Vehicle *v)
 {
     memset(v, 0, sizeof *v);
-    strcpy(v->token, MODEL_TOKEN);
+    strcpy(v->token, Model_TOKEN);
     v->stop_s = HUGE_VAL;
 }
 
@@ -52,7 +52,7 @@ static void place_at_start(Vehicle *v)
 {
     const double *start = v->value + PARAMETERS;
     memcpy(v->value + POSE, start, (STEERING - PARAMETERS) * sizeof *start);
-    MODEL_init(start, start + 3, v->value[STEERING], v->value + STATES);
+    Model_init(start, start + 3, v->value[STEERING], v->value + STATES);
     v->periods = 0.0;
     v->value[TIME] = v->start_s;
 }
@@ -128,11 +128,11 @@ static int is_finite(const Vehicle *v)
 static void advance_period(Vehicle *v)
 {
     double twist[3], *value = v->value;
-    MODEL_step(value + STATES, value + INPUTS, value + STATES, twist);
-    MODEL_pose(value + POSE, value + TWIST, twist, value + POSE);
+    Model_step(value + STATES, value + INPUTS, value + STATES, twist);
+    Model_pose(value + POSE, value + TWIST, twist, value + POSE);
     memcpy(value + TWIST, twist, sizeof twist);
     v->periods += 1.0;
-    v->value[TIME] = v->start_s + v->periods * MODEL_PERIOD_S;
+    v->value[TIME] = v->start_s + v->periods * Model_PERIOD_S;
 }
 
 /* A communication step from `now_s` (s) that lasts `step_s` (s), a whole number of periods; 0 with a message, and the
@@ -140,7 +140,7 @@ static void advance_period(Vehicle *v)
 static int advance(Vehicle *v, double now_s, double step_s, char message[MESSAGE_SIZE])
 {
     const Vehicle before = *v;
-    const double begin = (now_s - v->start_s) / MODEL_PERIOD_S, end = (now_s + step_s - v->start_s) / MODEL_PERIOD_S;
+    const double begin = (now_s - v->start_s) / Model_PERIOD_S, end = (now_s + step_s - v->start_s) / Model_PERIOD_S;
     const double last = floor(end + 0.5);
     if (!change_mode(v, STEPPING, STEPPING, message)) return 0;
     if (!(fabs(begin - v->periods) <= ROUNDING)) {
@@ -151,10 +151,10 @@ static int advance(Vehicle *v, double now_s, double step_s, char message[MESSAGE
     if (!(fabs(end - last) <= ROUNDING) || last <= v->periods) {
         snprintf(message, MESSAGE_SIZE,
                  "a communication step lasts a whole number of periods of %.12g s, and this one would last %.12g s",
-                 MODEL_PERIOD_S, step_s);
+                 Model_PERIOD_S, step_s);
         return 0;
     }
-    if (now_s + step_s > v->stop_s + ROUNDING * MODEL_PERIOD_S) {
+    if (now_s + step_s > v->stop_s + ROUNDING * Model_PERIOD_S) {
         snprintf(message, MESSAGE_SIZE, "the communication step ends at %.12g s, after the stop time of %.12g s",
                  now_s + step_s, v->stop_s);
         return 0;
@@ -198,7 +198,7 @@ static int keep_serialized(const void *serialized, size_t size, void **state, ch
 {
     Vehicle v;
     if (!serialize_state(serialized, &v, size, message)) return 0;
-    if (memcmp(v.token, MODEL_TOKEN, sizeof v.token) != 0) {
+    if (memcmp(v.token, Model_TOKEN, sizeof v.token) != 0) {
         snprintf(message, MESSAGE_SIZE, "the serialized state is of another model or another computer");
         return 0;
     }

@@ -1,6 +1,6 @@
 /* The vehicle as a co-simulation FMU of the Functional Mock-up Interface 3.0. */
-#include "fmi3_interface.h"
-#include "fmu_vehicle.h"
+#include "fmi3-interface.h"
+#include "fmu-vehicle.h"
 
 typedef struct {
     Vehicle vehicle;
@@ -42,7 +42,7 @@ FMI3_Export fmi3Instance FMI(fmi3InstantiateCoSimulation)(
     reset_vehicle(&i->vehicle);
     i->environment = environment;
     i->log = log;
-    if (token != NULL && strcmp(token, MODEL_TOKEN) == 0 && !event_mode) return i;
+    if (token != NULL && strcmp(token, Model_TOKEN) == 0 && !event_mode) return i;
     refuse_because(i, event_mode ? "this FMU has no event mode" : "the instantiation token is not that of this FMU");
     free(i);
     return NULL;

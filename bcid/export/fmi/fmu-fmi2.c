@@ -1,6 +1,6 @@
 /* The vehicle as a co-simulation FMU of the Functional Mock-up Interface 2.0. */
-#include "fmi2_interface.h"
-#include "fmu_vehicle.h"
+#include "fmi2-interface.h"
+#include "fmu-vehicle.h"
 
 typedef struct {
     Vehicle vehicle;
@@ -44,7 +44,7 @@ FMI2_Export fmi2Component FMI(fmi2Instantiate)(
     reset_vehicle(&i->vehicle);
     snprintf(i->name, sizeof i->name, "%s", name ? name : "");
     if (functions != NULL) i->environment = *functions;
-    if (type == fmi2CoSimulation && guid != NULL && strcmp(guid, MODEL_TOKEN) == 0) return i;
+    if (type == fmi2CoSimulation && guid != NULL && strcmp(guid, Model_TOKEN) == 0) return i;
     refuse_because(i, type == fmi2CoSimulation ? "the guid is not that of this FMU" : "this FMU is for co-simulation");
     free(i);
     return NULL;

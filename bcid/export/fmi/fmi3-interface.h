@@ -3,8 +3,8 @@
  * They are declared here, so that an FMU compiles without the standard's headers.  Where fmi3Functions.h stands before
  * this, they are those of that.
  */
-#ifndef FMI3_INTERFACE_H
-#define FMI3_INTERFACE_H
+#ifndef Fmi3Interface_h
+#define Fmi3Interface_h
 
 #include <stdbool.h>
 #include <stddef.h>
