@@ -35,6 +35,8 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 README_WORDS = 900
 """A door, and no proof."""
+REAL_WORDS = 1500
+"""On real recordings, beside the tables."""
 
 
 def table(report: dict[str, object]) -> str:
@@ -331,6 +333,29 @@ def test_every_link_of_the_docs_leads_somewhere() -> None:
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md")):
         for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
             assert link.startswith("https://") or (page.parent / link).exists(), (page.name, link)
+
+
+def test_the_docs_tell_how_far_models_of_a_real_drive_hold() -> None:
+    found = json.loads((DOCS / "results" / "real_extrapolation.json").read_text(encoding="utf-8"))
+    page = " ".join((DOCS / "real_recordings.md").read_text(encoding="utf-8").split())
+    slow, fast = found["drives"]
+    (low, _, high), (_, _, across) = found["drives"][slow].values()
+    assert f"{low:.1f} m/s, {high:.1f} at most, with up to {across:.1f} m/s² across" in page
+    known, published = (found["models"][name] for name in ("fitted beside the published", "published"))
+    errors = [[model[f"on {drive}"]["median_m"] for model in (known, published)] for drive in (fast, slow)]
+    assert "off by {:.2f} m, the published simulation by {:.2f} m".format(*errors[0]) in page
+    assert "({:.2f} against {:.2f} m)".format(*errors[1]) in page
+    held = found["models"]["tyres and inertia held, beside a remainder"][f"on {fast}"]["median_m"]
+    assert f"is off by {held:.2f} m on the fast drive" in page
+    free = found["models"]["fitted freely"][f"on {fast}"]["median_m"]
+    text = (DOCS / "real_recordings.md").read_text(encoding="utf-8").partition("## Every answer")[0]
+    assert sum(len(line.split()) for line in text.splitlines() if not line.startswith("|")) <= REAL_WORDS
+    assert f"Fitted freely the car is off by {free:.2f} m" in page
+    by = found["log_likelihood"]["tyres and inertia held"] - found["log_likelihood"]["fitted beside the published"]
+    assert f"the likelihood is {by:.0f} nats higher" in page
+    one, other = found["remainders"]
+    assert f"tyres {other['alone'] - one['alone']:.0f} nats apart" in page
+    assert f"evidence is {other['with_remainder'] - one['with_remainder']:.0f} nats apart" in page
 
 
 def test_the_docs_are_text_without_control_characters() -> None:
