@@ -89,4 +89,4 @@ def _table(document: ExportDocument) -> RenderableType:
     steps, n = len(document.vectors.commands), len(document.states)
     caption = f"error: the largest of a twist (m/s, rad/s) over {steps} steps beside the model itself"
     title = f"{document.name}: {n} states, 2 commands, a step of {document.period_s:g} s"
-    return plain_table(title, ["format", "files", "error"], rows, caption)
+    return plain_table(title, ["format", "files", "error"], rows, caption, texts=["files"])
