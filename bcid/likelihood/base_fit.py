@@ -18,7 +18,6 @@ from bcid.likelihood.divergence import map_converged, none_if_diverged
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.limits import LIKELIHOOD_LIMITS
 from bcid.likelihood.marginal import UNLIMITED, Scales
-from bcid.likelihood.overconfidence import overconfidence
 from bcid.likelihood.refit import Fit, evaluate_fixed, refit
 from bcid.likelihood.refit_state import Effort
 from bcid.likelihood.take import Take
@@ -66,23 +65,8 @@ def fit_base(take: Take, hypothesis: Hypothesis, scales: Scales, assumed: Sequen
     ends.append((take, base, start, take.start, scales))  # should all that suits the part diverge elsewhere
     fits = list(islice(map_converged(refit, ends, required=True), min(BASINS, len(basins))))
     fits += _not_below_start(_distinct(fits)[0], take, start)
-    if base.trusted_simulation is not None:
-        fits = _weigh_trust(take, _distinct(fits), start)
     best, *others = _distinct(fits)
     return BaseFits(best, tuple(others))
-
-
-def _weigh_trust(take: Take, fits: Sequence[Fit], phi: Floats) -> list[Fit]:
-    """The `fits`, likeliest first, and one from the parameters phi, refitted with the trust in the simulation weighed.
-
-    It counts `overconfidence` times as much as it is stated: what a model lacks pulls at its figures with nats that
-    are no evidence, and a figure that a take hardly shows would go where that is done best.
-    """
-    factor = none_if_diverged(overconfidence, fits[0], take)
-    weighed = fits[0].hypothesis.scale_simulation_prior(factor or 1.0)
-    ends = [(take, weighed, f.phi, f.start, f.scales) for f in fits]
-    ends.append((take, weighed, phi, take.start, fits[0].scales))
-    return list(map_converged(refit, ends, required=True))
 
 
 def refit_basins(take: Take, fits: BaseFits) -> BaseFits:
