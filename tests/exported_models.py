@@ -58,7 +58,7 @@ def k_sindy() -> KSindy:
     return KSindy(SparseEquations(xi_v, xi_f, xi_r, library.SPEED_TERMS, library.SLIP_TERMS), FRAME, {})
 
 
-def augmented(effects: dict[str, float], car: Car = CAR) -> AugmentedNewtonEuler:
+def augmented_car(effects: dict[str, float], car: Car = CAR) -> AugmentedNewtonEuler:
     return AugmentedNewtonEuler(car, effects, Constants(), 1.2, 600.0, PERIOD_S, {})
 
 
@@ -82,11 +82,11 @@ MODELS: dict[str, Model] = {
     "k-mlp": KMlp(random_weights(6), FRAME, {}),
     "k-sindy": k_sindy(),
     "k-sindy-mlp": KSindyMlp(k_sindy(), random_weights(6)._replace(y_mean=np.zeros(3)), {}),
-    "newton-euler-augmented": augmented(SEVERAL),
+    "newton-euler-augmented": augmented_car(SEVERAL),
 }  # fmt: skip
 
 
-def exported(name: str, **more: Any) -> Exported:
+def make_export(name: str, **more: Any) -> Exported:
     return export_model(MODELS[name], "0" * 64, None, **more)
 
 
@@ -98,7 +98,7 @@ def written(e: Exported, formats: list[str], folder: Path) -> ExportDocument:
     return write_export(e, formats, folder, lambda path: False, no_progress)
 
 
-def imported(path: Path) -> Any:
+def load_module(path: Path) -> Any:
     """A module from a file, with those beside it."""
     sys.path.insert(0, str(path.parent))
     try:
@@ -120,7 +120,7 @@ def all_effects_but(*left_out: str) -> dict[str, float]:
 def evaluate(results: tuple[Node, ...], values: dict[str, float]) -> list[Any]:
     """The numbers that formulas without networks come to; a division by zero, which is selected away, gives NaN."""
     numbers = dict[int, Any]()
-    for node in results[0].graph.needed(results):
+    for node in results[0].graph.nodes_for(results):
         if node.operation == "input":
             numbers[node.place] = values[node.name]
         elif not node.arguments:

@@ -65,7 +65,7 @@ def measure(recordings: Path) -> dict[str, Any]:
 
     return {
         "fitted_to": SLOW,
-        "drives": {short: driven(read[short][1]) for short in names},
+        "drives": {short: speeds_driven(read[short][1]) for short in names},
         "models": {
             name: {
                 "constants": {symbol: round(getattr(model.car, symbol), 4) for symbol in SHOWN},
@@ -81,7 +81,7 @@ def measure(recordings: Path) -> dict[str, Any]:
     }
 
 
-def driven(estimate: Any) -> dict[str, list[float]]:
+def speeds_driven(estimate: Any) -> dict[str, list[float]]:
     """Median, 90 and 99 % quantiles of speed ahead (m/s) and of the acceleration across (m/s^2)."""
     v_x, yaw_rate = np.abs(estimate.twist[:, 0]), np.abs(estimate.twist[:, 2])
     return {

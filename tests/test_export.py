@@ -17,10 +17,10 @@ from exported_models import (
     MODELS,
     PERIOD_S,
     all_effects_but,
-    augmented,
+    augmented_car,
     evaluate,
-    exported,
-    imported,
+    load_module,
+    make_export,
     typical,
     written,
 )
@@ -62,7 +62,7 @@ def worst_error(formulas: StepFormulas, model: Any, time_s: float | None = None)
 
 @pytest.mark.parametrize("effect", [e for e in ENTRIES if e != "clock_drift"])
 def test_a_car_with_any_effect_is_traced_exactly(effect: str) -> None:
-    model = augmented(typical(ENTRIES[effect]))
+    model = augmented_car(typical(ENTRIES[effect]))
     assert worst_error(trace_augmented(model), model) < EXACT
 
 
@@ -73,7 +73,7 @@ def test_a_car_with_all_effects_at_once_is_traced_exactly(kind: str) -> None:
         "force": {"sets_force": 1.0, "u_0": 0.1, "K_v": 50.0, "front_share": 0.5},
         "measured speed": {"follows_wheel": 1.0, "K_t": 2000.0},
     }  # fmt: skip
-    model = augmented(all_effects_but("clock_drift"), CAR._replace(**changes[kind]))
+    model = augmented_car(all_effects_but("clock_drift"), CAR._replace(**changes[kind]))
     assert worst_error(trace_augmented(model), model) < EXACT
 
 
@@ -84,7 +84,7 @@ def test_models_without_networks_are_traced_exactly(name: str) -> None:
 
 def test_a_state_is_kept_for_what_an_effect_remembers_and_for_nothing_else() -> None:
     def states(**effects: float) -> list[str]:
-        return [q.name for q in trace_augmented(augmented(effects)).states[6:]]
+        return [q.name for q in trace_augmented(augmented_car(effects)).states[6:]]
 
     assert states(steering_drag__k=20.0) == ["delta"]
     assert states(motor_lag__tau=0.1) == ["F_mf", "delta"]
@@ -95,7 +95,7 @@ def test_a_state_is_kept_for_what_an_effect_remembers_and_for_nothing_else() -> 
 
 
 def test_effects_of_the_recordings_time_stand_where_they_are_told_to() -> None:
-    model = augmented({"motor_sag__s": 0.4, "clock_drift__rho": 5e-4, "steering_delay__tau": 0.03})
+    model = augmented_car({"motor_sag__s": 0.4, "clock_drift__rho": 5e-4, "steering_delay__tau": 0.03})
     at = {time_s: trace_augmented(model, time_s) for time_s in (0.0, 300.0)}
     for time_s, formulas in at.items():
         assert "t" not in [q.name for q in formulas.states]
@@ -107,9 +107,9 @@ def test_effects_of_the_recordings_time_stand_where_they_are_told_to() -> None:
 
 def test_the_vehicle_alone_has_no_effects_of_how_it_was_measured() -> None:
     effects = {"steering_drag__k": 20.0, "marker_offset__d_x": 0.2, "pose_scale__kappa": 0.1, "clock_drift__rho": 5e-4}
-    model = augmented(effects)
+    model = augmented_car(effects)
     e = export_model(model, "0" * 64, None, of_vehicle=True)
-    alone = augmented({"steering_drag__k": 20.0})
+    alone = augmented_car({"steering_drag__k": 20.0})
     assert worst_error(e.formulas, alone) < EXACT
     assert np.abs(e.vectors.twists - drive_for_reference(model, e.formulas, None).twists).max() > 1e-3
 
@@ -117,7 +117,7 @@ def test_the_vehicle_alone_has_no_effects_of_how_it_was_measured() -> None:
 @every_model
 def test_the_first_state_is_that_of_a_car_whose_past_is_not_known(name: str) -> None:
     """Each kind of model is driven from its own first state by the reference; here that moves with the start."""
-    e = exported(name)
+    e = make_export(name)
     begin = {f"{q}_0": x for q, x in zip(("p_x", "p_y", "theta"), (3.0, -1.0, 0.4), strict=True)}
     begin |= {"v_x_0": 0.8, "v_y_0": 0.1, "yaw_rate_0": -0.2, "delta_0": 0.15}
     x = dict(zip([q.name for q in e.formulas.states], evaluate(e.formulas.first_states, begin), strict=True))
@@ -132,7 +132,7 @@ def test_the_first_state_is_that_of_a_car_whose_past_is_not_known(name: str) -> 
 def test_programs_of_every_model_do_what_the_model_does(name: str, tmp_path: Path) -> None:
     """Each is compiled with all warnings as errors, or run, as its user would."""
     formats = [f for f in ("c", "python", "casadi", "acados") if f in ("c", "python") or needs_casadi.args[0] is False]
-    document = written(exported(name), formats, tmp_path)
+    document = written(make_export(name), formats, tmp_path)
     for made in document.formats:
         assert made.error is not None, made
         assert made.error <= document.vectors.tolerance
@@ -148,7 +148,7 @@ def test_an_export_that_does_not_do_what_the_model_does_is_refused_and_not_writt
     said: str,
     tmp_path: Path,
 ) -> None:
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     other = NewtonEuler(CAR._replace(m=CAR.m * (1.0 + 1e-6)), PERIOD_S, {})
     wrong = replace(e, formulas=TRACED["newton-euler"](other))
     with pytest.raises(InputRefused, match=f"export to {said}.*does not do what the model does"):
@@ -159,9 +159,9 @@ def test_an_export_that_does_not_do_what_the_model_does_is_refused_and_not_writt
 def test_poses_are_moved_by_the_rule_by_which_predictions_are_scored(tmp_path: Path) -> None:
     from bcid.evaluation.closed_loop import integrate_poses
 
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     written(e, ["python"], tmp_path)
-    module, pose, twists = imported(tmp_path / "newton_euler.py"), [1.0, 2.0, 0.5], e.vectors.twists
+    module, pose, twists = load_module(tmp_path / "newton_euler.py"), [1.0, 2.0, 0.5], e.vectors.twists
     for before, after in itertools.pairwise(twists):
         pose = module.move(pose, list(before), list(after))
     wanted = integrate_poses(np.array([1.0, 2.0, 0.5]), twists, PERIOD_S)[-1]
@@ -169,12 +169,12 @@ def test_poses_are_moved_by_the_rule_by_which_predictions_are_scored(tmp_path: P
 
 
 def test_the_node_of_ros_drives_the_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     written(e, ["ros2"], tmp_path)
     published = stand_in_for_ros(monkeypatch)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "newton_euler", raising=False)
-    node = imported(tmp_path / "newton_euler_node.py").VehicleNode()
+    node = load_module(tmp_path / "newton_euler_node.py").VehicleNode()
     node.take_command(types.SimpleNamespace(data=[0.1, 0.9]))
     node.take_command(types.SimpleNamespace(data=[float("nan"), 0.9]))
     model, carry = MODELS["newton-euler"], MODELS["newton-euler"].init(at_rest())
@@ -272,5 +272,5 @@ def test_a_condition_outside_of_a_traced_function_is_not_guessed() -> None:
 
 def test_a_car_of_flags_has_numbers_for_them_and_names_for_the_rest() -> None:
     formulas = TRACED["newton-euler"](MODELS["newton-euler"])
-    names = {n.name for n in formulas.graph.needed(formulas.results) if n.operation == "parameter"}
+    names = {n.name for n in formulas.graph.nodes_for(formulas.results) if n.operation == "parameter"}
     assert {"m", "I_z", "C_f", "F_r_max"} <= names <= set(Car._fields) - {"front_share", "reverses"}

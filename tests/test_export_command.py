@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from exported_models import MODELS, augmented, exported, written
+from exported_models import MODELS, augmented_car, make_export, written
 from typer.testing import CliRunner
 
 from bcid import libraries
@@ -42,7 +42,7 @@ def test_the_command_writes_files_and_says_how_exact_they_are(tmp_path: Path) ->
 
 
 def test_a_format_brings_what_it_needs(tmp_path: Path) -> None:
-    document = written(exported("newton-euler"), ["ros2"], tmp_path)
+    document = written(make_export("newton-euler"), ["ros2"], tmp_path)
     assert [made.format for made in document.formats] == ["python", "ros2"]
 
 
@@ -116,7 +116,7 @@ def test_a_compiler_that_does_not_work_is_none(tmp_path: Path, monkeypatch: pyte
     assert find_compiler() == works
     found["gcc"] = None
     assert find_compiler() is None
-    document = written(exported("newton-euler"), ["c"], tmp_path / "out")
+    document = written(make_export("newton-euler"), ["c"], tmp_path / "out")
     assert (document.formats[0].error, document.formats[0].not_checked) == (None, NO_COMPILER)
 
 
@@ -161,19 +161,19 @@ def test_a_default_export_warns_of_nothing_that_could_not_be_otherwise(tmp_path:
 
 
 def test_options_that_would_change_nothing_are_refused() -> None:
-    for model in (MODELS["k-sindy"], MODELS["newton-euler"], augmented({"steering_drag__k": 20.0})):
+    for model in (MODELS["k-sindy"], MODELS["newton-euler"], augmented_car({"steering_drag__k": 20.0})):
         with pytest.raises(UsageError, match="no effects of how poses were measured"):
             export_model(model, "0" * 64, None, of_vehicle=True)
         with pytest.raises(UsageError, match="depends on the time of the recording"):
             export_model(model, "0" * 64, None, time_s=3.0)
-    assert export_model(augmented({"motor_sag__s": 0.2}), "0" * 64, None, time_s=3.0).time_s == 3.0
-    assert export_model(augmented({"clock_drift__rho": 1e-4}), "0" * 64, None, time_s=3.0).time_s == 3.0
+    assert export_model(augmented_car({"motor_sag__s": 0.2}), "0" * 64, None, time_s=3.0).time_s == 3.0
+    assert export_model(augmented_car({"clock_drift__rho": 1e-4}), "0" * 64, None, time_s=3.0).time_s == 3.0
 
 
 def test_what_is_exported_says_of_which_point_it_is(tmp_path: Path) -> None:
     effects = {"steering_drag__k": 20.0, "marker_offset__d_x": 0.2, "throttle_timing__tau": 0.02}
     for of_vehicle, point in ((False, "tracked point"), (True, "centre of gravity")):
-        e = export_model(augmented(effects), "0" * 64, None, "car", of_vehicle=of_vehicle)
+        e = export_model(augmented_car(effects), "0" * 64, None, "car", of_vehicle=of_vehicle)
         folder = tmp_path / point.partition(" ")[0]
         document = written(e, ["c", "python", "casadi"], folder)
         assert document.point == point
@@ -185,7 +185,7 @@ def test_what_is_exported_says_of_which_point_it_is(tmp_path: Path) -> None:
 
 
 def test_commands_say_what_they_mean_to_the_model(tmp_path: Path) -> None:
-    document = written(exported("newton-euler-augmented"), ["python"], tmp_path)
+    document = written(make_export("newton-euler-augmented"), ["python"], tmp_path)
     steering, throttle = document.commands
     assert document.steering_limit_rad == 1.2
     assert "clipped beyond 1.2 rad" in steering.meaning

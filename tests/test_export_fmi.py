@@ -45,15 +45,15 @@ Said = pytest.CaptureFixture[str]
 both_versions = pytest.mark.parametrize("version", VERSIONS)
 
 
-def exported(effects: Mapping[str, float]) -> Exported:
+def make_export(effects: Mapping[str, float]) -> Exported:
     model = AugmentedNewtonEuler(CAR, effects, Constants(), 0.4, 60.0, PERIOD_S, {}) if effects else None
     return export_model(model or NewtonEuler(CAR, PERIOD_S, {}), "0" * 64, None, "small_car")
 
 
 @pytest.fixture(scope="module", params=["newton-euler", "with delays"])
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """What is exported, and the folder of its FMUs."""
-    e = exported({} if request.param == "newton-euler" else DELAYED)
+    """What is make_export, and the folder of its FMUs."""
+    e = make_export({} if request.param == "newton-euler" else DELAYED)
     folder = tmp_path_factory.mktemp("fmus")
     for name, content in write_fmus(e).items():
         (folder / name).write_bytes(content)
@@ -365,18 +365,18 @@ int main(void)
 
 
 def test_the_same_model_gives_the_same_bytes_and_another_one_another_token() -> None:
-    e = exported({})
+    e = make_export({})
     assert write_fmus(e) == write_fmus(e)
     tokens = {
         write_texts(one, version)["sources/fmu-model.h"].partition("TOKEN ")[2].partition("\n")[0]
-        for one in (e, exported(DELAYED))
+        for one in (e, make_export(DELAYED))
         for version in (2, 3)
     }
     assert len(tokens) == 4
 
 
 def test_an_fmu_that_is_another_model_is_refused(made: Made, tmp_path: Path) -> None:
-    other = exported({} if made[0].formulas.states[0].name == "p_x" else {"motor_delay__tau": 0.1})
+    other = make_export({} if made[0].formulas.states[0].name == "p_x" else {"motor_delay__tau": 0.1})
     for name, content in write_fmus(other).items():
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputRefused, match="does not do what the model does: it is off by"):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_models import exported
+from exported_models import make_export
 
 from bcid.errors import InputRefused
 from bcid.export.check import NO_COMPILER, find_compiler
@@ -30,7 +30,7 @@ def written_fmus(e: Exported, folder: Path) -> None:
 def test_without_a_compiler_only_sources_are_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for module in (making, checking):
         monkeypatch.setattr(module, "find_compiler", lambda: None)
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     written_fmus(e, tmp_path)
     for path in tmp_path.iterdir():
         with zipfile.ZipFile(path) as fmu:
@@ -40,7 +40,7 @@ def test_without_a_compiler_only_sources_are_written(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 def test_poses_that_are_not_those_of_the_twists_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    e, drive = exported("newton-euler"), checking.drive_fmu
+    e, drive = make_export("newton-euler"), checking.drive_fmu
     written_fmus(e, tmp_path)
 
     def drive_away(*given: Any) -> Any:
@@ -54,7 +54,7 @@ def test_poses_that_are_not_those_of_the_twists_are_refused(monkeypatch: pytest.
 
 
 def test_variables_say_of_which_point_they_are_and_what_commands_mean() -> None:
-    e = exported("newton-euler-augmented")
+    e = make_export("newton-euler-augmented")
     meanings = {v.quantity.name: v.quantity.meaning for v in list_variables(e)}
     assert meanings["v_y"] == "velocity to the left, of the tracked point"
     assert meanings["p_x_0"] == "position in the world at the start, of the tracked point"

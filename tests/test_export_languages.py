@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_models import CAR, MODELS, all_effects_but, augmented, evaluate, exported, imported, typical, written
+from exported_models import (
+    CAR,
+    MODELS,
+    all_effects_but,
+    augmented_car,
+    evaluate,
+    load_module,
+    make_export,
+    typical,
+    written,
+)
 
 from bcid.effects.table import ENTRIES
 from bcid.export.c_source import _HELPERS, C
@@ -86,7 +96,7 @@ def test_every_operation_in_python(tmp_path: Path) -> None:
     body, results = printed(PYTHON)
     text = f"import math\n\n\ndef f(a, b, c):\n{body}    return [{', '.join(results)}]\n"
     (tmp_path / "operations.py").write_text(text, encoding="utf-8")
-    f = imported(tmp_path / "operations.py").f
+    f = load_module(tmp_path / "operations.py").f
     assert [f(*row) for row in NUMBERS] == WANTED
 
 
@@ -100,7 +110,7 @@ def test_every_operation_in_casadi(tmp_path: Path) -> None:
         f"def f(a, b, c):\n{body}    return ca.vertcat({', '.join(results)})\n"
     )
     (tmp_path / "casadi_operations.py").write_text(text, encoding="utf-8")
-    f = imported(tmp_path / "casadi_operations.py").f
+    f = load_module(tmp_path / "casadi_operations.py").f
     for kind in (ca.SX, ca.MX):
         x = kind.sym("x", 3)
         function = ca.Function("f", [x], [f(x[0], x[1], x[2])])
@@ -135,7 +145,7 @@ def test_every_operation_in_c(tmp_path: Path) -> None:
 @needs_casadi
 @pytest.mark.parametrize("car", [CAR, CAR._replace(reverses=1.0, front_share=0.4)], ids=["brakes", "reverses"])
 def test_programs_of_a_car_with_all_effects_do_what_the_model_does(car: Car, tmp_path: Path) -> None:
-    e = export_model(augmented(all_effects_but("clock_drift"), car), "0" * 64, None, "all_at_once")
+    e = export_model(augmented_car(all_effects_but("clock_drift"), car), "0" * 64, None, "all_at_once")
     for made in written(e, ["c", "python", "casadi", "acados"], tmp_path).formats:
         assert made.error is not None
         assert made.error < 1e-12
@@ -144,7 +154,7 @@ def test_programs_of_a_car_with_all_effects_do_what_the_model_does(car: Car, tmp
 @needs_compiler
 @pytest.mark.parametrize("name", list(MODELS))
 def test_c_compiles_without_a_warning(name: str, tmp_path: Path) -> None:
-    e, compiler = exported(name), find_compiler()
+    e, compiler = make_export(name), find_compiler()
     written(e, ["c"], tmp_path)
     assert compiler is not None
     command = [compiler, *C_FLAGS, "-Werror", f"{e.name}.c", f"{e.name}_test.c", "-lm", "-o", "program"]
@@ -157,9 +167,9 @@ def test_c_compiles_without_a_warning(name: str, tmp_path: Path) -> None:
 def test_casadi_differentiates_the_step(name: str, tmp_path: Path) -> None:
     import casadi as ca
 
-    e = exported(name)
+    e = make_export(name)
     written(e, ["casadi"], tmp_path)
-    module = imported(tmp_path / f"{e.name}_casadi.py")
+    module = load_module(tmp_path / f"{e.name}_casadi.py")
     function = module.step_function()
     X, U = ca.MX.sym("x", len(module.STATES)), ca.MX.sym("u", 2)
     jacobian = ca.Function("J", [X, U], [ca.jacobian(function(X, U)[0], ca.vertcat(X, U))])
@@ -183,7 +193,7 @@ def jacobian_at_rest(e: Exported, folder: Path) -> np.ndarray:
 
     path = folder / f"{e.name}_casadi.py"
     path.write_text(write_casadi_source(e), encoding="utf-8")
-    module = imported(path)
+    module = load_module(path)
     step = module.step_function()
     x, u = ca.MX.sym("x", len(module.STATES)), ca.MX.sym("u", 2)
     jacobian = ca.Function("J", [x, u], [ca.jacobian(ca.vertcat(*step(x, u)), ca.vertcat(x, u))])
@@ -191,8 +201,8 @@ def jacobian_at_rest(e: Exported, folder: Path) -> np.ndarray:
 
 
 AT_REST: dict[str, Model] = {
-    **MODELS, "all at once": augmented(all_effects_but("clock_drift")),
-    **{effect: augmented(typical(ENTRIES[effect])) for effect in ENTRIES if effect != "clock_drift"},
+    **MODELS, "all at once": augmented_car(all_effects_but("clock_drift")),
+    **{effect: augmented_car(typical(ENTRIES[effect])) for effect in ENTRIES if effect != "clock_drift"},
 }  # fmt: skip
 
 
@@ -205,10 +215,10 @@ def test_derivatives_at_rest_are_finite(name: str, tmp_path: Path) -> None:
 @needs_casadi
 @pytest.mark.parametrize("name", list(MODELS))
 def test_functions_of_casadi_take_plain_numbers_of_a_vehicle_at_rest(name: str, tmp_path: Path) -> None:
-    e = exported(name)
+    e = make_export(name)
     path = tmp_path / f"{e.name}_casadi.py"
     path.write_text(write_casadi_source(e), encoding="utf-8")
-    module, start = imported(path), e.vectors.starts[-1]
+    module, start = load_module(path), e.vectors.starts[-1]
     x = module.init(start.pose.tolist(), start.twist.tolist(), start.delta)
     np.testing.assert_allclose(np.array(x).ravel(), start.state, atol=1e-12)
     for state in (x, start.state, start.state.tolist()):

@@ -34,7 +34,7 @@ OF_ONE = ("neg", "abs", "floor", "sqrt", "exp", "sin", "cos", "atan", "tanh")
 every_model = pytest.mark.parametrize("name", list(MODELS))
 
 
-def exported(name: str) -> Exported:
+def make_export(name: str) -> Exported:
     return export_model(MODELS[name], "0" * 64, None)
 
 
@@ -123,7 +123,7 @@ def test_a_result_that_depends_on_no_input_stands_in_every_row() -> None:
 
 @pytest.mark.parametrize("name", [n for n in MODELS if n != "newton-euler-augmented"])
 def test_a_step_of_a_batch_of_states_is_that_of_the_model(name: str) -> None:
-    e, rng = exported(name), np.random.default_rng(6)
+    e, rng = make_export(name), np.random.default_rng(6)
     x = rng.uniform(-0.4, 0.8, (BATCH, len(e.formulas.states)))
     u = np.column_stack([rng.uniform(-0.5, 0.5, BATCH), rng.uniform(-0.5, 1.0, BATCH)])
     step, _ = loaded(e)
@@ -135,7 +135,7 @@ def test_a_step_of_a_batch_of_states_is_that_of_the_model(name: str) -> None:
 
 def test_a_batch_of_cars_with_effects_drives_as_the_model_drives_each() -> None:
     """Their states are no carries of the model, which keeps times: they come of 200 commands of their own."""
-    e = exported("newton-euler-augmented")
+    e = make_export("newton-euler-augmented")
     drives = [drive_for_reference(e.model, e.formulas, None, seed=seed) for seed in range(BATCH)]
     step, rollout = loaded(e)
     x = np.tile(onnx_rollout._first_state(e), (BATCH, 1))
@@ -149,7 +149,7 @@ def test_a_batch_of_cars_with_effects_drives_as_the_model_drives_each() -> None:
 
 @every_model
 def test_a_rollout_is_a_loop_of_steps(name: str) -> None:
-    e, rng = exported(name), np.random.default_rng(7)
+    e, rng = make_export(name), np.random.default_rng(7)
     x = rng.uniform(0.0, 0.5, (BATCH, len(e.formulas.states)))
     u = np.dstack([rng.uniform(-0.3, 0.3, (BATCH, 25)), rng.uniform(0.0, 1.0, (BATCH, 25))])
     step, rollout = loaded(e)
@@ -163,10 +163,10 @@ def test_a_rollout_is_a_loop_of_steps(name: str) -> None:
 
 @every_model
 def test_files_keep_the_rules_of_onnx_and_do_what_the_model_does(name: str, tmp_path: Path) -> None:
-    e = exported(name)
+    e = make_export(name)
     files = write_onnx(e)
     assert list(files) == [f"{e.name}.onnx", f"{e.name}_rollout.onnx"]
-    assert files == write_onnx(exported(name))
+    assert files == write_onnx(make_export(name))
     for file, content in files.items():
         (tmp_path / file).write_bytes(content)
         model = onnx.load_from_string(content)
@@ -178,7 +178,7 @@ def test_files_keep_the_rules_of_onnx_and_do_what_the_model_does(name: str, tmp_
 
 
 def test_a_file_says_what_its_columns_are() -> None:
-    model = onnx.load_from_string(write_onnx(exported("newton-euler"))["newton_euler.onnx"])
+    model = onnx.load_from_string(write_onnx(make_export("newton-euler"))["newton_euler.onnx"])
     said = {entry.key: entry.value for entry in model.metadata_props}
     assert float(said["period_s"]) == PERIOD_S
     assert [q["name"] for q in json.loads(said["states"])] == ["v_x", "v_y", "yaw_rate", "delta"]
@@ -193,7 +193,7 @@ def test_a_file_says_what_its_columns_are() -> None:
 
 
 def test_a_network_is_products_of_matrices_once_for_all_its_outputs() -> None:
-    model = onnx.load_from_string(write_onnx(exported("narx-mlp"))["narx_mlp.onnx"])
+    model = onnx.load_from_string(write_onnx(make_export("narx-mlp"))["narx_mlp.onnx"])
     operators = [node.op_type for node in model.graph.node]
     assert operators.count("Gemm") == 3
     assert operators.count("Relu") == 2
@@ -201,7 +201,7 @@ def test_a_network_is_products_of_matrices_once_for_all_its_outputs() -> None:
 
 
 def test_an_export_that_does_not_do_what_the_model_does_is_refused(tmp_path: Path) -> None:
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     other = NewtonEuler(CAR._replace(m=CAR.m * (1.0 + 1e-6)), PERIOD_S, {})
     for file, content in write_onnx(replace(e, formulas=TRACED["newton-euler"](other))).items():
         (tmp_path / file).write_bytes(content)
@@ -210,7 +210,7 @@ def test_an_export_that_does_not_do_what_the_model_does_is_refused(tmp_path: Pat
 
 
 def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    e = exported("k-sindy")
+    e = make_export("k-sindy")
     for file, content in write_onnx(e).items():
         (tmp_path / file).write_bytes(content)
     right = e.vectors.twists
@@ -220,7 +220,7 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, monkeypatch: py
 
 
 def test_a_file_that_breaks_a_rule_or_has_no_kernels_is_refused(tmp_path: Path) -> None:
-    e = exported("k-sindy")
+    e = make_export("k-sindy")
     files = write_onnx(e)
     model = onnx.load_from_string(files["k_sindy.onnx"])
     next(node for node in model.graph.node if node.op_type == "Cos").op_type = "Atan"
@@ -235,7 +235,7 @@ def test_a_file_that_breaks_a_rule_or_has_no_kernels_is_refused(tmp_path: Path) 
 def test_without_the_libraries_nothing_is_written_or_nothing_is_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    e = exported("k-sindy")
+    e = make_export("k-sindy")
     for file, content in write_onnx(e).items():
         (tmp_path / file).write_bytes(content)
     monkeypatch.setattr(onnx_rollout, "is_installed", lambda name: name != "onnxruntime")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from exported_models import CAR, MODELS, PERIOD_S, augmented
+from exported_models import CAR, MODELS, PERIOD_S, augmented_car
 
 from bcid.errors import UsageError
 from bcid.evaluation.validity import DataRange, ModelValidity
@@ -213,13 +213,13 @@ def test_what_nobody_knows_is_left_out_and_named() -> None:
 
 
 def test_the_wheel_s_limit_is_taken_where_the_model_knows_it() -> None:
-    model = augmented({"steering_drag__k": 20.0})
+    model = augmented_car({"steering_drag__k": 20.0})
     steering = parsed(text_of(model))["commonroad"]["steering"]
     assert (steering["min"], steering["max"]) == (-model.angle_limit, model.angle_limit)
 
 
 def test_effects_that_have_no_place_there_are_named() -> None:
-    text = text_of(augmented({"steering_delay__tau": 0.03, "marker_offset__d_x": 0.1, "marker_offset__d_y": 0.0}))
+    text = text_of(augmented_car({"steering_delay__tau": 0.03, "marker_offset__d_x": 0.1, "marker_offset__d_y": 0.0}))
     assert "Effects left out: steering_delay, marker_offset." in text
     assert "no effects that are left out" in text_of(MODELS["newton-euler"])
 

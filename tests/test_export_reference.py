@@ -14,9 +14,9 @@ from exported_models import (
     PERIOD_S,
     SEVERAL,
     all_effects_but,
-    augmented,
+    augmented_car,
     evaluate,
-    exported,
+    make_export,
     typical,
     written,
 )
@@ -85,10 +85,10 @@ def test_a_constant_that_is_off_by_a_millionth_is_seen(law: str) -> None:
 def test_an_effect_that_is_off_by_a_thousandth_is_seen(effect: str) -> None:
     """One that acts at a place or a time does so in few periods, and its place moves it least."""
     values = typical(ENTRIES[effect])
-    right = augmented(values)
+    right = augmented_car(values)
     s = drive_for_reference(right, trace_augmented(right), None).steps
     assert single_errors(trace_augmented(right), s).max() < EXACT_STEP
-    off = augmented({field: x * 1.001 for field, x in values.items()})
+    off = augmented_car({field: x * 1.001 for field, x in values.items()})
     formulas = trace_augmented(off)
     assert [q.name for q in formulas.states] == [q.name for q in trace_augmented(right).states]
     assert single_errors(formulas, s).max() > EXACT_STEP
@@ -97,7 +97,7 @@ def test_an_effect_that_is_off_by_a_thousandth_is_seen(effect: str) -> None:
 @needs_compiler
 @pytest.mark.parametrize("symbol", ["K_b", "d", "F_m_max", "F_f_max", "F_r_max", "R_2", "v_0"])
 def test_programs_refuse_a_constant_that_a_gentle_drive_does_not_know(symbol: str, tmp_path: Path) -> None:
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     other = NewtonEuler(CAR._replace(**{symbol: getattr(CAR, symbol) * (1.0 + 1e-6)}), PERIOD_S, {})
     wrong = replace(e, formulas=TRACED["newton-euler"](other))
     for format in ("c", "python"):  # noqa: A001
@@ -108,7 +108,7 @@ def test_programs_refuse_a_constant_that_a_gentle_drive_does_not_know(symbol: st
 @needs_compiler
 @every_model
 def test_programs_refuse_first_states_and_poses_that_are_off(name: str, tmp_path: Path) -> None:
-    e = exported(name)
+    e = make_export(name)
     last = e.vectors.starts[1]
     moved = last._replace(state=last.state + 1e-9)
     for wrong, said in (
@@ -123,7 +123,7 @@ def test_programs_refuse_first_states_and_poses_that_are_off(name: str, tmp_path
 @needs_compiler
 def test_a_number_that_is_none_is_an_error_wherever_it_comes(tmp_path: Path) -> None:
     """A comparison with it is never true: an error after it must not take its place."""
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     e.vectors.twists[3, 0] = np.nan
     text = write_c_test(e.name, e.vectors).replace("nan", "NAN")
     for file, content in {**files_of(e, "c"), f"{e.name}_test.c": text}.items():
@@ -150,7 +150,7 @@ def test_a_compliance_at_its_bounds_is_solved(
     assert k <= ENTRIES["steering_compliance"].parameters[0].high
     assert COMPLIANCE_STEPS < 40  # of the model, which stops where nothing moves
     monkeypatch.setattr(reference_steps, "UNKNOWN_REACH", reference_steps.UNKNOWN_REACH | {"u_s": 1.2, "u_m": 5.0})
-    model = augmented({"steering_compliance__k": k, **effects})
+    model = augmented_car({"steering_compliance__k": k, **effects})
     formulas = trace_augmented(model)
     s = single_steps(model, formulas, None, None, np.random.default_rng(5))
     assert single_errors(formulas, s).max() < EXACT_STEP
@@ -163,7 +163,7 @@ def test_a_vehicle_that_starts_at_rest_is_as_the_model_at_rest(name: str) -> Non
     at_rest = history_at_rest(model.lags)
     np.testing.assert_array_equal(start.kinematic, at_rest.kinematic)
     np.testing.assert_array_equal(start.command, at_rest.command)
-    e = exported(name)
+    e = make_export(name)
     state = state_of(model, [q.name for q in e.formulas.states], model.init(at_rest))
     np.testing.assert_array_equal(first_state(e.formulas, np.zeros(3), np.zeros(3), 0.0), state)
     carry, _ = model.step(model.init(start), np.array([0.1, 0.5]))
@@ -174,7 +174,7 @@ def test_a_vehicle_that_starts_at_rest_is_as_the_model_at_rest(name: str) -> Non
 
 @every_model
 def test_first_states_are_those_of_the_model(name: str) -> None:
-    e = exported(name)
+    e = make_export(name)
     assert len(e.vectors.starts) == 3
     for start in e.vectors.starts:
         made = first_state(e.formulas, start.pose, start.twist, start.delta)
@@ -182,7 +182,7 @@ def test_first_states_are_those_of_the_model(name: str) -> None:
 
 
 def test_a_wheel_that_is_turned_was_held_there() -> None:
-    e = exported("narx-mlp")
+    e = make_export("narx-mlp")
     x = dict(zip([q.name for q in e.formulas.states], e.vectors.starts[1].state, strict=True))
     assert (x["u_s_ago_1"], x["u_m_ago_1"], x["u_s_ago_2"], x["u_m_ago_2"]) == (0.15, 0.0, 0.15, 0.0)
     assert (x["v_x_ago_2"], x["yaw_rate"]) == (0.8, -0.2)
@@ -200,14 +200,14 @@ def test_slip_angles_of_slow_wheels_start_at_zero_and_others_where_they_are() ->
 
 @pytest.mark.parametrize("effects", [SEVERAL, all_effects_but("clock_drift")], ids=["several", "all"])
 def test_an_exported_state_is_a_carry_of_the_model_and_back(effects: dict[str, float]) -> None:
-    model = augmented(effects)
+    model = augmented_car(effects)
     names = [q.name for q in trace_augmented(model).states]
     state = np.random.default_rng(8).normal(size=len(names))
     np.testing.assert_array_equal(state_of(model, names, carry_of(model, names, state, None)), state)
 
 
 def test_single_periods_are_drawn_where_a_drive_does_not_come() -> None:
-    e = exported("newton-euler")
+    e = make_export("newton-euler")
     s = e.vectors.steps
     assert 90 <= len(s.states) <= 110
     places = {q.name: i for i, q in enumerate(e.formulas.states)}
@@ -222,7 +222,7 @@ def test_single_periods_are_drawn_where_a_drive_does_not_come() -> None:
 
 @pytest.mark.parametrize("tau", [0.035, -0.03])
 def test_a_throttle_that_is_logged_at_another_time_may_be_so_by_more_than_a_period(tau: float) -> None:
-    model = augmented({"throttle_timing__tau": tau, "motor_delay__tau": 0.01}, CAR._replace(follows_wheel=1.0))
+    model = augmented_car({"throttle_timing__tau": tau, "motor_delay__tau": 0.01}, CAR._replace(follows_wheel=1.0))
     assert max_command_delay(model.setup.switches, 600.0) == pytest.approx(0.01 + max(tau, 0.0))
     formulas = trace_augmented(model)
     assert ("u_m_ago_3" in [q.name for q in formulas.states]) == (tau > 0.03)
@@ -231,7 +231,7 @@ def test_a_throttle_that_is_logged_at_another_time_may_be_so_by_more_than_a_peri
 
 
 def test_effects_of_time_stand_in_single_periods_too() -> None:
-    model = augmented(
+    model = augmented_car(
         {"motor_sag__s": 0.4, "motor_lag__tau": 0.1, "clock_drift__rho": 5e-4, "steering_delay__tau": 0.03}
     )
     e = export_model(model, "0" * 64, None, time_s=300.0)

@@ -119,7 +119,7 @@ def _k_sindy_mlp() -> KSindyMlp:
 def _our_source(e: Exported) -> str:
     """The exported C in one text, with a loop over its steps, and a function that gives the first state."""
     header = write_c_header(e)
-    body = write_c_source(e.name, e.formulas, e.about).replace(f'#include "{e.name}.h"', header)
+    body = write_c_source(e).replace(f'#include "{e.name}.h"', header)
     return body + OUR_LOOP.format(name=e.name, states=len(e.formulas.states))
 
 
@@ -136,7 +136,7 @@ def _loop_by_casadi(e: Exported, start: Floats, commands: Floats) -> Work:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{e.name}_casadi.py"
         path.write_text(write_casadi_source(e), encoding="utf-8")
-        step = _imported(path).step_function()
+        step = _load_module(path).step_function()
         generated = generate_c(step, Path(folder))
     loop = CASADI_LOOP.format(
         name=e.name, states=len(e.formulas.states), work=step.sz_w(), whole=step.sz_iw(),
@@ -145,7 +145,7 @@ def _loop_by_casadi(e: Exported, start: Floats, commands: Floats) -> Work:
     return partial(_drive, load_c(generated + loop), start, commands)
 
 
-def _imported(path: Path) -> Any:
+def _load_module(path: Path) -> Any:
     """The module in the file at `path`."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:

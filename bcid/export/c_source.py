@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import chain
 from typing import Any
@@ -10,17 +9,12 @@ from typing import Any
 import numpy as np
 
 from bcid.export.exported import Exported
-from bcid.export.formulas import COMMANDS, POSE, START, TWIST, StepFormulas, Variable
+from bcid.export.formulas import COMMANDS, POSE, START, TWIST, Variable
 from bcid.export.pose_formulas import trace_pose
-from bcid.export.statements import NETWORK_FORMULA, Language, Line, NetworkLine, Program, wrapped, write_program
+from bcid.export.statements import NETWORK_FORMULA, Language, Line, NetworkLine, Program, wrap_texts, write_program
 from bcid.models.network.mlp import MlpWeights
 
 WIDTH = 100
-
-
-def _number(value: float) -> str:
-    """A double in C."""
-    return repr(value) if math.isfinite(value) else ("-" if value < 0.0 else "") + "INFINITY"
 
 
 C = Language(
@@ -30,7 +24,7 @@ C = Language(
         "atan2": "atan2({0}, {1})", "tanh": "tanh({0})", "hypot": "hypot({0}, {1})", "copysign": "copysign({0}, {1})",
         "select": "{0} ? {1} : {2}",
     },
-    {"and": "&&", "or": "||"}, _number, selection=1,
+    {"and": "&&", "or": "||"}, "INFINITY", selection=1,
 )  # fmt: skip
 
 _HELPERS = {
@@ -110,8 +104,9 @@ void {name}_pose(const double pose[3], const double twist[3], const double twist
 """
 
 
-def write_c_source(name: str, formulas: StepFormulas, about: str) -> str:
+def write_c_source(e: Exported) -> str:
     """The text of NAME.c."""
+    name, formulas = e.name, e.formulas
     step = write_program(formulas.results, C)
     init = write_program(formulas.first_states, C)
     moved = write_program(trace_pose(formulas.period_s), C)
@@ -119,26 +114,26 @@ def write_c_source(name: str, formulas: StepFormulas, about: str) -> str:
     parameters = step.parameters | init.parameters
     used = step.operations | init.operations
     blocks = [
-        f'/* {about} */\n\n#include "{name}.h"\n\n#include <math.h>\n',
-        "".join(f"static const double {key} = {_number(value)};\n" for key, value in parameters.items()),
+        f'/* {e.about} */\n\n#include "{name}.h"\n\n#include <math.h>\n',
+        "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         "".join(f"{text}\n" for operation, text in _HELPERS.items() if operation in used),
         *(_write_network(key, weights) for key, weights in formulas.networks.items()),
         _write_function(
             f"void {name}_init(const double pose[3], const double twist[3], double delta, double x[{n}])", init,
             _places(START[:3], "pose") | _places(START[3:6], "twist") | {START[6].name: "delta"},
-            _indexed("x", n), ["pose", "twist", "delta"],
+            _element_texts("x", n), ["pose", "twist", "delta"],
         ),
         _write_function(
             f"void {name}_step(const double x[{n}], const double u[{len(COMMANDS)}],\n"
             f"{' ' * (len(name) + 11)}double x_next[{n}], double twist[3])", step,
             _places(formulas.states, "x") | _places(COMMANDS, "u"),
-            [*_indexed("x_next", n), *_indexed("twist", 3)], ["u"],
+            [*_element_texts("x_next", n), *_element_texts("twist", 3)], ["u"],
         ),
         _write_function(
             f"void {name}_pose(const double pose[3], const double twist[3], const double twist_next[3],\n"
             f"{' ' * (len(name) + 11)}double pose_next[3])", moved,
             _places(POSE, "pose") | _places(TWIST, "twist") | _places(TWIST, "twist_next", "_next"),
-            _indexed("pose_next", 3), [],
+            _element_texts("pose_next", 3), [],
         ),
     ]  # fmt: skip
     return "\n".join(block for block in blocks if block)
@@ -149,7 +144,7 @@ def _write_function(
 ) -> str:
     """The definition of a function: what it reads from `places`, the program's lines, its `results`."""
     read = [f"{name} = {places[name]}" for name in program.inputs]
-    lines = list(wrapped(read, WIDTH - 20))
+    lines = list(wrap_texts(read, WIDTH - 20))
     body = [("    const double " if i == 0 else "                 ") + line for i, line in enumerate(lines)]
     if body:
         body[-1] += ";"
@@ -184,15 +179,15 @@ def _write_table(name: str, table: Any) -> str:
     shape = "".join(f"[{n}]" for n in table.shape)
     rows = table if table.ndim == 2 else table[None]
     texts = [
-        "{" + "\n     ".join(wrapped([f"{x!s}f" if single else repr(float(x)) for x in row], WIDTH)) + "}"
+        "{" + "\n     ".join(wrap_texts([f"{x!s}f" if single else repr(float(x)) for x in row], WIDTH)) + "}"
         for row in rows
     ]
     inner = texts[0] if table.ndim == 1 else "{\n    " + ",\n    ".join(texts) + "}"
     return f"static const {'float' if single else 'double'} {name}{shape} = {inner};\n"
 
 
-def _indexed(array: str, n: int) -> list[str]:
-    """The elements of an array of length `n`."""
+def _element_texts(array: str, n: int) -> list[str]:
+    """The texts of the `n` elements of an array."""
     return [f"{array}[{i}]" for i in range(n)]
 
 
@@ -204,7 +199,4 @@ def _places(quantities: Sequence[Variable], array: str, after: str = "") -> dict
 def _describe_all(array: str, quantities: Sequence[Variable]) -> str:
     """The elements of an array in a comment, a line each."""
     width = len(f"{array}[{len(quantities) - 1}]")
-    return "\n".join(
-        f" *   {f'{array}[{i}]':{width}}  {q.name:14} {q.unit and f'({q.unit}) '}{q.meaning}"
-        for i, q in enumerate(quantities)
-    )
+    return "\n".join(f" *   {f'{array}[{i}]':{width}}  {quantity.describe()}" for i, quantity in enumerate(quantities))

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from bcid.export.exported import Exported
-from bcid.export.formulas import COMMANDS, POSE, START, STEERED, TWIST
-from bcid.export.pose_formulas import trace_pose
-from bcid.export.python_text import body_text, constants_text, quantities_text, tables_text, tuple_text, unpack_text
-from bcid.export.statements import NETWORK_FORMULA, Language, write_program
+from bcid.export.python_text import PythonDialect, write_python_module
+from bcid.export.statements import Language
 
 CASADI = Language(
     {
@@ -18,7 +14,7 @@ CASADI = Language(
         "copysign": "ca.copysign({0}, {1})", "select": "ca.if_else({0}, {1}, {2})",
         "and": "ca.logic_and({0}, {1})", "or": "ca.logic_or({0}, {1})",
     },
-    {}, lambda value: repr(value) if math.isfinite(value) else ("-" if value < 0.0 else "") + "ca.inf",
+    {}, "ca.inf",
 )  # fmt: skip
 
 _HELPERS = '''\
@@ -48,61 +44,21 @@ def {name}(x):
 '''
 
 
-def write_casadi_source(e: Exported) -> str:
-    """The text of NAME_casadi.py, with `init`, `step` and `move` as in Python, and `step_function()`, a Function."""
-    name, formulas = e.name, e.formulas
-    step = write_program(formulas.results, CASADI)
-    init = write_program(formulas.first_states, CASADI)
-    moved = write_program(trace_pose(formulas.period_s), CASADI)
-    n = len(formulas.states)
-    networks = "".join(
-        tables_text(k, w, "ca.DM({})") + _NETWORK.format(name=k, formula=NETWORK_FORMULA)
-        for k, w in formulas.networks.items()
-    )
-    next_states = "".join(f"        {text},\n" for text in step.results[:n])
-    return f'''\
-"""{e.about}
+_FUNCTION = '''
 
-Columns of CasADi, or lists: a state `x`, see STATES; a command `u`, see COMMANDS, held for PERIOD_S seconds; a pose
-[p_x, p_y (m), theta (rad)] in the world; a twist [v_x, v_y (m/s), yaw rate (rad/s)], x ahead, y left.
-Poses and twists are of the {e.point}.
-
-{quantities_text(formulas.states, e.commands)}"""
-
-import casadi as ca
-
-PERIOD_S = {formulas.period_s!r}
-STATES = {tuple_text([q.name for q in formulas.states])}
-COMMANDS = {tuple_text([q.name for q in COMMANDS])}
-
-{constants_text(step, init)}
-
-{_HELPERS}{networks}
-
-def init(pose, twist, delta):
-    """The state of a vehicle whose past is not known: it coasts, its wheel held at delta (rad)."""
-    pose, twist, delta = column(pose), column(twist), ca.vertcat(delta)
-{unpack_text(START[:3], "pose")}{unpack_text(START[3:6], "twist")}    {STEERED.name}_0 = delta
-{body_text(init)}    return ca.vertcat({", ".join(init.results)})
-
-
-def step(x, u):
-    """One period: the state after it, and the twist there."""
-    x, u = column(x), column(u)
-{unpack_text(formulas.states, "x")}{unpack_text(COMMANDS, "u")}{body_text(step)}    x_next = ca.vertcat(
-{next_states}    )
-    return x_next, ca.vertcat({", ".join(step.results[n:])})
-
-
-def move(pose, twist, twist_next):
-    """The pose one period later, from the twists before and after it, by the trapezoidal rule."""
-    pose, twist, twist_next = column(pose), column(twist), column(twist_next)
-{unpack_text(POSE, "pose")}{unpack_text(TWIST, "twist")}{unpack_text(TWIST, "twist_next", "_next")}{body_text(moved)}\
-    return ca.vertcat({", ".join(moved.results)})
-
-
-def step_function(symbol=ca.{"MX" if formulas.networks else "SX"}.sym):
+def step_function(symbol=ca.{symbol}.sym):
     """The step as a CasADi Function of (x, u), which gives (x_next, twist)."""
     x, u = symbol("x", len(STATES)), symbol("u", len(COMMANDS))
     return ca.Function("{name}_step", [x, u], list(step(x, u)), ["x", "u"], ["x_next", "twist"])
 '''
+
+DIALECT = PythonDialect(
+    CASADI, "Columns of CasADi, or lists:", "import casadi as ca", f"\n\n{_HELPERS}", _NETWORK, table="ca.DM({})",
+    result=("ca.vertcat(", ")"), columns=True,
+)  # fmt: skip
+
+
+def write_casadi_source(e: Exported) -> str:
+    """The text of NAME_casadi.py, with `init`, `step` and `move` as in Python, and `step_function()`, a Function."""
+    symbol = "MX" if e.formulas.networks else "SX"
+    return write_python_module(e, DIALECT) + _FUNCTION.format(symbol=symbol, name=e.name)

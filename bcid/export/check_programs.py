@@ -14,7 +14,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.export.reference_drive import EXACT, EXACT_STEP, ReferenceDrive
-from bcid.export.statements import wrapped
+from bcid.export.statements import wrap_texts
 
 WIDTH = 110
 
@@ -161,7 +161,7 @@ def write_c_test(name: str, v: ReferenceDrive) -> str:
     """The text of NAME_test.c.  No table ends as a function of NAME does, so that they never have a name in common."""
     states = f"{name.upper()}_STATES"
     tables = "".join(
-        f"static const double {key}{shape} = {_braced(np.asarray(table).tolist())};\n"
+        f"static const double {key}{shape} = {_c_table(np.asarray(table).tolist())};\n"
         for key, shape, table in (
             ("scales", f"[{states}]", v.scales), ("ones", "[3]", np.ones(3)),
             ("start_poses", "[STARTS][3]", [start.pose for start in v.starts]),
@@ -189,10 +189,10 @@ def write_python_test(module: str, v: ReferenceDrive, in_casadi: bool = False) -
     shown = "numbers({})" if in_casadi else "{}"
     texts = {key: shown.format(key) for key in ("twist", "pose", "after", "there")}
     return _PYTHON.format(
-        module=module, steps=len(v.commands), commands=_bracketed(v.commands), twists=_bracketed(v.twists),
-        end_pose=_row(v.end_pose.tolist()), scales=_row(v.scales.tolist()), starts=_tuples(v.starts),
-        single_steps=_tuples(zip(*v.steps, strict=True)),
-        states="" if v.states is None else f"STATES = {_bracketed(v.states)}\n",
+        module=module, steps=len(v.commands), commands=_python_table(v.commands), twists=_python_table(v.twists),
+        end_pose=_row(v.end_pose.tolist()), scales=_row(v.scales.tolist()), starts=_python_tuples(v.starts),
+        single_steps=_python_tuples(zip(*v.steps, strict=True)),
+        states="" if v.states is None else f"STATES = {_python_table(v.states)}\n",
         restart="" if v.states is None else "        x = STATES[k]\n",
         step="step_function" if in_casadi else "step", make_step="    step = step_function()\n" if in_casadi else "",
         numbers=_NUMBERS if in_casadi else "", init=shown.format("init(pose, twist, delta)"), **texts, **_tolerances(v),
@@ -207,19 +207,19 @@ def _tolerances(v: ReferenceDrive) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _braced(rows: Sequence[float] | Sequence[Sequence[float]]) -> str:
+def _c_table(rows: Sequence[float] | Sequence[Sequence[float]]) -> str:
     """A table in C."""
     if isinstance(rows[0], list):
-        return "{\n" + "".join(f"    {_braced(row)},\n" for row in rows) + "}"  # type: ignore[arg-type]
-    return "{" + "\n     ".join(wrapped([repr(number) for number in rows], WIDTH)) + "}"
+        return "{\n" + "".join(f"    {_c_table(row)},\n" for row in rows) + "}"  # type: ignore[arg-type]
+    return "{" + "\n     ".join(wrap_texts([repr(number) for number in rows], WIDTH)) + "}"
 
 
-def _bracketed(table: Floats) -> str:
+def _python_table(table: Floats) -> str:
     """A table in Python, a row in lines of its own."""
     return "[\n" + "".join(f"    {_row(row)},\n" for row in table.tolist()) + "]"
 
 
-def _tuples(rows: Iterable[Iterable[Any]]) -> str:
+def _python_tuples(rows: Iterable[Iterable[Any]]) -> str:
     """A list of tuples of numbers and lists of them in Python, each of these in lines of its own."""
     return (
         "[\n"
@@ -238,4 +238,4 @@ def _item(number: float | list[float]) -> str:
 
 def _row(row: Sequence[float]) -> str:
     """A list of numbers in Python."""
-    return "[" + "\n     ".join(wrapped([repr(number) for number in row], WIDTH - 8)) + "]"
+    return "[" + "\n     ".join(wrap_texts([repr(number) for number in row], WIDTH - 8)) + "]"

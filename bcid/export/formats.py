@@ -48,7 +48,7 @@ def _write_c(e: Exported) -> Files:
     """NAME.h, NAME.c and NAME_test.c."""
     return {
         f"{e.name}.h": write_c_header(e),
-        f"{e.name}.c": write_c_source(e.name, e.formulas, e.about),
+        f"{e.name}.c": write_c_source(e),
         f"{e.name}_test.c": write_c_test(e.name, e.vectors),
     }
 

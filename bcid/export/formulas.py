@@ -20,6 +20,10 @@ class Variable(NamedTuple):
     unit: str
     meaning: str
 
+    def describe(self) -> str:
+        """Name, unit in brackets and meaning, for a line of a comment."""
+        return f"{self.name:14} {self.unit and f'({self.unit}) '}{self.meaning}"
+
 
 COMMANDS = (
     Variable("u_s", "rad", "steering command, left positive"),
@@ -40,7 +44,7 @@ POSE = (
 STEERED = Variable("delta", "rad", "steering angle, left positive")
 
 START = tuple(q._replace(name=f"{q.name}_0") for q in (*POSE, *TWIST, STEERED))
-"""Of what a state is made where the past is not known: pose, twist and steering angle."""
+"""Pose, twist and steering angle, from which a first state is made where the past is not known."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ class StepFormulas:
         names = [state.name for state in self.states]
         kept, ahead = set(wanted), [*self.twist, *(self.next_states[names.index(name)] for name in wanted)]
         while ahead:
-            asked = {n.name for n in self.graph.needed(ahead) if n.operation == "input"} & set(names) - kept
+            asked = {n.name for n in self.graph.nodes_for(ahead) if n.operation == "input"} & set(names) - kept
             kept |= asked
             ahead = [self.next_states[names.index(name)] for name in asked]
         places = [i for i, name in enumerate(names) if name in kept]
@@ -90,26 +94,26 @@ def name_constants(graph: Graph, values: Mapping[str, float], plain: Sequence[st
 
 
 def trace_scan(
-    scan: Callable[..., Any],
+    model: Any,
     tracer: Tracer,
     states: Sequence[Variable],
-    first: Callable[[dict[str, Node]], Sequence[Any]],
+    begin: Callable[[dict[str, Node]], Sequence[Any]],
     arguments: Sequence[Any],
-    period_s: float,
     networks: Mapping[str, MlpWeights],
 ) -> StepFormulas:
-    """The formulas of a model whose compiled `scan(carry, parts, *arguments)` keeps the `states` in its carry.
+    """The formulas of one period of `model`, by the compiled scan of its class, which keeps the `states` in its carry.
 
-    `first` gives the first state from the nodes of `START` by name.
+    The scan takes `arguments` beside carry and commands.  `begin` gives the first state from the nodes of `START` by
+    name.
     """
     graph = tracer.graph
     carry = np.array([graph.input(state.name) for state in states], object)
-    parts = np.array([[[period_s, *(graph.input(command.name) for command in COMMANDS), 0.0]]], object)
-    twists = tracer.trace(scan)(carry, parts, *arguments)
-    begin = first({quantity.name: graph.input(quantity.name) for quantity in START})
+    parts = np.array([[[model.period_s, *(graph.input(command.name) for command in COMMANDS), 0.0]]], object)
+    twists = tracer.trace(model.kernels.scan)(carry, parts, *arguments)
+    first = begin({quantity.name: graph.input(quantity.name) for quantity in START})
     return StepFormulas(
-        graph, period_s, tuple(states), as_nodes(graph, carry), as_nodes(graph, twists[0]), as_nodes(graph, begin),
-        networks,
+        graph, model.period_s, tuple(states), as_nodes(graph, carry), as_nodes(graph, twists[0]),
+        as_nodes(graph, first), networks,
     )  # fmt: skip
 
 

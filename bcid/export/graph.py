@@ -109,7 +109,7 @@ class Graph:
             self.nodes.append(self.kept[key])
         return self.kept[key]
 
-    def needed(self, results: Iterable[Node]) -> list[Node]:
+    def nodes_for(self, results: Iterable[Node]) -> list[Node]:
         """The nodes that `results` are computed from, themselves among them; arguments come first."""
         found: set[int] = set()
         ahead = list(results)

@@ -31,32 +31,27 @@ def trace_newton_euler(model: Any) -> StepFormulas:
     tracer = Tracer(Graph())
     car, longest = model.kernel_arguments
     named = Car(**name_constants(tracer.graph, car._asdict(), FLAGS))
-    return _trace(model, tracer, BODY_STATES, _begin_body, (named, longest), {})
+    return trace_scan(model, tracer, BODY_STATES, _begin_body, (named, longest), {})
 
 
 def trace_linear(model: Any) -> StepFormulas:
     """The formulas of a linearised car, its state [v_x, v_y, yaw rate, delta]."""
-    return _trace(model, Tracer(Graph()), BODY_STATES, _begin_body, model.kernel_arguments, {})
+    return trace_scan(model, Tracer(Graph()), BODY_STATES, _begin_body, model.kernel_arguments, {})
 
 
 def trace_k_sindy(model: Any) -> StepFormulas:
     """The formulas of a K-SINDy, its state [v_f, alpha_f, alpha_r, delta]."""
     tracer = Tracer(Graph())
     sparse, car = model.kernel_arguments
-    return _trace(model, tracer, KINEMATIC_STATES, _begin_kinematic(tracer, car), (sparse, car), {})
+    return trace_scan(model, tracer, KINEMATIC_STATES, _begin_kinematic(tracer, car), (sparse, car), {})
 
 
 def trace_k_mlp(model: Any) -> StepFormulas:
-    """The formulas of a K-MLP, its state [v_f, alpha_f, alpha_r, delta]."""
+    """The formulas of a K-MLP or a K-SINDy-MLP, its state [v_f, alpha_f, alpha_r, delta]."""
     tracer, networks = _with_network(model.weights)
-    return _trace(
+    return trace_scan(
         model, tracer, KINEMATIC_STATES, _begin_kinematic(tracer, model.car), model.kernel_arguments, networks
     )
-
-
-def trace_k_sindy_mlp(model: Any) -> StepFormulas:
-    """The formulas of a K-SINDy-MLP, its state [v_f, alpha_f, alpha_r, delta]."""
-    return trace_k_mlp(model)
 
 
 def trace_narx_mlp(model: Any) -> StepFormulas:
@@ -76,24 +71,12 @@ def trace_narx_mlp(model: Any) -> StepFormulas:
     def begin(start: dict[str, Node]) -> list[Any]:
         return [*3 * [start[f"{q.name}_0"] for q in TWIST], *2 * [start[f"{STEERED.name}_0"], 0.0]]
 
-    return _trace(model, tracer, (*twists, *commands), begin, model.kernel_arguments, networks)
+    return trace_scan(model, tracer, (*twists, *commands), begin, model.kernel_arguments, networks)
 
 
 def _ago(k: int) -> str:
     """What is appended to the name of a quantity `k` periods ago."""
     return f"_ago_{k}" if k else ""
-
-
-def _trace(
-    model: Any,
-    tracer: Tracer,
-    states: tuple[Variable, ...],
-    begin: Callable[[dict[str, Node]], Any],
-    arguments: tuple[Any, ...],
-    networks: dict[str, MlpWeights],
-) -> StepFormulas:
-    """The formulas of one period of `model`, by the compiled scan of its class."""
-    return trace_scan(model.kernels.scan, tracer, states, begin, arguments, model.period_s, networks)
 
 
 def _begin_body(start: dict[str, Node]) -> list[Node]:
@@ -129,6 +112,6 @@ TRACED: dict[str, Callable[[Any], StepFormulas]] = {
     "narx-mlp": trace_narx_mlp,
     "k-mlp": trace_k_mlp,
     "k-sindy": trace_k_sindy,
-    "k-sindy-mlp": trace_k_sindy_mlp,
+    "k-sindy-mlp": trace_k_mlp,
 }
 """How the formulas of a model are found, by its name."""

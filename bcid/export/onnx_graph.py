@@ -65,7 +65,7 @@ def replace_operations(results: Sequence[Node]) -> list[Node]:
     graph = Graph()
     replaced = _other_operations(graph)
     made = dict[int, Any]()
-    for node in results[0].graph.needed(results):
+    for node in results[0].graph.nodes_for(results):
         operands = [made[argument.place] for argument in node.arguments]
         match node.operation:
             case "input":
@@ -138,7 +138,7 @@ class _GraphInTheMaking:
 
     def stack(self, nodes: Sequence[Node], matrix: str) -> str:
         """Add the `matrix` whose columns are `nodes`, of one graph, and what these are computed from."""
-        for node in nodes[0].graph.needed(nodes):
+        for node in nodes[0].graph.nodes_for(nodes):
             if node.place not in self.names:
                 self.names[node.place] = self._compute(node)
         return self.add("Concat", [self._column_of(node) for node in nodes], [matrix], axis=1)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from bcid.export.exported import Exported
-from bcid.export.formulas import COMMANDS, POSE, START, STEERED, TWIST
-from bcid.export.pose_formulas import trace_pose
-from bcid.export.python_text import body_text, constants_text, quantities_text, tables_text, tuple_text, unpack_text
-from bcid.export.statements import NETWORK_FORMULA, Language, write_program
+from bcid.export.python_text import PythonDialect, write_python_module
+from bcid.export.statements import Language
 
 PYTHON = Language(
     {
@@ -17,7 +13,7 @@ PYTHON = Language(
         "atan": "math.atan({0})", "atan2": "math.atan2({0}, {1})", "tanh": "math.tanh({0})",
         "hypot": "math.hypot({0}, {1})", "copysign": "math.copysign({0}, {1})", "select": "{1} if {0} else {2}",
     },
-    {}, lambda value: repr(value) if math.isfinite(value) else ("-" if value < 0.0 else "") + "math.inf", selection=1,
+    {}, "math.inf", selection=1,
 )  # fmt: skip
 
 _NETWORK = '''
@@ -32,49 +28,12 @@ def {name}(x):
 '''
 
 
+DIALECT = PythonDialect(
+    PYTHON, "All are lists of floats:", "import math  # noqa: F401", "", _NETWORK, table="{}", result=("[", "]"),
+    columns=False,
+)  # fmt: skip
+
+
 def write_python_source(e: Exported) -> str:
     """The text of NAME.py, with `init(pose, twist, delta)`, `step(x, u)` and `move(pose, twist, twist_next)`."""
-    formulas = e.formulas
-    step = write_program(formulas.results, PYTHON)
-    init = write_program(formulas.first_states, PYTHON)
-    moved = write_program(trace_pose(formulas.period_s), PYTHON)
-    n = len(formulas.states)
-    networks = "".join(
-        tables_text(k, w) + _NETWORK.format(name=k, formula=NETWORK_FORMULA) for k, w in formulas.networks.items()
-    )
-    next_states = "".join(f"        {text},\n" for text in step.results[:n])
-    return f'''\
-"""{e.about}
-
-All are lists of floats: a state `x`, see STATES; a command `u`, see COMMANDS, held for PERIOD_S seconds; a pose
-[p_x, p_y (m), theta (rad)] in the world; a twist [v_x, v_y (m/s), yaw rate (rad/s)], x ahead, y left.
-Poses and twists are of the {e.point}.
-
-{quantities_text(formulas.states, e.commands)}"""
-
-import math  # noqa: F401
-
-PERIOD_S = {formulas.period_s!r}
-STATES = {tuple_text([q.name for q in formulas.states])}
-COMMANDS = {tuple_text([q.name for q in COMMANDS])}
-
-{constants_text(step, init)}{networks}
-
-def init(pose, twist, delta):
-    """The state of a vehicle whose past is not known: it coasts, its wheel held at delta (rad)."""
-{unpack_text(START[:3], "pose")}{unpack_text(START[3:6], "twist")}    {STEERED.name}_0 = delta
-{body_text(init)}    return [{", ".join(init.results)}]
-
-
-def step(x, u):
-    """One period: the state after it, and the twist there."""
-{unpack_text(formulas.states, "x")}{unpack_text(COMMANDS, "u")}{body_text(step)}    x_next = [
-{next_states}    ]
-    return x_next, [{", ".join(step.results[n:])}]
-
-
-def move(pose, twist, twist_next):
-    """The pose one period later, from the twists before and after it, by the trapezoidal rule."""
-{unpack_text(POSE, "pose")}{unpack_text(TWIST, "twist")}{unpack_text(TWIST, "twist_next", "_next")}{body_text(moved)}\
-    return [{", ".join(moved.results)}]
-'''
+    return write_python_module(e, DIALECT)

@@ -95,9 +95,10 @@ def drive_for_reference(
     pose, twist = np.zeros(3), np.array(START_TWIST)
     history = history_of_start(model, pose, twist, START_STEER_RAD, time_s)
     try:
-        twists = (
-            rollout(model, history, commands)[1:] if time_s is None else _drive_at(model, history, commands, time_s)
-        )
+        if time_s is not None and isinstance(model, AugmentedNewtonEuler):
+            twists = _drive_at(model, history, commands, time_s)
+        else:
+            twists = rollout(model, history, commands)[1:]
     except RolloutDiverged as error:
         raise InputRefused(model.name, "model", f"{error} as it is driven for a check", "fit it to more data") from None
     states = _states(model, history, commands) if formulas.networks else None
@@ -143,10 +144,8 @@ def _first_state(
     return FirstState(pose, twist, delta, state_of(model, [q.name for q in formulas.states], carry))
 
 
-def _drive_at(model: Model, history: History, commands: Floats, time_s: float) -> Floats:
+def _drive_at(model: AugmentedNewtonEuler, history: History, commands: Floats, time_s: float) -> Floats:
     """Twists (N, 3) after each of `commands` (N, 2) of a car with effects for which it is always `time_s` (s)."""
-    if not isinstance(model, AugmentedNewtonEuler):
-        return rollout(model, history, commands)[1:]
     carry, twists = model.init(history), []
     given = slice(N_MOTION, None, 4)  # the times of the commands that the carry holds
     for command in commands:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,12 +29,14 @@ NETWORK_FORMULA = "y = y_mean + y_sd (W3 relu(W2 relu(W1 z + b1) + b2) + b3), z 
 class Language:
     """How a language writes operations."""
 
-    calls: Mapping[
-        str, str
-    ]  # by operation, with {0}, {1}, {2} for the operands: all that stands between no two operands
+    calls: Mapping[str, str]  # by operation, with {0}, {1}, {2} for the operands: all but signs between two operands
     signs: Mapping[str, str]  # in place of those of INFIX
-    number: Callable[[float], str]
+    infinity: str
     selection: int = ATOM  # how tightly a selection binds; its operands are written without brackets if it is a call
+
+    def number(self, value: float) -> str:
+        """A number as it is written."""
+        return repr(value) if math.isfinite(value) else ("-" if value < 0.0 else "") + self.infinity
 
 
 class Line(NamedTuple):
@@ -64,7 +67,7 @@ class Program(NamedTuple):
 
 def write_program(results: Sequence[Node], language: Language) -> Program:
     """The program, in `language`, that computes the `results`: whatever is used more than once has a name."""
-    nodes = results[0].graph.needed(results)
+    nodes = results[0].graph.nodes_for(results)
     uses = Counter(argument.place for node in nodes for argument in node.arguments)
     uses.update(node.place for node in results)
     texts, lines, networks = dict[int, tuple[str, int]](), list[Line | NetworkLine](), dict[tuple[int, ...], str]()
@@ -117,13 +120,13 @@ def _bracket(operand: tuple[str, int], least: int) -> str:
     return text if binds >= least else f"({text})"
 
 
-def wrapped(names: Sequence[str], width: int) -> Iterator[str]:
-    """`names`, separated by commas, in lines of at most `width` characters."""
+def wrap_texts(texts: Sequence[str], width: int) -> Iterator[str]:
+    """Lines of at most `width` characters that hold `texts` with commas between them."""
     line = ""
-    for name in names:
-        if line and len(line) + len(name) + 2 > width:
+    for text in texts:
+        if line and len(line) + len(text) + 2 > width:
             yield line + ","
             line = ""
-        line += (", " if line else "") + name
+        line += (", " if line else "") + text
     if line:
         yield line

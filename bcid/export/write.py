@@ -56,7 +56,7 @@ def _describe(e: Exported, made: Sequence[ExportedFormat]) -> ExportDocument:
     """What NAME.json says of an export whose formats are `made`."""
     noise = e.validity.noise if e.validity else None
     results = (*e.formulas.results, *e.formulas.first_states)
-    parameters = [node for node in e.formulas.graph.needed(results) if node.operation == "parameter"]
+    parameters = [node for node in e.formulas.graph.nodes_for(results) if node.operation == "parameter"]
     return ExportDocument(
         kind="bcid.export/1", name=e.name, model=e.model.name, model_digest=e.digest, made_by=f"bcid {__version__}",
         of="vehicle" if e.without_measurement else "recording", time_s=e.time_s, point=e.point,

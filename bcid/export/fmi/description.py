@@ -17,7 +17,7 @@ UNITS: dict[str, dict[str, int]] = {
 """Units of quantities as powers of the base units."""
 
 OUTPUTS = (*POSE, *TWIST)
-"""Of one point of the vehicle; each follows at the start from the parameter at the same place in `START`."""
+"""Pose and twist of one point; at the start they are the parameters at the same places in `START`."""
 
 STATE_PREFIX = "x."
 """Before the names of the model's states, which may be called as outputs are."""

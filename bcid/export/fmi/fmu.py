@@ -74,7 +74,7 @@ def write_texts(e: Exported, version: int) -> dict[str, str]:
     """
     own = (f"fmu-fmi{version}.c", f"fmi{version}-interface.h", "fmu-vehicle.h")
     sources = {
-        f"{e.name}.c": write_c_source(e.name, e.formulas, e.about),
+        f"{e.name}.c": write_c_source(e),
         f"{e.name}.h": write_c_header(e),
         **{name: files("bcid.export.fmi").joinpath(name).read_text(encoding="utf-8") for name in own},
     }
