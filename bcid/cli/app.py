@@ -16,6 +16,7 @@ from bcid.cli.options import Format
 from bcid.cli.proving import prove
 from bcid.cli.simulating import simulate
 from bcid.cli.starting import init
+from bcid.cli.viewing import view
 from bcid.errors import Problems, UsageError
 
 REPORT_FILES = ("index.html", "report.json")
@@ -217,6 +218,7 @@ def fit(
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
     "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "export": export,
+    "view": view,
     "models": listing.list_models, "effects": listing.list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():

@@ -1,4 +1,4 @@
-"""Stage `diagnose`: what physics recordings show that the model lacks, with its proof and the augmented model."""
+"""Stage `diagnose`: what physics recordings show that the model lacks, with its proof, the base and the augmented model."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ def run_diagnose_stage(
     folder: Path, recordings: Sequence[Path], estimates: Sequence[Path], names: Sequence[str], tuning: Path,
     vehicle: Vehicle, simulation: str | None, simulated: Sequence[tuple[Path, Path]], progress: Progress,
 ) -> None:  # fmt: skip
-    """Diagnose which physics a simulation lacks, by recordings together; write document, page, model and next drive.
+    """Diagnose which physics a simulation lacks, by recordings together; write document, page, models, next drive.
 
     `recordings` and `estimates` are the artifact folders of the ingested takes and of their smoothed motions, `names`
     what tells these takes apart.  The simulation is `simulation` (a saved model's folder, a TOML file of parameters, or
@@ -56,8 +56,10 @@ def run_diagnose_stage(
     knots, lines = knot_columns(found), track_columns(tracks)
     write_columns(folder / "knots.parquet", knots, KNOT_UNITS)
     write_columns(folder / "tracks.parquet", lines, TRACK_UNITS)
-    (folder / "model").mkdir()
-    save_model(model_from_fit(found.fit, float(found.take.length_s[0]), motions[0].period_s), folder / "model")
+    # the base model is kept beside the augmented one, for views that predict with both
+    for name, fit in (("base", found.naming.base), ("model", found.fit)):
+        (folder / name).mkdir()
+        save_model(model_from_fit(fit, float(found.take.length_s[0]), motions[0].period_s), folder / name)
     ModelValidity(None, DataRange.from_estimates(motions)).save(folder / "model")
     write_diagnosis_page(
         document, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
