@@ -1,10 +1,9 @@
 """Tables in LaTeX: ruled by booktabs, all that is text escaped, numbers aligned at ± and at the dash of an interval."""
 
 import re
-from typing import Any
 
-from bcid.report.formats import format_number, format_with_error, symbol_text
-from bcid.view.tables import Between, Cell, Estimated, ResultTable, heading
+from bcid.report.formats import format_number, format_thousandths, format_with_error, symbol_text
+from bcid.view.tables import Between, Cell, Estimated, Printing, ResultTable
 
 SPECIAL = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
@@ -18,7 +17,8 @@ GREEK_NAMES = {
     "σ": "sigma", "τ": "tau", "φ": "varphi", "ψ": "psi", "ω": "omega", "Ω": "Omega", "Δ": "Delta",
 }  # fmt: skip
 SIGNS = {
-    "±": r"\pm", "×": r"\times", "·": r"\cdot", "−": "-", **{letter: f"\\{name}" for letter, name in GREEK_NAMES.items()}
+    "±": r"\pm", "×": r"\times", "·": r"\cdot", "−": "-",
+    **{letter: f"\\{name}" for letter, name in GREEK_NAMES.items()},
 }  # fmt: skip
 """Letters and signs that LaTeX has in formulas only."""
 RAISED = dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789", strict=True))
@@ -26,6 +26,8 @@ DASHES = {"–": "--", "—": "---", "…": r"\dots{}", "µ": r"$\mu$", "°": r"
 
 PREAMBLE = "% in the preamble: \\usepackage{booktabs}"
 NOTHING = "--"
+SYMBOL_COLUMNS = ("parameter", "symbol")
+"""Columns whose texts are symbols of parameters."""
 
 
 def escape_latex(text: str) -> str:
@@ -68,23 +70,29 @@ def format_symbol(symbol: str) -> str:
 def table_as_latex(table: ResultTable) -> str:
     """A table with its caption and the label `tab:NAME`; it needs the package booktabs."""
     kinds = [type(next((c for c in column if c is not None), "")) for column in zip(*table.rows, strict=True)]
-    align = "".join(map(_alignment, kinds))
-    names = [escape_latex(heading(table, c)) for c in table.columns]
-    head = " & ".join(
-        rf"\multicolumn{{{_width(kind)}}}{{c}}{{{name}}}" if _width(kind) > 1 else name
-        for kind, name in zip(kinds, names, strict=True)
-    )
-    symbols = [c in ("parameter", "symbol") for c in table.columns]
+    heads = [_heading(table, column, _width(kind)) for column, kind in zip(table.columns, kinds, strict=True)]
     rows = [
-        " & ".join(_format_cell(c, kind, is_symbol) for c, kind, is_symbol in zip(row, kinds, symbols, strict=True))
+        " & ".join(
+            _format_cell(cell, kind, column, table.printed.get(column))
+            for cell, kind, column in zip(row, kinds, table.columns, strict=True)
+        )
         for row in table.rows
     ]
     lines = [
         PREAMBLE, r"\begin{table}", r"\centering", rf"\caption{{{escape_latex(table.caption)}.}}",
-        rf"\label{{tab:{table.name}}}", rf"\begin{{tabular}}{{{align}}}", r"\toprule", rf"{head} \\", r"\midrule",
-        *(rf"{row} \\" for row in rows), r"\bottomrule", r"\end{tabular}", r"\end{table}",
+        rf"\label{{tab:{table.name}}}", rf"\begin{{tabular}}{{{''.join(map(_alignment, kinds))}}}", r"\toprule",
+        rf"{' & '.join(heads)} \\", r"\midrule", *(rf"{row} \\" for row in rows), r"\bottomrule", r"\end{tabular}",
+        r"\end{table}",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _heading(table: ResultTable, column: str, width: int) -> str:
+    """A column's name over `width` columns of LaTeX, with its unit, or the power of ten that its numbers are told in."""
+    unit = table.units.get(column)
+    shown = rf"{format_symbol(column)} ({escape_latex(unit)})" if unit else format_symbol(column)
+    shown += r" $\times 10^{3}$" if table.printed.get(column) == "thousandths" else ""
+    return rf"\multicolumn{{{width}}}{{c}}{{{shown}}}" if width > 1 else shown
 
 
 def _width(kind: type) -> int:
@@ -101,21 +109,30 @@ def _alignment(kind: type) -> str:
     return "r" if kind in (int, float) else "l"
 
 
-def _format_cell(cell: Cell, kind: Any, is_symbol: bool) -> str:
+def _format_cell(cell: Cell, kind: type, column: str, printed: Printing | None) -> str:
     """A cell as LaTeX, with & between the columns that it takes."""
+    if cell is None:
+        return NOTHING
     if isinstance(cell, Estimated):
         return _format_estimated(cell)
     if isinstance(cell, Between):
-        low_high = [format_number(v, 2) if v is not None else "" for v in (cell.low, cell.high)]
-        ends = " & ".join(map(escape_latex, low_high)) if all(low_high) else r"\multicolumn{2}{c}{" + NOTHING + "}"
-        return f"{escape_latex(format_number(cell.value, 2))} & {ends}"
-    if cell is None:
-        return " & ".join([NOTHING] * _width(kind))
+        low, high = (None if v is None else _format_value(v, printed) for v in (cell.low, cell.high))
+        ends = rf"\multicolumn{{2}}{{c}}{{{NOTHING}}}" if low is None or high is None else f"{low} & {high}"
+        return f"{_format_value(cell.value, printed)} & {ends}"
     if isinstance(cell, bool):
         return "yes" if cell else "no"
     if isinstance(cell, str):
-        return format_symbol(cell) if is_symbol else escape_latex(cell.replace("_", " "))
-    return escape_latex(str(cell) if isinstance(cell, int) else format_number(cell))
+        return format_symbol(cell) if column in SYMBOL_COLUMNS else escape_latex(cell.replace("_", " "))
+    return str(cell) if kind is int else _format_value(cell, printed)
+
+
+def _format_value(value: float | None, printed: Printing | None) -> str:
+    """A number as LaTeX; a dash where there is none."""
+    if value is None:
+        return NOTHING
+    if printed == "as given":
+        return escape_latex(f"{value:g}")
+    return escape_latex(format_thousandths(value) if printed == "thousandths" else format_number(value))
 
 
 def _format_estimated(cell: Estimated) -> str:

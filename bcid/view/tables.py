@@ -1,7 +1,7 @@
 """The results of a comparison and of a diagnosis as tables: each cell a number, a number with its error, or a text."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from bcid.documents.diagnosis import DiagnosisDocument, Quantity
 from bcid.documents.document import Interval
@@ -26,10 +26,15 @@ class Between(NamedTuple):
 Cell = str | float | int | bool | Estimated | Between | None
 
 
+Printing = Literal["thousandths", "as given"]
+"""How LaTeX prints the numbers of a column: in units of 10^-3, as an NMSE is told, or with the digits they have."""
+
+
 class ResultTable(NamedTuple):
     """A table: its name, which becomes that of its files, its caption, and rows of as many cells as there are columns.
 
-    All cells of a column are of one kind; `units` holds the unit of a column, by its name, where all rows share one.
+    All cells of a column are of one kind; `units` holds the unit of a column, by its name, where all rows share one,
+    and `printed` how LaTeX prints it where that is not to three significant digits.
     """
 
     name: str
@@ -37,6 +42,7 @@ class ResultTable(NamedTuple):
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     units: Mapping[str, str] = {}
+    printed: Mapping[str, Printing] = {}
 
 
 def _between(value: float | None, interval: Interval | None) -> Between:
@@ -54,8 +60,8 @@ def report_tables(report: ReportDocument) -> list[ResultTable]:
     take = report.validation.name
     models = ResultTable(
         "models",
-        f"Closed-loop error (NMSE) of the models on {take}, which none was fitted on; restarted: predictions begun anew "
-        f"every {report.restart_s:g} s, with the median distance from the measured place at their ends",
+        f"Closed-loop error (NMSE) of the models on {take}, which none was fitted on. Restarted: predictions begun "
+        f"anew every {report.restart_s:g} s; miss: the median distance from the measured place at their ends",
         ("model", "NMSE", "v_x", "v_y", "yaw rate", "restarted", "miss", "parameters", "rollout"),
         tuple(
             (
@@ -65,12 +71,14 @@ def report_tables(report: ReportDocument) -> list[ResultTable]:
             for m in report.models
         ),
         {"miss": "m", "rollout": "ms"},
+        dict.fromkeys(("NMSE", "v_x", "v_y", "yaw rate", "restarted"), "thousandths"),
     )  # fmt: skip
     losses = ResultTable(
         "losses",
         f"Closed-loop error (NMSE) on {take} of models fitted by different losses",
         ("model", "loss", "NMSE", "restarted"),
         tuple((s.model, s.loss, _between(s.nmse, s.nmse_ci95), s.nmse_restarted) for s in report.losses),
+        printed=dict.fromkeys(("NMSE", "restarted"), "thousandths"),
     )
     return [models, losses]
 
@@ -107,6 +115,7 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
             for h in diagnosis.horizons
         ),
         {"horizon": "s"},
+        {"horizon": "as given", **dict.fromkeys(("before", "after", "noise floor"), "thousandths")},
     )  # fmt: skip
     others = ResultTable(
         "other_figures",
@@ -123,7 +132,7 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
         ("effect", "parameter", "smallest", "unit"),
         tuple(
             (
-                n.effect, n.parameter, n.smallest_detectable and n.smallest_detectable.value,
+                n.effect, n.parameter, n.smallest_detectable.value if n.smallest_detectable else None,
                 n.smallest_detectable.unit if n.smallest_detectable else "",
             )
             for n in diagnosis.not_excited
