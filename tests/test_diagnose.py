@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cars import CAR
 from typer.testing import CliRunner
+from viewed import miss_m, read_view
 
 from bcid.cli.app import app
 from bcid.diagnosis import diagnose
@@ -235,6 +236,15 @@ def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Pat
     assert [h["horizon_s"] for h in found["horizons"]] == [0.5, 2.0, 10.0]
     assert "rear rolling coulomb" in (out / "diagnosis.html").read_text()
     assert "rear_rolling_coulomb" in load_model(out / "model").describe()
+    viewed = CliRunner().invoke(app, ["view", str(out), "--out", str(tmp_path / "drag.mcap")])
+    assert viewed.exit_code == 0, viewed.output
+    shown = read_view(tmp_path / "drag.mcap")
+    told = [
+        read.message["message"] for read in shown["/bcid/findings"] if read.message["name"] == "rear_rolling_coulomb"
+    ]
+    assert "rear rolling coulomb" in told[0]
+    miss = {name: miss_m(shown, name) for name in ("before", "after")}
+    assert miss["after"] < 0.5 * miss["before"]
 
 
 def test_a_plan_is_written_as_commands(tmp_path: Path, vehicle_file: Path) -> None:

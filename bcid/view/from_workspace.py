@@ -17,7 +17,9 @@ from bcid.estimate.saving import load_estimate
 from bcid.estimate.types import Estimate
 from bcid.files.parquet import read_columns
 from bcid.models.saving import load_model, model_digest
+from bcid.recording.formats.detect import recording_files
 from bcid.recording.saving import RecordingSummary, load_recording
+from bcid.recording.types import Recording
 from bcid.store.artifact import MANIFEST, Artifact, file_sha256
 from bcid.vehicle import Vehicle, read_vehicle
 from bcid.view.content import Attachment, Diagnosed, ViewContent, earliest_zero_ns, predict_windows
@@ -66,20 +68,21 @@ def view_of_workspace(
     recording, estimate = load_recording(chosen.recording), load_estimate(chosen.estimate)
     vehicle = read_vehicle(vehicle_path) if vehicle_path else _kept_vehicle(folder, manifest)
     zero_ns = earliest_zero_ns(recording)
-    if take is not None and (path := Path(take)).exists():
+    if take is not None and take != chosen.name:
         if vehicle_path is None:
             raise UsageError(f"the stamps of {take} are read by its vehicle file\n  next: add --vehicle VEHICLE.toml")
-        zero_ns = zero_stamp_ns(path, vehicle, recording, allow_partial)
+        zero_ns = zero_stamp_ns(Path(take), vehicle, recording, allow_partial)
     models = {stage: folder / name for stage, name in MODEL_FOLDERS.items()}
+    facts = {f"{stage} model sha256": model_digest(path) for stage, path in models.items()}
+    facts |= {"diagnosis artifact": folder.name, "diagnosis sha256": file_sha256(folder / DOCUMENT)}
     attached = [Attachment(DOCUMENT, "application/json", (folder / DOCUMENT).read_bytes())]
     if vehicle_path:
+        facts["vehicle sha256"] = file_sha256(vehicle_path)
         attached.append(Attachment(vehicle_path.name, "application/toml", vehicle_path.read_bytes()))
     return ViewContent(
         recording, estimate, vehicle, zero_ns,
         {stage: predict_windows(load_model(path), estimate) for stage, path in models.items()},
-        Diagnosed(document, _take_knots(folder, takes, chosen, estimate, vehicle)), tuple(attached),
-        {f"{stage} model sha256": model_digest(path) for stage, path in models.items()}
-        | {"diagnosis artifact": folder.name, "diagnosis sha256": file_sha256(folder / DOCUMENT)},
+        Diagnosed(document, _take_knots(folder, takes, chosen, recording, estimate, vehicle)), tuple(attached), facts,
     )  # fmt: skip
 
 
@@ -142,9 +145,9 @@ def _choose_take(takes: Sequence[DiagnosedTake], wanted: str | None) -> Diagnose
     if wanted is None:
         return takes[0]
     named = [t for t in takes if t.name == wanted]
-    if not named and Path(wanted).is_file():
-        digest = file_sha256(Path(wanted))
-        named = [t for t in takes if digest in {s.sha256 for s in _summary(t).sources}]
+    if not named and Path(wanted).exists():
+        digests = {file_sha256(part) for part in recording_files(Path(wanted))}
+        named = [t for t in takes if digests & {s.sha256 for s in _summary(t).sources}]
     if not named:
         names = ", ".join(t.name for t in takes)
         raise UsageError(f"the diagnosis has no take {wanted!r}\n  next: name one of {names}, or its recorded file")
@@ -157,8 +160,9 @@ def _summary(take: DiagnosedTake) -> RecordingSummary:
 
 
 def _take_knots(
-    folder: Path, takes: Sequence[DiagnosedTake], chosen: DiagnosedTake, estimate: Estimate, vehicle: Vehicle
-) -> dict[str, Floats]:
+    folder: Path, takes: Sequence[DiagnosedTake], chosen: DiagnosedTake, recording: Recording, estimate: Estimate,
+    vehicle: Vehicle,
+) -> dict[str, Floats]:  # fmt: skip
     """The columns (K,) of the knots of one take, their times on its recording's clock.
 
     Takes that are diagnosed together lie one after the other on one clock, to within an integration step (0.025 s).
@@ -171,7 +175,7 @@ def _take_knots(
     begin = math.fsum(lengths[: chosen.number]) + GAP_S * chosen.number
     own = (columns["time_s"] >= begin) & (columns["time_s"] <= begin + lengths[chosen.number] + 0.5 * GAP_S)
     knots = {name: column[own] for name, column in columns.items()}
-    knots["time_s"] = knots["time_s"] - begin + float(load_recording(chosen.recording).poses.time_s[0])
+    knots["time_s"] = knots["time_s"] - begin + float(recording.poses.time_s[0])
     x, y = (np.interp(knots["time_s"], estimate.time_s, estimate.pose[:, c]) for c in (0, 1))
     aside = np.hypot(knots["x"] - x, knots["y"] - y)
     if not len(aside) or np.median(aside) > MAX_ASIDE_WHEELBASES * vehicle.body.wheelbase_m:

@@ -88,7 +88,7 @@ def table_as_latex(table: ResultTable) -> str:
 
 
 def _heading(table: ResultTable, column: str, width: int) -> str:
-    """A column's name over `width` columns of LaTeX, with its unit, or the power of ten that its numbers are told in."""
+    """A column's name over `width` columns of LaTeX, with its unit, or the power of ten of its numbers."""
     unit = table.units.get(column)
     shown = rf"{format_symbol(column)} ({escape_latex(unit)})" if unit else format_symbol(column)
     shown += r" $\times 10^{3}$" if table.printed.get(column) == "thousandths" else ""

@@ -7,13 +7,13 @@ from typing import IO, Any, NamedTuple
 
 from bcid import __version__
 from bcid.files.outputs import MayReplace, staged_outputs
-from bcid.view.content import ViewContent
+from bcid.view.content import Attachment, ViewContent
 from bcid.view.layout import make_layout
 from bcid.view.schemas import schema_bytes
 from bcid.view.topics import Topic, list_topics
 from bcid.view.vehicle_file import vehicle_toml, view_vehicle
 
-METADATA_NAME = "bcid"
+METADATA_NAME, VEHICLE_NAME = "bcid", "view.vehicle.toml"
 OTHER_FILE = "name another file with --out"
 
 
@@ -41,17 +41,20 @@ def write_view(content: ViewContent, path: Path, may_replace: MayReplace) -> Wri
         DiskFull: the disk is full.
     """
     topics, files = list_topics(content), view_files(path)
+    reading = vehicle_toml(view_vehicle(content.vehicle, content.recording))
     with staged_outputs(path.parent, may_replace, OTHER_FILE) as folder:
         mcap, layout, vehicle = (folder / file.name for file in files)
         with mcap.open("wb") as file:
-            _write_mcap(file, content, topics)
+            _write_mcap(file, content, topics, reading)
         layout.write_text(json.dumps(make_layout(content, [t.name for t in topics]), indent=1), encoding="utf-8")
-        vehicle.write_text(vehicle_toml(view_vehicle(content.vehicle, content.recording)), encoding="utf-8")
+        vehicle.write_text(reading, encoding="utf-8")
     return WrittenView(*files, {t.name: (t.schema, len(t.messages)) for t in topics})
 
 
-def _write_mcap(file: IO[bytes], content: ViewContent, topics: Iterable[Topic]) -> None:
+def _write_mcap(file: IO[bytes], content: ViewContent, topics: Iterable[Topic], reading: str) -> None:
     """Write the messages of all topics in the order of their stamps, with attachments and metadata.
+
+    Among the attachments is the text of the vehicle file for `reading` the view back.
 
     Messages lie in compressed chunks with checksums and indexes, so that viewers can jump to any time.
     """
@@ -69,7 +72,7 @@ def _write_mcap(file: IO[bytes], content: ViewContent, topics: Iterable[Topic]) 
         data = json.dumps(message, separators=(",", ":"), allow_nan=False, ensure_ascii=False).encode()
         writer.add_message(channel, log_time=ns, publish_time=ns, data=data)
     zero = content.zero_ns
-    for attachment in content.attachments:
+    for attachment in (*content.attachments, Attachment(VEHICLE_NAME, "application/toml", reading.encode())):
         writer.add_attachment(zero, zero, attachment.name, attachment.media_type, attachment.data)
     writer.add_metadata(METADATA_NAME, _metadata(content))
     writer.finish()  # type: ignore[no-untyped-call]
