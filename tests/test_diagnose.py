@@ -236,9 +236,9 @@ def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Pat
     assert [h["horizon_s"] for h in found["horizons"]] == [0.5, 2.0, 10.0]
     assert "rear rolling coulomb" in (out / "diagnosis.html").read_text()
     assert "rear_rolling_coulomb" in load_model(out / "model").describe()
-    viewed = CliRunner().invoke(app, ["view", str(out), "--out", str(tmp_path / "drag.mcap")])
+    viewed = CliRunner().invoke(app, ["view", str(out), "--out", str(tmp_path / "view.mcap")])
     assert viewed.exit_code == 0, viewed.output
-    shown = read_view(tmp_path / "drag.mcap")
+    shown = read_view(tmp_path / "view.mcap")
     told = [
         read.message["message"] for read in shown["/bcid/findings"] if read.message["name"] == "rear_rolling_coulomb"
     ]

@@ -1,4 +1,4 @@
-"""Stage `diagnose`: what physics recordings show that the model lacks, with its proof, the base and the augmented model."""
+"""Stage `diagnose`: what physics recordings show that the model lacks, its proof, the base and the augmented model."""
 
 from collections.abc import Sequence
 from pathlib import Path
