@@ -230,6 +230,9 @@ def test_a_push_is_an_arrow_along_it_from_the_car(workspace: Path, tmp_path: Pat
     x, y, yaw = (float(np.interp(WORST_S, e.time_s, e.pose[:, c])) for c in range(3))
     assert along["pose"]["position"]["x"] == pytest.approx(x, abs=1e-5)
     assert along["pose"]["position"]["y"] == pytest.approx(y, abs=1e-5)
+    lengths = [a["shaft_length"] + a["head_length"] for a in (*before["arrows"], *after["arrows"])]
+    # one push stands out by far: it is five times as long as usual ones, and no longer
+    assert max(lengths) == pytest.approx(5.0 * 1.5 * content.vehicle.body.wheelbase_m, rel=1e-3)
     turned = 2.0 * np.arctan2(along["pose"]["orientation"]["z"], along["pose"]["orientation"]["w"])
     # a push of -2 m/s² along the car points backward
     assert np.cos(turned - yaw) == pytest.approx(-1.0, abs=1e-6)

@@ -85,7 +85,8 @@ def _refuse_misfits(
     if not diagnosed and (take is not None or tables is not None):
         raise UsageError(f"--take and --tables go with a workspace, which {subject} is not\n  next: name a workspace")
     if not diagnosed and vehicle is None:
-        raise UsageError("a recording needs --vehicle VEHICLE.toml\n  next: `bcid init` writes a vehicle file")
+        cause = f"{subject} is no workspace, and a recording needs --vehicle VEHICLE.toml"
+        raise UsageError(f"{cause}\n  next: `bcid init` writes a vehicle file")
     if tables is not None and (out is not None or take is not None):
         raise UsageError("with --tables no view is written\n  next: leave --out and --take out")
     if out is not None and out.suffix != ".mcap":

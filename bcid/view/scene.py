@@ -26,6 +26,8 @@ AHEAD_S = 0.5
 """The velocity's arrow ends where the car would be after this time (s)."""
 PUSH_PER_WHEELBASE, USUAL_PUSH_QUANTILE = 1.5, 0.95
 """The arrow of a push that 5 % exceed, by the wheelbase."""
+LARGEST_SHARE = 0.2
+"""The least share of the largest push that counts as usual: where a model lacks next to nothing, one push is all."""
 MARGIN_WHEELBASES, FLOOR_THICKNESS_M = 2.0, 0.01
 
 
@@ -110,7 +112,8 @@ def place_entity(ns: int, name: str, circle: Circle, vehicle: Vehicle) -> Messag
 class PushScale:
     """Lengths of arrows that stand for accelerations: m per m/s² on the floor, and m per rad/s² upward.
 
-    An arrow that 5 % of the take's pushes exceed is one and a half wheelbases long, in either scale.
+    An arrow that 5 % of the take's pushes exceed is one and a half wheelbases long, in either scale, or shorter if the
+    longest would have more than five times that length.
     """
 
     def __init__(self, knots: Mapping[str, Floats], vehicle: Vehicle) -> None:
@@ -119,7 +122,8 @@ class PushScale:
         planar, turning = np.hypot(knots["before_fx"], knots["before_fy"]), np.abs(knots["before_mz"])
         length = PUSH_PER_WHEELBASE * self.wheelbase_m
         self.m_per_mps2, self.m_per_radps2 = (
-            length / max(float(np.quantile(size, USUAL_PUSH_QUANTILE)), 1e-9) for size in (planar, turning)
+            length / max(float(np.quantile(size, USUAL_PUSH_QUANTILE)), LARGEST_SHARE * float(size.max()), 1e-9)
+            for size in (planar, turning)
         )
 
     def arrows(self, knots: Mapping[str, Floats], k: int, stage: str, opacity: float = 1.0) -> list[Message]:
