@@ -1,9 +1,11 @@
 """`bcid`: the commands.  Heavy imports happen inside the command that needs them."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,7 +22,10 @@ from bcid.cli.proving import prove
 from bcid.cli.reporting import report, run
 from bcid.cli.simulating import simulate
 from bcid.cli.starting import init
-from bcid.errors import Problems
+from bcid.errors import Problems, UsageError
+
+if TYPE_CHECKING:
+    from bcid.recording.types import Recording
 
 app = typer.Typer(
     name="bcid",
@@ -56,16 +61,29 @@ def ingest(
     check: Annotated[
         bool, typer.Option("--check", help="Only report the health of each recording: go, or no-go and why.")
     ] = False,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            "--table", metavar="FILE.parquet|FILE.csv",
+            help="Write what was read as tables as well: poses to this file, commands and channels beside it.",
+        ),
+    ] = None,
     allow_partial: options.AllowPartialOption = False,
+    force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
+) -> None:  # fmt: skip
     """Read recordings, check and mend them, and report what is irregular: gaps, jumps, wrong units, clocks."""
     from bcid.cli import show
     from bcid.cli.checking import check_recordings
     from bcid.cli.sink import Sink
     from bcid.pipeline.run import Pipeline
-    from bcid.recording.saving import RecordingSummary
+    from bcid.pipeline.tidy_tables import check_table_name, write_tidy_tables
+    from bcid.recording.saving import RecordingSummary, load_recording
 
+    if check and table:
+        raise UsageError("--check writes nothing\n  next: leave --check or --table out")
+    if table:
+        check_table_name(table)
     if check:
         # nothing is written, so that no folder is asked for
         out = Path() if recordings else None
@@ -75,15 +93,21 @@ def ingest(
         check_recordings(config, sink)
         return
     work, taken, problems = Pipeline(config, sink), list[dict[str, Any]](), Problems()
+    read: dict[str, Recording] = {}
     for path in work.config.recordings():
         # after a refusal the other recordings are read all the same
         with problems.gather_refusals():
             made = work.ingest(path)
             summary = RecordingSummary.read(made.folder / "recording.json")
             taken.append(summary.as_json() | {"name": work.names[path], "folder": str(made.folder)})
+            if table:
+                read[work.names[path]] = load_recording(made.folder)
     if taken:
         sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recording_tables(taken))
     problems.raise_if_any(work.config.recordings()[0])
+    if table:
+        written = write_tidy_tables(table, read, lambda there: force)
+        sink.note(f"written to: {', '.join(map(str, written))}")
     work.raise_if_parts_lost()
 
 

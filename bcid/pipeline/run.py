@@ -12,6 +12,7 @@ from bcid.errors import InputRefused, PartLost, Problem, Problems, UsageError
 from bcid.files.source_code import stage_code
 from bcid.models.table import fittable_row, model_row, require_training_libraries
 from bcid.pipeline.config import PipelineConfig
+from bcid.pipeline.cuts import split_cut, without_cut
 from bcid.pipeline.limits import LIMITS
 from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
 from bcid.pipeline.progress import spread_rounds
@@ -154,10 +155,11 @@ class Pipeline:
 
     def _ingest(self, recording: Path) -> Artifact:
         """Artifact of one ingested recording, found by the content of its files."""
-        kind, commands = detect_format(recording), find_commands_file(recording, self.config.commands)
+        file, cut = split_cut(recording)
+        kind, commands = detect_format(file), find_commands_file(file, self.config.commands)
         tables = {"mcap": ("topics",), "motive": ("commands",), "table": ("columns", "commands")}[kind]
         inputs: dict[str, Any] = {
-            "recording": "+".join(file_sha256(part) for part in recording_files(recording)),
+            "recording": "+".join(file_sha256(part) for part in recording_files(file)),
             "name": recording.name,
             "commands": file_sha256(commands) if commands is not None and commands.is_file() else None,
             "vehicle": self._vehicle_parts(*AXLE_KEYS, "steering", "motor", "mocap", "command", "clock", *tables),
@@ -166,7 +168,7 @@ class Pipeline:
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import ingest
 
-            ingest.run_ingest_stage(folder, recording, commands, self.vehicle, self.config.allow_partial)
+            ingest.run_ingest_stage(folder, file, commands, self.vehicle, self.config.allow_partial, cut)
 
         settings = {"allow_partial": True} if self.config.allow_partial else {}
         return self._run_stage("ingest", self._title(recording), inputs, settings, make)
@@ -199,7 +201,9 @@ class Pipeline:
             # it needs the checks, which are slow to import
             from bcid.recording.neighbours import name_fitting_commands
 
-            for odd in name_fitting_commands(recording, load_recording(folder), self.vehicle).irregularities:
+            for odd in name_fitting_commands(
+                without_cut(recording), load_recording(folder), self.vehicle
+            ).irregularities:
                 if odd.action == "no-go":
                     cause, _, mend = odd.detail.rpartition("; ")
                     step = f"{mend} (or --ignore-health uses the take as it is)"
@@ -273,10 +277,12 @@ class Pipeline:
             return None
         if not self.config.truth.is_dir():
             raise InputRefused(self.config.source, "truth", f"{self.config.truth} is no folder", "correct or remove it")
-        truth, table = self.config.truth / f"{recording.stem}.parquet", self.config.estimate
+        file, table = without_cut(recording), self.config.estimate
+        truth = self.config.truth / f"{file.stem}.parquet"
         if not truth.exists():
             return None
-        alike = [p for p in self.config.recordings() if p.stem == recording.stem]
+        files = dict.fromkeys(without_cut(p) for p in self.config.recordings())
+        alike = [p for p in files if p.stem == file.stem]
         if len(alike) > 1:
             cause = f"{truth} may be of any of {', '.join(map(str, alike))}"
             raise InputRefused(self.config.source, "truth", cause, "give the takes other names, or remove truth")
@@ -473,7 +479,7 @@ class Pipeline:
         self._refuse_repeats(recordings, (), "diagnose", "name each take once: two would count as twice the evidence")
         takes, tuned = [(self.ingest(p), self.estimate(p)) for p in recordings], self.tune()
         path = Path(simulation) if simulation is not None else None
-        recorded_too = path is not None and path.is_file() and path.suffix != ".toml"
+        recorded_too = path is not None and without_cut(path).is_file() and path.suffix != ".toml"
         others = [(self.ingest(path), self.estimate(path))] if path is not None and recorded_too else []
         names = [self.names[p] for p in recordings]
         inputs = {
