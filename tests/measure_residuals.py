@@ -1,8 +1,8 @@
 """How large a model's residuals are where it lacks nothing, and where it does: figures for bcid/evaluation/limits.py.
 
-`python tests/measure_residuals.py FOLDER` simulates drives of the paper's car and of the bumper car with all its extras,
-fits newton-euler to each by each loss, and prints the ratio of residuals.json, over what it usually is.  A quarter of an
-hour on two cores; what lies in FOLDER already is reused.
+`python tests/measure_residuals.py FOLDER` simulates drives of the paper's car and of the bumper car with all its
+extras, fits newton-euler to each by each loss, and prints the ratio of residuals.json, over what it usually is.  A
+quarter of an hour on two cores; what lies in FOLDER already is reused.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ def main(folder: Path) -> None:
     """Print a line for each drive: its multiples by each loss."""
     for drive in drives():
         multiples = {loss: fit_and_measure(drive, loss, folder) for loss in LOSSES}
-        print(f"{drive.name:45}", *(f"{loss} {m:.2f}" for loss, m in multiples.items()), flush=True)
+        figures = "  ".join(f"{loss} {multiple:.2f}" for loss, multiple in multiples.items())
+        print(f"{drive.name:45} {figures}", flush=True)  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -161,9 +161,27 @@ def test_diagnoses_are_compared_with_what_only_one_found(tmp_path: Path) -> None
     assert lost.sentence == "Not the same: yaw_scrub is found in the first only."
     # what a drive would not have shown cannot be missed in it
     (unseen,) = compared(one, diagnosis(tmp_path / "e", 3650.0, {}, ("yaw_scrub",))).models
-    assert unseen.verdict == "same"
-    assert "yaw_scrub, found in one only" in unseen.sentence
-    assert [f.visible_in_both for f in unseen.lone_findings] == [False]
+    assert unseen.verdict == "undecided"
+    assert "yaw_scrub is found in the first only; of the other, its takes would not have shown it" in unseen.sentence
+    assert [f.decides for f in unseen.lone_findings] == [False]
+
+
+def test_a_diagnosis_that_leaves_something_open_decides_nothing(tmp_path: Path) -> None:
+    """What has no name there, or another name that looks the same, may be what the other run found."""
+    one = diagnosis(tmp_path / "a", 3640.0, {"rear_rolling_viscous": 12.0})
+    unknown = diagnosis(tmp_path / "b", 3650.0, {})
+    document = DiagnosisDocument.read(unknown / "diagnosis.json").model_copy(update={"verdict": "unknown"})
+    (unknown / "diagnosis.json").unlink()
+    document.write(unknown / "diagnosis.json")
+    (model,) = compared(one, unknown).models
+    assert model.verdict == "undecided"
+    assert "of the other, it leaves something without a name, which may be it" in model.sentence
+    named = DiagnosisDocument.read(one / "diagnosis.json")
+    twins = (named.findings[0].model_copy(update={"twins": ("quadratic_drag",)}),)
+    (one / "diagnosis.json").unlink()
+    named.model_copy(update={"findings": twins}).write(one / "diagnosis.json")
+    (alike,) = compared(one, diagnosis(tmp_path / "c", 3650.0, {"quadratic_drag": 3.0})).models
+    assert "it names quadratic_drag, which looks the same" in alike.sentence
 
 
 def test_workspaces_are_compared_model_by_model_the_diagnosis_first(tmp_path: Path) -> None:

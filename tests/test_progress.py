@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import itertools
+import subprocess
+import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -160,3 +162,32 @@ def test_columns_of_text_are_left_and_of_figures_right() -> None:
     assert [c.justify for c in table.columns] == ["left", "right", "right", "left", "left"]
     assert is_column_of_figures(["≤ 3 ms", "± 2", "(3.5 ± 0.2) × 10⁻⁵"])
     assert not is_column_of_figures(["3 ms", "none: not estimated"])
+
+
+INTERRUPTED_TWICE = """
+import os, signal, sys, time
+from bcid.cli.exits import run_and_explain
+
+def at_work():
+    # as if the compiler were at work, which no exception may leave
+    signal.raise_signal(signal.SIGINT)
+    os.write(2, b"still at work\\n")
+
+scope = {"__name__": "llvmlite.binding", "signal": signal, "os": os}
+compiler = type(at_work)(at_work.__code__, scope)
+
+def command():
+    compiler()
+    signal.raise_signal(signal.SIGINT)
+
+sys.exit(run_and_explain(command))
+"""
+
+
+def test_ctrl_c_is_answered_at_once_and_once() -> None:
+    """By the signal's handler, before what runs has ended, also where a compiler is at work that it may not enter."""
+    from bcid.cli.exits import STOPPING
+
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_TWICE], capture_output=True, text=True, check=False)
+    assert done.returncode == 130
+    assert done.stderr.splitlines() == [STOPPING, "still at work"]

@@ -75,10 +75,12 @@ def _lone_lines(model: ModelComparison) -> list[str]:
     """What only one of two diagnoses found, and which constants only one identifies, a line each."""
     lines = [
         f"only in the {'first' if f.found_in == 'one' else 'second'}: {f.sentence or f.effect}"
-        + ("" if f.visible_in_both else " (the other's takes would not have shown it)")
+        + (f" (of the other, {f.why_not})" if f.why_not else "")
         for f in model.lone_findings
     ]
+    told = {f.effect for f in model.lone_findings}
     for place, symbols in (("first", model.only_one), ("second", model.only_other)):
-        if symbols:
-            lines.append(f"identified in the {place} only: {', '.join(symbols)}")
+        constants = [s for s in symbols if s.split(" ")[0] not in told]
+        if constants:
+            lines.append(f"identified in the {place} only: {', '.join(constants)}")
     return lines

@@ -28,7 +28,8 @@ class LoneFinding(Part):
     effect: str
     found_in: Literal["one", "other"]
     sentence: str = ""
-    visible_in_both: bool  # whether the takes of the run without it would have shown it
+    decides: bool  # whether the run without it would have named it, were it there
+    why_not: str = ""  # where it would not: the reason in words
 
 
 class ModelComparison(Part):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from bcid.documents.comparison import ComparisonDocument, ConstantChange, LoneFinding, ModelComparison
-from bcid.documents.diagnosis import DiagnosisDocument, Quantity
+from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, Quantity
 from bcid.errors import InputRefused, UsageError
 from bcid.evaluation.parameter_differences import (
     ConstantDifference,
@@ -38,13 +38,30 @@ class ComparableModel(NamedTuple):
     residual_multiple: float | None  # of a model's that lacks nothing, where physics is missing
 
     @property
-    def findings(self) -> dict[str, str]:
-        """The effects that were named, with a sentence on each."""
-        return {f.effect: f.sentence for f in self.diagnosis.findings} if self.diagnosis else {}
+    def findings(self) -> dict[str, NamedEffect]:
+        """What was named, by effect."""
+        return {f.effect: f for f in self.diagnosis.findings} if self.diagnosis else {}
 
-    def would_show(self, effect: str) -> bool:
-        """Whether the takes excite an effect enough for a diagnosis to have seen it."""
-        return self.diagnosis is not None and effect not in {e.effect for e in self.diagnosis.not_excited}
+    def why_silent(self, effect: NamedEffect) -> str:
+        """Why this run need not have named an effect though the car has it, in words; empty where it would have."""
+        if self.diagnosis is None:
+            return "it was not diagnosed"
+        if effect.effect in {unseen.effect for unseen in self.diagnosis.not_excited}:
+            return "its takes would not have shown it"
+        if alike := [other for other in effect.twins if other in self.findings]:
+            return f"it names {alike[0]}, which looks the same"
+        return f"{self.open_end}, which may be it" if self.open_end else ""
+
+    @property
+    def open_end(self) -> str:
+        """What a diagnosis leaves open, in words; empty where it was not made, or is sure of all that it says."""
+        if self.diagnosis is None:
+            return ""
+        if self.diagnosis.verdict == "ambiguous":
+            return "several causes explain its takes equally well"
+        if self.diagnosis.verdict == "unknown" or self.diagnosis.unknown is not None:
+            return "it leaves something without a name"
+        return ""
 
 
 def compare_runs(one: str, other: str, workspace: Callable[[], Path | None]) -> ComparisonDocument:
@@ -182,10 +199,11 @@ def _lone_findings(one: ComparableModel, other: ComparableModel) -> tuple[LoneFi
         return ()
     sides = (("one", one, other), ("other", other, one))
     return tuple(
-        LoneFinding(effect=effect, found_in=side, sentence=text, visible_in_both=without.would_show(effect))
+        LoneFinding(effect=name, found_in=side, sentence=effect.sentence, decides=not why, why_not=why)
         for side, found, without in sides
-        for effect, text in found.findings.items()
-        if effect not in without.findings
+        for name, effect in found.findings.items()
+        if name not in without.findings
+        for why in (without.why_silent(effect),)
     )
 
 
@@ -197,24 +215,30 @@ def _judge(
 ) -> tuple[Literal["same", "different", "undecided"], str]:
     """The verdict on two models, and a sentence that gives its reasons, the most certain first.
 
-    Constants that differ by more than their errors prove nothing where these errors are doubtful.
+    Constants that differ by more than their errors prove nothing where these errors are doubtful, and neither does an
+    effect that the other run need not have named.
     """
-    changes = "; ".join(describe_change(d) for d in sorted(differing, key=lambda d: -abs(d.z)))
-    found = [f"{f.effect} is found in the {PLACES[f.found_in]} only" for f in lone if f.visible_in_both]
+    changes = [describe_change(d) for d in sorted(differing, key=lambda d: -abs(d.z))]
+    found = [f"{f.effect} is found in the {PLACES[f.found_in]} only" for f in lone if f.decides]
+    silent = [
+        f"{f.effect} is found in the {PLACES[f.found_in]} only; of the other, {f.why_not}"
+        for f in lone
+        if not f.decides
+    ]
     if found or (changes and not errors_are_doubtful):
-        return "different", f"Not the same: {'; '.join([*found, *filter(None, [changes])])}."
+        return "different", f"Not the same: {'; '.join([*found, *changes])}."
     if changes:
-        return "undecided", f"Undecided: {changes}; but the ± of these runs are not to be relied upon."
-    if not differences:
+        return "undecided", f"Undecided: {'; '.join(changes)}; but the ± of these runs are not to be relied upon."
+    if not differences and not silent:
         return "undecided", "Undecided: no constant is identified in both."
+    if silent:
+        agree = f", while none of {len(differences)} constants differs by more than chance" if differences else ""
+        return "undecided", f"Undecided: {'; '.join(silent)}{agree}."
     most = describe_change(max(differences, key=lambda d: abs(d.z)))
     count = (
         f"none of {len(differences)} constants differs" if len(differences) > 1 else "the one constant does not differ"
     )
     sentence = f"The same within what the takes can tell: {count} by more than chance (the most: {most})."
-    if lone:
-        names = ", ".join(f.effect for f in lone)
-        sentence += f" Of {names}, found in one only, the takes of the other would have shown nothing."
     return "same", sentence
 
 
@@ -243,8 +267,6 @@ def _cautions(one: ComparableModel, other: ComparableModel) -> list[str]:
             "are too small; compare diagnoses, which name what is missing"
         )
     for place, model in sides:
-        if model.diagnosis is not None and model.diagnosis.verdict in ("ambiguous", "unknown"):
-            cautions.append(
-                f"the verdict of the {place} diagnosis is {model.diagnosis.verdict}: its ± may be too small"
-            )
+        if model.open_end:
+            cautions.append(f"of the {place} diagnosis, {model.open_end}: its ± may be too small")
     return cautions
