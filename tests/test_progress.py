@@ -165,7 +165,7 @@ def test_columns_of_text_are_left_and_of_figures_right() -> None:
 
 
 INTERRUPTED_TWICE = """
-import os, signal, sys, time
+import os, signal
 from bcid.cli.exits import run_and_explain
 
 def at_work():
@@ -180,7 +180,8 @@ def command():
     compiler()
     signal.raise_signal(signal.SIGINT)
 
-sys.exit(run_and_explain(command))
+# as `bcid` ends, before the interruption that was put off comes again
+os._exit(run_and_explain(command))
 """
 
 

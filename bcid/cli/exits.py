@@ -121,9 +121,10 @@ def _tell_error(text: str) -> None:
 
 def _tell_interrupted(interrupts: _Interrupts) -> int:
     """Say on stderr that the command was interrupted, unless that was said when it was; returns the exit code."""
-    from bcid.cli.sink import Sink
-
     if not interrupts.acknowledged:
+        # not before: one that was put off may come in the middle of an import
+        from bcid.cli.sink import Sink
+
         Sink(Format.human).note(STOPPING)
     return INTERRUPTED
 

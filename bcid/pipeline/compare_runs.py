@@ -48,7 +48,8 @@ class ComparableModel(NamedTuple):
             return "it was not diagnosed"
         if effect.effect in {unseen.effect for unseen in self.diagnosis.not_excited}:
             return "its takes would not have shown it"
-        if alike := [other for other in effect.twins if other in self.findings]:
+        alike = [n for n, other in self.findings.items() if n in effect.twins or effect.effect in other.twins]
+        if alike:
             return f"it names {alike[0]}, which looks the same"
         return f"{self.open_end}, which may be it" if self.open_end else ""
 
