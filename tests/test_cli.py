@@ -74,7 +74,7 @@ def refused(result: subprocess.CompletedProcess[str], code: int, *texts: str) ->
 def test_errors_have_a_place_a_cause_and_a_next_step(tmp_path: Path, vehicle_file: Path) -> None:
     out = ("--out", tmp_path / "w")
     take = circling_take(tmp_path)
-    refused(bcid("run", cwd=tmp_path), 4, "pipelines/bumper_car.toml", "next: ", "bcid init")
+    refused(bcid("run", cwd=tmp_path), 4, "pipeline.toml: pipeline file: there is none here", "next: ", "bcid init")
     refused(
         bcid("estimate", tmp_path / "none.csv", "--vehicle", vehicle_file, *out),
         4,
@@ -134,11 +134,12 @@ def test_recordings_may_be_named_directly(tmp_path: Path, takes: dict[str, Path]
     assert {p.name for p in folder.iterdir()} >= {"estimate.parquet", "estimate.json", "manifest.json"}
     fit = bcid("fit", takes["motive"], "--model", "k-sindy", *where)
     assert fit.returncode == 0
-    assert "v_f(k+1) =" in fit.stdout
+    assert "v_f(k+1) =" not in fit.stdout
+    assert "v_f(k+1) =" in bcid("fit", takes["motive"], "--model", "k-sindy", "--equations", *where).stdout
     poses = bcid("fit", takes["motive"], "--model", "newton-euler", "--loss", "poses", *where)
     assert poses.returncode == 0
-    assert "likelihood of the poses" in poses.stdout
-    assert (Path(poses.stdout.rsplit("written to ", 1)[1].strip()) / "limits.json").exists()
+    assert "front cornering stiffness" in poses.stdout
+    assert (tmp_path / "w" / "models" / "newton-euler-poses" / "limits.json").exists()
     unable = bcid("fit", takes["motive"], "--model", "k-mlp", "--loss", "poses", *where)
     assert unable.returncode == 2
     assert "choose one-step or rollout" in unable.stderr

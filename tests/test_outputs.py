@@ -15,8 +15,7 @@ from typing import Any
 
 import pytest
 
-from bcid.cli.app import REPORT_FILES
-from bcid.cli.diagnosing import DIAGNOSIS_FILES
+from bcid.cli.reporting import DIAGNOSIS_FILES, REPORT_FILES
 from bcid.errors import DiskFull, InputRefused
 from bcid.files import outputs
 from bcid.files.outputs import refuse_to_overwrite, staged_outputs, write_output

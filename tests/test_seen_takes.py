@@ -141,7 +141,14 @@ def test_a_model_that_saw_the_validation_take_is_marked_and_never_best(
         save_model(published.newton_euler(), folder)
     save_seen_takes([steps["mcap"], steps["other"]], folders["saw"])
     save_seen_takes([steps["mcap"]], folders["fresh"])
-    words = ["report", "-p", str(plan), *(w for f in folders.values() for w in ("--model", str(f)))]
+    words = [
+        "report",
+        "-p",
+        str(plan),
+        "-m",
+        "newton-euler",
+        *(w for f in folders.values() for w in ("--model", str(f))),
+    ]
     done = CliRunner().invoke(app, words, catch_exceptions=False)
     report = json.loads((tmp_path / "workspace" / "report" / "report.json").read_text(encoding="utf-8"))
     saw = {m["model"]: m["saw_validation"] for m in report["models"]}

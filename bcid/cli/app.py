@@ -1,31 +1,38 @@
 """`bcid`: the commands.  Heavy imports happen inside the command that needs them."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bcid import __version__
 from bcid.cli import diagnosing, listing, options
 from bcid.cli.benching import bench
+from bcid.cli.comparing import compare
+from bcid.cli.examples import examples_text
 from bcid.cli.exits import run_and_explain
 from bcid.cli.exporting import export
+from bcid.cli.fitting import fit
 from bcid.cli.options import Format
 from bcid.cli.proving import prove
+from bcid.cli.reporting import report, run
 from bcid.cli.simulating import simulate
 from bcid.cli.starting import init
 from bcid.cli.viewing import view
 from bcid.errors import Problems, UsageError
 
-REPORT_FILES = ("index.html", "report.json")
+if TYPE_CHECKING:
+    from bcid.recording.types import Recording
 
 app = typer.Typer(
     name="bcid",
     help="From motion-capture logs of small ground vehicles to fitted planar models and a comparison.",
     no_args_is_help=True,
-    add_completion=False,
+    epilog="bcid COMMAND --help ends with examples.  Tab completion: bcid --install-completion, then a new shell.",
     pretty_exceptions_enable=False,
 )
 
@@ -46,55 +53,6 @@ def accept_global_options(
     """Accept the options that stand before a command; there is only `--version`."""
 
 
-def run(
-    pipeline: options.PipelineOption = None,
-    allow_partial: options.AllowPartialOption = False,
-    ignore_health: options.IgnoreHealthOption = False,
-    force: options.ForceOption = False,
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Do everything in the pipeline file: ingest, estimate, fit and compare all models, and diagnose."""
-    report(
-        pipeline=pipeline, allow_partial=allow_partial, ignore_health=ignore_health, force=force, format=format
-    )  # fmt: skip
-
-
-def report(
-    model: Annotated[
-        list[Path] | None,
-        typer.Option("--model", "-m", help="A folder with a saved model to compare as well; repeat for several."),
-    ] = None,
-    pipeline: options.PipelineOption = None,
-    allow_partial: options.AllowPartialOption = False,
-    ignore_health: options.IgnoreHealthOption = False,
-    force: options.ForceOption = False,
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Compare the fitted models in closed loop on the validation recording: a page, a JSON, a table."""
-    from bcid.cli import show
-    from bcid.cli.sink import Sink
-    from bcid.documents.report import ReportDocument
-    from bcid.pipeline.run import Pipeline
-
-    sink = Sink(format)
-    config = options.read_config(
-        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health
-    )  # fmt: skip
-    work = Pipeline(config, sink)
-    work.refuse_to_publish_over(*REPORT_FILES, to="report")
-    if work.config.diagnose:
-        work.refuse_to_publish_over(*diagnosing.DIAGNOSIS_FILES, to="diagnosis")
-    artifact = work.report(model or [])
-    page = work.publish(artifact, *REPORT_FILES, to="report")
-    document = ReportDocument.read(artifact.folder / "report.json")
-    sink.result(document.as_json(), lambda: show.comparison_table(document))
-    if document.diagnosis:
-        sink.note(f"diagnosis: {document.diagnosis.sentence}")
-        sink.note(f"diagnosis page: {work.publish(work.diagnose(), *diagnosing.DIAGNOSIS_FILES, to='diagnosis')}")
-    sink.note(f"report: {page}")
-    work.raise_if_parts_lost()
-
-
 def ingest(
     recordings: options.RecordingsArgument = None,
     pipeline: options.PipelineOption = None,
@@ -104,33 +62,53 @@ def ingest(
     check: Annotated[
         bool, typer.Option("--check", help="Only report the health of each recording: go, or no-go and why.")
     ] = False,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            "--table", metavar="FILE.parquet|FILE.csv",
+            help="Write what was read as tables as well: poses to this file, commands and channels beside it.",
+        ),
+    ] = None,
     allow_partial: options.AllowPartialOption = False,
+    force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
+) -> None:  # fmt: skip
     """Read recordings, check and mend them, and report what is irregular: gaps, jumps, wrong units, clocks."""
     from bcid.cli import show
     from bcid.cli.checking import check_recordings
     from bcid.cli.sink import Sink
     from bcid.pipeline.run import Pipeline
-    from bcid.recording.saving import RecordingSummary
+    from bcid.pipeline.tidy_tables import check_table_name, write_tidy_tables
+    from bcid.recording.saving import RecordingSummary, load_recording
 
+    if check and table:
+        raise UsageError("--check writes nothing\n  next: leave --check or --table out")
+    if table:
+        check_table_name(table)
     if check:
         # nothing is written, so that no folder is asked for
         out = Path() if recordings else None
-    config, sink = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial), Sink(format)
+    sink = Sink(format)
+    config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial, note=sink.note)
     if check:
         check_recordings(config, sink)
         return
     work, taken, problems = Pipeline(config, sink), list[dict[str, Any]](), Problems()
+    read: dict[str, Recording] = {}
     for path in work.config.recordings():
         # after a refusal the other recordings are read all the same
         with problems.gather_refusals():
             made = work.ingest(path)
             summary = RecordingSummary.read(made.folder / "recording.json")
             taken.append(summary.as_json() | {"name": work.names[path], "folder": str(made.folder)})
+            if table:
+                read[work.names[path]] = load_recording(made.folder)
     if taken:
         sink.result({"schema": "bcid.ingest/1", "recordings": taken}, lambda: show.recording_tables(taken))
     problems.raise_if_any(work.config.recordings()[0])
+    if table:
+        written = write_tidy_tables(table, read, lambda there: force)
+        sink.note(f"written to: {', '.join(map(str, written))}")
     work.raise_if_parts_lost()
 
 
@@ -151,7 +129,8 @@ def estimate(
     from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
-    work = Pipeline(options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial), sink)
+    config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial, note=sink.note)
+    work = Pipeline(config, sink)
     estimates = []
     for path in work.config.recordings():
         made, check = work.estimate(path), work.check(path)
@@ -164,65 +143,15 @@ def estimate(
     work.raise_if_parts_lost()
 
 
-def fit(
-    recordings: options.RecordingsArgument = None,
-    model: Annotated[
-        list[str] | None,
-        typer.Option("--model", "-m", help="A model to fit; repeat for several. Default: those in the pipeline file."),
-    ] = None,
-    loss: Annotated[
-        str | None,
-        typer.Option(help="one-step (the paper's), rollout, or poses (newton-euler). Default: the pipeline file's."),
-    ] = None,
-    pipeline: options.PipelineOption = None,
-    vehicle: options.VehicleOption = None,
-    out: options.OutOption = None,
-    commands: options.CommandsOption = None,
-    allow_partial: options.AllowPartialOption = False,
-    ignore_health: options.IgnoreHealthOption = False,
-    format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
-    """Fit models to the training recordings and print their equations."""
-    from bcid.cli.sink import Sink
-    from bcid.models.settings import LOSSES
-    from bcid.models.table import fittable_row
-    from bcid.pipeline.run import Pipeline
-
-    if loss is not None and loss not in LOSSES:
-        raise UsageError(f"there is no loss {loss!r}\n  next: choose {' or '.join(LOSSES)}")
-    for name in model or []:
-        # a model without losses of its own is fitted on its base model's
-        losses = fittable_row(name).losses or LOSSES
-        if loss is not None and loss not in losses:
-            raise UsageError(f"{name} is not fitted on {loss}\n  next: choose {' or '.join(losses)}")
-    config = options.read_config(
-        pipeline, recordings, vehicle, out, commands, allow_partial, ignore_health=ignore_health
-    )  # fmt: skip
-    sink = Sink(format)
-    work = Pipeline(config if loss is None else config.with_loss(loss), sink)
-    work.refuse_untrainable(model or work.config.models)
-    fitted: list[dict[str, Any]] = []
-    for name in model or work.config.models:
-        folder = work.fit(name).folder
-        text = (folder / "description.txt").read_text(encoding="utf-8")
-        fitted.append({"model": name, "folder": str(folder), "description": text})
-
-    def human() -> str:
-        return "\n".join(f"{f['model']}\n{f['description']}written to {f['folder']}\n" for f in fitted).rstrip()
-
-    sink.result({"schema": "bcid.fit/1", "models": fitted}, human)
-    work.raise_if_parts_lost()
-
-
 # in the order in which a newcomer needs them
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
-    "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "export": export,
-    "view": view,
-    "models": listing.list_models, "effects": listing.list_effects, "bench": bench, "prove": prove,
+    "diagnose": diagnosing.diagnose, "compare": compare, "plan": diagnosing.write_plan, "simulate": simulate,
+    "export": export, "view": view, "models": listing.list_models, "effects": listing.list_effects, "bench": bench,
+    "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():
-    app.command(name)(command)
+    app.command(name, epilog=examples_text(name))(command)
 
 
 def main() -> None:

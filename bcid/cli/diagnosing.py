@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from bcid.cli import options
+from bcid.cli.completion import complete_effects
 from bcid.cli.options import Format
+from bcid.cli.reporting import DIAGNOSIS_FILES
 from bcid.errors import UsageError
 
 DEFAULT_PLAN = Path("plans/plan.commands.csv")
+DEFAULT_ARENA = "12,7"
 OTHER_PLAN = "name another file with --out"
-DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
 
 
 def diagnose(
@@ -39,30 +43,56 @@ def diagnose(
     from bcid.cli import show
     from bcid.cli.sink import Sink
     from bcid.documents.diagnosis import DiagnosisDocument
+    from bcid.pipeline.named_models import DIAGNOSED
     from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
-    config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health)
+    config = options.read_config(
+        pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note
+    )
     work = Pipeline(config, sink)
-    home = "" if recordings else "diagnosis"
+    # beside a pipeline's own results those of named recordings would stand in the way
+    home = "" if out else "diagnosis"
     work.refuse_to_publish_over(*DIAGNOSIS_FILES, to=home)
     artifact = work.diagnose(simulation)
     page = work.publish(artifact, *DIAGNOSIS_FILES, to=home)
     document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
     sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
-    sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
+    model = DIAGNOSED if not out else page.parent / "model"
+    sink.note(f"page: {page}\nnext: bcid report --model {model} compares the car with what was found")
     work.raise_if_parts_lost()
+
+
+def read_arena(text: str) -> tuple[float, float]:
+    """Length and width (m) of an arena, of two numbers with a comma, an x or a blank between them.
+
+    >>> read_arena("12,7"), read_arena("3.5 x 2")
+    ((12.0, 7.0), (3.5, 2.0))
+
+    Raises:
+        UsageError: these are not two lengths above zero.
+    """
+    try:
+        length_m, width_m = (float(word) for word in re.split(r"[\s,;x×]+", text.strip()))
+    except ValueError:
+        length_m = width_m = math.nan
+    if not (0.0 < length_m < math.inf and 0.0 < width_m < math.inf):
+        raise UsageError(f"--arena {text!r} is not a length and a width\n  next: write both in metres, such as 12,7")
+    return length_m, width_m
 
 
 def write_plan(
     vehicle: Annotated[Path, typer.Option("--vehicle", help="The vehicle file.")],
     effects: Annotated[
-        list[str] | None, typer.Argument(help="Ids of the effects that are to show. Default: all.")
+        list[str] | None,
+        typer.Argument(help="Ids of the effects that are to show. Default: all.", autocompletion=complete_effects),
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", help="The commands file to write, or the folder for plan.commands.csv.")
     ] = DEFAULT_PLAN,
-    arena: Annotated[tuple[float, float], typer.Option(help="Length and width of the arena in metres.")] = (12.0, 7.0),
+    arena: Annotated[
+        str, typer.Option(metavar="LENGTH,WIDTH", help="Length and width of the free floor in metres, such as 12,7.")
+    ] = DEFAULT_ARENA,
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
@@ -75,6 +105,7 @@ def write_plan(
     from bcid.likelihood.prepare import effect_constants
     from bcid.vehicle import read_vehicle
 
+    length_m, width_m = read_arena(arena)
     asked = [find_effect(name).id for name in effects or EFFECTS]
     out = out / DEFAULT_PLAN.name if out.is_dir() else out
     refuse_to_overwrite([out], lambda path: force, OTHER_PLAN)
@@ -84,10 +115,10 @@ def write_plan(
     with sink.stage("plan"):
         found = plan_drives(
             nominal_car(car), effect_constants(car), car.steering.max_angle_rad, asked,
-            largest_throttle(car), Arena(*arena), unknown,
+            largest_throttle(car), Arena(length_m, width_m), unknown,
         )  # fmt: skip
     if not found.parts:
-        raise UsageError(f"no manoeuvre fits {arena[0]:g} by {arena[1]:g} m\n  next: give the --arena that is free")
+        raise UsageError(f"no manoeuvre fits {length_m:g} by {width_m:g} m\n  next: give the --arena that is free")
     write_output(out, lambda path: write_commands(path, found.command_s, found.command), lambda path: force, OTHER_PLAN)
     parts: list[dict[str, Any]] = [
         {

@@ -8,6 +8,7 @@ import signal
 import sys
 from _thread import interrupt_main
 from collections.abc import Callable
+from contextlib import suppress
 from difflib import get_close_matches
 from threading import Timer
 from types import FrameType
@@ -23,6 +24,8 @@ UNINTERRUPTIBLE = ("llvmlite", "numba.core.serialize")
 """Modules that machine code calls and that no exception may leave: a call back of LLVM's, a constant of a kernel's."""
 INTERRUPTED = 128 + signal.SIGINT
 """Exit code after Ctrl-C, by the shells' convention: 128 and the signal's number."""
+STOPPING = "interrupted: what was finished is kept, nothing is half-written; the same command goes on from there"
+"""What is said on Ctrl-C."""
 ENDED = 128 + signal.SIGTERM
 """Exit code of a run that was told to end."""
 
@@ -39,14 +42,14 @@ def run_and_explain(command: Callable[[], object]) -> int:
             code = command()
             sys.stdout.flush()
             exit_code = code if isinstance(code, int) else 0
-            return _tell_interrupted() if exit_code == INTERRUPTED else exit_code
+            return _tell_interrupted(interrupts) if exit_code == INTERRUPTED else exit_code
         except (KeyboardInterrupt, Abort):
-            return _tell_interrupted()
+            return _tell_interrupted(interrupts)
         except SystemExit as ended:
             return ended.code if isinstance(ended.code, int) else 1
         except Exception as error:
             if interrupts.swallowed:
-                return _tell_interrupted()
+                return _tell_interrupted(interrupts)
             text, exit_code = describe_error(error)
             if exit_code == BcidError.exit_code and os.environ.get("BCID_TRACEBACK"):
                 raise
@@ -61,7 +64,7 @@ class _Interrupts:
 
     def __enter__(self) -> _Interrupts:
         """Take over the signals that end a command."""
-        self.swallowed, self._hook = False, sys.unraisablehook
+        self.swallowed, self.acknowledged, self._hook = False, False, sys.unraisablehook
         sys.unraisablehook = self._pass_on
         self._handlers = [(n, signal.getsignal(n)) for n in (signal.SIGINT, signal.SIGTERM)]
         for number, handler in self._handlers:
@@ -78,6 +81,8 @@ class _Interrupts:
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt or, told to end, SystemExit: later where machine code waits that it would crash."""
+        if number == signal.SIGINT:
+            self._acknowledge()
         while frame is not None:
             if str(frame.f_globals.get("__name__")).startswith(UNINTERRUPTIBLE):
                 again = Timer(LIMITS.interrupt_retry_s, interrupt_main, (number,))
@@ -86,6 +91,17 @@ class _Interrupts:
                 return
             frame = frame.f_back
         raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(ENDED)
+
+    def _acknowledge(self) -> None:
+        """Say at once that the command stops, and that nothing is lost: what runs now may take seconds to end.
+
+        Written straight to stderr, since a signal may come while something is being printed.
+        """
+        if not self.acknowledged:
+            self.acknowledged = True
+            with suppress(OSError):
+                # a terminal has just shown ^C
+                os.write(2, f"{os.linesep if os.isatty(2) else ''}{STOPPING}\n".encode())
 
     def _pass_on(self, ignored: sys.UnraisableHookArgs) -> None:
         """Interrupt once more after an interruption that was ignored; hand on any other ignored exception."""
@@ -103,11 +119,13 @@ def _tell_error(text: str) -> None:
     Sink(Format.quiet).error(text)
 
 
-def _tell_interrupted() -> int:
-    """Say on stderr that the command was interrupted; returns the exit code."""
-    from bcid.cli.sink import Sink
+def _tell_interrupted(interrupts: _Interrupts) -> int:
+    """Say on stderr that the command was interrupted, unless that was said when it was; returns the exit code."""
+    if not interrupts.acknowledged:
+        # not before: one that was put off may come in the middle of an import
+        from bcid.cli.sink import Sink
 
-    Sink(Format.human).note("interrupted: nothing is half-written, and what was finished is reused by the next run")
+        Sink(Format.human).note(STOPPING)
     return INTERRUPTED
 
 

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bcid.cli.options import ForceOption, Format
+from bcid.cli import options
+from bcid.cli.completion import complete_export_formats, complete_saved_models
+from bcid.cli.options import Format
 from bcid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,11 +22,18 @@ DEFAULT_FOLDER = Path("export")
 
 
 def export(
-    model: Annotated[Path, typer.Argument(help="The folder of a saved model.", show_default=False)],
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="The name of a saved model, or its folder.", show_default=False, autocompletion=complete_saved_models
+        ),
+    ],
     format: Annotated[  # noqa: A002
         list[str] | None,
         typer.Option(
-            help="c, python, casadi, acados, ros2, fmi, onnx, parameters or all; repeat for several.", show_default=ALL
+            help="c, python, casadi, acados, ros2, fmi, onnx, parameters or all; repeat for several.",
+            show_default=ALL,
+            autocompletion=complete_export_formats,
         ),
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = DEFAULT_FOLDER,
@@ -42,7 +51,8 @@ def export(
             show_default="they go on",
         ),
     ] = None,
-    force: ForceOption = False,
+    pipeline: options.WorkspaceOption = None,
+    force: options.ForceOption = False,
     output: Annotated[Format, typer.Option(help="Format of the results on stdout.")] = Format.human,
 ) -> None:
     """Write a saved model as code for controllers and simulations; each file is run against the model before."""
@@ -53,6 +63,7 @@ def export(
     from bcid.export.write import write_export
     from bcid.libraries import install_command
     from bcid.models.saving import load_model, model_digest
+    from bcid.pipeline.named_models import find_model
 
     for one in format or []:
         if one not in (*FORMATS, ALL):
@@ -60,9 +71,10 @@ def export(
     if view not in ("recording", "vehicle"):
         raise UsageError(f"a model is exported as recording or as vehicle, not as {view!r}\n  next: choose one of them")
     sink = Sink(output)
+    folder = find_model(model, lambda: options.workspace_of(pipeline))
     with sink.stage("export") as progress:
         exported = export_model(
-            load_model(model), model_digest(model), load_validity(model), name, view == "vehicle", time
+            load_model(folder), model_digest(folder), load_validity(folder), name, view == "vehicle", time
         )
         suited = [one for one in FORMATS if FORMATS[one].suits(exported)]
         everything = not format or ALL in format
@@ -89,4 +101,4 @@ def _table(document: ExportDocument) -> RenderableType:
     steps, n = len(document.vectors.commands), len(document.states)
     caption = f"error: the largest of a twist (m/s, rad/s) over {steps} steps beside the model itself"
     title = f"{document.name}: {n} states, 2 commands, a step of {document.period_s:g} s"
-    return plain_table(title, ["format", "files", "error"], rows, caption, texts=["files"])
+    return plain_table(title, ["format", "files", "error"], rows, caption)

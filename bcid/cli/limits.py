@@ -1,11 +1,11 @@
-"""Numbers with which the commands refuse an option, warn of a long run, or end an interrupted one."""
+"""Numbers with which commands refuse an option, warn of a long run, end an interrupted one, or say how far it is."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class CommandLimits:
-    """Simulated drives that `bcid simulate` makes, blind tests that `bcid prove` calls long, and interruptions."""
+    """Drives that `bcid simulate` makes, blind tests that `bcid prove` calls long, interruptions, lines of progress."""
 
     # Shortest simulated drive (s).  Not yet justified.
     min_drive_s: float = 1.0
@@ -21,6 +21,16 @@ class CommandLimits:
     # Time (s) after which an interruption that came while the compiler was at work is tried again: a person waits
     # that long without noticing, and most of the compiler's steps are over.  Not yet justified further.
     interrupt_retry_s: float = 0.05
+
+    # Share of a stage below which nobody can say from its time so far how long the rest takes: what a stage begins
+    # with (compiling, reading) is seldom like what follows.  Not yet justified further.
+    min_share_to_extrapolate: float = 0.1
+    # Time (s) between two lines of progress where stderr is no terminal, at least: a stage that is over sooner prints
+    # none, and the log of a run of an hour stays readable.
+    min_line_gap_s: float = 5.0
+    # Time (s) after which such a line is printed though no tenth of the work was finished: a person who waits wonders
+    # after half a minute whether anything happens.
+    line_every_s: float = 30.0
 
 
 LIMITS = CommandLimits()

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from bcid.cli import options
+from bcid.cli.completion import complete_effects
 from bcid.cli.options import Format
 
 
@@ -28,7 +29,10 @@ def list_models(format: options.FormatOption = Format.human) -> None:  # noqa: A
 
 
 def list_effects(
-    name: Annotated[str | None, typer.Argument(help="The id of one effect to look up. Default: list all.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(help="The id of one effect to look up. Default: list all.", autocompletion=complete_effects),
+    ] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Write the page docs/effects.md to stdout.")] = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:

@@ -5,6 +5,7 @@ Every command's module imports this one to be listed in the help, so what reads 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,7 +17,14 @@ from bcid.errors import UsageError
 if TYPE_CHECKING:
     from bcid.pipeline.config import PipelineConfig
 
-DEFAULT_PIPELINE_FILE = Path("pipelines/bumper_car.toml")
+PIPELINE_FILE = Path("pipeline.toml")
+"""The pipeline file that is found where none is named: `bcid init` writes it."""
+SAMPLE_PIPELINE_FILE = Path("pipelines/bumper_car.toml")
+"""That of the sample logs, which is found in a checkout of bcid."""
+
+
+Note = Callable[[str], None]
+"""What is told to people on stderr."""
 
 
 class Format(StrEnum):
@@ -30,8 +38,15 @@ class Format(StrEnum):
 PipelineOption = Annotated[
     Path | None,
     typer.Option(
-        "-p", "--pipeline", show_default=str(DEFAULT_PIPELINE_FILE),
+        "-p", "--pipeline", show_default="pipeline.toml of this folder",
         help="The pipeline file; its settings hold for recordings that are named, too.",
+    ),
+]  # fmt: skip
+WorkspaceOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-p", "--pipeline", show_default="pipeline.toml of this folder",
+        help="The pipeline file in whose workspace a model's name is looked up.",
     ),
 ]  # fmt: skip
 FormatOption = Annotated[Format, typer.Option("--format", help="Format of the results on stdout.")]
@@ -39,8 +54,18 @@ RecordingsArgument = Annotated[
     list[Path] | None,
     typer.Argument(help="Recordings to use instead of those in the pipeline file.", show_default=False),
 ]
-VehicleOption = Annotated[Path | None, typer.Option("--vehicle", help="The vehicle file of the named recordings.")]
-OutOption = Annotated[Path | None, typer.Option("--out", help="The folder for results of the named recordings.")]
+VehicleOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--vehicle", help="The vehicle file of the named recordings.", show_default="that of the pipeline file"
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out", help="The folder for results of the named recordings.", show_default="the pipeline file's workspace"
+    ),
+]
 CommandsOption = Annotated[
     Path | None,
     typer.Option("--commands", help="The commands file of a Motive export, if it is not NAME.commands.csv."),
@@ -59,6 +84,34 @@ IgnoreHealthOption = Annotated[
 ]
 
 
+def find_pipeline_file() -> Path | None:
+    """The pipeline file that is meant where none is named: pipeline.toml of this folder, or that of the sample logs."""
+    return next((path for path in (PIPELINE_FILE, SAMPLE_PIPELINE_FILE) if path.exists()), None)
+
+
+def read_pipeline(pipeline: Path | None, note: Note = lambda text: None) -> PipelineConfig:
+    """The configuration of the pipeline file that is named, or that is found; `note` is told of one that is found.
+
+    Raises:
+        InputRefused: there is none, or it has problems.
+    """
+    from bcid.pipeline.config import read_pipeline_file
+
+    chosen = pipeline or find_pipeline_file()
+    if pipeline is None and chosen is not None:
+        note(f"pipeline file: {chosen}")
+    return read_pipeline_file(chosen or PIPELINE_FILE)
+
+
+def workspace_of(pipeline: Path | None) -> Path | None:
+    """The workspace of the pipeline file that is named, or that is found; None where there is none to be found.
+
+    Raises:
+        InputRefused: a pipeline file that is named is not there, or it has problems.
+    """
+    return read_pipeline(pipeline).workspace if pipeline or find_pipeline_file() else None
+
+
 def read_config(
     pipeline: Path | None = None,
     recordings: list[Path] | None = None,
@@ -68,33 +121,40 @@ def read_config(
     allow_partial: bool = False,
     force: bool = False,
     ignore_health: bool = False,
+    note: Note = lambda text: None,
 ) -> PipelineConfig:
     """Return the configuration of the pipeline file, or one for the recordings named on the command line.
 
-    For named recordings the settings are those of the pipeline file if one is named, and the defaults otherwise.
+    For named recordings the settings are those of the pipeline file if one is named, or if one is found in this folder
+    and no vehicle file is named, and the defaults otherwise; such a file gives vehicle file and workspace as well,
+    where the command line does not.  `note` is told which pipeline file was found.
 
     Raises:
         UsageError: options that do not go together.
         InputRefused: the pipeline file has problems.
     """
-    from bcid.pipeline.config import PipelineConfig, read_pipeline_file
+    from bcid.pipeline.config import PipelineConfig
 
     said = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")
-        return read_pipeline_file(pipeline or DEFAULT_PIPELINE_FILE).model_copy(update=said)
+        return read_pipeline(pipeline, note).model_copy(update=said)
     if commands is not None and len(recordings) > 1:
         raise UsageError("--commands goes with one recording\n  next: name the others' commands NAME.commands.csv")
-    missing = {"--vehicle VEHICLE.toml": (vehicle or pipeline) is None, "--out DIR": out is None}
-    if any(missing.values()):
-        needed = " and ".join(option for option, is_missing in missing.items() if is_missing)
-        raise UsageError(f"recordings need {needed}\n  next: `bcid init` writes a vehicle file")
-    if pipeline is not None:
-        config = read_pipeline_file(pipeline)
+    found = PIPELINE_FILE.exists() and vehicle is None
+    if pipeline is not None or found:
+        config = read_pipeline(pipeline, note)
     else:
         config = PipelineConfig(source="the command line", vehicle=Path(), training=recordings)
+        missing = {"--vehicle VEHICLE.toml": vehicle is None, "--out DIR": out is None}
+        if any(missing.values()):
+            needed = " and ".join(option for option, is_missing in missing.items() if is_missing)
+            raise UsageError(
+                f"recordings need {needed}\n  next: `bcid init` writes a vehicle file and a pipeline file; beside a "
+                "pipeline.toml neither is needed"
+            )
     return config.model_copy(update={
-        "training": recordings, "validation": None, "truth": None, "commands": commands, "workspace": out,
-        "vehicle": vehicle or config.vehicle, **said,
+        "training": recordings, "validation": None, "truth": None, "diagnose": [], "commands": commands,
+        "workspace": out or config.workspace, "vehicle": vehicle or config.vehicle, **said,
     })  # fmt: skip

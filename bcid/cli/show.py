@@ -13,7 +13,7 @@ from bcid.documents.diagnosis import Detectable, DiagnosisDocument
 from bcid.documents.health import ClockEstimate, HealthDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.prove_real import RealProofDocument
-from bcid.documents.report import ReportDocument
+from bcid.documents.report import ModelScore, ReportDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
 from bcid.errors import printable
 from bcid.estimate.consistency import TruthCheck
@@ -26,9 +26,7 @@ def comparison_table(report: ReportDocument) -> Table:
     take = report.validation
     rows = [
         [
-            f"{m.model} (made from this take)" if m.saw_validation else m.model, format_thousandths(m.nmse),
-            "–" if m.nmse_ci95 is None else " – ".join(format_thousandths(v) for v in m.nmse_ci95),
-            format_thousandths(m.nmse_vx), format_thousandths(m.nmse_vy), format_thousandths(m.nmse_yaw_rate),
+            f"{m.model} (made from this take)" if m.saw_validation else m.model, *score_cells(m),
             "–" if m.rollout_ms is None else f"{m.rollout_ms:.3g}", str(m.parameters),
         ]
         for m in report.models
@@ -41,6 +39,13 @@ def comparison_table(report: ReportDocument) -> Table:
     title = f"closed loop on {take.name} ({take.duration_s:.0f} s), NMSE × 10³"
     columns = ["model", "NMSE", "95 % interval", "v_x", "v_y", "yaw rate", "rollout ms", "parameters"]
     return plain_table(title, columns, rows, caption)
+
+
+def score_cells(score: ModelScore) -> list[str]:
+    """A model's closed-loop errors in thousandths as cells: NMSE, its 95 % interval, that of v_x, v_y and yaw rate."""
+    interval = "–" if score.nmse_ci95 is None else " – ".join(format_thousandths(v) for v in score.nmse_ci95)
+    channels = (score.nmse_vx, score.nmse_vy, score.nmse_yaw_rate)
+    return [format_thousandths(score.nmse), interval, *map(format_thousandths, channels)]
 
 
 def diagnosis_tables(document: DiagnosisDocument) -> Group:
@@ -178,11 +183,11 @@ def proof_tables(outcome: ProveDocument) -> Group:
     not_run = (f"not run: {tier}" for tier in proof_page.tiers_not_run(outcome))
     note = "; ".join(["goals in brackets; ! misses it", *not_run])
     title = f"{outcome.cases} of {outcome.of} cases"
-    tables = [plain_table(title, ["takes of", "n", "figures"], rows, note, ["figures"])]
+    tables = [plain_table(title, ["takes of", "n", "figures"], rows, note)]
     if outcome.wrong:
         wrong = [[w.case, w.there, w.said] for w in outcome.wrong]
         how = f"{proof_page.suite_options(outcome)} --case NAME writes one's recording"
-        tables.append(plain_table("wrong answers", ["case", "there", "said"], wrong, how, ["there", "said"]))
+        tables.append(plain_table("wrong answers", ["case", "there", "said"], wrong, how))
     if outcome.baselines:
         figures = proof_page.METHOD_FIGURES
         others = [
@@ -210,10 +215,10 @@ def varied_limits_tables(outcome: VariedLimitsDocument) -> Group:
     if outcome.changes:
         changed = [[f"{c.limit} = {c.value:g}", c.case, c.there or "–", c.before, c.after] for c in outcome.changes]
         columns = ["limit", "case", "there", "before", "after"]
-        tables.append(plain_table("changed verdicts", columns, changed, "", ["there", "before", "after"]))
+        tables.append(plain_table("changed verdicts", columns, changed, ""))
     if outcome.failed:
         failed = [[f.case, f"{f.limit} = {f.value:g}" if f.limit else "as they are", f.error] for f in outcome.failed]
-        tables.append(plain_table("without a verdict", ["case", "limits", "error"], failed, "", ["error"]))
+        tables.append(plain_table("without a verdict", ["case", "limits", "error"], failed, ""))
     return Group(*tables)
 
 
@@ -230,8 +235,8 @@ def real_proof_tables(document: RealProofDocument) -> Group:
     ]  # fmt: skip
     columns = ["tier", "recording", "what", "worth", "answered", "right"]
     return Group(
-        plain_table("real recordings", ["figure", "value", ""], figures, "", ["figure", "value"]),
-        plain_table("answers", columns, rows, "", ["what", "answered"]),
+        plain_table("real recordings", ["figure", "value", ""], figures, ""),
+        plain_table("answers", columns, rows, ""),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bcid.cli import options
+from bcid.cli.completion import complete_saved_models
 from bcid.cli.limits import LIMITS
 from bcid.cli.options import Format
 from bcid.errors import UsageError
@@ -49,9 +50,16 @@ def simulate(
     ] = None,
     sample_logs: Annotated[Path | None, typer.Option(help="Write all sample logs into this folder instead.")] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", "-m", help="A folder with a saved model to drive instead of the car.")
+        str | None,
+        typer.Option(
+            "--model",
+            "-m",
+            help="A saved model, by name or folder, to drive instead of the car.",
+            autocompletion=complete_saved_models,
+        ),
     ] = None,
     commands: Annotated[Path | None, typer.Option("--commands", help="The commands file that --model drives.")] = None,
+    pipeline: options.WorkspaceOption = None,
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
@@ -81,9 +89,11 @@ def simulate(
             notes = []
         elif model is not None and commands is not None:
             from bcid.cli.driving import check_only_noise_is_set, write_model_drive
+            from bcid.pipeline.named_models import find_model
 
             check_only_noise_is_set(change or [])
-            paths, warnings = write_model_drive(out, take, model, commands, sensor, seed, may_replace)
+            folder = find_model(model, lambda: options.workspace_of(pipeline))
+            paths, warnings = write_model_drive(out, take, folder, commands, sensor, seed, may_replace)
             notes = [f"warning: {text}" for text in warnings]
         else:
             take = take._replace(duration_s=duration or DEFAULT_DURATION_S)

@@ -4,21 +4,20 @@ import io
 import json
 import math
 import os
+import re
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from bcid.aliases import Progress
 from bcid.cli.options import Format
+from bcid.cli.progress import print_lines, show_bar
 from bcid.errors import OutputClosed, printable
 from bcid.pipeline.watching import Watcher
 
@@ -86,26 +85,15 @@ class Sink(Watcher):
 
     @contextmanager
     def stage(self, title: str) -> Iterator[Progress]:
-        """Show a stage that is running: a bar on a terminal, nothing where stderr is piped."""
-        if not self.lively:
+        """Show a stage that is running: a bar on a terminal, lines for people elsewhere, nothing in other formats."""
+        if self.lively:
+            with show_bar(title, self.err) as progress:
+                yield progress
+        elif self.style is Format.human:
+            with print_lines(title, self.err) as progress:
+                yield progress
+        else:
             yield lambda share, text: None
-            return
-        begin = time.perf_counter()
-        title = printable(title, "")
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[text]}"),
-            TimeElapsedColumn(),
-        )
-        with ProgressBar(*columns, console=self.err, transient=True) as bar:
-            task = bar.add_task(escape(title), total=None, text="")
-
-            def advance(share: float, text: str) -> None:
-                bar.update(task, completed=share, total=1.0 if share > 0 else None, text=escape(printable(text, "")))
-
-            yield advance
-        self.err.print(f"{escape(title):32} {time.perf_counter() - begin:6.1f} s")
 
     def report_reused(self, title: str) -> None:
         """Show that a stage was found in the cache."""
@@ -113,16 +101,28 @@ class Sink(Watcher):
             self.err.print(f"[dim]{escape(printable(title, '')):32} cached[/dim]")
 
 
-def plain_table(
-    title: str, columns: list[str], rows: list[list[str]], caption: str = "", texts: Sequence[str] = ()
-) -> Table:
-    """A table without ruling lines: the first column and the columns `texts` aligned left, the others right."""
+_FIGURE = re.compile(r"[-+−±≤≥<>(~]*\s*\d|[–—]?$")
+"""How a cell begins that holds a figure, or nothing."""
+
+
+def is_column_of_figures(cells: Sequence[str]) -> bool:
+    """Whether a column is one of figures, which are compared digit by digit: each cell is one or is empty, not all are.
+
+    >>> is_column_of_figures(["0.33", "–", "1.2 ± 0.1 N"]), is_column_of_figures(["newton-euler", "12"])
+    (True, False)
+    """
+    return all(_FIGURE.match(cell.strip()) for cell in cells) and any(c.strip(" –—") for c in cells)
+
+
+def plain_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> Table:
+    """A table without ruling lines: columns of figures aligned right, texts and the first column left."""
     made = Table(
         title=escape(title), title_justify="left", caption=escape(caption), caption_justify="left", box=None,
         pad_edge=False, header_style="bold",
     )  # fmt: skip
     for i, name in enumerate(columns):
-        made.add_column(name, justify="left" if i == 0 or name in texts else "right")
+        figures = i > 0 and is_column_of_figures([row[i] for row in rows])
+        made.add_column(name, justify="right" if figures else "left")
     for row in rows:
         # a cell is one line, so that no name in it can begin another
         made.add_row(*(escape(printable(cell, "")) for cell in row))

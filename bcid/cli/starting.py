@@ -27,5 +27,11 @@ def init(
     targets = [str(folder / template.name) for template in templates]
     Sink(format).result(
         {"schema": "bcid.init/1", "files": targets},
-        lambda: "\n".join([*targets, f"next: edit both, then bcid run -p {folder / 'pipeline.toml'}"]),
+        lambda: "\n".join([*targets, _next_step(folder)]),
     )
+
+
+def _next_step(folder: Path) -> str:
+    """What to type once the two files in `folder` are filled in; a pipeline file beside which one stands is found."""
+    where = "" if folder == Path() else f" -p {folder / 'pipeline.toml'}"
+    return f"next: edit both, then bcid run{where}"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bcid.cli import options
+from bcid.cli.completion import complete_saved_models
 from bcid.cli.options import Format
 from bcid.errors import UsageError
 
@@ -37,8 +38,13 @@ def view(
         ),
     ] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", "-m", help="The folder of a saved model that is to predict a take.")
+        str | None,
+        typer.Option(
+            "--model", "-m", autocompletion=complete_saved_models,
+            help="A saved model that is to predict a take: its name, or its folder.",
+        ),
     ] = None,
+    pipeline: options.WorkspaceOption = None,
     tables: Annotated[
         Path | None, typer.Option(help="Write the results of a workspace as CSV and LaTeX to this folder, and no view.")
     ] = None,
@@ -49,7 +55,7 @@ def view(
     allow_partial: options.AllowPartialOption = False,
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
-) -> None:
+) -> None:  # fmt: skip
     """Write a take, or a diagnosis of it, as an MCAP file with a layout for Foxglove; or results as tables."""
     from bcid.cli.sink import Sink
     from bcid.view.from_workspace import is_workspace
@@ -60,10 +66,12 @@ def view(
         _write_tables(sink, subject, tables, force)
         return
     from bcid.files.outputs import refuse_to_overwrite
+    from bcid.pipeline.named_models import find_model
     from bcid.view.write_view import OTHER_FILE, view_files, write_view
 
+    folder = None if model is None else find_model(model, lambda: options.workspace_of(pipeline))
     with sink.stage("view"):
-        content = _read_content(subject, diagnosed, vehicle, take, model, commands, allow_partial)
+        content = _read_content(subject, diagnosed, vehicle, take, folder, commands, allow_partial)
         home = subject if diagnosed else Path()
         path = out or home / VIEW_FOLDER / f"{content.recording.name}.mcap"
         refuse_to_overwrite(view_files(path), lambda there: force, OTHER_FILE)
@@ -76,7 +84,7 @@ def view(
 
 
 def _refuse_misfits(
-    subject: Path, diagnosed: bool, vehicle: Path | None, take: str | None, model: Path | None, tables: Path | None,
+    subject: Path, diagnosed: bool, vehicle: Path | None, take: str | None, model: str | None, tables: Path | None,
     out: Path | None, commands: Path | None,
 ) -> None:  # fmt: skip
     """Raise `UsageError` for options that do not go together, with what to do about it."""

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+from bcid.documents.comparison import ComparisonDocument
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.document import Document
 from bcid.documents.export import ExportDocument
@@ -14,6 +15,7 @@ from bcid.documents.report import EvaluationDocument, ReportDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
 
 DOCUMENTS: dict[str, type[Document]] = {
+    "compare": ComparisonDocument,
     "diagnosis": DiagnosisDocument,
     "evaluation": EvaluationDocument,
     "export": ExportDocument,

@@ -2,5 +2,7 @@
 
 `evaluate` (the scores of a model), from `closed_loop` (rollouts and their errors); `process_noise` (what explains the
 errors), `intervals` (of predictions, sampled from this noise), `validity` (process noise and range of the training
-data, saved beside a model), `seen_takes` (which takes these were), `limits` (all numbers that decide).
+data, saved beside a model), `residuals` (whether a model lacks physics, by its own takes), `seen_takes` (which takes
+these were), `parameter_differences` (whether constants of two fits differ by more than chance), `limits` (all numbers
+that decide).
 """

@@ -26,5 +26,15 @@ class EvaluationLimits:
     # Steps that a model keeps of each take that it was made from: of a tenth of the take, 50 are among them.
     kept_steps: int = 512
 
+    # Share of pairs of fits to one car in which any constant is said to differ, at most: a change in a car costs a
+    # day of search, so that one false alarm in a hundred comparisons is what a laboratory bears.
+    max_chance: float = 0.01
+    # Ratio of a model's residuals to the smoothed motion's standard deviations where the model lacks nothing: of the
+    # paper's car by any loss, noise and rate 0.47 to 0.61 (`python tests/measure_residuals.py`).
+    usual_residual_ratio: float = 0.53
+    # Multiple of the usual ratio above which physics is missing: at most 1.15 where nothing is, 1.4 to 2.1 of the
+    # simulated bumper car with all its extras, if poses are measured to a millimetre, and 1.19 if to 5 mm.
+    max_residual_multiple: float = 1.25
+
 
 LIMITS = EvaluationLimits()

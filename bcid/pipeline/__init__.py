@@ -1,6 +1,8 @@
 """From a pipeline file to artifacts: the stages, what each depends on, and what is reused.
 
 `config` (the pipeline file), `run` (stages run or reused), `stages` (what each does), `watching` (who follows them as
-they run), `publishing` (copies of results where people look for them), `takes` (which take is which), `limits` (all
-numbers that decide).
+they run), `progress` (of a diagnosis), `publishing` (copies of results where people look for them), `named_models`
+(saved models by name), `takes` (which take is which), `cuts` (parts of takes), `tidy_tables` (takes
+for other programs), `compare_runs` (is it the same car?), `limits` (all numbers that
+decide).
 """

@@ -12,21 +12,31 @@ from bcid.errors import InputRefused, PartLost, Problem, Problems, UsageError
 from bcid.files.source_code import stage_code
 from bcid.models.table import fittable_row, model_row, require_training_libraries
 from bcid.pipeline.config import PipelineConfig
+from bcid.pipeline.cuts import split_cut, without_cut
 from bcid.pipeline.limits import LIMITS
+from bcid.pipeline.named_models import MODEL_FILES, MODELS_FOLDER
+from bcid.pipeline.progress import spread_rounds
 from bcid.pipeline.publishing import are_published, artifact_digests, publish_copies, refuse_to_replace
 from bcid.pipeline.takes import name_takes, refuse_repeats
 from bcid.pipeline.watching import Watcher
 from bcid.recording.formats.detect import detect_format, find_commands_file, recording_files
-from bcid.store.artifact import Artifact, Recipe, Store, file_sha256
+from bcid.store.artifact import Artifact, Recipe, Store, file_sha256, is_whole
 from bcid.vehicle import read_vehicle
 
 if TYPE_CHECKING:
+    from bcid.documents.report import EvaluationDocument
     from bcid.evaluation.seen_takes import TakeSteps
     from bcid.models.settings import CarLoss
 
 AXLE_KEYS = ("body.cog_to_front_m", "body.cog_to_rear_m")
+COSTLY_STAGES = ("fit", "diagnose")
+"""Stages that take minutes; a report of what is there waits for none of them."""
 SEEN_TAKES_MODULE = "bcid.evaluation.seen_takes"
 ESTIMATOR_KEYS = (*AXLE_KEYS, "body.drive", "body.front_drive_share", "steering")
+
+
+class NotMadeYet(Exception):
+    """A fit or a diagnosis is not in the workspace, and was only to be reused."""
 
 
 class ComparedModel(NamedTuple):
@@ -38,6 +48,16 @@ class ComparedModel(NamedTuple):
     module: str  # whose code predicts
     settings: Mapping[str, Any]  # of its fit
     saw_validation: bool | None = False  # whether it was made from the validation take; None where nobody knows
+
+
+class ReportExtent(NamedTuple):
+    """What a report makes beside the models that it compares, where it is not there yet."""
+
+    losses: bool  # the models fitted by each loss that the report compares
+    diagnosis: bool  # of the recordings that the configuration diagnoses
+
+
+WHOLE = ReportExtent(losses=True, diagnosis=True)
 
 
 class Pipeline:
@@ -57,6 +77,8 @@ class Pipeline:
         self._usable: set[Path] = set()
         self._tuned: Artifact | None = None
         self._steps: dict[Path, TakeSteps] = {}
+        # whether fits and diagnoses that are not there are made, not only reused
+        self._makes_costly = True
         # what each recording is called where several are shown
         self.names = name_takes([*config.recordings(), *config.diagnose])
 
@@ -72,6 +94,9 @@ class Pipeline:
         title = f"{stage} {subject}".rstrip()
         if recipe.key in self._known:
             return self._known[recipe.key]
+        only_reused = stage in COSTLY_STAGES and not self._makes_costly
+        if only_reused and not is_whole(self.config.workspace / stage / recipe.key, recipe):
+            raise NotMadeYet
 
         def watched(folder: Path) -> None:
             with self.watcher.stage(title) as progress:
@@ -94,6 +119,28 @@ class Pipeline:
         split = {part: part.partition(".") for part in parts}
         return {part: tables[table][key] if key else tables[table] for part, (table, _, key) in split.items()}
 
+    def _reusing(self) -> Pipeline:
+        """This pipeline without fits and diagnoses that are not there: `NotMadeYet` is raised for such."""
+        other = copy(self)
+        other._makes_costly = False
+        return other
+
+    def find_fit(self, model: str) -> Artifact | None:
+        """Artifact of a model that was fitted with the configuration's settings already; None where it was not."""
+        try:
+            return self._reusing().fit(model)
+        except NotMadeYet:
+            return None
+
+    def find_diagnosis(self) -> Artifact | None:
+        """Artifact of the diagnosis of the configuration's recordings; None where none was made of them as they are."""
+        if not (self.config.diagnose and (self.config.workspace / "diagnose").is_dir()):
+            return None
+        try:
+            return self._reusing().diagnose()
+        except (NotMadeYet, InputRefused):
+            return None
+
     def _with_loss(self, loss: CarLoss) -> Pipeline:
         """This pipeline with models fitted by `loss`; what is known of recordings is shared."""
         other = copy(self)
@@ -108,10 +155,11 @@ class Pipeline:
 
     def _ingest(self, recording: Path) -> Artifact:
         """Artifact of one ingested recording, found by the content of its files."""
-        kind, commands = detect_format(recording), find_commands_file(recording, self.config.commands)
+        file, cut = split_cut(recording)
+        kind, commands = detect_format(file), find_commands_file(file, self.config.commands)
         tables = {"mcap": ("topics",), "motive": ("commands",), "table": ("columns", "commands")}[kind]
         inputs: dict[str, Any] = {
-            "recording": "+".join(file_sha256(part) for part in recording_files(recording)),
+            "recording": "+".join(file_sha256(part) for part in recording_files(file)),
             "name": recording.name,
             "commands": file_sha256(commands) if commands is not None and commands.is_file() else None,
             "vehicle": self._vehicle_parts(*AXLE_KEYS, "steering", "motor", "mocap", "command", "clock", *tables),
@@ -120,7 +168,7 @@ class Pipeline:
         def make(folder: Path, progress: Progress) -> None:
             from bcid.pipeline.stages import ingest
 
-            ingest.run_ingest_stage(folder, recording, commands, self.vehicle, self.config.allow_partial)
+            ingest.run_ingest_stage(folder, file, commands, self.vehicle, self.config.allow_partial, cut)
 
         settings = {"allow_partial": True} if self.config.allow_partial else {}
         return self._run_stage("ingest", self._title(recording), inputs, settings, make)
@@ -153,7 +201,9 @@ class Pipeline:
             # it needs the checks, which are slow to import
             from bcid.recording.neighbours import name_fitting_commands
 
-            for odd in name_fitting_commands(recording, load_recording(folder), self.vehicle).irregularities:
+            for odd in name_fitting_commands(
+                without_cut(recording), load_recording(folder), self.vehicle
+            ).irregularities:
                 if odd.action == "no-go":
                     cause, _, mend = odd.detail.rpartition("; ")
                     step = f"{mend} (or --ignore-health uses the take as it is)"
@@ -227,10 +277,12 @@ class Pipeline:
             return None
         if not self.config.truth.is_dir():
             raise InputRefused(self.config.source, "truth", f"{self.config.truth} is no folder", "correct or remove it")
-        truth, table = self.config.truth / f"{recording.stem}.parquet", self.config.estimate
+        file, table = without_cut(recording), self.config.estimate
+        truth = self.config.truth / f"{file.stem}.parquet"
         if not truth.exists():
             return None
-        alike = [p for p in self.config.recordings() if p.stem == recording.stem]
+        files = dict.fromkeys(without_cut(p) for p in self.config.recordings())
+        alike = [p for p in files if p.stem == file.stem]
         if len(alike) > 1:
             cause = f"{truth} may be of any of {', '.join(map(str, alike))}"
             raise InputRefused(self.config.source, "truth", cause, "give the takes other names, or remove truth")
@@ -330,6 +382,10 @@ class Pipeline:
 
         return self._run_stage("evaluate", model.label, inputs, settings, make, model.module)
 
+    def validation_name(self) -> str | None:
+        """What the validation recording is called where several are shown; None where none is named."""
+        return self.names.get(self.config.validation) if self.config.validation else None
+
     def _validation_recording(self) -> Path:
         """Path of the validation recording; raise `InputRefused` where none is named."""
         if self.config.validation is None:
@@ -337,23 +393,28 @@ class Pipeline:
             raise InputRefused(self.config.source, "validation", "no validation take is named", next_step)
         return self.config.validation
 
-    def report(self, saved_models: Sequence[Path] = ()) -> Artifact:
-        """Artifact of the comparison of the configuration's models, and of those in the folders `saved_models`."""
-        self.refuse_untrainable(self.config.models)
-        self.refuse_unusable([*self.config.recordings(), *self.config.diagnose])
+    def report(
+        self, saved_models: Sequence[Path] = (), models: Sequence[str] | None = None, extent: ReportExtent = WHOLE
+    ) -> Artifact:
+        """Artifact of the comparison of `models`, by default all of the configuration's, and of `saved_models`.
+
+        What the `extent` leaves out is in the report all the same where it is there already.
+        """
+        models = self.config.models if models is None else models
+        self.refuse_untrainable(models)
+        self.refuse_unusable([*self.config.recordings(), *(self.config.diagnose if extent.diagnosis else ())])
         loaded = [self._mark_if_seen(self.load_for_comparison(folder)) for folder in dict.fromkeys(saved_models)]
-        unseen = "name a take that no model is fitted on, or cut one take into two"
-        self._refuse_repeats([self._validation_recording()], self.config.training, "validation", unseen)
+        self._refuse_seen_validation()
         validation = self.estimate(self._validation_recording())
-        candidates = label_uniquely([*(self.fit_for_comparison(m) for m in self.config.models), *loaded])
+        candidates = label_uniquely([*(self.fit_for_comparison(m) for m in models), *loaded])
         judged = [(c, self.evaluate(c)) for c in candidates]
         if not judged:
             raise UsageError("the pipeline file names no models\n  next: list some in the pipeline file")
         settings = self.config.report.model_dump()
-        compared = self._evaluate_losses()
+        compared = self._evaluate_losses(models, extent.losses)
         takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.config.recordings()]
         names = [self.names[p] for p in self.config.recordings()]
-        diagnosis = self.diagnose() if self.config.diagnose else None
+        diagnosis = self.diagnose() if extent.diagnosis and self.config.diagnose else self.find_diagnosis()
         inputs = {
             "diagnosis": diagnosis.content if diagnosis else None,
             "models": [[c.label, c.content, e.content, c.saw_validation] for c, e in judged],
@@ -378,12 +439,32 @@ class Pipeline:
 
         return self._run_stage("report", "", inputs, settings, make, *(c.module for c in candidates))
 
-    def _evaluate_losses(self) -> list[tuple[ComparedModel, str, Artifact]]:
-        """Fit and evaluate the models by each loss that the report compares; returns model, loss and evaluation."""
+    def _refuse_seen_validation(self) -> None:
+        """Raise `InputRefused` where the validation recording is of the drive of a training recording."""
+        unseen = "name a take that no model is fitted on, or cut one take into two"
+        self._refuse_repeats([self._validation_recording()], self.config.training, "validation", unseen)
+
+    def score(self, model: ComparedModel) -> EvaluationDocument:
+        """The closed-loop error of one model on the validation recording, the same as in the report.
+
+        Raises:
+            InputRefused: no validation take is named, it is no-go, or it is of the drive of a training take.
+        """
+        from bcid.documents.report import EvaluationDocument
+
+        self.refuse_unusable([self._validation_recording()])
+        self._refuse_seen_validation()
+        return EvaluationDocument.read(self.evaluate(model).folder / "evaluation.json")
+
+    def _evaluate_losses(self, models: Sequence[str], fits: bool) -> list[tuple[ComparedModel, str, Artifact]]:
+        """Evaluate those of `models` that can be fitted by each loss that the report compares: model, loss, evaluation.
+
+        Where not `fits`, only those that have been fitted by it already.
+        """
         found = []
         for loss in self.config.report.losses:
             work = self._with_loss(loss)
-            names = [m for m in self.config.models if loss in model_row(m).losses]
+            names = [m for m in models if loss in model_row(m).losses and (fits or work.find_fit(m))]
             found += [(c, str(loss), work.evaluate(c)) for c in (work.fit_for_comparison(m) for m in names)]
         return found
 
@@ -398,7 +479,7 @@ class Pipeline:
         self._refuse_repeats(recordings, (), "diagnose", "name each take once: two would count as twice the evidence")
         takes, tuned = [(self.ingest(p), self.estimate(p)) for p in recordings], self.tune()
         path = Path(simulation) if simulation is not None else None
-        recorded_too = path is not None and path.is_file() and path.suffix != ".toml"
+        recorded_too = path is not None and without_cut(path).is_file() and path.suffix != ".toml"
         others = [(self.ingest(path), self.estimate(path))] if path is not None and recorded_too else []
         names = [self.names[p] for p in recordings]
         inputs = {
@@ -417,7 +498,15 @@ class Pipeline:
             recorded, moved = ([pair[i].folder for pair in takes] for i in (0, 1))
             simulated = [(r.folder, e.folder) for r, e in others]
             diagnose.run_diagnose_stage(
-                folder, recorded, moved, names, tuned.folder, self.vehicle, simulation, simulated, progress
+                folder,
+                recorded,
+                moved,
+                names,
+                tuned.folder,
+                self.vehicle,
+                simulation,
+                simulated,
+                spread_rounds(progress),
             )
             save_seen_takes([self._take_steps(p) for p in recordings], folder / "model")
 
@@ -443,6 +532,10 @@ class Pipeline:
         with self.store.exclusive_lock("publish"):
             known = artifact_digests(self.config.workspace)
             return publish_copies(artifact.folder, names, home, known, self.config.force)
+
+    def publish_fit(self, fit: Artifact, name: str) -> Path:
+        """Copy a fitted model to WORKSPACE/models/`name`, where it is found by that name; returns the copy's folder."""
+        return self.publish(fit, *MODEL_FILES, to=f"{MODELS_FOLDER}/{name}").parent
 
     def refuse_to_publish_over(self, *names: str, to: str) -> None:
         """Raise `InputRefused` where `publish` would refuse, so that nobody waits for what cannot be published."""

@@ -19,16 +19,36 @@ def name_takes(recordings: Sequence[Path]) -> dict[Path, str]:
     >>> paths = [Path("a/drive.csv"), Path("b/drive.csv"), Path("b/circle.csv"), Path("b/circle.mcap")]
     >>> list(name_takes(paths).values())
     ['a/drive', 'b/drive', 'circle.csv', 'circle.mcap']
+    >>> list(name_takes([Path("a/drive.csv[0:60]"), Path("a/drive.csv[60:]")]).values())
+    ['drive[0:60]', 'drive[60:]']
     """
-    paths = dict.fromkeys(recordings)
-    names = {path: path.stem for path in paths}
+    # a cut counts to the name, before the file's ending
+    paths = {path: _cut_before_ending(path) for path in recordings}
+    names = {path: _without_ending(shown).name for path, shown in paths.items()}
     for depth in range(max((len(path.parts) for path in paths), default=0) + 1):
         counts = Counter(names.values())
         for path in [p for p in paths if counts[names[p]] > 1]:
-            longer = Path(*path.parts[-depth - 1 :])
-            alone = sum(longer.with_suffix("") == Path(*p.parts[-depth - 1 :]).with_suffix("") for p in paths) == 1
-            names[path] = (longer.with_suffix("") if alone else longer).as_posix()
+            longer = Path(*paths[path].parts[-depth - 1 :])
+            others = [Path(*shown.parts[-depth - 1 :]) for shown in paths.values()]
+            alone = sum(_without_ending(longer) == _without_ending(other) for other in others) == 1
+            names[path] = (_without_ending(longer) if alone else longer).as_posix()
     return names
+
+
+def _cut_before_ending(path: Path) -> Path:
+    """The path of a recording with its cut, if any, before the file's ending.
+
+    >>> _cut_before_ending(Path("a/take.csv[2:9]")).as_posix()
+    'a/take[2:9].csv'
+    """
+    file, bracket, cut = path.name.rpartition("[")
+    named = Path(file)
+    return path.with_name(f"{named.stem}[{cut}{named.suffix}") if bracket and cut.endswith("]") else path
+
+
+def _without_ending(path: Path) -> Path:
+    """The path without the file's ending, which is not the end of a cut such as "[1.5:2]"."""
+    return path if path.suffix.endswith("]") else path.with_suffix("")
 
 
 def refuse_repeats(

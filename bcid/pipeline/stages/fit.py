@@ -6,6 +6,7 @@ from typing import Any
 
 from bcid.aliases import Progress
 from bcid.estimate.saving import load_estimate
+from bcid.evaluation.residuals import measure_residuals, save_residuals
 from bcid.evaluation.validity import ModelValidity
 from bcid.models.fitting.windows import check_excitation
 from bcid.models.interface import FitTask
@@ -26,8 +27,9 @@ def run_fit_stage(
     recordings: Sequence[Path],
     progress: Progress,
 ) -> None:
-    """Fit the model `name` to training motions; save it with process noise, data range and description in `folder`.
+    """Fit the model `name` to training motions, and save it in `folder`.
 
+    Beside it are saved its process noise and the range of its data, what its residuals say, and its description.
     `estimates` and `recordings` are the artifact folders of the takes, `base` that of a fitted model on which this
     one builds, if any.
 
@@ -44,4 +46,5 @@ def run_fit_stage(
     save_model(model, folder)
     progress(1.0, "process noise")
     ModelValidity.measure(model, task.estimates, seed).save(folder)
+    save_residuals(measure_residuals(model, task.estimates), folder)
     (folder / "description.txt").write_text(model.describe() + "\n", encoding="utf-8")

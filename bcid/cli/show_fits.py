@@ -1,0 +1,79 @@
+"""What `bcid fit` tells people: scores side by side, constants with errors, how far to believe these, what next."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich.console import Group
+from rich.markup import escape
+
+from bcid.cli.fitting import FittedModel
+from bcid.cli.show import score_cells
+from bcid.cli.sink import plain_table
+from bcid.evaluation.residuals import ResidualsDocument
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.parameters import is_identified
+from bcid.report.formats import format_with_error
+
+SCORE_COLUMNS = ("NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
+
+
+def fit_tables(fitted: Sequence[FittedModel], validation: str | None, equations: bool) -> Group:
+    """Tables of the fits: their equations where these are asked for, the constants of cars, and the scores at the end.
+
+    `validation` is what the take is called on which they were scored.
+    """
+    parts: list[Any] = []
+    if equations:
+        parts += [escape(f"{f.name}\n{f.model.describe()}\n") for f in fitted]
+    for f in fitted:
+        if rows := constant_rows(f.model):
+            parts.append(plain_table(f"constants of {f.name}", ["constant", "fitted", "what it is"], rows))
+    scored = any(f.score for f in fitted)
+    rows = [
+        [f.name, *(score_cells(f.score) if f.score else ["–"] * len(SCORE_COLUMNS)) * scored,
+         str(f.model.parameter_count), str(f.folder)]
+        for f in fitted
+    ]  # fmt: skip
+    title = f"closed loop on {validation}, NMSE × 10³, as in bcid report" if scored else "fitted models"
+    parts.append(plain_table(title, ["model", *SCORE_COLUMNS * scored, "parameters", "saved in"], rows))
+    return Group(*parts)
+
+
+def constant_rows(model: object) -> list[list[str]]:
+    """Rows of the table of a car's fitted constants: symbol, value ± standard error, meaning; none of other models."""
+    if not isinstance(model, NewtonEuler):
+        return []
+    facts, rows = model.facts, list[list[str]]()
+    values = model.car._asdict() | {"R_v": model.car.R_1 + model.car.R_2 * facts.get("top_speed_mps", 0.0)}
+    for symbol, about in facts.get("fitted", {}).items():
+        value, text = values[symbol], "not identified"
+        if is_identified(symbol, facts):
+            text = format_with_error(value, about["relative_se"] * abs(value), about["unit"])
+        rows.append([symbol, text, about["meaning"]])
+    return rows
+
+
+def warnings_of_fits(fitted: Iterable[FittedModel]) -> list[str]:
+    """What must be known of fits that state standard errors, one sentence for each whose residuals are too large."""
+    return [
+        f"{f.name}: {text}"
+        for f in fitted
+        if f.residuals and constant_rows(f.model) and (text := describe_residuals(f.residuals))
+    ]
+
+
+def describe_residuals(residuals: ResidualsDocument) -> str:
+    """A sentence that the standard errors are too small, where a model's residuals say so; empty where they do not."""
+    if not residuals.show_missing_physics:
+        return ""
+    return (
+        f"over {residuals.horizon_s:g} s it misses its own takes by {residuals.multiple:.1f} times what a model that "
+        "lacks nothing would: physics is missing, so the ± are too small by an unknown amount; "
+        "`bcid diagnose` says what is missing"
+    )
+
+
+def next_steps(fitted: Sequence[FittedModel]) -> str:
+    """What to type next with the best of the fitted models."""
+    name = fitted[0].name
+    return f"next: bcid report compares them on a page; bcid export {name} writes code; --equations prints equations"
