@@ -124,7 +124,7 @@ def _write_tables(sink: Sink, workspace: Path, folder: Path, force: bool) -> Non
     files = write_tables(tables, folder, lambda there: force)
     rows = [[t.name, str(len(t.rows)), t.caption] for t in tables]
     data = {"schema": "bcid.tables/1", "files": [str(file) for file in files]}
-    sink.result(data, lambda: plain_table(f"tables in {folder}", ["table", "rows", "of"], rows, texts=["of"]))
+    sink.result(data, lambda: plain_table(f"tables in {folder}", ["table", "rows", "of"], rows))
 
 
 def _topic_table(written: WrittenView, content: ViewContent) -> RenderableType:
@@ -133,4 +133,4 @@ def _topic_table(written: WrittenView, content: ViewContent) -> RenderableType:
 
     rows = [[name, kind, str(n)] for name, (kind, n) in written.topics.items()]
     title = f"{written.mcap}: {content.recording.duration_s:.0f} s of {content.recording.name}"
-    return plain_table(title, ["topic", "type", "messages"], rows, texts=["type"])
+    return plain_table(title, ["topic", "type", "messages"], rows)
