@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,29 +12,8 @@ from bcid.cli.options import Format
 from bcid.errors import InputRefused, UsageError
 
 if TYPE_CHECKING:
-    from bcid.documents.report import EvaluationDocument
-    from bcid.evaluation.residuals import ResidualsDocument
-    from bcid.models.interface import Model
+    from bcid.cli.show_fits import FittedModel
     from bcid.pipeline.run import Pipeline
-
-
-class FittedModel(NamedTuple):
-    """A model that `bcid fit` made, or found made: where it is, what it is, and how good."""
-
-    name: str  # under which it is saved
-    folder: Path  # of its copy in WORKSPACE/models
-    artifact: Path
-    model: Model
-    residuals: ResidualsDocument | None
-    score: EvaluationDocument | None  # None where it could not be scored
-
-    def as_json(self) -> dict[str, Any]:
-        """The model's entry in the command's JSON."""
-        return {
-            "model": self.model.name, "name": self.name, "folder": str(self.artifact), "saved": str(self.folder),
-            "description": self.model.describe() + "\n",
-            "score": self.score and self.score.as_json(), "residuals": self.residuals and self.residuals.as_json(),
-        }  # fmt: skip
 
 
 def fit(
@@ -109,6 +87,7 @@ def fit(
 
 def _score(work: Pipeline, saved_as: dict[str, str]) -> tuple[list[FittedModel], str]:
     """The fitted models, best first, with their scores on the validation recording, or why they have none."""
+    from bcid.cli.show_fits import FittedModel
     from bcid.evaluation.residuals import load_residuals
     from bcid.models.saving import load_model
     from bcid.pipeline.named_models import MODELS_FOLDER

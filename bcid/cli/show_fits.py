@@ -1,20 +1,41 @@
 """What `bcid fit` tells people: scores side by side, constants with errors, how far to believe these, what next."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from rich.console import Group
 from rich.markup import escape
 
-from bcid.cli.fitting import FittedModel
 from bcid.cli.show import score_cells
 from bcid.cli.sink import plain_table
+from bcid.documents.report import EvaluationDocument
 from bcid.evaluation.residuals import ResidualsDocument
+from bcid.models.interface import Model
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import is_identified
 from bcid.report.formats import format_with_error
 
 SCORE_COLUMNS = ("NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
+
+
+class FittedModel(NamedTuple):
+    """A model that `bcid fit` made, or found made: where it is, what it is, and how good."""
+
+    name: str  # under which it is saved
+    folder: Path  # of its copy in WORKSPACE/models
+    artifact: Path
+    model: Model
+    residuals: ResidualsDocument | None
+    score: EvaluationDocument | None  # None where it could not be scored
+
+    def as_json(self) -> dict[str, Any]:
+        """The model's entry in the command's JSON."""
+        return {
+            "model": self.model.name, "name": self.name, "folder": str(self.artifact), "saved": str(self.folder),
+            "description": self.model.describe() + "\n",
+            "score": self.score and self.score.as_json(), "residuals": self.residuals and self.residuals.as_json(),
+        }  # fmt: skip
 
 
 def fit_tables(fitted: Sequence[FittedModel], validation: str | None, equations: bool) -> Group:
