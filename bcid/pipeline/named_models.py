@@ -52,7 +52,7 @@ def find_model(named: str, workspace: Callable[[], Path | None]) -> Path:
         cause = "is no folder of a saved model, and no pipeline file says in which workspace such a name is kept"
         raise InputRefused(named, "model", cause, "name the model's folder, or the pipeline file with -p")
     if not known:
-        cause = f"is no folder of a saved model, and {home} holds none either"
+        cause = f"there is no fitted model there, and none in {home} either"
         raise InputRefused(named, "model", cause, "fit one with `bcid fit`")
     cause = f"is neither a folder of a saved model nor the name of one in {home}"
     raise InputRefused(named, "model", cause, f"choose one of {', '.join(known)}, or fit it with `bcid fit`")
