@@ -25,9 +25,13 @@ System Identification (1999). Pacejka, Tire and Vehicle Dynamics (2012). Visinti
 
 
 def locate_law(effect: Effect) -> tuple[str, int]:
-    """File, relative to the package's parent folder, and line of the function that is the effect's equation."""
+    """File and line of the function that is the effect's equation.
+
+    The file is relative to the package's parent folder, or as it was named where it is a user's own.
+    """
     code = inspect.unwrap(effect.law).__code__
-    return Path(code.co_filename).relative_to(PACKAGE.parent).as_posix(), code.co_firstlineno
+    path = Path(code.co_filename)
+    return (path.relative_to(PACKAGE.parent) if path.is_relative_to(PACKAGE) else path).as_posix(), code.co_firstlineno
 
 
 def effect_json(effect: Effect) -> dict[str, Any]:
