@@ -47,6 +47,7 @@ def accept_global_options(
 
 def run(
     pipeline: options.PipelineOption = None,
+    effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
     force: options.ForceOption = False,
@@ -54,7 +55,8 @@ def run(
 ) -> None:
     """Do everything in the pipeline file: ingest, estimate, fit and compare all models, and diagnose."""
     report(
-        pipeline=pipeline, allow_partial=allow_partial, ignore_health=ignore_health, force=force, format=format
+        pipeline=pipeline, effects=effects, allow_partial=allow_partial, ignore_health=ignore_health, force=force,
+        format=format,
     )  # fmt: skip
 
 
@@ -64,6 +66,7 @@ def report(
         typer.Option("--model", "-m", help="A folder with a saved model to compare as well; repeat for several."),
     ] = None,
     pipeline: options.PipelineOption = None,
+    effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
     force: options.ForceOption = False,
@@ -77,7 +80,7 @@ def report(
 
     sink = Sink(format)
     config = options.read_config(
-        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health
+        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health, effects=effects
     )  # fmt: skip
     work = Pipeline(config, sink)
     work.refuse_to_publish_over(*REPORT_FILES, to="report")

@@ -30,6 +30,7 @@ def diagnose(
             "recordings."
         ),
     ] = None,
+    effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
     force: options.ForceOption = False,
@@ -42,7 +43,9 @@ def diagnose(
     from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
-    config = options.read_config(pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health)
+    config = options.read_config(
+        pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, effects
+    )  # fmt: skip
     work = Pipeline(config, sink)
     home = "" if recordings else "diagnosis"
     work.refuse_to_publish_over(*DIAGNOSIS_FILES, to=home)

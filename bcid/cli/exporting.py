@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bcid.cli.options import ForceOption, Format
+from bcid.cli.options import EffectsOption, ForceOption, Format, own_effects
 from bcid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def export(
             show_default="they go on",
         ),
     ] = None,
+    effects: EffectsOption = None,
     force: ForceOption = False,
     output: Annotated[Format, typer.Option(help="Format of the results on stdout.")] = Format.human,
 ) -> None:
@@ -60,7 +61,7 @@ def export(
     if view not in ("recording", "vehicle"):
         raise UsageError(f"a model is exported as recording or as vehicle, not as {view!r}\n  next: choose one of them")
     sink = Sink(output)
-    with sink.stage("export") as progress:
+    with sink.stage("export") as progress, own_effects(effects):
         exported = export_model(
             load_model(model), model_digest(model), load_validity(model), name, view == "vehicle", time
         )

@@ -29,15 +29,21 @@ def list_models(format: options.FormatOption = Format.human) -> None:  # noqa: A
 
 def list_effects(
     name: Annotated[str | None, typer.Argument(help="The id of one effect to look up. Default: list all.")] = None,
+    effects: options.EffectsOption = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Write the page docs/effects.md to stdout.")] = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """List the effects (terms of physics beyond the base model) that a diagnosis can name, or look up one of them."""
+    """List the effects (terms of physics beyond the base model) that a diagnosis can name, or look up one of them.
+
+    With --effects FILE those of the file are checked and listed.
+    """
     from bcid.cli.sink import Sink, plain_table
     from bcid.effects.listing import describe_effect, effect_json, effects_page
     from bcid.effects.table import EFFECTS, find_effect
 
-    chosen = [find_effect(name)] if name else list(EFFECTS.values())
+    built_in = set(EFFECTS)
+    with options.own_effects(effects):
+        chosen = [find_effect(name)] if name else [e for e in EFFECTS.values() if not effects or e.id not in built_in]
 
     def human() -> Any:
         if markdown:
