@@ -1,29 +1,14 @@
-"""Files of effects of a user's own, for tests: one that is right, and many that are not."""
+"""Files of effects of a user's own, for tests: some that are right, and many that are not."""
 
 from __future__ import annotations
 
-MAGNET = '''\
-"""A strip of magnets under the floor pulls the car back to the line x = x_0 of the room."""
+from pathlib import Path
 
-import math
+from bcid.effects.own_file import OwnFile, read_own_effects
 
-from bcid.effects.own import Constant, Parameter, effect, sincos
-
-
-@effect(
-    "F = −k·(p_x − x_0)·exp(−((p_x − x_0)/w)²) along the room's x",
-    channel="any",
-    kind="environment",
-    parameters=(Parameter("k", "kg s^-2", 0.0, 2000.0, 60.0, "stiffness of the pull"),),
-    constants=(Constant("x_0", "m", 1.0, "where the strip lies"), Constant("w", "m", 1.5, "its reach")),
-    source="measured with a spring balance",
-)
-def magnet_strip(p_x, theta, k, x_0, w):
-    off = (p_x - x_0) / w
-    pull = -k * w * off * math.exp(-off * off)
-    sin_t, cos_t = sincos(theta)
-    return pull * cos_t, -pull * sin_t, 0.0
-'''
+_PAGE = Path(__file__).parents[1] / "docs/own_effects.md"
+MAGNET = _PAGE.read_text(encoding="utf-8").partition("```python\n")[2].partition("```")[0]
+"""The complete file of docs/own_effects.md: magnets that pull the car to the line x = 1 m."""
 
 ACTUATORS = '''\
 """A worn servo horn, and a motor that grows warm."""
@@ -121,3 +106,11 @@ REFUSED = {
     ),
 }  # fmt: skip
 """Texts of files that are refused, and what is said of each."""
+
+
+def own_file(folder: Path, text: str | bytes) -> OwnFile:
+    """The effects that effects.py in `folder` declares, after this text is written to it if there is a folder."""
+    path = folder / "effects.py"
+    if folder.is_dir():
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_own_effects(path)

@@ -8,13 +8,11 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.compiled.njit import njit
-from bcid.recording.types import Recording
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.drive import COMMAND_HZ, ROUGHNESS_TIME_S, TRUTH_HZ, Drive, capture_poses, sample_truth
 from bcid.simulation.driver import DRAWS_PER_DECISION, SimulatedArena, choose_target
 from bcid.simulation.dynamics import STATE_SIZE, STEPS_PER_S, advance_plant
 from bcid.simulation.wheels import PlantInputs
-from bcid.virtual_lab import record_drive, simulated_vehicle
 
 STRIP_AT, STRIP_REACH = 1.0, 1.5  # m
 
@@ -46,16 +44,14 @@ def _drive_over_strip(
     return states, commands
 
 
-def record_over_strip(stiffness: float, seconds: float, seed: int) -> Recording:
-    """The recording of a drive over magnets of a `stiffness` (N/m), at 60 poses a second."""
-    rng, plant, sensor = np.random.default_rng(seed), Plant(), Sensor()
+def drive_over_strip(stiffness: float, seconds: float, seed: int) -> Drive:
+    """A drive over magnets of a `stiffness` (N/m), seen at 60 poses a second."""
+    rng, sensor = np.random.default_rng(seed), Sensor()
     count = round(seconds * COMMAND_HZ)
     uniform = rng.random((count, DRAWS_PER_DECISION))
     normal = rng.standard_normal((count * (STEPS_PER_S // COMMAND_HZ), 3))
-    states, commands = _drive_over_strip(plant, SimulatedArena(), stiffness, seconds, uniform, normal)
+    states, commands = _drive_over_strip(Plant(), SimulatedArena(), stiffness, seconds, uniform, normal)
     frame, pose = capture_poses(states, sensor, seconds, rng)
     rows = np.arange(0, len(states), STEPS_PER_S // TRUTH_HZ)
     truth = sample_truth(states[rows], rows / STEPS_PER_S)
-    return record_drive(
-        Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, truth), 60.0, simulated_vehicle()
-    )  # fmt: skip
+    return Drive(np.arange(count) / COMMAND_HZ, commands, frame, pose, truth)

@@ -52,4 +52,7 @@ def list_effects(
             return describe_effect(chosen[0])
         return plain_table("effects", ["id", "equation", "channel"], [[e.id, e.equation, e.channel] for e in chosen])
 
-    Sink(format).result({"schema": "bcid.effects/1", "effects": [effect_json(e) for e in chosen]}, human)
+    sink = Sink(format)
+    if effects:
+        sink.note(f"{effects}: as effects must be (finite, nothing where off, right units, compiled)")
+    sink.result({"schema": "bcid.effects/1", "effects": [effect_json(e) for e in chosen]}, human)

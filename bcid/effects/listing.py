@@ -14,6 +14,7 @@ INTRODUCTION = """\
 Made by `bcid effects --markdown`. State [v_x, v_y, ω] in the body frame at the CoG, V the planar velocity, δ the servo's angle,
 δ_w the angle at the wheel, F_m motor force, F_d drag, F_αf side force of the front tyre, t seconds since the recording began, T its length.
 With every parameter off an effect changes nothing to the last bit. "Size" is where ten minutes of the bumper car just show it.
+An effect that is not here can be tried from a file of your own: [own_effects.md](own_effects.md).
 """  # noqa: E501
 
 

@@ -26,7 +26,7 @@ compiled = njit_inline
 """Decorator of a function that laws call."""
 
 
-class Quantity(NamedTuple):
+class LawQuantity(NamedTuple):
     """What a law may depend on."""
 
     unit: str
@@ -36,21 +36,21 @@ class Quantity(NamedTuple):
 
 
 _EVERYWHERE, _ON_BODY = (*PUSHES, *STEERING, *MOTOR), (*PUSHES, *STEERING)
-QUANTITIES: dict[str, Quantity] = {
-    "t": Quantity("s", "time since the recording began", _EVERYWHERE, "time"),
-    "T": Quantity("s", "the recording's length", _EVERYWHERE, "time"),
-    "p_x": Quantity("m", "place of the centre of gravity in the world", PUSHES, "place"),
-    "p_y": Quantity("m", "place of the centre of gravity in the world", PUSHES, "place"),
-    "theta": Quantity("rad", "heading, counter-clockwise", PUSHES, "heading"),
-    "v_x": Quantity("m s^-1", "velocity ahead", _ON_BODY, "v_x"),
-    "v_y": Quantity("m s^-1", "velocity to the left", _ON_BODY, "v_y"),
-    "omega": Quantity("rad s^-1", "yaw rate, counter-clockwise", _ON_BODY, "yaw_rate"),
-    "delta": Quantity("rad", "steering angle, left positive", _ON_BODY, "steering"),
-    "delta_rate": Quantity("rad s^-1", "its rate", _ON_BODY, "steering_rate"),
-    "u_m": Quantity("m s^-1", "throttle: a speed, or a share of full force", (*PUSHES, *MOTOR), "throttle"),
-    "m": Quantity("kg", "the vehicle's mass", _EVERYWHERE, ""),
-    "F_m": Quantity("kg m s^-2", "motor force", MOTOR, "throttle"),
-    "v_w": Quantity("m s^-1", "speed of the driven wheel", MOTOR, "v_x"),
+QUANTITIES: dict[str, LawQuantity] = {
+    "t": LawQuantity("s", "time since the recording began", _EVERYWHERE, "time"),
+    "T": LawQuantity("s", "the recording's length", _EVERYWHERE, "time"),
+    "p_x": LawQuantity("m", "place of the centre of gravity in the world", PUSHES, "place"),
+    "p_y": LawQuantity("m", "place of the centre of gravity in the world", PUSHES, "place"),
+    "theta": LawQuantity("rad", "heading, counter-clockwise", PUSHES, "heading"),
+    "v_x": LawQuantity("m s^-1", "velocity ahead", _ON_BODY, "v_x"),
+    "v_y": LawQuantity("m s^-1", "velocity to the left", _ON_BODY, "v_y"),
+    "omega": LawQuantity("rad s^-1", "yaw rate, counter-clockwise", _ON_BODY, "yaw_rate"),
+    "delta": LawQuantity("rad", "steering angle, left positive", _ON_BODY, "steering"),
+    "delta_rate": LawQuantity("rad s^-1", "its rate", _ON_BODY, "steering_rate"),
+    "u_m": LawQuantity("m s^-1", "throttle: a speed, or a share of full force", (*PUSHES, *MOTOR), "throttle"),
+    "m": LawQuantity("kg", "the vehicle's mass", _EVERYWHERE, ""),
+    "F_m": LawQuantity("kg m s^-2", "motor force", MOTOR, "throttle"),
+    "v_w": LawQuantity("m s^-1", "speed of the driven wheel", MOTOR, "v_x"),
 }  # fmt: skip
 """The quantities that a law may name, and the channels in which it may."""
 
