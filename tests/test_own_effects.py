@@ -65,6 +65,12 @@ def test_no_file_and_no_text_are_refused(tmp_path: Path) -> None:
         own_file(tmp_path, b"\xff\xfe")
 
 
+def test_a_law_that_acts_far_off_in_a_narrow_place_is_right(tmp_path: Path) -> None:
+    far = MAGNET.replace('"m", 1.0', '"m", 22.0').replace('"m", 1.5', '"m", 0.8')
+    assert far != MAGNET
+    assert own_file(tmp_path, far).effects[0].constants[0].value == 22.0
+
+
 def test_running_a_file_leaves_nothing_beside_it(tmp_path: Path) -> None:
     own_file(tmp_path, DRAG)
     assert [path.name for path in tmp_path.iterdir()] == ["effects.py"]

@@ -15,7 +15,7 @@ from test_export import needs_casadi, needs_compiler, worst_error
 from typer.testing import CliRunner
 
 from bcid.cli.app import app
-from bcid.effects.own_file import own_effects_in_use
+from bcid.effects.own_file import IN_USE, own_effects_in_use
 from bcid.errors import InputRefused, UsageError
 from bcid.export.augmented_formulas import trace_augmented
 from bcid.export.exported import export_model
@@ -23,6 +23,8 @@ from bcid.export.reference_drive import EXACT, STEPS
 from bcid.models.interface import history_at_rest, rollout
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.saving import load_model, save_model
+from bcid.pipeline.config import read_pipeline_file
+from bcid.pipeline.run import Pipeline
 from bcid.simulation.writing import write_motive_take
 
 ALL_OWN = {"worn_horn__a": 0.1, "warm_motor__s": 0.3, "oblique_drag__b": 9.0}
@@ -149,6 +151,21 @@ def test_commands_that_read_a_model_ask_for_its_file(saved: Path, tmp_path: Path
         assert list(out.iterdir())
     alone = run("simulate", "--effects", effects)
     assert isinstance(alone.exception, UsageError)
+
+
+def test_a_pipeline_file_names_a_file_of_effects(saved: Path, vehicle_file: Path) -> None:
+    """By a path from its own folder; the file is in use where models are read, and only there."""
+    path = saved.parent / "pipeline.toml"
+    text = f'vehicle = "{vehicle_file}"\ntraining = ["take.csv"]\nworkspace = "work"\n[estimate]\nperiod_s = 0.02\n'
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputRefused, match="--effects"):
+        Pipeline(read_pipeline_file(path)).load_for_comparison(saved)
+    path.write_text(f'effects = "effects.py"\n{text}', encoding="utf-8")
+    assert Pipeline(read_pipeline_file(path)).load_for_comparison(saved).folder == saved
+    assert not IN_USE
+    (saved.parent / "effects.py").write_text("import os\n", encoding="utf-8")
+    with pytest.raises(InputRefused, match="imports os"):
+        Pipeline(read_pipeline_file(path)).load_for_comparison(saved)
 
 
 @pytest.mark.slow
