@@ -34,6 +34,7 @@ def diagnose(
             "recordings."
         ),
     ] = None,
+    effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
     force: options.ForceOption = False,
@@ -48,7 +49,7 @@ def diagnose(
 
     sink = Sink(format)
     config = options.read_config(
-        pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note
+        pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note, effects
     )
     work = Pipeline(config, sink)
     # beside a pipeline's own results those of named recordings would stand in the way

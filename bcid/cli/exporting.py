@@ -52,6 +52,7 @@ def export(
         ),
     ] = None,
     pipeline: options.WorkspaceOption = None,
+    effects: options.EffectsOption = None,
     force: options.ForceOption = False,
     output: Annotated[Format, typer.Option(help="Format of the results on stdout.")] = Format.human,
 ) -> None:
@@ -72,7 +73,7 @@ def export(
         raise UsageError(f"a model is exported as recording or as vehicle, not as {view!r}\n  next: choose one of them")
     sink = Sink(output)
     folder = find_model(model, lambda: options.workspace_of(pipeline))
-    with sink.stage("export") as progress:
+    with sink.stage("export") as progress, options.own_effects(effects):
         exported = export_model(
             load_model(folder), model_digest(folder), load_validity(folder), name, view == "vehicle", time
         )

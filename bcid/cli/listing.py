@@ -33,15 +33,21 @@ def list_effects(
         str | None,
         typer.Argument(help="The id of one effect to look up. Default: list all.", autocompletion=complete_effects),
     ] = None,
+    effects: options.EffectsOption = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="Write the page docs/effects.md to stdout.")] = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
-    """List the effects (terms of physics beyond the base model) that a diagnosis can name, or look up one of them."""
+    """List the effects (terms of physics beyond the base model) that a diagnosis can name, or look up one of them.
+
+    With --effects FILE those of the file are checked and listed.
+    """
     from bcid.cli.sink import Sink, plain_table
     from bcid.effects.listing import describe_effect, effect_json, effects_page
     from bcid.effects.table import EFFECTS, find_effect
 
-    chosen = [find_effect(name)] if name else list(EFFECTS.values())
+    built_in = set(EFFECTS)
+    with options.own_effects(effects):
+        chosen = [find_effect(name)] if name else [e for e in EFFECTS.values() if not effects or e.id not in built_in]
 
     def human() -> Any:
         if markdown:
@@ -50,4 +56,7 @@ def list_effects(
             return describe_effect(chosen[0])
         return plain_table("effects", ["id", "equation", "channel"], [[e.id, e.equation, e.channel] for e in chosen])
 
-    Sink(format).result({"schema": "bcid.effects/1", "effects": [effect_json(e) for e in chosen]}, human)
+    sink = Sink(format)
+    if effects:
+        sink.note(f"{effects}: as effects must be (finite, nothing where off, right units, compiled)")
+    sink.result({"schema": "bcid.effects/1", "effects": [effect_json(e) for e in chosen]}, human)

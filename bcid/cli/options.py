@@ -5,10 +5,11 @@ Every command's module imports this one to be listed in the help, so what reads 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -83,6 +84,27 @@ IgnoreHealthOption = Annotated[
     bool, typer.Option("--ignore-health", help="Use recordings whose check says no-go all the same.")
 ]
 
+EffectsOption = Annotated[
+    Path | None,
+    typer.Option("--effects", help="A Python file of effects of your own, tried beside the built-in ones. It is run."),
+]
+
+
+@contextmanager
+def own_effects(file: Path | None) -> Iterator[None]:
+    """Context in which the effects of a user's `file`, if one is named, belong to the vocabulary.
+
+    Raises:
+        InputRefused: the file or one of its effects is wrong.
+    """
+    if file is None:
+        yield
+        return
+    from bcid.effects.own_file import own_effects_in_use, read_own_effects
+
+    with own_effects_in_use(read_own_effects(file)):
+        yield
+
 
 def find_pipeline_file() -> Path | None:
     """The pipeline file that is meant where none is named: pipeline.toml of this folder, or that of the sample logs."""
@@ -122,6 +144,7 @@ def read_config(
     force: bool = False,
     ignore_health: bool = False,
     note: Note = lambda text: None,
+    effects: Path | None = None,
 ) -> PipelineConfig:
     """Return the configuration of the pipeline file, or one for the recordings named on the command line.
 
@@ -135,7 +158,8 @@ def read_config(
     """
     from bcid.pipeline.config import PipelineConfig
 
-    said = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
+    said: dict[str, Any] = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
+    said |= {} if effects is None else {"effects": effects}
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")

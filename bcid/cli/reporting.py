@@ -24,6 +24,7 @@ DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.
 
 def run(
     pipeline: options.PipelineOption = None,
+    effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
     force: options.ForceOption = False,
@@ -35,7 +36,7 @@ def run(
 
     sink = Sink(format)
     config = options.read_config(
-        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health, note=sink.note
+        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health, note=sink.note, effects=effects
     )  # fmt: skip
     work = Pipeline(config, sink)
     _refuse_to_publish_over(work, work.config.models)
@@ -64,6 +65,7 @@ def report(
         ),
     ] = None,
     pipeline: options.PipelineOption = None,
+    effects: options.EffectsOption = None,
     allow_partial: options.AllowPartialOption = False,
     ignore_health: options.IgnoreHealthOption = False,
     force: options.ForceOption = False,
@@ -76,7 +78,7 @@ def report(
 
     sink = Sink(format)
     config = options.read_config(
-        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health, note=sink.note
+        pipeline, allow_partial=allow_partial, force=force, ignore_health=ignore_health, note=sink.note, effects=effects
     )  # fmt: skip
     asked = [m for m in model or [] if m in config.models]
     saved = [find_model(m, lambda: config.workspace) for m in model or [] if m not in config.models]

@@ -60,6 +60,7 @@ def simulate(
     ] = None,
     commands: Annotated[Path | None, typer.Option("--commands", help="The commands file that --model drives.")] = None,
     pipeline: options.WorkspaceOption = None,
+    effects: options.EffectsOption = None,
     force: options.ForceOption = False,
     format: options.FormatOption = Format.human,  # noqa: A002
 ) -> None:
@@ -83,7 +84,9 @@ def simulate(
     def may_replace(path: Path) -> bool:
         return force
 
-    with sink.stage("simulate") as progress:
+    if effects is not None and model is None:
+        raise UsageError("--effects goes with --model\n  next: name the model that has them")
+    with sink.stage("simulate") as progress, options.own_effects(effects):
         if sample_logs is not None:
             paths = _write_samples(sample_logs, seed, may_replace, lambda text: progress(0.0, text))
             notes = []

@@ -45,6 +45,7 @@ def view(
         ),
     ] = None,
     pipeline: options.WorkspaceOption = None,
+    effects: options.EffectsOption = None,
     tables: Annotated[
         Path | None, typer.Option(help="Write the results of a workspace as CSV and LaTeX to this folder, and no view.")
     ] = None,
@@ -70,7 +71,7 @@ def view(
     from bcid.view.write_view import OTHER_FILE, view_files, write_view
 
     folder = None if model is None else find_model(model, lambda: options.workspace_of(pipeline))
-    with sink.stage("view"):
+    with sink.stage("view"), options.own_effects(effects):
         content = _read_content(subject, diagnosed, vehicle, take, folder, commands, allow_partial)
         home = subject if diagnosed else Path()
         path = out or home / VIEW_FOLDER / f"{content.recording.name}.mcap"

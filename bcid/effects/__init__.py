@@ -6,4 +6,6 @@ are computed (`harmonics`), with the numbers of `constants` and the `lags` in cl
 (from commands to wheel and throttle), `car` (the equations of motion) and `motion` (their integration); `motor_past` is
 what a lagging motor has from before.
 `entry` is what an effect declares, `table` lists all, `listing` prints them.
+A user's file imports `own`; `own_file` reads it and puts its effects into use, `own_checks` and `own_law_checks` say
+whether they are such, and `own_laws` is how their laws get into the compiled car.
 """

@@ -12,6 +12,13 @@ from bcid.compiled.lanes import any_lane, where
 from bcid.compiled.njit import njit, njit_inline
 from bcid.effects import corrections, forces, measurement, motor, steering, tyres
 from bcid.effects.constants import Constants
+from bcid.effects.own_laws import (
+    OwnInputs,
+    add_own_pushes,
+    own_motor_force,
+    own_pushes_vary_with_pose,
+    own_wheel_angle,
+)
 from bcid.effects.remainder import RemainderAction, WheelDirections, remainder_inputs, sum_remainder
 from bcid.effects.remainder_table import ROLLING_V, RemainderInputs
 from bcid.physics.car import Car, forward_motor_force, motor_force, wrench_of_axles
@@ -93,6 +100,32 @@ def unpack_lags(x: Floats) -> LagState:
 
 
 @njit_inline
+def own_inputs(b: BodyState, act: Actuation, p: Car) -> OwnInputs:
+    """What the user's laws may depend on at a state `b`; of a throttle that changes within a step, the mean."""
+    zero, u_m = 0.0 * b.v_x, act.u_m + act.late * (act.u_next - act.u_m)
+    return OwnInputs(
+        act.t, act.T, b.p_x, b.p_y, b.theta, b.v_x, b.v_y, b.omega, act.delta, act.delta_rate, u_m, p.m, zero, zero
+    )  # fmt: skip
+
+
+@njit_inline
+def _own_inputs_of_motor(u_m: float, v_w: float, act: Actuation, p: Car) -> OwnInputs:
+    """What the user's laws of a motor may depend on: throttle, wheel speed (m/s), time (s) and the car's mass (kg)."""
+    none = 0.0 * v_w
+    return OwnInputs(
+        act.t, act.T, none, none, none, none, none, none, none, none, u_m, p.m, none, v_w
+    )  # fmt: skip
+
+
+@njit_inline
+def own_pushes(b: BodyState, act: Actuation, p: Car, e: Switches) -> tuple[float, float, float]:
+    """Force (N, N) and moment (N m) on the body by the user's laws in `e`, at a state `b`; zeros where none is."""
+    none = 0.0 * b.v_x
+    pushes: tuple[float, float, float] = add_own_pushes((none, none, none), own_inputs(b, act, p), e)
+    return pushes
+
+
+@njit_inline
 def _forward_motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: Switches, c: Constants) -> float:
     """Motor force (N) under the throttle `u_m` at the wheel speed `v_w` (m/s), before any lag, of a forward motor.
 
@@ -104,6 +137,7 @@ def _forward_motor_force_at(u_m: float, v_w: float, act: Actuation, p: Car, e: S
     supplied = motor.motor_power_limit(F, v_w, e.motor_power_limit__inverse_P, c.v_p)
     supplied = motor.motor_sag(supplied, act.t, act.T, e.motor_sag__s)
     supplied += motor.motor_regeneration(u_m, v_w, p.K_t, p.F_m_max, e.motor_regeneration__r)
+    supplied = own_motor_force(supplied, _own_inputs_of_motor(u_m, v_w, act, p), e)
     return where(u_m >= 0.0, supplied, F)
 
 
@@ -200,6 +234,7 @@ def _solve_wheel_angle(
     delta = steering.steering_side_gain(delta, e.steering_side_gain__a)
     delta = steering.steering_speed_gain(delta, b.v_x, b.v_y, e.steering_speed_gain__k)
     delta = steering.steering_offset(delta, e.steering_offset__o)
+    delta = own_wheel_angle(delta, own_inputs(b, act, p), e)
     k: float = e.steering_compliance__k
     if k == 0.0:
         return delta
@@ -275,8 +310,8 @@ def is_pulled_by_place(e: Switches) -> bool:
 
 @njit
 def varies_with_pose(e: Switches) -> bool:
-    """Whether forces on the body depend smoothly on its pose: a cable's, a slope's, or some without a name in `e`."""
-    return bool(is_pulled_by_place(e) or e.remainders > 0.0)
+    """Whether forces on the body depend smoothly on its pose in `e`: by cable, slope, the user's, or without a name."""
+    return bool(is_pulled_by_place(e) or e.remainders > 0.0 or own_pushes_vary_with_pose(e))
 
 
 @njit
@@ -404,4 +439,5 @@ def wrench_with_effects(b: BodyState, act: Actuation, lags: LagState, p: Car, e:
         F_y += pull_y
     M_z += wheel_m + forces.yaw_scrub(b.omega, e.yaw_scrub__c) + forces.yaw_coulomb(b.omega, e.yaw_coulomb__c, c.w_c)
     M_z += p.m * act.rest.arm + p.I_z * act.rest.alpha
+    F_x, F_y, M_z = add_own_pushes((F_x, F_y, M_z), own_inputs(b, act, p), e)
     return Wrench(F_x, F_y, M_z, mass_factor, LagState(front.alpha_s, front.F_m, F_mr), front.v_fx)

@@ -101,6 +101,7 @@ class Effect:
     depends_on: tuple[str, ...] = ()  # the quantities it varies with, in the words of diagnosis.json
     confounded_with: str = ""  # what is visible only because the vehicle file's value is held
     source: str = ""
+    suits_one_vehicle: bool = False  # bounds and sizes are meant for the user's vehicle, not for the bumper car
 
     @property
     def id(self) -> str:
@@ -146,8 +147,11 @@ def resize_effect(effect: Effect, units: VehicleScale) -> Effect:
 
     `units` holds the ratios of the vehicle's mass, length and time to the bumper car's; a parameter is scaled by the
     ratio of its unit.  Places, times, delays and lags are not scaled (electronics are no faster in a small car);
-    radii are scaled by the vehicle's length, or by how far it drives in its time if that is more.
+    radii are scaled by the vehicle's length, or by how far it drives in its time if that is more.  An effect that is
+    meant for this vehicle already stays as it is.
     """
+    if effect.suits_one_vehicle:
+        return effect
 
     def scaled(p: Parameter) -> Parameter:
         factor = units.factor_of(p.unit)

@@ -14,6 +14,7 @@ INTRODUCTION = """\
 Made by `bcid effects --markdown`. State [v_x, v_y, ω] in the body frame at the CoG, V the planar velocity, δ the servo's angle,
 δ_w the angle at the wheel, F_m motor force, F_d drag, F_αf side force of the front tyre, t seconds since the recording began, T its length.
 With every parameter off an effect changes nothing to the last bit. "Size" is where ten minutes of the bumper car just show it.
+An effect that is not here can be tried from a file of your own: [own_effects.md](own_effects.md).
 """  # noqa: E501
 
 
@@ -25,9 +26,13 @@ System Identification (1999). Pacejka, Tire and Vehicle Dynamics (2012). Visinti
 
 
 def locate_law(effect: Effect) -> tuple[str, int]:
-    """File, relative to the package's parent folder, and line of the function that is the effect's equation."""
+    """File and line of the function that is the effect's equation.
+
+    The file is relative to the package's parent folder, or as it was named where it is a user's own.
+    """
     code = inspect.unwrap(effect.law).__code__
-    return Path(code.co_filename).relative_to(PACKAGE.parent).as_posix(), code.co_firstlineno
+    path = Path(code.co_filename)
+    return (path.relative_to(PACKAGE.parent) if path.is_relative_to(PACKAGE) else path).as_posix(), code.co_firstlineno
 
 
 def effect_json(effect: Effect) -> dict[str, Any]:

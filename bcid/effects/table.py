@@ -1,7 +1,9 @@
 """All effects by id, in the specification's order of families."""
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -42,19 +44,60 @@ BESIDE_BODY = (
 )  # fmt: skip
 """Effects that change commands before they reach the body, or poses after: forces on the body are the base model's."""
 
-_ON_BODY = frozenset(name for e in ENTRIES.values() if e.id not in BESIDE_BODY for name in e.fields)
-_LAYOUT = np.dtype(
-    (
-        np.record,
-        [
-            *((name, np.float64) for name in (*OFF, ANY_ON_BODY, REMAINDERS, ANGLES, POWERS)),
-            (REMAINDER, np.float64, (MOST, harmonics.PLANNED_COLUMNS)),
-            (FACTOR, np.int64, (MOST, 1 + harmonics.FACTORS)),
-            (ANGLE, np.float64, (harmonics.MOST_ANGLES, harmonics.ANGLE_COLUMNS)),
-        ],
-    )
-)
 NO_FUNCTIONS = np.zeros((0, COLUMNS))
+
+OWN_MARKS: list[str] = []
+"""Fields beside the parameters that carry no number: they stand for the user's laws in use (`bcid.effects.own_laws`).
+"""
+
+
+@cache
+def _layout(parameters: tuple[str, ...], marks: tuple[str, ...]) -> Any:
+    """The numpy type of the switches' record, with the fields of these `parameters` and `marks`."""
+    return np.dtype(
+        (
+            np.record,
+            [
+                *((name, np.float64) for name in (*parameters, ANY_ON_BODY, REMAINDERS, ANGLES, POWERS, *marks)),
+                (REMAINDER, np.float64, (MOST, harmonics.PLANNED_COLUMNS)),
+                (FACTOR, np.int64, (MOST, 1 + harmonics.FACTORS)),
+                (ANGLE, np.float64, (harmonics.MOST_ANGLES, harmonics.ANGLE_COLUMNS)),
+            ],
+        )
+    )
+
+
+@cache
+def _fields_on_body(parameters: tuple[str, ...]) -> frozenset[str]:
+    """Those of the fields `parameters` whose effects act on forces on the body."""
+    return frozenset(name for name in parameters if name.partition("__")[0] not in BESIDE_BODY)
+
+
+@contextmanager
+def further_effects(effects: Sequence[Effect], mark: str) -> Iterator[None]:
+    """Context in which the vocabulary of this process holds `effects` of the user's beside its own.
+
+    `mark` is the field of the switches under which their laws are registered (`bcid.effects.own_laws.LAWS`).
+
+    Raises:
+        UsageError: others of the user's are in use already, or an id is taken.
+    """
+    taken = sorted({e.id for e in effects} & ENTRIES.keys())
+    if OWN_MARKS or taken:
+        raise UsageError(f"{', '.join(taken) or 'another file'} in use already\n  next: leave the other effects first")
+    entries = {e.id: e for e in effects}
+    off = {name: p.off for e in effects for name, p in zip(e.fields, e.parameters, strict=True)}
+    tables: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = ((EFFECTS, entries), (ENTRIES, entries), (OFF, off))
+    for table, more in tables:
+        table.update(more)
+    OWN_MARKS.append(mark)
+    try:
+        yield
+    finally:
+        OWN_MARKS.remove(mark)
+        for table, more in tables:
+            for name in more:
+                del table[name]
 
 
 def effect_switches(
@@ -69,9 +112,9 @@ def effect_switches(
     off the car is the base model to the last bit.  A record is passed by its address: copying some sixty numbers at
     every call would cost a third of the computing time.
     """
-    values = OFF | dict(on or {})
-    on_body = float(any(values[name] != OFF[name] for name in _ON_BODY))
-    switches = np.zeros((), dtype=_LAYOUT)
+    values, parameters = OFF | dict(on or {}), tuple(OFF)
+    on_body = float(any(values[name] != OFF[name] for name in _fields_on_body(parameters)))
+    switches = np.zeros((), dtype=_layout(parameters, tuple(OWN_MARKS)))
     for name, value in values.items():
         switches[name] = value
     switches[ANY_ON_BODY] = on_body

@@ -20,6 +20,7 @@ from bcid.effects.car import BodyState, LagState
 from bcid.effects.constants import Constants
 from bcid.effects.corrections import MEASURED_SPEED
 from bcid.effects.motion import integrate_body, steady_lags
+from bcid.effects.own_laws import call_law
 from bcid.effects.table import ENTRIES
 from bcid.errors import UsageError
 from bcid.export.formulas import (
@@ -111,7 +112,9 @@ def trace_augmented(model: AugmentedNewtonEuler, time_s: float | None = None) ->
 
 def _name_constants(model: AugmentedNewtonEuler) -> _NamedModel:
     """The model with its constants and its effects' parameters named, in a graph of their own."""
-    tracer = Tracer(Graph(), values={"MAX_COMPLIANCE_STEPS": COMPLIANCE_STEPS})
+    # laws of the user's are not named by the car, but found by it: they are traced as they are called
+    own: dict[Any, Any] = {call_law: lambda law, values: tracer.trace(law.function)(*values)}
+    tracer: Tracer = Tracer(Graph(), own, {"MAX_COMPLIANCE_STEPS": COMPLIANCE_STEPS})
     graph, setup = tracer.graph, model.setup
     names = setup.switches.dtype.names
     on = {name: float(setup.switches[name]) for name in model.effects}

@@ -17,6 +17,7 @@ from bcid.effects.car import (
     force_by_place,
     is_lagging,
     is_pulled_by_place,
+    own_pushes,
     replace_remainder,
     turn_wheel,
     varies_with_pose,
@@ -33,6 +34,7 @@ from bcid.effects.motion import (
     stage_time,
     stage_weight,
 )
+from bcid.effects.own_laws import own_pushes_vary_with_pose
 from bcid.effects.remainder import RemainderAction, add_to_remainder
 from bcid.likelihood.lag_derivatives import move_lag, store_lag_coefficients, store_steady
 from bcid.likelihood.remainder_derivatives import (
@@ -93,7 +95,7 @@ def differentiate_step(
         if turning:
             _store_turn(out, place_of_change(stage, 0, len(widths)), now, turned, p)
         if varies_with_pose(e):
-            _store_pull(out, stage, there, now, turned, cars, e)
+            _store_pull(out, stage, there, act, now, turned, cars, e)
         _store_pose_rates(out, POSE_RATE + stage * 4, there, rate)
         put(out, MASS_FACTOR + stage, now.mass_factor)
         total = add_rates(total, rate, stage_weight(stage))
@@ -199,8 +201,13 @@ def _store_turn(out: Floats, at: int, now: Wrench, turned: Wrench, p: Car) -> No
 
 
 @njit
-def _store_pull(out: Floats, stage: int, b: BodyState, now: Wrench, turned: Wrench, cars: Floats, e: Switches) -> None:
-    """Write derivatives of accelerations and steady lags by the pose to `out`: by cable, slope and remainder in `e`."""
+def _store_pull(
+    out: Floats, stage: int, b: BodyState, act: Actuation, now: Wrench, turned: Wrench, cars: Floats, e: Switches
+) -> None:
+    """Write derivatives of accelerations and steady lags by the pose to `out`: by all in `e` that depends on it.
+
+    These are the pulls of cable and slope, the user's laws, and what has no name.
+    """
     p, zero = car_of_row(cars[0]), 0.0 * b.v_x
     F_x, F_y = force_by_place(b, now.mass_factor, p, e) if is_pulled_by_place(e) else (zero, zero)
     for j in range(3):
@@ -218,6 +225,11 @@ def _store_pull(out: Floats, stage: int, b: BodyState, now: Wrench, turned: Wren
             there_x, there_y = force_by_place(move_component(b, j, BODY_STEP), now.mass_factor, p, e)
             a_x += (there_x - F_x) / (now.mass_factor * p.m * BODY_STEP)
             a_y += (there_y - F_y) / (now.mass_factor * p.m * BODY_STEP)
+        if own_pushes_vary_with_pose(e):
+            here, there = own_pushes(b, act, p, e), own_pushes(move_component(b, j, BODY_STEP), act, p, e)
+            a_x += (there[0] - here[0]) / (now.mass_factor * p.m * BODY_STEP)
+            a_y += (there[1] - here[1]) / (now.mass_factor * p.m * BODY_STEP)
+            alpha += (there[2] - here[2]) / (now.mass_factor * p.I_z * BODY_STEP)
         at = ACCELERATION + (stage * N_STATE + j) * 3
         put(out, at, a_x)
         put(out, at + 1, a_y)

@@ -1,9 +1,14 @@
-"""Fitted models on disk: model.json and, where there are arrays, arrays.safetensors.  No pickle."""
+"""Fitted models on disk: model.json and, where there are arrays, arrays.safetensors.  No pickle.
+
+Beside a model with effects of a user's own lies a copy of the file that declares them, for people: it is never run from
+there.  Such a model is read only while that very file is in use, since a user named it (`bcid.effects.own_file`).
+"""
 
 import hashlib
 from pathlib import Path
 from typing import Any
 
+from bcid.effects.own_file import OwnFile, file_of_effects
 from bcid.errors import InputRefused
 from bcid.files.json import read_json, write_json
 from bcid.files.regular import read_regular_file
@@ -15,10 +20,14 @@ from bcid.store.artifact import file_sha256
 SCHEMA = "bcid.model/1"
 ARRAYS_DIGEST = "arrays_sha256"
 FILES = _JSON, _ARRAYS = "model.json", "arrays.safetensors"
+OWN_EFFECTS, OWN_DIGEST = "own_effects.py", "own_effects_sha256"
 
 
 def save_model(model: Model, folder: Path) -> None:
-    """Write `model` into `folder`: model.json and, if it has arrays, arrays.safetensors (its SHA-256 in model.json)."""
+    """Write `model` into `folder`: model.json and, if it has arrays, arrays.safetensors (its SHA-256 in model.json).
+
+    A copy of the user's file is written, too, if the model has effects of it.
+    """
     data, arrays = model.to_saved()
     data = {"schema": SCHEMA, "model": model.name, **data}
     if arrays:
@@ -26,7 +35,29 @@ def save_model(model: Model, folder: Path) -> None:
 
         save_file(arrays, folder / _ARRAYS)
         data[ARRAYS_DIGEST] = file_sha256(folder / _ARRAYS)
+    if own := _own_file_of(data):
+        (folder / OWN_EFFECTS).write_bytes(own.text.encode())
+        data[OWN_DIGEST] = own.sha256
     write_json(folder / _JSON, data)
+
+
+def _own_file_of(data: dict[str, Any]) -> OwnFile | None:
+    """The user's file in use that declares effects of a model with these data; None where it has no such effects."""
+    effects = data.get("effects")
+    return file_of_effects(effects) if isinstance(effects, dict) else None
+
+
+def _require_own_effects(folder: Path, data: dict[str, Any], digest: object) -> None:
+    """Raise `InputRefused` unless the user's file with this SHA-256 is in use; without one, no effect may be of any."""
+    own = _own_file_of(data)
+    if digest == (own and own.sha256):
+        return
+    copy = folder / OWN_EFFECTS
+    if own is None:
+        cause = f"has effects of a user's own, in {copy} as they were; nothing runs them unasked"
+        raise InputRefused(folder, _JSON, cause, f"read that file; if you trust it, name it: --effects {copy}")
+    cause = f"has effects of another file than {own.name}, whose SHA-256 is {own.sha256[:12]}…"
+    raise InputRefused(folder, _JSON, cause, f"name the file with which it was made; a copy of it is {copy}")
 
 
 def model_digest(folder: Path) -> str:
@@ -64,7 +95,8 @@ def load_model(folder: Path) -> Model:
     """The fitted model that `save_model` wrote into `folder`, after the SHA-256 of its arrays is checked.
 
     Raises:
-        InputRefused: there is no model, it is damaged or of another version, or its numbers make no such model.
+        InputRefused: there is no model, it is damaged or of another version, its numbers make no such model, or it has
+            effects of a user's own whose file is not in use.
     """
     try:
         data = read_json(folder / _JSON)
@@ -76,6 +108,7 @@ def load_model(folder: Path) -> Model:
     if schema != SCHEMA or not isinstance(name, str) or name not in MODELS:
         cause = f"is {schema!r:.60} of {name!r:.60}, not {SCHEMA} of one of {', '.join(MODELS)}"
         raise InputRefused(folder, _JSON, cause, "fit the model again")
+    _require_own_effects(folder, data, data.pop(OWN_DIGEST, None))
     try:
         arrays = _read_arrays(folder / _ARRAYS, data.pop(ARRAYS_DIGEST, None))
         return MODELS[name].load_class().from_saved(data, arrays)

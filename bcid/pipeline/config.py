@@ -79,6 +79,7 @@ class PipelineFile(Settings):
     models: list[Annotated[str, AfterValidator(_check_model_name)]] = Field(default_factory=lambda: list(FITTABLE))
     estimate: EstimateTable = EstimateTable()
     diagnose: list[PathText] = Field(default_factory=list)  # recordings; empty: those named above
+    effects: PathText | None = None  # a Python file of the user's own effects
     fit: FitTables = Field(default_factory=FitTables)
     report: ReportTable = ReportTable()
 
@@ -140,7 +141,8 @@ def read_pipeline_file(path: Path) -> PipelineConfig:
     def at(named: Path) -> Path:
         return Path(os.path.normpath(path.parent / named))
 
-    paths: dict[str, Any] = {name: getattr(file, name) for name in ("vehicle", "validation", "truth", "workspace")}
+    single = ("vehicle", "validation", "truth", "workspace", "effects")
+    paths: dict[str, Any] = {name: getattr(file, name) for name in single}
     opened = {name: named and at(named) for name, named in paths.items()}
     opened |= {"training": [at(p) for p in file.training], "diagnose": [at(p) for p in file.diagnose]}
     return PipelineConfig(**{**dict(file), **opened, "source": str(path)})

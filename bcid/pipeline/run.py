@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from copy import copy
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +27,7 @@ from bcid.vehicle import read_vehicle
 
 if TYPE_CHECKING:
     from bcid.documents.report import EvaluationDocument
+    from bcid.effects.own_file import OwnFile
     from bcid.evaluation.seen_takes import TakeSteps
     from bcid.models.settings import CarLoss
 
@@ -99,7 +102,7 @@ class Pipeline:
             raise NotMadeYet
 
         def watched(folder: Path) -> None:
-            with self.watcher.stage(title) as progress:
+            with self.watcher.stage(title) as progress, self._own_effects_in_use():
                 make(folder, progress)
 
         artifact = self.store.get_or_make(recipe, watched)
@@ -107,6 +110,23 @@ class Pipeline:
             self.watcher.report_reused(title)
         self._known[recipe.key] = artifact
         return artifact
+
+    @cached_property
+    def _own_effects(self) -> OwnFile | None:
+        """The user's own effects, read and checked; None where the configuration names no file of them."""
+        if self.config.effects is None:
+            return None
+        from bcid.effects.own_file import read_own_effects
+
+        return read_own_effects(self.config.effects)
+
+    def _own_effects_in_use(self) -> AbstractContextManager[None]:
+        """Context in which the vocabulary holds the user's own effects beside its own."""
+        if self._own_effects is None:
+            return nullcontext()
+        from bcid.effects.own_file import own_effects_in_use
+
+        return own_effects_in_use(self._own_effects)
 
     def _title(self, recording: Path) -> str:
         """The recording's file name for messages, with as many folders as tell it apart from the others."""
@@ -351,7 +371,8 @@ class Pipeline:
         from bcid.evaluation.validity import FILE_NAME as VALIDITY_FILE
         from bcid.models.saving import FILES, load_model
 
-        model, period_s = load_model(folder), self.config.estimate.period_s
+        with self._own_effects_in_use():
+            model, period_s = load_model(folder), self.config.estimate.period_s
         if abs(model.period_s - period_s) > LIMITS.max_period_difference_s:
             cause = f"steps by {model.period_s:g} s, but the pipeline's grid has {period_s:g} s"
             raise InputRefused(folder, "model.json", cause, f"set period_s = {model.period_s:g} in [estimate]")
@@ -490,6 +511,8 @@ class Pipeline:
             "simulation": None if path is None or others else self._simulation_key(path),
             "names": names,
         }
+        if self._own_effects is not None:
+            inputs["effects"] = self._own_effects.sha256
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.evaluation.seen_takes import save_seen_takes
