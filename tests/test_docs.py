@@ -177,6 +177,15 @@ def test_the_docs_evidence_is_the_committed_blind_test() -> None:
     assert f"{right} of {quick.pooled.n} right where {wanted:.1f} are wanted" in readme
 
 
+def to_ten_digits(data: Any) -> Any:
+    """Nested JSON data with its numbers to ten digits: from Python 3.12 on a sum is rounded once, at its end."""
+    if isinstance(data, dict):
+        return {key: to_ten_digits(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [to_ten_digits(value) for value in data]
+    return float(f"{data:.10g}") if isinstance(data, float) else data
+
+
 @pytest.mark.parametrize("name", ["prove.json", "prove_part.json"])
 def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     """And its seals hold the answers of its seed."""
@@ -202,7 +211,7 @@ def test_the_blind_test_s_figures_follow_from_its_rows(name: str) -> None:
     about = {key: told[key] for key in ("seed", "salt", "quick", "sizes", "of", "tiers_of", "seal", "code")}
     again = json.loads(json.dumps(blind_outcome(ran, about).as_json()))
     for key in ("cases", "tiers", "pooled_by_tier", "calibration", "p_values", "confusion", "missed"):
-        assert again[key] == told[key], key
+        assert to_ten_digits(again[key]) == to_ten_digits(told[key]), key
     # in the order in which takes ended
     assert again["pooled"] == pytest.approx(told["pooled"])
     assert sorted(again["wrong"], key=str) == sorted(told["wrong"], key=str)
