@@ -14,16 +14,17 @@ import pytest
 import typer
 from catalogue.table import catalogue_table, counts_told, faults_table, kills_told
 from docs_tables import (
+    bench_table,
     evidence_table,
     methods_table,
     real_answers_table,
     real_figures_table,
+    renew_bench_table,
 )
 from exported_models import MODELS
 
 from bcid.bench.limits import ACCURACY
 from bcid.cli.app import app
-from bcid.cli.show import goal_of_timing
 from bcid.diagnosis.limits import DECIDING_LIMITS
 from bcid.documents.prove import ProveDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
@@ -60,18 +61,6 @@ def losses(report: dict[str, object]) -> str:
         found.setdefault(m["model"], {})[m["loss"]] = 1e3 * m["nmse"]
     pairs = (f"{name} {v['one-step']:.2f} → {v['rollout']:.2f}" for name, v in found.items())
     return "; ".join(pairs) + "."
-
-
-def bench_table(bench: dict[str, object]) -> str:
-    rows = [
-        "| path | ours (ms) | peer | peer (ms) | ratio | goal | results differ by |", "|---|---|---|---|---|---|---|"
-    ]  # fmt: skip
-    for r in bench["rows"]:  # type: ignore[attr-defined]
-        goal = goal_of_timing(r).replace("missed", "**missed**")
-        apart = "–" if r["difference"] is None else f"{r['difference']:.1g}"
-        cells = [r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.4g}", f"{r['ratio']:.3g} ×", goal, apart]
-        rows.append(f"| {' | '.join(cells)} |")
-    return "\n".join(rows)
 
 
 def accuracy_table(found: dict[str, object]) -> str:
@@ -129,7 +118,19 @@ def test_the_docs_constants_are_the_committed_recovery() -> None:
 
 def test_the_docs_speeds_are_the_committed_benchmark() -> None:
     bench = json.loads((DOCS / "results" / "bench.json").read_text(encoding="utf-8"))
-    assert bench_table(bench) in (DOCS / "speed.md").read_text(encoding="utf-8")
+    text = (DOCS / "speed.md").read_text(encoding="utf-8")
+    assert bench_table(bench) in text
+    assert renew_bench_table(text, bench) == text
+
+
+def test_a_table_of_speeds_is_renewed_in_its_place() -> None:
+    text = (DOCS / "speed.md").read_text(encoding="utf-8")
+    bench = json.loads((DOCS / "results" / "bench.json").read_text(encoding="utf-8"))
+    fewer = bench | {"rows": bench["rows"][:2]}
+    renewed = renew_bench_table(text + "\nAfterwards.\n", fewer)
+    assert renewed.endswith("\n\nAfterwards.\n")
+    assert bench_table(fewer) in renewed
+    assert renewed.count("\n") == text.count("\n") + 2 - len(bench["rows"]) + 2
 
 
 def test_the_docs_losses_are_the_committed_report() -> None:
