@@ -8,6 +8,7 @@ there, in an empty folder, goes the way from `bcid init` to an exported model.  
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -23,6 +24,8 @@ LONGEST_S = 900.0
 TAKES = {"training": 1, "validation": 2}
 """Simulated takes by name, each with its seed."""
 TAKE_S = "60"
+FIT = ["fit", "--model", "newton-euler", "-p", "pipeline.toml", "--format", "json"]
+EXPORT = ["export", "--format", "c", "--format", "python", "--format", "fmi"]
 COMMANDS = (
     ["--version"],
     ["--help"],
@@ -34,9 +37,7 @@ COMMANDS = (
     ),
     ["ingest", "--check", "logs/training.csv", "--vehicle", "logs/bumper_car.toml"],
     ["estimate", "logs/training.csv", "--vehicle", "logs/bumper_car.toml", "--out", "results"],
-    ["fit", "--model", "newton-euler", "-p", "pipeline.toml"],
     ["report", "-p", "pipeline.toml"],
-    ["export", "workspace/models/newton-euler", "--format", "c", "--format", "python", "--format", "fmi"],
 )  # fmt: skip
 PIPELINE = """\
 vehicle = "logs/bumper_car.toml"
@@ -60,6 +61,8 @@ def main() -> int:
             raise SystemExit(f"bcid was imported from {where.strip()}, not from the wheel")
         for words in COMMANDS:
             _run([bcid, *words], work)
+        (fitted,) = json.loads(_run([bcid, *FIT], work))["models"]
+        _run([bcid, *EXPORT, fitted["folder"]], work)
         _run([str(programs / "python"), "newton_euler_test.py"], work / "export")
     sys.stderr.write("the wheel does all that it was asked for\n")
     return 0
