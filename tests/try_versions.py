@@ -2,7 +2,7 @@
 
     python tests/try_versions.py [VERSION ...] [-- WORDS OF PYTEST ...]
 
-Interpreters are uv's where uv is installed (it downloads those that are missing), and otherwise those on the path:
+Interpreters are uv's where uv is installed (it downloads those that are missing), pyenv's, or those on the path:
 `python3.12`.  Versions that cannot be had are named, and count as failed only where they were asked for.  Environments
 are kept in `.venv-VERSION`, without torch, whose tests are skipped; exact versions are those of `constraints.txt`.
 """
@@ -63,6 +63,9 @@ def _find_python(version: str) -> str | None:
         subprocess.run([uv, "python", "install", "-q", version], check=False, capture_output=True)
         told = subprocess.run([uv, "python", "find", version], check=False, capture_output=True, text=True)
         found.insert(0, told.stdout.strip())
+    if pyenv := shutil.which("pyenv"):
+        told = subprocess.run([pyenv, "prefix", version], check=False, capture_output=True, text=True)
+        found.insert(0, str(Path(told.stdout.strip()) / "bin" / "python"))
     return next((path for path in found if path and _version_of(path) == version), None)
 
 
