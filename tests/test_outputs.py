@@ -149,6 +149,7 @@ with staged_outputs(Path(sys.argv[1]), lambda path: True) as staged:
 """
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals are those of POSIX")
 def test_a_kill_leaves_the_old_file_and_its_rest_is_swept_later(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(KEPT)
     done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False, cwd=ROOT)
