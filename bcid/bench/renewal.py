@@ -30,8 +30,8 @@ def read_timings(path: Path) -> dict[str, Any]:
     return earlier
 
 
-def renew_timings(earlier: dict[str, Any], found: dict[str, Any], names: Sequence[str], path: Path) -> dict[str, Any]:
-    """The timings `earlier`, in which those of the hot paths `names` are replaced by those `found` now.
+def renew_timings(earlier: dict[str, Any], now: dict[str, Any], names: Sequence[str], path: Path) -> dict[str, Any]:
+    """The timings `earlier`, in which those of the hot paths `names` are replaced by those timed `now`.
 
     Rows come in the order of HOT_PATHS.  A library that this process has not imported keeps the version by which it
     was timed.
@@ -41,9 +41,9 @@ def renew_timings(earlier: dict[str, Any], found: dict[str, Any], names: Sequenc
             that was used.  `path` is the file of the timings `earlier`.
     """
     for key, what in (("machine", "the machine"), ("repeats", "the number of turns (--repeats)")):
-        if earlier[key] != found[key]:
-            raise InputRefused(path, key, f"{what} was {earlier[key]}, and is {found[key]}", TIME_ALL)
-    used = {name: version for name, version in found["versions"].items() if name in sys.modules}
+        if earlier[key] != now[key]:
+            raise InputRefused(path, key, f"{what} was {earlier[key]}, and is {now[key]}", TIME_ALL)
+    used = {name: version for name, version in now["versions"].items() if name in sys.modules}
     stated = earlier["versions"]
     for name, version in used.items():
         if stated.get(name) not in (None, version):
@@ -51,9 +51,9 @@ def renew_timings(earlier: dict[str, Any], found: dict[str, Any], names: Sequenc
     order = list(HOT_PATHS)
     both = {
         key: sorted(
-            [*(row for row in earlier[key] if row["only"] not in names), *found[key]],
+            [*(row for row in earlier[key] if row["only"] not in names), *now[key]],
             key=lambda row: order.index(row["only"]),
         )
         for key in ("rows", "skipped")
     }
-    return earlier | both | {"versions": found["versions"] | stated | used, "missed": list_missed(both["rows"])}
+    return earlier | both | {"versions": now["versions"] | stated | used, "missed": list_missed(both["rows"])}
