@@ -1,4 +1,5 @@
 # make run: set up, then do the main job on the sample logs.  make test: set up, then the tests (make proofs: those that take minutes).
+# make wheel: the wheel, installed and run.  make versions: tests under every version of Python (VERSIONS="3.12" for one).
 # make fuzz N=10000, make kills N=200: mutants of every kind of file, kills of a whole pipeline; figures to docs/results/faults.json.
 # make faults: both, flipped bits, the conformance suite and files that expand, and docs/recordings.md of them.
 PYTHON ?= python3
@@ -7,7 +8,7 @@ READY := .venv/.ready
 
 N ?= 1000
 
-.PHONY: run test proofs fuzz kills faults check samples clean
+.PHONY: run test proofs fuzz kills faults check wheel versions samples clean
 
 run: $(READY)
 	$(BIN)/bcid run
@@ -33,7 +34,16 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32  # as it would run there
 	$(BIN)/lint-imports
+
+# built, installed where nothing of this checkout is in reach, and run
+wheel: $(READY)
+	$(BIN)/python tests/try_wheel.py
+
+# tests that depend on the version of Python, under all that bcid is for and that are to be had: minutes each
+versions: $(READY)
+	$(BIN)/python tests/try_versions.py $(VERSIONS)
 
 samples: $(READY)
 	$(BIN)/bcid simulate --sample-logs sample_logs --seed 1 --force
@@ -45,4 +55,4 @@ $(READY): pyproject.toml constraints.txt
 	touch $(READY)
 
 clean:
-	rm -rf .venv workspace bcid/__pycache__/numba
+	rm -rf .venv .venv-3.* workspace bcid/__pycache__/numba

@@ -88,4 +88,4 @@ def measure_phases(seconds: float = 150.0) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(json.dumps(measure_phases(), indent=1) + "\n")
+    Path(sys.argv[1]).write_text(json.dumps(measure_phases(), indent=1) + "\n", encoding="utf-8")

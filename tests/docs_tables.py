@@ -1,11 +1,16 @@
-"""The tables of the docs that are made of the committed JSON of blind tests and real recordings."""
+"""The tables of the docs that are made of the committed JSON of blind tests, real recordings and timings.
+
+`python tests/docs_tables.py` renews the table of docs/speed.md.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from bcid.cli.show import goal_of_timing
 from bcid.documents.prove import MethodScores, ProveDocument
 from bcid.proof.real.figures import describe_figure, real_figures, with_goals
 from bcid.report.proof_page import (
@@ -20,6 +25,9 @@ from bcid.report.proof_page import (
     tiers_not_run,
 )
 from bcid.report.real_answers import answer_text, misfit_text, question_text, ratio_text, worth_text
+
+BENCH_MARK = "<!-- bench: docs/results/bench.json -->"
+"""After it the table of timings begins."""
 
 ALWAYS_SHOWN = ("channel", "not_seen", "coverage")
 """Fields that the table shows for every tier that has them."""
@@ -105,3 +113,31 @@ def _shorten_name(name: str, most: int = 32) -> str:
 def _markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A Markdown table of text cells."""
     return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
+
+
+def bench_table(bench: Mapping[str, Any]) -> str:
+    """Every timing beside its peer's, with goal and difference."""
+    rows = [
+        "| path | ours (ms) | peer | peer (ms) | ratio | goal | results differ by |", "|---|---|---|---|---|---|---|"
+    ]  # fmt: skip
+    for r in bench["rows"]:
+        goal = goal_of_timing(r).replace("missed", "**missed**")
+        apart = "–" if r["difference"] is None else f"{r['difference']:.1g}"
+        cells = [r["path"], f"{r['ours_ms']:.3g}", r["peer"], f"{r['peer_ms']:.4g}", f"{r['ratio']:.3g} ×", goal, apart]
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def renew_bench_table(text: str, bench: Mapping[str, Any]) -> str:
+    """The text of docs/speed.md with the table of these timings in the place of the one that is there."""
+    before, mark, rest = text.partition(BENCH_MARK)
+    after = rest.lstrip("\n").split("\n")
+    below = next((i for i, line in enumerate(after) if not line.startswith("|")), len(after))
+    return "\n".join([before + mark, bench_table(bench), *after[below:]])
+
+
+if __name__ == "__main__":
+    docs = Path(__file__).parent.parent / "docs"
+    timings = json.loads((docs / "results" / "bench.json").read_text(encoding="utf-8"))
+    speed = docs / "speed.md"
+    speed.write_text(renew_bench_table(speed.read_text(encoding="utf-8"), timings), encoding="utf-8")

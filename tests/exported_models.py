@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -86,8 +88,13 @@ MODELS: dict[str, Model] = {
 }  # fmt: skip
 
 
-def make_export(name: str, **more: Any) -> Exported:
-    return export_model(MODELS[name], "0" * 64, None, **more)
+@functools.cache
+def make_export(name: str) -> Exported:
+    """The model of this name as it is exported, made once for all tests: its drive cannot be written to."""
+    e = export_model(MODELS[name], "0" * 64, None)
+    e.vectors.commands.setflags(write=False)
+    e.vectors.twists.setflags(write=False)
+    return e
 
 
 def no_progress(share: float, text: str) -> None:
@@ -117,16 +124,37 @@ def all_effects_but(*left_out: str) -> dict[str, float]:
     return {f: x for name, e in ENTRIES.items() if name not in left_out for f, x in typical(e).items()}
 
 
+def evaluator(results: tuple[Node, ...]) -> Callable[[dict[str, float]], list[Any]]:
+    """A function from inputs by name to the numbers that formulas without networks come to.
+
+    A division by zero, which is selected away, gives NaN.
+    """
+    nodes = results[0].graph.nodes_for(results)
+    at = {node.place: i for i, node in enumerate(nodes)}
+    wanted = [at[node.place] for node in results]
+    inputs = [(i, node.name) for i, node in enumerate(nodes) if node.operation == "input"]
+    constants: list[Any] = [None if node.arguments else node.value for node in nodes]
+    steps = [
+        (i, _divide if node.operation == "div" else OPERATIONS[node.operation], [at[a.place] for a in node.arguments])
+        for i, node in enumerate(nodes)
+        if node.arguments
+    ]
+
+    def evaluate_at(values: dict[str, float]) -> list[Any]:
+        numbers = constants.copy()
+        for i, name in inputs:
+            numbers[i] = values[name]
+        for i, operation, operands in steps:
+            numbers[i] = operation(*[numbers[k] for k in operands])
+        return [numbers[i] for i in wanted]
+
+    return evaluate_at
+
+
+def _divide(a: float, b: float) -> float:
+    return math.nan if b == 0.0 else OPERATIONS["div"](a, b)
+
+
 def evaluate(results: tuple[Node, ...], values: dict[str, float]) -> list[Any]:
-    """The numbers that formulas without networks come to; a division by zero, which is selected away, gives NaN."""
-    numbers = dict[int, Any]()
-    for node in results[0].graph.nodes_for(results):
-        if node.operation == "input":
-            numbers[node.place] = values[node.name]
-        elif not node.arguments:
-            numbers[node.place] = node.value
-        else:
-            operands = [numbers[a.place] for a in node.arguments]
-            is_nowhere = node.operation == "div" and operands[1] == 0.0
-            numbers[node.place] = math.nan if is_nowhere else OPERATIONS[node.operation](*operands)
-    return [numbers[node.place] for node in results]
+    """The numbers that formulas without networks come to at these inputs."""
+    return evaluator(results)(values)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -67,8 +69,10 @@ def test_without_a_compiler_c_is_skipped_and_why(monkeypatch: pytest.MonkeyPatch
     skipped = rows["C by hand"]
     assert isinstance(skipped, Skipped)
     assert "no C compiler" in skipped.reason
-    found = summarise_timings(list(rows.values()), 1, {"cores": 2})
-    assert {"path": skipped.path, "peer": "C by hand", "reason": skipped.reason} in found["skipped"]
+    found = summarise_timings({"newton-euler": list(rows.values())}, 1, {"cores": 2})
+    assert {"only": "newton-euler", "path": skipped.path, "peer": "C by hand", "reason": skipped.reason} in found[
+        "skipped"
+    ]
 
 
 def test_c_that_does_not_compile_is_no_peer() -> None:
@@ -87,7 +91,7 @@ def test_the_peers_car_is_ours() -> None:
 
 def test_what_is_missed_is_told_and_peers_that_are_absent_too() -> None:
     rows = [Timing("a path", "numpy", 2.0, 100.0, 40.0, 1e-15), Timing("a path", "other", 2.0, 100.0, 60.0, None)]
-    found = summarise_timings(rows, 5, {"cores": 2})
+    found = summarise_timings({"fit": rows}, 5, {"cores": 2})
     assert [r["missed"] for r in found["rows"]] == [False, True]
     assert found["rows"][0]["ratio"] == 50.0
     assert found["schema"] == "bcid.bench/1"
@@ -129,3 +133,88 @@ def test_goals_missed_end_with_5_only_where_they_are_checked(
         assert ended.value.code == code
         assert "60 × missed" in capsys.readouterr().out
     assert '"missed": true' in (tmp_path / "5.json").read_text()
+
+
+FIT = Timing("fit, an hour", "deap", 300.0, 9000.0, 20.0, None)
+SLOW = Timing("rollout", "numpy", 2.0, 3.0, 60.0, None)
+FAST = replace(SLOW, ours_ms=0.01)
+
+
+def bench(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
+    """The exit code of `bcid bench` with these words."""
+    monkeypatch.setattr("sys.argv", ["bcid", "bench", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture
+def timings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A file of one row of `newton-euler`, whose goal is missed, and one of `fit`."""
+    from bcid.bench import run
+
+    monkeypatch.setitem(run.HOT_PATHS, "newton-euler", lambda repeats: iter([SLOW]))
+    monkeypatch.setitem(run.HOT_PATHS, "fit", lambda repeats: iter([FIT]))
+    path = tmp_path / "bench.json"
+    assert bench(monkeypatch, "--only", "fit", "--only", "newton-euler", "--out", path) == 0
+    monkeypatch.setitem(
+        run.HOT_PATHS, "newton-euler", lambda repeats: iter([FAST, Skipped("rollout", "jax", "absent")])
+    )
+    monkeypatch.setitem(run.HOT_PATHS, "fit", lambda repeats: pytest.fail("was timed"))
+    return path
+
+
+def test_some_rows_are_renewed_and_the_others_kept(monkeypatch: pytest.MonkeyPatch, timings: Path) -> None:
+    before = json.loads(timings.read_text(encoding="utf-8"))
+    assert before["missed"] == ["rollout against numpy"]
+    assert bench(monkeypatch, "--only", "newton-euler", "--out", timings, "--renew") == 0
+    after = json.loads(timings.read_text(encoding="utf-8"))
+    fit = next(row for row in before["rows"] if row["only"] == "fit")
+    assert after["rows"] == [{"only": "newton-euler"} | FAST.as_json(), fit]
+    assert after["skipped"] == [{"only": "newton-euler", "path": "rollout", "peer": "jax", "reason": "absent"}]
+    assert after["missed"] == []
+    assert {key: after[key] for key in ("schema", "machine", "repeats")} == {
+        key: before[key] for key in ("schema", "machine", "repeats")
+    }
+
+
+def edited(path: Path, key: str, value: object) -> None:
+    data = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(data | {key: value}), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("machine", {"cores": 64}, "the machine was"),
+        ("repeats", 3, "the number of turns"),
+        ("versions", {"numpy": "1.0.0"}, "versions.numpy: was 1.0.0"),
+        ("schema", "bcid.other/1", "no rows of bcid.bench/1"),
+        ("rows", [{"path": "rollout"}], "no rows of bcid.bench/1"),
+    ],
+)
+def test_rows_that_belong_in_no_table_are_refused(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    timings: Path,
+    key: str,
+    value: object,
+    said: str,
+) -> None:
+    edited(timings, key, value)
+    before = timings.read_bytes()
+    assert bench(monkeypatch, "--only", "newton-euler", "--out", timings, "--renew") == 4
+    assert said in capsys.readouterr().err.replace("\n", " ")
+    assert timings.read_bytes() == before
+
+
+def test_a_library_that_no_renewed_row_used_keeps_its_version(monkeypatch: pytest.MonkeyPatch, timings: Path) -> None:
+    monkeypatch.delitem(sys.modules, "deap", raising=False)
+    edited(timings, "versions", {"numpy": np.__version__, "deap": "0.0.1"})
+    assert bench(monkeypatch, "--only", "newton-euler", "--out", timings, "--renew") == 0
+    assert json.loads(timings.read_text(encoding="utf-8"))["versions"]["deap"] == "0.0.1"
+
+
+@pytest.mark.parametrize("words", [(), ("--only", "fit"), ("--out", "there.json"), ("accuracy", "--only", "fit")])
+def test_renewing_needs_paths_and_a_file(monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]) -> None:
+    assert bench(monkeypatch, *words, "--renew") == 2

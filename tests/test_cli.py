@@ -84,7 +84,7 @@ def test_errors_have_a_place_a_cause_and_a_next_step(tmp_path: Path, vehicle_fil
     )
     refused(bcid("estimate", take, "--vehicle", tmp_path / "no.toml", *out), 4, "no.toml", "next: ")
     bad = tmp_path / "bad.toml"
-    bad.write_text(vehicle_file.read_text().replace("mass_kg", "mass"))
+    bad.write_text(vehicle_file.read_text(encoding="utf-8").replace("mass_kg", "mass"))
     refused(
         bcid("estimate", take, "--vehicle", bad, *out), 4, "bad.toml", "body.mass", "did you mean mass_kg", "next: "
     )
@@ -173,7 +173,7 @@ def test_no_control_character_of_a_name_is_printed(tmp_path: Path, vehicle_file:
     """In results, progress and errors; of takes, models, effects, cars and options; in tables, titles and sentences."""
     take = circling_take(tmp_path, name=f"{HOSTILE}\nerror: forged")
     where, car = ("--out", tmp_path / "w"), tmp_path / f"car{HOSTILE}.toml"
-    car.write_text(vehicle_file.read_text().replace('"bumper-car"', '"car\\u001b[31m"'))
+    car.write_text(vehicle_file.read_text(encoding="utf-8").replace('"bumper-car"', '"car\\u001b[31m"'))
     told = [
         bcid("ingest", take, "--vehicle", car, *where),
         bcid("ingest", "--check", take, "--vehicle", car),

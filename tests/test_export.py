@@ -19,6 +19,7 @@ from exported_models import (
     all_effects_but,
     augmented_car,
     evaluate,
+    evaluator,
     load_module,
     make_export,
     typical,
@@ -52,10 +53,10 @@ def worst_error(formulas: StepFormulas, model: Any, time_s: float | None = None)
     named = dict(
         zip([f"{q}_0" for q in ("p_x", "p_y", "theta", "v_x", "v_y", "yaw_rate", "delta")], start, strict=True)
     )
-    x, worst = evaluate(formulas.first_states, named), 0.0
+    x, worst, step = evaluate(formulas.first_states, named), 0.0, evaluator(formulas.results)
     for (u_s, u_m), twist in zip(reference.commands, reference.twists, strict=True):
         values = dict(zip([q.name for q in formulas.states], x, strict=True)) | {"u_s": u_s, "u_m": u_m}
-        after = evaluate(formulas.results, values)
+        after = step(values)
         x, worst = after[:-3], max(worst, float(np.abs(after[-3:] - twist).max()))
     return worst
 

@@ -23,6 +23,7 @@ from exported_models import (
 )
 
 from bcid.effects.table import ENTRIES
+from bcid.export import check
 from bcid.export.c_source import _HELPERS, C
 from bcid.export.casadi_source import _HELPERS as CASADI_HELPERS
 from bcid.export.casadi_source import CASADI, write_casadi_source
@@ -144,7 +145,11 @@ def test_every_operation_in_c(tmp_path: Path) -> None:
 @needs_compiler
 @needs_casadi
 @pytest.mark.parametrize("car", [CAR, CAR._replace(reverses=1.0, front_share=0.4)], ids=["brakes", "reverses"])
-def test_programs_of_a_car_with_all_effects_do_what_the_model_does(car: Car, tmp_path: Path) -> None:
+def test_programs_of_a_car_with_all_effects_do_what_the_model_does(
+    car: Car, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled without being optimised, which of so long a function takes ten times as long as all else here."""
+    monkeypatch.setattr(check, "C_FLAGS", tuple(f for f in check.C_FLAGS if f != "-O2"))
     e = export_model(augmented_car(all_effects_but("clock_drift"), car), "0" * 64, None, "all_at_once")
     for made in written(e, ["c", "python", "casadi", "acados"], tmp_path).formats:
         assert made.error is not None

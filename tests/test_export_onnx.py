@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_models import CAR, MODELS, PERIOD_S
+from exported_models import CAR, MODELS, PERIOD_S, make_export
 
 from bcid.errors import InputRefused, LibraryMissing
 from bcid.export import onnx_rollout
 from bcid.export.commands import commands_of
-from bcid.export.exported import Exported, export_model
+from bcid.export.exported import Exported
 from bcid.export.formulas import TWIST
 from bcid.export.graph import OPERATIONS, TRUTHS, Graph, Node
 from bcid.export.model_formulas import TRACED
@@ -32,10 +32,6 @@ BATCH = 16
 OF_ONE = ("neg", "abs", "floor", "sqrt", "exp", "sin", "cos", "atan", "tanh")
 """Operations on one number."""
 every_model = pytest.mark.parametrize("name", list(MODELS))
-
-
-def make_export(name: str) -> Exported:
-    return export_model(MODELS[name], "0" * 64, None)
 
 
 def loaded(e: Exported) -> tuple[Computation, Computation]:

@@ -226,7 +226,7 @@ def test_newton_euler_finds_its_own_constants(optimiser: str, loss: str, vehicle
     """Least squares to the last digits, the genetic algorithm nearly."""
     truth, takes = NewtonEuler(car_of(), 0.1, {}), clean_estimates(NewtonEuler(car_of(), 0.1, {}))
     model = fitted(
-        "newton-euler", takes, vehicle, population=150, generations=150, optimiser=optimiser, loss=loss, subset=0.5
+        "newton-euler", takes, vehicle, population=150, generations=90, optimiser=optimiser, loss=loss, subset=0.5
     )
     car = model.car  # type: ignore[attr-defined]
     exact = optimiser == "levenberg-marquardt"

@@ -103,7 +103,7 @@ def test_what_is_interrupted_while_files_are_moved_is_undone(
 
 def test_an_interruption_while_they_are_written_leaves_nothing(tmp_path: Path) -> None:
     def fails(path: Path) -> None:
-        path.write_text("half")
+        path.write_text("half", encoding="utf-8")
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -148,6 +148,7 @@ with staged_outputs(Path(sys.argv[1]), lambda path: True) as staged:
 """
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals are those of POSIX")
 def test_a_kill_leaves_the_old_file_and_its_rest_is_swept_later(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text(KEPT)
     done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False, cwd=ROOT)
@@ -324,7 +325,9 @@ def test_what_force_says_is_overwritten(tmp_path: Path) -> None:
     assert contents(tmp_path) == first | {"simulated/bumper_car.toml": "# mine\n"}
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "a\\b", "a\nb", "nul\x1b[31m", "c:d", "*"])
+@pytest.mark.parametrize(
+    "name", ["", ".", "..", "a/b", "a\\b", "a\nb", "nul\x1b[31m", "c:d", "*", "con", "Aux.2026", "COM1", "lpt9.csv"]
+)
 def test_a_take_s_name_is_a_plain_one(tmp_path: Path, name: str) -> None:
     done = bcid("simulate", name, "--duration", "2", cwd=tmp_path)
     assert done.returncode == 2
@@ -353,7 +356,7 @@ def test_a_folder_without_permission_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
 def test_a_full_disk_under_stdout_is_told_once(tmp_path: Path) -> None:
-    with open("/dev/full", "w") as full:
+    with open("/dev/full", "w", encoding="utf-8") as full:
         done = bcid("models", cwd=tmp_path, stdout=full)
     assert done.returncode == 4
     assert "stdout: the disk or the quota is full" in done.stderr

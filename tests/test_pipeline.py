@@ -78,7 +78,7 @@ def write(path: Path, takes: dict[str, Path], vehicle_file: Path, narx_epochs: i
             vehicle=vehicle_file, training=takes["mcap"], validation=takes["other"],
             truth=takes["mcap"].parent / "truth",
             workspace=path.parent / "workspace", narx_epochs=narx_epochs,
-        )
+        ), encoding="utf-8"
     )  # fmt: skip
 
 
@@ -230,12 +230,12 @@ def test_what_a_stage_does_not_look_at_does_not_invalidate_it(
 ) -> None:
     """The mass is the fits' alone; the truth is nobody's but the check's."""
     heavier = tmp_path / "heavier.toml"
-    heavier.write_text(vehicle_file.read_text().replace("mass_kg = 319.6", "mass_kg = 320.0"))
+    heavier.write_text(vehicle_file.read_text(encoding="utf-8").replace("mass_kg = 319.6", "mass_kg = 320.0"))
     write(plan_file, takes, heavier)
     made = run(plan_file)[0].made
     write(plan_file, takes, vehicle_file)
     assert {m.split()[0] for m in made} == {"fit", "evaluate", "report"}
-    plan_file.write_text(plan_file.read_text().replace("truth = ", "# truth = "))
+    plan_file.write_text(plan_file.read_text(encoding="utf-8").replace("truth = ", "# truth = "), encoding="utf-8")
     made = run(plan_file)[0].made
     write(plan_file, takes, vehicle_file)
     assert made == ["report"]

@@ -671,7 +671,7 @@ def test_the_page_and_the_table_show_what_is_missed(tmp_path: Path) -> None:
 def test_other_methods_say_what_they_can(o: float) -> None:
     """A steering offset of either sign is named by the stepwise method; what fits only, names nothing."""
     found = _diagnosis(
-        BlindCase("single", 5, (ConcealedEffect("steering_offset", {"steering_offset": o}),), duration_s=120.0)
+        BlindCase("single", 5, (ConcealedEffect("steering_offset", {"steering_offset": o}),), duration_s=60.0)
     )
     said = run_baselines(found)
     assert set(said) == set(METHODS)

@@ -1,6 +1,6 @@
 """The table of what can be timed, and the JSON of the timings."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -29,18 +29,26 @@ HOT_PATHS: dict[str, Callable[[int], Iterator[Timing | Skipped]]] = {
 """Functions that time a hot path, by the name that `bcid bench --only` takes; their argument is the number of turns."""
 
 
-def summarise_timings(rows: Sequence[Timing | Skipped], repeats: int, machine: dict[str, Any]) -> dict[str, Any]:
+def summarise_timings(
+    timed: Mapping[str, Sequence[Timing | Skipped]], repeats: int, machine: dict[str, Any]
+) -> dict[str, Any]:
     """The speed benchmark's JSON (`bcid.bench/1`): timings, peers skipped and why, versions, and goals that are missed.
 
-    `repeats` is the number of turns that were timed, `machine` describes the computer; both are taken over as they are.
+    `timed` holds what was timed by the name in HOT_PATHS, which is "only" of a row.  `repeats` is the number of turns
+    that were timed, `machine` describes the computer; both are taken over as they are.
     """
-    timings = [row for row in rows if isinstance(row, Timing)]
+    rows = [(name, row) for name, several in timed.items() for row in several]
+    timings = [{"only": name} | row.as_json() for name, row in rows if isinstance(row, Timing)]
     return {
-        "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": library_versions(),
-        "rows": [row.as_json() for row in timings],
-        "skipped": [asdict(row) for row in rows if isinstance(row, Skipped)],
-        "missed": [f"{r.path} against {r.peer}" for r in timings if r.missed],
+        "schema": SCHEMA, "machine": machine, "repeats": repeats, "versions": library_versions(), "rows": timings,
+        "skipped": [{"only": name} | asdict(row) for name, row in rows if isinstance(row, Skipped)],
+        "missed": list_missed(timings),
     }  # fmt: skip
+
+
+def list_missed(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Texts that name each row of the benchmark's JSON whose goal is missed: "PATH against PEER"."""
+    return [f"{row['path']} against {row['peer']}" for row in rows if row["missed"]]
 
 
 def library_versions() -> dict[str, str | None]:

@@ -55,6 +55,9 @@ def bench(
     seconds: Annotated[float, typer.Option(min=40.0, help="parameters: length of each take in seconds.")] = 60.0,
     check: Annotated[bool, typer.Option("--check", help="End with exit code 5 where a goal is missed.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Write the JSON into this file as well.")] = None,
+    renew: Annotated[
+        bool, typer.Option("--renew", help="speed: keep the rows in the file --out of all paths but those of --only.")
+    ] = False,
     force: ForceOption = False,
     format: FormatOption = Format.human,  # noqa: A002
 ) -> None:
@@ -64,42 +67,56 @@ def bench(
     from bcid.files.outputs import refuse_to_overwrite, write_output
 
     sink = Sink(format)
+    earlier = _read_earlier(what, only, out) if renew else None
     if out is not None:
-        refuse_to_overwrite([out], lambda path: force, OTHER_FILE)
+        refuse_to_overwrite([out], lambda path: force or renew, OTHER_FILE)
     shown: Callable[[Mapping[str, Any]], RenderableType]
     with sink.stage(f"bench {what.value}") as progress:
         if what is BenchSubject.speed:
-            found, shown = _measure_speed(only or [], repeats, progress), show.speed_table
+            found, shown = _measure_speed(only or [], repeats, progress, earlier, out), show.speed_table
         elif what is BenchSubject.accuracy:
             found, shown = _measure_accuracy(data, recordings, workspace, seeds, progress), show.accuracy_tables
         else:
             found, shown = _measure_coverage(fits, seconds, progress), show.coverage_table
     if out is not None:
         text = json.dumps(found, indent=1)
-        write_output(out, lambda path: path.write_text(text, encoding="utf-8"), lambda path: force, OTHER_FILE)
+        write_output(out, lambda path: path.write_text(text, encoding="utf-8"), lambda path: force or renew, OTHER_FILE)
     sink.result(found, lambda: shown(found))
     if check and found["missed"]:
         missed = "; ".join(found["missed"])
         raise GoalMissed(f"goals missed ({missed})\n  next: run it on an idle machine, or see the table")
 
 
-def _measure_speed(only: list[str], repeats: int, progress: Progress) -> dict[str, Any]:
+def _read_earlier(what: BenchSubject, only: list[str] | None, out: Path | None) -> dict[str, Any]:
+    """The timings in the file `out`, some of which are to be renewed."""
+    from bcid.bench.renewal import read_timings
+
+    if what is not BenchSubject.speed or not only or out is None:
+        raise UsageError("--renew needs what to renew, and where\n  next: bcid bench --only PATH --out FILE --renew")
+    return read_timings(out)
+
+
+def _measure_speed(
+    only: list[str], repeats: int, progress: Progress, earlier: dict[str, Any] | None, out: Path | None
+) -> dict[str, Any]:
     """Time the hot paths (rollouts, filters, fits) named in `only`, or all, in turns with other libraries.
 
-    Returns the benchmark's JSON (`bcid.bench/1`): medians of `repeats` turns, their ratios, and the goals missed.
+    Returns the benchmark's JSON (`bcid.bench/1`): medians of `repeats` turns, their ratios, and the goals missed;
+    beside them the other rows of `earlier`, what is in the file `out`.
     """
+    from bcid.bench.renewal import renew_timings
     from bcid.bench.run import HOT_PATHS, summarise_timings
-    from bcid.bench.timing import Skipped, Timing
     from bcid.report.content import describe_machine
 
     strange = [name for name in only if name not in HOT_PATHS]
     if strange:
         raise UsageError(f"there is no path {strange[0]!r}\n  next: choose from {', '.join(HOT_PATHS)}")
-    rows, names = list[Timing | Skipped](), only or list(HOT_PATHS)
+    timed, names = {}, list(dict.fromkeys(only)) or list(HOT_PATHS)
     for k, name in enumerate(names):
         progress(k / len(names), name)
-        rows += HOT_PATHS[name](repeats)
-    return summarise_timings(rows, repeats, describe_machine().as_json())
+        timed[name] = list(HOT_PATHS[name](repeats))
+    found = summarise_timings(timed, repeats, describe_machine().as_json())
+    return found if earlier is None or out is None else renew_timings(earlier, found, names, out)
 
 
 def _measure_accuracy(

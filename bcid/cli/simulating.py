@@ -66,6 +66,7 @@ def simulate(
 ) -> None:
     """Drive the simulated car, or a saved model, and write logs as a lab would; for the car its true motion, too."""
     from bcid.cli.sink import Sink
+    from bcid.files.names import is_plain_name
     from bcid.simulation import samples
     from bcid.simulation.car import configure_simulation
 
@@ -74,7 +75,7 @@ def simulate(
         raise UsageError("--model and --commands go together\n  next: name the model's folder and a commands file")
     if model is not None and (ideal or sample_logs is not None):
         raise UsageError("a saved model is driven as it is\n  next: leave --ideal and --sample-logs out")
-    if not _is_plain_name(name):
+    if not is_plain_name(name):
         raise UsageError(f"{name!r} is no plain name\n  next: name the folder with --out")
     if recorder not in ("motive", "mcap"):
         raise UsageError(f"there is no recorder {recorder!r}\n  next: choose motive or mcap")
@@ -135,8 +136,3 @@ def _write_take(
             # one that is there may have been edited, and holds for this take as well
             (staged / samples.VEHICLE_FILE).write_text(samples.VEHICLE, encoding="utf-8")
     return folder / log.name
-
-
-def _is_plain_name(name: str) -> bool:
-    """Whether a take can have this name on any system: printable, and neither a path nor a part of one."""
-    return bool(name.strip(". ")) and name.isprintable() and not set(name) & set('/\\:*?"<>|')

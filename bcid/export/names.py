@@ -7,6 +7,7 @@ import re
 import sys
 
 from bcid.errors import UsageError
+from bcid.files.names import is_device_name
 from bcid.libraries import EXTRAS
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,62}")
@@ -32,6 +33,8 @@ def check_name(name: str) -> str:
             f"{name!r} cannot be a name in C, Python and of files\n"
             "  next: use small letters, digits and _, a letter first"
         )
+    if is_device_name(name):
+        raise UsageError(f"{name!r} cannot be a name: {name}.c is no file on Windows\n  next: choose another --name")
     if keyword.iskeyword(name) or name in KEYWORDS_OF_C:
         raise UsageError(f"{name!r} cannot be a name: it is a word of C or of Python\n  next: choose another --name")
     if name in sys.stdlib_module_names or name in EXTRAS or name in OTHER_LIBRARIES:

@@ -102,7 +102,7 @@ class ReportContent:
 def describe_machine() -> report.Machine:
     """System, processor, cores and Python version of the machine that this runs on, and nothing that identifies it."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         processor = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         processor = platform.processor() or "unknown"

@@ -98,11 +98,11 @@ def sealed_text(data: Any, raw: dict[str, str]) -> str:
 
 def seal_model(path: Path, data: Any, raw: dict[str, str]) -> None:
     """Write model.json or limits.json with the digest of its content made right."""
-    path.write_text(sealed_text(data, raw))
+    path.write_text(sealed_text(data, raw), encoding="utf-8")
 
 
 def write_plain(path: Path, data: Any, raw: dict[str, str]) -> None:
-    path.write_text(dump(data, raw))
+    path.write_text(dump(data, raw), encoding="utf-8")
 
 
 def json_edits(path: Path, seal: Callable[[Path, Any, dict[str, str]], None]) -> list[Edit]:
