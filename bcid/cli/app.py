@@ -13,6 +13,7 @@ from bcid.cli.benching import bench
 from bcid.cli.exits import run_and_explain
 from bcid.cli.exporting import export
 from bcid.cli.options import Format
+from bcid.cli.predicting import predict
 from bcid.cli.proving import prove
 from bcid.cli.simulating import simulate
 from bcid.cli.starting import init
@@ -216,8 +217,8 @@ def fit(
 # in the order in which a newcomer needs them
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
-    "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "export": export,
-    "models": listing.list_models, "effects": listing.list_effects, "bench": bench, "prove": prove,
+    "diagnose": diagnosing.diagnose, "plan": diagnosing.write_plan, "simulate": simulate, "predict": predict,
+    "export": export, "models": listing.list_models, "effects": listing.list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():
     app.command(name)(command)
