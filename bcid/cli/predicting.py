@@ -113,7 +113,7 @@ def _as_json(prediction: Prediction, out: Path) -> dict[str, Any]:
     """What is printed as JSON: where the table lies, the ends of the prediction, and what is to be known of it."""
     return {
         "schema": "bcid.predict/1", "file": str(out), "rows": len(prediction),
-        "from_s": float(prediction.time_s[0]), "to_s": float(prediction.time_s[-1]), "factor": prediction.factor,
+        "from_s": float(prediction.time_s[0]), "to_s": float(prediction.time_s[-1]),
         "sources": list(prediction.sources), "caveats": list(prediction.caveats), "beyond": list(prediction.exits),
     }  # fmt: skip
 
@@ -125,7 +125,7 @@ def _table(prediction: Prediction, name: str) -> RenderableType:
     from bcid.cli.sink import plain_table
 
     rows = np.unique(np.linspace(0, len(prediction) - 1, SHOWN_ROWS).round().astype(int))
-    motion, half = np.hstack([prediction.pose, prediction.twist]), prediction.factor * prediction.sd
+    motion, half = np.hstack([prediction.pose, prediction.twist]), prediction.half_width
     columns = ["t (s)", "x (m)", "y (m)", "yaw (rad)", "v_x (m/s)", "v_y (m/s)", "yaw rate (rad/s)"]
     cells = [
         [f"{prediction.time_s[k]:.2f}", *(f"{v:.3f} ± {h:.3f}" for v, h in zip(motion[k], half[k], strict=True))]

@@ -10,11 +10,13 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
 from bcid.estimate.command_parts import mean_commands
+from bcid.evaluation.noise_covariance import noise_covariance, predict_motion
+from bcid.evaluation.process_noise import ProcessNoise
 from bcid.evaluation.validity import ModelValidity
 from bcid.models.interface import Model
 from bcid.models.limits import LIMITS
 from bcid.prediction.constants import vary_constants
-from bcid.prediction.covariance import constants_covariance, noise_covariance, predict_motion, start_covariance
+from bcid.prediction.covariance import constants_covariance, start_covariance
 from bcid.prediction.start import InitialState
 from bcid.prediction.table import write_prediction_table
 
@@ -39,7 +41,6 @@ class Prediction:
     pose: Floats  # (T, 3) x m, y m (world), yaw rad (continuous)
     twist: Floats  # (T, 3) v_x m/s, v_y m/s (body), yaw rate rad/s
     covariance: Floats  # (T, 6, 6) of pose and twist; NaN from where on errors run away
-    factor: float  # standard deviations in the half width of a 95 % interval
     sources: tuple[str, ...] = ()
     caveats: tuple[str, ...] = ()
     exits: tuple[str, ...] = ()
@@ -53,9 +54,14 @@ class Prediction:
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
     @property
+    def half_width(self) -> Floats:
+        """Half widths (T, 6) of the 95 % intervals of pose and twist: 1.96 standard deviations."""
+        return NORMAL_FACTOR * self.sd
+
+    @property
     def interval(self) -> tuple[Floats, Floats]:
         """Lower and upper ends (T, 6) of the 95 % intervals of pose and twist, each for itself."""
-        middle, half = np.hstack([self.pose, self.twist]), self.factor * self.sd
+        middle, half = np.hstack([self.pose, self.twist]), self.half_width
         return middle - half, middle + half
 
     def describe_covariance(self) -> str:
@@ -95,7 +101,8 @@ def predict_from(
         covariance = start_covariance(model, start, parts)
         covariance += constants_covariance(varied, start.history, parts)
         if noise is not None:
-            covariance += noise_covariance(model, start.history, parts, noise)
+            share = _tail_factors(noise)
+            covariance += noise_covariance(model, start.history, parts, noise) * np.outer(share, share)
     # an error that is not finite once is not known any more later
     covariance[np.cumsum(~np.isfinite(covariance).all(axis=(1, 2))) > 0] = np.nan
     sources = {
@@ -105,6 +112,7 @@ def predict_from(
     }
     caveats = {
         "no process noise is known of this model": noise is None,
+        "how far its poses go astray is not calibrated": noise is not None and noise.pose_factor is None,
         f"the errors of {', '.join(varied.left_out)} are not known": bool(varied.left_out),
         "from a time on the errors run away, and no covariance is stated": bool(np.isnan(covariance).any()),
     }
@@ -113,11 +121,19 @@ def predict_from(
         motion[:, :3],
         motion[:, 3:],
         covariance,
-        noise.factor if noise is not None else NORMAL_FACTOR,
         tuple(text for text, holds in sources.items() if holds),
         tuple(text for text, holds in caveats.items() if holds),
         _describe_exits(model, validity, motion[:, 3:], parts, start.time_s),
     )
+
+
+def _tail_factors(noise: ProcessNoise) -> Floats:
+    """Factors (6,) on standard deviations of pose and twist by process noise, so that 1.96 of them hold 95 %.
+
+    Errors of an incomplete model have other tails than the normal law, which its calibration measures.
+    """
+    pose = noise.factor if noise.pose_factor is None else noise.pose_factor
+    return np.array([pose] * 3 + [noise.factor] * 3) / NORMAL_FACTOR
 
 
 def _describe_exits(
