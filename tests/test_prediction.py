@@ -321,7 +321,7 @@ def test_moments_that_are_none_are_refused(fitted: FittedModel, estimates: list[
     [
         (None, None, "needs commands"), (np.zeros((3, 3)), None, "shape"), (np.zeros((0, 2)), None, "hold none"),
         (np.full((3, 2), np.nan), None, "not finite"), (np.zeros((3, 2)), 1.0, "give more"),
-        (np.zeros((3, 2)), -1.0, "ask for up to"),
+        ([[0.1, 1.0], [0.2]], None, "no array"), (np.zeros((3, 2)), -1.0, "ask for up to"),
     ],
 )  # fmt: skip
 def test_commands_that_are_none_are_refused(fitted: FittedModel, commands: Any, duration_s: float, said: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -23,7 +24,7 @@ from bcid.prediction.prediction import BeyondData, Prediction, predict_from
 from bcid.prediction.start import InitialState, Moment, State, find_row, start_from_row, start_from_state
 
 AT_REST = State()
-Commands = str | PathLike[str] | Floats
+Commands = str | PathLike[str] | Floats | Sequence[Sequence[float]]
 """A commands file, or an array: [u_s (rad), u_m] (N, 2) of each period, or parts (N, W, 4)."""
 
 
@@ -137,7 +138,13 @@ class FittedModel:
         """Parts (N, W, 4) of commands in a file or an array."""
         if isinstance(commands, str | PathLike):
             return read_command_parts(Path(commands), self.period_s, duration_s)
-        return command_array_parts(np.asarray(commands, dtype=np.float64), self.period_s, duration_s)
+        try:
+            array = np.asarray(commands, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise UsageError(
+                "commands are no array of numbers\n  next: give (N, 2), [u_s, u_m] of each period"
+            ) from None
+        return command_array_parts(array, self.period_s, duration_s)
 
 
 def load_fitted_model(folder: Path) -> FittedModel:
