@@ -27,6 +27,7 @@ from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
+from bcid.evaluation.validity import load_validity
 from bcid.models.saving import load_model
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.read import read_recording
@@ -235,6 +236,10 @@ def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Pat
     assert [h["horizon_s"] for h in found["horizons"]] == [0.5, 2.0, 10.0]
     assert "rear rolling coulomb" in (out / "diagnosis.html").read_text()
     assert "rear_rolling_coulomb" in load_model(out / "model").describe()
+    validity = load_validity(out / "model")
+    assert validity is not None
+    assert validity.noise is not None
+    assert validity.noise.pose_factor is not None
 
 
 def test_a_plan_is_written_as_commands(tmp_path: Path, vehicle_file: Path) -> None:

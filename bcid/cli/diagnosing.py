@@ -50,7 +50,7 @@ def diagnose(
     page = work.publish(artifact, *DIAGNOSIS_FILES, to=home)
     document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
     sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
-    sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
+    sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid predict, bcid report --model, bcid export)")
     work.raise_if_parts_lost()
 
 
