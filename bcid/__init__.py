@@ -39,4 +39,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """The words of the interface in Python, beside what has been imported."""
-    return sorted({*globals(), *_HOME})
+    return sorted({*(name for name in globals() if name not in ("Any", "import_module")), *_HOME})

@@ -19,13 +19,13 @@ from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.judge.prediction_error import model_from_fit
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.types import Estimate
+from bcid.evaluation.noise_covariance import NORMAL_FACTOR
 from bcid.evaluation.process_noise import list_prediction_starts
 from bcid.evaluation.validity import ModelValidity
 from bcid.models.interface import FitTask, Model
 from bcid.models.table import model_row
 from bcid.pipeline.config import FitTables
 from bcid.prediction.fitted_model import FittedModel
-from bcid.prediction.prediction import NORMAL_FACTOR
 from bcid.prediction.start import Moment
 from bcid.recording.types import Recording
 from bcid.simulation.car import configure_simulation

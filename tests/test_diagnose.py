@@ -25,9 +25,9 @@ from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.evaluation.validity import load_validity
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
-from bcid.evaluation.validity import load_validity
 from bcid.models.saving import load_model
 from bcid.recording.checks.contacts import find_contacts
 from bcid.recording.read import read_recording

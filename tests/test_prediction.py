@@ -17,7 +17,7 @@ from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses
 from bcid.evaluation.limits import LIMITS
-from bcid.evaluation.noise_covariance import calibrate_pose_factor, noise_covariance, predict_motion
+from bcid.evaluation.noise_covariance import NORMAL_FACTOR, calibrate_pose_factor, noise_covariance, predict_motion
 from bcid.evaluation.process_noise import ProcessNoise, sample_rollouts
 from bcid.evaluation.validity import DataRange, ModelValidity
 from bcid.files.parquet import read_columns
@@ -28,7 +28,6 @@ from bcid.prediction.commands import read_command_parts
 from bcid.prediction.constants import correlation_matrix, vary_constants
 from bcid.prediction.covariance import constants_covariance
 from bcid.prediction.fitted_model import BeyondData, FittedModel, load_fitted_model
-from bcid.prediction.prediction import NORMAL_FACTOR
 from bcid.prediction.start import Moment, State, start_from_state
 from bcid.prediction.table import COLUMNS
 

@@ -19,6 +19,9 @@ from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.process_noise import MIN_VARIANCE, ProcessNoise, choose_calibration_starts
 from bcid.models.interface import History, Model, history_at
 
+NORMAL_FACTOR = 1.959964
+"""Standard deviations that hold 95 % of a normal law."""
+
 
 def predict_motion(model: Model, history: History, parts: Floats) -> Floats:
     """Motion (N + 1, 6), pose [x, y, yaw] and twist [v_x, v_y, yaw rate], from the last row of a history on.
@@ -77,20 +80,19 @@ def calibrate_pose_factor(model: Model, estimates: Sequence[Estimate], noise: Pr
     """How many standard deviations of a predicted pose, by its process noise, hold 95 % of the pose's errors.
 
     Process noise is fitted to errors of the twist.  The pose adds these up, and where the model is wrong in the same
-    way for long, its errors grow faster than those of a random walk.  The starts and times are those from which the
-    noise was calibrated.  None where there is no start, or the factor reaches `LIMITS.max_interval_factor`.
+    way for long, its errors grow faster than those of a random walk; where the twist's errors are hardly more than its
+    measurement, it is the pose that shows what is left.  With P the variance by process noise and R that of both
+    measured poses, an error e lies in the interval of the factor f if e^2 <= f^2 P + 1.96^2 R.  The starts and times
+    are those from which the noise was calibrated.  None where there is no start, or a prediction is not finite.
     """
     starts, at = choose_calibration_starts(model, estimates)
-    ratios = list[Floats]()
+    factors = list[Floats]()
     for e, k in starts:
         history, parts = history_at(e, k, model.lags), e.parts[k : k + int(at[-1])]
         error = predict_motion(model, history, parts)[at, :3] - e.pose[k + at]
         known = e.tuning.noise if e.tuning else None
-        measured = np.square([known.r_position, known.r_position, known.r_yaw]) if known else np.zeros(3)
-        predicted = np.diagonal(noise_covariance(model, history, parts, noise), axis1=1, axis2=2)[at, :3]
-        # both the pose at the start and the one at the end are measured
-        ratios.append(np.abs(error) / np.sqrt(predicted + 2.0 * measured + MIN_VARIANCE))
-    if not ratios:
-        return None
-    factor = float(np.quantile(np.concatenate(ratios), LIMITS.interval_level))
-    return factor if factor < LIMITS.max_interval_factor else None
+        R = 2.0 * np.square([known.r_position, known.r_position, known.r_yaw]) if known else np.zeros(3)
+        P = np.diagonal(noise_covariance(model, history, parts, noise), axis1=1, axis2=2)[at, :3]
+        factors.append(np.sqrt(np.maximum(error**2 - NORMAL_FACTOR**2 * R, 0.0) / (P + MIN_VARIANCE)))
+    factor = float(np.quantile(np.concatenate(factors), LIMITS.interval_level)) if factors else math.nan
+    return factor if math.isfinite(factor) else None

@@ -10,7 +10,7 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.errors import InputRefused
 from bcid.estimate.command_parts import mean_commands
-from bcid.evaluation.noise_covariance import noise_covariance, predict_motion
+from bcid.evaluation.noise_covariance import NORMAL_FACTOR, noise_covariance, predict_motion
 from bcid.evaluation.process_noise import ProcessNoise
 from bcid.evaluation.validity import ModelValidity
 from bcid.models.interface import Model
@@ -20,8 +20,6 @@ from bcid.prediction.covariance import constants_covariance, start_covariance
 from bcid.prediction.start import InitialState
 from bcid.prediction.table import write_prediction_table
 
-NORMAL_FACTOR = 1.959964
-"""Standard deviations that hold 95 % of a normal law."""
 CONDITION = "it holds as far as the vehicle drives as it did in the takes that the model was fitted on"
 
 
