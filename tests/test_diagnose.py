@@ -26,6 +26,7 @@ from bcid.errors import PredictionDiverged
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
+from bcid.evaluation.validity import load_validity
 from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.take import KNOTS, cut_segments, drop_contacts
 from bcid.models.saving import load_model
@@ -245,6 +246,10 @@ def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Pat
     assert "rear rolling coulomb" in told[0]
     miss = {name: miss_m(shown, name) for name in ("before", "after")}
     assert miss["after"] < 0.5 * miss["before"]
+    validity = load_validity(out / "model")
+    assert validity is not None
+    assert validity.noise is not None
+    assert validity.noise.pose_factor is not None
 
 
 def test_a_plan_is_written_as_commands(tmp_path: Path, vehicle_file: Path) -> None:

@@ -92,6 +92,19 @@ def parameters_table(found: dict[str, object]) -> str:
     return "\n".join(rows)
 
 
+def predictions_table(found: dict[str, object]) -> str:
+    """How often 95 % intervals of predictions hold, by car, model and horizon."""
+    rows = ["| car | model | after | starts | pose | twist | both, its interval |", "|---|---|---|---|---|---|---|"]
+    for r in found["rows"]:  # type: ignore[attr-defined]
+        low, high = r["ci95"]
+        model = f"{r['model']}, {r['loss']}" if r["loss"] else r["model"]
+        shares = [f"{100 * r[key]:.0f} %" for key in ("pose", "twist", "covered")]
+        shares[2] += f" ({100 * low:.0f} – {100 * high:.0f})"
+        after = f"{r['horizon_s']:g} s"
+        rows.append(f"| {' | '.join([r['car'], model, after, str(r['starts']), *shares])} |")
+    return "\n".join(rows)
+
+
 def test_what_the_docs_say_of_bad_recordings_is_what_is_said() -> None:
     golden = json.loads((ROOT / "tests" / "catalogue" / "golden.json").read_text(encoding="utf-8"))
     assert catalogue_table(golden) in (DOCS / "recordings.md").read_text(encoding="utf-8")
@@ -114,6 +127,11 @@ def test_the_docs_constants_are_the_committed_recovery() -> None:
     text = (DOCS / "accuracy.md").read_text(encoding="utf-8")
     assert parameters_table(found) in text
     assert f"{found['fits']} takes of {found['seconds']:g} s" in text
+
+
+def test_the_docs_coverage_of_predictions_is_the_committed_one() -> None:
+    found = json.loads((DOCS / "results" / "predictions.json").read_text(encoding="utf-8"))
+    assert predictions_table(found) in (DOCS / "python.md").read_text(encoding="utf-8")
 
 
 def test_the_docs_speeds_are_the_committed_benchmark() -> None:
@@ -284,6 +302,7 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
 
 PAGES_OF_COMMANDS = (
     "README.md", "docs/quickstart.md", "docs/export.md", "docs/view.md", "docs/evidence.md", "docs/own_effects.md",
+    "docs/python.md",
 )  # fmt: skip
 
 
@@ -330,11 +349,11 @@ def test_a_command_line_that_is_not_accepted_would_be_found(line: str, said: str
 
 def test_the_python_of_the_quickstart_runs(tmp_path: Path) -> None:
     (snippet,) = blocks("docs/quickstart.md", "python")
-    (named,) = re.findall(r'load_model\(Path\("([^"]+)"\)\)', snippet)
+    (named,) = re.findall(r'bcid\.load\("([^"]+)"\)', snippet)
     (tmp_path / named).mkdir(parents=True)
     save_model(MODELS["newton-euler-augmented"], tmp_path / named)
     program = tmp_path / "snippet.py"
-    told = "print(twist.shape, twists.shape)"
+    told = "print(car.twist.shape, prediction.pose.shape)"
     program.write_text(f"{snippet}{told}\n", encoding="utf-8")
     done = subprocess.run([sys.executable, program.name], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -18,6 +18,7 @@ from bcid.cli.exits import run_and_explain
 from bcid.cli.exporting import export
 from bcid.cli.fitting import fit
 from bcid.cli.options import Format
+from bcid.cli.predicting import predict
 from bcid.cli.proving import prove
 from bcid.cli.reporting import report, run
 from bcid.cli.simulating import simulate
@@ -147,8 +148,8 @@ def estimate(
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
     "diagnose": diagnosing.diagnose, "compare": compare, "plan": diagnosing.write_plan, "simulate": simulate,
-    "export": export, "view": view, "models": listing.list_models, "effects": listing.list_effects, "bench": bench,
-    "prove": prove,
+    "predict": predict, "export": export, "view": view, "models": listing.list_models,
+    "effects": listing.list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():
     app.command(name, epilog=examples_text(name))(command)

@@ -47,6 +47,10 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid simulate drive --duration 120 --set steering_delay=0.05": "of a car that lacks something",
         "bcid simulate ahead --model diagnosis --commands plan.commands.csv": "what a saved model predicts",
     },
+    "predict": {
+        "bcid predict newton-euler --from take.csv --at 12.5": "from the moment 12.5 s of a take on, with covariance",
+        "bcid predict diagnosis --commands plan.commands.csv --state v_x=0.8": "from a state, under other commands",
+    },
     "export": {
         "bcid export newton-euler": "a fitted model in every format that suits it",
         "bcid export diagnosis --format c --format casadi": "the car with what was found, as C and for CasADi",

@@ -14,6 +14,7 @@ class ProcessNoiseFigures(Part):
     q: tuple[NotNegative, NotNegative, NotNegative]
     tau_s: NotNegative  # time over which the noise stays alike; 0 for one step
     factor: NotNegative  # by which the intervals are widened for what is not normally distributed
+    pose_factor: NotNegative | None = None  # by which those of a pose are, which adds up the twist's errors
 
 
 class Coverage(Part):

@@ -17,6 +17,9 @@ class EvaluationLimits:
     interval_level: float = 0.95
     # Standard deviations that hold 95 % of the errors, from which on a process noise is rejected (normal law: 1.96).
     max_interval_factor: float = 10.0
+    # Pushes by which process noise is represented where errors are linearised: one a period, until there are so many,
+    # then one every few periods.  The time that a covariance takes grows with them; 200 are 20 s of periods of 0.1 s.
+    max_pushes: int = 200
     # Share of a quantity's range in the training takes by which a rollout may leave it unreported.
     range_margin: float = 0.05
 

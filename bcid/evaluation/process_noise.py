@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bcid.aliases import Floats
+from bcid.aliases import Floats, Ints
 from bcid.estimate.command_parts import stack_parts
 from bcid.estimate.types import Estimate
 from bcid.evaluation.limits import LIMITS
@@ -42,6 +42,7 @@ class ProcessNoise(NamedTuple):
     q: tuple[float, float, float]  # unit of the component per root second
     tau_s: float
     factor: float  # 1.96 where misses are normal
+    pose_factor: float | None = None  # of the pose, which adds up the twist's errors; None where it is not known
 
 
 class _PredictionErrors(NamedTuple):
@@ -97,6 +98,26 @@ def _select_moving_starts(starts: list[PredictionStart], steps: int) -> list[Pre
     return [start for start, speed in zip(starts, v, strict=True) if speed > LIMITS.min_speed_share * max(v)]
 
 
+def choose_calibration_starts(model: Model, estimates: Sequence[Estimate]) -> tuple[list[PredictionStart], Ints]:
+    """Starts, MAX_STARTS at most, whose predictions calibrate a model's noise, and the steps (K,) after which they do.
+
+    Starts lie in the ends of the takes, where the car moves; the steps are those of CALIBRATION_TIMES_S, as far as the
+    longest segment goes, and none where it is too short.
+    """
+    longest = max((s.stop - s.start for e in estimates for s in e.segments()), default=0) - 1 - model.lags
+    at = np.unique([max(1, round(t / model.period_s)) for t in CALIBRATION_TIMES_S])
+    at = at[at <= longest]
+    if len(at) == 0:
+        return [], at
+    steps = int(at[-1])
+    _, ends = split_off_ends(estimates, STARTS_PER_TAKE * steps // 4)
+    every = max(1, steps // 4)
+    starts = list_prediction_starts(ends, steps, every, model.lags)
+    starts = starts or list_prediction_starts(estimates, steps, every, model.lags)
+    starts = _select_moving_starts(starts, steps)
+    return starts[:: max(1, math.ceil(len(starts) / MAX_STARTS))], at
+
+
 def calibrate_process_noise(model: Model, estimates: Sequence[Estimate], seed: int = 0) -> ProcessNoise | None:
     """Process noise fitted to a model's prediction errors: root spectral densities q (3,), correlation time, factor.
 
@@ -105,18 +126,9 @@ def calibrate_process_noise(model: Model, estimates: Sequence[Estimate], seed: i
     is an empirical quantile, since errors of an incomplete model have heavier tails than the normal law.  None where
     no segment is long enough, a rollout runs away, or the factor reaches `LIMITS.max_interval_factor`.
     """
-    longest = max((s.stop - s.start for e in estimates for s in e.segments()), default=0) - 1 - model.lags
-    at = np.unique([max(1, round(t / model.period_s)) for t in CALIBRATION_TIMES_S])
-    at = at[at <= longest]
+    chosen, at = choose_calibration_starts(model, estimates)
     if len(at) == 0:
         return None
-    steps = int(at[-1])
-    _, ends = split_off_ends(estimates, STARTS_PER_TAKE * steps // 4)
-    every = max(1, steps // 4)
-    starts = list_prediction_starts(ends, steps, every, model.lags)
-    starts = starts or list_prediction_starts(estimates, steps, every, model.lags)
-    starts = _select_moving_starts(starts, steps)
-    chosen = starts[:: math.ceil(len(starts) / MAX_STARTS)]
     fits = []
     for tau in CORRELATION_TIMES_S if chosen else ():
         errors = _measure_errors(model, chosen, at, tau, np.random.default_rng(seed))

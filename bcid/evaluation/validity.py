@@ -19,6 +19,7 @@ from bcid.documents.report import ProcessNoiseFigures
 from bcid.errors import InputRefused
 from bcid.estimate.types import Estimate
 from bcid.evaluation.limits import LIMITS
+from bcid.evaluation.noise_covariance import calibrate_pose_factor
 from bcid.evaluation.process_noise import ProcessNoise, calibrate_process_noise
 from bcid.files.json import read_json, write_json
 from bcid.models.interface import Model
@@ -113,7 +114,9 @@ class ModelValidity(NamedTuple):
     @classmethod
     def measure(cls, model: Model, estimates: Sequence[Estimate], seed: int) -> ModelValidity:
         """The validity of a model that was fitted to `estimates`; `seed` is that of the noise samples."""
-        return cls(calibrate_process_noise(model, estimates, seed), DataRange.from_estimates(estimates))
+        noise = calibrate_process_noise(model, estimates, seed)
+        noise = noise and noise._replace(pose_factor=calibrate_pose_factor(model, estimates, noise))
+        return cls(noise, DataRange.from_estimates(estimates))
 
     def save(self, folder: Path) -> None:
         """Write limits.json beside the model in `folder`."""
@@ -140,5 +143,5 @@ def load_validity(folder: Path) -> ModelValidity | None:
         raise InputRefused(path, FILE_NAME, f"cannot be read: {error}", "fit the model again, or remove it") from None
     low, high = zip(*(document.range[name] for name in QUANTITIES), strict=True)
     figures = document.process_noise
-    noise = ProcessNoise(figures.q, figures.tau_s, figures.factor) if figures else None
+    noise = ProcessNoise(**figures.model_dump()) if figures else None
     return ModelValidity(noise, DataRange(low, high))

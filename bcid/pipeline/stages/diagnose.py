@@ -16,7 +16,7 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.saving import load_estimate
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
-from bcid.evaluation.validity import DataRange, ModelValidity
+from bcid.evaluation.validity import ModelValidity
 from bcid.files.parquet import write_columns
 from bcid.models.saving import save_model
 from bcid.recording.saving import load_recording
@@ -26,6 +26,8 @@ from bcid.vehicle import Vehicle
 
 # quantile of the driven throttles that the next manoeuvre may reach
 TOP_THROTTLE_QUANTILE = 0.99
+# of the samples from which the process noise of the car with effects is calibrated
+NOISE_SEED = 1
 
 
 def run_diagnose_stage(
@@ -60,7 +62,9 @@ def run_diagnose_stage(
     for name, fit in (("base", found.naming.base), ("model", found.fit)):
         (folder / name).mkdir()
         save_model(model_from_fit(fit, float(found.take.length_s[0]), motions[0].period_s), folder / name)
-    ModelValidity(None, DataRange.from_estimates(motions)).save(folder / "model")
+    progress(0.95, "process noise")
+    model = model_from_fit(found.fit, float(found.take.length_s[0]), motions[0].period_s)
+    ModelValidity.measure(model, motions, NOISE_SEED).save(folder / "model")
     write_diagnosis_page(
         document, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
         folder / "diagnosis.html",

@@ -1,0 +1,137 @@
+"""How well a model's constants are known, as far as the model states it: pairs of models, one standard error apart.
+
+A Newton-Euler car states relative standard errors and the pairs of constants that are strongly correlated, a car with
+effects standard errors alone.  Other models state nothing of their numbers, whose error is in their process noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.effects.entry import Parameter
+from bcid.effects.table import ENTRIES
+from bcid.models.interface import Model
+from bcid.models.limits import LIMITS
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.parameters import is_identified
+from bcid.physics.car import Car
+
+
+class ConstantVariation(NamedTuple):
+    """A model with one constant raised, and lowered, and the standard error as a multiple of this change."""
+
+    symbol: str
+    raised: Model
+    lowered: Model
+    factor: float = 1.0
+
+
+class VariedConstants(NamedTuple):
+    """The variations of a model's constants, the correlation of their errors, and the constants that are left out."""
+
+    variations: tuple[ConstantVariation, ...]
+    correlation: Floats  # (n, n)
+    left_out: tuple[str, ...]  # of which no usable standard error is known
+
+
+def vary_constants(model: Model) -> VariedConstants:
+    """Vary each constant of a model whose standard error is known.
+
+    Correlations that the model does not state count as zero.
+    """
+    if isinstance(model, NewtonEuler):
+        variations = {v.symbol: v for v in _vary_car(model)}
+        return VariedConstants(
+            tuple(variations.values()),
+            correlation_matrix(list(variations), model.facts.get("correlated", ())),
+            tuple(s for s in model.facts.get("fitted", {}) if s not in variations),
+        )
+    if isinstance(model, AugmentedNewtonEuler):
+        variations = {v.symbol: v for v in _vary_augmented(model)}
+        known = (*model.facts.get("fitted", ()), *model.effects)
+        return VariedConstants(
+            tuple(variations.values()), np.eye(len(variations)), tuple(s for s in known if s not in variations)
+        )
+    return VariedConstants((), np.empty((0, 0)), ())
+
+
+def correlation_matrix(symbols: list[str], pairs: object) -> Floats:
+    """The correlation (n, n) of n errors of which only strong `pairs` (symbol, symbol, correlation) are stated.
+
+    The others are zero; since such a matrix need not be one of correlations, it is replaced by the one of its positive
+    eigenvalues, scaled to a diagonal of ones.
+    """
+    stated: list[tuple[str, str, float]] = list(pairs)  # type: ignore[call-overload]
+    matrix = np.eye(len(symbols))
+    for one, other, rho in stated:
+        if one in symbols and other in symbols:
+            i, j = symbols.index(one), symbols.index(other)
+            matrix[i, j] = matrix[j, i] = rho
+    if not len(symbols):
+        return matrix
+    values, vectors = np.linalg.eigh(matrix)
+    positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    sd = np.sqrt(np.diag(positive))
+    return np.asarray(positive / np.outer(sd, sd))
+
+
+def _vary_car(model: NewtonEuler) -> Iterator[ConstantVariation]:
+    """The variations of a fitted car's constants, each raised and lowered by its relative standard error."""
+    facts, car = model.facts, model.car
+    top_speed = float(facts.get("top_speed_mps", 0.0))
+    values = car._asdict() | {"R_v": car.R_1 + car.R_2 * top_speed}
+    for symbol in facts.get("fitted", {}):
+        if not is_identified(symbol, facts) or (symbol == "R_v" and top_speed <= 0.0):
+            continue
+        change = values[symbol] * facts["fitted"][symbol]["relative_se"]
+        raised, lowered = (
+            replace(model, car=_car_with(car, symbol, values[symbol] + sign * change, top_speed)) for sign in (1, -1)
+        )
+        yield ConstantVariation(symbol, raised, lowered)
+
+
+def _car_with(car: Car, symbol: str, value: float, top_speed: float) -> Car:
+    """The car with another value of a constant; the drag is known as R_1 and as R_v = R_1 + R_2 v at the top speed."""
+    R_v = car.R_1 + car.R_2 * top_speed
+    if symbol == "R_v":
+        return car._replace(R_2=(value - car.R_1) / top_speed)
+    if symbol == "R_1" and top_speed > 0.0:
+        return car._replace(R_1=value, R_2=(R_v - value) / top_speed)
+    return car._replace(**{symbol: value})
+
+
+def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
+    """The variations of a car with effects: its refitted constants, and its effects' parameters within their bounds."""
+    errors: Mapping[str, float | None] = model.facts.get("se", {})
+    bounds = {name: p for e in ENTRIES.values() for name, p in zip(e.fields, e.parameters, strict=True)}
+    for symbol, error in errors.items():
+        if error is None or not (math.isfinite(error) and error > 0.0):
+            continue
+        if symbol in model.effects:
+            change = _change_within(bounds[symbol], model.effects[symbol], error)
+            if change > 0.0:
+                raised, lowered = (
+                    replace(model, effects={**model.effects, symbol: model.effects[symbol] + sign * change})
+                    for sign in (1, -1)
+                )
+                yield ConstantVariation(symbol, raised, lowered, error / change)
+        elif symbol in Car._fields:
+            value = getattr(model.car, symbol)
+            # drag may pass through zero; of the others, an error of half the value says that no take shows them
+            if symbol in ("R_1", "R_2") or error <= LIMITS.max_relative_se * abs(value):
+                raised, lowered = (
+                    replace(model, car=model.car._replace(**{symbol: value + sign * error})) for sign in (1, -1)
+                )
+                yield ConstantVariation(symbol, raised, lowered)
+
+
+def _change_within(parameter: Parameter, value: float, error: float) -> float:
+    """The standard error `error` of a parameter's value, or less, so that both ends of the change are within bounds."""
+    return max(0.0, min(error, value - parameter.low, parameter.high - value))
