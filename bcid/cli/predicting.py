@@ -58,8 +58,8 @@ def predict(
         typer.Option(
             "-p",
             "--pipeline",
-            help="The pipeline file by whose settings the recording is estimated, and in whose workspace a model's name is "
-            "looked up.",
+            help="The pipeline file by whose settings the recording is estimated, and in whose workspace a model's "
+            "name is looked up.",
             show_default="pipeline.toml of this folder",
         ),
     ] = None,
