@@ -272,7 +272,7 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
         assert f"{sum(bool(row['right']) for row in of_tier)} of {len(of_tier)} {words}" in readme
 
 
-PAGES_OF_COMMANDS = ("README.md", "docs/quickstart.md", "docs/export.md", "docs/evidence.md")
+PAGES_OF_COMMANDS = ("README.md", "docs/quickstart.md", "docs/export.md", "docs/evidence.md", "docs/mpc.md")
 
 
 def blocks(page: str, language: str) -> list[str]:

@@ -1,7 +1,6 @@
-"""An exported model as its user finds it: NAME_casadi.py is imported, NAME.json read.  Nothing of bcid is needed."""
+"""An exported model as its user finds it: NAME_casadi.py is imported.  Nothing of bcid is needed."""
 
 import importlib.util
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 POSE = ("p_x", "p_y", "theta")
-MOTION = ("v_x", "v_y", "yaw_rate")
+FIRST_OF_MOTION = "v_x"
 
 
 @dataclass(frozen=True)
@@ -25,45 +24,42 @@ class Predictor:
     period_s: float
     states: tuple[str, ...]  # names of the numbers in z
     step: ca.Function  # (z, u) -> z one period later
-    init: Any  # (pose, twist, delta) -> z (DM) of a car whose past is not known
-    steering_range: tuple[float, float]  # rad, of the commands that the model was fitted on
+    module: Any  # NAME_casadi.py
 
     @property
     def motion(self) -> slice:
         """Where v_x, v_y (m/s) and the yaw rate (rad/s) stand in z."""
-        first = self.states.index(MOTION[0])
+        first = self.states.index(FIRST_OF_MOTION)
         return slice(first, first + 3)
+
+    def init(self, pose: Any, twist: Any, delta: float) -> np.ndarray:
+        """The state z (n,) of a car at `pose` (3,) with a `twist` (3,), its wheel held at `delta` (rad) until now."""
+        x = np.asarray(self.module.init(list(pose), list(twist), delta), dtype=float).ravel()
+        return x if self.module.STATES[:3] == POSE else np.concatenate([pose, x])
 
 
 def load_predictor(folder: Path, name: str) -> Predictor:
-    """The model that `bcid export … --format casadi --name NAME --out FOLDER` has written.
+    """The model that `bcid export MODEL --format casadi --name NAME --out FOLDER` has written.
 
     Raises:
         ValueError: its poses are of another point than its states' (see "Of which point" in docs/export.md).
     """
     spec = importlib.util.spec_from_file_location(f"{name}_casadi", folder / f"{name}_casadi.py")
+    if spec is None or spec.loader is None:
+        raise ValueError(f"{folder / name}_casadi.py is no module of Python")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    about = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
     own_pose = module.STATES[:3] == POSE
-    if own_pose and any(key.startswith("marker_offset") for key in about["constants"]):
-        raise ValueError(f"{name}: poses are of a marker, states of the centre of gravity: export it --as vehicle")
     states = tuple(module.STATES) if own_pose else (*POSE, *module.STATES)
     z, u = ca.SX.sym("z", len(states)), ca.SX.sym("u", 2)
     if own_pose:
         z_next, _ = module.step(z, u)
     else:
-        x = z[3:]
-        first = module.STATES.index(MOTION[0])
-        x_next, twist = module.step(x, u)
-        z_next = ca.vertcat(module.move(z[:3], x[first : first + 3], twist), x_next)
-
-    def init(pose: Any, twist: Any, delta: float) -> np.ndarray:
-        x = module.init(list(pose), list(twist), delta)
-        return np.asarray(ca.DM(x if own_pose else ca.vertcat(ca.DM(list(pose)), x))).ravel()
-
-    steering = about["commands"][0]
-    return Predictor(
-        name, module.PERIOD_S, states, ca.Function("step", [z, u], [z_next]), init,
-        (steering["low"], steering["high"]),
-    )  # fmt: skip
+        first = module.STATES.index(FIRST_OF_MOTION)
+        x_next, twist = module.step(z[3:], u)
+        z_next = ca.vertcat(module.move(z[:3], z[3 + first : 6 + first], twist), x_next)
+    model = Predictor(name, module.PERIOD_S, states, ca.Function("step", [z, u], [z_next]), module)
+    somewhere = np.array([0.3, -0.2, 0.7])
+    if np.abs(model.init(somewhere, (0.0, 0.0, 0.0), 0.0)[:3] - somewhere).max() > 1e-9:
+        raise ValueError(f"{name}: its poses are not of the centre of gravity: export it with --as vehicle")
+    return model

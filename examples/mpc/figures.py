@@ -48,6 +48,8 @@ def summarise(drives: list[dict[str, Any]], concealed: Sequence[str]) -> dict[st
             "touched": sum(int(d["clearance_m"] < 0.0) for d in own),
             "backward_m": median_interval([d["backward_m"] for d in own]),
             "beyond_90_deg_s": median_interval([d["beyond_90_deg_s"] for d in own]),
+            "blind_m": median_interval([d["blind_m"] for d in own]),
+            "blind_deg": median_interval([d["blind_deg"] for d in own]),
             "plan_s": {"median": float(np.median(times)), "max": float(times.max())},
         }  # fmt: skip
     told = [d["predictions_m"] for d in drives if "predictions_m" in d]
@@ -72,7 +74,7 @@ def format_interval(figure: dict[str, float] | None, digits: int, factor: float 
 def drives_table(found: dict[str, Any]) -> str:
     """The table of drives in docs/mpc.md, in Markdown."""
     rows = [
-        "| model | parked | time (s) | off at the end (cm) | off in heading (°) | cost (m s) | closest (cm) | touched |",
+        "| model | parked | time (s) | off at the end (cm) | off in heading (°) | cost (m s) | closest (cm) | hits |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, s in found["summary"].items():
@@ -90,12 +92,16 @@ def drives_table(found: dict[str, Any]) -> str:
 def predictions_table(found: dict[str, Any]) -> str:
     """The table of prediction errors and solving times in docs/mpc.md, in Markdown."""
     aheads = list(next(iter(found["predictions_m"].values())))
-    rows = [f"| model | {' | '.join(f'{a} ahead (mm)' for a in aheads)} | plan, median (ms) | slowest (ms) |"]
-    rows.append("|" + "---|" * (len(aheads) + 3))
+    blind_titles = "whole first plan (cm) | its heading (°)"
+    rows = [f"| model | {' | '.join(f'{a} ahead (mm)' for a in aheads)} | {blind_titles} | plan (ms) | slowest (ms) |"]
+    rows.append("|" + "---|" * (len(aheads) + 5))
     for name, errors in found["predictions_m"].items():
-        plan = found["summary"][name]["plan_s"]
-        solving = [f"{1e3 * plan[key]:.0f}" for key in ("median", "max")]
-        rows.append(f"| {' | '.join([name, *(format_interval(errors[a], 1, 1000.0) for a in aheads), *solving])} |")
+        s = found["summary"][name]
+        blind = [format_interval(s["blind_m"], 1, 100.0), format_interval(s["blind_deg"], 1)]
+        solving = [f"{1e3 * s['plan_s'][key]:.0f}" for key in ("median", "max")]
+        rows.append(
+            f"| {' | '.join([name, *(format_interval(errors[a], 1, 1000.0) for a in aheads), *blind, *solving])} |"
+        )
     return "\n".join(rows)
 
 

@@ -5,7 +5,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-
 from exported import Predictor
 
 POSE_NOISE = (5e-4, 5e-4, 1e-3)

@@ -1,7 +1,8 @@
-"""Drives the simulated car with each model's plans, and writes what came of it: python examples/mpc/replay.py --help."""
+"""Drives the simulated car by the plans of each model, and writes what came of it; --help says how it is run."""
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from drives import ParkingDrive, drive
 from exported import Predictor, load_predictor
 from figures import summarise
 from observer import Observer
-from problem import ParkingProblem
+from problem import ParkingProblem, Plan
 
 from bcid.simulation.car import configure_simulation
 
@@ -25,10 +26,23 @@ FIRST_SEED, STARTS = 101, 12
 """Starts that the controllers were not made with: theirs had seeds below 100."""
 
 
-def drive_once(problem: ParkingProblem, seed: int) -> ParkingDrive:
-    """One drive of the simulated car by the plans of `problem`, its start, floor and noise drawn from `seed`."""
+def place_car(seed: int) -> SimulatedCar:
+    """The simulated car at rest, its start, floor and noise drawn from `seed`."""
     plant, sensor = configure_simulation(ideal=False, changes=CONCEALED, rate_hz=60.0)
-    return drive(problem, SimulatedCar(plant, sensor, scene.draw_start(seed), seed))
+    return SimulatedCar(plant, sensor, scene.draw_start(seed), seed)
+
+
+def follow_blindly(problem: ParkingProblem, first: Plan, seed: int) -> tuple[float, float]:
+    """How far from where its `first` plan ends the car of `seed` comes if it is sent the whole plan, and nobody looks.
+
+    Returns the distance (m) and the difference in heading (degrees).
+    """
+    car = place_car(seed)
+    car.advance(np.zeros(2), problem.period_s)
+    for u in first.u.T:
+        car.advance(u, problem.period_s)
+    off = car.pose - first.z[:3, -1]
+    return math.hypot(off[0], off[1]), abs(math.degrees(math.remainder(off[2], 2.0 * math.pi)))
 
 
 def prediction_errors(model: Predictor, seen: np.ndarray, pose: np.ndarray, u: np.ndarray) -> dict[float, np.ndarray]:
@@ -60,6 +74,7 @@ def describe_drive(model: str, seed: int, problem: ParkingProblem, d: ParkingDri
     cost = float(np.asarray(problem.stage(standing)).sum() * problem.model.period_s)
     way = np.diff(d.pose[:, :2], axis=0)
     heading = d.pose[:-1, 2]
+    blind_m, blind_deg = follow_blindly(problem, d.plans[0], seed)
     ahead = way[:, 0] * np.cos(heading) + way[:, 1] * np.sin(heading)
     return {
         "model": model, "seed": seed, "parked": d.parked, "time_s": round(len(d.command) * problem.model.period_s, 3),
@@ -67,6 +82,8 @@ def describe_drive(model: str, seed: int, problem: ParkingProblem, d: ParkingDri
         "clearance_m": float(min(map(scene.measure_clearance, d.pose))),
         "backward_m": float(-ahead[ahead < 0.0].sum()), "largest_servo_deg": float(np.degrees(np.abs(d.servo).max())),
         "beyond_90_deg_s": float((np.abs(d.servo) > 0.5 * np.pi).sum() * problem.model.period_s),
+        "blind_m": blind_m,
+        "blind_deg": blind_deg,
         "plan_s": d.plan_s.tolist(),
         "track": np.round(np.column_stack([d.pose, d.servo]), 4).tolist(),
     }  # fmt: skip
@@ -88,7 +105,7 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     for seed in range(asked.first, asked.first + asked.starts):
         for name, problem in problems.items():
-            d = drive_once(problem, seed)
+            d = drive(problem, place_car(seed))
             row = describe_drive(name, seed, problem, d)
             # one set of drives for all models' predictions: those that the augmented model steered
             if name == "augmented":

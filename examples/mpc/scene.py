@@ -52,7 +52,7 @@ def goal_errors(pose: np.ndarray) -> tuple[float, float]:
 
 
 def measure_clearance(pose: np.ndarray) -> float:
-    """Distance (m) of the car's body at `pose` (3,) from the nearest wall or pillar; below zero where it has hit one."""
+    """Distance (m) of the car's body at `pose` (3,) from the nearest wall or pillar; negative where it has hit one."""
     distances = []
     for ahead in DISCS:
         x, y = pose[0] + ahead * math.cos(pose[2]), pose[1] + ahead * math.sin(pose[2])
