@@ -1,4 +1,4 @@
-"""The MPC example: its figures in the docs are the committed ones, its observer knows the past, and it reaches a goal."""
+"""The MPC example: the docs tell its committed figures, its observer knows the past, and it reaches a goal."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scene
 from exported_models import CAR, augmented_car, written
 from figures import drives_table, predictions_table, summarise
 
@@ -42,6 +43,17 @@ def test_the_page_s_tables_are_the_committed_figures(committed: dict[str, Any]) 
     page = (ROOT / "docs" / "mpc.md").read_text(encoding="utf-8")
     assert drives_table(committed) in page
     assert predictions_table(committed) in page
+    told, summary = " ".join(page.split()), committed["summary"]
+    own, plain = summary["augmented"], summary["unaugmented"]
+    blind, blind_plain = (100.0 * s["blind_m"]["median"] for s in (own, plain))
+    assert f"ends {blind:.0f} cm from where the augmented model says, and {blind_plain:.0f} cm without" in told
+    assert f"all {own['parked']} drives end parked, and nothing is touched" in told
+    assert own["touched"] == 0
+    assert plain["parked"] == plain["drives"]
+    assert plain["touched"] == 1
+    assert summary["linear"]["parked"] == 0
+    beyond, backward = own["beyond_90_deg_s"]["median"], 100.0 * own["backward_m"]["median"]
+    assert f"beyond 90° for {beyond:.1f} s, and the car rolls {backward:.0f} cm backward" in told
 
 
 def test_the_committed_summary_is_that_of_the_committed_drives(committed: dict[str, Any]) -> None:
@@ -55,13 +67,10 @@ def test_the_fitted_model_reaches_its_goal_with_its_wheel_beyond_a_right_angle(c
     assert len(own) >= 10
     assert all(d["parked"] and d["clearance_m"] > 0.0 for d in own)
     assert min(d["largest_servo_deg"] for d in own) > 90.0
-    assert min(d["backward_m"] for d in own) > 0.1
+    assert min(d["backward_m"] for d in own) > 0.05
 
 
 def test_what_counts_as_parked_follows_from_the_tracks(committed: dict[str, Any]) -> None:
-    pytest.importorskip("casadi")
-    import scene
-
     for d in committed["drives"]:
         distance, turn = scene.goal_errors(np.array(d["track"][-1][:3]))
         within = distance <= scene.TOLERANCE.position and turn <= scene.TOLERANCE.heading
@@ -90,7 +99,6 @@ def test_an_observer_that_is_told_all_commands_remembers_those_under_way(tmp_pat
 
 @needs_casadi
 def test_a_short_drive_straight_ahead_reaches_its_goal(tmp_path: Path) -> None:
-    import scene
     from drives import drive
     from exported import load_predictor
     from problem import ParkingProblem, ProblemSettings
