@@ -12,7 +12,7 @@ from bcid.cli.options import Format
 from bcid.errors import InputRefused, UsageError
 
 if TYPE_CHECKING:
-    from bcid.cli.show_fits import FittedModel
+    from bcid.cli.show_fits import ScoredFit
     from bcid.pipeline.run import Pipeline
 
 
@@ -85,14 +85,14 @@ def fit(
     work.raise_if_parts_lost()
 
 
-def _score(work: Pipeline, saved_as: dict[str, str]) -> tuple[list[FittedModel], str]:
+def _score(work: Pipeline, saved_as: dict[str, str]) -> tuple[list[ScoredFit], str]:
     """The fitted models, best first, with their scores on the validation recording, or why they have none."""
-    from bcid.cli.show_fits import FittedModel
+    from bcid.cli.show_fits import ScoredFit
     from bcid.evaluation.residuals import load_residuals
     from bcid.models.saving import load_model
     from bcid.pipeline.named_models import MODELS_FOLDER
 
-    fitted, unscored = list[FittedModel](), ""
+    fitted, unscored = list[ScoredFit](), ""
     for name, saved_name in saved_as.items():
         compared, score = work.fit_for_comparison(name), None
         try:
@@ -101,6 +101,6 @@ def _score(work: Pipeline, saved_as: dict[str, str]) -> tuple[list[FittedModel],
             unscored = str(refusal)
         folder = work.config.workspace / MODELS_FOLDER / saved_name
         residuals, model = load_residuals(compared.folder), load_model(compared.folder)
-        fitted.append(FittedModel(saved_name, folder, compared.folder, model, residuals, score))
+        fitted.append(ScoredFit(saved_name, folder, compared.folder, model, residuals, score))
     far = float("inf")
     return sorted(fitted, key=lambda f: f.score.nmse if f.score and f.score.nmse is not None else far), unscored

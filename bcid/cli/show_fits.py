@@ -19,7 +19,7 @@ from bcid.report.formats import format_with_error
 SCORE_COLUMNS = ("NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
 
 
-class FittedModel(NamedTuple):
+class ScoredFit(NamedTuple):
     """A model that `bcid fit` made, or found made: where it is, what it is, and how good."""
 
     name: str  # under which it is saved
@@ -38,7 +38,7 @@ class FittedModel(NamedTuple):
         }  # fmt: skip
 
 
-def fit_tables(fitted: Sequence[FittedModel], validation: str | None, equations: bool) -> Group:
+def fit_tables(fitted: Sequence[ScoredFit], validation: str | None, equations: bool) -> Group:
     """Tables of the fits: their equations where these are asked for, the constants of cars, and the scores at the end.
 
     `validation` is what the take is called on which they were scored.
@@ -74,7 +74,7 @@ def constant_rows(model: object) -> list[list[str]]:
     return rows
 
 
-def warnings_of_fits(fitted: Iterable[FittedModel]) -> list[str]:
+def warnings_of_fits(fitted: Iterable[ScoredFit]) -> list[str]:
     """What must be known of fits that state standard errors, one sentence for each whose residuals are too large."""
     return [
         f"{f.name}: {text}"
@@ -94,7 +94,7 @@ def describe_residuals(residuals: ResidualsDocument) -> str:
     )
 
 
-def next_steps(fitted: Sequence[FittedModel]) -> str:
+def next_steps(fitted: Sequence[ScoredFit]) -> str:
     """What to type next with the best of the fitted models."""
     name = fitted[0].name
     return f"next: bcid report compares them on a page; bcid export {name} writes code; --equations prints equations"
