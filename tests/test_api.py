@@ -82,7 +82,7 @@ def test_functions_make_what_commands_make(takes: dict[str, Path], vehicle_file:
     pipeline.write_text(
         "\n".join([*lines, f"training = [{json.dumps(str(take))}]", 'models = ["newton-euler-linear"]'])
     )
-    run("report", "-p", pipeline, "-m", folder, cwd=tmp_path)
+    run("report", "-p", pipeline, "-m", folder, "-m", "newton-euler-linear", cwd=tmp_path)
     told = ReportDocument.read(tmp_path / "cli" / "report" / "report.json")
     scores = [[(m.model, m.nmse) for m in document.models] for document in (compared.document, told)]
     assert scores[0] == scores[1]
