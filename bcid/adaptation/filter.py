@@ -26,7 +26,7 @@ import numpy as np
 from bcid.adaptation.formulas import PUSHED, AdaptiveFormulas
 from bcid.aliases import Floats, Ints
 from bcid.compiled.njit import njit
-from bcid.export.formulas import COMMANDS, START, STEERED
+from bcid.export.formulas import COMMANDS, START
 from bcid.export.graph import Node
 from bcid.export.tape import Tape, record_tape, run_tape
 from bcid.physics.kinematics import wrap_angle
@@ -73,18 +73,28 @@ class FilterRun(NamedTuple):
 
 def compile_filter(formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
     """The filter of `formulas` with what `noise` assumes."""
-    names = [s.name for s in formulas.states] + [q.name for q in formulas.quantities]
-    inputs = [*names, *(c.name for c in COMMANDS)]
+    inputs = [*_names(formulas), *(c.name for c in COMMANDS)]
     step, F, F_places = _record(formulas.next_states, formulas.slopes, inputs)
     pose, H, H_places = _record(formulas.pose, formulas.pose_slopes, inputs)
+    bounds = np.array([[q.low, q.high] for q in formulas.quantities])
+    P_0 = np.array([q.sd**2 for q in formulas.quantities])
+    f = CompiledFilter(
+        step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0, *bounds.T.copy()
+    )
+    return assume_noise(f, formulas, noise)
+
+
+def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
+    """The filter `f` of `formulas` with what another `noise` assumes."""
     T = formulas.period_s
-    Q = np.array([T * noise.q[PUSHED.index(name)] ** 2 if name in PUSHED else 0.0 for name in names])
-    bounds = np.array([[q.low, q.high] for q in formulas.quantities]).reshape(-1, 2)
-    return CompiledFilter(
-        step, pose, F, H, F_places, H_places, Q, noise.pose_sd**2,
-        np.array([q.sd**2 for q in formulas.quantities]), 1.0 - math.exp(-T / noise.forget_s),
-        bounds[:, 0].copy(), bounds[:, 1].copy(),
-    )  # fmt: skip
+    pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
+    Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])
+    return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=1.0 - math.exp(-T / noise.forget_s))
+
+
+def _names(formulas: AdaptiveFormulas) -> list[str]:
+    """The names of the numbers of z."""
+    return [s.name for s in formulas.states] + [q.name for q in formulas.quantities]
 
 
 def start_filter(
@@ -99,11 +109,14 @@ def start_filter(
     tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
     values = [q.start for q in formulas.quantities]
     run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)
-    sd = dict(zip((*("p_x", "p_y", "theta"), *PUSHED), (*noise.pose_sd, *noise.twist_sd), strict=True))
-    steered = {STEERED.name, "delta_lagged", "delta_behind"} & set(names)
-    sd |= dict.fromkeys(steered, noise.steering_sd)
-    variances = [sd.get(name, 0.0) ** 2 for name in names] + [q.sd**2 for q in formulas.quantities]
-    return np.r_[x, values], np.diag(variances)
+    return np.r_[x, values], np.diag(first_variances(formulas, noise))
+
+
+def first_variances(formulas: AdaptiveFormulas, noise: FilterNoise) -> Floats:
+    """The variances (N,) of the numbers of z at first; states of which nothing is said are known."""
+    body, steering = ("p_x", "p_y", "theta", *PUSHED), ("delta", "delta_lagged", "delta_behind")
+    sd = dict(zip(body, (*noise.pose_sd, *noise.twist_sd), strict=True)) | dict.fromkeys(steering, noise.steering_sd)
+    return np.array([sd.get(s.name, 0.0) ** 2 for s in formulas.states] + [q.sd**2 for q in formulas.quantities])
 
 
 def _record(

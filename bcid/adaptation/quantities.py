@@ -70,10 +70,12 @@ def choose_quantities(
     return replace(model, effects=effects), tuple(quantities)
 
 
-def with_quantities(model: AugmentedNewtonEuler, values: Mapping[AdaptedQuantity, float]) -> AugmentedNewtonEuler:
+def with_quantities(
+    model: AugmentedNewtonEuler, values: Sequence[tuple[AdaptedQuantity, float]]
+) -> AugmentedNewtonEuler:
     """The model with adapted quantities at their `values`."""
     car, effects = model.car._asdict(), dict(model.effects)
-    for quantity, value in values.items():
+    for quantity, value in values:
         for constant in quantity.constants:
             if quantity.is_factor:
                 car[constant] *= value
@@ -99,7 +101,7 @@ def _parameter_called(name: str, effects: Mapping[str, float]) -> tuple[str, Ada
     """The field of an effect's parameter, and the quantity that it is.
 
     Raises:
-        UsageError: no effect, or no parameter, is called so.
+        UsageError: no effect, or no parameter, is called so, or it has a place that the model does not know.
     """
     effect_id, _, symbol = name.partition(".")
     effect = EFFECTS.get(effect_id)
@@ -113,6 +115,11 @@ def _parameter_called(name: str, effects: Mapping[str, float]) -> tuple[str, Ada
     if symbol not in sizes:
         choices = ", ".join(f"{effect_id}.{s}" for s in sizes)
         raise UsageError(f"{name}: it is not said which parameter of the effect\n  next: name one of {choices}")
+    if any(f"{effect_id}__{place.symbol}" not in effects for place in effect.place_parameters):
+        raise UsageError(
+            f"{name}: where or when the effect acts is not known of this model\n"
+            "  next: adapt a model that a diagnosis made, or name something else"
+        )
     p, field = sizes[symbol], f"{effect_id}__{symbol}"
     start = effects.get(field) or p.off + SMALLEST_SIZE * p.size
     return field, AdaptedQuantity(name, (field,), False, start, EFFECT_SD_SIZES * p.size, p.low, p.high, p.unit)
