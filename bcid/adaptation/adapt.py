@@ -25,7 +25,7 @@ from bcid.estimate.types import Estimate
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.recording.types import Recording
 
-FORGET_S = 30.0
+FORGET_S = 120.0
 """Time (s) after which the filter knows as little of a quantity as at first, if a drive does not show it."""
 STEERING_SD_RAD = 0.1
 """Standard deviation of the steering angle at the beginning of a stretch, where the wheel's past is not known."""
