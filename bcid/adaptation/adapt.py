@@ -67,7 +67,10 @@ class Adaptation:
 
     model: AugmentedNewtonEuler  # with the quantities at their first values
     quantities: tuple[AdaptedQuantity, ...]
+    formulas: AdaptiveFormulas
+    filter: CompiledFilter
     noise: FilterNoise
+    drive: Drive
     track: Track
 
     def model_at(self, row: int) -> AugmentedNewtonEuler:
@@ -95,7 +98,9 @@ def adapt(
     if not drive.stretches():
         raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
     noise = noise or tune_noise(formulas, drive, forget_s)
-    return Adaptation(switched, quantities, noise, filter_drive(compile_filter(formulas, noise), formulas, drive, noise))
+    compiled = compile_filter(formulas, noise)
+    track = filter_drive(compiled, formulas, drive, noise)
+    return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
 
 
 def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: Drive, noise: FilterNoise) -> Track:
