@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from exported_models import CAR
 
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
 from bcid.adaptation.filter import OUTLIER, CompiledFilter, FilterNoise, compile_filter, run_filter, start_filter
@@ -23,8 +24,8 @@ from bcid.evaluation.closed_loop import integrate_poses
 from bcid.export.formulas import COMMANDS
 from bcid.export.reference_drive import history_of_start
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
-from exported_models import CAR
 
+GCC = shutil.which("gcc")
 PERIOD_S = 0.05
 START_TWIST = np.array([0.5, 0.0, 0.0])
 NOISE = FilterNoise(
@@ -175,13 +176,13 @@ def test_what_cannot_be_adapted_is_refused(names: list[str], said: str) -> None:
         choose_quantities(PLAIN, names)
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler here")
+@pytest.mark.skipif(GCC is None, reason="there is no C compiler here")
 def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None:
     (tmp_path / "car_adapt.h").write_text(write_adapt_header("car", "car", adaptive.formulas, COMMANDS))
     source = write_adapt_source("car", "car", adaptive.formulas, adaptive.filter, NOISE)
     (tmp_path / "car_adapt.c").write_text(source)
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *strict, "car_adapt.c", "-o", "car.so", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run([str(GCC), *strict, "car_adapt.c", "-o", "car.so", "-lm"], cwd=tmp_path, check=True)
     commands = draw_commands(40.0)
     poses = drive([adaptive.model], commands)
     poses[300:320], poses[500, 1] = np.nan, 9.0

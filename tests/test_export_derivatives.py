@@ -18,7 +18,7 @@ def evaluate(node: Node, values: dict[str, float]) -> float:
         if each.operation == "input":
             known[each.place] = values[each.name]
         elif each.operation in ("constant", "parameter"):
-            known[each.place] = each.value if each.name not in values else values[each.name]
+            known[each.place] = values.get(each.name, each.value or 0.0)
         else:
             known[each.place] = OPERATIONS[each.operation](*(known[a.place] for a in each.arguments))
     return float(known[node.place])

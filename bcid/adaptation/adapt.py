@@ -20,10 +20,14 @@ from bcid.adaptation.filter import (
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
 from bcid.aliases import Floats
-from bcid.errors import InputRefused
+from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
+from bcid.likelihood.prepare import effect_constants
+from bcid.models.interface import Model
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.model import NewtonEuler
 from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
 
 FORGET_S = 120.0
 """Time (s) after which the filter knows as little of a quantity as at first, if a drive does not show it."""
@@ -41,7 +45,7 @@ MAX_POSES_APART = 3.0
 """Periods of the tracking system over which a pose is taken from its neighbours."""
 
 
-class Drive(NamedTuple):
+class MeasuredDrive(NamedTuple):
     """What the filter is given of a recording: its estimate, for commands and first twists, and measured poses."""
 
     estimate: Estimate
@@ -70,13 +74,31 @@ class Adaptation:
     formulas: AdaptiveFormulas
     filter: CompiledFilter
     noise: FilterNoise
-    drive: Drive
+    drive: MeasuredDrive
     track: Track
 
     def model_at(self, row: int) -> AugmentedNewtonEuler:
         """The car as it is known at a row of the estimate."""
         values = self.track.values[row].tolist()
         return with_quantities(self.model, list(zip(self.quantities, values, strict=True)))
+
+
+def as_adaptable(model: Model, vehicle: Vehicle, estimate: Estimate) -> AugmentedNewtonEuler:
+    """The car of a saved model, with room for effects, on the grid of an estimate.
+
+    Raises:
+        UsageError: the model is of another kind, which has no constants of a car.
+    """
+    if isinstance(model, AugmentedNewtonEuler):
+        return model.with_period(estimate.period_s)
+    if isinstance(model, NewtonEuler):
+        length_s = float(np.ptp(estimate.time_s))
+        constants, limit = effect_constants(vehicle), vehicle.steering.max_angle_rad
+        return AugmentedNewtonEuler(model.car, {}, constants, limit, length_s, estimate.period_s, {})
+    raise UsageError(
+        f"{model.name} has no constants of a car that could be adapted\n"
+        "  next: name a newton-euler model, or the one of a diagnosis"
+    )
 
 
 def adapt(
@@ -94,7 +116,7 @@ def adapt(
     """
     switched, quantities = choose_quantities(model, names)
     formulas = trace_adaptive(switched, quantities)
-    drive = Drive(estimate, poses_at_rows(recording, estimate))
+    drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate))
     if not drive.stretches():
         raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
     noise = noise or tune_noise(formulas, drive, forget_s)
@@ -103,7 +125,7 @@ def adapt(
     return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
 
 
-def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: Drive, noise: FilterNoise) -> Track:
+def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, noise: FilterNoise) -> Track:
     """Run the filter `f` of `formulas`, which assumes `noise`, over the stretches of a drive.
 
     The car's state begins anew with each stretch; what is known of the quantities goes on.
@@ -128,8 +150,8 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: Drive, no
     return Track(values, sd, innovation, total)
 
 
-def tune_noise(formulas: AdaptiveFormulas, drive: Drive, forget_s: float) -> FilterNoise:
-    """The noise under which the poses of a drive are likeliest: one push for the velocities, and one for the yaw rate."""
+def tune_noise(formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:
+    """The noise under which the poses of a drive are likeliest: a push for the velocities, and one for the yaw rate."""
     from scipy.optimize import minimize
 
     v_x, v_y, yaw_rate = np.sqrt((drive.estimate.twist**2).mean(axis=0)).tolist()

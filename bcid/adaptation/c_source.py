@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from bcid.adaptation.filter import OUTLIER, CompiledFilter, FilterNoise, first_variances
 from bcid.adaptation.formulas import AdaptiveFormulas
-from bcid.aliases import Floats
-from bcid.export.c_source import C, HELPERS, describe_all, element_texts, places_in, write_function
+from bcid.aliases import Floats, Ints
+from bcid.export.c_source import HELPERS, C, describe_all, element_texts, places_in, write_function
 from bcid.export.formulas import COMMANDS, START, Variable
 from bcid.export.graph import Node
 from bcid.export.statements import Program, write_program
@@ -212,7 +212,7 @@ def _varying(slopes: Sequence[Sequence[Node]]) -> list[Node]:
 
 
 def _write_part(
-    head: str, program: Program, places: dict[str, str], results: list[str], constant: Floats, varying: Floats,
+    head: str, program: Program, places: dict[str, str], results: list[str], constant: Floats, varying: Ints,
     matrix: str, may_idle: list[str],
 ) -> str:  # fmt: skip
     """A function that fills in values and a matrix of slopes: `constant` ones, and those at the places `varying`."""

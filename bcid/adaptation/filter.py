@@ -4,15 +4,15 @@ Between two poses, a period apart,
 
     z^- = f(z, u),   P^- = F P F' + Q,   Q = T diag(q^2) on the twist (what the model lacks pushes it),
 
-and before that the quantities forget, with the time tau, what was learnt of them: with a = 1 - exp(-T/tau) and P_0 their
-variance at first,
+and before that the quantities forget, with the time tau, what was learnt of them: with a = 1 - exp(-T/tau) and P_0
+their variance at first,
 
     P_qq <- (1 - a) P_qq + a P_0,   P_xq <- (1 - a)^1/2 P_xq,
 
 so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  At a pose y the three
-numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e, P - K s K'.  An innovation of more
-than `OUTLIER` standard deviations counts as one of so many: s is then e^2 / OUTLIER^2, and a wrong pose moves the state
-by a bounded amount.  A quantity that leaves its bounds is set to the bound, and all others go with it by their
+numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e, P - K s K'.  An innovation of
+more than `OUTLIER` standard deviations counts as one of so many: s is then e^2 / OUTLIER^2, and a wrong pose moves the
+state by a bounded amount.  A quantity that leaves its bounds is set to the bound, and all others go with it by their
 covariance (Simon 2010, Kalman filtering with state constraints, IET Control Theory & Applications 4, section 2.4).
 """
 
@@ -94,7 +94,7 @@ def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoi
 
 def _names(formulas: AdaptiveFormulas) -> list[str]:
     """The names of the numbers of z."""
-    return [s.name for s in formulas.states] + [q.name for q in formulas.quantities]
+    return [*(s.name for s in formulas.states), *(q.name for q in formulas.quantities)]
 
 
 def start_filter(
@@ -105,7 +105,7 @@ def start_filter(
     Of the past nothing is known: the car coasts, its wheel held.
     """
     names = [s.name for s in formulas.states]
-    inputs = [q.name for q in (*START, *formulas.quantities)]
+    inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
     tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
     values = [q.start for q in formulas.quantities]
     run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)

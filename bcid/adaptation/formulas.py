@@ -10,7 +10,7 @@ with the slopes F = df/dz and H = dh/dz by the chain rule.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bcid.adaptation.quantities import AdaptedQuantity
 from bcid.effects.measurement import tracked_pose
@@ -54,7 +54,7 @@ def trace_adaptive(model: AugmentedNewtonEuler, quantities: Sequence[AdaptedQuan
     replaced = substitute([*step.next_states, *seen, *step.first_states], inputs)
     n = len(step.states)
     after, seen, first = tuple(replaced[:n]), tuple(replaced[n : n + 3]), tuple(replaced[n + 3 :])
-    by = [graph.input(q.name) for q in (*step.states, *quantities)]
+    by = [graph.input(name) for name in (*(s.name for s in step.states), *(q.name for q in quantities))]
     return AdaptiveFormulas(
         model.period_s, step.states, tuple(quantities), after, tuple(map(tuple, differentiate(after, by))),
         seen, tuple(map(tuple, differentiate(seen, by))), first,
@@ -71,18 +71,14 @@ def _quantity_inputs(
     """
     graph = step.graph
     constants = {
-        node.name: node
-        for node in graph.nodes_for([*step.next_states, *seen])
-        if node.operation == "parameter"
+        node.name: node for node in graph.nodes_for([*step.next_states, *seen]) if node.operation == "parameter"
     }
     inputs = []
     for quantity in quantities:
         known = [constants[c] for c in quantity.constants if c in constants]
         if not known:
-            raise UsageError(
-                f"{quantity.name}: no motion of this car depends on it\n  next: adapt something else"
-            )
-        value = graph.input(quantity.name)
+            raise UsageError(f"{quantity.name}: no motion of this car depends on it\n  next: adapt something else")
+        value: Any = graph.input(quantity.name)
         for node in known:
             inputs.append((node, graph.as_node(value * float(node)) if quantity.is_factor else value))
     return inputs

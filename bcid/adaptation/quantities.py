@@ -20,7 +20,7 @@ GROUPS = {
 """Constants of the car that change by one factor, by what an engineer calls it: a load changes m and I_z alike."""
 
 FACTOR_SD = 0.2
-"""Standard deviation, relative, by which a constant of the car may differ after a change: a passenger, another floor."""
+"""Standard deviation, relative, by which a constant of the car may change: by a passenger, or on another floor."""
 FACTOR_BOUNDS = (0.25, 4.0)
 """Least and largest factor on a constant of the car: as far as a car with a load stays the same car."""
 EFFECT_SD_SIZES = 3.0

@@ -53,6 +53,7 @@ def recovery_time_s(errors: ErrorsOverTime, change_s: float, factor: float = 1.2
     Good is the root mean square of the errors over `BEFORE_S`: after the change over those that begin later than the
     moment that is judged, before it over the last ones that end by then.  None where it never is.
     """
+
     def root_mean_square(begin: float, end: float) -> float:
         chosen = errors.adapted[(errors.begin_s >= begin) & (errors.begin_s < end)]
         return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else np.inf

@@ -10,6 +10,7 @@ from bcid.adaptation.adapt import Adaptation
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
 from bcid.adaptation.c_test import write_adapt_test
 from bcid.adaptation.recovery import HORIZON_S, ErrorsOverTime
+from bcid.aliases import Floats
 from bcid.documents.adapt import AdaptDocument, AdaptedFigure, AdaptErrors, AdaptNoise
 from bcid.estimate.types import Estimate
 from bcid.export.formulas import COMMANDS
@@ -51,8 +52,8 @@ def _describe(
     values, sd, noise = adaptation.track.values[-1], adaptation.track.sd[-1], adaptation.noise
     figures = tuple(
         AdaptedFigure(
-            name=q.name, constants=q.constants, is_factor=q.is_factor, unit=q.unit, first=q.start, last=float(values[i]),
-            last_sd=float(sd[i]), low=q.low, high=q.high,
+            name=q.name, constants=q.constants, is_factor=q.is_factor, unit=q.unit, first=q.start,
+            last=float(values[i]), last_sd=float(sd[i]), low=q.low, high=q.high,
         )
         for i, q in enumerate(adaptation.quantities)
     )  # fmt: skip
@@ -68,6 +69,6 @@ def _describe(
     )  # fmt: skip
 
 
-def _root_mean_square(errors: np.ndarray) -> float | None:
+def _root_mean_square(errors: Floats) -> float | None:
     """The root mean square of some errors; None without any, or where one is infinite."""
     return float(np.sqrt(np.mean(errors**2))) if len(errors) and np.isfinite(errors).all() else None

@@ -102,7 +102,7 @@ def trace_augmented(model: AugmentedNewtonEuler, time_s: float | None = None) ->
 
 
 def trace_named_model(named: NamedModel, model: AugmentedNewtonEuler, time_s: float | None = None) -> StepFormulas:
-    """The formulas of a car with effects whose constants are `named`: `trace_augmented`, in the graph of these names."""
+    """The formulas of a car with effects whose constants are `named`, in the graph of these; see `trace_augmented`."""
     graph, past = named.tracer.graph, _past_commands(model)
     states = (*BODY, *LAGS, *STEERING, TIME, *past)
     now = graph.input(TIME.name) if time_s is None else time_s

@@ -140,9 +140,7 @@ def write_c_source(e: Exported) -> str:
     return "\n".join(block for block in blocks if block)
 
 
-def write_function(
-    head: str, program: Program, places: dict[str, str], results: list[str], may_idle: list[str]
-) -> str:
+def write_function(head: str, program: Program, places: dict[str, str], results: list[str], may_idle: list[str]) -> str:
     """The definition of a function: what it reads from `places`, the program's lines, its `results`."""
     read = [f"{name} = {places[name]}" for name in program.inputs]
     lines = list(wrap_texts(read, WIDTH - 20))

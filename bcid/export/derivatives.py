@@ -34,7 +34,7 @@ def differentiate(results: Sequence[Node], by: Sequence[Node]) -> list[list[Node
 
 
 def _derivatives_by(nodes: Sequence[Node], graph: Graph, one: Node) -> dict[int, Number]:
-    """The derivatives of `nodes`, arguments first, by the node `one`, under their places; 0 where a place is missing."""
+    """The derivatives of `nodes`, arguments first, by the node `one`, by their places; 0 where a place is missing."""
     slopes: dict[int, Number] = {one.place: 1.0}
     for node in nodes:
         moving = [i for i, argument in enumerate(node.arguments) if argument.place in slopes]
@@ -66,30 +66,30 @@ def _is_zero(number: Number) -> bool:
     return number == 0.0 if not isinstance(number, Node) else number.operation == "constant" and number.value == 0.0
 
 
-def _of_smaller(graph: Graph, y: Node, a: Node, b: Node) -> tuple[Number, Number]:
+def _of_smaller(graph: Graph, y: Number, a: Number, b: Number) -> tuple[Number, Number]:
     """The partial derivatives of the smaller of two numbers; of equal ones the first, as Python's `min` has it."""
-    first = graph.operate("select", graph.operate("le", a, b), 1.0, 0.0)
+    first: Number = graph.operate("select", graph.operate("le", a, b), 1.0, 0.0)
     return first, 1.0 - first
 
 
-def _of_larger(graph: Graph, y: Node, a: Node, b: Node) -> tuple[Number, Number]:
+def _of_larger(graph: Graph, y: Number, a: Number, b: Number) -> tuple[Number, Number]:
     """The partial derivatives of the larger of two numbers; of equal ones the first, as Python's `max` has it."""
-    first = graph.operate("select", graph.operate("ge", a, b), 1.0, 0.0)
+    first: Number = graph.operate("select", graph.operate("ge", a, b), 1.0, 0.0)
     return first, 1.0 - first
 
 
-def _of_root(graph: Graph, y: Node, a: Node) -> tuple[Number]:
+def _of_root(graph: Graph, y: Number, a: Number) -> tuple[Number]:
     """The derivative of a square root, 0 at zero, where it has none."""
     return (graph.operate("select", graph.operate("gt", y, 0.0), 0.5, 0.0) / _nonzero(graph, y),)
 
 
-def _of_hypotenuse(graph: Graph, y: Node, a: Node, b: Node) -> tuple[Number, Number]:
+def _of_hypotenuse(graph: Graph, y: Number, a: Number, b: Number) -> tuple[Number, Number]:
     """The partial derivatives of sqrt(a^2 + b^2), 0 at its tip, where it has none."""
     length = _nonzero(graph, y)
     return a / length, b / length
 
 
-def _of_direction(graph: Graph, y: Node, a: Node, b: Node) -> tuple[Number, Number]:
+def _of_direction(graph: Graph, y: Number, a: Number, b: Number) -> tuple[Number, Number]:
     """The partial derivatives of atan2(a, b), 0 at the origin, where it has none."""
     square = _nonzero(graph, a * a + b * b)
     return b / square, -a / square
@@ -100,7 +100,7 @@ def _nonzero(graph: Graph, length: Number) -> Number:
     return graph.operate("select", graph.operate("gt", length, 0.0), length, 1.0)
 
 
-def _sign(graph: Graph, a: Node) -> Number:
+def _sign(graph: Graph, a: Number) -> Number:
     """The sign of a number, 1 or -1."""
     return graph.operate("copysign", 1.0, a)
 
