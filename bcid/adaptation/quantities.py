@@ -41,6 +41,11 @@ class AdaptedQuantity(NamedTuple):
     high: float
     unit: str
 
+    @property
+    def said_start(self) -> float:
+        """The first value as it is told: 0 where there was no such effect."""
+        return 0.0 if abs(self.start) <= SMALLEST_SIZE * self.sd else self.start
+
 
 def choose_quantities(
     model: AugmentedNewtonEuler, names: Sequence[str]

@@ -52,7 +52,7 @@ def _describe(
     values, sd, noise = adaptation.track.values[-1], adaptation.track.sd[-1], adaptation.noise
     figures = tuple(
         AdaptedFigure(
-            name=q.name, constants=q.constants, is_factor=q.is_factor, unit=q.unit, first=q.start,
+            name=q.name, constants=q.constants, is_factor=q.is_factor, unit=q.unit, first=q.said_start,
             last=float(values[i]), last_sd=float(sd[i]), low=q.low, high=q.high,
         )
         for i, q in enumerate(adaptation.quantities)

@@ -67,8 +67,10 @@ def adapt(
     from bcid.recording.saving import load_recording
 
     sink, name = Sink(format), check_name(name)
+    # what is ingested and estimated lies in the pipeline file's workspace, or without one beside the results
+    home = out if vehicle and not pipeline else None
     config = options.read_config(
-        pipeline, [recording], vehicle, out, commands, allow_partial, force, ignore_health, sink.note, effects
+        pipeline, [recording], vehicle, home, commands, allow_partial, force, ignore_health, sink.note, effects
     )
     folder = find_model(model, lambda: options.workspace_of(pipeline))
     work = Pipeline(config, sink)
@@ -84,6 +86,12 @@ def adapt(
         with staged_outputs(out, lambda path: force) as staged:
             document = write_adaptation(adapted, errors, estimate, name, model_digest(folder), staged)
     sink.result(document.as_json(), lambda: _tables(document))
+    errors_of = document.errors
+    if errors_of.frozen is not None and (errors_of.adapted is None or errors_of.adapted > errors_of.frozen):
+        sink.note(
+            "warning: following these made predictions worse, so that something else has changed; "
+            "`bcid diagnose` says what"
+        )
     sink.note(f"written to: {out}")
     work.raise_if_parts_lost()
 
