@@ -11,6 +11,7 @@ import typer
 
 from bcid import __version__
 from bcid.cli import diagnosing, listing, options
+from bcid.cli.adapting import adapt
 from bcid.cli.benching import bench
 from bcid.cli.comparing import compare
 from bcid.cli.examples import examples_text
@@ -148,7 +149,7 @@ def estimate(
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
     "diagnose": diagnosing.diagnose, "compare": compare, "plan": diagnosing.write_plan, "simulate": simulate,
-    "predict": predict, "export": export, "view": view, "models": listing.list_models,
+    "predict": predict, "adapt": adapt, "export": export, "view": view, "models": listing.list_models,
     "effects": listing.list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():

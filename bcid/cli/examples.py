@@ -51,6 +51,10 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid predict newton-euler --from take.csv --at 12.5": "from the moment 12.5 s of a take on, with covariance",
         "bcid predict diagnosis --commands plan.commands.csv --state v_x=0.8": "from a state, under other commands",
     },
+    "adapt": {
+        "bcid adapt newton-euler take.csv": "weighs the car while it drives, and writes the filter in C",
+        "bcid adapt diagnosis take.csv --quantity grip --quantity steering_offset": "follows the grip and the trim",
+    },
     "export": {
         "bcid export newton-euler": "a fitted model in every format that suits it",
         "bcid export diagnosis --format c --format casadi": "the car with what was found, as C and for CasADi",

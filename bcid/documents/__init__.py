@@ -2,5 +2,5 @@
 
 `document` (what all have in common), `diagnosis` (diagnosis.json), `report` (report.json), `health` (`bcid ingest
 --check`), `prove` (prove.json), `prove_real` (real.json), `varied_limits` (limits.json), `export` (NAME.json of an
-export), `comparison` (`bcid compare`) and `manifest` (of an artifact); `schemas` publishes them.
+export), `adapt` (adapt.json), `comparison` (`bcid compare`) and `manifest` (of an artifact); `schemas` publishes them.
 """

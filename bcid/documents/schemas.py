@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+from bcid.documents.adapt import AdaptDocument
 from bcid.documents.comparison import ComparisonDocument
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.document import Document
@@ -15,6 +16,7 @@ from bcid.documents.report import EvaluationDocument, ReportDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
 
 DOCUMENTS: dict[str, type[Document]] = {
+    "adapt": AdaptDocument,
     "compare": ComparisonDocument,
     "diagnosis": DiagnosisDocument,
     "evaluation": EvaluationDocument,

@@ -2,6 +2,7 @@
 
 A model becomes formulas: `graph` (what they are), `trace` (compiled functions run over nodes of a graph), `formulas` (a
 period of a model), `model_formulas`, `augmented_formulas` and `pose_formulas` (of each kind of model, of poses).
+`derivatives` (their slopes), `substitution` (constants made inputs) and `tape` (formulas run here) are for filters.
 
 Formulas become files: `statements` (lines of a program in any language), `c_source`, `python_source` and
 `casadi_source` (with `python_text`, what the two have in common), `onnx_graph` and `onnx_rollout`, `fmi`,

@@ -69,7 +69,7 @@ SAME_TIME_PERIODS = 1e-9
 COMPLIANCE_STEPS = 16
 
 
-class _NamedModel(NamedTuple):
+class NamedModel(NamedTuple):
     """What a car's equations take beside its state, with named constants; times and lengths of time are numbers."""
 
     tracer: Tracer
@@ -98,7 +98,11 @@ def trace_augmented(model: AugmentedNewtonEuler, time_s: float | None = None) ->
             "the model has a clock that drifts, so that commands act later and later\n"
             "  next: give --time SECONDS of the recording, or --as vehicle, which leaves the clock out"
         )
-    named = _name_constants(model)
+    return trace_named_model(name_model(model), model, time_s)
+
+
+def trace_named_model(named: NamedModel, model: AugmentedNewtonEuler, time_s: float | None = None) -> StepFormulas:
+    """The formulas of a car with effects whose constants are `named`, in the graph of these; see `trace_augmented`."""
     graph, past = named.tracer.graph, _past_commands(model)
     states = (*BODY, *LAGS, *STEERING, TIME, *past)
     now = graph.input(TIME.name) if time_s is None else time_s
@@ -110,7 +114,7 @@ def trace_augmented(model: AugmentedNewtonEuler, time_s: float | None = None) ->
     return formulas.without_idle_states([quantity.name for quantity in BODY])
 
 
-def _name_constants(model: AugmentedNewtonEuler) -> _NamedModel:
+def name_model(model: AugmentedNewtonEuler) -> NamedModel:
     """The model with its constants and its effects' parameters named, in a graph of their own."""
     # laws of the user's are not named by the car, but found by it: they are traced as they are called
     own: dict[Any, Any] = {call_law: lambda law, values: tracer.trace(law.function)(*values)}
@@ -121,11 +125,11 @@ def _name_constants(model: AugmentedNewtonEuler) -> _NamedModel:
     values = {name: setup.switches[name] for name in names} | name_constants(graph, on, TIMED)
     switches = SimpleNamespace(**values)
     car = Car(**name_constants(graph, setup.car._asdict(), FLAGS))
-    return _NamedModel(tracer, car, Constants(**name_constants(graph, setup.constants._asdict())), switches, setup)
+    return NamedModel(tracer, car, Constants(**name_constants(graph, setup.constants._asdict())), switches, setup)
 
 
 def _advance(
-    named: _NamedModel, model: AugmentedNewtonEuler, past: Sequence[Variable], now: Any, time_s: float
+    named: NamedModel, model: AugmentedNewtonEuler, past: Sequence[Variable], now: Any, time_s: float
 ) -> tuple[list[Any], Sequence[Any]]:
     """All states after a period that begins at `now`, and the twist that is seen then.
 
@@ -158,7 +162,7 @@ def _advance(
     return [*rows[-1], *steering, now + setup.period, *given[: len(past)]], twist
 
 
-def _begin(named: _NamedModel, past: Sequence[Variable], time_s: float) -> list[Any]:
+def _begin(named: NamedModel, past: Sequence[Variable], time_s: float) -> list[Any]:
     """All states at `time_s` (s) of a car that coasts, its wheel held where it is."""
     tracer, car, constants, switches, setup = named
     start: Any = [tracer.graph.input(quantity.name) for quantity in START]

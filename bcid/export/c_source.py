@@ -27,10 +27,11 @@ C = Language(
     {"and": "&&", "or": "||"}, "INFINITY", selection=1,
 )  # fmt: skip
 
-_HELPERS = {
+HELPERS = {
     "min": "static double least(double a, double b) { return b < a ? b : a; }",
     "max": "static double largest(double a, double b) { return b > a ? b : a; }",
 }
+"""Functions that stand for operations which C does not have as Python does, by the operation."""
 
 _NETWORK = """\
 /* {formula}; a row for each input */
@@ -64,7 +65,7 @@ def write_c_header(e: Exported) -> str:
     """The text of NAME.h."""
     name, formulas = e.name, e.formulas
     guard = f"{name.upper()}_H"
-    states, commands = _describe_all("x", formulas.states), _describe_all("u", e.commands)
+    states, commands = describe_all("x", formulas.states), describe_all("u", e.commands)
     return f"""\
 /* {e.about}
  *
@@ -116,32 +117,30 @@ def write_c_source(e: Exported) -> str:
     blocks = [
         f'/* {e.about} */\n\n#include "{name}.h"\n\n#include <math.h>\n',
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
-        "".join(f"{text}\n" for operation, text in _HELPERS.items() if operation in used),
+        "".join(f"{text}\n" for operation, text in HELPERS.items() if operation in used),
         *(_write_network(key, weights) for key, weights in formulas.networks.items()),
-        _write_function(
+        write_function(
             f"void {name}_init(const double pose[3], const double twist[3], double delta, double x[{n}])", init,
-            _places(START[:3], "pose") | _places(START[3:6], "twist") | {START[6].name: "delta"},
-            _element_texts("x", n), ["pose", "twist", "delta"],
+            places_in(START[:3], "pose") | places_in(START[3:6], "twist") | {START[6].name: "delta"},
+            element_texts("x", n), ["pose", "twist", "delta"],
         ),
-        _write_function(
+        write_function(
             f"void {name}_step(const double x[{n}], const double u[{len(COMMANDS)}],\n"
             f"{' ' * (len(name) + 11)}double x_next[{n}], double twist[3])", step,
-            _places(formulas.states, "x") | _places(COMMANDS, "u"),
-            [*_element_texts("x_next", n), *_element_texts("twist", 3)], ["u"],
+            places_in(formulas.states, "x") | places_in(COMMANDS, "u"),
+            [*element_texts("x_next", n), *element_texts("twist", 3)], ["u"],
         ),
-        _write_function(
+        write_function(
             f"void {name}_pose(const double pose[3], const double twist[3], const double twist_next[3],\n"
             f"{' ' * (len(name) + 11)}double pose_next[3])", moved,
-            _places(POSE, "pose") | _places(TWIST, "twist") | _places(TWIST, "twist_next", "_next"),
-            _element_texts("pose_next", 3), [],
+            places_in(POSE, "pose") | places_in(TWIST, "twist") | places_in(TWIST, "twist_next", "_next"),
+            element_texts("pose_next", 3), [],
         ),
     ]  # fmt: skip
     return "\n".join(block for block in blocks if block)
 
 
-def _write_function(
-    head: str, program: Program, places: dict[str, str], results: list[str], may_idle: list[str]
-) -> str:
+def write_function(head: str, program: Program, places: dict[str, str], results: list[str], may_idle: list[str]) -> str:
     """The definition of a function: what it reads from `places`, the program's lines, its `results`."""
     read = [f"{name} = {places[name]}" for name in program.inputs]
     lines = list(wrap_texts(read, WIDTH - 20))
@@ -186,17 +185,17 @@ def _write_table(name: str, table: Any) -> str:
     return f"static const {'float' if single else 'double'} {name}{shape} = {inner};\n"
 
 
-def _element_texts(array: str, n: int) -> list[str]:
+def element_texts(array: str, n: int) -> list[str]:
     """The texts of the `n` elements of an array."""
     return [f"{array}[{i}]" for i in range(n)]
 
 
-def _places(quantities: Sequence[Variable], array: str, after: str = "") -> dict[str, str]:
+def places_in(quantities: Sequence[Variable], array: str, after: str = "") -> dict[str, str]:
     """Where each of the `quantities` stands in an `array`, by its name followed by `after`."""
     return {q.name + after: f"{array}[{i}]" for i, q in enumerate(quantities)}
 
 
-def _describe_all(array: str, quantities: Sequence[Variable]) -> str:
+def describe_all(array: str, quantities: Sequence[Variable]) -> str:
     """The elements of an array in a comment, a line each."""
     width = len(f"{array}[{len(quantities) - 1}]")
     return "\n".join(f" *   {f'{array}[{i}]':{width}}  {quantity.describe()}" for i, quantity in enumerate(quantities))

@@ -161,7 +161,7 @@ def write_c_test(name: str, v: ReferenceDrive) -> str:
     """The text of NAME_test.c.  No table ends as a function of NAME does, so that they never have a name in common."""
     states = f"{name.upper()}_STATES"
     tables = "".join(
-        f"static const double {key}{shape} = {_c_table(np.asarray(table).tolist())};\n"
+        f"static const double {key}{shape} = {c_table(np.asarray(table).tolist())};\n"
         for key, shape, table in (
             ("scales", f"[{states}]", v.scales), ("ones", "[3]", np.ones(3)),
             ("start_poses", "[STARTS][3]", [start.pose for start in v.starts]),
@@ -207,10 +207,10 @@ def _tolerances(v: ReferenceDrive) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _c_table(rows: Sequence[float] | Sequence[Sequence[float]]) -> str:
+def c_table(rows: Sequence[float] | Sequence[Sequence[float]]) -> str:
     """A table in C."""
     if isinstance(rows[0], list):
-        return "{\n" + "".join(f"    {_c_table(row)},\n" for row in rows) + "}"  # type: ignore[arg-type]
+        return "{\n" + "".join(f"    {c_table(row)},\n" for row in rows) + "}"  # type: ignore[arg-type]
     return "{" + "\n     ".join(wrap_texts([repr(number) for number in rows], WIDTH)) + "}"
 
 

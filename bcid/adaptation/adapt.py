@@ -1,0 +1,192 @@
+"""A car adapted over a recording: poses come in one by one, as they would on line, and never one from the future."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.adaptation.filter import (
+    CompiledFilter,
+    FilterNoise,
+    assume_noise,
+    compile_filter,
+    run_filter,
+    start_filter,
+)
+from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
+from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
+from bcid.aliases import Floats
+from bcid.errors import InputRefused, UsageError
+from bcid.estimate.types import Estimate
+from bcid.likelihood.prepare import effect_constants
+from bcid.models.interface import Model
+from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+FORGET_S = 120.0
+"""Time (s) after which the filter knows as little of a quantity as at first, if a drive does not show it."""
+STEERING_SD_RAD = 0.1
+"""Standard deviation of the steering angle at the beginning of a stretch, where the wheel's past is not known."""
+TWIST_SD_SHARE = 0.2
+"""Standard deviation of the twist at the beginning of a stretch, as a share of its root mean square over the take."""
+PUSH_RANGE = (1e-3, 10.0)
+"""Smallest and largest push that is tried, as a share of the twist's root mean square per root second."""
+FIRST_PUSH = 0.05
+"""Push from which the likeliest one is sought, as that share."""
+DEFAULT_POSE_SD = (1e-3, 1e-3, 2e-3)
+"""Standard deviations (m, m, rad) of poses where no filter has identified them: those of an optical tracking system."""
+MAX_POSES_APART = 3.0
+"""Periods of the tracking system over which a pose is taken from its neighbours."""
+
+
+class MeasuredDrive(NamedTuple):
+    """What the filter is given of a recording: its estimate, for commands and first twists, and measured poses."""
+
+    estimate: Estimate
+    poses: Floats  # (K, 3) at the rows of the estimate; NaN where none was measured
+
+    def stretches(self) -> list[slice]:
+        """The rows of each stretch without gaps, of more than one row."""
+        return [s for s in self.estimate.segments() if s.stop - s.start > 1]
+
+
+class Track(NamedTuple):
+    """What the filter makes of the K rows of a drive."""
+
+    values: Floats  # (K, k) of the quantities
+    sd: Floats  # (K, k)
+    innovation: Floats  # (K, 3) of the poses: m, m, rad; NaN where none was measured
+    log_likelihood: float  # of the poses, each from those before it
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """The adapted quantities over a recording, at the rows of its estimate."""
+
+    model: AugmentedNewtonEuler  # with the quantities at their first values
+    quantities: tuple[AdaptedQuantity, ...]
+    formulas: AdaptiveFormulas
+    filter: CompiledFilter
+    noise: FilterNoise
+    drive: MeasuredDrive
+    track: Track
+
+    def model_at(self, row: int) -> AugmentedNewtonEuler:
+        """The car as it is known at a row of the estimate."""
+        values = self.track.values[row].tolist()
+        return with_quantities(self.model, list(zip(self.quantities, values, strict=True)))
+
+
+def as_adaptable(model: Model, vehicle: Vehicle, estimate: Estimate) -> AugmentedNewtonEuler:
+    """The car of a saved model, with room for effects, on the grid of an estimate.
+
+    Raises:
+        UsageError: the model is of another kind, which has no constants of a car.
+    """
+    if isinstance(model, AugmentedNewtonEuler):
+        return model.with_period(estimate.period_s)
+    if isinstance(model, NewtonEuler):
+        length_s = float(np.ptp(estimate.time_s))
+        constants, limit = effect_constants(vehicle), vehicle.steering.max_angle_rad
+        return AugmentedNewtonEuler(model.car, {}, constants, limit, length_s, estimate.period_s, {})
+    raise UsageError(
+        f"{model.name} has no constants of a car that could be adapted\n"
+        "  next: name a newton-euler model, or the one of a diagnosis"
+    )
+
+
+def adapt(
+    model: AugmentedNewtonEuler, names: Sequence[str], recording: Recording, estimate: Estimate,
+    noise: FilterNoise | None = None, forget_s: float = FORGET_S,
+) -> Adaptation:  # fmt: skip
+    """Adapt the quantities called `names` of a car to the poses of a recording, from its beginning to its end.
+
+    The `estimate` gives the commands on the model's grid and the twist with which each stretch begins.  Without
+    `noise`, the pushes are those under which the poses are likeliest.
+
+    Raises:
+        UsageError: a name is no quantity of this car.
+        InputRefused: the recording has no stretch that is long enough.
+    """
+    switched, quantities = choose_quantities(model, names)
+    formulas = trace_adaptive(switched, quantities)
+    drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate))
+    if not drive.stretches():
+        raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
+    noise = noise or tune_noise(formulas, drive, forget_s)
+    compiled = compile_filter(formulas, noise)
+    track = filter_drive(compiled, formulas, drive, noise)
+    return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
+
+
+def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredDrive, noise: FilterNoise) -> Track:
+    """Run the filter `f` of `formulas`, which assumes `noise`, over the stretches of a drive.
+
+    The car's state begins anew with each stretch; what is known of the quantities goes on.
+    """
+    estimate, n, K = drive.estimate, len(formulas.states), len(drive.estimate)
+    q = np.array([each.start for each in formulas.quantities])
+    P_q = np.diag([each.sd**2 for each in formulas.quantities])
+    values, sd, innovation = np.tile(q, (K, 1)), np.tile(np.sqrt(np.diag(P_q)), (K, 1)), np.full((K, 3), np.nan)
+    total = 0.0
+    for rows in drive.stretches():
+        first, after = rows.start, slice(rows.start + 1, rows.stop)
+        delta = float(estimate.kinematic[first, 3])
+        z, P = start_filter(formulas, noise, estimate.pose[first], estimate.twist[first], delta)
+        z[n:], P[n:, n:] = q, P_q
+        run = run_filter(f, z, P, np.ascontiguousarray(estimate.command[rows][:-1]), drive.poses[after])
+        q, P_q = z[n:], P[n:, n:]
+        values[after], innovation[after] = run.z[:, n:], run.innovation
+        sd[after] = np.sqrt(np.maximum(run.variance[:, n:], 0.0))
+        # until another stretch begins nothing more is known
+        values[rows.stop :], sd[rows.stop :] = values[rows.stop - 1], sd[rows.stop - 1]
+        total += run.log_likelihood
+    return Track(values, sd, innovation, total)
+
+
+def tune_noise(formulas: AdaptiveFormulas, drive: MeasuredDrive, forget_s: float) -> FilterNoise:
+    """The noise under which the poses of a drive are likeliest: a push for the velocities, and one for the yaw rate."""
+    from scipy.optimize import minimize
+
+    v_x, v_y, yaw_rate = np.sqrt((drive.estimate.twist**2).mean(axis=0)).tolist()
+    spread = np.array([max(v_x, v_y), max(v_x, v_y), yaw_rate])
+    tuning = drive.estimate.tuning
+    pose_sd = np.array([*2 * [tuning.noise.r_position], tuning.noise.r_yaw] if tuning else DEFAULT_POSE_SD)
+    bounds = np.log(PUSH_RANGE)
+
+    def assume(log_share: Floats) -> FilterNoise:
+        velocity, turning = np.exp(np.clip(log_share, *bounds)).tolist()
+        q = spread * np.array([velocity, velocity, turning])
+        return FilterNoise(q, pose_sd, TWIST_SD_SHARE * spread, STEERING_SD_RAD, forget_s)
+
+    f = compile_filter(formulas, assume(np.log([FIRST_PUSH, FIRST_PUSH])))
+
+    def minus_log_likelihood(log_share: Floats) -> float:
+        noise = assume(log_share)
+        total = filter_drive(assume_noise(f, formulas, noise), formulas, drive, noise).log_likelihood
+        return -total if math.isfinite(total) else math.inf
+
+    first = np.log([FIRST_PUSH, FIRST_PUSH])
+    found = minimize(minus_log_likelihood, first, method="Nelder-Mead", options={"xatol": 0.05, "fatol": 0.5})
+    return assume(found.x)
+
+
+def poses_at_rows(recording: Recording, estimate: Estimate) -> Floats:
+    """The measured poses (K, 3) at the rows of an estimate, between the two next to each; NaN where there is none.
+
+    A pose counts where these two are no farther apart than the estimate's period, or than three poses.
+    """
+    time_s, values = recording.poses.time_s, recording.poses.values
+    rows = np.clip(np.searchsorted(time_s, estimate.time_s), 1, len(time_s) - 1)
+    apart = time_s[rows] - time_s[rows - 1]
+    within = (estimate.time_s >= time_s[rows - 1]) & (estimate.time_s <= time_s[rows])
+    share = ((estimate.time_s - time_s[rows - 1]) / apart)[:, None]
+    poses: Floats = (1.0 - share) * values[rows - 1] + share * values[rows]
+    poses[~(within & (apart <= max(estimate.period_s, MAX_POSES_APART / recording.rate_hz)))] = np.nan
+    return poses

@@ -1,0 +1,241 @@
+"""The filter that adapts a car: an extended Kalman filter over its states and the adapted quantities, compiled.
+
+Between two poses, a period apart,
+
+    z^- = f(z, u),   P^- = F P F' + Q,   Q = T diag(q^2) on the twist (what the model lacks pushes it),
+
+and before that the quantities forget, with the time tau, what was learnt of them: with a = 1 - exp(-T/tau) and P_0
+their variance at first,
+
+    P_qq <- (1 - a) P_qq + a P_0,   P_xq <- (1 - a)^1/2 P_xq,
+
+so that the variance of one that a drive does not show returns to P_0 and never grows beyond it.  At a pose y the three
+numbers enter one after the other: e = y - h(z), s = H P H' + r^2, K = P H'/s, z + K e, P - K s K'.  An innovation of
+more than `OUTLIER` standard deviations counts as one of so many: s is then e^2 / OUTLIER^2, and a wrong pose moves the
+state by a bounded amount.  A quantity that leaves its bounds is set to the bound, and all others go with it by their
+covariance (Simon 2010, Kalman filtering with state constraints, IET Control Theory & Applications 4, section 2.4).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.adaptation.formulas import PUSHED, AdaptiveFormulas
+from bcid.aliases import Floats, Ints
+from bcid.compiled.njit import njit
+from bcid.export.formulas import COMMANDS, START
+from bcid.export.graph import Node
+from bcid.export.tape import Tape, record_tape, run_tape
+from bcid.physics.kinematics import wrap_angle
+
+OUTLIER = 4.0
+"""Standard deviations from which on an innovation is taken for a wrong pose: one in 16,000 by chance."""
+
+
+class FilterNoise(NamedTuple):
+    """What the filter assumes: pushes on the twist, the poses' noise, what is known at first, and how it forgets."""
+
+    q: Floats  # (3,) on v_x, v_y (m/s/sqrt(s)) and yaw rate (rad/s/sqrt(s))
+    pose_sd: Floats  # (3,) m, m, rad
+    twist_sd: Floats  # (3,) of the first twist, m/s, m/s, rad/s
+    steering_sd: float  # of the first steering angle, rad
+    forget_s: float  # tau
+
+
+class CompiledFilter(NamedTuple):
+    """The formulas on tapes, and the numbers of the filter, for a state z (N,) of n states and k quantities."""
+
+    step: Tape  # f, then the elements of F that vary
+    pose: Tape  # h, then the elements of H that vary
+    F: Floats  # (n, N) the elements of F that are constant
+    H: Floats  # (3, N)
+    F_places: Ints  # (., 2) row and column of each element that varies
+    H_places: Ints
+    Q: Floats  # (N,) variances added in a period
+    r2: Floats  # (3,) variances of a pose
+    P_0: Floats  # (k,) variances of the quantities at first
+    forgotten: float  # a
+    low: Floats  # (k,) bounds of the quantities
+    high: Floats
+
+
+class FilterRun(NamedTuple):
+    """What a run of the filter over M poses gives."""
+
+    z: Floats  # (M, N) after each pose
+    variance: Floats  # (M, N)
+    innovation: Floats  # (M, 3) NaN where no pose was measured
+    log_likelihood: float
+
+
+def compile_filter(formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
+    """The filter of `formulas` with what `noise` assumes."""
+    inputs = [*_names(formulas), *(c.name for c in COMMANDS)]
+    step, F, F_places = _record(formulas.next_states, formulas.slopes, inputs)
+    pose, H, H_places = _record(formulas.pose, formulas.pose_slopes, inputs)
+    bounds = np.array([[q.low, q.high] for q in formulas.quantities])
+    P_0 = np.array([q.sd**2 for q in formulas.quantities])
+    f = CompiledFilter(
+        step, pose, F, H, F_places, H_places, np.zeros(F.shape[1]), np.zeros(3), P_0, 0.0, *bounds.T.copy()
+    )
+    return assume_noise(f, formulas, noise)
+
+
+def assume_noise(f: CompiledFilter, formulas: AdaptiveFormulas, noise: FilterNoise) -> CompiledFilter:
+    """The filter `f` of `formulas` with what another `noise` assumes."""
+    T = formulas.period_s
+    pushes = dict(zip(PUSHED, T * noise.q**2, strict=True))
+    Q = np.array([pushes.get(name, 0.0) for name in _names(formulas)])
+    return f._replace(Q=Q, r2=noise.pose_sd**2, forgotten=1.0 - math.exp(-T / noise.forget_s))
+
+
+def _names(formulas: AdaptiveFormulas) -> list[str]:
+    """The names of the numbers of z."""
+    return [*(s.name for s in formulas.states), *(q.name for q in formulas.quantities)]
+
+
+def start_filter(
+    formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats, delta: float
+) -> tuple[Floats, Floats]:
+    """State z (N,) and covariance P (N, N) at a pose (3,), a twist (3,) and a steering angle `delta` (rad).
+
+    Of the past nothing is known: the car coasts, its wheel held.
+    """
+    names = [s.name for s in formulas.states]
+    inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
+    tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
+    values = [q.start for q in formulas.quantities]
+    run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)
+    return np.r_[x, values], np.diag(first_variances(formulas, noise))
+
+
+def first_variances(formulas: AdaptiveFormulas, noise: FilterNoise) -> Floats:
+    """The variances (N,) of the numbers of z at first; states of which nothing is said are known."""
+    body, steering = ("p_x", "p_y", "theta", *PUSHED), ("delta", "delta_lagged", "delta_behind")
+    sd = dict(zip(body, (*noise.pose_sd, *noise.twist_sd), strict=True)) | dict.fromkeys(steering, noise.steering_sd)
+    return np.array([sd.get(s.name, 0.0) ** 2 for s in formulas.states] + [q.sd**2 for q in formulas.quantities])
+
+
+def _record(
+    values: tuple[Node, ...], slopes: tuple[tuple[Node, ...], ...], inputs: list[str]
+) -> tuple[Tape, Floats, Ints]:
+    """A tape of `values` and of the slopes that vary; the slopes that are constant, and the places of those that do."""
+    constant = np.array([[float(s.value or 0.0) if s.value is not None else 0.0 for s in row] for row in slopes])
+    varying = [(i, j) for i, row in enumerate(slopes) for j, s in enumerate(row) if s.value is None]
+    tape = record_tape([*values, *(slopes[i][j] for i, j in varying)], inputs)
+    return tape, constant, np.array(varying, np.int64).reshape(-1, 2)
+
+
+@njit
+def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses: Floats) -> FilterRun:
+    """Run the filter over M periods: `commands` (M, 2), each held for a period, and `poses` (M, 3) at the end of each.
+
+    `z` (N,) and `P` (N, N) are state and covariance before the first, and after the last on return.  A pose that is NaN
+    is passed over.
+    """
+    M, N, n = len(commands), len(z), len(f.F)
+    states, variances, innovations = np.empty((M, N)), np.empty((M, N)), np.full((M, 3), np.nan)
+    inputs, x, h = np.empty(N + 2), np.empty(n + len(f.F_places)), np.empty(3 + len(f.H_places))
+    step_places, pose_places = f.step.start.copy(), f.pose.start.copy()
+    F, H, FP, PH = f.F.copy(), f.H.copy(), np.empty((N, N)), np.empty(N)
+    total = 0.0
+    for k in range(M):
+        inputs[:N], inputs[N:] = z, commands[k]
+        run_tape(f.step, inputs, step_places, x)
+        for i in range(len(f.F_places)):
+            F[f.F_places[i, 0], f.F_places[i, 1]] = x[n + i]
+        forget(f, P, n)
+        predict_covariance(F, P, FP, f.Q)
+        z[:n] = x[:n]
+        if not math.isnan(poses[k, 0]):
+            total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k])
+        for i in range(N):
+            states[k, i], variances[k, i] = z[i], P[i, i]
+    return FilterRun(states, variances, innovations, total)
+
+
+@njit
+def forget(f: CompiledFilter, P: Floats, n: int) -> None:
+    """Let the quantities, from place `n` on, forget a part of what was learnt of them."""
+    kept = math.sqrt(1.0 - f.forgotten)
+    for i in range(n, len(P)):
+        for j in range(len(P)):
+            P[i, j] *= kept
+            P[j, i] *= kept
+    for i in range(n, len(P)):
+        P[i, i] += f.forgotten * f.P_0[i - n]
+
+
+@njit
+def predict_covariance(F: Floats, P: Floats, FP: Floats, Q: Floats) -> None:
+    """P becomes F P F' + diag(Q), where below the n rows of F stand those of the unit matrix; `FP` is worked on."""
+    n, N = F.shape
+    for i in range(N):
+        for j in range(N):
+            FP[i, j] = 0.0 if i < n else P[i, j]
+        if i < n:
+            for m in range(N):
+                slope = F[i, m]
+                if slope != 0.0:
+                    for j in range(N):
+                        FP[i, j] += slope * P[m, j]
+    for i in range(N):
+        for j in range(i, N):
+            if j < n:
+                total = 0.0
+                for m in range(N):
+                    total += FP[i, m] * F[j, m]
+            else:
+                total = FP[i, j]
+            P[i, j], P[j, i] = total, total
+        P[i, i] += Q[i]
+
+
+@njit
+def update(
+    f: CompiledFilter, z: Floats, P: Floats, pose: Floats, inputs: Floats, places: Floats, h: Floats, H: Floats,
+    PH: Floats, innovation: Floats,
+) -> float:  # fmt: skip
+    """Let a measured `pose` (3,) enter z and P; returns its log-likelihood.  What follows `pose` is worked on."""
+    N, total = len(z), 0.0
+    for c in range(3):
+        # anew for each number, as the one before has moved the state
+        inputs[:N] = z
+        run_tape(f.pose, inputs, places, h)
+        for i in range(len(f.H_places)):
+            H[f.H_places[i, 0], f.H_places[i, 1]] = h[3 + i]
+        e = pose[c] - h[c]
+        if c == 2:
+            e = wrap_angle(e)
+        s = f.r2[c]
+        for i in range(N):
+            PH[i] = 0.0
+            for j in range(N):
+                PH[i] += P[i, j] * H[c, j]
+        for i in range(N):
+            s += H[c, i] * PH[i]
+        s = max(s, e * e / (OUTLIER * OUTLIER))
+        for i in range(N):
+            z[i] += PH[i] * e / s
+            for j in range(N):
+                P[i, j] -= PH[i] * PH[j] / s
+        innovation[c] = e
+        total -= 0.5 * (math.log(2.0 * math.pi * s) + e * e / s)
+    keep_within(f, z, P)
+    return total
+
+
+@njit
+def keep_within(f: CompiledFilter, z: Floats, P: Floats) -> None:
+    """Set quantities that have left their bounds to these, and let all of z go with them by the covariance."""
+    n = len(f.F)
+    for i in range(n, len(z)):
+        off = min(max(z[i], f.low[i - n]), f.high[i - n]) - z[i]
+        if off != 0.0 and P[i, i] > 0.0:
+            bound = z[i] + off
+            for j in range(len(z)):
+                z[j] += P[j, i] * off / P[i, i]
+            z[i] = bound

@@ -1,0 +1,116 @@
+"""`bcid adapt`: constants of a car estimated while it drives, over a recording, and the filter as C."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bcid.cli import options
+from bcid.cli.completion import complete_saved_models
+from bcid.cli.options import Format
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from bcid.documents.adapt import AdaptDocument
+
+DEFAULT_FOLDER = Path("adapted")
+DEFAULT_FORGET_S = 120.0
+NAME = "car"
+
+
+def adapt(
+    model: Annotated[
+        str,
+        typer.Argument(
+            help="The name of a saved newton-euler model, of `diagnosis`, or its folder.", show_default=False,
+            autocompletion=complete_saved_models,
+        ),
+    ],
+    recording: Annotated[Path, typer.Argument(help="The recording that it follows.", show_default=False)],
+    quantity: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--quantity", "-q", show_default="mass",
+            help="What is estimated; repeat for several: mass, grip, motor, drag, a constant of the car such as C_f, "
+            "an effect such as steering_offset, or one parameter of it, EFFECT.SYMBOL.",
+        ),
+    ] = None,
+    forget: Annotated[
+        float, typer.Option(min=1.0, help="Time (s) after which what a drive no longer shows is forgotten.")
+    ] = DEFAULT_FORGET_S,
+    name: Annotated[str, typer.Option(help="What the functions in C are called.")] = NAME,
+    vehicle: options.VehicleOption = None,
+    commands: options.CommandsOption = None,
+    out: Annotated[Path, typer.Option("--out", help="The folder to write to.")] = DEFAULT_FOLDER,
+    pipeline: options.PipelineOption = None,
+    effects: options.EffectsOption = None,
+    allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
+    force: options.ForceOption = False,
+    format: options.FormatOption = Format.human,  # noqa: A002
+) -> None:  # fmt: skip
+    """Estimate mass, grip or other constants of a car while it drives, and write the filter that does so in C."""
+    from bcid.adaptation.adapt import adapt as adapt_model
+    from bcid.adaptation.adapt import as_adaptable
+    from bcid.adaptation.recovery import errors_over_time
+    from bcid.adaptation.write import write_adaptation
+    from bcid.cli.sink import Sink
+    from bcid.estimate.saving import load_estimate
+    from bcid.export.names import check_name
+    from bcid.files.outputs import staged_outputs
+    from bcid.models.saving import load_model, model_digest
+    from bcid.pipeline.named_models import find_model
+    from bcid.pipeline.run import Pipeline
+    from bcid.recording.saving import load_recording
+
+    sink, name = Sink(format), check_name(name)
+    # what is ingested and estimated lies in the pipeline file's workspace, or without one beside the results
+    home = out if vehicle and not pipeline else None
+    config = options.read_config(
+        pipeline, [recording], vehicle, home, commands, allow_partial, force, ignore_health, sink.note, effects
+    )
+    folder = find_model(model, lambda: options.workspace_of(pipeline))
+    work = Pipeline(config, sink)
+    work.refuse_unusable([recording])
+    taken, estimated = work.ingest(recording), work.estimate(recording)
+    with sink.stage("adapt") as progress, options.own_effects(config.effects):
+        estimate = load_estimate(estimated.folder)
+        car = as_adaptable(load_model(folder), work.vehicle, estimate)
+        progress(0.1, "the filter")
+        adapted = adapt_model(car, quantity or ["mass"], load_recording(taken.folder), estimate, forget_s=forget)
+        progress(0.6, "its predictions")
+        errors = errors_over_time(adapted, car, estimate)
+        with staged_outputs(out, lambda path: force) as staged:
+            document = write_adaptation(adapted, errors, estimate, name, model_digest(folder), staged)
+    sink.result(document.as_json(), lambda: _tables(document))
+    errors_of = document.errors
+    if errors_of.frozen is not None and (errors_of.adapted is None or errors_of.adapted > errors_of.frozen):
+        sink.note(
+            "warning: following these made predictions worse, so that something else has changed; "
+            "`bcid diagnose` says what"
+        )
+    sink.note(f"written to: {out}")
+    work.raise_if_parts_lost()
+
+
+def _tables(document: AdaptDocument) -> RenderableType:
+    """The quantities after the recording, and what following them was worth."""
+    from bcid.cli.sink import plain_table
+    from bcid.report.formats import format_with_error
+
+    rows = []
+    for q in document.quantities:
+        what = f"times {', '.join(q.constants)}" if q.is_factor else q.unit
+        end = " (at a bound)" if q.last in (q.low, q.high) else ""
+        rows.append([q.name, f"{q.first:g}", format_with_error(q.last, q.last_sd) + end, what])
+    errors = document.errors
+    frozen, adapted = ("lost" if x is None else f"{x:.3f} m" for x in (errors.frozen, errors.adapted))
+    caption = (
+        f"position after {errors.horizon_s:g} s, {errors.predictions} predictions, root mean square: {adapted} off "
+        f"as it was known at each moment, {frozen} as the model was"
+    )
+    columns = ["quantity", "at first", "at the end", "acts on"]
+    return plain_table(f"{document.model} on {document.recording}", columns, rows, caption)
