@@ -51,7 +51,7 @@ samples: $(READY)
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt torch
-	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e ".[networks,checks,export,dev]"
+	$(BIN)/pip install -q --disable-pip-version-check -c constraints.txt -e ".[networks,checks,export,fleet,dev]"
 	touch $(READY)
 
 clean:

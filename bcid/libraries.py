@@ -10,8 +10,9 @@ from bcid.errors import LibraryMissing
 EXTRAS = {
     "torch": "networks", "deap": "checks", "filterpy": "checks", "pysindy": "checks",
     "casadi": "export", "fmpy": "export", "onnx": "export", "onnxruntime": "export",
+    "distributed": "fleet",
 }  # fmt: skip
-"""The extra that installs each library: to train networks, to check answers against others', to export."""
+"""The extra that installs each library: to train networks, check answers against others', export, or use a cluster."""
 
 
 def is_installed(name: str) -> bool:

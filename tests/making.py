@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
+from bcid.execution.pool import Raised
 from bcid.files import source_code
 from bcid.simulation.drive import Drive
 from bcid.simulation.writing import write_motive_take
@@ -29,3 +34,30 @@ def circling_take(folder: Path, name: str = "circle", seconds: float = 20.0, rat
     path = folder / f"{name}.csv"
     write_motive_take(path, Drive(command_time, command, frame, pose, np.zeros((1, 8))), rate_hz, 0)
     return path
+
+
+class ThreadPool:
+    """Threads in place of processes, which share what stands in for slow work."""
+
+    def __init__(self, workers: int) -> None:
+        self.size = workers
+        self._threads, self._running = ThreadPoolExecutor(workers), dict[Future[Any], Any]()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._threads.shutdown()
+
+    @property
+    def free(self) -> int:
+        return self.size - len(self._running)
+
+    def submit(self, key: Any, call: Callable[[], Any]) -> None:
+        self._running[self._threads.submit(call)] = key
+
+    def next_results(self) -> list[tuple[Any, Any]]:
+        done = wait(self._running, return_when=FIRST_COMPLETED).done
+        return [(self._running.pop(f), Raised(error) if (error := f.exception()) else f.result()) for f in done]

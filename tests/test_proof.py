@@ -6,7 +6,6 @@ import json
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, replace
 from itertools import islice, takewhile
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from docs_tables import evidence_table
+from making import ThreadPool
 
 from bcid.cli.app import main
 from bcid.diagnosis.diagnose import Diagnosis, diagnose_recordings
@@ -168,9 +168,7 @@ def test_a_run_ends_in_time_and_goes_on(tmp_path: Path, made: list[str]) -> None
 def test_several_at_a_time_end_in_time_and_go_on(
     tmp_path: Path, made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "bcid.proof.workers.process_pool", ThreadPoolExecutor
-    )  # which shares what stands in for a diagnosis
+    monkeypatch.setattr("bcid.execution.jobs.make_pool", ThreadPool)  # which shares what stands in for a diagnosis
     cases = list(takewhile(lambda case: case.tier != "half-size", draw_suite(2, 1, 4, 0, 0)))[-20:]
     assert list(run_all_cases(cases, tmp_path, 3, minutes=0.0)) == []
     first = [r["case"] for r in islice(run_all_cases(cases, tmp_path, 3), 5)]
@@ -539,8 +537,11 @@ def test_all_that_is_asked_for_is_in_the_suite() -> None:
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
 def test_workers_end_with_who_started_them() -> None:
     """A run that is killed leaves none behind that would keep the cores busy for what nobody reads."""
-    begin = "import os, time; from bcid.proof.workers import process_pool; pool = process_pool(1); "
-    work = "print(pool.submit(os.getpid).result(), flush=True); pool.submit(time.sleep, 600); time.sleep(600)"
+    begin = "import os, time; from functools import partial; from bcid.execution.pool import WorkerPool; "
+    work = (
+        "pool = WorkerPool(1); pool.submit(0, os.getpid); print(pool.next_results()[0][1], flush=True); "
+        "pool.submit(1, partial(time.sleep, 600)); time.sleep(600)"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", begin + work], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as run:

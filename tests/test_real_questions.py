@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cars import CAR
+from making import ThreadPool
 
 from bcid.cli.app import main
 from bcid.diagnosis.reference_model import ReferenceModel
@@ -107,7 +107,7 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         ),
     ):
         monkeypatch.setattr(module, name, answering(name, row))
-    monkeypatch.setattr("bcid.proof.workers.process_pool", ThreadPoolExecutor)  # shares the stand-ins
+    monkeypatch.setattr("bcid.execution.jobs.make_pool", ThreadPool)  # shares the stand-ins
     return done
 
 

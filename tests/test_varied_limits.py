@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from making import ThreadPool
 
 import bcid
 from bcid.cli import show
@@ -296,7 +296,7 @@ def variations_asked_for(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Var
             keep(variation, UNKNOWN if hangs else NAMED)
 
     monkeypatch.setattr(runs, "tell_variations", tell_stand_in)
-    monkeypatch.setattr("bcid.proof.workers.process_pool", ThreadPoolExecutor)
+    monkeypatch.setattr("bcid.execution.jobs.make_pool", ThreadPool)
     return calls
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from bcid.execution.jobs import run_jobs
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.diagnose_case import diagnose_concealed_drive
 from bcid.proof.rows import append_row, code_digest, read_rows
-from bcid.proof.workers import run_jobs
 
 ROW_MODULES = ("bcid.simulation.drive", "bcid.simulation.room_drive", "bcid.proof.blind.diagnose_case")
 """Modules whose code, with all that they import, decides what a row holds."""

@@ -11,12 +11,12 @@ import numpy as np
 
 from bcid.diagnosis.limits import DECIDING_LIMITS
 from bcid.documents.varied_limits import VariedLimitsDocument
+from bcid.execution.jobs import run_jobs
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.limit_panel import EXAMPLE
 from bcid.proof.blind.varied_take import FACTORS, Variation, list_variations, tell_variations
 from bcid.proof.rows import append_row, code_digest, read_rows
 from bcid.proof.scores.limit_changes import VariedRow, count_changes
-from bcid.proof.workers import run_jobs
 
 ROW_MODULES = ("bcid.simulation.drive", "bcid.simulation.room_drive", "bcid.proof.blind.varied_take")
 """Modules whose code, with all that they import, decides what a row holds."""

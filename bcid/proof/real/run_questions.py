@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from bcid.errors import BcidError, UsageError
+from bcid.execution.jobs import run_jobs
 from bcid.proof.real.jobs import Job, list_jobs
 from bcid.proof.real.scoring import may_have_answer, score_jobs
 from bcid.proof.real.variations import AS_ASKED
 from bcid.proof.rows import append_row, read_rows
-from bcid.proof.workers import run_jobs
 
 Announce = Callable[[str, float], None]
 

@@ -1,0 +1,97 @@
+"""Jobs done one after the other or several at a time, and their results as they end."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from typing import Any, Protocol, TypeVar
+
+from bcid.errors import BcidError
+from bcid.execution.limits import LIMITS
+from bcid.execution.pool import Died, Raised, WorkerPool
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+class ProcessLost(BcidError):
+    """The process that did a job died each time that it was tried: it ran out of memory, or was killed."""
+
+
+class Pool(Protocol):
+    """Where calls are done: `WorkerPool`, or a cluster."""
+
+    size: int
+
+    @property
+    def free(self) -> int:
+        """How many more calls can be done at the same time."""
+
+    def submit(self, key: Any, call: Callable[[], Any]) -> None:
+        """Let `call` be done; its result will be given under `key`."""
+
+    def next_results(self) -> list[tuple[Any, Any]]:
+        """Wait until a call or more have ended; their keys and results, `Raised` errors or `Died`."""
+
+
+def run_jobs(
+    jobs: Iterable[Job], prepare: Callable[[Job], Callable[[], Result] | None], workers: int,
+    lost: Callable[[Job], Result] | None = None,
+) -> Iterator[tuple[Job, Result]]:  # fmt: skip
+    """Run jobs in `workers` processes, or in this process if `workers` is 1; yield (job, result) as each ends.
+
+    `prepare(job)` returns the function that does a job, or None while the job may not begin (for example before
+    another has ended).  Several processes ask again after every result.  Jobs begin in their order, so a job must
+    come after those that it needs; jobs that still may not begin when no job runs are dropped.  A job whose process
+    dies is done once more; if it dies `LIMITS.max_deaths` times, its result is `lost(job)`.
+
+    Raises:
+        ProcessLost: the process of a job died so often, and `lost` is not given.
+    """
+    if workers <= 1:
+        for job in jobs:
+            if (call := prepare(job)) is not None:
+                yield job, call()
+        return
+    yield from run_jobs_in(make_pool(workers), jobs, prepare, lost)
+
+
+def make_pool(workers: int) -> AbstractContextManager[Pool]:
+    """Processes of this machine."""
+    return WorkerPool(workers)
+
+
+def run_jobs_in(
+    entered: AbstractContextManager[Pool], jobs: Iterable[Job], prepare: Callable[[Job], Callable[[], Result] | None],
+    lost: Callable[[Job], Result] | None = None,
+) -> Iterator[tuple[Job, Result]]:  # fmt: skip
+    """Run jobs as `run_jobs` does, in a pool that is entered and left here."""
+    waiting, running, deaths = list(jobs), dict[int, Job](), Counter[int]()
+    numbers = {id(job): number for number, job in enumerate(waiting)}
+    with entered as pool:
+        while True:
+            for job in list(waiting):
+                if pool.free > 0 and (call := prepare(job)) is not None:
+                    waiting.remove(job)
+                    running[numbers[id(job)]] = job
+                    pool.submit(numbers[id(job)], call)
+            if not running:
+                return
+            for number, result in pool.next_results():
+                job = running.pop(number)
+                if isinstance(result, Raised):
+                    raise result.error
+                if not isinstance(result, Died):
+                    yield job, result
+                    continue
+                deaths[number] += 1
+                if deaths[number] < LIMITS.max_deaths:
+                    waiting.insert(0, job)
+                elif lost is not None:
+                    yield job, lost(job)
+                else:
+                    raise ProcessLost(
+                        f"{job}: its process died {deaths[number]} times (exit code {result.code}), out of memory or "
+                        "killed\n  next: give it fewer --workers, or look into the system's log"
+                    )

@@ -1,0 +1,151 @@
+"""Processes of this machine that do one call after the other, and of which each may die without the others' loss."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import Connection, wait
+from threading import Thread
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+from bcid.execution.limits import LIMITS
+
+Call = Callable[[], Any]
+
+
+class Died(NamedTuple):
+    """What is there in place of a result where the process died that was to give it; `code` is its exit code."""
+
+    code: int | None
+
+
+class Raised(NamedTuple):
+    """What is there in place of a result where the call raised an error."""
+
+    error: BaseException
+
+
+class _Worker:
+    """A process that does calls, and the connection by which it is given them."""
+
+    def __init__(self) -> None:
+        # by "spawn", since OpenMP does not survive a fork
+        context = get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=_do_calls, args=(theirs,), daemon=True)
+        self.process.start()
+        theirs.close()
+
+    def end(self) -> None:
+        """End the process, by force if it does not."""
+        self.connection.close()
+        self.process.terminate()
+        self.process.join(LIMITS.end_within_s)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+
+
+class WorkerPool:
+    """Processes of one thread each, which end when this process ends."""
+
+    def __init__(self, workers: int) -> None:
+        """Make a pool of at most `workers` processes, each started when it is needed first."""
+        self.size = workers
+        self._idle: list[_Worker] = []
+        self._busy: dict[_Worker, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End all processes at once, whatever they do."""
+        for worker in (*self._idle, *self._busy):
+            worker.end()
+        self._idle, self._busy = [], {}
+
+    @property
+    def free(self) -> int:
+        """How many more calls can be done at the same time."""
+        return self.size - len(self._busy)
+
+    def submit(self, key: Any, call: Call) -> None:
+        """Let a free process do `call`, whose result will be given under `key`."""
+        worker = self._idle.pop() if self._idle else _Worker()
+        try:
+            worker.connection.send(call)
+        except OSError:  # it died while it was idle
+            worker.end()
+            worker = _Worker()
+            worker.connection.send(call)
+        self._busy[worker] = key
+
+    def next_results(self) -> list[tuple[Any, Any]]:
+        """Wait until a call or more have ended; their keys and results, `Raised` errors or `Died`."""
+        at = {w.connection: w for w in self._busy} | {w.process.sentinel: w for w in self._busy}
+        ended = dict.fromkeys(at[ready] for ready in wait(list(at)))  # type: ignore[index]  # what was given
+        return [(self._busy[worker], self._take_result(worker)) for worker in ended]
+
+    def _take_result(self, worker: _Worker) -> Any:
+        """What the ended call of a worker gave; a worker that lives is free again."""
+        result: Any
+        try:
+            result = worker.connection.recv() if worker.connection.poll() else None
+            lives = result is not None
+        except (EOFError, OSError):
+            lives = False
+        del self._busy[worker]
+        if not lives:
+            worker.process.join()
+            code = worker.process.exitcode
+            worker.end()
+            return Died(code)
+        self._idle.append(worker)
+        return result[0]
+
+
+def _do_calls(connection: Connection) -> None:
+    """Do calls as they come, in a process of its own: one thread, deaf to Ctrl-C, ending with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_exit_with_parent, daemon=True).start()
+    use_one_thread()
+    while True:
+        try:
+            call = connection.recv()
+        except EOFError:
+            return
+        try:
+            result = call()
+        except Exception as error:  # it is raised where the result is asked for
+            result = Raised(error)
+        _send(connection, result)
+
+
+def _send(connection: Connection, result: Any) -> None:
+    """Send a result, in a tuple of its own, so that nothing is a result as well; or why it cannot be sent."""
+    try:
+        connection.send((result,))
+    except (TypeError, ValueError, AttributeError) as error:
+        connection.send((Raised(RuntimeError(f"a result cannot be sent to another process: {error}")),))
+
+
+def use_one_thread() -> None:
+    """Let compiled loops and linear algebra of this process use one thread, as the workers share the cores."""
+    import numba
+    from threadpoolctl import threadpool_limits
+
+    numba.set_num_threads(1)
+    threadpool_limits(1)
+
+
+def _exit_with_parent() -> None:
+    """Wait, in a thread, for the parent process to end; then exit this worker at once, as nobody reads its results."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

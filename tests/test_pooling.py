@@ -1,0 +1,96 @@
+"""Recordings of one car pooled: what all share, what is each one's own, and how much these differ."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bcid.aliases import Floats
+from bcid.fleet.pooling import Summary, pool, pool_at
+
+N, FORCES = 4, np.array([[-1.0], [-1.0], [-1.0], [0.0]])
+TRUE = np.array([1.0, -0.5, 2.0, 0.3])
+
+
+def draw_summaries(count: int, spread: float, seed: int, strength: float = 400.0) -> tuple[list[Summary], Floats]:
+    """Summaries of recordings of a car whose load differs by `spread`, and the loads."""
+    rng = np.random.default_rng(seed)
+    loads, summaries = spread * rng.standard_normal(count), []
+    for load in loads:
+        root = rng.standard_normal((N, N))
+        H = strength * (root @ root.T / N + 0.2 * np.eye(N))
+        phi = TRUE + FORCES[:, 0] * load
+        summaries.append(Summary(rng.multivariate_normal(phi, np.linalg.inv(H)), H, np.zeros(N)))
+    return summaries, loads
+
+
+def test_without_differences_pooling_is_the_weighted_mean() -> None:
+    summaries, _ = draw_summaries(5, 0.0, 1)
+    pooled = pool_at(summaries, FORCES, np.array([1e-9]))
+    H = sum(s.information for s in summaries)
+    mean = np.linalg.solve(H, sum(s.information @ s.phi for s in summaries))  # type: ignore[arg-type]
+    assert pooled.shared == pytest.approx(mean, rel=1e-6)
+    assert pooled.shared_covariance == pytest.approx(np.linalg.inv(H), rel=1e-5)  # type: ignore[arg-type]
+    assert np.abs(pooled.own).max() < 1e-9
+
+
+def test_with_free_differences_each_recording_has_its_own() -> None:
+    """With nothing known of tau, recordings of a car of one constant keep their own values."""
+    alone = [Summary(np.array([x]), np.array([[50.0]]), np.zeros(1)) for x in (1.0, 2.0, 4.0)]
+    pooled = pool_at(alone, np.array([[1.0]]), np.array([1e4]))
+    assert (pooled.shared + pooled.own[:, 0]).tolist() == pytest.approx([1.0, 2.0, 4.0], abs=1e-4)
+
+
+def test_the_spread_of_loads_is_found() -> None:
+    found = []
+    for seed in range(8):
+        summaries, _ = draw_summaries(40, 0.15, seed)
+        found.append(float(pool(summaries, FORCES, np.array([0.3])).spread[0]))
+    assert np.mean(found) == pytest.approx(0.15, rel=0.1)
+
+
+def test_intervals_of_loads_and_constants_hold() -> None:
+    off = []
+    for seed in range(12):
+        summaries, loads = draw_summaries(20, 0.15, seed)
+        pooled = pool(summaries, FORCES, np.array([0.3]))
+        off += ((pooled.own[:, 0] - loads) / pooled.own_sd[:, 0]).tolist()
+        sd = np.sqrt(np.diag(pooled.shared_covariance))
+        off.append((pooled.shared[3] - TRUE[3]) / sd[3])
+    assert np.mean(np.abs(off) < 1.96) > 0.9
+    assert 0.5 < np.mean(np.square(off)) < 1.3
+
+
+def test_pooling_is_better_than_each_alone() -> None:
+    summaries, loads = draw_summaries(20, 0.15, 3, strength=40.0)
+    pooled = pool(summaries, FORCES, np.array([0.3]))
+    true = [TRUE + FORCES[:, 0] * load for load in loads]
+    alone = np.mean([np.sum((s.phi - t) ** 2) for s, t in zip(summaries, true, strict=True)])
+    together = np.mean([np.sum((pooled.constants_of(i, FORCES) - t) ** 2) for i, t in enumerate(true)])
+    assert together < 0.5 * alone
+
+
+def test_a_slope_leads_to_the_optimum() -> None:
+    """A recording linearised elsewhere, with its slope there, says the same as at its optimum."""
+    summaries, _ = draw_summaries(6, 0.1, 4)
+    shift = np.array([0.05, -0.02, 0.04, 0.01])
+    moved = [Summary(s.phi + shift, s.information, -s.information @ shift) for s in summaries]
+    one, other = (pool(each, FORCES, np.array([0.3])) for each in (summaries, moved))
+    assert other.shared == pytest.approx(one.shared, rel=1e-8)
+    assert other.own == pytest.approx(one.own, abs=1e-8)
+
+
+def test_the_likelihood_is_largest_at_the_spread_that_is_found() -> None:
+    summaries, _ = draw_summaries(30, 0.15, 5)
+    pooled = pool(summaries, FORCES, np.array([0.3]))
+    for factor in (0.8, 1.25):
+        other = pool_at(summaries, FORCES, factor * pooled.spread)
+        assert other.log_likelihood < pooled.log_likelihood
+
+
+def test_a_constant_that_no_recording_shows_does_no_harm() -> None:
+    summaries, _ = draw_summaries(6, 0.1, 6)
+    blind = [Summary(np.append(s.phi, 7.0), np.pad(s.information, (0, 1)), np.append(s.slope, 0.0)) for s in summaries]
+    pooled = pool(blind, np.append(FORCES, [[0.0]], axis=0), np.array([0.3]))
+    assert np.isfinite(pooled.shared).all()
+    assert pooled.shared[:N] == pytest.approx(pool(summaries, FORCES, np.array([0.3])).shared, rel=1e-5)
