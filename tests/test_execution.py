@@ -33,7 +33,7 @@ def process_number() -> int:
 def die_unless_marked(mark: Path, number: int) -> int:
     """The number, unless nothing has been marked yet: then the process ends itself as the kernel would."""
     if not mark.exists():
-        mark.write_text("died once")
+        mark.write_text("died once", encoding="utf-8")
         os.kill(os.getpid(), signal.SIGKILL)
     return number
 
@@ -135,16 +135,16 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", address, "--no-dashboard"]
     workers = ["-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard"]
     path = os.pathsep.join([str(Path(__file__).parent), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-    with (folder / "log").open("w") as log:
+    with (folder / "log").open("w", encoding="utf-8") as log:
         begun = [
             subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, env=os.environ | {"PYTHONPATH": path})
             for command in (dask, [sys.executable, *workers])
         ]
     until = time.monotonic() + 60.0
     try:
-        while (folder / "log").read_text().count("Registered to") < 2:
+        while (folder / "log").read_text(encoding="utf-8").count("Registered to") < 2:
             if time.monotonic() > until:
-                pytest.fail((folder / "log").read_text()[-2000:])
+                pytest.fail((folder / "log").read_text(encoding="utf-8")[-2000:])
             time.sleep(0.2)
         yield address
     finally:

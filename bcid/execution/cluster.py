@@ -36,10 +36,11 @@ class Cluster:
             LibraryMissing: Dask is not installed.
         """
         require_library("distributed", "--dask")
-        from distributed import Client
+        import distributed
 
         try:
-            self._client = Client(self.address, timeout=CONNECT_WITHIN_S, set_as_default=False)
+            make: Any = distributed.Client
+            self._client = make(self.address, timeout=CONNECT_WITHIN_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise UsageError(
                 f"--dask {self.address}: no scheduler answers: {error}\n"
@@ -87,8 +88,9 @@ class Cluster:
 
     def next_results(self) -> list[tuple[Any, Any]]:
         """Wait until a call or more have ended; their keys and results, `Raised` errors or `Died`."""
-        from distributed import wait
+        import distributed
 
+        wait: Any = distributed.wait
         with self._client.as_current():
             done = wait(list(self._running), return_when="FIRST_COMPLETED").done
         return [(self._running.pop(future), self._take_result(future)) for future in done]

@@ -84,7 +84,8 @@ def pool_at(summaries: Sequence[Summary], directions: Floats, spread: Floats) ->
         r += b - H_so @ np.linalg.solve(A, b_o)
         constant += _log_normalisation(each, A, D, b_o)
     S[np.diag_indices(n)] += RIDGE * np.diag(S).max()
-    shared, covariance = np.linalg.solve(S, r), np.linalg.inv(S)
+    shared = np.asarray(np.linalg.solve(S, r), float)
+    covariance = np.asarray(np.linalg.inv(S), float)
     own, own_sd = np.empty((len(summaries), k)), np.empty((len(summaries), k))
     for i, each in enumerate(summaries):
         H_so, A, _, b_o = _eliminate(each, directions, D)
