@@ -48,7 +48,7 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
     if len(knots["time_s"]) >= LIMITS.min_knots:
         inside, words = located_knots(diagnosis, knots)
         if LIMITS.min_knots // 3 <= inside.sum() < len(inside):
-            caption = f"There: {words}. Dashed lines: means."
+            caption = f"There: {words}. Dotted lines: means."
             panels = tuple(_draw_residual_histograms(choose_residual(diagnosis, knots), inside))
             pictures.append(Picture("Residuals where the mismatch was located, and elsewhere", caption, panels))
     return pictures

@@ -36,7 +36,7 @@ VARIABLES = {INK: "ink", MUTED: "muted", RULE: "rule", BEFORE: "before", AFTER: 
 # Neither light nor dark: for what is drawn into pixels, which no stylesheet recolours.
 DOT_COLOUR, UNDRIVEN_COLOUR = "#808080", "#80808040"
 WIDTH = 5.0  # of a panel (inches): its words have the size of the page's where a page is 360 px wide
-TEXT_SIZE = 9.5  # points
+TEXT_SIZE = 10.0  # points
 DOTS_PER_INCH = 160  # of what is drawn into pixels
 UNCHANGED = "base model"  # the only stage where nothing was changed
 

@@ -189,7 +189,7 @@ def _draw_channel_errors(content: ReportContent, shown: Bools, channel: int) -> 
     tick = float(f"{frame / 1.5:.1g}")
     for ax in rows:
         ax.set_yticks([-tick, tick], [f"−{tick:g}", f"+{tick:g}"])
-        ax.tick_params(labelsize=TEXT_SIZE - 2.0, color=MUTED)
+        ax.tick_params(labelsize=TEXT_SIZE - 1.5, color=MUTED)
     for ax in (top, *rows[:-1]):
         ax.spines["bottom"].set_visible(False)
         ax.tick_params(axis="x", length=0)

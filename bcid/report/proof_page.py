@@ -205,7 +205,6 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]]) -> Markup:
     ax = figure.subplots()
     # pale enough, over white as over black, for the page's ink to be read upon it
     shade = LinearSegmentedColormap.from_list("shade", [(0.0, 0.4, 0.75, 0.1), (0.0, 0.4, 0.75, 0.5)])
-    shade.set_bad((0.0, 0.0, 0.0, 0.0))
     ax.imshow(np.ma.masked_equal(shares, 0.0), cmap=shade, vmin=0.0, vmax=1.0, aspect="auto", interpolation="nearest")
     style_axes(ax)
     ax.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=8)
@@ -230,8 +229,8 @@ def draw_calibration(calibration: Calibration) -> Markup:
         if b.there_ci95:
             ax.plot([b.stated] * 2, b.there_ci95, color=AFTER, lw=1)
         ax.annotate(
-            f"{b.n:.0f}", (b.stated, b.there), textcoords="offset points", xytext=(6, -10), fontsize=TEXT_SIZE - 0.5,
-            color=INK,
+            f"{b.n:.0f}", (b.stated, b.there), textcoords="offset points", xytext=(-6, -10), ha="right", color=INK,
+            fontsize=TEXT_SIZE - 0.5,
         )  # fmt: skip
     ax.set_xlabel("stated probability")
     ax.set_ylabel("share that was there")
