@@ -32,6 +32,10 @@ class ReportLimits:
     # Stretches of 1.5 s below which a page says what so short a take can show: no kind of simulated take on which
     # verdicts are counted (docs/results/prove.json) lasts less than 45 s.
     short_stretches: int = 30
+    # Share of an error below which its change is told as hardly any, and what the evidence is instead.
+    hardly_changed_share: float = 0.02
+    # Times the noise floor above which the verdict says what keeps the error there.
+    above_floor: float = 1.5
     # Rows from which a table is folded.
     folded_rows: int = 8
 

@@ -12,7 +12,7 @@ from bcid.estimate.saving import EstimateSummary, load_estimate
 from bcid.evaluation.closed_loop import time_rollout_ms
 from bcid.models.saving import load_model
 from bcid.recording.saving import RecordingSummary
-from bcid.report.content import ModelResult, ReportContent, TakeSummary, build_report
+from bcid.report.content import ModelResult, PublishedFigures, ReportContent, TakeSummary, build_report
 from bcid.report.page import write_report_page
 
 
@@ -77,6 +77,7 @@ def run_report_stage(
         ],
         restart_s=float(settings["restart_s"]),
         diagnosis=None if diagnosis is None else DiagnosisDocument.read(diagnosis / "diagnosis.json"),
+        published=PublishedFigures(**settings["published"]) if settings.get("published") else None,
         losses=[
             LossScore(**{**EvaluationDocument.read(b.evaluation / "evaluation.json").as_json(), **b._asdict()})
             for b in losses
