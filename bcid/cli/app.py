@@ -89,7 +89,7 @@ def report(
     sink.result(document.as_json(), lambda: show.comparison_table(document))
     if document.diagnosis:
         sink.note(f"diagnosis: {document.diagnosis.sentence}")
-        sink.note(f"diagnosis page: {work.publish(work.diagnose(), *diagnosing.DIAGNOSIS_FILES, to='diagnosis')}")
+        sink.note(f"diagnosis page: {diagnosing.publish_diagnosis(work, work.diagnose(), 'diagnosis')}")
     sink.note(f"report: {page}")
     work.raise_if_parts_lost()
 

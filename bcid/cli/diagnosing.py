@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,9 +11,15 @@ from bcid.cli import options
 from bcid.cli.options import Format
 from bcid.errors import UsageError
 
+if TYPE_CHECKING:
+    from bcid.pipeline.run import Pipeline
+    from bcid.store.artifact import Artifact
+
 DEFAULT_PLAN = Path("plans/plan.commands.csv")
 OTHER_PLAN = "name another file with --out"
-DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
+PAGE_FILES = ("diagnosis.html", "model_card.json")
+FOUND_FILES = ("diagnosis.json", "model", "next_manoeuvre.commands.csv")
+DIAGNOSIS_FILES = (*PAGE_FILES, *FOUND_FILES)
 
 
 def diagnose(
@@ -38,7 +44,7 @@ def diagnose(
     """Name the physics that recordings show and the model lacks, and prove it by predicting held-out blocks of them."""
     from bcid.cli import show
     from bcid.cli.sink import Sink
-    from bcid.documents.diagnosis import DiagnosisDocument
+    from bcid.documents.full_diagnosis import FullDiagnosis
     from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
@@ -47,11 +53,18 @@ def diagnose(
     home = "" if recordings else "diagnosis"
     work.refuse_to_publish_over(*DIAGNOSIS_FILES, to=home)
     artifact = work.diagnose(simulation)
-    page = work.publish(artifact, *DIAGNOSIS_FILES, to=home)
-    document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
+    page = publish_diagnosis(work, artifact, home)
+    document = FullDiagnosis.read(artifact.folder / "diagnosis.json")
     sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
     sink.note(f"page: {page}\nmodel: {page.parent / 'model'} (bcid report --model, bcid simulate --model)")
     work.raise_if_parts_lost()
+
+
+def publish_diagnosis(work: Pipeline, found: Artifact, home: str) -> Path:
+    """Publish a diagnosis with its page in the folder `home` of the workspace; return the page's path."""
+    page = work.diagnosis_page(found)
+    work.publish(found, *FOUND_FILES, to=home)
+    return work.publish(page, *PAGE_FILES, to=home)
 
 
 def write_plan(

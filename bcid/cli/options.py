@@ -5,6 +5,9 @@ Every command's module imports this one to be listed in the help, so what reads 
 
 from __future__ import annotations
 
+import os
+import shlex
+import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -59,6 +62,17 @@ IgnoreHealthOption = Annotated[
 ]
 
 
+def command_line() -> str:
+    """The command line as it was typed, with the program's bare name and ~ for the user's folder."""
+    home = f"{Path.home()}{os.sep}"
+
+    def quote(word: str) -> str:
+        """One word of the line as a shell reads it."""
+        return f"~{os.sep}{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
+
+    return " ".join(["bcid", *map(quote, sys.argv[1:])])
+
+
 def read_config(
     pipeline: Path | None = None,
     recordings: list[Path] | None = None,
@@ -79,7 +93,9 @@ def read_config(
     """
     from bcid.pipeline.config import PipelineConfig, read_pipeline_file
 
-    said = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
+    said = {
+        "allow_partial": allow_partial, "force": force, "ignore_health": ignore_health, "command": command_line(),
+    }  # fmt: skip
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")

@@ -3,23 +3,25 @@
 import json
 from pathlib import Path
 
-from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.document import Document
 from bcid.documents.export import ExportDocument
+from bcid.documents.full_diagnosis import FullDiagnosis
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
+from bcid.documents.model_card import ModelCard
 from bcid.documents.prove import ProveDocument
 from bcid.documents.prove_real import RealProofDocument
 from bcid.documents.report import EvaluationDocument, ReportDocument
 from bcid.documents.varied_limits import VariedLimitsDocument
 
 DOCUMENTS: dict[str, type[Document]] = {
-    "diagnosis": DiagnosisDocument,
+    "diagnosis": FullDiagnosis,
     "evaluation": EvaluationDocument,
     "export": ExportDocument,
     "health": HealthDocument,
     "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,
+    "model_card": ModelCard,
     "prove": ProveDocument,
     "prove_real": RealProofDocument,
     "report": ReportDocument,

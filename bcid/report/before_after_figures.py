@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from bcid.aliases import Bools
+from bcid.aliases import Bools, Floats
 from bcid.documents.diagnosis import DiagnosisDocument, HorizonError
 from bcid.report import canvas
 from bcid.report.canvas import AFTER, BEFORE, UNCHANGED, WIDTH, Columns, Picture, insert_gaps, render_data_uri
@@ -31,13 +31,7 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
         caption = "Closed-loop error on held-out blocks with 95 % intervals (block bootstrap); bars: the noise floor."
         pictures.append(Picture("Error by horizon", caption, _draw_horizon_errors(diagnosis.horizons)))
     if len(tracks["time_s"]) > 2:
-        shown = _worst_rows(tracks)
-        begin, end = tracks["time_s"][shown][[0, -1]]
-        caption = (
-            f"The {end - begin:.0f} s from {begin:.0f} s on, where the base model misses most; predictions start anew "
-            "from the measured state every 2 s (crosses). Held-out throughout."
-        )
-        pictures.append(Picture("Predicted paths where the base model is worst", caption, _draw_paths(tracks, shown)))
+        pictures.append(_picture_paths(tracks))
     if len(knots["time_s"]) >= LIMITS.min_knots:
         inside, words = located_knots(diagnosis, knots)
         if LIMITS.min_knots // 3 <= inside.sum() < len(inside):
@@ -105,11 +99,36 @@ def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> str:
     return render_data_uri(figure)
 
 
-def _worst_rows(tracks: Columns) -> npt.NDArray[np.intp]:
-    """Rows of the STRETCH_S seconds, from a restart on, with the largest squared position errors of the base model."""
+def _picture_paths(tracks: Columns) -> Picture:
+    """Predicted paths over the STRETCH_S seconds in which the findings help most; without any, the base model misses."""
+    before, after = (_squared_miss(tracks, stage) for stage in ("before", "after"))
+    changed = not np.allclose(before, after, equal_nan=True)
+    shown = _stretch_of_largest_sum(tracks, before - after if changed else before)
+    begin, end = tracks["time_s"][shown][[0, -1]]
+    again = "predictions start anew from the measured state every 2 s (crosses). Held-out throughout."
+    if not changed:
+        caption = f"The {end - begin:.0f} s from {begin:.0f} s on, where the base model misses most; {again}"
+        return Picture("Predicted paths where the base model is worst", caption, _draw_paths(tracks, shown))
+    here, whole = (
+        [f"{100.0 * np.sqrt(np.nanmean(square[rows])):.2g}" for square in (before, after)]
+        for rows in (shown, slice(None))
+    )
+    caption = (
+        f"The {end - begin:.0f} s from {begin:.0f} s on, where what was found helps most: the miss (RMS) falls from "
+        f"{here[0]} to {here[1]} cm, in the whole recording from {whole[0]} to {whole[1]} cm; {again}"
+    )
+    return Picture("Predicted paths where what was found helps most", caption, _draw_paths(tracks, shown))
+
+
+def _squared_miss(tracks: Columns, stage: str) -> Floats:
+    """Squared distances (K,) of predicted from measured positions, of the stage "before" or "after"."""
+    return np.asarray((tracks[f"{stage}_x"] - tracks["x"]) ** 2 + (tracks[f"{stage}_y"] - tracks["y"]) ** 2)
+
+
+def _stretch_of_largest_sum(tracks: Columns, values: Floats) -> npt.NDArray[np.intp]:
+    """Rows of the STRETCH_S seconds, from a restart on, with the largest sum of the `values` (K,)."""
     time = tracks["time_s"]
-    square = (tracks["before_x"] - tracks["x"]) ** 2 + (tracks["before_y"] - tracks["y"]) ** 2
-    total = np.r_[0.0, np.cumsum(np.nan_to_num(square))]
+    total = np.r_[0.0, np.cumsum(np.nan_to_num(values))]
     starts = np.flatnonzero(tracks["start"] > 0.5)
     starts = starts if len(starts) else np.array([0])
     ends = np.searchsorted(time, time[starts] + STRETCH_S)

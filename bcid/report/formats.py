@@ -101,6 +101,21 @@ def format_with_error(value: float | None, se: float | None, unit: str | None = 
     return f"{format_rounded(value, places)} ± {format_rounded(se, places)}{after}"
 
 
+def format_with_percent(value: float | None, se: float | None, unit: str | None = None) -> str:
+    """A value ± its standard error with its unit, and in brackets that error in percent of the value.
+
+    There are no brackets where that says nothing: where the error is as large as the value, or the value is a share.
+
+    >>> format_with_percent(3594.0, 118.0, "N/rad"), format_with_percent(0.02, 0.03, "m")
+    ('3590 ± 120 N/rad (3 %)', '0.02 ± 0.03 m')
+    """
+    text = format_with_error(value, se, unit)
+    if not (unit_text(unit) and value and se and isfinite(value) and 0.0 < se < abs(value)):
+        return text
+    share = 100.0 * se / abs(value)
+    return f"{text} ({f'{share:.0f}' if share >= 0.95 else f'{share:.1g}'} %)"
+
+
 def format_p_value(p: float | None) -> str:
     """A p-value as text such as "p = 0.43", empty where there is none.
 

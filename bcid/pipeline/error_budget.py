@@ -1,0 +1,187 @@
+"""What the held-out prediction error of a diagnosis's base model is made of: each finding, noise, and the rest.
+
+For every set of findings the car with these and no others is predicted closed loop, 2 s ahead, on blocks that its
+parameters have not seen: as for the table of errors of the page, parameters are refitted to the other half of the take.
+Base parameters are refitted with every set, so that what a finding explains is what no other choice of them does.  Sets
+that the search has refitted start from that refit; the others from the fit with all findings, by the step that the
+curvature of its likelihood promises, and a few more along its tangent.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from bcid.aliases import Floats, Ints
+from bcid.diagnosis.diagnose import Diagnosis
+from bcid.diagnosis.judge.held_out import HALF_EFFORT, block_length_s, refit_on_half, split_halves
+from bcid.diagnosis.judge.prediction_error import model_from_fit, simulate_fitted_car
+from bcid.diagnosis.search.refits import fitted_corrections
+from bcid.documents.error_budget import Cause, ErrorBudget, ErrorShare
+from bcid.estimate.run import estimate_motion
+from bcid.estimate.tuning import Tuning
+from bcid.estimate.types import Estimate
+from bcid.evaluation.closed_loop import predict_with_restarts
+from bcid.evaluation.error_budget import ErrorPart, apportion_error, errors_of_sets
+from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.take import Take
+from bcid.models.fitting.windows import inverse_spread
+from bcid.models.interface import SupportsRollout
+from bcid.pipeline.limits import LIMITS
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+HORIZON_S = 2.0
+CORRECTIONS = "the base model's own simplifications"
+"""The name under which all corrections together are one thing."""
+
+Things = dict[str, tuple[str, ...]]
+"""Ids of the effects that are switched on together, by the name of what they are."""
+
+
+def measure_error_budget(
+    found: Diagnosis, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning
+) -> ErrorBudget | None:
+    """What the held-out error (NMSE, HORIZON_S ahead) of the base model is made of, on a diagnosis's first recording.
+
+    `estimate` is the recording's smoothed motion, with the `tuning` of the filter.  Of more than
+    `LIMITS.max_budget_things` findings the last are one thing together.  None where no prediction stays finite.
+    """
+    things, block = _things(found), _blocks(estimate, recording, found.take)
+    fits = {frozenset(f.hypothesis.effects): f for f in _refitted(found)}
+    own = frozenset(found.naming.base.hypothesis.effects)
+
+    def held_out_squares(chosen: frozenset[str]) -> Floats:
+        """Squared errors (K,) on held-out blocks of the car with the things of the names `chosen`."""
+        on = own.union(*(things[name] for name in chosen))
+        return _held_out_squares(fits.get(on), found.fit, on, found.take, estimate, block)
+
+    floor, floor_block = _floor_squares(found, recording, vehicle, tuning, estimate)
+    names = tuple(things)
+    try:
+        parts = apportion_error(errors_of_sets(names, held_out_squares), block, floor, floor_block)
+    except ValueError:
+        return None
+    of_things = [
+        _share("corrections" if name == CORRECTIONS else "effect", part, things[name])
+        for name, part in zip(names, parts.explained, strict=True)
+    ]
+    of_things.sort(key=lambda s: (s.cause == "corrections", -s.share))
+    chance = [_share(cause, part) for cause, part in zip(("noise", "disturbances"), parts.floor, strict=False)]
+    every = (*of_things, *chance, _share("unexplained", parts.unexplained))
+    return ErrorBudget(horizon_s=HORIZON_S, nmse=parts.error, parts=every)
+
+
+def _share(cause: Cause, part: ErrorPart, effects: Iterable[str] = ()) -> ErrorShare:
+    """One part of the error as the document holds it."""
+    return ErrorShare(cause=cause, effects=tuple(effects), share=part.share, ci95=part.ci95)
+
+
+def _things(found: Diagnosis) -> Things:
+    """What is switched on and off: each finding, from `LIMITS.max_budget_things` on the rest together; corrections."""
+    findings = [f.effect for f in found.judgement.findings]
+    alone = findings if len(findings) <= LIMITS.max_budget_things else findings[: LIMITS.max_budget_things - 1]
+    things: Things = {name: (name,) for name in alone}
+    rest = tuple(findings[len(alone) :])
+    corrections = fitted_corrections(found.fit)
+    return things | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
+
+
+def _refitted(found: Diagnosis) -> list[Fit]:
+    """Fits to the whole take that the search has made, with all findings, some, or none of them."""
+    naming = found.naming
+    return [*naming.without.values(), naming.corrected, naming.base, naming.best]
+
+
+def _blocks(estimate: Estimate, recording: Recording, take: Take) -> Ints:
+    """Number (K,) of the block, for cross-validation and bootstrap, that each row of the estimated motion lies in."""
+    return ((estimate.time_s - recording.poses.time_s[0]) // block_length_s(take)).astype(np.int64)
+
+
+def _held_out_squares(
+    known: Fit | None, best: Fit, on: frozenset[str], take: Take, estimate: Estimate, block: Ints
+) -> Floats:
+    """Squared errors (K,) of the car with the effects `on`, each row predicted with parameters of the other half.
+
+    `known` is its refit to the whole take, if there is one; `best` the fit with all findings.
+    """
+    T, period_s, weights = float(take.length_s[0]), estimate.period_s, inverse_spread(estimate.twist)
+    errors = []
+    for half in split_halves(take):
+        trained = _refit_known(known, take, half) if known else _refit_less(best, take, half, on)
+        errors.append(squared_errors(model_from_fit(trained, T, period_s), estimate, weights))
+    return np.where(block % 2 == 1, *errors)
+
+
+def _refit_known(known: Fit, take: Take, half: Ints) -> Fit:
+    """The fit `known` refitted to the segments with indices `half` only; itself if that diverges."""
+    return none_if_diverged(refit_on_half, known, take, half) or known
+
+
+def _refit_less(best: Fit, take: Take, half: Ints, on: frozenset[str]) -> Fit:
+    """The fit `best` with only its effects `on`, refitted to the segments with indices `half`.
+
+    If that diverges, it has the parameters that are promised without a refit.
+    """
+    hypothesis, phi = switched_off(best, on)
+    hypothesis = hypothesis.scale_simulation_prior(len(half) / take.segments)
+    part, segments = best.part(take, half)
+    phi = np.clip(phi, *hypothesis.bounds())
+    trained = none_if_diverged(
+        refit, segments, hypothesis, phi, part.start, part.scales, HALF_EFFORT, part.tangent
+    )  # fmt: skip
+    return trained or replace(best, hypothesis=hypothesis, phi=phi, covariance=np.zeros((len(phi), len(phi))))
+
+
+def switched_off(best: Fit, on: frozenset[str]) -> tuple[Hypothesis, Floats]:
+    """The hypothesis of a fit with only its effects `on`, and the likeliest parameters, to second order about the fit.
+
+    With covariance C about the fit phi, and the amplitudes a of the other effects moved by d to where these are off,
+    the likeliest other parameters move by C_ba C_aa^-1 d.
+    """
+    h = best.hypothesis
+    less = h.with_effects(*(name for name in h.effects if name in on))
+    kept = set(less.parameter_names)
+    stays = np.array([k < h.base_size or name in kept for k, name in enumerate(h.parameter_names)])
+    off = ~stays & ~h.is_place
+    target = best.phi.copy()
+    target[h.base_size :] = np.array([p.off for _, p in h.effect_parameters]) / h.effect_units()
+    C = best.covariance
+    moved = C[np.ix_(stays, off)] @ np.linalg.pinv(C[np.ix_(off, off)]) @ (target - best.phi)[off]
+    return less, best.phi[stays] + moved
+
+
+def squared_errors(model: SupportsRollout, estimate: Estimate, weights: Floats) -> Floats:
+    """Squared errors (K,) of the twist predicted HORIZON_S ahead, times `weights` (3,), mean of its components.
+
+    A prediction that leaves the finite numbers is NaN from the row on at which it starts.
+    """
+    predicted = predict_with_restarts(model, estimate, HORIZON_S)
+    off = ((weights * (predicted.twist - estimate.twist)) ** 2).mean(axis=1)
+    off[:-1][predicted.start[:-1] & np.isnan(off[1:])] = np.nan
+    return np.asarray(off)
+
+
+def _floor_squares(
+    found: Diagnosis, recording: Recording, vehicle: Vehicle, tuning: Tuning, estimate: Estimate
+) -> tuple[Floats, Ints]:
+    """Squared errors (2, K') of the fitted car predicting its own simulated drive, and the blocks (K',) of their rows.
+
+    The first part is what the noise of the poses alone makes; the second what disturbances that look random add, of the
+    standard deviations that the fit found.  There are no parts, (0, K'), where the car cannot be simulated that long.
+    """
+    fit, take, period_s = found.fit, found.take, estimate.period_s
+    model, weights = model_from_fit(fit, float(take.length_s[0]), period_s), inverse_spread(estimate.twist)
+    still = replace(fit, scales=Scales(fit.scales.r, np.zeros_like(fit.scales.q)))
+    rows = []
+    for source in (still, fit):
+        simulated = none_if_diverged(simulate_fitted_car, source, take, recording)
+        if simulated is None:
+            return np.zeros((0, len(estimate))), _blocks(estimate, recording, take)
+        again = estimate_motion(simulated, vehicle, tuning, period_s)
+        rows.append((squared_errors(model, again, weights), _blocks(again, simulated, take)))
+    (noise, block), (both, _) = rows
+    return np.stack([noise, both - noise]), block
