@@ -99,7 +99,7 @@ def test_twins_share_alike_and_what_changes_nothing_has_no_share() -> None:
 
 
 def test_intervals_hold_as_often_as_they_say() -> None:
-    """95 % intervals of a share, from correlated rows: of 200 recordings 190 on average, and by chance rarely under 175.
+    """95 % intervals of a share, from correlated rows: of 200 recordings 190 on average, by chance rarely under 175.
 
     The bootstrap's own are a little narrow where blocks are few, for which there is a margin.
     """

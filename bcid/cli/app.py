@@ -18,7 +18,7 @@ from bcid.cli.simulating import simulate
 from bcid.cli.starting import init
 from bcid.errors import Problems, UsageError
 
-REPORT_FILES = ("index.html", "report.json")
+REPORT_FILES = ("index.html", "report.json", "model_card.json")
 
 app = typer.Typer(
     name="bcid",

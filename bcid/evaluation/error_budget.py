@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bcid.aliases import Bools, Floats, Ints
+from bcid.aliases import Floats, Ints
 from bcid.bootstrap import draw_block_counts, quantile_interval
 
 RESAMPLES = 1999
@@ -101,7 +101,7 @@ def _mean_and_draws(squares: Floats, block: Ints, seed: int) -> tuple[Floats, Fl
     Raises:
         ValueError: there is no such row.
     """
-    finite: Bools = np.isfinite(squares).all(axis=0)
+    finite = np.asarray(np.isfinite(squares).all(axis=0))
     if not finite.any():
         raise ValueError("predictions are nowhere finite")
     _, place = np.unique(block[finite], return_inverse=True)
@@ -116,6 +116,6 @@ Predictor = Callable[[frozenset[str]], Floats]
 
 
 def errors_of_sets(names: tuple[str, ...], squared_errors: Predictor) -> Floats:
-    """Squared errors (2^n, K) of a model with each set of the things called `names`, in the order of sets as numbers."""
+    """Squared errors (2^n, K) of a model with each set of the things called `names`, sets in their order as numbers."""
     n = len(names)
     return np.stack([squared_errors(frozenset(names[i] for i in range(n) if s >> i & 1)) for s in range(2**n)])

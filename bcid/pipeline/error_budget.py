@@ -1,10 +1,9 @@
 """What the held-out prediction error of a diagnosis's base model is made of: each finding, noise, and the rest.
 
-For every set of findings the car with these and no others is predicted closed loop, 2 s ahead, on blocks that its
-parameters have not seen: as for the table of errors of the page, parameters are refitted to the other half of the take.
-Base parameters are refitted with every set, so that what a finding explains is what no other choice of them does.  Sets
-that the search has refitted start from that refit; the others from the fit with all findings, by the step that the
-curvature of its likelihood promises, and a few more along its tangent.
+For every set of findings the car with these and no others is fitted to the poses, and predicted closed loop, 2 s ahead,
+on blocks that its parameters have not seen: as for the page's table of errors, they are refitted to the other half of
+the take.  All parameters are fitted anew with every set, so that what a finding explains is what no other choice of the
+base model's does.
 """
 
 from collections.abc import Iterable
@@ -14,9 +13,9 @@ import numpy as np
 
 from bcid.aliases import Floats, Ints
 from bcid.diagnosis.diagnose import Diagnosis
-from bcid.diagnosis.judge.held_out import HALF_EFFORT, block_length_s, refit_on_half, split_halves
+from bcid.diagnosis.judge.held_out import block_length_s, refit_on_half, split_halves
 from bcid.diagnosis.judge.prediction_error import model_from_fit, simulate_fitted_car
-from bcid.diagnosis.search.refits import fitted_corrections
+from bcid.diagnosis.search.refits import fitted_corrections, refit_with_effects
 from bcid.documents.error_budget import Cause, ErrorBudget, ErrorShare
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
@@ -24,9 +23,8 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import predict_with_restarts
 from bcid.evaluation.error_budget import ErrorPart, apportion_error, errors_of_sets
 from bcid.likelihood.divergence import none_if_diverged
-from bcid.likelihood.hypothesis import Hypothesis
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import Take
 from bcid.models.fitting.windows import inverse_spread
 from bcid.models.interface import SupportsRollout
@@ -38,6 +36,9 @@ HORIZON_S = 2.0
 CORRECTIONS = "the base model's own simplifications"
 """The name under which all corrections together are one thing."""
 
+CHANCE: tuple[Cause, ...] = ("noise", "disturbances")
+"""Parts of the error that a perfect model would have, in the order of `_floor_squares`."""
+
 Things = dict[str, tuple[str, ...]]
 """Ids of the effects that are switched on together, by the name of what they are."""
 
@@ -48,16 +49,18 @@ def measure_error_budget(
     """What the held-out error (NMSE, HORIZON_S ahead) of the base model is made of, on a diagnosis's first recording.
 
     `estimate` is the recording's smoothed motion, with the `tuning` of the filter.  Of more than
-    `LIMITS.max_budget_things` findings the last are one thing together.  None where no prediction stays finite.
+    `LIMITS.max_budget_things` findings the last are one thing together.  None where a set of them has no
+    prediction that stays finite.
     """
-    things, block = _things(found), _blocks(estimate, recording, found.take)
-    fits = {frozenset(f.hypothesis.effects): f for f in _refitted(found)}
+    things, block, fits = _things(found), _blocks(estimate, recording, found.take), _refitted(found)
     own = frozenset(found.naming.base.hypothesis.effects)
 
     def held_out_squares(chosen: frozenset[str]) -> Floats:
-        """Squared errors (K,) on held-out blocks of the car with the things of the names `chosen`."""
+        """Squared errors (K,) on held-out blocks of the car with the things `chosen` by name; NaN if it diverges."""
         on = own.union(*(things[name] for name in chosen))
-        return _held_out_squares(fits.get(on), found.fit, on, found.take, estimate, block)
+        ordered = tuple(name for name in found.fit.hypothesis.effects if name in on)
+        fit = fits.get(on) or none_if_diverged(refit_with_effects, found.fit, found.take, ordered)
+        return _held_out_squares(fit, found.take, estimate, block) if fit else np.full(len(estimate), np.nan)
 
     floor, floor_block = _floor_squares(found, recording, vehicle, tuning, estimate)
     names = tuple(things)
@@ -70,7 +73,7 @@ def measure_error_budget(
         for name, part in zip(names, parts.explained, strict=True)
     ]
     of_things.sort(key=lambda s: (s.cause == "corrections", -s.share))
-    chance = [_share(cause, part) for cause, part in zip(("noise", "disturbances"), parts.floor, strict=False)]
+    chance = [_share(cause, part) for cause, part in zip(CHANCE, parts.floor, strict=False)]
     every = (*of_things, *chance, _share("unexplained", parts.unexplained))
     return ErrorBudget(horizon_s=HORIZON_S, nmse=parts.error, parts=every)
 
@@ -90,68 +93,28 @@ def _things(found: Diagnosis) -> Things:
     return things | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
 
 
-def _refitted(found: Diagnosis) -> list[Fit]:
-    """Fits to the whole take that the search has made, with all findings, some, or none of them."""
+def _refitted(found: Diagnosis) -> dict[frozenset[str], Fit]:
+    """Fits to the whole take that the search has made, with all findings, some, or none of them, by their effects."""
     naming = found.naming
-    return [*naming.without.values(), naming.corrected, naming.base, naming.best]
+    fits = [*naming.without.values(), naming.corrected, naming.base, naming.best]
+    return {frozenset(fit.hypothesis.effects): fit for fit in fits}
 
 
 def _blocks(estimate: Estimate, recording: Recording, take: Take) -> Ints:
     """Number (K,) of the block, for cross-validation and bootstrap, that each row of the estimated motion lies in."""
-    return ((estimate.time_s - recording.poses.time_s[0]) // block_length_s(take)).astype(np.int64)
+    begin_s: Floats = estimate.time_s - recording.poses.time_s[0]
+    return np.asarray(begin_s // block_length_s(take), dtype=np.int64)
 
 
-def _held_out_squares(
-    known: Fit | None, best: Fit, on: frozenset[str], take: Take, estimate: Estimate, block: Ints
-) -> Floats:
-    """Squared errors (K,) of the car with the effects `on`, each row predicted with parameters of the other half.
+def _held_out_squares(fit: Fit, take: Take, estimate: Estimate, block: Ints) -> Floats:
+    """Squared errors (K,) of a fitted car, each row predicted with parameters refitted to the blocks of the other half.
 
-    `known` is its refit to the whole take, if there is one; `best` the fit with all findings.
+    Where such a refit diverges, the parameters are those of the whole take.
     """
     T, period_s, weights = float(take.length_s[0]), estimate.period_s, inverse_spread(estimate.twist)
-    errors = []
-    for half in split_halves(take):
-        trained = _refit_known(known, take, half) if known else _refit_less(best, take, half, on)
-        errors.append(squared_errors(model_from_fit(trained, T, period_s), estimate, weights))
+    trained = [none_if_diverged(refit_on_half, fit, take, half) or fit for half in split_halves(take)]
+    errors = [squared_errors(model_from_fit(half, T, period_s), estimate, weights) for half in trained]
     return np.where(block % 2 == 1, *errors)
-
-
-def _refit_known(known: Fit, take: Take, half: Ints) -> Fit:
-    """The fit `known` refitted to the segments with indices `half` only; itself if that diverges."""
-    return none_if_diverged(refit_on_half, known, take, half) or known
-
-
-def _refit_less(best: Fit, take: Take, half: Ints, on: frozenset[str]) -> Fit:
-    """The fit `best` with only its effects `on`, refitted to the segments with indices `half`.
-
-    If that diverges, it has the parameters that are promised without a refit.
-    """
-    hypothesis, phi = switched_off(best, on)
-    hypothesis = hypothesis.scale_simulation_prior(len(half) / take.segments)
-    part, segments = best.part(take, half)
-    phi = np.clip(phi, *hypothesis.bounds())
-    trained = none_if_diverged(
-        refit, segments, hypothesis, phi, part.start, part.scales, HALF_EFFORT, part.tangent
-    )  # fmt: skip
-    return trained or replace(best, hypothesis=hypothesis, phi=phi, covariance=np.zeros((len(phi), len(phi))))
-
-
-def switched_off(best: Fit, on: frozenset[str]) -> tuple[Hypothesis, Floats]:
-    """The hypothesis of a fit with only its effects `on`, and the likeliest parameters, to second order about the fit.
-
-    With covariance C about the fit phi, and the amplitudes a of the other effects moved by d to where these are off,
-    the likeliest other parameters move by C_ba C_aa^-1 d.
-    """
-    h = best.hypothesis
-    less = h.with_effects(*(name for name in h.effects if name in on))
-    kept = set(less.parameter_names)
-    stays = np.array([k < h.base_size or name in kept for k, name in enumerate(h.parameter_names)])
-    off = ~stays & ~h.is_place
-    target = best.phi.copy()
-    target[h.base_size :] = np.array([p.off for _, p in h.effect_parameters]) / h.effect_units()
-    C = best.covariance
-    moved = C[np.ix_(stays, off)] @ np.linalg.pinv(C[np.ix_(off, off)]) @ (target - best.phi)[off]
-    return less, best.phi[stays] + moved
 
 
 def squared_errors(model: SupportsRollout, estimate: Estimate, weights: Floats) -> Floats:

@@ -9,9 +9,9 @@ class PipelineLimits:
 
     # Difference (s) up to which two periods are the same: rounded otherwise.  Not yet justified.
     max_period_difference_s: float = 1e-9
-    # Findings and corrections between which a prediction error is divided.  Each more doubles the refits: six need 64
-    # sets of two refits, of about 0.2 s each on a take of 300 s.
-    max_budget_things: int = 6
+    # Findings and corrections between which a prediction error is divided; the last of more are one together.  Each
+    # doubles the sets to refit, of about 0.4 s each on a take of 150 s: five take 10 s, a tenth of their diagnosis.
+    max_budget_things: int = 5
 
 
 LIMITS = PipelineLimits()

@@ -72,9 +72,9 @@ def describe_diagnosed_model(origin: Origin, diagnosis: DiagnosisDocument, folde
     )  # fmt: skip
 
 
-def describe_comparison(origin: Origin, training: DataRange) -> ModelCard:
-    """The card of a comparison of models, whose `training` takes have that range."""
-    return origin.card(spans=_spans(training), not_for=(BEYOND_RANGE, OTHER_CAR, OFF_THE_PLANE))
+def describe_comparison(origin: Origin, driven: DataRange) -> ModelCard:
+    """The card of a comparison of models, whose takes, the validation's among them, cover what is `driven`."""
+    return origin.card(spans=_spans(driven), not_for=(BEYOND_RANGE, OTHER_CAR, OFF_THE_PLANE))
 
 
 def _noise_levels(model: Model) -> tuple[NoiseLevel, ...]:

@@ -355,6 +355,7 @@ class Pipeline:
         takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.config.recordings()]
         names = [self.names[p] for p in self.config.recordings()]
         diagnosis = self.diagnose() if self.config.diagnose else None
+        origin = self._origin(self.config.recordings())
         inputs = {
             "diagnosis": diagnosis.content if diagnosis else None,
             "models": [[c.label, c.content, e.content, c.saw_validation] for c, e in judged],
@@ -362,6 +363,7 @@ class Pipeline:
             "takes": [[a.content if a else None for a in take] for take in takes],
             "names": names,
             "vehicle": self.vehicle.name,
+            **self._origin_key(origin),
         }
 
         def make(folder: Path, progress: Progress) -> None:
@@ -374,7 +376,7 @@ class Pipeline:
             losses = [report.LossEvaluation(c.label, loss, e.folder) for c, loss, e in compared]
             report.run_report_stage(
                 folder, models, validation.folder, folders, settings, self.vehicle.name,
-                diagnosis.folder if diagnosis else None, losses, names,
+                diagnosis.folder if diagnosis else None, losses, names, origin,
             )  # fmt: skip
 
         return self._run_stage("report", "", inputs, settings, make, *(c.module for c in candidates))

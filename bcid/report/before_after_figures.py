@@ -100,7 +100,7 @@ def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> str:
 
 
 def _picture_paths(tracks: Columns) -> Picture:
-    """Predicted paths over the STRETCH_S seconds in which the findings help most; without any, the base model misses."""
+    """Predicted paths over the STRETCH_S seconds in which findings help most; without any, the base model is worst."""
     before, after = (_squared_miss(tracks, stage) for stage in ("before", "after"))
     changed = not np.allclose(before, after, equal_nan=True)
     shown = _stretch_of_largest_sum(tracks, before - after if changed else before)

@@ -45,7 +45,7 @@ def budget_rows(budget: ErrorBudget) -> list[BudgetRow]:
     """The parts of the error with their shares of it and the intervals of these."""
     colours = _colours(budget.parts)
     return [
-        BudgetRow(describe_cause(p), colour, percent(p.share), f"{percent(p.ci95[0])} to {percent(p.ci95[1])}")
+        BudgetRow(describe_cause(p), colour, percent(p.share), percent_range(*p.ci95))
         for p, colour in zip(budget.parts, colours, strict=True)
     ]
 
@@ -59,6 +59,15 @@ def percent(share: float) -> str:
     value = 100.0 * share
     text = f"{value:.{0 if abs(value) >= 9.95 else 1}f}"
     return with_minus_sign(f"{'0.0' if text == '-0.0' else text} %")
+
+
+def percent_range(low: float, high: float) -> str:
+    """An interval of shares as a text in percent.
+
+    >>> percent_range(0.463, 0.529), percent_range(-0.01, 0.2)
+    ('46 to 53 %', '−1.0 to 20 %')
+    """
+    return f"{percent(low).removesuffix(' %')} to {percent(high)}"
 
 
 def draw_budget(budget: ErrorBudget) -> str:

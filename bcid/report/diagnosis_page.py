@@ -20,12 +20,6 @@ from bcid.report.templates import write_page
 from bcid.report.verdict_words import CHANNELS, short_take_sentence, verdict_sentence
 from bcid.report.where_figures import draw_where_pictures
 
-SPAN_NAMES = {
-    "v_x": "forward speed", "v_y": "side speed", "yaw_rate": "yaw rate", "v_x yaw_rate": "speed times yaw rate",
-    "u_s": "steering command", "u_m": "throttle command",
-}  # fmt: skip
-"""What a card calls the quantities of which it says how far the data go."""
-
 
 def write_diagnosis_page(
     diagnosis: FullDiagnosis, knots: Columns, tracks: Columns, path: Path, card: ModelCard | None = None
@@ -52,7 +46,7 @@ def write_diagnosis_page(
         "rows": budget_rows(budget) if budget else [],
     }  # fmt: skip
     write_page(
-        path, "diagnosis.html.j2", filters, so_what=so_what, budget=budget, card=card, span_names=SPAN_NAMES,
+        path, "diagnosis.html.j2", filters, so_what=so_what, budget=budget, card=card, span_names=formats.SPAN_NAMES,
         in_words=size_in_words, sentence=verdict_sentence(diagnosis),
         short=short_take_sentence(diagnosis), d=diagnosis, after=changes,
         windows=located_windows(diagnosis), channels=CHANNELS, entries=ENTRIES, folded=LIMITS.folded_rows,

@@ -14,6 +14,12 @@ VARIABLES = {
 }  # fmt: skip
 """Names and units of the quantities on which a mismatch may depend."""
 
+SPAN_NAMES = {
+    "v_x": "forward speed", "v_y": "side speed", "yaw_rate": "yaw rate", "v_x yaw_rate": "speed times yaw rate",
+    "u_s": "steering command", "u_m": "throttle command",
+}  # fmt: skip
+"""What a card calls the quantities of which it says how far the data go."""
+
 GREEK = {
     "tau": "τ", "sigma": "σ", "kappa": "κ", "epsilon": "ε", "rho": "ρ", "psi": "ψ", "inverse_P": "1/P",
 }  # fmt: skip

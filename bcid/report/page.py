@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from bcid.report.canvas import insert_gaps, render_data_uri
 from bcid.report.content import PAPER_TABLE, ReportContent, build_report
-from bcid.report.formats import format_number, format_thousandths
+from bcid.report.formats import SPAN_NAMES, format_number, format_thousandths
 from bcid.report.limits import LIMITS
 from bcid.report.templates import write_page
 
@@ -51,7 +51,8 @@ def write_report_page(content: ReportContent, path: Path) -> None:
     noise = [(name, f"{value:.3g} {NOISE_UNITS[name]}") for name, value in tuning.noise]
     write_page(
         path, "page.html.j2", {"number": format_number, "thousandths": format_thousandths}, content=content,
-        table=build_report(content), paper=PAPER_TABLE, figures=figures, noise=noise + tuning.describe_steering(),
+        table=build_report(content), paper=PAPER_TABLE, span_names=SPAN_NAMES,
+        figures=figures, noise=noise + tuning.describe_steering(),
     )  # fmt: skip
 
 

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 from bcid.documents.diagnosis import NamedEffect
 from bcid.documents.error_budget import ErrorShare
 from bcid.documents.full_diagnosis import FullDiagnosis
-from bcid.report.budget_figure import percent
+from bcid.report.budget_figure import percent, percent_range
 from bcid.report.everyday_words import size_in_words
 from bcid.report.formats import join_words, plain_name
 from bcid.report.limits import LIMITS
 from bcid.report.verdict_words import CHANNELS
 
 DEEDS = {
-    "vehicle": "mend it on the car, or let the simulation have it",
-    "environment": "clear it from the floor, or let the simulation have it where it is",
-    "measurement": "correct the recording for it before anything is fitted: the car itself is not like that",
+    "vehicle": "mend the car, or give it to the simulation",
+    "environment": "clear the floor of it, or give it to the simulation where it is",
+    "measurement": "correct the recording for it before anything is fitted, since the car itself is not like that",
 }
 """What to do about a finding, by its kind."""
 
@@ -22,9 +22,11 @@ DEEDS = {
 def finding_sentences(d: FullDiagnosis) -> list[str]:
     """One sentence for each finding: how large it is in everyday words, and its share of the error where that is known.
 
-    A finding without a phrase of its own is called by its name.
+    Those that make most of the error come first.  A finding without a phrase of its own is called by its name.
     """
-    return [_finding_sentence(f, _share_of(d, f.effect)) for f in d.findings]
+    parts = [(f, _share_of(d, f.effect)) for f in d.findings]
+    parts.sort(key=lambda pair: -pair[1].share if pair[1] else 0.0)
+    return [_finding_sentence(f, part) for f, part in parts]
 
 
 def _finding_sentence(finding: NamedEffect, part: ErrorShare | None) -> str:
@@ -33,9 +35,11 @@ def _finding_sentence(finding: NamedEffect, part: ErrorShare | None) -> str:
     text = f"{words[0].upper()}{words[1:]}"
     if part is None:
         return f"{text}."
-    low, high = (percent(v) for v in part.ci95)
+    if part.share < LIMITS.told_share:
+        nats = f", though it makes the poses {finding.gain_nats:.0f} nats likelier" if finding.gain_nats else ""
+        return f"{text}. That takes next to nothing off the error so far ahead{nats}."
     own = "That makes" if len(part.effects) == 1 else f"With {join_words(_others(finding, part))} that makes"
-    return f"{text}. {own} {percent(part.share)} of the error (95 % interval {low} to {high})."
+    return f"{text}. {own} {percent(part.share)} of the error (95 % interval {percent_range(*part.ci95)})."
 
 
 def _others(finding: NamedEffect, part: ErrorShare) -> list[str]:
@@ -54,12 +58,11 @@ def remainder_sentences(d: FullDiagnosis) -> list[str]:
     sentences = []
     left = {p.cause: p for p in d.error_budget.parts} if d.error_budget else {}
     if "unexplained" in left:
-        low, high = left["unexplained"].ci95
-        share = f"{percent(left['unexplained'].share)} of the error (95 % interval {percent(low)} to {percent(high)})"
+        rest = left["unexplained"]
         sentences.append(
-            f"Unexplained stays {share}."
-            if low > LIMITS.told_share
-            else "Beyond what noise and random disturbances make, this recording shows nothing more of an error."
+            f"{percent(rest.share)} of the error (95 % interval {percent_range(*rest.ci95)}) stay unexplained."
+            if rest.ci95[0] > LIMITS.told_share
+            else "Nothing of the error is left for certain beyond what noise and random disturbances make."
         )
     if d.unknown and d.findings:
         sentences.append(_unknown_sentence(d))
@@ -91,14 +94,16 @@ def next_sentences(d: FullDiagnosis) -> list[str]:
     for kind, deed in DEEDS.items():
         names = [plain_name(f.effect) for f in d.findings if f.kind == kind]
         if names:
-            sentences.append(f"{join_words(names).capitalize()}: {deed}.")
+            sentences.append(f"For {join_words(names)}: {deed}.")
     if d.findings or d.corrections:
-        sentences.append("The car with what was found is the folder model/: bcid export model writes it as code.")
+        sentences.append(
+            "The car with all that was found is the folder model/, which bcid export model writes as code."
+        )
     unclear = [f for f in d.findings if f.twins]
     sentences += _drive_sentences(d, unclear)
     if d.verdict == "unknown" or (d.unknown and not unclear):
         sentences.append(
-            "Look at the car and its floor for what is not among the effects that have names (bcid effects lists); "
+            "Look at the car and its floor for what is none of the effects that have names (bcid effects lists them); "
             "drive once more on another day: what is of the car comes back, what is of the day does not."
         )
     sentences += _unseen_sentences(d)
