@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.full_diagnosis import FullDiagnosis
 from bcid.effects.table import EFFECTS
 from bcid.report import before_after_figures, diagnosis_page, disturbance, law_figures, verdict_words, where_figures
 from bcid.report.disturbance import knot_variable
@@ -30,7 +30,7 @@ def without_nulls(value: Any) -> Any:
 
 def reading(function: Any) -> Any:
     """The function of a document, handed what JSON holds."""
-    return lambda d, *rest: function(DiagnosisDocument.model_validate(without_nulls(d)), *rest)
+    return lambda d, *rest: function(FullDiagnosis.model_validate(without_nulls(d)), *rest)
 
 
 verdict_sentence = reading(verdict_words.verdict_sentence)

@@ -13,7 +13,8 @@ from bcid.cli.show import diagnosis_tables
 from bcid.diagnosis.diagnose import diagnose_recordings
 from bcid.diagnosis.limits import JUDGE_LIMITS, SEARCH_LIMITS
 from bcid.diagnosis.summary import summarise_diagnosis
-from bcid.documents.diagnosis import Detectable, DiagnosisDocument, NotExcited
+from bcid.documents.diagnosis import Detectable, NotExcited
+from bcid.documents.full_diagnosis import FullDiagnosis
 from bcid.effects.table import ENTRIES
 from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
@@ -119,9 +120,9 @@ def test_a_real_drive_of_13_stretches_is_told_with_its_gate(recordings_folder: P
 # --- what is said --------------------------------------------------------------------------------------------------
 
 
-def short(**about: Any) -> DiagnosisDocument:
+def short(**about: Any) -> FullDiagnosis:
     given = {"verdict": "nothing-found", "stretches": 13, "gate_nats": 17.4} | about
-    return DiagnosisDocument(**given)
+    return FullDiagnosis(**given)
 
 
 def test_a_short_take_s_gate_and_what_it_cannot_show_are_said(tmp_path: Path) -> None:

@@ -60,10 +60,10 @@ def diagnose(
     work.raise_if_parts_lost()
 
 
-def publish_diagnosis(work: Pipeline, found: Artifact, home: str) -> Path:
+def publish_diagnosis(work: Pipeline, artifact: Artifact, home: str) -> Path:
     """Publish a diagnosis with its page in the folder `home` of the workspace; return the page's path."""
-    page = work.diagnosis_page(found)
-    work.publish(found, *FOUND_FILES, to=home)
+    page = work.diagnosis_page(artifact)
+    work.publish(artifact, *FOUND_FILES, to=home)
     return work.publish(page, *PAGE_FILES, to=home)
 
 

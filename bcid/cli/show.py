@@ -9,7 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from bcid.cli.sink import plain_table
-from bcid.documents.diagnosis import Detectable, DiagnosisDocument
+from bcid.documents.diagnosis import Detectable
+from bcid.documents.full_diagnosis import FullDiagnosis
 from bcid.documents.health import ClockEstimate, HealthDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.prove_real import RealProofDocument
@@ -43,8 +44,9 @@ def comparison_table(report: ReportDocument) -> Table:
     return plain_table(title, columns, rows, caption)
 
 
-def diagnosis_tables(document: DiagnosisDocument) -> Group:
-    """A diagnosis as text and tables: verdict, findings, prediction errors on held-out blocks, effects not excited."""
+def diagnosis_tables(document: FullDiagnosis) -> Group:
+    """A diagnosis as text and tables: verdict, findings, errors on held-out blocks, what did not show."""
+    from bcid.report.budget_words import budget_rows
     from bcid.report.verdict_words import short_take_sentence, verdict_sentence
 
     parts: list[Any] = [escape(" ".join(filter(None, [verdict_sentence(document), short_take_sentence(document)])))]
@@ -74,6 +76,11 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     lost = ", ".join(f"{100.0 * h.lost:.2g} % at {h.horizon_s:g} s" for h in document.horizons if h.lost)
     note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
     parts.append(plain_table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
+    if document.error_budget:
+        budget = document.error_budget
+        shares = [[row.label, row.share, row.interval] for row in budget_rows(budget)]
+        title = f"what the {budget.horizon_s:g} s error before is made of"
+        parts.append(plain_table(title, ["part", "share", "95 % interval"], shares))
     if document.not_excited:
         unseen = ", ".join(
             f"{u.effect} at any size"

@@ -1,6 +1,6 @@
 """From a pipeline file to artifacts: the stages, what each depends on, and what is reused.
 
 `config` (the pipeline file), `run` (stages run or reused), `stages` (what each does), `watching` (who follows them as
-they run), `publishing` (copies of results where people look for them), `takes` (which take is which), `limits` (all
-numbers that decide).
+they run), `publishing` (copies of results where people look for them), `takes` (which take is which), `error_budget`
+(what a diagnosis's error is made of), `model_card` (where a result comes from), `limits` (all numbers that decide).
 """

@@ -44,7 +44,7 @@ Things = dict[str, tuple[str, ...]]
 
 
 def measure_error_budget(
-    found: Diagnosis, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning
+    diagnosis: Diagnosis, recording: Recording, estimate: Estimate, vehicle: Vehicle, tuning: Tuning
 ) -> ErrorBudget | None:
     """What the held-out error (NMSE, HORIZON_S ahead) of the base model is made of, on a diagnosis's first recording.
 
@@ -52,17 +52,17 @@ def measure_error_budget(
     `LIMITS.max_budget_things` findings the last are one thing together.  None where a set of them has no
     prediction that stays finite.
     """
-    things, block, fits = _things(found), _blocks(estimate, recording, found.take), _refitted(found)
-    own = frozenset(found.naming.base.hypothesis.effects)
+    things, block, fits = _things(diagnosis), _blocks(estimate, recording, diagnosis.take), _refitted(diagnosis)
+    own = frozenset(diagnosis.naming.base.hypothesis.effects)
 
     def held_out_squares(chosen: frozenset[str]) -> Floats:
         """Squared errors (K,) on held-out blocks of the car with the things `chosen` by name; NaN if it diverges."""
         on = own.union(*(things[name] for name in chosen))
-        ordered = tuple(name for name in found.fit.hypothesis.effects if name in on)
-        fit = fits.get(on) or none_if_diverged(refit_with_effects, found.fit, found.take, ordered)
-        return _held_out_squares(fit, found.take, estimate, block) if fit else np.full(len(estimate), np.nan)
+        ordered = tuple(name for name in diagnosis.fit.hypothesis.effects if name in on)
+        fit = fits.get(on) or none_if_diverged(refit_with_effects, diagnosis.fit, diagnosis.take, ordered)
+        return _held_out_squares(fit, diagnosis.take, estimate, block) if fit else np.full(len(estimate), np.nan)
 
-    floor, floor_block = _floor_squares(found, recording, vehicle, tuning, estimate)
+    floor, floor_block = _floor_squares(diagnosis, recording, vehicle, tuning, estimate)
     names = tuple(things)
     try:
         parts = apportion_error(errors_of_sets(names, held_out_squares), block, floor, floor_block)
@@ -83,19 +83,19 @@ def _share(cause: Cause, part: ErrorPart, effects: Iterable[str] = ()) -> ErrorS
     return ErrorShare(cause=cause, effects=tuple(effects), share=part.share, ci95=part.ci95)
 
 
-def _things(found: Diagnosis) -> Things:
+def _things(diagnosis: Diagnosis) -> Things:
     """What is switched on and off: each finding, from `LIMITS.max_budget_things` on the rest together; corrections."""
-    findings = [f.effect for f in found.judgement.findings]
+    findings = [f.effect for f in diagnosis.judgement.findings]
     alone = findings if len(findings) <= LIMITS.max_budget_things else findings[: LIMITS.max_budget_things - 1]
     things: Things = {name: (name,) for name in alone}
     rest = tuple(findings[len(alone) :])
-    corrections = fitted_corrections(found.fit)
+    corrections = fitted_corrections(diagnosis.fit)
     return things | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
 
 
-def _refitted(found: Diagnosis) -> dict[frozenset[str], Fit]:
+def _refitted(diagnosis: Diagnosis) -> dict[frozenset[str], Fit]:
     """Fits to the whole take that the search has made, with all findings, some, or none of them, by their effects."""
-    naming = found.naming
+    naming = diagnosis.naming
     fits = [*naming.without.values(), naming.corrected, naming.base, naming.best]
     return {frozenset(fit.hypothesis.effects): fit for fit in fits}
 
@@ -129,14 +129,14 @@ def squared_errors(model: SupportsRollout, estimate: Estimate, weights: Floats) 
 
 
 def _floor_squares(
-    found: Diagnosis, recording: Recording, vehicle: Vehicle, tuning: Tuning, estimate: Estimate
+    diagnosis: Diagnosis, recording: Recording, vehicle: Vehicle, tuning: Tuning, estimate: Estimate
 ) -> tuple[Floats, Ints]:
     """Squared errors (2, K') of the fitted car predicting its own simulated drive, and the blocks (K',) of their rows.
 
     The first part is what the noise of the poses alone makes; the second what disturbances that look random add, of the
     standard deviations that the fit found.  There are no parts, (0, K'), where the car cannot be simulated that long.
     """
-    fit, take, period_s = found.fit, found.take, estimate.period_s
+    fit, take, period_s = diagnosis.fit, diagnosis.take, estimate.period_s
     model, weights = model_from_fit(fit, float(take.length_s[0]), period_s), inverse_spread(estimate.twist)
     still = replace(fit, scales=Scales(fit.scales.r, np.zeros_like(fit.scales.q)))
     rows = []

@@ -9,7 +9,8 @@ from bcid.documents.model_card import ModelCard
 from bcid.effects.table import ENTRIES
 from bcid.report import formats
 from bcid.report.before_after_figures import draw_before_after_pictures
-from bcid.report.budget_figure import budget_rows, draw_budget
+from bcid.report.budget_figure import draw_budget
+from bcid.report.budget_words import budget_rows
 from bcid.report.canvas import Columns
 from bcid.report.disturbance import located_windows
 from bcid.report.everyday_words import size_in_words

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from bcid.documents.diagnosis import NamedEffect
 from bcid.documents.error_budget import ErrorShare
 from bcid.documents.full_diagnosis import FullDiagnosis
-from bcid.report.budget_figure import percent, percent_range
+from bcid.report.budget_words import percent, percent_range
 from bcid.report.everyday_words import size_in_words
 from bcid.report.formats import join_words, plain_name
 from bcid.report.limits import LIMITS

@@ -24,7 +24,7 @@ from bcid.cli import show
 from bcid.cli.app import app
 from bcid.cli.options import Format
 from bcid.cli.sink import Sink
-from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.full_diagnosis import FullDiagnosis
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
 from bcid.documents.prove import ProveDocument
@@ -291,7 +291,7 @@ def _add_documents(home: Path, add: Callable[..., None], folder_of: Callable[[st
     def use_diagnosis(folder: Path) -> Any:
         from bcid.report.verdict_words import verdict_sentence
 
-        document = DiagnosisDocument.read(folder / "diagnosis.json")
+        document = FullDiagnosis.read(folder / "diagnosis.json")
         return {"text": shown(show.diagnosis_tables(document)) + verdict_sentence(document)}
 
     def use_prove(folder: Path) -> Any:
