@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bcid import __version__
 from bcid.documents.diagnosis import BaseParameter, DiagnosisDocument
@@ -27,23 +27,34 @@ OFF_THE_PLANE = "Ramps, jumps and roll-over: the model is planar, and its wheels
 LACKING = "Trusting ± alone: physics is missing that has no name yet, so that intervals are narrower than the truth."
 
 
+class IngestedTake(NamedTuple):
+    """A recording that went into a result."""
+
+    folder: Path  # of the ingested take
+    parents: str  # folders that tell its files apart from others of the same name; empty where nothing needs to
+    recorded: str | None  # when, as far as its file says
+
+
 @dataclass(frozen=True)
 class Origin:
-    """Where a result comes from: the vehicle file, recordings with the folders where they are ingested, the command."""
+    """Where a result comes from: the vehicle file, the recordings, the command."""
 
     vehicle: str
     vehicle_file: DataFile
-    recordings: Sequence[tuple[Path, str | None]]  # folder of the ingested take, and when it was recorded
+    recordings: Sequence[IngestedTake]
     command: str
 
     def card(self, **more: Any) -> ModelCard:
         """A card that says this, and when it was made: now; `more` are other fields of the card."""
-        summaries = [RecordingSummary.read(folder / "recording.json") for folder, _ in self.recordings]
+        summaries = [RecordingSummary.read(take.folder / "recording.json") for take in self.recordings]
         data = tuple(
             DataFile(
-                name=source.path, sha256=source.sha256, format=source.format, recorded=recorded if k == 0 else None
+                name=f"{take.parents}{source.path}",
+                sha256=source.sha256,
+                format=source.format,
+                recorded=take.recorded if k == 0 else None,
             )
-            for summary, (_, recorded) in zip(summaries, self.recordings, strict=True)
+            for summary, take in zip(summaries, self.recordings, strict=True)
             for k, source in enumerate(summary.sources)
         )
         return ModelCard(

@@ -445,11 +445,13 @@ class Pipeline:
     def _origin(self, recordings: Sequence[Path]) -> Origin:
         """Where a result that was made from these recordings comes from, for its card."""
         from bcid.documents.model_card import DataFile
-        from bcid.pipeline.model_card import Origin
+        from bcid.pipeline.model_card import IngestedTake, Origin
         from bcid.recording.recorded_on import recorded_on
 
         path = self.config.vehicle
-        taken = [(self.ingest(p).folder, recorded_on(p)) for p in recordings]
+        taken = [
+            IngestedTake(self.ingest(p).folder, self._title(p).removesuffix(p.name), recorded_on(p)) for p in recordings
+        ]
         return Origin(
             self.vehicle.name, DataFile(name=path.name, sha256=file_sha256(path), format="toml"), taken,
             self.config.command,
@@ -458,8 +460,8 @@ class Pipeline:
     @staticmethod
     def _origin_key(origin: Origin) -> dict[str, Any]:
         """What of an origin counts in the key of what is made from it: the content of files, and dates in them."""
-        dates = [date for _, date in origin.recordings]
-        return {"vehicle_file": [origin.vehicle_file.name, origin.vehicle_file.sha256], "recorded": dates}
+        takes = [[take.parents, take.recorded] for take in origin.recordings]
+        return {"vehicle_file": [origin.vehicle_file.name, origin.vehicle_file.sha256], "recorded": takes}
 
     def _simulation_key(self, simulation: Path) -> Any:
         """What stands for a simulation in a key: digests of its files, or the name and file of a module.
