@@ -48,8 +48,8 @@ def measure_error_budget(
 ) -> ErrorBudget | None:
     """What the held-out error (NMSE, HORIZON_S ahead) of the base model is made of, on a diagnosis's first recording.
 
-    `estimate` is the recording's smoothed motion, with the `tuning` of the filter.  Of more than
-    `LIMITS.max_budget_things` findings the last are one thing together.  None where a set of them has no
+    `estimate` is the recording's smoothed motion, with the `tuning` of the filter.  Where findings and corrections are
+    more than `LIMITS.max_budget_things`, the last findings are one thing together.  None where a set of them has no
     prediction that stays finite.
     """
     things, block, fits = _things(diagnosis), _blocks(estimate, recording, diagnosis.take), _refitted(diagnosis)
@@ -84,12 +84,12 @@ def _share(cause: Cause, part: ErrorPart, effects: Iterable[str] = ()) -> ErrorS
 
 
 def _things(diagnosis: Diagnosis) -> Things:
-    """What is switched on and off: each finding, from `LIMITS.max_budget_things` on the rest together; corrections."""
-    findings = [f.effect for f in diagnosis.judgement.findings]
-    alone = findings if len(findings) <= LIMITS.max_budget_things else findings[: LIMITS.max_budget_things - 1]
+    """What is switched on and off: findings and, as one thing, corrections; of too many findings the last together."""
+    findings, corrections = [f.effect for f in diagnosis.judgement.findings], fitted_corrections(diagnosis.fit)
+    most = LIMITS.max_budget_things - bool(corrections)
+    alone = findings if len(findings) <= most else findings[: most - 1]
     things: Things = {name: (name,) for name in alone}
     rest = tuple(findings[len(alone) :])
-    corrections = fitted_corrections(diagnosis.fit)
     return things | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
 
 
