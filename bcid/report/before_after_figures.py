@@ -6,18 +6,17 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from bcid.aliases import Bools, Floats
+from bcid.aliases import Bools
 from bcid.documents.diagnosis import DiagnosisDocument, HorizonError
 from bcid.report import canvas
 from bcid.report.canvas import AFTER, BEFORE, UNCHANGED, WIDTH, Columns, Picture, insert_gaps, render_data_uri
 from bcid.report.disturbance import Residual, choose_residual, drop_incomplete_knots, located_knots, root_mean_square
 from bcid.report.formats import with_minus_sign
 from bcid.report.limits import LIMITS
+from bcid.report.path_stretch import choose_stretch
 
 # A label that no legend shows, for what a legend has already.
 HIDDEN_LABEL = "_hidden"
-# Length (s) of the stretch whose paths are drawn.
-STRETCH_S = 20.0
 
 
 def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tracks: Columns) -> list[Picture]:
@@ -31,7 +30,8 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
         caption = "Closed-loop error on held-out blocks with 95 % intervals (block bootstrap); bars: the noise floor."
         pictures.append(Picture("Error by horizon", caption, _draw_horizon_errors(diagnosis.horizons)))
     if len(tracks["time_s"]) > 2:
-        pictures.append(_picture_paths(tracks))
+        stretch = choose_stretch(tracks)
+        pictures.append(Picture(stretch.title, stretch.caption, _draw_paths(tracks, stretch.rows)))
     if len(knots["time_s"]) >= LIMITS.min_knots:
         inside, words = located_knots(diagnosis, knots)
         if LIMITS.min_knots // 3 <= inside.sum() < len(inside):
@@ -97,43 +97,6 @@ def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> str:
     if len(labels) < 3:
         ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return render_data_uri(figure)
-
-
-def _picture_paths(tracks: Columns) -> Picture:
-    """Predicted paths over the STRETCH_S seconds in which findings help most; without any, the base model is worst."""
-    before, after = (_squared_miss(tracks, stage) for stage in ("before", "after"))
-    changed = not np.allclose(before, after, equal_nan=True)
-    shown = _stretch_of_largest_sum(tracks, before - after if changed else before)
-    begin, end = tracks["time_s"][shown][[0, -1]]
-    again = "predictions start anew from the measured state every 2 s (crosses). Held-out throughout."
-    if not changed:
-        caption = f"The {end - begin:.0f} s from {begin:.0f} s on, where the base model misses most; {again}"
-        return Picture("Predicted paths where the base model is worst", caption, _draw_paths(tracks, shown))
-    here, whole = (
-        [f"{100.0 * np.sqrt(np.nanmean(square[rows])):.2g}" for square in (before, after)]
-        for rows in (shown, slice(None))
-    )
-    caption = (
-        f"The {end - begin:.0f} s from {begin:.0f} s on, where what was found helps most: the miss (RMS) falls from "
-        f"{here[0]} to {here[1]} cm, in the whole recording from {whole[0]} to {whole[1]} cm; {again}"
-    )
-    return Picture("Predicted paths where what was found helps most", caption, _draw_paths(tracks, shown))
-
-
-def _squared_miss(tracks: Columns, stage: str) -> Floats:
-    """Squared distances (K,) of predicted from measured positions, of the stage "before" or "after"."""
-    return np.asarray((tracks[f"{stage}_x"] - tracks["x"]) ** 2 + (tracks[f"{stage}_y"] - tracks["y"]) ** 2)
-
-
-def _stretch_of_largest_sum(tracks: Columns, values: Floats) -> npt.NDArray[np.intp]:
-    """Rows of the STRETCH_S seconds, from a restart on, with the largest sum of the `values` (K,)."""
-    time = tracks["time_s"]
-    total = np.r_[0.0, np.cumsum(np.nan_to_num(values))]
-    starts = np.flatnonzero(tracks["start"] > 0.5)
-    starts = starts if len(starts) else np.array([0])
-    ends = np.searchsorted(time, time[starts] + STRETCH_S)
-    best = int(np.argmax(total[ends] - total[starts]))
-    return np.arange(starts[best], ends[best])
 
 
 def _draw_paths(tracks: Columns, shown: npt.NDArray[np.intp]) -> str:

@@ -1,4 +1,4 @@
-"""The error budget of a diagnosis in words: the rows of a table."""
+"""The error budget of a diagnosis in words: the rows of a table, and of a bar."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -25,6 +25,7 @@ class BudgetRow(NamedTuple):
     colour: str
     share: str
     interval: str
+    length: float  # of its piece of the bar, percent of the whole bar; none where chance makes the share negative
 
 
 def describe_cause(part: ErrorShare) -> str:
@@ -36,9 +37,11 @@ def describe_cause(part: ErrorShare) -> str:
 
 def budget_rows(budget: ErrorBudget) -> list[BudgetRow]:
     """The parts of the error with their shares of it and the intervals of these."""
-    colours = part_colours(budget.parts)
+    colours, whole = _part_colours(budget.parts), sum(max(p.share, 0.0) for p in budget.parts)
     return [
-        BudgetRow(describe_cause(p), colour, percent(p.share), percent_range(*p.ci95))
+        BudgetRow(
+            describe_cause(p), colour, percent(p.share), percent_range(*p.ci95), 100.0 * max(p.share, 0.0) / whole
+        )
         for p, colour in zip(budget.parts, colours, strict=True)
     ]
 
@@ -63,7 +66,7 @@ def percent_range(low: float, high: float) -> str:
     return f"{percent(low).removesuffix(' %')} to {percent(high)}"
 
 
-def part_colours(parts: Sequence[ErrorShare]) -> list[str]:
+def _part_colours(parts: Sequence[ErrorShare]) -> list[str]:
     """A colour for each part, those of effects in their order."""
     effects = iter(EFFECT_COLOURS * (1 + len(parts) // len(EFFECT_COLOURS)))
     return [next(effects) if p.cause == "effect" else CAUSES[p.cause][1] for p in parts]

@@ -9,7 +9,6 @@ from bcid.documents.model_card import ModelCard
 from bcid.effects.table import ENTRIES
 from bcid.report import formats
 from bcid.report.before_after_figures import draw_before_after_pictures
-from bcid.report.budget_figure import draw_budget
 from bcid.report.budget_words import budget_rows
 from bcid.report.canvas import Columns
 from bcid.report.disturbance import located_windows
@@ -43,7 +42,7 @@ def write_diagnosis_page(
     budget = diagnosis.error_budget
     so_what = {
         "findings": finding_sentences(diagnosis), "left": remainder_sentences(diagnosis),
-        "next": next_sentences(diagnosis), "bar": draw_budget(budget) if budget else "",
+        "next": next_sentences(diagnosis),
         "rows": budget_rows(budget) if budget else [],
     }  # fmt: skip
     write_page(

@@ -38,11 +38,10 @@ def draw_missing_laws(diagnosis: DiagnosisDocument) -> list[Picture]:
     Left out are those whose curve nowhere leaves its own band around zero.
     """
     parts = [r for r in diagnosis.remainder if r.curve is not None and _tells_something(r.channel, r.curve)]
-    named = plain_name(diagnosis.findings[0].effect) if len(diagnosis.findings) == 1 else ""
     first = "The missing law, before any hypothesis"
     titles = [first, *(f"{first}: {LAWS[r.channel][0]}" for r in parts[1:])]
     return [
-        Picture(title, _describe(diagnosis, r, r.curve), _draw(r.channel, r.curve, named))
+        Picture(title, _describe(diagnosis, r, r.curve), _draw(r.channel, r.curve))
         for title, r in zip(titles, parts[: LIMITS.max_laws], strict=False)
         if r.curve is not None
     ]
@@ -87,16 +86,16 @@ def _describe(diagnosis: DiagnosisDocument, part: ChannelRemainder, law: LawCurv
     return f"{size} {band} Blue: what they would show if {names} were all that is missing, within the band {where}."
 
 
-def _draw(channel: str, law: LawCurve, named: str) -> str:
-    """The curve with its band, and the law of the effects `named` over it, as the data URI of an image."""
+def _draw(channel: str, law: LawCurve) -> str:
+    """The curve with its band, and the named law over it, as the data URI of an image."""
     figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
     ax: Any = figure.subplots()
     x, y, half = np.array(law.x), np.array(law.y), LIMITS.band_sd * np.array(law.sd)
     ax.axhline(0.0, color="black", lw=0.6)
     ax.fill_between(x, y - half, y + half, color=BEFORE, alpha=0.22, lw=0, label="95 % band")
-    ax.plot(x, y, "o-", color=BEFORE, lw=1.6, ms=3.2, label="before any hypothesis")
+    ax.plot(x, y, "o-", color=BEFORE, lw=1.6, ms=3.2, label="free functions")
     if law.named is not None:
-        ax.plot(x, np.array(law.named), "--", color=AFTER, lw=2.0, label=f"named: {named}" if named else "named law")
+        ax.plot(x, np.array(law.named), "--", color=AFTER, lw=2.0, label="named law")
     _frame(ax, y, half)
     what, unit = _words(channel, law)
     over, over_unit = _quantity_words(law)

@@ -33,6 +33,8 @@ def _finding_sentence(finding: NamedEffect, part: ErrorShare | None) -> str:
     """How large a finding is, and what it makes of the error."""
     words = size_in_words(finding) or plain_name(finding.effect)
     text = f"{words[0].upper()}{words[1:]}"
+    if finding.twins:
+        text += f", or it is {join_words([plain_name(n) for n in finding.twins], 'or')} instead"
     if part is None:
         return f"{text}."
     if part.share < LIMITS.told_share:
@@ -64,7 +66,7 @@ def remainder_sentences(d: FullDiagnosis) -> list[str]:
             if rest.ci95[0] > LIMITS.told_share
             else "Nothing of the error is left for certain beyond what noise and random disturbances make."
         )
-    if d.unknown and d.findings:
+    if d.unknown:
         sentences.append(_unknown_sentence(d))
     chance = [left[c] for c in ("noise", "disturbances") if c in left]
     disturbed = next((p for p in chance if p.cause == "disturbances"), None)
@@ -82,32 +84,35 @@ def _unknown_sentence(d: FullDiagnosis) -> str:
     channel = CHANNELS.get(u.channel or "", u.channel or "") if u else ""
     depends = join_words([plain_name(n) for n in u.depends_on]) if u else ""
     where = f" on the {channel}" if channel else ""
+    where += f", with the {depends}" if depends else ""
+    still = "still " if d.findings else ""
     return (
-        f"Something without a name still acts{where}{f', with the {depends}' if depends else ''}: "
+        f"Something without a name {still}acts{where}: "
         "so ± are narrower than the truth, since they hold only where nothing is missing."
     )
 
 
 def next_sentences(d: FullDiagnosis) -> list[str]:
     """What to do next: about the findings, about what is not told apart, and about what the drive did not show."""
-    sentences = []
+    unclear = [f for f in d.findings if f.twins]
+    sentences = _drive_sentences(d, unclear) if unclear else []
     for kind, deed in DEEDS.items():
-        names = [plain_name(f.effect) for f in d.findings if f.kind == kind]
+        names = [plain_name(f.effect) for f in d.findings if f.kind == kind and not f.twins]
         if names:
             sentences.append(f"For {join_words(names)}: {deed}.")
     if d.findings or d.corrections:
-        sentences.append(
-            "The car with all that was found is the folder model/, which bcid export model writes as code."
-        )
-    unclear = [f for f in d.findings if f.twins]
-    sentences += _drive_sentences(d, unclear)
+        what = "all that was found" if d.findings else "its simplifications put right"
+        sentences.append(f"The car with {what} is the folder model/, which bcid export model writes as code.")
+    elif not d.unknown and not d.mismatch.detected:
+        sentences.append("Nothing needs to be mended: the model is as good as these measurements.")
+    if not unclear:
+        sentences += _drive_sentences(d, unclear)
     if d.verdict == "unknown" or (d.unknown and not unclear):
         sentences.append(
             "Look at the car and its floor for what is none of the effects that have names (bcid effects lists them); "
             "drive once more on another day: what is of the car comes back, what is of the day does not."
         )
-    sentences += _unseen_sentences(d)
-    return sentences or ["Nothing needs to be done: the model is as good as these measurements."]
+    return sentences + _unseen_sentences(d)
 
 
 def _drive_sentences(d: FullDiagnosis, unclear: Sequence[NamedEffect]) -> list[str]:

@@ -1,6 +1,6 @@
 """The verdict of a diagnosis in a sentence."""
 
-from bcid.documents.diagnosis import DiagnosisDocument, FitSummary, NamedEffect, OtherFigure, UnknownPart
+from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, OtherFigure, UnknownPart
 from bcid.report import formats
 from bcid.report.formats import plain_name, with_minus_sign
 from bcid.report.limits import LIMITS
@@ -144,27 +144,15 @@ def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
     if fit is None or not fit.nmse_before or fit.nmse_after is None:
         return more
     before, after = fit.nmse_before, fit.nmse_after
-    if fit.ratio_ci95 and fit.ratio_ci95[0] <= 1.0 <= fit.ratio_ci95[1]:
-        text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) stays the same as far as the data tell"
-        low, high = (f"{100.0 * (r - 1.0):+.0f}" for r in fit.ratio_ci95)
-        text += f" (change {with_minus_sign(f'{low} to {high}')} %, 95 % interval), though it makes the poses likelier"
-        preposition = "at"
-    else:
-        text, preposition = _describe_change(fit, lead, before, after), "to"
-    if fit.nmse_floor:
-        text += f", {preposition} {after / fit.nmse_floor:.2f} times the noise floor"
-    return f"{text}. {more}"
-
-
-def _describe_change(fit: FitSummary, lead: str, before: float, after: float) -> str:
-    """By how much the error changes from `before` to `after`, with its interval; begins with `lead`."""
     sign, verb = (1.0, "falls") if after <= before else (-1.0, "rises")
     share = sign * 100.0 * (1.0 - after / before)
     text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) {verb} by {share:.{0 if share < 99 else 1}f} %"
     if fit.ratio_ci95:
         low, high = sorted(sign * 100.0 * (1.0 - r) for r in fit.ratio_ci95)
         text += f" (95 % interval {with_minus_sign(f'{low:.0f}')} to {with_minus_sign(f'{high:.0f}')} %)"
-    return text
+    if fit.nmse_floor:
+        text += f", to {after / fit.nmse_floor:.2f} times the noise floor"
+    return f"{text}. {more}"
 
 
 def _describe_unknown(unknown: UnknownPart) -> str:
