@@ -5,6 +5,9 @@ Every command's module imports this one to be listed in the help, so what reads 
 
 from __future__ import annotations
 
+import os
+import shlex
+import sys
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -112,6 +115,17 @@ def workspace_of(pipeline: Path | None) -> Path | None:
     return read_pipeline(pipeline).workspace if pipeline or find_pipeline_file() else None
 
 
+def command_line() -> str:
+    """The command line as it was typed, with the program's bare name and ~ for the user's folder."""
+    home = f"{Path.home()}{os.sep}"
+
+    def quote(word: str) -> str:
+        """One word of the line as a shell reads it."""
+        return f"~{os.sep}{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
+
+    return " ".join(["bcid", *map(quote, sys.argv[1:])])
+
+
 def read_config(
     pipeline: Path | None = None,
     recordings: list[Path] | None = None,
@@ -135,7 +149,9 @@ def read_config(
     """
     from bcid.pipeline.config import PipelineConfig
 
-    said = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
+    said = {
+        "allow_partial": allow_partial, "force": force, "ignore_health": ignore_health, "command": command_line(),
+    }  # fmt: skip
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")

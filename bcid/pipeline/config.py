@@ -100,6 +100,7 @@ class PipelineConfig(PipelineFile):
     commands: PathText | None = None  # of a single recording named on the command line
     allow_partial: bool = False  # recordings of which a part cannot be read are used without it
     ignore_health: bool = False  # recordings whose check says no-go are used all the same
+    command: str = ""  # the command line that asked for it, for the cards of what is made
     force: bool = False  # results replace files where they are published, whoever wrote those
 
     def recordings(self) -> list[Path]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
@@ -14,9 +13,8 @@ from bcid.report.canvas import AFTER, BEFORE, INK, TEXT_SIZE, UNCHANGED, Columns
 from bcid.report.disturbance import Residual, choose_residual, drop_incomplete_knots, located_knots, root_mean_square
 from bcid.report.formats import format_thousandths, with_minus_sign
 from bcid.report.limits import LIMITS
+from bcid.report.path_stretch import choose_stretch
 
-# Length (s) of the stretch whose paths are drawn.
-STRETCH_S = 20.0
 DASHES = {BEFORE: "-", AFTER: (0, (4, 1.5))}
 """Dash pattern of each stage, so that colour is not all that tells them apart."""
 
@@ -35,16 +33,12 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
         )
         pictures.append(Picture("Error by horizon", caption, (_draw_horizon_errors(diagnosis.horizons),)))
     if len(tracks["time_s"]) > 2:
-        part = {name: np.asarray(values)[_worst_rows(tracks)] for name, values in tracks.items()}
-        begin, end = part["time_s"][[0, -1]]
+        stretch = choose_stretch(tracks)
+        part = {name: np.asarray(values)[stretch.rows] for name, values in tracks.items()}
         factor = _magnification(part)
-        larger = f", and drawn {factor:g} times as far from the measured path as they are" if factor > 1.0 else ""
-        caption = (
-            f"The {end - begin:.0f} s from {begin:.0f} s on, where the base model misses most; predictions start anew "
-            f"from the measured state every 2 s (crosses){larger}. Held-out throughout."
-        )
+        larger = f" Misses are drawn {factor:g} times as large as they are." if factor > 1.0 else ""
         panels = (*_draw_paths(part, factor), _draw_misses(part))
-        pictures.append(Picture("Predicted paths where the base model is worst", caption, panels))
+        pictures.append(Picture(stretch.title, stretch.caption + larger, panels))
     if len(knots["time_s"]) >= LIMITS.min_knots:
         inside, words = located_knots(diagnosis, knots)
         if LIMITS.min_knots // 3 <= inside.sum() < len(inside):
@@ -123,18 +117,6 @@ def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> Markup:
     if ax.get_legend_handles_labels()[0]:
         canvas.add_legend(ax)
     return render_svg(figure, "Error by horizon")
-
-
-def _worst_rows(tracks: Columns) -> npt.NDArray[np.intp]:
-    """Rows of the STRETCH_S seconds, from a restart on, with the largest squared position errors of the base model."""
-    time = tracks["time_s"]
-    square = (tracks["before_x"] - tracks["x"]) ** 2 + (tracks["before_y"] - tracks["y"]) ** 2
-    total = np.r_[0.0, np.cumsum(np.nan_to_num(square))]
-    starts = np.flatnonzero(tracks["start"] > 0.5)
-    starts = starts if len(starts) else np.array([0])
-    ends = np.searchsorted(time, time[starts] + STRETCH_S)
-    best = int(np.argmax(total[ends] - total[starts]))
-    return np.arange(starts[best], ends[best])
 
 
 def _changed_stages(part: Columns) -> list[tuple[str, str, str]]:

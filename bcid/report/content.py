@@ -14,6 +14,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats
 from bcid.documents import report
 from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.model_card import ModelCard
 from bcid.errors import InputRefused
 from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary
@@ -89,6 +90,7 @@ class ReportContent:
     diagnosis: DiagnosisDocument | None = None  # None where the pipeline diagnoses nothing
     published: PublishedFigures | None = None  # None where the pipeline file names none
     losses: Sequence[report.LossScore] = ()  # figures of models fitted by several losses, with the same seed
+    card: ModelCard | None = None  # where it comes from, if that is known
 
     def ranked_models(self) -> list[ModelResult]:
         """The models in order of their NMSE, those that diverge last, and after them those that saw the take."""

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bcid.report.content import ReportContent, build_report
-from bcid.report.formats import format_number, format_thousandths
+from bcid.report.formats import SPAN_NAMES, format_number, format_thousandths
 from bcid.report.model_figures import draw_model_pictures
 from bcid.report.templates import write_page
 
@@ -19,6 +19,6 @@ def write_report_page(content: ReportContent, path: Path) -> None:
     noise = [(name, f"{value:.3g} {NOISE_UNITS[name]}") for name, value in tuning.noise]
     write_page(
         path, "page.html.j2", {"number": format_number, "thousandths": format_thousandths}, content=content,
-        table=build_report(content), comparison_pictures=draw_model_pictures(content),
+        span_names=SPAN_NAMES, table=build_report(content), comparison_pictures=draw_model_pictures(content),
         noise=noise + tuning.describe_steering(),
     )  # fmt: skip
