@@ -12,7 +12,7 @@ from bcid.diagnosis.judge import prediction_error
 from bcid.diagnosis.judge.prediction_error import (
     _bootstrap_errors,
     _finite_mean,
-    _refit_on_half_or_keep,
+    refit_on_half_or_keep,
     squared_errors,
 )
 from bcid.errors import PredictionDiverged
@@ -71,4 +71,4 @@ def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pyte
     whole: Any = object()
     half: Any = None
     monkeypatch.setattr(prediction_error, "refit_on_half", astray)
-    assert _refit_on_half_or_keep(whole, half, half) is whole
+    assert refit_on_half_or_keep(whole, half, half) is whole

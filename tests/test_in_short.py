@@ -12,6 +12,7 @@ import pytest
 from bcid.cli.options import command_line
 from bcid.documents.diagnosis import (
     DiagnosisDocument,
+    FitSummary,
     Mismatch,
     NamedEffect,
     NextManoeuvre,
@@ -20,7 +21,7 @@ from bcid.documents.diagnosis import (
     UnknownPart,
 )
 from bcid.documents.error_budget import ErrorBudget, ErrorShare
-from bcid.documents.model_card import DataFile, DataSpan, ModelCard
+from bcid.documents.model_card import DataFile, DataSpan, ModelCard, NoiseLevel
 from bcid.recording.recorded_on import recorded_on
 from bcid.report.before_after_figures import draw_before_after_pictures
 from bcid.report.budget_words import EFFECT_COLOURS, budget_rows, percent_range
@@ -51,6 +52,17 @@ def budget(play: float = 0.6, slope: float = 0.2, rest: float = 0.1, certain: bo
 
 def document(**about: Any) -> DiagnosisDocument:
     return DiagnosisDocument(**({"verdict": "named", "findings": (SLOPE, PLAY), "error_budget": budget()} | about))
+
+
+def card() -> ModelCard:
+    """The card of a model whose take has a name that could be taken for an element of the page."""
+    return ModelCard(
+        vehicle="car", vehicle_file=DataFile(name="car.toml", sha256="ab" * 32), command="bcid diagnose take.csv",
+        data=(DataFile(name="<take>.csv", sha256="cd" * 32, recorded="2026-01-01 12.00.00.000 AM"),), duration_s=60.0,
+        made="2026-11-28T12:20:11Z", program="bcid 0.1.0", model="newton-euler-augmented", period_s=0.1,
+        noise=(NoiseLevel(name="position x", value=0.0021, unit="m"), NoiseLevel(name="yaw", value=0.004, unit="rad")),
+        spans=(DataSpan(quantity="v_x", unit="m/s", low=-0.3, high=1.5),), not_for=("Another car.",),
+    )  # fmt: skip
 
 
 def test_findings_are_told_in_everyday_words_the_largest_share_first() -> None:
@@ -112,6 +124,26 @@ def test_where_nothing_is_missing_nothing_needs_to_be_mended() -> None:
     assert next_sentences(DiagnosisDocument(verdict="nothing-found", mismatch=Mismatch(detected=True))) == []
 
 
+def test_an_error_that_stays_above_the_noise_is_not_said_to_be_all_noise() -> None:
+    high, low = (FitSummary(horizon_s=2.0, nmse_before=before, nmse_floor=0.002) for before in (0.006, 0.0021))
+    nothing = {"verdict": "nothing-found", "findings": (), "error_budget": budget(0.0, 0.0, 0.6, certain=False)}
+    assert next_sentences(document(**nothing, fit=high)) == []
+    assert remainder_sentences(document(**nothing, fit=high)) == [
+        "Of the error 60 % are left above the noise floor, which chance may make."
+    ]
+    assert next_sentences(document(**nothing, fit=low))[0].startswith("Nothing needs to be mended")
+    assert remainder_sentences(document(**nothing, fit=low))[0].startswith("Nothing of the error is left")
+
+
+def test_what_no_error_shows_but_poses_do_is_told_as_such() -> None:
+    unknown = UnknownPart(channel="pose", gain_nats=97.0)
+    error, rest = remainder_sentences(document(unknown=unknown, error_budget=budget(certain=False)))
+    assert error.startswith("Nothing of the error is left for certain")
+    assert rest.startswith("Yet in the recorded poses, which show smaller differences, something without a name")
+    _, rest = remainder_sentences(document(unknown=unknown))
+    assert rest.startswith("Something without a name still acts on the tracked pose")
+
+
 def test_the_bar_and_the_table_hold_every_part() -> None:
     rows = budget_rows(budget())
     assert [r.label for r in rows] == ["steering backlash", "floor slope", "noise of the poses", "unexplained"]
@@ -125,16 +157,9 @@ def test_the_bar_and_the_table_hold_every_part() -> None:
 
 
 def test_the_page_holds_budget_and_card(tmp_path: Path) -> None:
-    digest = "ab" * 32
-    card = ModelCard(
-        vehicle="car", vehicle_file=DataFile(name="car.toml", sha256=digest), command="bcid diagnose take.csv",
-        data=(DataFile(name="<take>.csv", sha256="cd" * 32, recorded="2026-01-01 12.00.00.000 AM"),), duration_s=60.0,
-        made="2026-11-28T12:20:11Z", program="bcid 0.1.0", model="newton-euler-augmented", period_s=0.1,
-        spans=(DataSpan(quantity="v_x", unit="m/s", low=-0.3, high=1.5),), not_for=("Another car.",),
-    )  # fmt: skip
-    assert ModelCard.from_json(card.model_dump_json(by_alias=True)) == card
+    assert ModelCard.from_json(card().model_dump_json(by_alias=True)) == card()
     path = tmp_path / "page.html"
-    write_diagnosis_page(document(), NOTHING, NOTHING, path, card)
+    write_diagnosis_page(document(), NOTHING, NOTHING, path, card())
     text = path.read_text(encoding="utf-8")
     shown = [
         "What the 2 s error is made of", "12.30 × 10⁻³", "50 to 70 %", "abababab", "&lt;take&gt;.csv",

@@ -14,7 +14,8 @@ import browsing
 import pytest
 from browsing import contrast
 from PIL import Image
-from test_diagnosis_page import VERDICTS, write_diagnosis_page
+from test_diagnosis_page import VERDICTS, Made, finding, named, write_diagnosis_page
+from test_in_short import card
 from test_pipeline import Record
 
 from bcid.documents.prove import ProveDocument
@@ -35,7 +36,40 @@ timing_repeats = 2
 title = "What the makers publish"
 nmse = {{ newton-euler = 0.0123 }}
 """
-KINDS = ("report", *VERDICTS, "proof")
+EFFECTS = {
+    "rear_rolling_viscous": {"b": (12.0, 0.4, "kg s^-1")}, "steering_backlash": {"b": (0.03, 0.002, "rad")},
+    "motor_delay": {"tau": (0.06, 0.004, "s")}, "tyre_relaxation": {"sigma": (0.2, 0.02, "m")},
+    "body_yaw_misalignment": {"psi": (0.04, 0.003, "rad")},
+}  # fmt: skip
+
+
+def crowded() -> Made:
+    """As many findings as an error is divided between, corrections, a rest without a name, and a drive to come."""
+    document, knots, tracks = named()
+    document["findings"] = [finding(effect, values, sentence="") for effect, values in EFFECTS.items()]
+    document["corrections"] = [
+        {"correction": "tyre_fall", "equation": "(1 − f) F̂", "parameters": {"f": {"value": 0.1, "se": 0.01}}},
+    ]
+    document["unknown"] = {"channel": "pose", "depends_on": ["yaw_rate"], "gain_nats": 97.0}
+    document["next_manoeuvre"] = {
+        "name": "slow figure of eight", "why": "It shows the yaw moment.", "file": "next_manoeuvre.commands.csv",
+        "score": 41.0, "repeats": 2, "separates": ["motor_delay", "yaw_scrub"],
+    }  # fmt: skip
+    return document, knots, tracks
+
+
+def budget_of(document: dict[str, Any]) -> dict[str, Any]:
+    """Parts of an error, as large as one another, of all kinds that a document of these findings can have."""
+    causes = [("effect", [f["effect"]]) for f in document["findings"]]
+    causes += [("corrections", [c["correction"] for c in document["corrections"]])] if document["corrections"] else []
+    causes += [(cause, []) for cause in ("noise", "disturbances", "unexplained")]
+    share = 1.0 / len(causes)
+    parts = [{"cause": c, "effects": e, "share": share, "ci95": [share - 0.03, share + 0.03]} for c, e in causes]
+    return {"horizon_s": 2.0, "nmse": document["fit"]["nmse_before"], "parts": parts}
+
+
+DIAGNOSES = {**VERDICTS, "crowded": crowded}
+KINDS = ("report", *DIAGNOSES, "proof")
 Open = Callable[..., Any]
 
 
@@ -57,11 +91,12 @@ def pages(
     (folder / "pipeline.toml").write_text(plan)
     work = Pipeline(read_pipeline_file(folder / "pipeline.toml"), Record())
     paths = {"report": work.publish(work.report(), "index.html", "report.json", to="report")}
-    for kind, make in VERDICTS.items():
+    for kind, make in DIAGNOSES.items():
         document, knots, tracks = make()
+        document["error_budget"] = budget_of(document)
         document["channels"] = {"fy": 285.0, "fx": 135.0, "steering": 21.4, "time": 4.3}
         paths[kind] = folder / f"{kind}.html"
-        write_diagnosis_page(document, knots, tracks, paths[kind])
+        write_diagnosis_page(document, knots, tracks, paths[kind], card())
     paths["proof"] = folder / "proof.html"
     write_proof_page(ProveDocument.read(PROOF), paths["proof"])
     return paths
@@ -238,11 +273,37 @@ def test_bars_are_printed(opened: Open) -> None:
         return sum(n for image in drawn for n, colour in image.getcolors(image.width * image.height) if colour == blue)
 
     with opened("named", media="print") as page:
-        page.evaluate("document.querySelectorAll('.panels').forEach(p => p.remove())")
+        page.evaluate("document.querySelectorAll('.panels, .shares, .swatch').forEach(e => e.remove())")
         page.add_style_tag(content=".verdict { border-color: black !important; }")
         assert blue_pixels(page) > 1000
         page.add_style_tag(content=".bars span { print-color-adjust: economy !important; }")
         assert blue_pixels(page) == 0
+
+
+def test_every_part_of_the_error_is_seen_and_printed_in_its_own_colour(opened: Open) -> None:
+    """On the screen, and by a browser that leaves backgrounds out."""
+    with opened("crowded") as page:
+        drawn = page.eval_on_selector_all(".shares span", "all => all.map(e => getComputedStyle(e).backgroundColor)")
+        listed = page.eval_on_selector_all(".swatch", "all => all.map(e => getComputedStyle(e).backgroundColor)")
+        assert drawn == listed
+        assert len(set(drawn)) == len(drawn) == len(EFFECTS) + 4
+        widths = page.eval_on_selector_all(".shares span", "all => all.map(e => e.getBoundingClientRect().width)")
+        assert max(widths) - min(widths) < 1.0
+        bar = page.locator(".shares").bounding_box()
+        assert sum(widths) == pytest.approx(bar["width"], abs=1.0)
+    with opened("crowded", media="print") as page:
+        sheets = [sheet.render(scale=2.0).to_pil().convert("RGB") for sheet in printed(page, print_background=False)]
+        colours = {colour for image in sheets for _, colour in image.getcolors(image.width * image.height)}
+        assert {rgb(colour) for colour in drawn} <= colours
+
+
+def test_a_page_says_in_short_what_it_comes_to_and_where_it_comes_from(opened: Open) -> None:
+    for kind in (*DIAGNOSES, "report"):
+        with opened(kind) as page:
+            headings = page.locator("h2").all_inner_texts()
+            assert headings[-1] in {"Model card", "Where this comes from"}
+            assert (headings[0] == "In short") == (kind != "report")
+            assert page.locator("h2:has-text('In short') ~ ul li").count() >= 2 or kind == "report"
 
 
 def test_only_figures_that_the_pipeline_names_are_shown_as_published(opened: Open) -> None:

@@ -6,14 +6,14 @@ from typing import NamedTuple
 from bcid.documents.error_budget import ErrorBudget, ErrorShare
 from bcid.report.formats import join_words, plain_name, with_minus_sign
 
-EFFECT_COLOURS = ("#0072b2", "#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#004d7a")
-"""Of named effects, the first named first."""
+EFFECT_COLOURS = tuple(f"var(--part-{k})" for k in range(1, 6))
+"""Of named effects, the first named first: variables of the stylesheet, which is light or dark."""
 
 CAUSES = {
-    "corrections": ("the base model’s own simplifications", "#8c6bb1"),
-    "noise": ("noise of the poses", "#b0b0b0"),
-    "disturbances": ("disturbances that look random", "#6f6f6f"),
-    "unexplained": ("unexplained", "#d55e00"),
+    "corrections": ("the base model’s own simplifications", "var(--corrections)"),
+    "noise": ("noise of the poses", "var(--noise)"),
+    "disturbances": ("disturbances that look random", "var(--disturbances)"),
+    "unexplained": ("unexplained", "var(--unexplained)"),
 }
 """What else makes a part of the error, in words, and its colour."""
 

@@ -8,7 +8,7 @@ from bcid.report.budget_words import percent, percent_range
 from bcid.report.everyday_words import size_in_words
 from bcid.report.formats import join_words, plain_name
 from bcid.report.limits import LIMITS
-from bcid.report.verdict_words import CHANNELS
+from bcid.report.verdict_words import CHANNELS, stays_above_floor
 
 DEEDS = {
     "vehicle": "mend the car, or give it to the simulation",
@@ -56,17 +56,20 @@ def _share_of(d: DiagnosisDocument, effect: str) -> ErrorShare | None:
 
 def remainder_sentences(d: DiagnosisDocument) -> list[str]:
     """What is left of the error, and why, as far as the recording says."""
-    sentences = []
+    sentences, certain = [], True
     left = {p.cause: p for p in d.error_budget.parts} if d.error_budget else {}
     if "unexplained" in left:
         rest = left["unexplained"]
+        certain = rest.ci95[0] > LIMITS.told_share
         sentences.append(
             f"{percent(rest.share)} of the error (95 % interval {percent_range(*rest.ci95)}) stay unexplained."
-            if rest.ci95[0] > LIMITS.told_share
+            if certain
+            else f"Of the error {percent(max(rest.share, 0.0))} are left above the noise floor, which chance may make."
+            if stays_above_floor(d)
             else "Nothing of the error is left for certain beyond what noise and random disturbances make."
         )
     if d.unknown:
-        sentences.append(_unknown_sentence(d))
+        sentences.append(_unknown_sentence(d, in_error=certain))
     chance = [left[c] for c in ("noise", "disturbances") if c in left]
     disturbed = next((p for p in chance if p.cause == "disturbances"), None)
     if disturbed and disturbed.ci95[0] > LIMITS.told_share:
@@ -77,16 +80,20 @@ def remainder_sentences(d: DiagnosisDocument) -> list[str]:
     return sentences
 
 
-def _unknown_sentence(d: DiagnosisDocument) -> str:
-    """That something is left without a name, where it acts, and what that does to the other numbers."""
+def _unknown_sentence(d: DiagnosisDocument, in_error: bool) -> str:
+    """That something is left without a name, where it acts, and what that does to the other numbers.
+
+    Where it does not show for certain `in_error`, the sentence says what it shows in.
+    """
     u = d.unknown
     channel = CHANNELS.get(u.channel or "", u.channel or "") if u else ""
     depends = join_words([plain_name(n) for n in u.depends_on]) if u else ""
     where = f" on the {channel}" if channel else ""
     where += f", with the {depends}" if depends else ""
     still = "still " if d.findings else ""
+    lead = "Something" if in_error else "Yet in the recorded poses, which show smaller differences, something"
     return (
-        f"Something without a name {still}acts{where}: "
+        f"{lead} without a name {still}acts{where}: "
         "so ± are narrower than the truth, since they hold only where nothing is missing."
     )
 
@@ -101,8 +108,10 @@ def next_sentences(d: DiagnosisDocument) -> list[str]:
             sentences.append(f"For {join_words(names)}: {deed}.")
     if d.findings or d.corrections:
         what = "all that was found" if d.findings else "its simplifications put right"
-        sentences.append(f"The car with {what} is the folder model/, which bcid export model writes as code.")
-    elif not d.unknown and not d.mismatch.detected:
+        sentences.append(
+            f"The car with {what} lies in the folder model/; bcid export model, typed where that lies, writes it as code."
+        )
+    elif not d.unknown and not d.mismatch.detected and not stays_above_floor(d):
         sentences.append("Nothing needs to be mended: the model is as good as these measurements.")
     if not unclear:
         sentences += _drive_sentences(d, unclear)

@@ -203,6 +203,15 @@ def _evidence_beside_error(d: DiagnosisDocument) -> str:
     )
 
 
+def stays_above_floor(d: DiagnosisDocument) -> bool:
+    """Whether the held-out error, with all that was found, is so far above the noise floor that a why is told."""
+    fit = d.fit
+    if fit is None or not fit.nmse_floor:
+        return False
+    last = fit.nmse_before if fit.nmse_after is None else fit.nmse_after
+    return (last or 0.0) >= LIMITS.above_floor * fit.nmse_floor
+
+
 def _explain_floor_distance(d: DiagnosisDocument) -> str:
     """What may keep the error above the noise floor where no part that lacks a name was reported, in a sentence."""
     left = max(d.remainder, key=lambda part: part.nats_left, default=None)
