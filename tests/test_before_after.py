@@ -12,8 +12,8 @@ from bcid.diagnosis.judge import prediction_error
 from bcid.diagnosis.judge.prediction_error import (
     _bootstrap_errors,
     _finite_mean,
-    _refit_on_half_or_keep,
-    _squared_errors,
+    refit_on_half_or_keep,
+    squared_errors,
 )
 from bcid.errors import PredictionDiverged
 from bcid.evaluation.closed_loop import RestartedPrediction
@@ -36,7 +36,7 @@ def predicted(lost: tuple[int, ...]) -> RestartedPrediction:
 @pytest.mark.parametrize(("lost", "share"), [((), 0.0), ((1,), 1 / 3), ((0, 2), 2 / 3)])
 def test_a_stretch_that_is_lost_counts_for_nothing(lost: tuple[int, ...], share: float) -> None:
     estimate: Any = SimpleNamespace(twist=MEASURED)
-    off, other = _squared_errors(predicted(lost), estimate, ONES), _squared_errors(predicted(()), estimate, ONES)
+    off, other = squared_errors(predicted(lost), estimate, ONES), squared_errors(predicted(()), estimate, ONES)
     assert np.isnan(off).mean() == pytest.approx(share)
     assert _finite_mean(off) == pytest.approx(_finite_mean(other))
     row = _bootstrap_errors(2.0, other, off, None, np.arange(ROWS) // EACH)
@@ -46,7 +46,7 @@ def test_a_stretch_that_is_lost_counts_for_nothing(lost: tuple[int, ...], share:
 
 def test_of_a_model_that_is_lost_everywhere_there_is_no_error() -> None:
     """Not one of zero, which is what the rows that its predictions start with would make."""
-    off = _squared_errors(predicted((0, 1, 2)), SimpleNamespace(twist=MEASURED), ONES)  # type: ignore[arg-type]
+    off = squared_errors(predicted((0, 1, 2)), SimpleNamespace(twist=MEASURED), ONES)  # type: ignore[arg-type]
     assert np.isnan(off).all()
     assert _finite_mean(off) is None
     row = _bootstrap_errors(2.0, off, off, None, np.arange(ROWS) // EACH)
@@ -58,7 +58,7 @@ def test_blocks_that_are_lost_pull_no_interval_to_nothing() -> None:
     """Each of those that are left is as far off."""
     estimate: Any = SimpleNamespace(twist=MEASURED)
     row = _bootstrap_errors(
-        2.0, *[_squared_errors(predicted((0, 1)), estimate, ONES)] * 2, None, np.arange(ROWS) // EACH
+        2.0, *[squared_errors(predicted((0, 1)), estimate, ONES)] * 2, None, np.arange(ROWS) // EACH
     )
     assert row.before_ci95 == pytest.approx((row.nmse_before, row.nmse_before))
     assert row.ratio_ci95 == pytest.approx((1.0, 1.0))
@@ -71,4 +71,4 @@ def test_half_a_take_that_leads_astray_leaves_the_fit_as_it_is(monkeypatch: pyte
     whole: Any = object()
     half: Any = None
     monkeypatch.setattr(prediction_error, "refit_on_half", astray)
-    assert _refit_on_half_or_keep(whole, half, half) is whole
+    assert refit_on_half_or_keep(whole, half, half) is whole

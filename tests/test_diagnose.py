@@ -20,6 +20,7 @@ from bcid.diagnosis.diagnose import BaseFit, Diagnosis, diagnose_recordings
 from bcid.diagnosis.limits import JUDGE_LIMITS
 from bcid.diagnosis.reference_model import ReferenceModel
 from bcid.diagnosis.summary import KNOT_UNITS, knot_columns, summarise_diagnosis
+from bcid.documents.model_card import ModelCard
 from bcid.effects.constants import Constants
 from bcid.effects.table import EFFECTS
 from bcid.errors import PredictionDiverged
@@ -36,6 +37,7 @@ from bcid.recording.types import Recording, Stream
 from bcid.simulation.car import Plant, Sensor
 from bcid.simulation.samples import SampleTake as Order
 from bcid.simulation.samples import write_sample_take
+from bcid.store.artifact import file_sha256
 from bcid.vehicle import Vehicle
 
 ROUGH = {"rough_force": 3.0, "rough_moment": 1.5}
@@ -235,7 +237,22 @@ def test_the_command_writes_json_page_and_a_model_that_others_take(tmp_path: Pat
     assert found["fit"]["nmse_after"] < found["fit"]["nmse_before"]
     assert found["fit"]["ratio_ci95"][1] < 1.0
     assert [h["horizon_s"] for h in found["horizons"]] == [0.5, 2.0, 10.0]
-    assert "rear rolling coulomb" in (out / "diagnosis.html").read_text()
+    budget = found["error_budget"]
+    assert sum(p["share"] for p in budget["parts"]) == pytest.approx(1.0)
+    # the same predictions as those of the table of errors
+    assert budget["nmse"] == pytest.approx(found["fit"]["nmse_before"])
+    rest = sum(p["share"] for p in budget["parts"] if p["cause"] not in ("effect", "corrections"))
+    assert rest == pytest.approx(found["fit"]["nmse_after"] / found["fit"]["nmse_before"])
+    assert budget["parts"][0]["effects"] == ["rear_rolling_coulomb"]
+    assert budget["parts"][0]["ci95"][0] > 0.3
+    page = (out / "diagnosis.html").read_text()
+    assert "rear rolling coulomb" in page
+    assert "The rear wheels brake with" in page
+    card = ModelCard.read(out / "model_card.json")
+    assert [f.name for f in card.data] == ["drag.mcap"]
+    assert card.data[0].sha256 == file_sha256(tmp_path / "drag.mcap")
+    assert card.data[0].sha256[:16] in page
+    assert str(tmp_path) not in page
     assert "rear_rolling_coulomb" in load_model(out / "model").describe()
     viewed = CliRunner().invoke(app, ["view", str(out), "--out", str(tmp_path / "view.mcap")])
     assert viewed.exit_code == 0, viewed.output

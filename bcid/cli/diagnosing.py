@@ -12,7 +12,7 @@ import typer
 from bcid.cli import options
 from bcid.cli.completion import complete_effects
 from bcid.cli.options import Format
-from bcid.cli.reporting import DIAGNOSIS_FILES
+from bcid.cli.reporting import DIAGNOSIS_FILES, publish_diagnosis
 from bcid.errors import UsageError
 
 DEFAULT_PLAN = Path("plans/plan.commands.csv")
@@ -56,7 +56,7 @@ def diagnose(
     home = "" if out else "diagnosis"
     work.refuse_to_publish_over(*DIAGNOSIS_FILES, to=home)
     artifact = work.diagnose(simulation)
-    page = work.publish(artifact, *DIAGNOSIS_FILES, to=home)
+    page = publish_diagnosis(work, artifact, home)
     document = DiagnosisDocument.read(artifact.folder / "diagnosis.json")
     sink.result(document.as_json(), lambda: show.diagnosis_tables(document))
     model = DIAGNOSED if not out else page.parent / "model"

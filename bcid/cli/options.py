@@ -5,6 +5,9 @@ Every command's module imports this one to be listed in the help, so what reads 
 
 from __future__ import annotations
 
+import os
+import shlex
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
@@ -134,6 +137,17 @@ def workspace_of(pipeline: Path | None) -> Path | None:
     return read_pipeline(pipeline).workspace if pipeline or find_pipeline_file() else None
 
 
+def command_line() -> str:
+    """The command line as it was typed, with the program's bare name and ~ for the user's folder."""
+    home = f"{Path.home()}{os.sep}"
+
+    def quote(word: str) -> str:
+        """One word of the line as a shell reads it."""
+        return f"~{os.sep}{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
+
+    return " ".join(["bcid", *map(quote, sys.argv[1:])])
+
+
 def read_config(
     pipeline: Path | None = None,
     recordings: list[Path] | None = None,
@@ -158,7 +172,9 @@ def read_config(
     """
     from bcid.pipeline.config import PipelineConfig
 
-    said: dict[str, Any] = {"allow_partial": allow_partial, "force": force, "ignore_health": ignore_health}
+    said: dict[str, Any] = {
+        "allow_partial": allow_partial, "force": force, "ignore_health": ignore_health, "command": command_line(),
+    }  # fmt: skip
     said |= {} if effects is None else {"effects": effects}
     if not recordings:
         if vehicle or out or commands:

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from bcid.pipeline.run import Pipeline
     from bcid.store.artifact import Artifact
 
-REPORT_FILES = ("index.html", "report.json")
-DIAGNOSIS_FILES = ("diagnosis.html", "diagnosis.json", "model", "next_manoeuvre.commands.csv")
+REPORT_FILES = ("index.html", "report.json", "model_card.json")
+PAGE_FILES = ("diagnosis.html", "model_card.json")
+FOUND_FILES = ("diagnosis.json", "model", "next_manoeuvre.commands.csv")
+DIAGNOSIS_FILES = (*PAGE_FILES, *FOUND_FILES)
 
 
 def run(
@@ -50,8 +52,7 @@ def run(
         sink.note(f"report: {page} compares the models; the diagnosis follows, and takes some minutes")
     artifact = work.report()
     if work.config.diagnose:
-        diagnosis_page = work.publish(work.diagnose(), *DIAGNOSIS_FILES, to="diagnosis")
-        sink.note(f"diagnosis page: {diagnosis_page}")
+        sink.note(f"diagnosis page: {publish_diagnosis(work, work.diagnose(), 'diagnosis')}")
     _show_report(work, sink, artifact)
 
 
@@ -88,6 +89,13 @@ def report(
     artifact = work.report(saved, chosen, ReportExtent(losses=False, diagnosis=False))
     _publish_fits(work, chosen)
     _show_report(work, sink, artifact)
+
+
+def publish_diagnosis(work: Pipeline, artifact: Artifact, home: str) -> Path:
+    """Publish a diagnosis with its page in the folder `home` of the workspace; return the page's path."""
+    page = work.diagnosis_page(artifact)
+    work.publish(artifact, *FOUND_FILES, to=home)
+    return work.publish(page, *PAGE_FILES, to=home)
 
 
 def _fitted_models(work: Pipeline, sink: Sink, all_if_none: bool) -> list[str]:

@@ -50,6 +50,7 @@ def score_cells(score: ModelScore) -> list[str]:
 
 def diagnosis_tables(document: DiagnosisDocument) -> Group:
     """A diagnosis as text and tables: verdict, findings, prediction errors on held-out blocks, effects not excited."""
+    from bcid.report.budget_words import budget_rows
     from bcid.report.verdict_words import short_take_sentence, verdict_sentence
 
     parts: list[Any] = [escape(" ".join(filter(None, [verdict_sentence(document), short_take_sentence(document)])))]
@@ -79,6 +80,11 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     lost = ", ".join(f"{100.0 * h.lost:.2g} % at {h.horizon_s:g} s" for h in document.horizons if h.lost)
     note = f"left out, where predictions leave the finite numbers: {lost} of the time" if lost else ""
     parts.append(plain_table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
+    if document.error_budget:
+        budget = document.error_budget
+        shares = [[row.label, row.share, row.interval] for row in budget_rows(budget)]
+        title = f"what the {budget.horizon_s:g} s error before is made of"
+        parts.append(plain_table(title, ["part", "share", "95 % interval"], shares))
     if document.not_excited:
         unseen = ", ".join(
             f"{u.effect} at any size"

@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from bcid.documents.document import Document, Figure, Interval, Number, Part
+from bcid.documents.error_budget import ErrorBudget
 
 Verdict = Literal["nothing-found", "named", "ambiguous", "unknown"]
 
@@ -262,6 +263,7 @@ class DiagnosisDocument(Document):
     located: Located | None = None
     unexplained: Unexplained | None = None
     remainder: tuple[ChannelRemainder, ...] = ()
+    error_budget: ErrorBudget | None = None  # of earlier diagnoses, and where no prediction stays finite, null
 
     @property
     def where(self) -> Where:

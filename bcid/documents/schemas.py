@@ -10,6 +10,7 @@ from bcid.documents.document import Document
 from bcid.documents.export import ExportDocument
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
+from bcid.documents.model_card import ModelCard
 from bcid.documents.prove import ProveDocument
 from bcid.documents.prove_real import RealProofDocument
 from bcid.documents.report import EvaluationDocument, ReportDocument
@@ -24,6 +25,7 @@ DOCUMENTS: dict[str, type[Document]] = {
     "health": HealthDocument,
     "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,
+    "model_card": ModelCard,
     "prove": ProveDocument,
     "prove_real": RealProofDocument,
     "report": ReportDocument,

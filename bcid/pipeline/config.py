@@ -40,12 +40,22 @@ class EstimateTable(Settings):
     noise: NoiseTable = NoiseTable()
 
 
+class PublishedTable(Settings):
+    """Figures that others published of models of the same names: the table `[report.published]` of a pipeline file."""
+
+    title: Annotated[str, Field(min_length=1)]
+    note: str = ""  # on what data and machine they were found
+    nmse: Annotated[dict[str, Annotated[float, Field(gt=0)]], Field(min_length=1)]  # by model
+    rollout_ms: dict[str, Annotated[float, Field(gt=0)]] = Field(default_factory=dict)
+
+
 class ReportTable(Settings):
     """Settings of the report: the table `[report]` of a pipeline file."""
 
     restart_s: Annotated[float, Field(gt=0)] = 2.0
     timing_repeats: Annotated[int, Field(ge=0)] = 21  # 0: not timed; equal runs on one machine have equal reports
     losses: list[CarLoss] = Field(default_factory=list)  # that are compared, beside the comparison of models
+    published: PublishedTable | None = None  # shown beside ours; null where nobody published any of this car
 
 
 def _field_name(model: str) -> str:
@@ -91,6 +101,7 @@ class PipelineConfig(PipelineFile):
     commands: PathText | None = None  # of a single recording named on the command line
     allow_partial: bool = False  # recordings of which a part cannot be read are used without it
     ignore_health: bool = False  # recordings whose check says no-go are used all the same
+    command: str = ""  # the command line that asked for it, for the cards of what is made
     force: bool = False  # results replace files where they are published, whoever wrote those
 
     def recordings(self) -> list[Path]:

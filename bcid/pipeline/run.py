@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from bcid.effects.own_file import OwnFile
     from bcid.evaluation.seen_takes import TakeSteps
     from bcid.models.settings import CarLoss
+    from bcid.pipeline.model_card import Origin
 
 AXLE_KEYS = ("body.cog_to_front_m", "body.cog_to_rear_m")
 COSTLY_STAGES = ("fit", "diagnose")
@@ -436,6 +437,7 @@ class Pipeline:
         takes = [(self.ingest(p), self.estimate(p), self.check(p)) for p in self.config.recordings()]
         names = [self.names[p] for p in self.config.recordings()]
         diagnosis = self.diagnose() if extent.diagnosis and self.config.diagnose else self.find_diagnosis()
+        origin = self._origin(self.config.recordings())
         inputs = {
             "diagnosis": diagnosis.content if diagnosis else None,
             "models": [[c.label, c.content, e.content, c.saw_validation] for c, e in judged],
@@ -443,6 +445,7 @@ class Pipeline:
             "takes": [[a.content if a else None for a in take] for take in takes],
             "names": names,
             "vehicle": self.vehicle.name,
+            **self._origin_key(origin),
         }
 
         def make(folder: Path, progress: Progress) -> None:
@@ -455,7 +458,7 @@ class Pipeline:
             losses = [report.LossEvaluation(c.label, loss, e.folder) for c, loss, e in compared]
             report.run_report_stage(
                 folder, models, validation.folder, folders, settings, self.vehicle.name,
-                diagnosis.folder if diagnosis else None, losses, names,
+                diagnosis.folder if diagnosis else None, losses, names, origin,
             )  # fmt: skip
 
         return self._run_stage("report", "", inputs, settings, make, *(c.module for c in candidates))
@@ -534,6 +537,43 @@ class Pipeline:
             save_seen_takes([self._take_steps(p) for p in recordings], folder / "model")
 
         return self._run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE)
+
+    def diagnosis_page(self, diagnosis: Artifact) -> Artifact:
+        """Artifact of the page of a diagnosis of this pipeline's recordings, and of the card of its model.
+
+        The page says when it was made and by which command, which do not count in its key: the page that was made first
+        stays.
+        """
+        origin = self._origin(list(self.config.diagnose) or self.config.recordings())
+        inputs = {"diagnosis": diagnosis.content, **self._origin_key(origin)}
+
+        def make(folder: Path, progress: Progress) -> None:
+            from bcid.pipeline.stages import diagnosis_page
+
+            diagnosis_page.run_diagnosis_page_stage(folder, diagnosis.folder, origin)
+
+        return self._run_stage("diagnosis_page", "", inputs, {}, make)
+
+    def _origin(self, recordings: Sequence[Path]) -> Origin:
+        """Where a result that was made from these recordings comes from, for its card."""
+        from bcid.documents.model_card import DataFile
+        from bcid.pipeline.model_card import IngestedTake, Origin
+        from bcid.recording.recorded_on import recorded_on
+
+        path = self.config.vehicle
+        taken = [
+            IngestedTake(self.ingest(p).folder, self._title(p).removesuffix(p.name), recorded_on(p)) for p in recordings
+        ]
+        return Origin(
+            self.vehicle.name, DataFile(name=path.name, sha256=file_sha256(path), format="toml"), taken,
+            self.config.command,
+        )  # fmt: skip
+
+    @staticmethod
+    def _origin_key(origin: Origin) -> dict[str, Any]:
+        """What of an origin counts in the key of what is made from it: the content of files, and dates in them."""
+        takes = [[take.parents, take.recorded] for take in origin.recordings]
+        return {"vehicle_file": [origin.vehicle_file.name, origin.vehicle_file.sha256], "recorded": takes}
 
     def _simulation_key(self, simulation: Path) -> Any:
         """What stands for a simulation in a key: digests of its files, or the name and file of a module.

@@ -2,5 +2,5 @@
 
 `read` (any file, by its content), over `formats` (readers), `checks` (of what they read) and `assemble` (the recording,
 with all irregularities counted); `measured_speed` (a throttle that is one), `neighbours` (whose commands fit); `types`
-(the recording), `saving` (its files), `limits` (the numbers that decide on poses).
+(the recording), `recorded_on` (when it was made), `saving` (its files), `limits` (the numbers that decide on poses).
 """

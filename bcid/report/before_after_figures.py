@@ -3,21 +3,20 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
-from matplotlib.figure import Figure
+from markupsafe import Markup
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from bcid.aliases import Bools
+from bcid.aliases import Bools, Floats
 from bcid.documents.diagnosis import DiagnosisDocument, HorizonError
 from bcid.report import canvas
-from bcid.report.canvas import AFTER, BEFORE, UNCHANGED, WIDTH, Columns, Picture, insert_gaps, render_data_uri
+from bcid.report.canvas import AFTER, BEFORE, INK, TEXT_SIZE, UNCHANGED, Columns, Picture, render_svg
 from bcid.report.disturbance import Residual, choose_residual, drop_incomplete_knots, located_knots, root_mean_square
-from bcid.report.formats import with_minus_sign
+from bcid.report.formats import format_thousandths, with_minus_sign
 from bcid.report.limits import LIMITS
+from bcid.report.path_stretch import choose_stretch
 
-# A label that no legend shows, for what a legend has already.
-HIDDEN_LABEL = "_hidden"
-# Length (s) of the stretch whose paths are drawn.
-STRETCH_S = 20.0
+DASHES = {BEFORE: "-", AFTER: (0, (4, 1.5))}
+"""Dash pattern of each stage, so that colour is not all that tells them apart."""
 
 
 def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tracks: Columns) -> list[Picture]:
@@ -28,117 +27,165 @@ def draw_before_after_pictures(diagnosis: DiagnosisDocument, knots: Columns, tra
     """
     knots, pictures = drop_incomplete_knots(knots), []
     if diagnosis.horizons:
-        caption = "Closed-loop error on held-out blocks with 95 % intervals (block bootstrap); bars: the noise floor."
-        pictures.append(Picture("Error by horizon", caption, _draw_horizon_errors(diagnosis.horizons)))
-    if len(tracks["time_s"]) > 2:
-        shown = _worst_rows(tracks)
-        begin, end = tracks["time_s"][shown][[0, -1]]
         caption = (
-            f"The {end - begin:.0f} s from {begin:.0f} s on, where the base model misses most; predictions start anew "
-            "from the measured state every 2 s (crosses). Held-out throughout."
+            "Closed-loop error on held-out blocks, NMSE × 10³, with 95 % intervals (block bootstrap), on a scale of "
+            "factors. Upright bars: the noise floor."
         )
-        pictures.append(Picture("Predicted paths where the base model is worst", caption, _draw_paths(tracks, shown)))
+        pictures.append(Picture("Error by horizon", caption, (_draw_horizon_errors(diagnosis.horizons),)))
+    if len(tracks["time_s"]) > 2:
+        stretch = choose_stretch(tracks)
+        part = {name: np.asarray(values)[stretch.rows] for name, values in tracks.items()}
+        factor = _magnification(part)
+        larger = f" Misses are drawn {factor:g} times as large as they are." if factor > 1.0 else ""
+        panels = (*_draw_paths(part, factor), _draw_misses(part))
+        pictures.append(Picture(stretch.title, stretch.caption + larger, panels))
     if len(knots["time_s"]) >= LIMITS.min_knots:
         inside, words = located_knots(diagnosis, knots)
         if LIMITS.min_knots // 3 <= inside.sum() < len(inside):
-            caption = f"There: {words}. Dashed lines: means."
-            image = _draw_residual_histograms(choose_residual(diagnosis, knots), inside)
-            pictures.append(Picture("Residuals where the mismatch was located, and elsewhere", caption, image))
+            caption = f"There: {words}. Dotted lines: means."
+            panels = tuple(_draw_residual_histograms(choose_residual(diagnosis, knots), inside))
+            pictures.append(Picture("Residuals where the mismatch was located, and elsewhere", caption, panels))
     return pictures
 
 
-def _draw_residual_histograms(residual: Residual, inside: Bools) -> str:
-    """Histograms of the residual acceleration before and after the effects found are added, as an image's data URI.
+def _draw_residual_histograms(residual: Residual, inside: Bools) -> list[Markup]:
+    """Histograms of the residual acceleration before and after the effects found are added, as SVG elements.
 
     One panel is of the half-second means that lie `inside` (K,) the place, time or range where the mismatch was
     located, the other of the rest.
     """
-    figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
-    axes = figure.subplots(1, 2, sharex=True)
     frame = float(np.quantile(np.abs(residual.before), 0.99)) * 1.2 + 1e-6
     bins = np.linspace(-frame, frame, 31)
-    for ax, rows, where in zip(axes, (inside, ~inside), ("there", "elsewhere"), strict=True):
-        for title, values, colour in residual.stages:
+    panels = []
+    for rows, where in ((inside, "there"), (~inside, "elsewhere")):
+        title = f"{where} ({int(rows.sum())} knots)"
+        figure, ax = canvas.create_panel(2.5)
+        for stage, values, colour in residual.stages:
             part = values[rows]
-            label = with_minus_sign(f"{title}: mean {part.mean():+.2g}, RMS {root_mean_square(part):.2g}")
+            label = with_minus_sign(f"{stage}: mean {part.mean():+.2g}, RMS {root_mean_square(part):.2g}")
             part = np.clip(part, -frame, frame)
-            ax.hist(part, bins, histtype="step", color=colour, lw=1.7, density=True, label=label)
-            ax.axvline(values[rows].mean(), 0.0, 0.7, color=colour, lw=1.2, ls="--")
-        ax.set_title(f"{where} ({int(rows.sum())} knots)", fontsize=10)
-        ax.set_xlabel(f"{residual.name} ({residual.unit})")
+            ax.hist(part, bins, histtype="step", color=colour, lw=1.7, density=True, label=label, ls=DASHES[colour])
+            ax.axvline(values[rows].mean(), 0.0, 0.7, color=colour, lw=1.2, ls=":")
+        ax.set_xlabel(f"{residual.name} ({residual.unit}), {title}")
+        ax.xaxis.set_major_locator(MaxNLocator(7))
         ax.set_yticks([])
-        ax.set_ylim(top=1.45 * ax.get_ylim()[1])
-        ax.legend(fontsize=8, loc="upper center", ncols=1, frameon=False)
-    return render_data_uri(figure)
+        ax.spines["left"].set_visible(False)
+        canvas.add_legend(ax, columns=1)
+        panels.append(render_svg(figure, f"{residual.name}, {title}"))
+    return panels
 
 
-def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> str:
-    """Closed-loop NMSE by prediction horizon, before and after effects found are added, as the data URI of an image.
+def _draw_horizon_errors(horizons: Sequence[HorizonError]) -> Markup:
+    """Closed-loop NMSE by prediction horizon, before and after effects found are added, as an SVG element.
 
     The noise floor is drawn beside it: the NMSE that the model has on a recording simulated by the model itself.
     """
-    figure = Figure(figsize=(7.5, 0.9 + 0.5 * len(horizons)), layout="constrained")
-    ax = figure.subplots()
+    figure, ax = canvas.create_panel(0.8 + 0.62 * len(horizons))
     changed = any(h.nmse_after not in (None, h.nmse_before) for h in horizons)
-    labels = {"before": "before" if changed else UNCHANGED, "after": "after", "floor": "noise floor"}
+    shown = {"before": "before" if changed else UNCHANGED, "after": "after", "floor": "noise floor"}
     for row, h in enumerate(horizons):
-        before = ("before", BEFORE, -0.16, h.nmse_before, h.before_ci95)
-        after = ("after", AFTER, 0.16, h.nmse_after, h.after_ci95)
+        before = ("before", BEFORE, -0.2, h.nmse_before, h.before_ci95)
+        after = ("after", AFTER, 0.2, h.nmse_after, h.after_ci95)
         for stage, colour, offset, value, interval in (before, after):
-            if value is None or (stage == "after" and not changed):
+            if not value or (stage == "after" and not changed):
                 continue
             if interval:
-                ax.plot(1e3 * np.array(interval), [row + offset] * 2, color=colour, lw=2.2)
-            label = labels.pop(stage, HIDDEN_LABEL)
-            ax.plot(1e3 * value, row + offset, "o" if stage == "before" else "s", color=colour, ms=7, label=label)
-        if h.nmse_floor is not None:
-            label = labels.pop("floor", HIDDEN_LABEL)
-            ax.vlines(1e3 * h.nmse_floor, row - 0.36, row + 0.36, color="black", lw=2, label=label)
+                ax.plot(1e3 * np.array(interval), [row + offset] * 2, color=colour, lw=2.0)
+            label, mark = shown.pop(stage, ""), "o" if stage == "before" else "s"
+            ax.plot(1e3 * value, row + offset, mark, color=colour, ms=6, label=label or None)
+            ax.annotate(
+                format_thousandths(value), (1e3 * (interval[1] if interval else value), row + offset), xytext=(6, 0),
+                textcoords="offset points", va="center", fontsize=TEXT_SIZE - 1.0, color=colour,
+            )  # fmt: skip
+        if h.nmse_floor:
+            label = shown.pop("floor", "")
+            ax.vlines(1e3 * h.nmse_floor, row - 0.4, row + 0.4, color=INK, lw=1.6, label=label or None)
     ax.set_xscale("log")
+    low, high = ax.get_xlim()
+    ax.set_xlim(low, high * (high / low) ** 0.12)  # room for the last number
+    # as many ticks as have room for their words: tenths on a wide scale, 1, 2, 5 on a narrow one
+    subdivisions = (
+        (1.0,) if high / low > 200.0 else (1.0, 2.0, 5.0) if high / low > 4.0 else tuple(np.arange(1.0, 10.0))
+    )
+    ax.xaxis.set_major_locator(LogLocator(subs=subdivisions, numticks=12))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_yticks(range(len(horizons)), [f"{h.horizon_s:g} s" for h in horizons])
     ax.set_ylim(len(horizons) - 0.5, -0.5)
     ax.set_xlabel("closed-loop NMSE × 10³")
-    ax.xaxis.set_major_formatter("{x:g}")
-    ax.grid(axis="x", which="both", alpha=0.25)
-    if len(labels) < 3:
-        ax.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
-    return render_data_uri(figure)
+    ax.grid(axis="x", color=canvas.RULE, lw=0.6)
+    if ax.get_legend_handles_labels()[0]:
+        canvas.add_legend(ax)
+    return render_svg(figure, "Error by horizon")
 
 
-def _worst_rows(tracks: Columns) -> npt.NDArray[np.intp]:
-    """Rows of the STRETCH_S seconds, from a restart on, with the largest squared position errors of the base model."""
-    time = tracks["time_s"]
-    square = (tracks["before_x"] - tracks["x"]) ** 2 + (tracks["before_y"] - tracks["y"]) ** 2
-    total = np.r_[0.0, np.cumsum(np.nan_to_num(square))]
-    starts = np.flatnonzero(tracks["start"] > 0.5)
-    starts = starts if len(starts) else np.array([0])
-    ends = np.searchsorted(time, time[starts] + STRETCH_S)
-    best = int(np.argmax(total[ends] - total[starts]))
-    return np.arange(starts[best], ends[best])
+def _changed_stages(part: Columns) -> list[tuple[str, str, str]]:
+    """Column prefix, title and colour of each stage; the base model alone where nothing was changed."""
+    same = all(np.allclose(part[f"before_{c}"], part[f"after_{c}"], equal_nan=True) for c in "xy")
+    return [("before", UNCHANGED, BEFORE)] if same else [("before", "before", BEFORE), ("after", "after", AFTER)]
 
 
-def _draw_paths(tracks: Columns, shown: npt.NDArray[np.intp]) -> str:
-    """Measured and predicted paths over the rows `shown` of `tracks`, as the data URI of an image.
+def _misses(part: Columns, stage: str) -> Floats:
+    """Differences (N, 2) (m) between predicted and measured positions of a stage, "before" or "after"."""
+    return np.column_stack([part[f"{stage}_x"] - part["x"], part[f"{stage}_y"] - part["y"]])
 
-    One panel is of the base model, one of the model with the effects found; if both are equal, there is one panel.
+
+def _magnification(part: Columns) -> float:
+    """The round factor 1 to 100 by which the base model's misses are drawn larger, so that they can be seen.
+
+    It makes their root mean square at most a tenth of the longer side of the measured path.
     """
-    part = {name: np.asarray(values)[shown] for name, values in tracks.items()}
-    x, y, start = part["x"], part["y"], part["start"] > 0.5
-    gap = np.r_[False, np.diff(part["time_s"]) > 3.0 * np.median(np.diff(tracks["time_s"]))]
-    stages = [("before", BEFORE), ("after", AFTER)]
-    if all(np.allclose(part[f"before_{c}"], part[f"after_{c}"], equal_nan=True) for c in "xy"):
-        stages = stages[:1]
-    titles = [stage for stage, _ in stages] if len(stages) > 1 else [UNCHANGED]
-    figure, axes = canvas.create_floor_panels(len(stages), np.ptp(x) + 1.0, np.ptp(y) + 1.0)
-    for ax, title, (stage, colour) in zip(axes, titles, stages, strict=True):
-        px, py = part[f"{stage}_x"], part[f"{stage}_y"]
-        ax.plot(*insert_gaps(np.column_stack([x, y]), np.flatnonzero(gap)).T, color="black", lw=1.0, label="measured")
-        predicted = insert_gaps(np.column_stack([px, py]), np.flatnonzero(start | gap))
-        ax.plot(*predicted.T, color=colour, lw=1.7, label="predicted")
-        ax.plot(x[start], y[start], "x", color="black", ms=5, label="restarted")
-        miss = float(np.sqrt(np.nanmean((px - x) ** 2 + (py - y) ** 2)))
-        ax.set_title(f"{title}: RMS miss {100 * miss:.2g} cm", fontsize=10)
+    rms = float(np.sqrt(np.nanmean((_misses(part, "before") ** 2).sum(axis=1))))
+    side = max(float(np.ptp(part["x"])), float(np.ptp(part["y"])), 1e-6)
+    fitting = [f for f in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if f * rms <= side / 10.0]
+    return max(fitting, default=1.0)
+
+
+def _restarts_and_gaps(part: Columns) -> tuple[Bools, Bools]:
+    """Rows (N,) at which predictions start anew, and those before which measurements are missing."""
+    steps = np.diff(part["time_s"])
+    gap = np.r_[False, steps > 3.0 * np.median(steps)]
+    return part["start"] > 0.5, gap
+
+
+def _draw_paths(part: Columns, factor: float) -> list[Markup]:
+    """Measured and predicted paths, misses drawn `factor` times as large, as an SVG element for each stage."""
+    x, y = part["x"], part["y"]
+    start, gap = _restarts_and_gaps(part)
+    measured = canvas.insert_gaps(np.column_stack([x, y]), np.flatnonzero(gap))
+    panels = []
+    for stage, words, colour in _changed_stages(part):
+        miss = _misses(part, stage)
+        title = f"{words}: RMS miss {100 * float(np.sqrt(np.nanmean((miss**2).sum(axis=1)))):.2g} cm"
+        figure, ax = canvas.create_floor_panel(np.ptp(x) + 1.0, np.ptp(y) + 1.0, title, below=0.3)
+        ax.plot(*measured.T, color=INK, lw=1.0, label="measured")
+        drawn = np.column_stack([x, y]) + factor * miss
+        ax.plot(
+            *canvas.insert_gaps(drawn, np.flatnonzero(start | gap)).T, color=colour, lw=1.6,
+            label=f"predicted, miss × {factor:g}" if factor > 1.0 else "predicted",
+        )  # fmt: skip
+        ax.plot(x[start], y[start], "x", color=INK, ms=4.5, label="restarted")
         ax.set_xlim(x.min() - 0.5, x.max() + 0.5)
         ax.set_ylim(y.min() - 0.5, y.max() + 0.5)
-    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, loc="outside right upper", frameon=False)
-    return render_data_uri(figure)
+        figure.legend(
+            *ax.get_legend_handles_labels(), fontsize=TEXT_SIZE - 0.5, loc="outside lower center", ncols=3,
+            frameon=False, labelcolor=INK,
+        )  # fmt: skip
+        panels.append(render_svg(figure, f"Predicted paths, {title}"))
+    return panels
+
+
+def _draw_misses(part: Columns) -> Markup:
+    """How far predictions are from the measured path over time, before and after, as an SVG element."""
+    start, gap = _restarts_and_gaps(part)
+    figure, ax = canvas.create_panel(2.3)
+    for stage, words, colour in _changed_stages(part):
+        distance = np.column_stack([part["time_s"], 100.0 * np.hypot(*_misses(part, stage).T)])
+        path = canvas.insert_gaps(distance, np.flatnonzero(start | gap))
+        ax.plot(*path.T, color=colour, lw=1.6, ls=DASHES[colour], label=words)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel("miss (cm)")
+    ax.grid(axis="y", color=canvas.RULE, lw=0.6)
+    canvas.add_legend(ax)
+    return render_svg(figure, "Distance between predicted and measured position over time")

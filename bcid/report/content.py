@@ -1,4 +1,4 @@
-"""What a report says, before it is drawn: models best first, and the paper's own table."""
+"""What a report says, before it is drawn: models best first, and figures that others published of them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import numpy as np
 from bcid.aliases import Bools, Floats
 from bcid.documents import report
 from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.model_card import ModelCard
 from bcid.errors import InputRefused
 from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary
@@ -22,15 +23,6 @@ from bcid.evaluation.evaluate import ROW_UNITS
 from bcid.files.parquet import read_columns
 from bcid.recording.saving import RecordingSummary
 from bcid.report.verdict_words import verdict_sentence
-
-PAPER_TABLE = (
-    ("newton-euler", 5.973, 303.7),
-    ("narx-mlp", 5.587, 76.2),
-    ("k-mlp", 4.594, 85.6),
-    ("k-sindy", 12.960, 37.1),
-    ("k-sindy-mlp", 4.765, 81.1),
-)
-"""Model, NMSE x 10^3, ms: the paper's Table `runtimes`, on other data and another machine."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +60,15 @@ class ModelResult:
         return cls(evaluation, settings, rows[:, :3], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.5, rows[:, 10:13])
 
 
+class PublishedFigures(NamedTuple):
+    """Figures that others published of models of the same names, to stand beside ours: settings of the pipeline."""
+
+    title: str
+    note: str  # on what data and machine they were found
+    nmse: Mapping[str, float]  # by model
+    rollout_ms: Mapping[str, float]
+
+
 class TakeSummary(NamedTuple):
     """What the report shows of one take: name, recording and estimate, and the check where a truth is known."""
 
@@ -87,7 +88,9 @@ class ReportContent:
     takes: Sequence[TakeSummary]
     restart_s: float
     diagnosis: DiagnosisDocument | None = None  # None where the pipeline diagnoses nothing
+    published: PublishedFigures | None = None  # None where the pipeline file names none
     losses: Sequence[report.LossScore] = ()  # figures of models fitted by several losses, with the same seed
+    card: ModelCard | None = None  # where it comes from, if that is known
 
     def ranked_models(self) -> list[ModelResult]:
         """The models in order of their NMSE, those that diverge last, and after them those that saw the take."""

@@ -14,6 +14,12 @@ VARIABLES = {
 }  # fmt: skip
 """Names and units of the quantities on which a mismatch may depend."""
 
+SPAN_NAMES = {
+    "v_x": "forward speed", "v_y": "side speed", "yaw_rate": "yaw rate", "v_x yaw_rate": "speed times yaw rate",
+    "u_s": "steering command", "u_m": "throttle command",
+}  # fmt: skip
+"""What a card calls the quantities of which it says how far the data go."""
+
 GREEK = {
     "tau": "τ", "sigma": "σ", "kappa": "κ", "epsilon": "ε", "rho": "ρ", "psi": "ψ", "inverse_P": "1/P",
 }  # fmt: skip
@@ -99,6 +105,21 @@ def format_with_error(value: float | None, se: float | None, unit: str | None = 
     lead = floor(log10(se))
     places = -lead + (1 if se / 10.0**lead < 1.95 else 0)
     return f"{format_rounded(value, places)} ± {format_rounded(se, places)}{after}"
+
+
+def format_with_percent(value: float | None, se: float | None, unit: str | None = None) -> str:
+    """A value ± its standard error with its unit, and in brackets that error in percent of the value.
+
+    There are no brackets where that says nothing: where the error is as large as the value, or the value is a share.
+
+    >>> format_with_percent(3594.0, 118.0, "N/rad"), format_with_percent(0.02, 0.03, "m")
+    ('3590 ± 120 N/rad (3 %)', '0.02 ± 0.03 m')
+    """
+    text = format_with_error(value, se, unit)
+    if not (unit_text(unit) and value and se and isfinite(value) and 0.0 < se < abs(value)):
+        return text
+    share = 100.0 * se / abs(value)
+    return f"{text} ({f'{share:.0f}' if share >= 0.95 else f'{share:.1g}'} %)"
 
 
 def format_p_value(p: float | None) -> str:

@@ -7,11 +7,11 @@ is drawn.
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+from markupsafe import Markup
 
 from bcid.aliases import Floats
 from bcid.documents.diagnosis import ChannelRemainder, DiagnosisDocument, LawCurve
-from bcid.report.canvas import AFTER, BEFORE, Picture, render_data_uri
+from bcid.report.canvas import AFTER, BEFORE, INK, Picture, add_legend, create_panel, render_svg
 from bcid.report.formats import VARIABLES, format_number, join_words, plain_name
 from bcid.report.limits import LIMITS
 
@@ -29,7 +29,7 @@ DIRECTIONS = {
 """What the law of a wave is that acts in another direction than its channel's."""
 
 QUANTITIES = {**VARIABLES, "time": ("time", "s")}
-WIDTH, HEIGHT = 6.2, 3.6  # inches: smaller than other pictures, so that its words can be read where a page is narrow
+HEIGHT = 3.2  # inches
 
 
 def draw_missing_laws(diagnosis: DiagnosisDocument) -> list[Picture]:
@@ -41,7 +41,7 @@ def draw_missing_laws(diagnosis: DiagnosisDocument) -> list[Picture]:
     first = "The missing law, before any hypothesis"
     titles = [first, *(f"{first}: {LAWS[r.channel][0]}" for r in parts[1:])]
     return [
-        Picture(title, _describe(diagnosis, r, r.curve), _draw(r.channel, r.curve))
+        Picture(title, _describe(diagnosis, r, r.curve), (_draw(r.channel, r.curve, title),))
         for title, r in zip(titles, parts[: LIMITS.max_laws], strict=False)
         if r.curve is not None
     ]
@@ -86,12 +86,11 @@ def _describe(diagnosis: DiagnosisDocument, part: ChannelRemainder, law: LawCurv
     return f"{size} {band} Blue: what they would show if {names} were all that is missing, within the band {where}."
 
 
-def _draw(channel: str, law: LawCurve) -> str:
-    """The curve with its band, and the named law over it, as the data URI of an image."""
-    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
-    ax: Any = figure.subplots()
+def _draw(channel: str, law: LawCurve, title: str) -> Markup:
+    """The curve with its band, and the named law over it, as an SVG element called `title`."""
+    figure, ax = create_panel(HEIGHT)
     x, y, half = np.array(law.x), np.array(law.y), LIMITS.band_sd * np.array(law.sd)
-    ax.axhline(0.0, color="black", lw=0.6)
+    ax.axhline(0.0, color=INK, lw=0.6)
     ax.fill_between(x, y - half, y + half, color=BEFORE, alpha=0.22, lw=0, label="95 % band")
     ax.plot(x, y, "o-", color=BEFORE, lw=1.6, ms=3.2, label="free functions")
     if law.named is not None:
@@ -100,10 +99,10 @@ def _draw(channel: str, law: LawCurve) -> str:
     what, unit = _words(channel, law)
     over, over_unit = _quantity_words(law)
     over = f"time within a period of {law.period_s:.3g} s" if law.period_s else over
-    ax.set_ylabel(f"missing {what} ({unit})".replace(" of the", "\nof the").replace(" along", "\nalong"))
+    ax.set_ylabel(f"missing {what}\n({unit})".replace(" of the", "\nof the").replace(" along", "\nalong"))
     ax.set_xlabel(f"{over} ({over_unit})")
-    ax.legend(fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
-    return render_data_uri(figure)
+    add_legend(ax)
+    return render_svg(figure, title)
 
 
 def _frame(ax: Any, y: Floats, half: Floats) -> None:

@@ -32,6 +32,14 @@ class ReportLimits:
     # Stretches of 1.5 s below which a page says what so short a take can show: no kind of simulated take on which
     # verdicts are counted (docs/results/prove.json) lasts less than 45 s.
     short_stretches: int = 30
+    # Share of an error below which its change is told as hardly any, and what the evidence is instead.
+    hardly_changed_share: float = 0.02
+    # Times the noise floor above which the verdict says what keeps the error there.
+    above_floor: float = 1.5
+    # Share of the error that the low end of its interval must exceed for a sentence to say that something is left.
+    told_share: float = 0.005
+    # Effects that a sentence names of those that the drive did not show.
+    told_effects: int = 3
     # Rows from which a table is folded.
     folded_rows: int = 8
 

@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from bcid.documents.prove import Calibration, MethodScores, ProveDocument, TierScores
 from bcid.effects.table import EFFECTS
-from bcid.report.canvas import render_data_uri
+from bcid.report.canvas import AFTER, INK, MUTED, TEXT_SIZE, create_panel, render_svg, style_axes
 from bcid.report.templates import write_page
 
 COLUMNS = {
@@ -186,8 +188,8 @@ def write_proof_page(outcome: ProveDocument, path: Path) -> None:
     )  # fmt: skip
 
 
-def draw_confusion(confusion: Mapping[str, Mapping[str, int]]) -> str:
-    """Confusion matrix of a blind test, effect concealed against effect answered first, as the data URI of an image.
+def draw_confusion(confusion: Mapping[str, Mapping[str, int]]) -> Markup:
+    """Confusion matrix of a blind test, effect concealed against effect answered first, as an SVG element.
 
     `confusion` maps the concealed effect to counts by answer, among them "unknown", "nothing" and "error".
     """
@@ -199,36 +201,39 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]]) -> str:
     counts = np.array([[confusion[t].get(a, 0) for a in answers] for t in truths], dtype=float)
     counts = counts.reshape(len(truths), len(answers))
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)
-    figure = Figure(figsize=(11, 1.5 + 0.2 * len(truths)), layout="constrained")
+    figure = Figure(figsize=(10.5, 1.5 + 0.2 * len(truths)), layout="constrained")
     ax = figure.subplots()
-    ax.imshow(np.ma.masked_equal(shares, 0.0), cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    ax.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=7)
-    ax.set_yticks(range(len(truths)), [t.replace("_", " ") for t in truths], fontsize=7)
+    # pale enough, over white as over black, for the page's ink to be read upon it
+    shade = LinearSegmentedColormap.from_list("shade", [(0.0, 0.4, 0.75, 0.1), (0.0, 0.4, 0.75, 0.5)])
+    ax.imshow(np.ma.masked_equal(shares, 0.0), cmap=shade, vmin=0.0, vmax=1.0, aspect="auto", interpolation="nearest")
+    style_axes(ax)
+    ax.set_xticks(range(len(answers)), [a.replace("_", " ") for a in answers], rotation=90, fontsize=8)
+    ax.set_yticks(range(len(truths)), [t.replace("_", " ") for t in truths], fontsize=8)
     for i, j in zip(*np.nonzero(counts), strict=True):
-        ax.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=6,
-                color="white" if shares[i, j] > 0.5 else "black")  # fmt: skip
+        ax.text(j, i, f"{counts[i, j]:.0f}", ha="center", va="center", fontsize=8, color=INK)
     ax.set_xlabel("answered first")
     ax.set_ylabel("concealed alone")
-    ax.grid(False)
-    return render_data_uri(figure)
+    return render_svg(figure, "What was concealed against what was answered first")
 
 
-def draw_calibration(calibration: Calibration) -> str:
-    """Reliability diagram of a blind test: findings' stated probability against the share correct, as a data URI.
+def draw_calibration(calibration: Calibration) -> Markup:
+    """Reliability diagram of a blind test: findings' stated probability against the share correct, as an SVG element.
 
     Findings are grouped in bins of their stated probability; a finding is correct if its effect was in the recording.
     """
-    figure = Figure(figsize=(4.5, 4.0), layout="constrained")
-    ax = figure.subplots()
-    ax.plot([0, 1], [0, 1], color="#999999", lw=1)
+    figure, ax = create_panel(3.6)
+    ax.plot([0, 1], [0, 1], color=MUTED, lw=1, ls="--")
     bins = calibration.bins
-    ax.plot([b.stated for b in bins], [b.there for b in bins], "o", color="#0072b2")
+    ax.plot([b.stated for b in bins], [b.there for b in bins], "o", color=AFTER)
     for b in bins:
         if b.there_ci95:
-            ax.plot([b.stated] * 2, b.there_ci95, color="#0072b2", lw=1)
-        ax.annotate(f"{b.n:.0f}", (b.stated, b.there), textcoords="offset points", xytext=(6, -10), fontsize=8)
+            ax.plot([b.stated] * 2, b.there_ci95, color=AFTER, lw=1)
+        ax.annotate(
+            f"{b.n:.0f}", (b.stated, b.there), textcoords="offset points", xytext=(-6, -10), ha="right", color=INK,
+            fontsize=TEXT_SIZE - 0.5,
+        )  # fmt: skip
     ax.set_xlabel("stated probability")
     ax.set_ylabel("share that was there")
     ax.set_xlim(0, 1.03)
     ax.set_ylim(0, 1.03)
-    return render_data_uri(figure)
+    return render_svg(figure, "Stated probability against the share that was there")

@@ -1,6 +1,6 @@
 """The verdict of a diagnosis in a sentence."""
 
-from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, OtherFigure, UnknownPart
+from bcid.documents.diagnosis import DiagnosisDocument, FitSummary, NamedEffect, OtherFigure, UnknownPart
 from bcid.report import formats
 from bcid.report.formats import plain_name, with_minus_sign
 from bcid.report.limits import LIMITS
@@ -113,12 +113,15 @@ def _word_absence_of_effects(d: DiagnosisDocument) -> str:
     p = formats.format_p_value(d.mismatch.p_value)
     if d.mismatch.detected:
         return f"A mismatch is seen ({p}), but nothing that was tried explains it well enough to be named."
-    figures = ""
-    if d.fit and d.fit.nmse_before is not None and d.fit.nmse_floor:
-        times = d.fit.nmse_before / d.fit.nmse_floor
-        figures = f": {d.fit.horizon_s:g} s ahead the held-out error is {times:.2f} times what noise alone leaves"
     stands_out = f", and no place or time stands out ({p})" if p else ""
-    return f"Nothing is missing beyond the noise floor{figures}{stands_out}."
+    fit = d.fit
+    if fit is None or fit.nmse_before is None or not fit.nmse_floor:
+        return f"Nothing is missing beyond the noise floor{stands_out}."
+    times = fit.nmse_before / fit.nmse_floor
+    error = f"{fit.horizon_s:g} s ahead the held-out error is {times:.2f} times what noise alone leaves"
+    if times < LIMITS.above_floor:
+        return f"Nothing is missing beyond the noise floor: {error}{stands_out}."
+    return f"Nothing is found that is missing{stands_out}, and yet {error}. {_explain_floor_distance(d)}"
 
 
 def _describe_finding(finding: NamedEffect, kinds: set[str]) -> str:
@@ -143,16 +146,84 @@ def _describe_improvement(d: DiagnosisDocument, lead: str) -> str:
     fit = d.fit
     if fit is None or not fit.nmse_before or fit.nmse_after is None:
         return more
-    before, after = fit.nmse_before, fit.nmse_after
+    text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) {_describe_change(fit)}"
+    times = fit.nmse_after / fit.nmse_floor if fit.nmse_floor else 0.0
+    level = ", and stays at" if _hardly_changes(fit) else ", to"
+    text += f"{level} {times:.2f} times the noise floor." if fit.nmse_floor else "."
+    why = _explain_floor_distance(d) if times >= LIMITS.above_floor and not d.unknown else ""
+    return " ".join(part for part in (text, _evidence_beside_error(d), why, more) if part)
+
+
+def _describe_change(fit: FitSummary) -> str:
+    """By how much an error changes, as a verb with figures; that it hardly does where it is all but the same.
+
+    >>> _describe_change(FitSummary(horizon_s=2.0, nmse_before=0.5, nmse_after=0.2, ratio_ci95=(0.3, 0.6)))
+    'falls by 60 % (95 % interval 40 to 70 %)'
+    >>> _describe_change(FitSummary(horizon_s=2.0, nmse_before=0.5, nmse_after=0.502, ratio_ci95=(0.98, 1.03)))
+    'hardly changes (0 %, 95 % interval −2 % to +3 %)'
+    """
+    before, after = fit.nmse_before or 0.0, fit.nmse_after or 0.0
+    if _hardly_changes(fit):
+        low_high = (
+            f", 95 % interval {' to '.join(map(formats.format_change, fit.ratio_ci95))}" if fit.ratio_ci95 else ""
+        )
+        return f"hardly changes ({formats.format_change(after / before)}{low_high})"
     sign, verb = (1.0, "falls") if after <= before else (-1.0, "rises")
     share = sign * 100.0 * (1.0 - after / before)
-    text = f"{lead} the held-out {fit.horizon_s:g} s error (NMSE) {verb} by {share:.{0 if share < 99 else 1}f} %"
+    text = f"{verb} by {share:.{0 if share < 99 else 1}f} %"
     if fit.ratio_ci95:
         low, high = sorted(sign * 100.0 * (1.0 - r) for r in fit.ratio_ci95)
         text += f" (95 % interval {with_minus_sign(f'{low:.0f}')} to {with_minus_sign(f'{high:.0f}')} %)"
-    if fit.nmse_floor:
-        text += f", to {after / fit.nmse_floor:.2f} times the noise floor"
-    return f"{text}. {more}"
+    return text
+
+
+def _hardly_changes(fit: FitSummary) -> bool:
+    """Whether an error before and after differs by less than LIMITS.hardly_changed_share of itself."""
+    before, after = fit.nmse_before or 0.0, fit.nmse_after or 0.0
+    return abs(after - before) < LIMITS.hardly_changed_share * before
+
+
+def _evidence_beside_error(d: DiagnosisDocument) -> str:
+    """What the findings rest on where the error of predictions does not fall: the likelihood of the recorded poses.
+
+    Empty where the error falls.
+    """
+    fit, gains = d.fit, [(f.heldout_gain, f.effect) for f in d.findings if f.heldout_gain is not None]
+    if fit is None or fit.nmse_before is None or fit.nmse_after is None or not gains:
+        return ""
+    if fit.nmse_after < fit.nmse_before and not _hardly_changes(fit):
+        return ""
+    nats, effect = max(gains)
+    if nats <= 0.0:
+        return "Nor do the poses held out become likelier: take it with care."
+    return (
+        "What is named rests not on this error but on the likelihood of the recorded poses, which weighs them by the "
+        f"sensor’s noise and sees much smaller differences: {plain_name(effect)} makes those held out {nats:.0f} nats "
+        "likelier."
+    )
+
+
+def stays_above_floor(d: DiagnosisDocument) -> bool:
+    """Whether the held-out error, with all that was found, is so far above the noise floor that a why is told."""
+    fit = d.fit
+    if fit is None or not fit.nmse_floor:
+        return False
+    last = fit.nmse_before if fit.nmse_after is None else fit.nmse_after
+    return (last or 0.0) >= LIMITS.above_floor * fit.nmse_floor
+
+
+def _explain_floor_distance(d: DiagnosisDocument) -> str:
+    """What may keep the error above the noise floor where no part that lacks a name was reported, in a sentence."""
+    left = max(d.remainder, key=lambda part: part.nats_left, default=None)
+    if left is not None and left.nats_left > 0.0:
+        return (
+            "What keeps it above the floor has no name: most of what free functions still see acts on the "
+            f"{CHANNELS.get(left.channel, left.channel)} ({left.nats_left:.1f} nats)."
+        )
+    return (
+        "Neither an effect nor free functions explain what keeps it above the floor; events that are rare, such as "
+        "bumps, or noise other than was assumed could do so."
+    )
 
 
 def _describe_unknown(unknown: UnknownPart) -> str:

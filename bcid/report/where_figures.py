@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+from markupsafe import Markup
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_rgba
+from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter
 
 from bcid.aliases import Floats
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.report import canvas, disturbance
-from bcid.report.canvas import WIDTH, Columns, Picture, render_data_uri
+from bcid.report.canvas import INK, TEXT_SIZE, Columns, Picture, create_panel, render_svg
 from bcid.report.disturbance import Residual, differs_in_magnitude, knot_variable, located_windows, root_mean_square
 from bcid.report.formats import VARIABLES
 from bcid.report.limits import LIMITS
@@ -43,23 +46,24 @@ def draw_where_pictures(diagnosis: DiagnosisDocument, knots: Columns) -> list[Pi
         "Over the arena floor",
         f"{what}: {sizes}, smoothed over {disturbance.square_size(knots):.1f} m. Grey: hardly driven over. "
         f"{'Circle: the place located. ' if circle else ''}{'Crosses: contacts.' if diagnosis.contacts else ''}",
-        _draw_floor_map(diagnosis, knots, residual),
+        tuple(_draw_floor_maps(diagnosis, knots, residual)),
     )
-    drawn = _draw_over_time(diagnosis, knots, residual)
-    time = Picture("Over time", f"{what}: median and middle two thirds.", drawn)
+    shaded = " Shaded yellow: the time located." if located_windows(diagnosis) else ""
+    drawn = tuple(_draw_over_time(diagnosis, knots, residual))
+    time = Picture("Over time", f"{what}: median and middle two thirds.{shaded}", drawn)
     variables = Picture(
         f"Over {' and '.join(VARIABLES[n][0] for n in names)}",
         f"{what}: knots of 0.5 s{there}, and medians of bins ± 2 standard errors. Knots beyond the frame are cut."
         f"{f' For comparison: {more}.' if more else ''}",
-        _draw_over_variables(part, residual.select_rows(inside), names),
+        tuple(_draw_over_variables(part, residual.select_rows(inside), names)),
     )
     if circle:
         return [floor, variables, time]
     return [time, variables, floor] if located_windows(diagnosis) else [variables, floor, time]
 
 
-def _draw_floor_map(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> str:
-    """Smoothed map of the unexplained acceleration on the floor, before and after effects are added, as a data URI."""
+def _draw_floor_maps(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> list[Markup]:
+    """Smoothed maps of the unexplained acceleration on the floor, before and after effects are added, as SVG."""
     fine = disturbance.square_size(knots) / FINE_PER_SQUARE
     edges = [np.arange(v.min() - fine, v.max() + 2.0 * fine, fine) for v in (knots["x"], knots["y"])]
     size = differs_in_magnitude(residual, knots)
@@ -75,80 +79,100 @@ def _draw_floor_map(diagnosis: DiagnosisDocument, knots: Columns, residual: Resi
     level = np.abs(grids[0][seen]) if seen.any() else np.zeros(1)
     low, high = (float(np.quantile(level, q)) for q in (0.02, 0.99))
     high = max(high, 1e-6 if size else root_mean_square(residual.before))  # a mean well below the scatter stays pale
-    figure, axes = canvas.create_floor_panels(len(grids), np.ptp(edges[0]), np.ptp(edges[1]))
-    for ax, grid, (title, values, _) in zip(axes, grids, residual.stages, strict=True):
-        ax.set_facecolor(canvas.UNDRIVEN_COLOUR)
-        mesh = ax.pcolormesh(
-            *edges, grid.T, cmap="cividis" if size else "RdBu_r", vmin=low if size else -high, vmax=high
-        )
-        ax.set_title(f"{title}: RMS {root_mean_square(values):.2g} {residual.unit}", fontsize=10)
-        _mark_place_and_contacts(ax, diagnosis, "white" if size else "black")
+    scale = Normalize(low if size else -high, high)
+    colours = canvas.SIZE_COLOURS if size else canvas.SIGNED_COLOURS
     label = f"{'mean size of ' if size else ''}{residual.name} ({residual.unit})"
-    figure.colorbar(mesh, ax=list(axes), extend="max" if size else "both", shrink=0.9).set_label(label, size=9)
-    return render_data_uri(figure)
+    panels = []
+    for grid, (stage, values, _) in zip(grids, residual.stages, strict=True):
+        title = f"{stage}: RMS {root_mean_square(values):.2g} {residual.unit}"
+        figure, ax = canvas.create_floor_panel(np.ptp(edges[0]), np.ptp(edges[1]), title, below=0.7)
+        frame = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
+        image = colours(scale(np.ma.masked_invalid(grid.T)))
+        image[~seen.T] = to_rgba(canvas.UNDRIVEN_COLOUR)
+        ax.imshow(image, extent=frame, origin="lower", interpolation="nearest")
+        _mark_place_and_contacts(ax, diagnosis)
+        bar: Any = figure.colorbar(
+            ScalarMappable(scale, colours), ax=ax, extend="max" if size else "both", location="bottom", aspect=40,
+            pad=0.03, shrink=0.8,
+        )  # fmt: skip
+        bar.solids.set_rasterized(True)
+        bar.ax.patch.set_visible(False)
+        bar.set_label(label, size=TEXT_SIZE, color=INK)
+        bar.ax.tick_params(labelsize=TEXT_SIZE - 0.5, labelcolor=INK, color=canvas.MUTED)
+        bar.outline.set_edgecolor(canvas.MUTED)
+        bar.locator = MaxNLocator(5)
+        bar.update_ticks()
+        panels.append(render_svg(figure, f"{label} over the floor, {title}"))
+    return panels
 
 
-def _mark_place_and_contacts(ax: Any, diagnosis: DiagnosisDocument, colour: str) -> None:
+def _mark_place_and_contacts(ax: Any, diagnosis: DiagnosisDocument) -> None:
     """Draw the circle where the mismatch was located and the contacts (bumps, crashes) as crosses into the map `ax`."""
     place = diagnosis.where.place
     if place:
         around = np.linspace(0.0, 2.0 * np.pi, 90)
         x, y = place.x_m + place.radius_m * np.cos(around), place.y_m + place.radius_m * np.sin(around)
-        ax.plot(x, y, color=colour, lw=1.6)
-    contacts = diagnosis.contacts
-    for ink, thick in (("white", 3.6), ("black", 1.6)):
-        ax.plot([c.x_m for c in contacts], [c.y_m for c in contacts], "x", color=ink, ms=6, mew=thick)
+        ax.plot(x, y, color=INK, lw=1.4)
+    ax.plot([c.x_m for c in diagnosis.contacts], [c.y_m for c in diagnosis.contacts], "x", color=INK, ms=6, mew=1.6)
 
 
-def _draw_over_time(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> str:
-    """Median and middle two thirds of the unexplained acceleration over time, located times shaded, as a data URI."""
+def _draw_over_time(diagnosis: DiagnosisDocument, knots: Columns, residual: Residual) -> list[Markup]:
+    """Median and middle two thirds of the unexplained acceleration over time, located times shaded, as SVG."""
     time = knots["time_s"]
     edges = np.linspace(time.min(), time.max() + 1e-6, int(np.clip(len(time) // 20, 3, 60)) + 1)
     group = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, len(edges) - 2)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    figure = Figure(figsize=(WIDTH, 0.9 + 1.1 * len(residual.stages)), layout="constrained")
-    axes = figure.subplots(len(residual.stages), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    for ax, (title, values, colour) in zip(axes, residual.stages, strict=True):
+    drawn, frame = [], 1e-6
+    for stage, values, colour in residual.stages:
         parts = [values[group == b] for b in range(len(middle))]
-        low, median, high = np.array(
+        bands = np.array(
             [np.quantile(p, [1 / 6, 0.5, 5 / 6]) if len(p) >= LIMITS.min_knots_per_bin else [np.nan] * 3 for p in parts]
         ).T
+        frame = max(frame, 1.1 * float(np.max(np.abs(bands), initial=0.0, where=np.isfinite(bands))))
+        drawn.append((stage, bands, colour))
+    panels = []
+    for stage, (low, median, high), colour in drawn:
+        figure, ax = create_panel(2.1, stage)
         for begin, end in located_windows(diagnosis):
             ax.axvspan(begin, end, color="#f0e442", alpha=0.35, lw=0)
-        ax.axhline(0.0, color="black", lw=0.6)
+        ax.axhline(0.0, color=INK, lw=0.6)
         ax.fill_between(middle, low, high, color=colour, alpha=0.25, lw=0)
         ax.plot(middle, median, color=colour, lw=1.5)
-        ax.set_ylabel(f"{title} ({residual.unit})", fontsize=9)
+        ax.set_ylabel(f"{residual.name}\n({residual.unit})")
         ax.set_xlim(time.min(), time.max())
-    axes[-1].set_xlabel("time (s)")
-    return render_data_uri(figure)
+        ax.set_ylim(-frame, frame)
+        ax.set_xlabel("time (s)")
+        panels.append(render_svg(figure, f"{residual.name} over time, {stage}"))
+    return panels
 
 
-def _draw_over_variables(knots: Columns, residual: Residual, names: Sequence[str]) -> str:
-    """Unexplained acceleration over each quantity in `names`, half-second means and binned medians, as a data URI."""
-    figure = Figure(figsize=(WIDTH, 4.4 if len(residual.stages) > 1 else 2.5), layout="constrained")
-    rows = figure.subplots(len(residual.stages), len(names), sharex="col", sharey=True, squeeze=False)
-    medians = [[_binned_medians(knot_variable(n, knots), values) for n in names] for _, values, _ in residual.stages]
+def _draw_over_variables(knots: Columns, residual: Residual, names: Sequence[str]) -> list[Markup]:
+    """Unexplained acceleration over each quantity in `names`, half-second means and binned medians, as SVG.
+
+    The panels of one quantity follow each other, before and after, in frames of one height for all.
+    """
+    medians = {n: [_binned_medians(knot_variable(n, knots), v) for _, v, _ in residual.stages] for n in names}
     # a frame that shows the binned values and most knots
-    largest = max(
-        (float(np.max(np.abs(median) + error)) for _, median, error in medians[0] if len(median)), default=0.0
-    )
+    first = [medians[n][0] for n in names]
+    largest = max((float(np.max(np.abs(median) + error)) for _, median, error in first if len(median)), default=0.0)
     spread = 1.4826 * float(np.median(np.abs(residual.before - np.median(residual.before))))
     frame = max(1.15 * largest, 1.6 * spread, 1e-6)
-    dot = float(np.clip(100.0 / np.sqrt(len(residual.before)), 2.8, 7.0))
-    for axes, stage, row in zip(rows, residual.stages, medians, strict=True):
-        title, values, colour = stage
-        for ax, name, (at, median, error) in zip(axes, names, row, strict=True):
-            ax.plot(knot_variable(name, knots), values, ".", color=canvas.DOT_COLOUR, ms=dot, alpha=0.6, mew=0)
-            ax.axhline(0.0, color="black", lw=0.6)
+    dot = float(np.clip(80.0 / np.sqrt(len(residual.before)), 2.4, 6.0))
+    panels = []
+    for name in names:
+        words, unit = VARIABLES[name]
+        for (stage, values, colour), (at, median, error) in zip(residual.stages, medians[name], strict=True):
+            figure, ax = create_panel(2.3, stage)
+            x = knot_variable(name, knots)
+            ax.plot(x, values, ".", color=canvas.DOT_COLOUR, ms=dot, alpha=0.6, mew=0, rasterized=True)
+            ax.axhline(0.0, color=INK, lw=0.6)
             ax.errorbar(at, median, error, fmt="o-", color=colour, ms=4, lw=1.5, capsize=2)
             ax.set_ylim(-frame, frame)
             ax.locator_params(axis="x", nbins=7)
-        axes[0].set_ylabel(f"{title} ({residual.unit})", fontsize=9)
-    for ax, name in zip(rows[-1], names, strict=True):
-        words, unit = VARIABLES[name]
-        ax.set_xlabel(f"{words} ({unit})" if unit else words)
-    return render_data_uri(figure)
+            ax.set_ylabel(f"{residual.name}\n({residual.unit})")
+            ax.set_xlabel(f"{words} ({unit})" if unit else words)
+            panels.append(render_svg(figure, f"{residual.name} over {words}, {stage}"))
+    return panels
 
 
 def _binned_medians(x: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:

@@ -88,7 +88,7 @@ def compare_predictions(
     trained_on_first, halves = block % 2 == 1, split_halves(take)
     T, period_s = float(take.length_s[0]), estimate.period_s
     trained = [
-        [model_from_fit(_refit_on_half_or_keep(fit, take, half), T, period_s) for half in halves]
+        [model_from_fit(refit_on_half_or_keep(fit, take, half), T, period_s) for half in halves]
         for fit in (before, after)
     ]
     # a car that only fits stretch by stretch may not drive a whole take
@@ -101,17 +101,17 @@ def compare_predictions(
         squares, places = [], []
         for models in trained:
             predictions = [predict_with_restarts(model, estimate, horizon) for model in models]
-            errors = [_squared_errors(p, estimate, weights) for p in predictions]
+            errors = [squared_errors(p, estimate, weights) for p in predictions]
             squares.append(np.where(trained_on_first, *errors))
             places.append(np.where(trained_on_first[:, None], *(p.pose[:, :2] for p in predictions)))
         floor = None
         if again is not None:
             itself = predict_with_restarts(after_model, again, horizon)
-            floor = _finite_mean(_squared_errors(itself, again, weights))
+            floor = _finite_mean(squared_errors(itself, again, weights))
         row = _bootstrap_errors(horizon, squares[0], squares[1], floor, block)
         if reference_model is not None:
             given = predict_with_restarts(reference_model, estimate, horizon)
-            off = _squared_errors(given, estimate, weights)
+            off = squared_errors(given, estimate, weights)
             lost = float(np.isnan(off).mean())
             row = row.model_copy(update={"nmse_given": _finite_mean(off), "given_lost": lost})
         rows.append(row)
@@ -122,12 +122,12 @@ def compare_predictions(
     return rows, tracks
 
 
-def _refit_on_half_or_keep(fit: Fit, take: Take, half: Ints) -> Fit:
+def refit_on_half_or_keep(fit: Fit, take: Take, half: Ints) -> Fit:
     """The fit refitted to the segments with indices `half` only; the whole take's `fit` itself if that diverges."""
     return none_if_diverged(refit_on_half, fit, take, half) or fit
 
 
-def _squared_errors(predicted: RestartedPrediction, estimate: Estimate, weights: Floats) -> Floats:
+def squared_errors(predicted: RestartedPrediction, estimate: Estimate, weights: Floats) -> Floats:
     """Mean over v_x, v_y and omega of squared errors of the predicted twist (K,), each error times its weight (3,).
 
     Rows at which predictions are not finite are NaN, and so is the row at which such a prediction starts: there the

@@ -19,9 +19,9 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.validity import ModelValidity
 from bcid.files.parquet import write_columns
 from bcid.models.saving import save_model
+from bcid.pipeline.error_budget import measure_error_budget
 from bcid.recording.saving import load_recording
 from bcid.recording.types import Recording
-from bcid.report.diagnosis_page import write_diagnosis_page
 from bcid.vehicle import Vehicle
 
 # quantile of the driven throttles that the next manoeuvre may reach
@@ -34,7 +34,7 @@ def run_diagnose_stage(
     folder: Path, recordings: Sequence[Path], estimates: Sequence[Path], names: Sequence[str], tuning: Path,
     vehicle: Vehicle, simulation: str | None, simulated: Sequence[tuple[Path, Path]], progress: Progress,
 ) -> None:  # fmt: skip
-    """Diagnose which physics a simulation lacks, by recordings together; write document, page, models, next drive.
+    """Diagnose which physics a simulation lacks, by recordings together; write document, models and next drive.
 
     `recordings` and `estimates` are the artifact folders of the ingested takes and of their smoothed motions, `names`
     what tells these takes apart.  The simulation is `simulation` (a saved model's folder, a TOML file of parameters, or
@@ -53,11 +53,14 @@ def run_diagnose_stage(
         found, horizons, vehicle=vehicle.name, recordings=tuple(names), duration_s=found.take.T,
         simulation=_describe_reference(simulation, simulated),
     )  # fmt: skip
-    document = document.model_copy(update={"next_manoeuvre": _write_next_manoeuvre(folder, found)})
-    document.write(folder / "diagnosis.json")
-    knots, lines = knot_columns(found), track_columns(tracks)
-    write_columns(folder / "knots.parquet", knots, KNOT_UNITS)
-    write_columns(folder / "tracks.parquet", lines, TRACK_UNITS)
+    progress(0.92, "what the error is made of")
+    more = {
+        "next_manoeuvre": _write_next_manoeuvre(folder, found),
+        "error_budget": measure_error_budget(found, takes[0], motions[0], vehicle, tuned),
+    }
+    document.model_copy(update=more).write(folder / "diagnosis.json")
+    write_columns(folder / "knots.parquet", knot_columns(found), KNOT_UNITS)
+    write_columns(folder / "tracks.parquet", track_columns(tracks), TRACK_UNITS)
     # the base model is kept beside the augmented one, for views that predict with both
     for name, fit in (("base", found.naming.base), ("model", found.fit)):
         (folder / name).mkdir()
@@ -65,10 +68,6 @@ def run_diagnose_stage(
     progress(0.95, "process noise")
     model = model_from_fit(found.fit, float(found.take.length_s[0]), motions[0].period_s)
     ModelValidity.measure(model, motions, NOISE_SEED).save(folder / "model")
-    write_diagnosis_page(
-        document, dict(zip(KNOT_UNITS, knots.T, strict=True)), dict(zip(TRACK_UNITS, lines.T, strict=True)),
-        folder / "diagnosis.html",
-    )  # fmt: skip
 
 
 def _reference_model(

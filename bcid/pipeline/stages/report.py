@@ -10,9 +10,11 @@ from bcid.documents.report import EvaluationDocument, LossScore
 from bcid.estimate.consistency import TruthCheck
 from bcid.estimate.saving import EstimateSummary, load_estimate
 from bcid.evaluation.closed_loop import time_rollout_ms
+from bcid.evaluation.validity import DataRange
 from bcid.models.saving import load_model
+from bcid.pipeline.model_card import Origin, describe_comparison
 from bcid.recording.saving import RecordingSummary
-from bcid.report.content import ModelResult, ReportContent, TakeSummary, build_report
+from bcid.report.content import ModelResult, PublishedFigures, ReportContent, TakeSummary, build_report
 from bcid.report.page import write_report_page
 
 
@@ -44,8 +46,11 @@ def run_report_stage(
     diagnosis: Path | None,
     losses: Sequence[LossEvaluation] = (),
     names: Sequence[str] = (),
+    origin: Origin | None = None,
 ) -> None:
     """Write the comparison of the evaluated models as index.html and report.json to `folder`.
+
+    Where its `origin` is known, its card is on the page, and lies beside it as model_card.json.
 
     All paths are folders of artifacts; `takes` holds those of ingest, estimate and check of every recording, the
     validation take's last, `settings` is the pipeline file's table `[report]`, and `losses` are models fitted by other
@@ -62,6 +67,11 @@ def run_report_stage(
         update = {"model": judged.label, "rollout_ms": ms, "saw_validation": judged.saw_validation}
         labelled = evaluation.model_copy(update=update)
         results.append(ModelResult.read(labelled, judged.settings, judged.evaluation, len(take)))
+    card = None
+    if origin is not None:
+        driven = DataRange.from_estimates([load_estimate(estimate) for _, estimate, _ in takes])
+        card = describe_comparison(origin, driven)
+        card.write(folder / "model_card.json")
     content = ReportContent(
         vehicle=vehicle_name,
         validation=replace(take, name=names[-1] if names else take.name),
@@ -77,10 +87,12 @@ def run_report_stage(
         ],
         restart_s=float(settings["restart_s"]),
         diagnosis=None if diagnosis is None else DiagnosisDocument.read(diagnosis / "diagnosis.json"),
+        published=PublishedFigures(**settings["published"]) if settings.get("published") else None,
         losses=[
             LossScore(**{**EvaluationDocument.read(b.evaluation / "evaluation.json").as_json(), **b._asdict()})
             for b in losses
         ],
+        card=card,
     )
     build_report(content).write(folder / "report.json")
     write_report_page(content, folder / "index.html")
