@@ -14,7 +14,7 @@ from making import clear_source_caches
 from bcid.aliases import Progress
 from bcid.errors import InputRefused
 from bcid.files import source_code as code_module
-from bcid.pipeline import run as pipeline_run
+from bcid.pipeline import diagnosis_stages, model_stages, origin, take_stages
 from bcid.pipeline.config import read_pipeline_file
 from bcid.pipeline.run import Pipeline
 from bcid.pipeline.watching import Watcher
@@ -112,7 +112,8 @@ def test_a_run_reads_each_recording_once(
         read.append(path)
         return file_sha256(path)
 
-    monkeypatch.setattr(pipeline_run, "file_sha256", read_and_count)
+    for module in (take_stages, model_stages, diagnosis_stages, origin):
+        monkeypatch.setattr(module, "file_sha256", read_and_count)
     config = read_pipeline_file(plan_file)
     recordings = {part for recording in config.recordings() for part in recording_files(recording)}
     for times in (1, 2):
@@ -180,13 +181,13 @@ def _key(work: Pipeline, model: str) -> str:
 
         return Artifact(folder, recipe.key, reused=True)
 
-    real = work.store.get_or_make
+    real = work.runner.store.get_or_make
 
     def upstream_is_real(recipe, make):  # type: ignore[no-untyped-def]
         return note(recipe, make) if recipe.stage == "fit" else real(recipe, make)
 
-    work.store.get_or_make = upstream_is_real  # type: ignore[method-assign]
-    work._known.clear()
+    work.runner.store.get_or_make = upstream_is_real  # type: ignore[method-assign]
+    work.runner.known.clear()
     return work.fit(model).key
 
 

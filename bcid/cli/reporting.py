@@ -34,7 +34,8 @@ def run(
 ) -> None:
     """Do everything in the pipeline file: ingest, estimate, fit and compare all models, and diagnose."""
     from bcid.cli.sink import Sink
-    from bcid.pipeline.run import WHOLE, Pipeline
+    from bcid.pipeline.report_stage import WHOLE
+    from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
     config = options.read_config(
@@ -75,7 +76,8 @@ def report(
     """Compare the fitted models in closed loop on the validation recording: a page, a JSON, a table."""
     from bcid.cli.sink import Sink
     from bcid.pipeline.named_models import find_model
-    from bcid.pipeline.run import Pipeline, ReportExtent
+    from bcid.pipeline.report_stage import ReportExtent
+    from bcid.pipeline.run import Pipeline
 
     sink = Sink(format)
     config = options.read_config(

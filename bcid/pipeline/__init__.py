@@ -1,8 +1,13 @@
 """From a pipeline file to artifacts: the stages, what each depends on, and what is reused.
 
-`config` (the pipeline file), `run` (stages run or reused), `stages` (what each does), `watching` (who follows them as
-they run), `progress` (of a diagnosis), `publishing` (copies of results where people look for them), `named_models`
-(saved models by name), `takes` (which take is which), `single_take` (the motion of one recording), `cuts` (parts of
-takes), `tidy_tables` (takes for other programs), `compare_runs` (is it the same car?), `error_budget` (what a
-diagnosis's error is made of), `model_card` (where a result comes from), `limits` (all numbers that decide).
+What is made: `config` (the pipeline file), `run` (all that can be made of it), over the stages by their subject:
+`take_stages` (ingest, tune, estimate, check), `model_stages` (fit, evaluate), `diagnosis_stages` (diagnosis and page)
+and `report_stage` (the comparison); each says what its stages depend on, `stage_runner` runs or reuses one, and
+`stages` holds what each does.
+
+Beside these: `watching` (who follows stages as they run), `progress` (of a diagnosis), `publishing` (copies of results
+where people look for them), `named_models` (saved models by name), `takes` (which take is which), `cuts` (parts of
+takes), `single_take` (the motion of one recording), `tidy_tables` (takes for other programs), `compare_runs` (is it the
+same car?) by `read_run` (what a run says of its cars), `error_budget` (what a diagnosis's error is made of), `origin`
+and `model_card` (where a result comes from), `limits` (all numbers that decide).
 """

@@ -1,68 +1,24 @@
-"""Two runs side by side: is it the same car?  A run is a workspace, the folder of a diagnosis, or a saved model."""
+"""Two runs side by side: is it the same car?  The differences, the verdict, and what it may be worth less for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from bcid.documents.comparison import ComparisonDocument, ConstantChange, LoneFinding, ModelComparison
-from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, Quantity
-from bcid.errors import InputRefused, UsageError
+from bcid.documents.diagnosis import Quantity
+from bcid.errors import UsageError
 from bcid.evaluation.parameter_differences import (
     ConstantDifference,
-    KnownConstant,
     chance_of_differences,
     list_differences,
     z_beyond_chance,
 )
-from bcid.evaluation.residuals import load_residuals
-from bcid.evaluation.seen_takes import TakeSteps, is_same_drive, load_seen_takes
-from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
-from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import constant_units, is_identified
-from bcid.models.saving import load_model
-from bcid.pipeline.named_models import DIAGNOSED, MODEL_FILES, find_model, saved_models
+from bcid.evaluation.seen_takes import is_same_drive
+from bcid.pipeline.read_run import ComparableModel, read_run
 
-DOCUMENT = "diagnosis.json"
 PLACES = {"one": "first", "other": "second"}
-
-
-class ComparableModel(NamedTuple):
-    """What a run says of one model: its constants with their errors, what it found, and how far to believe that."""
-
-    name: str
-    constants: dict[str, KnownConstant]
-    diagnosis: DiagnosisDocument | None
-    takes: Sequence[TakeSteps]  # that it was made from; none where nobody knows
-    residual_multiple: float | None  # of a model's that lacks nothing, where physics is missing
-
-    @property
-    def findings(self) -> dict[str, NamedEffect]:
-        """What was named, by effect."""
-        return {f.effect: f for f in self.diagnosis.findings} if self.diagnosis else {}
-
-    def why_silent(self, effect: NamedEffect) -> str:
-        """Why this run need not have named an effect though the car has it, in words; empty where it would have."""
-        if self.diagnosis is None:
-            return "it was not diagnosed"
-        if effect.effect in {unseen.effect for unseen in self.diagnosis.not_excited}:
-            return "its takes would not have shown it"
-        alike = [n for n, other in self.findings.items() if n in effect.twins or effect.effect in other.twins]
-        if alike:
-            return f"it names {alike[0]}, which looks the same"
-        return f"{self.open_end}, which may be it" if self.open_end else ""
-
-    @property
-    def open_end(self) -> str:
-        """What a diagnosis leaves open, in words; empty where it was not made, or is sure of all that it says."""
-        if self.diagnosis is None:
-            return ""
-        if self.diagnosis.verdict == "ambiguous":
-            return "several causes explain its takes equally well"
-        if self.diagnosis.verdict == "unknown" or self.diagnosis.unknown is not None:
-            return "it leaves something without a name"
-        return ""
 
 
 def compare_runs(one: str, other: str, workspace: Callable[[], Path | None]) -> ComparisonDocument:
@@ -88,82 +44,6 @@ def compare_runs(one: str, other: str, workspace: Callable[[], Path | None]) -> 
             "  next: name two models, such as WORKSPACE/models/newton-euler"
         )
     return ComparisonDocument(one=one, other=other, models=tuple(compare_models(a, b) for a, b in pairs))
-
-
-def read_run(named: str, workspace: Callable[[], Path | None]) -> list[ComparableModel]:
-    """The models of a run that state errors of their constants, a diagnosis first.
-
-    Raises:
-        InputRefused: nothing of that name is a run, or it holds no such model.
-    """
-    path = Path(named)
-    if (path / DOCUMENT).is_file():
-        return [_from_diagnosis(path)]
-    if (path / MODEL_FILES[0]).is_file() or not path.is_dir():
-        folder = find_model(named, workspace)
-        made_beside = folder.name == "model" and (folder.parent / DOCUMENT).is_file()
-        found = [_from_diagnosis(folder.parent) if made_beside else _from_model(Path(named).name, folder)]
-    else:
-        home = path / DIAGNOSED
-        found = [_from_diagnosis(home)] if (home / DOCUMENT).is_file() else []
-        found += [_from_model(name, folder) for name, folder in saved_models(path).items() if name != DIAGNOSED]
-    known = [model for model in found if model is not None and (model.constants or model.diagnosis)]
-    if not known:
-        cause = "holds neither a diagnosis nor a car whose constants have stated errors"
-        raise InputRefused(
-            named, "run", cause, "name a workspace in which `bcid fit -m newton-euler` or `diagnose` ran"
-        )
-    return known
-
-
-def _from_model(name: str, folder: Path) -> ComparableModel | None:
-    """What a saved model states; None where it is no car of which errors are stated."""
-    model = load_model(folder)
-    if isinstance(model, NewtonEuler):
-        constants = _constants_of_fit(model)
-    elif isinstance(model, AugmentedNewtonEuler):
-        constants = _constants_of_augmented(model)
-    else:
-        return None
-    residuals = load_residuals(folder)
-    multiple = residuals.multiple if residuals and residuals.show_missing_physics else None
-    return ComparableModel(name, constants, None, load_seen_takes(folder) or (), multiple)
-
-
-def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
-    """The constants of a fitted car that its takes identify."""
-    facts = model.facts
-    values = model.car._asdict() | {"R_v": model.car.R_1 + model.car.R_2 * facts.get("top_speed_mps", 0.0)}
-    return {
-        symbol: KnownConstant(values[symbol], about["relative_se"] * abs(values[symbol]), about["unit"])
-        for symbol, about in facts.get("fitted", {}).items()
-        if is_identified(symbol, facts)
-    }
-
-
-def _constants_of_augmented(model: AugmentedNewtonEuler) -> dict[str, KnownConstant]:
-    """The constants of a car with effects whose errors are stated, without the effects' own parameters."""
-    units = constant_units(model.car)
-    errors = {symbol: model.facts.get("se", {}).get(symbol) for symbol in model.facts.get("fitted", ())}
-    return {
-        symbol: KnownConstant(getattr(model.car, symbol), float(se), units.get(symbol, ""))
-        for symbol, se in errors.items()
-        if se is not None and se > 0.0 and hasattr(model.car, symbol)
-    }
-
-
-def _from_diagnosis(folder: Path) -> ComparableModel:
-    """What a diagnosis states: the refitted base constants, and the parameters of what it named."""
-    document = DiagnosisDocument.read(folder / DOCUMENT)
-    shown = {p.symbol: p for p in document.base.parameters if p.shown and not p.at_bound}
-    named = {f"{f.effect} {s}": q for f in document.findings for s, q in f.parameters.items() if not q.at_bound}
-    constants = {
-        symbol: KnownConstant(q.value, q.se, q.unit)
-        for symbol, q in (shown | named).items()
-        if q.value is not None and q.se is not None and q.se > 0.0
-    }
-    takes = load_seen_takes(folder / "model") or ()
-    return ComparableModel(DIAGNOSED, constants, document, takes, None)
 
 
 def compare_models(one: ComparableModel, other: ComparableModel) -> ModelComparison:
