@@ -6,6 +6,7 @@ import ctypes
 import math
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +15,21 @@ import pytest
 from exported_models import CAR
 
 from bcid.adaptation.c_source import write_adapt_header, write_adapt_source
-from bcid.adaptation.filter import OUTLIER, CompiledFilter, FilterNoise, compile_filter, run_filter, start_filter
+from bcid.adaptation.filter import (
+    OUTLIER,
+    CompiledFilter,
+    FilterNoise,
+    compile_filter,
+    keep_within,
+    run_filter,
+    start_filter,
+)
 from bcid.adaptation.formulas import AdaptiveFormulas, trace_adaptive
 from bcid.adaptation.quantities import AdaptedQuantity, choose_quantities, with_quantities
+from bcid.adaptation.recovery import ErrorsOverTime, recovery_time_s
 from bcid.aliases import Floats
 from bcid.effects.constants import Constants
 from bcid.errors import UsageError
-from bcid.evaluation.closed_loop import integrate_poses
 from bcid.export.formulas import COMMANDS
 from bcid.export.reference_drive import history_of_start
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
@@ -66,41 +75,46 @@ def draw_commands(seconds: float, seed: int = 0) -> Floats:
 
 
 def drive(models: list[AugmentedNewtonEuler], commands: Floats, seed: int = 0) -> Floats:
-    """Poses, with noise, of a car that is each of `models` for an equal part of the time."""
+    """Noisy poses of a car that is each of `models` for an equal part of the time, and is pushed as NOISE says."""
+    rng = np.random.default_rng(seed)
     carry = models[0].init(history_of_start(models[0], np.zeros(3), START_TWIST, 0.0))
-    twists = [START_TWIST]
+    poses = []
     for part, model in zip(np.array_split(commands, len(models)), models, strict=True):
         for command in part:
-            carry, twist = model.step(carry, command)
-            twists.append(twist)
-    poses = integrate_poses(np.zeros(3), np.array(twists), PERIOD_S)[1:]
-    noisy: Floats = poses + np.random.default_rng(seed).normal(size=poses.shape) * NOISE.pose_sd
+            carry, _ = model.step(carry, command)
+            carry[model.motion] += rng.normal(size=3) * NOISE.q * math.sqrt(PERIOD_S)
+            poses.append(carry[:3].copy())
+    noisy: Floats = np.array(poses) + rng.normal(size=(len(poses), 3)) * NOISE.pose_sd
     return noisy
 
 
 def test_a_passenger_is_weighed_within_ten_seconds(adaptive: Adaptive) -> None:
     mass, offset = adaptive.quantities
     cars = [with_quantities(adaptive.model, [(mass, m), (offset, 0.03)]) for m in (1.0, 1.2)]
-    commands = draw_commands(120.0)
-    run = adaptive.run(commands, drive(cars, commands))
-    at = lambda seconds, name: run.z[round(seconds / PERIOD_S), adaptive.column(name)]  # noqa: E731
-    assert at(59.0, "mass") == pytest.approx(1.0, abs=0.1)
-    assert np.median(run.z[1400:, adaptive.column("mass")]) == pytest.approx(1.2, rel=0.05)
-    assert at(110.0, "steering_offset") == pytest.approx(0.03, abs=0.01)
+    after = []
+    for seed in range(6):
+        commands = draw_commands(120.0, seed)
+        run = adaptive.run(commands, drive(cars, commands, seed))
+        masses = run.z[:, adaptive.column("mass")]
+        assert abs(masses[round(59.0 / PERIOD_S)] - 1.0) < 0.2
+        after.append(masses[round(70.0 / PERIOD_S)])
+    # the standard deviation of one is 0.06
+    assert np.mean(after) == pytest.approx(1.2, abs=0.06)
 
 
-def test_stated_deviations_cover_what_is_off(adaptive: Adaptive) -> None:
+def test_stated_deviations_are_those_of_the_errors() -> None:
+    # a filter that forgets is cautious where nothing changes
+    adaptive = make_adaptive("mass", "steering_offset", noise=NOISE._replace(forget_s=1e6))
     mass, offset = adaptive.quantities
     model = with_quantities(adaptive.model, [(mass, 1.1), (offset, 0.02)])
     off = []
-    for seed in range(12):
+    for seed in range(24):
         commands = draw_commands(40.0, seed)
         run = adaptive.run(commands, drive([model], commands, seed))
         for name, true in (("mass", 1.1), ("steering_offset", 0.02)):
             column = adaptive.column(name)
             off.append((run.z[-1, column] - true) / math.sqrt(run.variance[-1, column]))
-    # the filter's pushes are more than there are here, so that what it says is cautious
-    assert 0.02 < np.mean(np.square(off)) < 1.5
+    assert 0.4 < np.mean(np.square(off)) < 1.7
 
 
 def test_a_filter_that_is_not_told_poses_learns_nothing(adaptive: Adaptive) -> None:
@@ -152,6 +166,17 @@ def test_quantities_stay_within_their_bounds() -> None:
     assert (run.z[:, -1] >= low).all()
 
 
+def test_bounds_hold_for_quantities_that_take_each_other_along() -> None:
+    both = make_adaptive("mass", "motor")
+    z, P = start_filter(both.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    n, (low, high) = len(both.formulas.states), (both.filter.low, both.filter.high)
+    P[n:, n:] = 0.04 * np.array([[1.0, 0.95], [0.95, 1.0]])
+    z[n:] = [low[0] - 0.5, high[1] + 0.5]
+    keep_within(both.filter, z, P)
+    assert (z[n:] >= low).all()
+    assert (z[n:] <= high).all()
+
+
 def test_yaw_is_compared_as_an_angle(adaptive: Adaptive) -> None:
     commands = draw_commands(20.0)
     poses = drive([adaptive.model], commands)
@@ -187,20 +212,49 @@ def test_the_filter_in_c_is_the_same(adaptive: Adaptive, tmp_path: Path) -> None
     poses = drive([adaptive.model], commands)
     poses[300:320], poses[500, 1] = np.nan, 9.0
     run = adaptive.run(commands, poses)
-    found = run_in_c(tmp_path / "car.so", len(run.z[0]), commands, poses)
-    assert np.abs(found - run.z).max() < 1e-9
+    c = load_c(tmp_path / "car.so")
+    memory = (ctypes.c_double * (len(run.z[0]) + len(run.z[0]) ** 2))()
+    c.car_adapt_init(memory, numbers([0.0] * 3), numbers(START_TWIST), 0.0)
+    assert np.abs(step_in_c(c, memory, commands, poses) - run.z).max() < 1e-9
+    # after a gap what is known of the quantities goes on
+    n = len(adaptive.formulas.states)
+    z, P = start_filter(adaptive.formulas, NOISE, np.zeros(3), START_TWIST, 0.0)
+    run_filter(adaptive.filter, z, P, commands, poses)
+    pose, twist = np.array([1.0, 2.0, 0.3]), np.array([0.8, 0.0, 0.1])
+    z, P = start_filter(adaptive.formulas, NOISE, pose, twist, 0.2, (z[n:], P[n:, n:]))
+    again = run_filter(adaptive.filter, z, P, commands[:200], poses[:200])
+    c.car_adapt_restart(memory, numbers(pose), numbers(twist), 0.2)
+    assert np.abs(step_in_c(c, memory, commands[:200], poses[:200]) - again.z).max() < 1e-9
 
 
-def run_in_c(library: Path, numbers: int, commands: Floats, poses: Floats) -> Floats:
-    """z after each pose, by the compiled library."""
+def numbers(row: Sequence[float] | Floats) -> Any:
+    """An array in C."""
+    return (ctypes.c_double * len(row))(*row)
+
+
+def load_c(library: Path) -> Any:
+    """The functions of the compiled library."""
     c, pointer = ctypes.CDLL(str(library)), ctypes.POINTER(ctypes.c_double)
     c.car_adapt_init.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double]
+    c.car_adapt_restart.argtypes = [ctypes.c_void_p, pointer, pointer, ctypes.c_double]
     c.car_adapt_step.argtypes = [ctypes.c_void_p, pointer, pointer]
-    memory = (ctypes.c_double * (numbers + numbers**2))()
-    numbers_of = lambda row: (ctypes.c_double * len(row))(*row)  # noqa: E731
-    c.car_adapt_init(memory, numbers_of([0.0] * 3), numbers_of(START_TWIST), 0.0)
-    found = []
-    for command, pose in zip(commands, poses, strict=True):
-        c.car_adapt_step(memory, numbers_of(command), None if np.isnan(pose[0]) else numbers_of(pose))
-        found.append(memory[:numbers])
+    return c
+
+
+def step_in_c(c: Any, memory: Any, commands: Floats, poses: Floats) -> Floats:
+    """z after each pose; where none was measured, NULL and NaN in turns."""
+    found, count = [], round((-1 + math.sqrt(1 + 4 * len(memory))) / 2)
+    for k, (command, pose) in enumerate(zip(commands, poses, strict=True)):
+        c.car_adapt_step(memory, numbers(command), None if np.isnan(pose[0]) and k % 2 else numbers(pose))
+        found.append(memory[:count])
     return np.array(found)
+
+
+def test_recovery_is_told_where_there_is_enough_before_and_after() -> None:
+    begin = np.arange(0.0, 200.0)
+    adapted = np.where((begin >= 98.0) & (begin < 110.0), 0.3, 0.1)
+    errors = ErrorsOverTime(begin, np.full(200, 0.3), adapted)
+    assert recovery_time_s(errors, 100.0, factor=1.0) == 10.0
+    assert recovery_time_s(errors, 10.0) is None
+    assert recovery_time_s(errors, 190.0) is None
+    assert recovery_time_s(errors._replace(adapted=np.where(begin >= 98.0, 0.3, 0.1)), 100.0) is None

@@ -302,7 +302,7 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
 
 PAGES_OF_COMMANDS = (
     "README.md", "docs/quickstart.md", "docs/export.md", "docs/view.md", "docs/evidence.md", "docs/own_effects.md",
-    "docs/python.md", "docs/mpc.md", "docs/adaptation.md",
+    "docs/python.md", "docs/mpc.md", "docs/adaptation.md", "docs/pooling.md",
 )  # fmt: skip
 
 

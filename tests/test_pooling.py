@@ -83,7 +83,7 @@ def test_a_slope_leads_to_the_optimum() -> None:
 def test_the_likelihood_is_largest_at_the_spread_that_is_found() -> None:
     summaries, _ = draw_summaries(30, 0.15, 5)
     pooled = pool(summaries, FORCES, np.array([0.3]))
-    for factor in (0.8, 1.25):
+    for factor in (0.97, 1.03):
         other = pool_at(summaries, FORCES, factor * pooled.spread)
         assert other.log_likelihood < pooled.log_likelihood
 
@@ -92,5 +92,5 @@ def test_a_constant_that_no_recording_shows_does_no_harm() -> None:
     summaries, _ = draw_summaries(6, 0.1, 6)
     blind = [Summary(np.append(s.phi, 7.0), np.pad(s.information, (0, 1)), np.append(s.slope, 0.0)) for s in summaries]
     pooled = pool(blind, np.append(FORCES, [[0.0]], axis=0), np.array([0.3]))
-    assert np.isfinite(pooled.shared).all()
+    assert pooled.shared[N] == pytest.approx(7.0)
     assert pooled.shared[:N] == pytest.approx(pool(summaries, FORCES, np.array([0.3])).shared, rel=1e-5)

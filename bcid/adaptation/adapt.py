@@ -37,6 +37,8 @@ TWIST_SD_SHARE = 0.2
 """Standard deviation of the twist at the beginning of a stretch, as a share of its root mean square over the take."""
 PUSH_RANGE = (1e-3, 10.0)
 """Smallest and largest push that is tried, as a share of the twist's root mean square per root second."""
+TUNING_S = 60.0
+"""Time (s) from a recording's beginning by which the pushes are tuned, under which all of it is followed."""
 FIRST_PUSH = 0.05
 """Push from which the likeliest one is sought, as that share."""
 DEFAULT_POSE_SD = (1e-3, 1e-3, 2e-3)
@@ -54,6 +56,11 @@ class MeasuredDrive(NamedTuple):
     def stretches(self) -> list[slice]:
         """The rows of each stretch without gaps, of more than one row."""
         return [s for s in self.estimate.segments() if s.stop - s.start > 1]
+
+    def beginning(self, seconds: float) -> MeasuredDrive:
+        """The first seconds of the drive, as far as it goes."""
+        rows = slice(0, max(2, round(seconds / self.estimate.period_s)))
+        return MeasuredDrive(self.estimate.select_rows(rows), self.poses[rows])
 
 
 class Track(NamedTuple):
@@ -108,7 +115,7 @@ def adapt(
     """Adapt the quantities called `names` of a car to the poses of a recording, from its beginning to its end.
 
     The `estimate` gives the commands on the model's grid and the twist with which each stretch begins.  Without
-    `noise`, the pushes are those under which the poses are likeliest.
+    `noise`, the pushes are those under which the poses of the first minute are likeliest.
 
     Raises:
         UsageError: a name is no quantity of this car.
@@ -119,7 +126,7 @@ def adapt(
     drive = MeasuredDrive(estimate, poses_at_rows(recording, estimate))
     if not drive.stretches():
         raise InputRefused(recording.name, "poses", "have no stretch without gaps", "record longer ones")
-    noise = noise or tune_noise(formulas, drive, forget_s)
+    noise = noise or tune_noise(formulas, drive.beginning(TUNING_S), forget_s)
     compiled = compile_filter(formulas, noise)
     track = filter_drive(compiled, formulas, drive, noise)
     return Adaptation(switched, quantities, formulas, compiled, noise, drive, track)
@@ -138,8 +145,7 @@ def filter_drive(f: CompiledFilter, formulas: AdaptiveFormulas, drive: MeasuredD
     for rows in drive.stretches():
         first, after = rows.start, slice(rows.start + 1, rows.stop)
         delta = float(estimate.kinematic[first, 3])
-        z, P = start_filter(formulas, noise, estimate.pose[first], estimate.twist[first], delta)
-        z[n:], P[n:, n:] = q, P_q
+        z, P = start_filter(formulas, noise, estimate.pose[first], estimate.twist[first], delta, (q, P_q))
         run = run_filter(f, z, P, np.ascontiguousarray(estimate.command[rows][:-1]), drive.poses[after])
         q, P_q = z[n:], P[n:, n:]
         values[after], innovation[after] = run.z[:, n:], run.innovation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bcid.adaptation.filter import OUTLIER, CompiledFilter, FilterNoise, first_variances
+from bcid.adaptation.filter import BOUND_ROUNDS, OUTLIER, CompiledFilter, FilterNoise, first_variances
 from bcid.adaptation.formulas import AdaptiveFormulas
 from bcid.aliases import Floats, Ints
 from bcid.export.c_source import HELPERS, C, describe_all, element_texts, places_in, write_function
@@ -42,7 +42,7 @@ void {name}_adapt_init({name}_adapt_filter *f, const double pose[3], const doubl
 /* Begin anew after a gap: the state is lost, what is known of the quantities stays. */
 void {name}_adapt_restart({name}_adapt_filter *f, const double pose[3], const double twist[3], double delta);
 
-/* One period under a command, and the pose measured at its end; NULL where none was. */
+/* One period under a command, and the pose measured at its end; NULL, or not a number, where none was. */
 void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *pose);
 
 #ifdef __cplusplus
@@ -109,16 +109,19 @@ static void predict_covariance(double P[N][N], double F[NX][N])
     }}
 }}
 
-/* A quantity that has left its bounds is set to the bound, and all else goes with it. */
+/* Quantities that have left their bounds are set to these, and all else goes with them. */
 static void keep_within({name}_adapt_filter *f)
 {{
-    int i, j;
-    for (i = NX; i < N; ++i) {{
-        const double bound = fmin(fmax(f->z[i], lowest[i - NX]), largest_of[i - NX]), off = bound - f->z[i];
-        if (off == 0.0 || !(f->P[i][i] > 0.0)) continue;
-        for (j = 0; j < N; ++j) f->z[j] += f->P[j][i] * off / f->P[i][i];
-        f->z[i] = bound;
+    int round, i, j;
+    for (round = 0; round < BOUND_ROUNDS; ++round) {{
+        for (i = NX; i < N; ++i) {{
+            const double bound = fmin(fmax(f->z[i], lowest[i - NX]), largest_of[i - NX]), off = bound - f->z[i];
+            if (off == 0.0 || !(f->P[i][i] > 0.0)) continue;
+            for (j = 0; j < N; ++j) f->z[j] += f->P[j][i] * off / f->P[i][i];
+            f->z[i] = bound;
+        }}
     }}
+    for (i = NX; i < N; ++i) f->z[i] = fmin(fmax(f->z[i], lowest[i - NX]), largest_of[i - NX]);
 }}
 
 /* A measured pose enters, one number after the other; a wrong one moves the state by a bounded amount. */
@@ -153,7 +156,7 @@ void {name}_adapt_step({name}_adapt_filter *f, const double u[2], const double *
     forget(f);
     predict_covariance(f->P, F);
     for (i = 0; i < NX; ++i) f->z[i] = x[i];
-    if (pose != NULL) update(f, pose);
+    if (pose != NULL && pose[0] == pose[0] && pose[1] == pose[1] && pose[2] == pose[2]) update(f, pose);
 }}
 """
 
@@ -186,7 +189,7 @@ def write_adapt_source(name: str, about: str, formulas: AdaptiveFormulas, f: Com
     blocks = [
         f'/* {about} */\n\n#include "{name}_adapt.h"\n\n#include <math.h>\n#include <stddef.h>\n',
         f"#define NX {n}\n#define K {k}\n#define N {n + k}\n#define FORGOTTEN {f.forgotten!r}\n"
-        f"#define OUTLIER {OUTLIER!r}\n#define PI 3.141592653589793\n",
+        f"#define OUTLIER {OUTLIER!r}\n#define BOUND_ROUNDS {BOUND_ROUNDS}\n#define PI 3.141592653589793\n",
         "".join(f"static const double {key} = {C.number(value)};\n" for key, value in parameters.items()),
         _table("quantities", [q.start for q in formulas.quantities]),
         _table("variances", first_variances(formulas, noise)),

@@ -33,6 +33,8 @@ from bcid.physics.kinematics import wrap_angle
 
 OUTLIER = 4.0
 """Standard deviations from which on an innovation is taken for a wrong pose: one in 16,000 by chance."""
+BOUND_ROUNDS = 3
+"""Times that quantities beyond their bounds are set back together: each may take others along."""
 
 
 class FilterNoise(NamedTuple):
@@ -98,18 +100,23 @@ def _names(formulas: AdaptiveFormulas) -> list[str]:
 
 
 def start_filter(
-    formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats, delta: float
-) -> tuple[Floats, Floats]:
+    formulas: AdaptiveFormulas, noise: FilterNoise, pose: Floats, twist: Floats, delta: float,
+    known: tuple[Floats, Floats] | None = None,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """State z (N,) and covariance P (N, N) at a pose (3,), a twist (3,) and a steering angle `delta` (rad).
 
-    Of the past nothing is known: the car coasts, its wheel held.
+    Of the past nothing is known: the car coasts, its wheel held.  Where something is `known` of the quantities, their
+    values (k,) and covariance (k, k), they go on from there.
     """
     names = [s.name for s in formulas.states]
     inputs = [*(s.name for s in START), *(q.name for q in formulas.quantities)]
     tape, x = record_tape(formulas.first_states, inputs), np.empty(len(names))
-    values = [q.start for q in formulas.quantities]
+    values = np.array([q.start for q in formulas.quantities]) if known is None else known[0]
     run_tape(tape, np.array([*pose, *twist, delta, *values]), tape.start.copy(), x)
-    return np.r_[x, values], np.diag(first_variances(formulas, noise))
+    P = np.diag(first_variances(formulas, noise))
+    if known is not None:
+        P[len(x) :, len(x) :] = known[1]
+    return np.r_[x, values], P
 
 
 def first_variances(formulas: AdaptiveFormulas, noise: FilterNoise) -> Floats:
@@ -150,7 +157,7 @@ def run_filter(f: CompiledFilter, z: Floats, P: Floats, commands: Floats, poses:
         forget(f, P, n)
         predict_covariance(F, P, FP, f.Q)
         z[:n] = x[:n]
-        if not math.isnan(poses[k, 0]):
+        if not math.isnan(poses[k, 0] + poses[k, 1] + poses[k, 2]):
             total += update(f, z, P, poses[k], inputs, pose_places, h, H, PH, innovations[k])
         for i in range(N):
             states[k, i], variances[k, i] = z[i], P[i, i]
@@ -230,12 +237,18 @@ def update(
 
 @njit
 def keep_within(f: CompiledFilter, z: Floats, P: Floats) -> None:
-    """Set quantities that have left their bounds to these, and let all of z go with them by the covariance."""
+    """Set quantities that have left their bounds to these, and let all of z go with them by the covariance.
+
+    One that another has taken along beyond its own bound is set back in the next round, and in the end by itself.
+    """
     n = len(f.F)
+    for _ in range(BOUND_ROUNDS):
+        for i in range(n, len(z)):
+            bound = min(max(z[i], f.low[i - n]), f.high[i - n])
+            off = bound - z[i]
+            if off != 0.0 and P[i, i] > 0.0:
+                for j in range(len(z)):
+                    z[j] += P[j, i] * off / P[i, i]
+                z[i] = bound
     for i in range(n, len(z)):
-        off = min(max(z[i], f.low[i - n]), f.high[i - n]) - z[i]
-        if off != 0.0 and P[i, i] > 0.0:
-            bound = z[i] + off
-            for j in range(len(z)):
-                z[j] += P[j, i] * off / P[i, i]
-            z[i] = bound
+        z[i] = min(max(z[i], f.low[i - n]), f.high[i - n])

@@ -50,16 +50,21 @@ def _error_from(model: Model, estimate: Estimate, row: int, ahead: int) -> float
 def recovery_time_s(errors: ErrorsOverTime, change_s: float, factor: float = 1.2) -> float | None:
     """The time (s) from a change at `change_s` until the adapted model is as good as before, but for a `factor`.
 
-    Good is the root mean square of the errors over `BEFORE_S`: after the change over those that begin later than the
-    moment that is judged, before it over the last ones that end by then.  None where it never is.
+    Good is the root mean square of the errors over `BEFORE_S`: after the change of those that begin in so long a time
+    from the moment that is judged, before it of the last ones that end by then.  None where it never is, or where
+    predictions do not go so far to either side.
     """
 
     def root_mean_square(begin: float, end: float) -> float:
         chosen = errors.adapted[(errors.begin_s >= begin) & (errors.begin_s < end)]
-        return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else np.inf
+        return float(np.sqrt(np.mean(chosen**2)))
 
-    former = root_mean_square(change_s - HORIZON_S - BEFORE_S, change_s - HORIZON_S)
-    for begin in errors.begin_s[errors.begin_s >= change_s]:
+    first, last = float(errors.begin_s[0]), float(errors.begin_s[-1])
+    until = change_s - HORIZON_S
+    if until - BEFORE_S < first or change_s + BEFORE_S > last:
+        return None
+    former = root_mean_square(until - BEFORE_S, until)
+    for begin in errors.begin_s[(errors.begin_s >= change_s) & (errors.begin_s + BEFORE_S <= last)].tolist():
         if root_mean_square(begin, begin + BEFORE_S) <= factor * former:
-            return float(begin) - change_s
+            return float(begin - change_s)
     return None

@@ -38,6 +38,10 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid compare last_week/workspace workspace": "is it the same car as last week?",
         "bcid compare newton-euler newton-euler-poses": "two saved models, by their names",
     },
+    "pool": {
+        "bcid pool": "one car in all takes of the pipeline.toml of this folder, and its load in each",
+        "bcid pool day1.csv day2.csv day3.csv --own mass --own motor": "load and battery of three drives",
+    },
     "plan": {
         "bcid plan --vehicle vehicle.toml": "a drive in which all effects would show",
         "bcid plan yaw_scrub tether_pull --vehicle vehicle.toml --arena 6,4": "in which these two would, on 6 m by 4 m",

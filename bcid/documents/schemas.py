@@ -11,6 +11,7 @@ from bcid.documents.export import ExportDocument
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
 from bcid.documents.model_card import ModelCard
+from bcid.documents.pool import PoolDocument
 from bcid.documents.prove import ProveDocument
 from bcid.documents.prove_real import RealProofDocument
 from bcid.documents.report import EvaluationDocument, ReportDocument
@@ -26,6 +27,7 @@ DOCUMENTS: dict[str, type[Document]] = {
     "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,
     "model_card": ModelCard,
+    "pool": PoolDocument,
     "prove": ProveDocument,
     "prove_real": RealProofDocument,
     "report": ReportDocument,

@@ -6,11 +6,12 @@ the same paths, and have the same version of this package.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from bcid import __version__
 from bcid.errors import UsageError
 from bcid.execution.limits import LIMITS
 from bcid.execution.pool import Died, Raised, use_one_thread
@@ -32,7 +33,7 @@ class Cluster:
         """Connect to the scheduler.
 
         Raises:
-            UsageError: it does not answer, it has no workers, or these have another version of this package.
+            UsageError: it does not answer, it has no workers, or these run other code of this package.
             LibraryMissing: Dask is not installed.
         """
         require_library("distributed", "--dask")
@@ -59,16 +60,17 @@ class Cluster:
 
     def _check_workers(self) -> None:
         """Refuse a cluster without workers, and one whose workers would make other artifacts than this process."""
-        versions = self._client.run(_version)
-        if not versions:
+        digests = self._client.run(package_digest)
+        if not digests:
             raise UsageError(
                 f"--dask {self.address}: the scheduler has no workers\n"
                 f"  next: start some with `dask worker {self.address} --nthreads 1`"
             )
-        if others := sorted({version for version in versions.values() if version != __version__}):
+        others = sorted(worker for worker, digest in digests.items() if digest != package_digest())
+        if others:
             raise UsageError(
-                f"--dask {self.address}: workers have bcid {', '.join(others)}, this is {__version__}\n"
-                "  next: install the same version everywhere"
+                f"--dask {self.address}: {', '.join(others)} run other code of bcid than this process\n"
+                "  next: install the same version everywhere, and start the workers anew"
             )
 
     @property
@@ -106,9 +108,14 @@ class Cluster:
         return Died(None) if isinstance(error, KilledWorker) else Raised(error)
 
 
-def _version() -> str:
-    """The version of this package where this is called."""
-    return __version__
+def package_digest() -> str:
+    """A digest of all Python files of this package, where this is called."""
+    import bcid
+
+    home, digest = Path(bcid.__file__).parent, hashlib.sha256()
+    for path in sorted(home.rglob("*.py")):
+        digest.update(path.relative_to(home).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _do_call(call: Callable[[], Any]) -> Any:

@@ -67,15 +67,17 @@ def run_jobs_in(
     lost: Callable[[Job], Result] | None = None,
 ) -> Iterator[tuple[Job, Result]]:  # fmt: skip
     """Run jobs as `run_jobs` does, in a pool that is entered and left here."""
-    waiting, running, deaths = list(jobs), dict[int, Job](), Counter[int]()
-    numbers = {id(job): number for number, job in enumerate(waiting)}
+    waiting, running, deaths = list(enumerate(jobs)), dict[int, Job](), Counter[int]()
     with entered as pool:
         while True:
-            for job in list(waiting):
+            left = list[tuple[int, Job]]()
+            for number, job in waiting:
                 if pool.free > 0 and (call := prepare(job)) is not None:
-                    waiting.remove(job)
-                    running[numbers[id(job)]] = job
-                    pool.submit(numbers[id(job)], call)
+                    running[number] = job
+                    pool.submit(number, call)
+                else:
+                    left.append((number, job))
+            waiting = left
             if not running:
                 return
             for number, result in pool.next_results():
@@ -87,7 +89,7 @@ def run_jobs_in(
                     continue
                 deaths[number] += 1
                 if deaths[number] < LIMITS.max_deaths:
-                    waiting.insert(0, job)
+                    waiting.insert(0, (number, job))
                 elif lost is not None:
                     yield job, lost(job)
                 else:

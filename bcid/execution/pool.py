@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
+from pickle import PicklingError
 from threading import Thread
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -130,7 +131,7 @@ def _send(connection: Connection, result: Any) -> None:
     """Send a result, in a tuple of its own, so that nothing is a result as well; or why it cannot be sent."""
     try:
         connection.send((result,))
-    except (TypeError, ValueError, AttributeError) as error:
+    except (PicklingError, TypeError, ValueError, AttributeError) as error:
         connection.send((Raised(RuntimeError(f"a result cannot be sent to another process: {error}")),))
 
 

@@ -1,4 +1,5 @@
 """Many recordings: worked on one by one wherever there is room, and learnt from together.
 
-`pooling` says what recordings of one car say together.
+`pooled_car` says what is the same in all recordings of a car and what is each one's own, by `pooling`, which does so
+for any constants; `pool_recordings` reads the recordings one after the other, and writes what they say.
 """

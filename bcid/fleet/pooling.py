@@ -32,7 +32,8 @@ SETTLED = 1e-6
 LEAST_SPREAD = 1e-6
 """Smallest tau, in parts of the first one: a spread that is not there goes to zero, which is never reached."""
 RIDGE = 1e-9
-"""Information about a constant, beside the largest of all, that is added: where no recording shows it, it stays put."""
+"""Information that is added to each constant's own, as a share of that: a constant that no recording shows keeps the
+mean of the recordings' values."""
 
 
 class Summary(NamedTuple):
@@ -44,14 +45,32 @@ class Summary(NamedTuple):
 
 
 class Pooled(NamedTuple):
-    """What recordings say together."""
+    """What I recordings say together."""
 
     shared: Floats  # (n,) s
     shared_covariance: Floats  # (n, n)
     own: Floats  # (I, k) o_i
-    own_sd: Floats  # (I, k)
+    own_covariance: Floats  # (I, k, k) of o_i where s is known
+    by_shared: Floats  # (I, k, n) derivatives of o_i by s
     spread: Floats  # (k,) tau
-    log_likelihood: float  # of all, o_i integrated out, but for a constant
+    log_likelihood: float  # of tau: all o_i and s integrated out, but for a constant
+
+    @property
+    def own_sd(self) -> Floats:
+        """Standard deviations (I, k) of the o_i."""
+        return np.array([self.difference_sd([i], []) for i in range(len(self.own))])
+
+    def difference_sd(self, recordings: Sequence[int], beside: Sequence[int]) -> Floats:
+        """Standard deviations (k,) of the mean o_i of some recordings less that of others, or of zero without any.
+
+        A difference is known much better than either: what all recordings say of a load at once is their car's.
+        """
+        weights = np.zeros(len(self.own))
+        weights[list(recordings)] += 1.0 / max(len(recordings), 1)
+        weights[list(beside)] -= 1.0 / max(len(beside), 1)
+        by_shared = np.tensordot(weights, self.by_shared, axes=1)
+        alone = np.tensordot(weights**2, self.own_covariance, axes=1)
+        return np.sqrt(np.diag(alone + by_shared @ self.shared_covariance @ by_shared.T))
 
     def constants_of(self, recording: int, directions: Floats) -> Floats:
         """The constants (n,) in one of the recordings, where `directions` are C."""
@@ -77,23 +96,29 @@ def pool_at(summaries: Sequence[Summary], directions: Floats, spread: Floats) ->
     """Pool recordings where tau is known to be `spread`."""
     n, k = directions.shape
     D = np.diag(spread**-2.0)
+    # all is counted from the mean, where a constant stays that no recording shows
+    mean = np.mean([each.phi for each in summaries], axis=0)
+    summaries = [each._replace(phi=each.phi - mean) for each in summaries]
     S, r, constant = np.zeros((n, n)), np.zeros(n), 0.0
     for each in summaries:
         H_so, A, b, b_o = _eliminate(each, directions, D)
         S += each.information - H_so @ np.linalg.solve(A, H_so.T)
         r += b - H_so @ np.linalg.solve(A, b_o)
         constant += _log_normalisation(each, A, D, b_o)
-    S[np.diag_indices(n)] += RIDGE * np.diag(S).max()
-    shared = np.asarray(np.linalg.solve(S, r), float)
-    covariance = np.asarray(np.linalg.inv(S), float)
-    own, own_sd = np.empty((len(summaries), k)), np.empty((len(summaries), k))
+    own_information = np.sum([np.diag(each.information) for each in summaries], axis=0)
+    scale = np.sqrt(np.where(own_information > 0.0, own_information, 1.0))
+    scaled = S / np.outer(scale, scale) + RIDGE * np.eye(n)
+    shared = np.asarray(np.linalg.solve(scaled, r / scale) / scale, float)
+    covariance = np.asarray(np.linalg.inv(scaled) / np.outer(scale, scale), float)
+    count = len(summaries)
+    own, alone, by_shared = np.empty((count, k)), np.empty((count, k, k)), np.empty((count, k, n))
     for i, each in enumerate(summaries):
         H_so, A, _, b_o = _eliminate(each, directions, D)
         own[i] = np.linalg.solve(A, b_o - H_so.T @ shared)
-        through = np.linalg.solve(A, H_so.T)
-        own_sd[i] = np.sqrt(np.diag(np.linalg.inv(A) + through @ covariance @ through.T))
-    total = constant + 0.5 * float(r @ shared)
-    return Pooled(shared, covariance, own, own_sd, spread, total)
+        alone[i], by_shared[i] = np.linalg.inv(A), -np.linalg.solve(A, H_so.T)
+    # s is integrated out as well, under a flat prior, as the step of expectation does
+    total = constant + 0.5 * float(r @ shared) - 0.5 * float(np.linalg.slogdet(scaled)[1])
+    return Pooled(shared + mean, covariance, own, alone, by_shared, spread, total)
 
 
 def _eliminate(each: Summary, C: Floats, D: Floats) -> tuple[Floats, Floats, Floats, Floats]:

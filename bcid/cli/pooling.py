@@ -1,0 +1,106 @@
+"""`bcid pool`: recordings of one car learnt from together, and how its load, motor or grip differ between them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bcid.cli import options
+from bcid.cli.options import Format
+from bcid.errors import Problems, UsageError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from bcid.documents.pool import PoolDocument
+
+RESULTS = ("pool.json", "pooled")
+
+
+def pool(
+    recordings: options.RecordingsArgument = None,
+    own: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--own", show_default="mass",
+            help="What may differ from recording to recording; repeat for several: mass, motor, grip, drag.",
+        ),
+    ] = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option("--reference", help="The recordings that all are compared with.", show_default="the first"),
+    ] = None,
+    pipeline: options.PipelineOption = None,
+    vehicle: options.VehicleOption = None,
+    out: options.OutOption = None,
+    commands: options.CommandsOption = None,
+    allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
+    force: options.ForceOption = False,
+    format: options.FormatOption = Format.human,  # noqa: A002
+) -> None:  # fmt: skip
+    """Fit one car to many recordings, and say how its load, motor, grip or drag differ from one to the next."""
+    from bcid.cli.sink import Sink
+    from bcid.estimate.saving import load_estimate
+    from bcid.fleet.pool_recordings import describe_pool, fit_recording, save_pooled_model
+    from bcid.fleet.pooled_car import pool_car
+    from bcid.pipeline.run import Pipeline
+    from bcid.recording.saving import load_recording
+    from bcid.store.receipt import refuse_to_renew, renew_results
+
+    sink = Sink(format)
+    config = options.read_config(
+        pipeline, recordings, vehicle, out, commands, allow_partial, force, ignore_health, sink.note
+    )
+    paths = list(dict.fromkeys(config.recordings()))
+    compared = [paths.index(path) for path in reference or [] if path in paths] or [0]
+    if reference and len(compared) < len(set(reference)):
+        raise UsageError("--reference names a recording that is not pooled\n  next: name it among the recordings, too")
+    refuse_to_renew(config.workspace, [RESULTS[0]], force)
+    work, fitted, problems = Pipeline(config, sink), [], Problems()
+    for path in paths:
+        # a recording that cannot be used is told, and the others are fitted all the same
+        with problems.gather_refusals():
+            work.refuse_unusable([path])
+            taken, estimated = work.ingest(path), work.estimate(path)
+            with sink.stage(f"fit {work.names[path]}"):
+                found = fit_recording(load_recording(taken.folder), load_estimate(estimated.folder), work.vehicle)
+            fitted.append(found._replace(name=work.names[path]))
+    problems.raise_if_any(paths[0])
+    with sink.stage("pool"):
+        pooled = pool_car([each.summary for each in fitted], own or ["mass"])
+        document = describe_pool(pooled, fitted, compared, work.vehicle)
+    renew_results(config.workspace, {RESULTS[0]: document.write}, force)
+    model = config.workspace / "models" / RESULTS[1]
+    save_pooled_model(pooled, config.estimate.period_s, model)
+    sink.result(document.as_json(), lambda: _tables(document))
+    sink.note(f"the car of all: {model}\nwritten to: {config.workspace / RESULTS[0]}")
+    work.raise_if_parts_lost()
+
+
+def _tables(document: PoolDocument) -> RenderableType:
+    """How the recordings differ, and the constants that they share."""
+    from rich.console import Group
+
+    from bcid.cli.sink import plain_table
+    from bcid.report.formats import format_with_error
+
+    names = list(document.spreads)
+    rows = [
+        [r.name + (" (reference)" if r.reference else ""), f"{r.duration_s:.0f} s"]
+        + [format_with_error(f.factor, f.se) for f in r.factors]
+        for r in document.recordings
+    ]
+    constants = [
+        [c.symbol, f"{format_with_error(c.value, c.se)} {c.unit}", f"{100.0 * c.scatter:.1f} %"]
+        for c in document.constants
+    ]
+    return Group(
+        plain_table("factors beside the reference", ["recording", "length", *names], rows),
+        plain_table(
+            "constants that all share", ["constant", "value", "scatter"], constants,
+            "scatter: from recording to recording, beside what the factors say",
+        ),
+    )  # fmt: skip

@@ -1,0 +1,79 @@
+"""Recordings of one car fitted one after the other, pooled, and what they say written; none stays in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.documents.pool import PoolDocument, PooledConstant, PooledFactor, PooledRecording
+from bcid.estimate.types import Estimate
+from bcid.fleet.pooled_car import CarSummary, PooledCar, summarise_fit
+from bcid.likelihood.divergence import refuse_divergence
+from bcid.likelihood.hypothesis import DRAG
+from bcid.likelihood.prepare import base_hypothesis, prepare_and_fit_base
+from bcid.models.newton_euler.initial_guess import guess_car
+from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.parameters import constant_units
+from bcid.models.saving import save_model
+from bcid.recording.types import Recording
+from bcid.vehicle import Vehicle
+
+
+class FittedRecording(NamedTuple):
+    """One recording's part in a pool."""
+
+    name: str
+    duration_s: float
+    summary: CarSummary
+
+
+def fit_recording(recording: Recording, estimate: Estimate, vehicle: Vehicle) -> FittedRecording:
+    """Fit the base model to the poses of one recording, and keep what it says of the constants.
+
+    Raises:
+        InputRefused: too little of the recording can be used, or no model can follow it.
+    """
+    start = guess_car([estimate], vehicle, *estimate.steering_constants())
+    hypothesis = base_hypothesis(vehicle, start, [estimate])
+    with refuse_divergence([recording]):
+        _, _, (fit, _) = prepare_and_fit_base([recording], [estimate], hypothesis, ())
+    return FittedRecording(estimate.name, recording.duration_s, summarise_fit(fit))
+
+
+def save_pooled_model(pooled: PooledCar, period_s: float, folder: Path) -> None:
+    """Save the car that the recordings have in common as a newton-euler model in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    facts = {"optimiser": "pooled over recordings", "loss": "poses"}
+    save_model(NewtonEuler(pooled.car(), period_s, facts), folder)
+
+
+def describe_pool(
+    pooled: PooledCar, fitted: Sequence[FittedRecording], reference: Sequence[int], vehicle: Vehicle
+) -> PoolDocument:
+    """What recordings say together; `reference` are those with which all are compared."""
+    factors, sd = pooled.factors(reference)
+    car, units, k = pooled.car(), constant_units(pooled.car()), len(pooled.names)
+    se = np.sqrt(np.diag(pooled.pooled.shared_covariance))
+    constants = []
+    for i, symbol in enumerate(pooled.symbols):
+        value = float(getattr(car, symbol))
+        error = float(se[i]) * (1.0 if symbol in DRAG else value)
+        scatter = float(pooled.pooled.spread[k + i])
+        constants.append(
+            PooledConstant(symbol=symbol, value=value, se=error, unit=units.get(symbol, ""), scatter=scatter)
+        )
+    recordings = tuple(
+        PooledRecording(
+            name=each.name, duration_s=each.duration_s, reference=i in reference,
+            factors=tuple(
+                PooledFactor(name=name, factor=float(factors[i, j]), se=float(factors[i, j] * sd[i, j]))
+                for j, name in enumerate(pooled.names)
+            ),
+        )
+        for i, each in enumerate(fitted)
+    )  # fmt: skip
+    spreads = dict(zip(pooled.names, pooled.pooled.spread[:k].tolist(), strict=True))
+    return PoolDocument(vehicle=vehicle.name, constants=tuple(constants), recordings=recordings, spreads=spreads)

@@ -1,0 +1,126 @@
+"""One car in many recordings: the constants that it has in all of them, and its load, motor and grip in each.
+
+A load f multiplies m and I_z.  As m is held in a fit, that divides all forces by f: their logarithms, which a fit
+estimates, and R_1 and R_2 go down alike, and nothing else does.  So recordings say of each other what none says alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bcid.aliases import Floats
+from bcid.errors import UsageError
+from bcid.fleet.pooling import Pooled, Summary, pool
+from bcid.likelihood.hypothesis import DRAG
+from bcid.likelihood.limits import LIKELIHOOD_LIMITS
+from bcid.likelihood.refit import Fit
+from bcid.physics.car import Car
+
+FORCES = ("F_m_max", "K_t", "K_b", "K_v", "C_f", "C_r", "F_f_max", "F_r_max", *DRAG)
+OWN = {
+    "mass": dict.fromkeys(FORCES, -1.0),
+    "motor": dict.fromkeys(("F_m_max", "K_t"), 1.0),
+    "grip": dict.fromkeys(("C_f", "C_r", "F_f_max", "F_r_max"), 1.0),
+    "drag": dict.fromkeys(DRAG, 1.0),
+}
+"""What may differ from recording to recording, as a factor, by name: the power with which it enters each constant."""
+
+FIRST_SPREAD = 0.2
+"""Standard deviation, relative, of what differs, from which its likeliest one is sought."""
+FIRST_SCATTER = 0.05
+"""That of a constant by itself: what a fit that lacks physics makes of another drive."""
+LEAST_INFORMATION = 1e-9
+"""Eigenvalue of a recording's information, as a share of the largest, below which it counts as none."""
+TINY = 1e-9
+"""Drag (SI) below which a car is taken to have none, where a share of it is meant."""
+
+
+class CarSummary(NamedTuple):
+    """What one recording says of a car: logarithms of the constants, then R_1 (N s/m) and R_2 (N s^2/m^2)."""
+
+    symbols: tuple[str, ...]
+    summary: Summary
+    car: Car  # fitted to this recording alone
+
+
+@dataclass(frozen=True)
+class PooledCar:
+    """The car that recordings have in common, and what is each one's own."""
+
+    symbols: tuple[str, ...]  # of the shared constants
+    nominal: Car  # has what is not fitted
+    names: tuple[str, ...]  # of what differs, keys of OWN
+    pooled: Pooled
+    directions: Floats  # (n, k + n) C: what differs by name, then each constant by itself
+
+    def car(self) -> Car:
+        """The car of a recording in which nothing differs from the mean of all."""
+        return self._as_car(self.pooled.shared)
+
+    def car_of(self, recording: int) -> Car:
+        """The car as it was in one recording; the mass is that of the vehicle file, and a load is in all forces."""
+        return self._as_car(self.pooled.constants_of(recording, self.directions))
+
+    def factors(self, beside: Sequence[int]) -> tuple[Floats, Floats]:
+        """Factors (I, k) by which each recording differs from the mean of those `beside` it, and their relative sd."""
+        k = len(self.names)
+        own = self.pooled.own[:, :k]
+        apart = own - own[list(beside)].mean(axis=0)
+        sd = np.array([self.pooled.difference_sd([i], beside)[:k] for i in range(len(own))])
+        return np.exp(apart), sd
+
+    def _as_car(self, phi: Floats) -> Car:
+        """The car with the constants phi."""
+        values = {s: x if s in DRAG else math.exp(x) for s, x in zip(self.symbols, phi.tolist(), strict=True)}
+        return self.nominal._replace(**values)
+
+
+def summarise_fit(fit: Fit) -> CarSummary:
+    """What the recording of a fit of the base model says of its constants, without the prior of the fit."""
+    hypothesis, n = fit.hypothesis, fit.hypothesis.base_size
+    precision = np.linalg.inv(fit.covariance[:n, :n]) - np.eye(n) / LIKELIHOOD_LIMITS.base_prior_sd**2
+    values, vectors = np.linalg.eigh(0.5 * (precision + precision.T))
+    # a constant that the drive does not show has no information, and rounding may leave less than none
+    values = np.where(values > LEAST_INFORMATION * values.max(), values, 0.0)
+    units = np.r_[np.ones(n - len(DRAG)), hypothesis.drag_units]
+    information = (vectors * values) @ vectors.T / np.outer(units, units)
+    summary = Summary(fit.phi[:n] * units, information, np.zeros(n))
+    return CarSummary((*hypothesis.log_parameters, *DRAG), summary, fit.car())
+
+
+def pool_car(summaries: Sequence[CarSummary], names: Sequence[str]) -> PooledCar:
+    """Pool what recordings of the same car say, in which what is called `names` differs.
+
+    Each constant may differ by itself as well, by as much as the recordings show: a fit's standard errors are those of
+    a model that lacks nothing.
+
+    Raises:
+        UsageError: a name is none of OWN, there are fewer than two recordings, or they are of different vehicles.
+    """
+    if unknown := [name for name in names if name not in OWN]:
+        raise UsageError(f"nothing that differs is called {', '.join(unknown)}\n  next: name some of {', '.join(OWN)}")
+    if len(summaries) < 2:
+        raise UsageError("one recording has nothing to be pooled with\n  next: name more recordings of the car")
+    symbols = summaries[0].symbols
+    if any(each.symbols != symbols for each in summaries):
+        raise UsageError("the recordings are of vehicles with other motors\n  next: pool those of one vehicle file")
+    mean = np.mean([each.summary.phi for each in summaries], axis=0)
+    scale = np.array([max(abs(x), TINY) if s in DRAG else 1.0 for s, x in zip(symbols, mean, strict=True)])
+    columns = np.column_stack([*(_direction(symbols, name, mean) for name in names), np.diag(scale)])
+    spread = np.array([FIRST_SPREAD] * len(names) + [FIRST_SCATTER] * len(symbols))
+    pooled = pool([each.summary for each in summaries], columns, spread)
+    return PooledCar(symbols, summaries[0].car, tuple(names), pooled, columns)
+
+
+def _direction(symbols: Sequence[str], name: str, phi: Floats) -> Floats:
+    """The derivative (n,) of the constants phi by the logarithm of the factor `name`."""
+    powers = OWN[name]
+    # R_1 and R_2 are no logarithms, as they may have either sign
+    return np.array([
+        powers.get(s, 0.0) * (x if s in DRAG else 1.0) for s, x in zip(symbols, phi.tolist(), strict=True)
+    ])  # fmt: skip
