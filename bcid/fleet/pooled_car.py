@@ -60,11 +60,11 @@ class PooledCar:
 
     def car(self) -> Car:
         """The car of a recording in which nothing differs from the mean of all."""
-        return self._as_car(self.pooled.shared)
+        return self.as_car(self.pooled.shared)
 
     def car_of(self, recording: int) -> Car:
         """The car as it was in one recording; the mass is that of the vehicle file, and a load is in all forces."""
-        return self._as_car(self.pooled.constants_of(recording, self.directions))
+        return self.as_car(self.pooled.constants_of(recording, self.directions))
 
     def factors(self, beside: Sequence[int]) -> tuple[Floats, Floats]:
         """Factors (I, k) by which each recording differs from the mean of those `beside` it, and their relative sd."""
@@ -74,7 +74,7 @@ class PooledCar:
         sd = np.array([self.pooled.difference_sd([i], beside)[:k] for i in range(len(own))])
         return np.exp(apart), sd
 
-    def _as_car(self, phi: Floats) -> Car:
+    def as_car(self, phi: Floats) -> Car:
         """The car with the constants phi."""
         values = {s: x if s in DRAG else math.exp(x) for s, x in zip(self.symbols, phi.tolist(), strict=True)}
         return self.nominal._replace(**values)
