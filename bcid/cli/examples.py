@@ -38,6 +38,11 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid compare last_week/workspace workspace": "is it the same car as last week?",
         "bcid compare newton-euler newton-euler-poses": "two saved models, by their names",
     },
+    "fleet": {
+        "bcid fleet logs --vehicle vehicle.toml --out work": "everything, of each log in the folder logs by itself",
+        "bcid fleet monday tuesday --jobs 4 --no-diagnose": "of two folders, four logs at a time, without diagnoses",
+        "bcid fleet logs --dask tcp://desk:8786": "on the workers of a Dask cluster, which see the same files",
+    },
     "plan": {
         "bcid plan --vehicle vehicle.toml": "a drive in which all effects would show",
         "bcid plan yaw_scrub tether_pull --vehicle vehicle.toml --arena 6,4": "in which these two would, on 6 m by 4 m",

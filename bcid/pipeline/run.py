@@ -73,7 +73,7 @@ class Pipeline:
         self.vehicle = read_vehicle(config.vehicle)
         self.watcher = watcher or Watcher()
         waiting = f"waiting for another run, which is at work in {config.workspace}"
-        self.store = Store(config.workspace, lambda: self.watcher.note(waiting), self.watcher.note)
+        self.store = Store(config.workspace, lambda: self.watcher.report_locked(waiting), self.watcher.note)
         self._known: dict[str, Artifact] = {}
         # of each recording, read and checked once
         self._ingested: dict[Path, Artifact] = {}
