@@ -8,7 +8,7 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
@@ -206,12 +206,25 @@ def test_a_cluster_makes_the_same_and_a_killed_worker_changes_nothing(
     assert document == run(lab, tmp_path / "work", logs, Cluster(scheduler))
 
 
-class AlwaysDies(WorkerPool):
-    """Processes that die of the second log, whatever happens."""
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class DiesOfB(WorkerPool):
+    """Processes that die of the log b each time, as one does that needs more memory than there is."""
 
     def submit(self, key: Any, call: Callable[[], Any]) -> None:
-        is_second = getattr(call, "args", (None, Path()))[1].stem == "b"
-        super().submit(key, partial(os.kill, 0, signal.SIGKILL) if is_second and False else call)
+        super().submit(key, die if getattr(call, "args", (None, Path()))[1].stem == "b" else call)
+
+
+def test_a_log_that_kills_each_process_is_given_up_and_the_others_are_done(
+    lab: Path, logs: list[Path], tmp_path: Path
+) -> None:
+    document = run(lab, tmp_path, logs, DiesOfB(1))
+    rows = {log.name: log for log in document.logs}
+    assert {name: log.state for name, log in rows.items()} == {"a": "done", "b": "failed", "c": "done"}
+    assert rows["b"].problems[0].error == "ProcessLost"
+    assert [rows[n].scores[0].on for n in "ac"] == ["c", "a"]
 
 
 def test_an_order_can_be_sent_and_its_paths_hold_everywhere(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
