@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from making import circling_take
 
 from bcid.documents.fleet import FleetDocument
 from bcid.errors import InputRefused
@@ -110,21 +109,26 @@ def test_two_processes_make_what_single_commands_make_and_nothing_twice(
 def test_logs_that_cannot_be_used_cost_the_others_nothing(
     lab: Path, logs: list[Path], one_by_one: dict[str, bytes], tmp_path: Path
 ) -> None:
-    """One is cut off within a line, one is of a car that only circles; the models of b are tried on c all the same."""
-    text = logs[0].read_bytes()
-    (tmp_path / "cut_off.csv").write_bytes(text[: len(text) // 3])
+    """One is cut off within a line, one has its commands in reverse; the models of b are tried on c all the same."""
+    whole = logs[0].read_bytes()
+    (tmp_path / "cut_off.csv").write_bytes(whole[: len(whole) // 3])
     (tmp_path / "cut_off.commands.csv").write_bytes(b"")
-    circle = circling_take(tmp_path)
-    document = run(lab, tmp_path / "work", [logs[0], tmp_path / "cut_off.csv", logs[1], circle, logs[2]])
+    mixed_up = tmp_path / "mixed_up.csv"
+    mixed_up.write_bytes(logs[2].read_bytes())
+    head, *lines = logs[2].with_suffix(".commands.csv").read_text(encoding="utf-8").split()
+    times, commands = zip(*(line.split(",", 1) for line in lines), strict=True)
+    text = "\n".join([head, *map(",".join, zip(times, reversed(commands), strict=True))])
+    (tmp_path / "mixed_up.commands.csv").write_text(f"{text}\n", encoding="utf-8")
+    document = run(lab, tmp_path / "work", [logs[0], tmp_path / "cut_off.csv", logs[1], mixed_up, logs[2]])
     assert {log.name: log.state for log in document.logs} == {
-        "a": "done", "cut_off": "failed", "b": "done", "circle": "failed", "c": "done",
+        "a": "done", "cut_off": "failed", "b": "done", "mixed_up": "failed", "c": "done",
     }  # fmt: skip
     rows = {log.name: log for log in document.logs}
     assert rows["cut_off"].go is None
     assert rows["cut_off"].problems[0].error == "InputRefused"
     assert "next: " in rows["cut_off"].problems[0].text
-    assert rows["circle"].go is False
-    assert "no-go" in rows["circle"].problems[0].text
+    assert rows["mixed_up"].go is False
+    assert "no-go" in rows["mixed_up"].problems[0].text
     assert [rows[n].scores[0].on for n in "abc"] == ["b", "c", "a"]
     made = artifacts(tmp_path / "work")
     assert {name: made[name] for name in one_by_one} == one_by_one
@@ -275,3 +279,19 @@ def test_the_command_names_what_failed_and_ends_with_3(lab: Path, logs: list[Pat
     assert bcid(*words, cwd=lab).returncode == 4
     (tmp_path / "work" / "fleet.json").unlink()
     assert bcid(*words, "--dask", "tcp://127.0.0.1:9", cwd=lab).returncode == 2
+
+
+@pytest.mark.proof
+def test_a_log_is_diagnosed_as_a_single_command_does(lab: Path, logs: list[Path], tmp_path: Path) -> None:
+    alone = Pipeline(config(lab, tmp_path / "single", training=logs[:1]))
+    page = alone.diagnosis_page(alone.diagnose())
+    order = FleetOrder(config(lab, tmp_path / "work"), (), diagnose=True)
+    (row,) = run_fleet(order, logs[:1], "bumper-car", WorkerPool(1)).logs
+    assert (row.state, row.problems) == ("done", ())
+    assert [(a.stage, a.key) for a in row.artifacts[-2:]] == [
+        ("diagnose", alone.diagnose().key), ("diagnosis_page", page.key)
+    ]  # fmt: skip
+    assert row.diagnosis is not None
+    assert row.diagnosis.sentence
+    ours, theirs = ((tmp_path / w / "diagnose" / row.artifacts[-2].key / "manifest.json") for w in ("work", "single"))
+    assert ours.read_bytes() == theirs.read_bytes()

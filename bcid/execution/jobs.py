@@ -22,7 +22,9 @@ class ProcessLost(BcidError):
 class Pool(Protocol):
     """Where calls are done: `WorkerPool`, or a cluster."""
 
-    size: int
+    @property
+    def size(self) -> int:
+        """How many calls can be done at the same time."""
 
     @property
     def free(self) -> int:

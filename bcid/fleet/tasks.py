@@ -163,11 +163,15 @@ class _LogWork:
 
     def _diagnose(self) -> None:
         """Diagnose the log, and write the page."""
+        from bcid.report.verdict_words import verdict_sentence
+
         made = self._keep("diagnose", self.work.diagnose())
         self._keep("diagnosis_page", self.work.diagnosis_page(made))
         document = DiagnosisDocument.read(made.folder / "diagnosis.json")
-        effects = tuple(finding.effect for finding in document.findings)
-        self.figures["diagnosis"] = LogVerdict(verdict=document.verdict, effects=effects, sentence=document.sentence)
+        self.figures["diagnosis"] = LogVerdict(
+            verdict=document.verdict, effects=tuple(finding.effect for finding in document.findings),
+            sentence=verdict_sentence(document),
+        )  # fmt: skip
 
 
 def state_of(row: FleetLog) -> LogState:
