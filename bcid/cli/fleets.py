@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,13 +11,12 @@ import typer
 from bcid.cli import options
 from bcid.cli.completion import complete_fittable_models
 from bcid.cli.options import Format
-from bcid.errors import PartLost, UsageError
+from bcid.errors import PartLost
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bcid.documents.fleet import FleetDocument, FleetLog
-    from bcid.execution.jobs import Pool
 
 FLEET_FILE = "fleet.json"
 USUAL_MODEL = "newton-euler"
@@ -44,12 +41,7 @@ def fleet(
     jobs: Annotated[
         int, typer.Option(min=0, help="Logs that are worked on at a time; 0 for as many as there are cores.")
     ] = 0,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="The scheduler of a Dask cluster, such as tcp://desk:8786, whose workers do it.",
-        ),
-    ] = None,
+    dask: options.DaskOption = None,
     pipeline: options.PipelineOption = None,
     vehicle: options.VehicleOption = None,
     out: options.OutOption = None,
@@ -65,6 +57,7 @@ def fleet(
     named at the end, and the others go on; the same command continues where it was stopped.
     """
     from bcid.cli.sink import Sink
+    from bcid.execution.jobs import make_pool
     from bcid.fleet.logs import find_logs
     from bcid.fleet.run import run_fleet
     from bcid.fleet.tasks import FleetOrder
@@ -72,8 +65,9 @@ def fleet(
     from bcid.pipeline.run import Pipeline
     from bcid.store.receipt import refuse_to_renew, renew_results
 
-    if jobs and dask is not None:
-        raise UsageError("--jobs is for this machine, --dask for others\n  next: leave one of them out")
+    workers = options.choose_workers(jobs, dask)
+    # other processes even where it is one, as a log may end the process that works on it
+    pool = make_pool(workers) if isinstance(workers, int) else workers
     models = tuple(dict.fromkeys(model or [USUAL_MODEL]))
     for name in models:
         fittable_row(name)
@@ -89,21 +83,10 @@ def fleet(
     refuse_to_renew(config.workspace, [FLEET_FILE], force)
     with sink.stage(f"fleet of {len(listed.logs)}") as progress:
         order = FleetOrder(config, models, diagnose)
-        document = run_fleet(order, listed.logs, work.vehicle.name, _pool(jobs, dask), progress)
+        document = run_fleet(order, listed.logs, work.vehicle.name, pool, progress)
     renew_results(config.workspace, {FLEET_FILE: document.write}, force)
     sink.result(document.as_json(), lambda: _tables(document, config.workspace))
     _raise_what_failed(document)
-
-
-def _pool(jobs: int, dask: str | None) -> AbstractContextManager[Pool]:
-    """Where the logs are worked on: always in other processes than this one, which a log cannot end."""
-    if dask is None:
-        from bcid.execution.jobs import make_pool
-
-        return make_pool(jobs or os.cpu_count() or 1)
-    from bcid.execution.cluster import Cluster
-
-    return Cluster(dask)
 
 
 def _list_names(paths: Sequence[Path]) -> str:
