@@ -59,13 +59,17 @@ def run_all_cases(
     end = np.inf if minutes is None else time.monotonic() + 60.0 * minutes
 
     def prepare(case: BlindCase) -> Callable[[], dict[str, Any]] | None:
-        in_time = time.monotonic() < end
-        return partial(_run_case, case, with_baselines) if in_time else None
+        if time.monotonic() >= end:
+            return None
+        run = partial(_run_case, case, with_baselines)
+        return partial(_store_row_of, run, _row_key(case, code), folder) if on_this_machine else run
 
-    not_run = list(todo)
+    # by the process that made it, which loses none; those of several machines might write into each other's lines
+    on_this_machine, not_run = isinstance(workers, int), list(todo)
     for case, row in run_jobs(todo, prepare, workers):
         not_run.remove(case)
-        append_row(row, _row_key(case, code), folder)
+        if not on_this_machine:
+            append_row(row, _row_key(case, code), folder)
         yield {**case_truth(case), **row}
     for case in not_run:
         # an error that there was no time to run again
@@ -114,3 +118,10 @@ def _run_case(case: BlindCase, with_baselines: bool) -> dict[str, Any]:
         return run_blind_case(case, with_baselines)
     except Exception as error:  # whatever it is, it is this case's miss and ends no other
         return {"error": repr(error)}
+
+
+def _store_row_of(run: Callable[[], dict[str, Any]], key: str, folder: Path) -> dict[str, Any]:
+    """What `run` returns, a row, after appending it under `key` to the file in `folder`."""
+    row = run()
+    append_row(row, key, folder)
+    return row
