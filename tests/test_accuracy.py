@@ -170,3 +170,18 @@ def test_what_a_peer_cannot_fit_is_told_and_the_others_go_on(tmp_path: Path, mon
     assert first["error"] == "AssertionError: too few"
     assert set(first["horizons"].values()) == {None}
     assert second["horizons"]["0.5 s"]["nmse"] > 0.0
+
+
+def test_several_processes_give_the_same_rows_in_the_same_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pipeline.toml").write_text(
+        'vehicle = "v.toml"\ntraining = ["t"]\nmodels = ["k-sindy", "newton-euler-linear"]\n'
+    )
+    (tmp_path / "data.toml").write_text(DATA)
+    monkeypatch.setattr("bcid.bench.accuracy.PEERS", {})
+    ((name, plan),) = read_accuracy_file(tmp_path / "data.toml", None, tmp_path)
+    together = list(compare_models(name, plan, [1, 2], workers=2))
+    assert [(r["seed"], r["model"]) for r in together] == [(seed, m) for seed in (1, 2) for m in plan.models]
+    alone = plan.model_copy(update={"workspace": tmp_path / "alone"})
+    assert together == list(compare_models(name, alone, [1, 2]))

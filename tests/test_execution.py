@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -135,37 +132,6 @@ def test_a_process_that_died_while_it_was_idle_is_replaced() -> None:
             ((_, found),) = pool.next_results()
             assert isinstance(found, int | Died)
         assert found != number
-
-
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a Dask scheduler with two workers, as a user starts them."""
-    if find_spec("distributed") is None:
-        pytest.skip("the extra fleet is not installed")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    folder = tmp_path_factory.mktemp("dask")
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", address, "--no-dashboard"]
-    workers = ["-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard"]
-    path = os.pathsep.join([str(Path(__file__).parent), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-    with (folder / "log").open("w", encoding="utf-8") as log:
-        begun = [
-            subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, env=os.environ | {"PYTHONPATH": path})
-            for command in (dask, [sys.executable, *workers])
-        ]
-    until = time.monotonic() + 60.0
-    try:
-        while (folder / "log").read_text(encoding="utf-8").count("Registered to") < 2:
-            if time.monotonic() > until:
-                pytest.fail((folder / "log").read_text(encoding="utf-8")[-2000:])
-            time.sleep(0.2)
-        yield address
-    finally:
-        for process in reversed(begun):
-            process.terminate()
-        for process in begun:
-            process.wait(30.0)
 
 
 def test_a_cluster_does_jobs_and_a_killed_worker_changes_nothing(scheduler: str, tmp_path: Path) -> None:

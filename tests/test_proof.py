@@ -177,6 +177,13 @@ def test_several_at_a_time_end_in_time_and_go_on(
     assert sorted(made) == sorted(c.name for c in cases)
 
 
+def test_rows_made_on_a_cluster_are_stored_here(tmp_path: Path, made: list[str]) -> None:
+    cases = list(draw_suite(2, 1, 2, 0, 0))[:3]
+    assert len(list(run_all_cases(cases, tmp_path, ThreadPool(2)))) == len(made) == 3
+    assert known(cases, tmp_path) == 3
+    assert len((tmp_path / "rows.jsonl").read_text(encoding="utf-8").splitlines()) == 3
+
+
 def test_a_part_of_a_run_is_told_as_one() -> None:
     about = {"seed": 1, "quick": False, "of": 9, "tiers_of": {"null": 5, "pair": 4}}
     part = blind_outcome([row(f"null-{i}", [], ["yaw_scrub"] * i, tier="null") for i in range(2)], about)

@@ -2,10 +2,11 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from importlib.util import find_spec
 from operator import itemgetter
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +18,7 @@ from bcid.estimate.saving import load_estimate
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import nmse, predict_whole_take, predict_with_restarts
 from bcid.evaluation.intervals import HORIZONS_S
+from bcid.execution.jobs import Workers, run_jobs
 from bcid.files.source_code import stage_code
 from bcid.files.toml import PathText, Settings, read_toml
 from bcid.models.fitting.windows import inverse_spread
@@ -91,33 +93,61 @@ def _write_simulated_takes(data: DataSet, folder: Path) -> tuple[Path, tuple[Pat
     return vehicle, (paths[0],), paths[1]
 
 
-def compare_models(name: str, config: PipelineConfig, seeds: Sequence[int]) -> Iterator[dict[str, Any]]:
+class AccuracyFit(NamedTuple):
+    """One fit of the benchmark: of a model of ours, or of a package's, with a seed."""
+
+    number: int
+    seed: int
+    model: str = ""
+    package: str = ""  # a key of PEERS; empty for a model of ours
+
+
+def compare_models(
+    name: str, config: PipelineConfig, seeds: Sequence[int], workers: Workers = 1
+) -> Iterator[dict[str, Any]]:
     """Yield a row for each seed and model with the normalised mean square error (NMSE) of its twists by horizon.
 
     Models are those that `config` fits ("ours": True) and those of the PEERS that are installed.  All are fitted to
-    the training recordings and scored on the validation recording.  A peer whose fit raises gives a row with "error".
+    the training recordings and scored on the validation recording, so many at a time, or on a cluster, as `workers`
+    says; rows come in the same order either way.  A peer whose fit raises gives a row with "error".
     """
+    # where others work, too, paths have to hold there
+    places = {key: getattr(config, key).absolute() for key in ("vehicle", "workspace", "validation")}
+    config = config.model_copy(update={**places, "training": [path.absolute() for path in config.training]})
     work = Pipeline(config)
+    for recording in config.recordings():  # once, before several processes need it
+        work.estimate(recording)
+    packages = [package for package in PEERS if find_spec(package) is not None]
+    wanted = [
+        (seed, *kind) for seed in seeds for kind in (*((m, "") for m in config.models), *(("", p) for p in packages))
+    ]
+    fits = [AccuracyFit(number, *each) for number, each in enumerate(wanted)]
+    ended, following = dict[int, dict[str, Any]](), 0
+    for fit, row in run_jobs(fits, lambda fit: partial(_fit_and_score, name, config, fit), workers):
+        ended[fit.number] = row
+        while following in ended:
+            yield ended.pop(following)
+            following += 1
+
+
+def _fit_and_score(name: str, config: PipelineConfig, fit: AccuracyFit) -> dict[str, Any]:
+    """The row of one fit on the data set called `name`."""
+    work = Pipeline(config.model_copy(update={"seed": fit.seed}))
     training = [load_estimate(work.estimate(p).folder) for p in config.training]
-    take = load_estimate(work.estimate(work.config.recordings()[-1]).folder)
+    take = load_estimate(work.estimate(config.recordings()[-1]).folder)
     weights = inverse_spread(np.concatenate([e.twist for e in training]))
     training_s = sum(len(e) * e.period_s for e in training)
-    about: dict[str, Any] = {"data": name, "training_s": training_s, "validation": take.name}
-    for seed in seeds:
-        seeded = Pipeline(config.model_copy(update={"seed": seed}))
-        for model in config.models:
-            row = about | {"model": model, "ours": True, "seed": seed}
-            yield row | _score_horizons(load_model(seeded.fit(model).folder), take, weights)
-        for package, kind in PEERS.items():
-            if find_spec(package) is None:
-                continue
-            row, begin = about | {"model": kind.name, "ours": False, "seed": seed}, time.perf_counter()
-            try:
-                peer = kind.fit(training, seed)
-            except Exception as error:  # whatever another library raises is reported, and the others go on
-                yield row | {"error": f"{type(error).__name__}: {error}", "horizons": dict.fromkeys(HORIZON_NAMES)}
-                continue
-            yield row | {"fit_s": time.perf_counter() - begin} | _score_horizons(peer, take, weights)
+    row: dict[str, Any] = {"data": name, "training_s": training_s, "validation": take.name}
+    if not fit.package:
+        row |= {"model": fit.model, "ours": True, "seed": fit.seed}
+        return row | _score_horizons(load_model(work.fit(fit.model).folder), take, weights)
+    kind, begin = PEERS[fit.package], time.perf_counter()
+    row |= {"model": kind.name, "ours": False, "seed": fit.seed}
+    try:
+        peer = kind.fit(training, fit.seed)
+    except Exception as error:  # whatever another library raises is reported, and the others go on
+        return row | {"error": f"{type(error).__name__}: {error}", "horizons": dict.fromkeys(HORIZON_NAMES)}
+    return row | {"fit_s": time.perf_counter() - begin} | _score_horizons(peer, take, weights)
 
 
 def _score_horizons(model: SupportsRollout, take: Estimate, weights: Any) -> dict[str, Any]:

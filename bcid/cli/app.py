@@ -18,6 +18,7 @@ from bcid.cli.examples import examples_text
 from bcid.cli.exits import run_and_explain
 from bcid.cli.exporting import export
 from bcid.cli.fitting import fit
+from bcid.cli.fleets import fleet
 from bcid.cli.options import Format
 from bcid.cli.pooling import pool
 from bcid.cli.predicting import predict
@@ -149,10 +150,9 @@ def estimate(
 # in the order in which a newcomer needs them
 COMMANDS: dict[str, Callable[..., None]] = {
     "init": init, "ingest": ingest, "estimate": estimate, "fit": fit, "report": report, "run": run,
-    "diagnose": diagnosing.diagnose, "compare": compare, "pool": pool, "plan": diagnosing.write_plan,
-    "simulate": simulate,
-    "predict": predict, "adapt": adapt, "export": export, "view": view, "models": listing.list_models,
-    "effects": listing.list_effects, "bench": bench, "prove": prove,
+    "diagnose": diagnosing.diagnose, "compare": compare, "pool": pool, "fleet": fleet, "plan": diagnosing.write_plan,
+    "simulate": simulate, "predict": predict, "adapt": adapt, "export": export, "view": view,
+    "models": listing.list_models, "effects": listing.list_effects, "bench": bench, "prove": prove,
 }  # fmt: skip
 for name, command in COMMANDS.items():
     app.command(name, epilog=examples_text(name))(command)

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bcid.cli.options import ForceOption, Format, FormatOption
+from bcid.cli.options import DaskOption, ForceOption, Format, FormatOption, choose_workers
 from bcid.errors import GoalMissed, UsageError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from bcid.aliases import Progress
+    from bcid.execution.jobs import Workers
 
 OTHER_FILE = "name another file with --out"
 ACCURACY_FILE = Path("pipelines/accuracy.toml")
@@ -51,6 +52,10 @@ def bench(
     workspace: Annotated[
         Path | None, typer.Option("--workspace", help="accuracy: the folder for takes and fits.")
     ] = None,
+    workers: Annotated[
+        int, typer.Option(min=0, help="accuracy: fits at a time; 0 for as many as cores. Times of fits need 1.")
+    ] = 1,
+    dask: DaskOption = None,
     fits: Annotated[int, typer.Option(min=1, help="parameters: number of simulated takes to fit.")] = 40,
     seconds: Annotated[float, typer.Option(min=40.0, help="parameters: length of each take in seconds.")] = 60.0,
     check: Annotated[bool, typer.Option("--check", help="End with exit code 5 where a goal is missed.")] = False,
@@ -66,7 +71,9 @@ def bench(
     from bcid.cli.sink import Sink
     from bcid.files.outputs import refuse_to_overwrite, write_output
 
-    sink = Sink(format)
+    if what is not BenchSubject.accuracy and (workers != 1 or dask is not None):
+        raise UsageError("--workers and --dask go with accuracy\n  next: leave them out")
+    sink, places = Sink(format), choose_workers(0 if dask is not None and workers == 1 else workers, dask)
     earlier = _read_earlier(what, only, out) if renew else None
     if out is not None:
         refuse_to_overwrite([out], lambda path: force or renew, OTHER_FILE)
@@ -75,7 +82,7 @@ def bench(
         if what is BenchSubject.speed:
             found, shown = _measure_speed(only or [], repeats, progress, earlier, out), show.speed_table
         elif what is BenchSubject.accuracy:
-            found, shown = _measure_accuracy(data, recordings, workspace, seeds, progress), show.accuracy_tables
+            found, shown = _measure_accuracy(data, recordings, workspace, seeds, places, progress), show.accuracy_tables
         else:
             found, shown = _measure_coverage(fits, seconds, progress), show.coverage_table
     if out is not None:
@@ -120,7 +127,7 @@ def _measure_speed(
 
 
 def _measure_accuracy(
-    data: Path, recordings: Path | None, workspace: Path | None, seeds: int, progress: Progress
+    data: Path, recordings: Path | None, workspace: Path | None, seeds: int, workers: Workers, progress: Progress
 ) -> dict[str, Any]:
     """Fit our models and other libraries' to each data set of the TOML file `data`, once for each of `seeds` seeds.
 
@@ -135,7 +142,7 @@ def _measure_accuracy(
         raise UsageError("accuracy keeps its takes and fits\n  next: name a folder with --workspace")
     rows = []
     for name, plan in read_accuracy_file(data, recordings, workspace):
-        for row in compare_models(name, plan, range(1, seeds + 1)):
+        for row in compare_models(name, plan, range(1, seeds + 1), workers):
             rows.append(row)
             progress(0.0, f"{name}, {row['model']}, seed {row['seed']}")
     if not rows:

@@ -38,6 +38,11 @@ EXAMPLES: dict[str, dict[str, str]] = {
         "bcid compare last_week/workspace workspace": "is it the same car as last week?",
         "bcid compare newton-euler newton-euler-poses": "two saved models, by their names",
     },
+    "fleet": {
+        "bcid fleet logs --vehicle vehicle.toml --out work": "everything, of each log in the folder logs by itself",
+        "bcid fleet monday tuesday --jobs 4 --no-diagnose": "of two folders, four logs at a time, without diagnoses",
+        "bcid fleet logs --dask tcp://desk:8786": "on the workers of a Dask cluster, which see the same files",
+    },
     "pool": {
         "bcid pool": "one car in all takes of the pipeline.toml of this folder, and its load in each",
         "bcid pool day1.csv day2.csv day3.csv --own mass --own motor": "load and battery of three drives",

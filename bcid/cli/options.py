@@ -19,6 +19,7 @@ import typer
 from bcid.errors import UsageError
 
 if TYPE_CHECKING:
+    from bcid.execution.jobs import Workers
     from bcid.pipeline.config import PipelineConfig
 
 PIPELINE_FILE = Path("pipeline.toml")
@@ -91,6 +92,29 @@ EffectsOption = Annotated[
     Path | None,
     typer.Option("--effects", help="A Python file of effects of your own, tried beside the built-in ones. It is run."),
 ]
+
+DaskOption = Annotated[
+    str | None,
+    typer.Option(
+        "--dask", metavar="ADDRESS",
+        help="The scheduler of a Dask cluster whose workers do it, such as tcp://desk:8786.",
+    ),
+]  # fmt: skip
+
+
+def choose_workers(workers: int, dask: str | None) -> Workers:
+    """Where work is done: in so many processes of this machine, or on the Dask cluster at an address.
+
+    Raises:
+        UsageError: both are named.
+    """
+    if dask is None:
+        return workers or os.cpu_count() or 1
+    if workers:
+        raise UsageError("processes of this machine and --dask exclude each other\n  next: leave one of them out")
+    from bcid.execution.cluster import Cluster
+
+    return Cluster(dask)
 
 
 @contextmanager

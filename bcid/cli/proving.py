@@ -17,6 +17,7 @@ from bcid.errors import GoalMissed, UsageError
 
 if TYPE_CHECKING:
     from bcid.cli.sink import Sink
+    from bcid.execution.jobs import Workers
     from bcid.proof.blind.blind_test import BlindTest
 
 DEFAULT_SEED = 1
@@ -64,6 +65,7 @@ def prove(
     workers: Annotated[
         int, typer.Option(min=0, help="Cases that run at a time; 0 for as many as there are cores.")
     ] = 0,
+    dask: options.DaskOption = None,
     real: Annotated[
         list[Path] | None,
         typer.Option(
@@ -97,23 +99,25 @@ def prove(
     from bcid.cli.sink import Sink
     from bcid.proof.blind.blind_test import BlindTest, SuiteSizes
 
-    sink, workers = Sink(format), workers or os.cpu_count() or 1
+    sink, places = Sink(format), options.choose_workers(workers, dask)
     sizes = SuiteSizes(repeats, nulls, imperfect_nulls, pairs, every, other_laws, other_day, tricycles)
     suite = "repeats, --nulls, --imperfect-nulls, --pairs, --other-laws, --other-day, --tricycles or --every"
     for_blind_tests = {
         "quick": quick, "case": case is not None, "salt": salt, "baselines": baselines, suite: sizes != SuiteSizes(),
+        "dask": dask is not None,
     }  # fmt: skip
+    processes = workers or os.cpu_count() or 1
     if limits:
         _refuse_options({"real": bool(real), "recordings": recordings is not None, **for_blind_tests}, "limits")
-        _vary_limits(DEFAULT_SEED if seed is None else seed, takes, out, workers, minutes, sink, force)
+        _vary_limits(DEFAULT_SEED if seed is None else seed, takes, out, processes, minutes, sink, force)
         return
     if real:
         _refuse_options({"seed": seed is not None, "minutes": minutes is not None, **for_blind_tests}, "real")
-        _ask_real_questions(real, recordings or Path(), only or (), out, workers, sink, force)
+        _ask_real_questions(real, recordings or Path(), only or (), out, processes, sink, force)
         return
     test = BlindTest(DEFAULT_SEED if seed is None else seed, salt, quick, sizes, quick or baselines)
     if case is None:
-        _run_blind_test(test, out, workers, minutes, sink, force)
+        _run_blind_test(test, out, places, minutes, sink, force)
     else:
         _write_case(test, case, out, sink, force)
 
@@ -122,7 +126,7 @@ def _refuse_options(options_given: Mapping[str, object], other: str) -> None:
     """Raise `UsageError` where options, given by name with whether they were used, go with no run for --`other`."""
     given = [f"--{name}" for name, is_given in options_given.items() if is_given]
     if given:
-        why = "for simulated takes only" if other == "real" else "not for the panel on which limits are varied"
+        why = "for the blind test only" if other == "real" else "not for the panel on which limits are varied"
         raise UsageError(f"{', '.join(given)}: {why}\n  next: leave it out with --{other}")
 
 
@@ -161,7 +165,9 @@ def _write_case(test: BlindTest, name: str, out: Path, sink: Sink, force: bool) 
         sink.note(f"the blind test left out {', '.join(chosen.left_out)}; that command does not, and may name them")
 
 
-def _run_blind_test(test: BlindTest, out: Path, workers: int, minutes: float | None, sink: Sink, force: bool) -> None:
+def _run_blind_test(
+    test: BlindTest, out: Path, workers: Workers, minutes: float | None, sink: Sink, force: bool
+) -> None:
     """Diagnose a blind test's simulated takes, which conceal effects; write the scores as prove.json and prove.html."""
     from bcid.cli import show
     from bcid.libraries import require_library

@@ -8,6 +8,7 @@ from bcid.documents.comparison import ComparisonDocument
 from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.documents.document import Document
 from bcid.documents.export import ExportDocument
+from bcid.documents.fleet import FleetDocument
 from bcid.documents.health import HealthDocument
 from bcid.documents.manifest import ManifestDocument
 from bcid.documents.model_card import ModelCard
@@ -23,6 +24,7 @@ DOCUMENTS: dict[str, type[Document]] = {
     "diagnosis": DiagnosisDocument,
     "evaluation": EvaluationDocument,
     "export": ExportDocument,
+    "fleet": FleetDocument,
     "health": HealthDocument,
     "limits": VariedLimitsDocument,
     "manifest": ManifestDocument,

@@ -22,7 +22,9 @@ class ProcessLost(BcidError):
 class Pool(Protocol):
     """Where calls are done: `WorkerPool`, or a cluster."""
 
-    size: int
+    @property
+    def size(self) -> int:
+        """How many calls can be done at the same time."""
 
     @property
     def free(self) -> int:
@@ -35,11 +37,15 @@ class Pool(Protocol):
         """Wait until a call or more have ended; their keys and results, `Raised` errors or `Died`."""
 
 
+Workers = int | AbstractContextManager[Pool]
+"""How many processes of this machine do jobs, or the cluster that does them."""
+
+
 def run_jobs(
-    jobs: Iterable[Job], prepare: Callable[[Job], Callable[[], Result] | None], workers: int,
+    jobs: Iterable[Job], prepare: Callable[[Job], Callable[[], Result] | None], workers: Workers,
     lost: Callable[[Job], Result] | None = None,
 ) -> Iterator[tuple[Job, Result]]:  # fmt: skip
-    """Run jobs in `workers` processes, or in this process if `workers` is 1; yield (job, result) as each ends.
+    """Run jobs in `workers` processes, in this process if it is 1, or on a cluster; yield (job, result) as each ends.
 
     `prepare(job)` returns the function that does a job, or None while the job may not begin (for example before
     another has ended).  Several processes ask again after every result.  Jobs begin in their order, so a job must
@@ -49,6 +55,9 @@ def run_jobs(
     Raises:
         ProcessLost: the process of a job died so often, and `lost` is not given.
     """
+    if not isinstance(workers, int):
+        yield from run_jobs_in(workers, jobs, prepare, lost)
+        return
     if workers <= 1:
         for job in jobs:
             if (call := prepare(job)) is not None:

@@ -38,7 +38,7 @@ class StageRunner:
         self.vehicle = read_vehicle(config.vehicle)
         self.watcher = watcher or Watcher()
         waiting = f"waiting for another run, which is at work in {config.workspace}"
-        self.store = Store(config.workspace, lambda: self.watcher.note(waiting), self.watcher.note)
+        self.store = Store(config.workspace, lambda: self.watcher.report_locked(waiting), self.watcher.note)
         # by key, what this runner or one derived from it has made or found
         self.known: dict[str, Artifact] = {}
         self._makes_costly = True

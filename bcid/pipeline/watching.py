@@ -19,3 +19,10 @@ class Watcher:
 
     def note(self, text: str) -> None:
         """Tell something that a person may want to know."""
+
+    def report_locked(self, text: str) -> None:
+        """Tell that another run is at work on what is needed next; the pipeline waits for it once this returns.
+
+        A watcher that raises an error here does not let the pipeline wait.
+        """
+        self.note(text)

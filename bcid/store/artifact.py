@@ -87,6 +87,7 @@ class Store:
     ) -> None:  # fmt: skip
         """Open the store in `workspace`; `notify_waiting` is called when another run keeps this one waiting.
 
+        Where `notify_waiting` raises an error, that is raised in place of waiting.
         `notify` is called with a sentence where an artifact is set aside that is no longer as it was written.
         """
         self.workspace = workspace

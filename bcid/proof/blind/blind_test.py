@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bcid.documents.prove import ProveDocument
+from bcid.execution.jobs import Workers
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.cases import draw_quick_suite, draw_suite, thin_tiers
 from bcid.proof.blind.run_cases import case_code_digest, count_cases_with_rows, run_all_cases
@@ -73,7 +74,7 @@ def write_case_files(case: BlindCase, folder: Path) -> Path:
 
 
 def run_blind_test(
-    test: BlindTest, folder: Path, workers: int = 1, minutes: float | None = None,
+    test: BlindTest, folder: Path, workers: Workers = 1, minutes: float | None = None,
     announce_seal: Callable[[str | None], None] = lambda seal: None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> ProveDocument:  # fmt: skip

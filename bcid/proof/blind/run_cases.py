@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bcid.execution.jobs import run_jobs
+from bcid.execution.jobs import Workers, run_jobs
 from bcid.proof.blind.blind_case import BlindCase
 from bcid.proof.blind.diagnose_case import diagnose_concealed_drive
 from bcid.proof.rows import append_row, code_digest, read_rows
@@ -35,8 +35,12 @@ def case_truth(case: BlindCase) -> dict[str, Any]:
 
 
 def run_all_cases(
-    cases: Iterable[BlindCase], folder: Path, workers: int, with_baselines: bool = False, minutes: float | None = None
-) -> Iterator[dict[str, Any]]:
+    cases: Iterable[BlindCase],
+    folder: Path,
+    workers: Workers,
+    with_baselines: bool = False,
+    minutes: float | None = None,
+) -> Iterator[dict[str, Any]]:  # fmt: skip
     """Yield the result (row: `case_truth` and diagnosis) of every blind case, stored ones first, then new ones.
 
     Rows are stored in `folder` under digests of the case and of the code; a case with an "error" is run again if
@@ -55,12 +59,17 @@ def run_all_cases(
     end = np.inf if minutes is None else time.monotonic() + 60.0 * minutes
 
     def prepare(case: BlindCase) -> Callable[[], dict[str, Any]] | None:
-        in_time = time.monotonic() < end
-        return partial(_run_and_store_case, case, code, folder, with_baselines) if in_time else None
+        if time.monotonic() >= end:
+            return None
+        run = partial(_run_case, case, with_baselines)
+        return partial(_store_row_of, run, _row_key(case, code), folder) if on_this_machine else run
 
-    not_run = list(todo)
+    # by the process that made it, which loses none; those of several machines might write into each other's lines
+    on_this_machine, not_run = isinstance(workers, int), list(todo)
     for case, row in run_jobs(todo, prepare, workers):
         not_run.remove(case)
+        if not on_this_machine:
+            append_row(row, _row_key(case, code), folder)
         yield {**case_truth(case), **row}
     for case in not_run:
         # an error that there was no time to run again
@@ -103,14 +112,16 @@ def run_blind_case(case: BlindCase, with_baselines: bool = False) -> dict[str, A
     return row
 
 
-def _run_and_store_case(case: BlindCase, code: str, folder: Path, with_baselines: bool) -> dict[str, Any]:
-    """Run a blind case and append its result (row) to the file in `folder`, keyed by digests of case and `code`.
-
-    An exception of any kind is stored as a row with its text as "error".
-    """
+def _run_case(case: BlindCase, with_baselines: bool) -> dict[str, Any]:
+    """The result (row) of a blind case; an exception of any kind is a row with its text as "error"."""
     try:
-        row = run_blind_case(case, with_baselines)
+        return run_blind_case(case, with_baselines)
     except Exception as error:  # whatever it is, it is this case's miss and ends no other
-        row = {"error": repr(error)}
-    append_row(row, _row_key(case, code), folder)
+        return {"error": repr(error)}
+
+
+def _store_row_of(run: Callable[[], dict[str, Any]], key: str, folder: Path) -> dict[str, Any]:
+    """What `run` returns, a row, after appending it under `key` to the file in `folder`."""
+    row = run()
+    append_row(row, key, folder)
     return row

@@ -1,0 +1,135 @@
+"""`bcid fleet`: everything, of any number of logs, in the processes of this machine or of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bcid.cli import options
+from bcid.cli.completion import complete_fittable_models
+from bcid.cli.options import Format
+from bcid.errors import PartLost
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from bcid.documents.fleet import FleetDocument, FleetLog
+
+FLEET_FILE = "fleet.json"
+USUAL_MODEL = "newton-euler"
+SHOWN_NAMES = 5
+"""Names of files that a note lists."""
+
+
+def fleet(
+    logs: Annotated[
+        list[Path], typer.Argument(help="Logs of one vehicle, and folders of such logs.", show_default=False)
+    ],
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model", "-m", help=f"A model to fit to each log; repeat for several. Default: {USUAL_MODEL}.",
+            autocompletion=complete_fittable_models,
+        ),
+    ] = None,
+    diagnose: Annotated[
+        bool, typer.Option("--diagnose/--no-diagnose", help="Whether each log is diagnosed, which takes minutes.")
+    ] = True,
+    jobs: Annotated[
+        int, typer.Option(min=0, help="Logs that are worked on at a time; 0 for as many as there are cores.")
+    ] = 0,
+    dask: options.DaskOption = None,
+    pipeline: options.PipelineOption = None,
+    vehicle: options.VehicleOption = None,
+    out: options.OutOption = None,
+    effects: options.EffectsOption = None,
+    allow_partial: options.AllowPartialOption = False,
+    ignore_health: options.IgnoreHealthOption = False,
+    force: options.ForceOption = False,
+    format: options.FormatOption = Format.human,  # noqa: A002
+) -> None:  # fmt: skip
+    """Ingest, estimate, fit, evaluate and diagnose each of any number of logs by itself, several at a time.
+
+    A log's results are those of single commands that name it.  Its models are evaluated on the next log.  What fails is
+    named at the end, and the others go on; the same command continues where it was stopped.
+    """
+    from bcid.cli.sink import Sink
+    from bcid.execution.jobs import make_pool
+    from bcid.fleet.logs import find_logs
+    from bcid.fleet.run import run_fleet
+    from bcid.fleet.tasks import FleetOrder
+    from bcid.models.table import fittable_row
+    from bcid.pipeline.run import Pipeline
+    from bcid.store.receipt import refuse_to_renew, renew_results
+
+    workers = options.choose_workers(jobs, dask)
+    # other processes even where it is one, as a log may end the process that works on it
+    pool = make_pool(workers) if isinstance(workers, int) else workers
+    models = tuple(dict.fromkeys(model or [USUAL_MODEL]))
+    for name in models:
+        fittable_row(name)
+    sink, listed = Sink(format), find_logs(logs)
+    if listed.passed_over:
+        sink.note(f"no recordings, passed over: {_list_names(listed.passed_over)}")
+    config = options.read_config(
+        pipeline, listed.logs, vehicle, out, None, allow_partial, force, ignore_health, sink.note, effects
+    )
+    # what all logs have in common is refused once, before any takes its time
+    work = Pipeline(config, sink)
+    work.refuse_untrainable(models)
+    refuse_to_renew(config.workspace, [FLEET_FILE], force)
+    with sink.stage(f"fleet of {len(listed.logs)}") as progress:
+        order = FleetOrder(config, models, diagnose)
+        document = run_fleet(order, listed.logs, work.vehicle.name, pool, progress)
+    renew_results(config.workspace, {FLEET_FILE: document.write}, force)
+    sink.result(document.as_json(), lambda: _tables(document, config.workspace))
+    _raise_what_failed(document)
+
+
+def _list_names(paths: Sequence[Path]) -> str:
+    """The names of files, the first of them if there are many."""
+    more = len(paths) - SHOWN_NAMES
+    return ", ".join(p.name for p in paths[:SHOWN_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def _tables(document: FleetDocument, workspace: Path) -> RenderableType:
+    """A line for each log, and below them what failed, with its cause and its next step."""
+    from rich.console import Group
+    from rich.markup import escape
+
+    from bcid.cli.sink import plain_table
+
+    columns = ["log", "", "lasts", *(f"NMSE of {name}" for name in document.models), "on", "found"]
+    rows = [_cells(log, document.models) for log in document.logs]
+    wrong = [
+        escape(f"\n{log.name}: {problem.stage}: {problem.text}") for log in document.logs for problem in log.problems
+    ]
+    caption = f"of each log's models on the next log; artifacts of each log: {workspace / FLEET_FILE}"
+    return Group(plain_table(document.vehicle, columns, rows, caption), *wrong)
+
+
+def _cells(log: FleetLog, models: Sequence[str]) -> list[str]:
+    """The line of a log: name, state, length, NMSE of each model, on which log, what the diagnosis found."""
+    from bcid.report.formats import format_number
+
+    nmse = {score.model: format_number(score.nmse, 2) for score in log.scores}
+    found = "" if log.diagnosis is None else ", ".join(log.diagnosis.effects) or log.diagnosis.verdict
+    lasts = "" if log.duration_s is None else f"{log.duration_s:.0f} s"
+    state = "no-go" if log.go is False and log.state == "failed" else log.state
+    on = log.scores[0].on if log.scores else ""
+    return [log.name, state, lasts, *(nmse.get(name, "–") for name in models), on, found]
+
+
+def _raise_what_failed(document: FleetDocument) -> None:
+    """Raise `PartLost` where a stage of a log failed, with the logs' names."""
+    failed, partly = ([log.name for log in document.logs if log.state == state] for state in ("failed", "partly"))
+    told = [
+        f"{len(names)} of {len(document.logs)} logs {what}: {', '.join(names)}"
+        for names, what in ((failed, "failed"), (partly, "came through in part"))
+        if names
+    ]
+    if told:
+        raise PartLost(f"{'; '.join(told)}\n  next: mend what is told of each; what is done will be reused")

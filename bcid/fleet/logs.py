@@ -1,0 +1,64 @@
+"""The recordings of a fleet: those that are named, and those that lie in folders that are named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from bcid.errors import InputRefused
+from bcid.recording.formats.detect import detect_format
+from bcid.recording.formats.rosbag import BAG_METADATA
+
+COMMANDS_SUFFIX = ".commands.csv"
+"""How the names of commands files end, which belong to the recordings beside them."""
+RECORDING_SUFFIXES = (".mcap", ".csv", ".parquet", ".db3", ".bag")
+"""How recordings are called: a file of such a name that cannot be read as one is damaged, and not something else."""
+
+
+class FoundLogs(NamedTuple):
+    """The recordings of a fleet, and the files that were passed over since they are none."""
+
+    logs: list[Path]
+    passed_over: list[Path]
+
+
+def find_logs(paths: Sequence[Path]) -> FoundLogs:
+    """The recordings that `paths` name: files, ROS 2 bags, and folders, whose recordings are told by their content.
+
+    Of a folder the files and bags that lie directly in it are looked at, in the order of their names.  Commands files
+    and hidden files are left out, and a recording that is named twice counts once.
+
+    Raises:
+        InputRefused: a folder holds no recording.
+    """
+    logs, passed_over = list[Path](), list[Path]()
+    for path in paths:
+        if not path.is_dir() or _is_bag(path):
+            logs.append(path)
+            continue
+        inside = [p for p in sorted(path.iterdir()) if p.name[0] != "." and not p.name.endswith(COMMANDS_SUFFIX)]
+        recordings = [p for p in inside if _is_bag(p) or (p.is_file() and _is_recording(p))]
+        if not recordings:
+            raise InputRefused(
+                path, "logs", "holds no recording", "name a folder in which recordings lie, not above it"
+            )
+        logs += recordings
+        passed_over += [p for p in inside if p.is_file() and p not in recordings]
+    return FoundLogs(list({path.absolute(): path for path in logs}.values()), passed_over)
+
+
+def _is_bag(path: Path) -> bool:
+    """Whether a path is the folder of a ROS 2 bag."""
+    return (path / BAG_METADATA).is_file()
+
+
+def _is_recording(file: Path) -> bool:
+    """Whether a file is a recording by its content, or, damaged as it may be, by its name."""
+    if file.suffix.lower() in RECORDING_SUFFIXES:
+        return True
+    try:
+        detect_format(file)
+    except (InputRefused, OSError):
+        return False
+    return True

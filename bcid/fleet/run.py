@@ -1,0 +1,132 @@
+"""A fleet worked on: its logs in as many processes as there are, each then predicted by the models of the one before.
+
+A log that another process is at work on is passed over, and waited for only when nothing else is left to begin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from functools import partial
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from bcid.aliases import Progress
+from bcid.documents.fleet import FleetDocument, FleetLog, LogProblem
+from bcid.execution.jobs import Pool, ProcessLost, run_jobs_in
+from bcid.fleet.limits import LIMITS
+from bcid.fleet.tasks import FleetOrder, LogEvaluation, evaluate_on, state_of, work_on_log
+from bcid.pipeline.takes import name_takes
+
+LOST = "its process died each time that it was tried: out of memory, or killed"
+FEWER_JOBS = "give it fewer --jobs, or look into the system's log"
+
+
+class FleetJob(NamedTuple):
+    """A task of a fleet: all stages of one log, or the evaluation of its models; `waits` in the second try only."""
+
+    kind: Literal["log", "evaluation"]
+    number: int  # of the log
+    waits: bool
+
+
+def run_fleet(
+    order: FleetOrder, logs: Sequence[Path], vehicle: str, pool: AbstractContextManager[Pool],
+    progress: Progress = lambda share, text: None,
+) -> FleetDocument:  # fmt: skip
+    """Do what the order says to each of `logs` in the processes of `pool`; what came of each, in their order.
+
+    The models of each log are evaluated on the next one that can be used, those of the last one on the first.
+    Nothing that goes wrong with a log is raised: its row says it.
+    """
+    fleet = _Fleet(order, logs)
+    for job, result in run_jobs_in(pool, fleet.jobs(), fleet.prepare, _lost):
+        fleet.take_over(job, result)
+        progress(fleet.share_done(), fleet.describe_progress(job))
+    return FleetDocument(
+        vehicle=vehicle, models=order.models, diagnosed=order.diagnose,
+        logs=tuple(fleet.row_of(number) for number in range(len(logs))),
+    )  # fmt: skip
+
+
+class _Fleet:
+    """What is known so far of the logs of a fleet, and what can be done next."""
+
+    def __init__(self, order: FleetOrder, logs: Sequence[Path]) -> None:
+        """Begin with logs of which nothing is known."""
+        names = name_takes(logs)
+        self.order, self.logs, self.names = order, logs, [names[log] for log in logs]
+        self.rows, self.evaluations = dict[int, FleetLog](), dict[int, LogEvaluation]()
+        self._locked = set[tuple[str, int]]()
+
+    def jobs(self) -> list[FleetJob]:
+        """All jobs: every log before any is waited for, then the evaluations in the same way."""
+        numbers, both = range(len(self.logs)), (False, True)
+        logs = [FleetJob("log", number, waits) for waits in both for number in numbers]
+        # a single log has no other that it could be tried on
+        evaluated = numbers if len(self.logs) > 1 and self.order.models else ()
+        return [*logs, *(FleetJob("evaluation", number, waits) for waits in both for number in evaluated)]
+
+    def prepare(self, job: FleetJob) -> Callable[[], FleetLog | LogEvaluation | None] | None:
+        """What does a job; None while it cannot begin, or where there is nothing to be waited for."""
+        if job.waits and (job.kind, job.number) not in self._locked:
+            return None
+        log = self.logs[job.number]
+        if job.kind == "log":
+            return partial(work_on_log, self.order, log, self.names[job.number], job.waits)
+        unseen, row = self._next_usable(job.number), self.rows.get(job.number)
+        models = [artifact.model for artifact in row.artifacts if artifact.stage == "fit"] if row else []
+        if unseen is None or not models:
+            return None
+        return partial(evaluate_on, self.order, log, models, self.logs[unseen], self.names[unseen], job.waits)
+
+    def _next_usable(self, number: int) -> int | None:
+        """The number of the next log whose motion is estimated; None where there is none, or is not known yet."""
+        count = len(self.logs)
+        for other in ((number + step) % count for step in range(1, count)):
+            if other not in self.rows:
+                return None
+            if self.rows[other].has("estimate"):
+                return other
+        return None
+
+    def take_over(self, job: FleetJob, result: FleetLog | LogEvaluation | LogProblem | None) -> None:
+        """Take over what a job gave: None where it found its log locked, a problem where its process died."""
+        if isinstance(result, LogProblem) and job.kind == "log":
+            name, file = self.names[job.number], str(self.logs[job.number])
+            self.rows[job.number] = FleetLog(name=name, file=file, state="failed", problems=(result,))
+        elif isinstance(result, LogProblem):
+            self.evaluations[job.number] = LogEvaluation(problems=(result,))
+        elif isinstance(result, FleetLog):
+            self.rows[job.number] = result
+        elif isinstance(result, LogEvaluation):
+            self.evaluations[job.number] = result
+        else:
+            self._locked.add((job.kind, job.number))
+
+    def row_of(self, number: int) -> FleetLog:
+        """All that came of a log."""
+        row, evaluation = self.rows[number], self.evaluations.get(number, LogEvaluation())
+        row = row.model_copy(update={
+            "artifacts": (*row.artifacts, *evaluation.artifacts), "scores": evaluation.scores,
+            "problems": (*row.problems, *evaluation.problems),
+        })  # fmt: skip
+        return row.model_copy(update={"state": state_of(row)})
+
+    def share_done(self) -> float:
+        """The share of the work that is done; evaluations count little, and those that cannot be made are none."""
+        count = len(self.logs)
+        evaluated = LIMITS.evaluation_share * len(self.evaluations)
+        return min((len(self.rows) + evaluated) / (count * (1.0 + LIMITS.evaluation_share)), 1.0)
+
+    def describe_progress(self, job: FleetJob) -> str:
+        """How many logs are done, how many of them failed, and which was the last."""
+        failed = sum(row.state == "failed" for row in self.rows.values())
+        told = f"{len(self.rows)} of {len(self.logs)} logs" + (f", {failed} failed" if failed else "")
+        found_locked = (job.kind, job.number) in self._locked and not job.waits
+        return f"{told}; {self.names[job.number]}" + (" is locked, put off" if found_locked else "")
+
+
+def _lost(job: FleetJob) -> LogProblem:
+    """Why a job whose process died again and again gave nothing."""
+    return LogProblem(stage=job.kind, error=ProcessLost.__name__, text=f"{LOST}\n  next: {FEWER_JOBS}")

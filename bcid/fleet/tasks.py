@@ -1,0 +1,201 @@
+"""What is done to one log of a fleet, in whatever process: its stages as single commands would run them.
+
+A task takes paths and settings and gives a small row; all else lies in the workspace, under the keys that single
+commands give it.  A log is worked on by itself: the estimator is tuned to it, models are fitted to it alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.fleet import FleetLog, KeptArtifact, LogProblem, LogScore, LogState, LogVerdict
+from bcid.errors import BcidError
+from bcid.pipeline.config import PipelineConfig
+from bcid.pipeline.run import Pipeline
+from bcid.pipeline.watching import Watcher
+from bcid.recording.saving import RecordingSummary
+from bcid.store.artifact import Artifact
+
+Result = TypeVar("Result")
+REPORT_IT = "run this log alone with BCID_TRACEBACK=1 and report it"
+
+
+@dataclass(frozen=True)
+class FleetOrder:
+    """What is to be done to each log of a fleet, with paths that hold in every process."""
+
+    settings: PipelineConfig  # of all logs; recordings are not among them
+    models: tuple[str, ...]
+    diagnose: bool
+
+    def config_of(self, log: Path, unseen: Path | None = None) -> PipelineConfig:
+        """The configuration of one log, as a command makes it for one that is named; `unseen` is to be predicted."""
+        places = {name: getattr(self.settings, name) for name in ("vehicle", "workspace", "effects")}
+        absolute = {name: path and path.absolute() for name, path in places.items()}
+        return self.settings.model_copy(update={
+            "training": [log.absolute()], "validation": unseen and unseen.absolute(), "truth": None, "diagnose": [],
+            **absolute,
+        })  # fmt: skip
+
+
+class TakeLocked(Exception):
+    """Another process is at work on what this task needs next."""
+
+
+class LogEvaluation(NamedTuple):
+    """What came of predicting another log with the models of one."""
+
+    artifacts: tuple[KeptArtifact, ...] = ()
+    scores: tuple[LogScore, ...] = ()
+    problems: tuple[LogProblem, ...] = ()
+
+
+class _ImpatientWatcher(Watcher):
+    """A watcher of a pipeline that is not to wait for other processes."""
+
+    def report_locked(self, text: str) -> None:
+        """Leave the stage that would have to wait."""
+        raise TakeLocked(text)
+
+
+def work_on_log(order: FleetOrder, log: Path, name: str, waits: bool) -> FleetLog | None:
+    """Do all stages of one log but its evaluation; the row says what came of it, whatever goes wrong.
+
+    Where another process is at work on the log, it is waited for if `waits`, and None is returned otherwise.
+    """
+    return _finish(lambda watcher: _LogWork(order, log, watcher).run(name), waits)
+
+
+def evaluate_on(
+    order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, waits: bool
+) -> LogEvaluation | None:
+    """Predict the log `unseen` with the models that were fitted to `log`; None as for `work_on_log`."""
+    return _finish(lambda watcher: _evaluate(order, log, models, unseen, unseen_name, watcher), waits)
+
+
+def _finish(work: Callable[[Watcher], Result], waits: bool) -> Result | None:
+    """The result of `work`; None where it would have to wait, and `waits` is not."""
+    try:
+        return work(Watcher() if waits else _ImpatientWatcher())
+    except TakeLocked:
+        return None
+
+
+def _evaluate(
+    order: FleetOrder, log: Path, models: Sequence[str], unseen: Path, unseen_name: str, watcher: Watcher
+) -> LogEvaluation:
+    """Scores of the models that were fitted to `log` on the log `unseen`, and why any has none."""
+    work = Pipeline(order.config_of(log, unseen), watcher)
+    artifacts, scores, problems = list[KeptArtifact](), list[LogScore](), list[LogProblem]()
+
+    def evaluate(model: str) -> None:
+        compared = work.fit_for_comparison(model)
+        score = work.score(compared)
+        artifacts.append(KeptArtifact(stage="evaluate", key=work.models.evaluate(compared).key, model=model))
+        scores.append(LogScore(model=model, on=unseen_name, nmse=score.nmse, nmse_ci95=score.nmse_ci95))
+
+    for model in models:
+        problems += _problem_of(f"evaluate {model}", partial(evaluate, model))
+    return LogEvaluation(tuple(artifacts), tuple(scores), tuple(problems))
+
+
+class _LogWork:
+    """One log on its way through the stages, and what is known of it so far."""
+
+    def __init__(self, order: FleetOrder, log: Path, watcher: Watcher) -> None:
+        """Begin with a log of which nothing is known."""
+        self.order, self.given = order, log
+        config = order.config_of(log)
+        (self.log,) = config.training
+        self.work = Pipeline(config, watcher)
+        self.artifacts, self.problems, self.figures = list[KeptArtifact](), list[LogProblem](), dict[str, Any]()
+
+    def run(self, name: str) -> FleetLog:
+        """Do what the order says, as far as one stage does not need what another one failed to make; the log's row."""
+        needed = {"ingest": self._ingest, "check": self._refuse_unusable, "estimate": self._estimate}
+        if all(self._does(stage, step) for stage, step in needed.items()):
+            for model in self.order.models:
+                self._does(f"fit {model}", partial(self._fit, model))
+            if self.order.diagnose:
+                self._does("diagnose", self._diagnose)
+        # what could be read of a damaged file was used, as was allowed
+        self._does("ingest", self.work.raise_if_parts_lost)
+        row = FleetLog(
+            name=name, file=str(self.given), state="done", artifacts=tuple(self.artifacts),
+            problems=tuple(self.problems), **self.figures,
+        )  # fmt: skip
+        return row.model_copy(update={"state": state_of(row)})
+
+    def _does(self, stage: str, step: Callable[[], None]) -> bool:
+        """Do a step and say whether it went well; if not, why is remembered."""
+        problems = _problem_of(stage, step)
+        self.problems += problems
+        return not problems
+
+    def _keep(self, stage: str, artifact: Artifact, model: str = "") -> Artifact:
+        """Remember an artifact of the log."""
+        self.artifacts.append(KeptArtifact(stage=stage, key=artifact.key, model=model))
+        return artifact
+
+    def _ingest(self) -> None:
+        """Read the log and check it."""
+        summary = RecordingSummary.read(self._keep("ingest", self.work.ingest(self.log)).folder / "recording.json")
+        self.figures["duration_s"] = summary.duration_s
+        self.figures["go"] = all(odd.action != "no-go" for odd in summary.irregularities)
+
+    def _refuse_unusable(self) -> None:
+        """Raise `InputRefused` where the check says no-go, unless the settings say to ignore that."""
+        self.work.refuse_unusable([self.log])
+
+    def _estimate(self) -> None:
+        """Tune the estimator to the log, and smooth its motion."""
+        self._keep("tune", self.work.takes.tune())
+        self._keep("estimate", self.work.estimate(self.log))
+
+    def _fit(self, model: str) -> None:
+        """Fit one model."""
+        self._keep("fit", self.work.fit(model), model)
+
+    def _diagnose(self) -> None:
+        """Diagnose the log, and write the page."""
+        from bcid.report.verdict_words import verdict_sentence
+
+        made = self._keep("diagnose", self.work.diagnose())
+        self._keep("diagnosis_page", self.work.diagnosis_page(made))
+        document = DiagnosisDocument.read(made.folder / "diagnosis.json")
+        self.figures["diagnosis"] = LogVerdict(
+            verdict=document.verdict, effects=tuple(finding.effect for finding in document.findings),
+            sentence=verdict_sentence(document),
+        )  # fmt: skip
+
+
+def state_of(row: FleetLog) -> LogState:
+    """How far a log came: where something failed, partly if a model or a diagnosis of it is there all the same."""
+    if not row.problems:
+        return "done"
+    return "partly" if row.has("fit") or row.has("diagnose") else "failed"
+
+
+def _problem_of(stage: str, step: Callable[[], None]) -> list[LogProblem]:
+    """What goes wrong in a step: [] or one problem; a lock is none, as it is come back to."""
+    try:
+        step()
+    except TakeLocked:
+        raise
+    except Exception as error:  # whatever one log does to the program, the others go on
+        return [LogProblem(stage=stage, error=type(error).__name__, text=_describe(error))]
+    return []
+
+
+def _describe(error: Exception) -> str:
+    """Cause and next step of an error."""
+    if isinstance(error, BcidError):
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}\n  next: check the path and its permissions"
+    return f"internal error, {type(error).__name__}: {error}\n  next: {REPORT_IT}"
