@@ -300,6 +300,21 @@ def test_the_readme_s_trust_is_what_was_counted() -> None:
         assert f"{sum(bool(row['right']) for row in of_tier)} of {len(of_tier)} {words}" in readme
 
 
+def test_the_docs_of_adapting_and_pooling_are_what_was_measured() -> None:
+    figures = json.loads((DOCS / "results" / "adaptation.json").read_text(encoding="utf-8"))["figures"]
+    text = (DOCS / "adaptation.md").read_text(encoding="utf-8")
+    for errors in (figures["frozen_m"], figures["refitted_m"], figures["mass"]["errors_m"]):
+        assert " | ".join(f"{100 * x:.1f}" for x in errors) in text
+    both = figures["mass+F_r_max"]
+    assert " | ".join(f"{100 * x:.1f}" for x in both["errors_m"]) in text
+    assert f"is {both['times_the_former'][3]:.2f} times what it was" in text
+    pooled = json.loads((DOCS / "results" / "pooling.json").read_text(encoding="utf-8"))["figures"]
+    text = (DOCS / "pooling.md").read_text(encoding="utf-8")
+    assert f"all {pooled['loads']} loads are within 3 %" in text
+    assert pooled["within_3_percent"] == pooled["loads"]
+    assert f"off by {100 * pooled['median_error_pooled_m']:.2f} cm with the car of all" in text
+
+
 PAGES_OF_COMMANDS = (
     "README.md", "docs/quickstart.md", "docs/export.md", "docs/view.md", "docs/evidence.md", "docs/own_effects.md",
     "docs/python.md", "docs/mpc.md", "docs/adaptation.md", "docs/pooling.md",
