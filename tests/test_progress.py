@@ -71,7 +71,7 @@ def diagnosis_calls(rounds: int) -> Iterator[tuple[float, str]]:
     """What a diagnosis with that many rounds of search says."""
     yield from ((0.02, "a first car"), (0.05, "the base model"))
     yield from ((0.3, f"round {i}") for i in range(rounds))
-    yield from ((0.8, "what is left"), (0.85, "held-out proof"))
+    yield from ((0.8, "what is left"), (0.85, "held-out proof"), (0.92, "what the error is made of"))
 
 
 @pytest.mark.parametrize("rounds", [0, 1, 15, 400])
@@ -80,12 +80,12 @@ def test_a_diagnosis_goes_forward_with_every_round(rounds: int) -> None:
     advance = spread_rounds(lambda share, text: told.append(share))
     for share, text in diagnosis_calls(rounds):
         advance(share, text)
-    assert len(told) == rounds + 4
+    assert len(told) == rounds + 5
     assert all(a <= b for a, b in itertools.pairwise(told))
     search = told[2 : 2 + rounds]
     assert all(a < b for a, b in itertools.pairwise(search[:30]))
     assert all(TIME_SHARES[3] <= share <= TIME_SHARES[4] for share in search)
-    assert told[-1] == TIME_SHARES[SAID_SHARES.index(0.85)]
+    assert told[-1] == TIME_SHARES[SAID_SHARES.index(0.92)]
 
 
 def test_shares_of_a_diagnosis_grow_together() -> None:
