@@ -13,7 +13,7 @@ from bcid.documents.report import EvaluationDocument
 from bcid.evaluation.residuals import ResidualsDocument
 from bcid.models.interface import Model
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import is_identified
+from bcid.models.newton_euler.parameters import is_identified, values_of_constants
 from bcid.report.formats import format_with_error
 
 SCORE_COLUMNS = ("NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
@@ -65,7 +65,7 @@ def constant_rows(model: object) -> list[list[str]]:
     if not isinstance(model, NewtonEuler):
         return []
     facts, rows = model.facts, list[list[str]]()
-    values = model.car._asdict() | {"R_v": model.car.R_1 + model.car.R_2 * facts.get("top_speed_mps", 0.0)}
+    values = values_of_constants(model.car, facts)
     for symbol, about in facts.get("fitted", {}).items():
         value, text = values[symbol], "not identified"
         if is_identified(symbol, facts):

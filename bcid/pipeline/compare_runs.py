@@ -20,7 +20,7 @@ from bcid.evaluation.residuals import load_residuals
 from bcid.evaluation.seen_takes import TakeSteps, is_same_drive, load_seen_takes
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import constant_units, is_identified
+from bcid.models.newton_euler.parameters import constant_units, is_identified, values_of_constants
 from bcid.models.saving import load_model
 from bcid.pipeline.named_models import DIAGNOSED, MODEL_FILES, find_model, saved_models
 
@@ -133,7 +133,7 @@ def _from_model(name: str, folder: Path) -> ComparableModel | None:
 def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
     """The constants of a fitted car that its takes identify."""
     facts = model.facts
-    values = model.car._asdict() | {"R_v": model.car.R_1 + model.car.R_2 * facts.get("top_speed_mps", 0.0)}
+    values = values_of_constants(model.car, facts)
     return {
         symbol: KnownConstant(values[symbol], about["relative_se"] * abs(values[symbol]), about["unit"])
         for symbol, about in facts.get("fitted", {}).items()

@@ -44,6 +44,16 @@ class FittedConstant(NamedTuple):
     meaning: str
 
 
+def drag_per_speed(car: Car, speed_mps: float) -> float:
+    """Drag force over speed at `speed_mps`, R_v = R_1 + R_2 v (N s/m)."""
+    return car.R_1 + car.R_2 * speed_mps
+
+
+def values_of_constants(car: Car, facts: Mapping[str, Any]) -> dict[str, float]:
+    """The car's constants by symbol, with R_v at the top speed that the `facts` of its fit state."""
+    return car._asdict() | {"R_v": drag_per_speed(car, float(facts.get("top_speed_mps", 0.0)))}
+
+
 def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedConstant, ...]:
     """The constants that a fit to recordings chooses, with search ranges (SI) scaled by the car's mass and lengths.
 
@@ -153,8 +163,7 @@ def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
     `facts` of the fit holds the errors; lines below the table name correlated pairs, a mass that is not given, and
     the optimiser.
     """
-    fitted = facts.get("fitted", {})
-    values = car._asdict() | {"R_v": car.R_1 + car.R_2 * facts.get("top_speed_mps", 0.0)}
+    fitted, values = facts.get("fitted", {}), values_of_constants(car, facts)
     lines = list[str]()
     for symbol, about in fitted.items():
         if is_identified(symbol, facts):
