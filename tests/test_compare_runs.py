@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,6 +122,44 @@ def test_another_car_is_told_by_how_much(tmp_path: Path) -> None:
     assert model.sentence == "Not the same: C_f fell by 12 % (9.1 σ)."
     assert model.chance is not None
     assert model.chance < 1e-10
+
+
+def dragging_car(folder: Path, top_speed: float, take: int, R_1: float = 2.0, **about: Any) -> Path:
+    """A saved car with drag R_1 + 1.5 v, of which a take of this top speed shows R_1 and R_v to 1 % each."""
+    model = published.newton_euler()
+    fitted = {s: {"unit": "N s/m", "meaning": s, "relative_se": 0.01} for s in ("R_1", "R_v")}
+    facts = {"fitted": fitted, "top_speed_mps": top_speed, "loss": "poses"} | about
+    folder.mkdir(parents=True)
+    save_model(NewtonEuler(model.car._replace(R_1=R_1, R_2=1.5), model.period_s, facts), folder)
+    save_seen_takes([TakeSteps(f"take_{take}", tuple(range(1000 * take, 1000 * take + 500)))], folder)
+    return folder
+
+
+def test_drag_is_compared_at_one_speed(tmp_path: Path) -> None:
+    """Two takes of one car with other top speeds: R_v = 5.0 and 6.5 N s/m, which is no change of the car."""
+    slow, fast = dragging_car(tmp_path / "a", 2.0, 1), dragging_car(tmp_path / "b", 3.0, 2)
+    (model,) = compared(slow, fast).models
+    assert model.verdict == "same", model.sentence
+    (change,) = [c for c in model.constants if c.symbol == "R_v"]
+    assert (change.one.value, change.other.value) == pytest.approx((5.0, 5.0))
+    # a third of the error of R_1 and two of that of R_v, hardly less than fully correlated
+    se = math.sqrt((0.02 / 3) ** 2 + (2 * 0.065 / 3) ** 2 + 2 * 0.95 * (0.02 / 3) * (2 * 0.065 / 3))
+    assert change.other.se == pytest.approx(se)
+    assert model.notes == ("R_v was fitted at 2.00 and at 3.00 m/s, and is compared at 2.00 m/s",)
+    (other,) = compared(slow, dragging_car(tmp_path / "c", 3.0, 3, R_1=3.0)).models
+    assert other.verdict == "different"
+
+
+@pytest.mark.parametrize("unknown", ["not excited", "at its bound"])
+def test_drag_is_left_out_where_its_error_at_the_other_speed_is_not_known(tmp_path: Path, unknown: str) -> None:
+    errors = {"R_1": None if unknown == "not excited" else 0.01, "R_v": 0.01}
+    about = {"fitted": {s: {"unit": "N s/m", "meaning": s, "relative_se": e} for s, e in errors.items()}}
+    about |= {"at_bound": ["R_1"]} if unknown == "at its bound" else {}
+    (model,) = compared(
+        dragging_car(tmp_path / "a", 2.0, 1), dragging_car(tmp_path / "b", 3.0, 2, **about)
+    ).models  # fmt: skip
+    assert "R_v" not in [c.symbol for c in model.constants]
+    assert model.notes[0].startswith("R_v was fitted at 2.00 and at 3.00 m/s, and is not compared")
 
 
 @pytest.mark.parametrize(

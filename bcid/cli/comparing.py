@@ -36,6 +36,8 @@ def compare(
     for model in document.models:
         for text in model.cautions:
             sink.note(f"warning: {text}")
+        for text in model.notes:
+            sink.note(f"note: {text}")
 
 
 def _tables(document: ComparisonDocument) -> RenderableType:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -18,9 +19,15 @@ from bcid.evaluation.parameter_differences import (
 )
 from bcid.evaluation.residuals import load_residuals
 from bcid.evaluation.seen_takes import TakeSteps, is_same_drive, load_seen_takes
+from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import constant_units, is_identified, values_of_constants
+from bcid.models.newton_euler.parameters import (
+    constant_units,
+    drag_per_speed,
+    is_identified,
+    values_of_constants,
+)
 from bcid.models.saving import load_model
 from bcid.pipeline.named_models import DIAGNOSED, MODEL_FILES, find_model, saved_models
 
@@ -36,6 +43,7 @@ class ComparableModel(NamedTuple):
     diagnosis: DiagnosisDocument | None
     takes: Sequence[TakeSteps]  # that it was made from; none where nobody knows
     residual_multiple: float | None  # of a model's that lacks nothing, where physics is missing
+    fit: NewtonEuler | None = None  # whose constants these are; of a diagnosis and of a car with effects none
 
     @property
     def findings(self) -> dict[str, NamedEffect]:
@@ -127,7 +135,8 @@ def _from_model(name: str, folder: Path) -> ComparableModel | None:
         return None
     residuals = load_residuals(folder)
     multiple = residuals.multiple if residuals and residuals.show_missing_physics else None
-    return ComparableModel(name, constants, None, load_seen_takes(folder) or (), multiple)
+    fit = model if isinstance(model, NewtonEuler) else None
+    return ComparableModel(name, constants, None, load_seen_takes(folder) or (), multiple, fit)
 
 
 def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
@@ -139,6 +148,50 @@ def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
         for symbol, about in facts.get("fitted", {}).items()
         if is_identified(symbol, facts)
     }
+
+
+def _at_one_speed(one: ComparableModel, other: ComparableModel) -> tuple[ComparableModel, ComparableModel, list[str]]:
+    """Two models whose drag per speed, R_v, is that at the lower of their top speeds, and notes that say so.
+
+    R_v = R_1 + R_2 v is fitted at each take's own top speed, so that those of one car differ by R_2 times the
+    difference of these speeds.  Where the errors at another speed are not known, R_v is left out of both.
+    """
+    fits = [model.fit for model in (one, other)]
+    if not all("R_v" in model.constants for model in (one, other)) or None in fits:
+        return one, other, []
+    speeds = [float(fit.facts.get("top_speed_mps", 0.0)) for fit in fits if fit]
+    if speeds[0] == speeds[1]:
+        return one, other, []
+    drags = [_drag_at_speed(fit, min(speeds)) if min(speeds) > 0.0 else None for fit in fits if fit]
+    known = [drag for drag in drags if drag is not None]
+    fitted_at = f"R_v was fitted at {speeds[0]:.2f} and at {speeds[1]:.2f} m/s"
+    if len(known) < len(drags):
+        without = [{s: c for s, c in model.constants.items() if s != "R_v"} for model in (one, other)]
+        note = f"{fitted_at}, and is not compared: the fits do not say how sure it is at another speed"
+        return one._replace(constants=without[0]), other._replace(constants=without[1]), [note]
+    both = [m.constants | {"R_v": drag} for m, drag in zip((one, other), known, strict=True)]
+    note = f"{fitted_at}, and is compared at {min(speeds):.2f} m/s"
+    return one._replace(constants=both[0]), other._replace(constants=both[1]), [note]
+
+
+def _drag_at_speed(model: NewtonEuler, speed: float) -> KnownConstant | None:
+    """The drag over speed R_v of a fitted car at a `speed` (m/s) of at most its take's top speed V, with its error.
+
+    With a = speed / V it is (1 - a) R_1 + a R_v(V).  A correlation that the fit does not state is at most
+    LIMITS.min_correlation, for which the error is the largest.  None where the take does not show R_1.
+    """
+    facts, values = model.facts, values_of_constants(model.car, model.facts)
+    about, a = facts["fitted"], speed / float(facts["top_speed_mps"])
+    se = {s: about[s]["relative_se"] * abs(values[s]) for s in ("R_1", "R_v") if about.get(s, {}).get("relative_se")}
+    if a == 1.0:
+        return KnownConstant(values["R_v"], se["R_v"], about["R_v"]["unit"])
+    if "R_1" not in se or "R_1" in facts.get("at_bound", ()):
+        return None
+    stated = {frozenset(pair): rho for *pair, rho in facts.get("correlated", ())}
+    rho = stated.get(frozenset(("R_1", "R_v")), LIMITS.min_correlation)
+    low, high = (1.0 - a) * se["R_1"], a * se["R_v"]
+    error = math.sqrt(low**2 + high**2 + 2.0 * rho * low * high)
+    return KnownConstant(drag_per_speed(model.car, speed), error, about["R_v"]["unit"])
 
 
 def _constants_of_augmented(model: AugmentedNewtonEuler) -> dict[str, KnownConstant]:
@@ -168,6 +221,7 @@ def _from_diagnosis(folder: Path) -> ComparableModel:
 
 def compare_models(one: ComparableModel, other: ComparableModel) -> ModelComparison:
     """The differences between two models' constants and findings, with a verdict in words."""
+    one, other, notes = _at_one_speed(one, other)
     differences = list_differences(one.constants, other.constants)
     needed = z_beyond_chance(len(differences))
     lone = _lone_findings(one, other)
@@ -180,7 +234,7 @@ def compare_models(one: ComparableModel, other: ComparableModel) -> ModelCompari
         constants=tuple(_describe_difference(d, needed) for d in differences),
         only_one=tuple(s for s in one.constants if s not in other.constants),
         only_other=tuple(s for s in other.constants if s not in one.constants),
-        lone_findings=lone, cautions=tuple(cautions),
+        lone_findings=lone, cautions=tuple(cautions), notes=tuple(notes),
     )  # fmt: skip
 
 
