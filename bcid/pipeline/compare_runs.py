@@ -23,8 +23,10 @@ from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import (
+    BIASED_TWISTS,
     constant_units,
     drag_per_speed,
+    errors_lack_bias,
     is_identified,
     values_of_constants,
 )
@@ -321,6 +323,9 @@ def _cautions(one: ComparableModel, other: ComparableModel) -> list[str]:
             f"{' and '.join(f'{v:.1f}' for v in lacking.values())} times those of a model that lacks nothing: the ± "
             "are too small; compare diagnoses, which name what is missing"
         )
+    biased = [place for place, m in sides if m.fit and errors_lack_bias(m.fit.facts)]
+    if biased:
+        cautions.append(f"the {' and the '.join(biased)}: {BIASED_TWISTS}")
     for place, model in sides:
         if model.open_end:
             cautions.append(f"of the {place} diagnosis, {model.open_end}: its ± may be too small")

@@ -15,6 +15,8 @@ from bcid.vehicle import Vehicle
 
 GRAVITY = 9.81  # m/s^2
 
+BIASED_TWISTS = "± without the bias of smoothed velocities: for constants use --loss poses"
+"""What must be known of the errors of constants that were fitted to smoothed velocities, by one of twists' losses."""
 TOP_SPEED_QUANTILE = 0.999  # of the speeds driven
 # Constants at which a force is cut off: predictions of a take that never reaches one do not depend on it.
 SATURATIONS = ("F_m_max", "F_f_max", "F_r_max")
@@ -146,6 +148,11 @@ def constant_facts(
         ],
         "at_bound": at_bound,
     }
+
+
+def errors_lack_bias(facts: Mapping[str, Any]) -> bool:
+    """Whether the `facts` of a fit state errors of constants that leave out a bias, as all but those of poses do."""
+    return bool(facts.get("fitted")) and facts.get("loss") != "poses"
 
 
 def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
