@@ -19,6 +19,7 @@ from bcid.documents.comparison import ComparisonDocument
 from bcid.documents.diagnosis import (
     BaseModel,
     BaseParameter,
+    Detectable,
     DiagnosisDocument,
     NamedEffect,
     NotExcited,
@@ -204,11 +205,14 @@ def test_diagnoses_are_compared_with_what_only_one_found(tmp_path: Path) -> None
     assert grown.sentence == "Not the same: yaw_scrub b rose by 20 % (7.1 σ)."
     (lost,) = compared(one, diagnosis(tmp_path / "d", 3650.0, {})).models
     assert lost.verdict == "different"
-    assert lost.sentence == "Not the same: yaw_scrub is found in the first only."
+    assert lost.sentence == "Not the same: yaw scrub is found in the first only."
     # what a drive would not have shown cannot be missed in it
     (unseen,) = compared(one, diagnosis(tmp_path / "e", 3650.0, {}, ("yaw_scrub",))).models
     assert unseen.verdict == "undecided"
-    assert "yaw_scrub is found in the first only; of the other, its takes would not have shown it" in unseen.sentence
+    assert unseen.sentence.startswith(
+        "Undecided: yaw scrub is found in the first only, which proves nothing, since the takes of the other run would "
+        "not have shown it"
+    )
     assert [f.decides for f in unseen.lone_findings] == [False]
 
 
@@ -221,13 +225,51 @@ def test_a_diagnosis_that_leaves_something_open_decides_nothing(tmp_path: Path) 
     document.write(unknown / "diagnosis.json")
     (model,) = compared(one, unknown).models
     assert model.verdict == "undecided"
-    assert "of the other, it leaves something without a name, which may be it" in model.sentence
+    assert "since in the other run something is left without a name, which may be it" in model.sentence
     named = DiagnosisDocument.read(one / "diagnosis.json")
     twins = (named.findings[0].model_copy(update={"twins": ("quadratic_drag",)}),)
     (one / "diagnosis.json").unlink()
     named.model_copy(update={"findings": twins}).write(one / "diagnosis.json")
     (alike,) = compared(one, diagnosis(tmp_path / "c", 3650.0, {"quadratic_drag": 3.0})).models
-    assert "it names quadratic_drag, which looks the same" in alike.sentence
+    assert "the other run names quadratic drag, which looks the same" in alike.sentence
+
+
+@pytest.mark.parametrize(
+    ("size", "se", "smallest", "verdict", "reason"),
+    [
+        (5.0, 0.1, 3.0, "different", ""),
+        (2.0, 0.1, 3.0, "undecided", "the takes of the other run would show 3 N s/m or more, and this is 2"),
+        (5.0, 2.0, 3.0, "undecided", "2.5 standard errors from none"),
+        (5.0, 2.0, None, "undecided", "2.5 standard errors from none, of which chance makes up to 2.8"),
+        (5.0, None, None, "undecided", "the error of its size is not known"),
+        (5.0, 0.1, None, "different", ""),
+    ],
+)
+def test_what_only_one_found_decides_if_it_is_large_enough(
+    tmp_path: Path, size: float, se: float | None, smallest: float | None, verdict: str, reason: str
+) -> None:
+    """An effect that only one run names is one more comparison: it must be beyond chance, and visible to the other."""
+    scrub = NamedEffect(effect="yaw_scrub", parameters={"b": Quantity(value=size, se=se, unit="N s/m")})
+    seen = Detectable(value=smallest, unit="N s/m")
+    unseen = (NotExcited(effect="yaw_scrub", parameter="b", smallest_detectable=seen),) if smallest else ()
+    one, other = (diagnosis(tmp_path / name, 3640.0, {}) for name in "ab")
+    for folder, update in ((one, {"verdict": "named", "findings": (scrub,)}), (other, {"not_excited": unseen})):
+        document = DiagnosisDocument.read(folder / "diagnosis.json").model_copy(update=update)
+        (folder / "diagnosis.json").unlink()
+        document.write(folder / "diagnosis.json")
+    (model,) = compared(one, other).models
+    assert (model.verdict, [f.decides for f in model.lone_findings]) == (verdict, [verdict == "different"])
+    assert reason in model.sentence
+
+
+def test_what_only_one_found_in_the_same_drive_decides_nothing(tmp_path: Path) -> None:
+    one, other = diagnosis(tmp_path / "a", 3640.0, {"yaw_scrub": 5.0}), diagnosis(tmp_path / "b", 3640.0, {})
+    for folder in (one, other):
+        (folder / "model").mkdir()
+        save_seen_takes([TakeSteps("take", tuple(range(500)))], folder / "model")
+    (model,) = compared(one, other).models
+    assert model.verdict == "undecided"
+    assert "the ± of these runs are not to be relied upon" in model.sentence
 
 
 def test_workspaces_are_compared_model_by_model_the_diagnosis_first(tmp_path: Path) -> None:

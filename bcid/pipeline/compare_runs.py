@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -10,6 +9,7 @@ from typing import Literal, NamedTuple
 from bcid.documents.comparison import ComparisonDocument, ConstantChange, LoneFinding, ModelComparison
 from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, Quantity
 from bcid.errors import InputRefused, UsageError
+from bcid.evaluation.drag_at_one_speed import drag_at_lower_speed
 from bcid.evaluation.parameter_differences import (
     ConstantDifference,
     KnownConstant,
@@ -19,19 +19,18 @@ from bcid.evaluation.parameter_differences import (
 )
 from bcid.evaluation.residuals import load_residuals
 from bcid.evaluation.seen_takes import TakeSteps, is_same_drive, load_seen_takes
-from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import (
     BIASED_TWISTS,
     constant_units,
-    drag_per_speed,
     errors_lack_bias,
     is_identified,
     values_of_constants,
 )
 from bcid.models.saving import load_model
 from bcid.pipeline.named_models import DIAGNOSED, MODEL_FILES, find_model, saved_models
+from bcid.report.formats import plain_name
 
 DOCUMENT = "diagnosis.json"
 PLACES = {"one": "first", "other": "second"}
@@ -55,23 +54,37 @@ class ComparableModel(NamedTuple):
     def why_silent(self, effect: NamedEffect) -> str:
         """Why this run need not have named an effect though the car has it, in words; empty where it would have."""
         if self.diagnosis is None:
-            return "it was not diagnosed"
-        if effect.effect in {unseen.effect for unseen in self.diagnosis.not_excited}:
-            return "its takes would not have shown it"
+            return "the other run was not diagnosed"
+        if too_small := self._why_too_small(effect):
+            return too_small
         alike = [n for n, other in self.findings.items() if n in effect.twins or effect.effect in other.twins]
         if alike:
-            return f"it names {alike[0]}, which looks the same"
-        return f"{self.open_end}, which may be it" if self.open_end else ""
+            return f"the other run names {plain_name(alike[0])}, which looks the same"
+        return f"in the other run {self.unresolved_causes}, which may be it" if self.unresolved_causes else ""
+
+    def _why_too_small(self, effect: NamedEffect) -> str:
+        """That the takes of this run show an effect only at a larger size, in words; empty where they would show it."""
+        for unseen in self.diagnosis.not_excited if self.diagnosis else ():
+            if unseen.effect != effect.effect:
+                continue
+            smallest = unseen.smallest_detectable.value if unseen.smallest_detectable else None
+            size = effect.parameters.get(unseen.parameter, Quantity()).value
+            if smallest is None or size is None:
+                return "the takes of the other run would not have shown it"
+            if abs(size) < abs(smallest):
+                least = f"{smallest:.2g} {unseen.smallest_detectable.unit if unseen.smallest_detectable else ''}"
+                return f"the takes of the other run would show {least.rstrip()} or more, and this is {abs(size):.2g}"
+        return ""
 
     @property
-    def open_end(self) -> str:
+    def unresolved_causes(self) -> str:
         """What a diagnosis leaves open, in words; empty where it was not made, or is sure of all that it says."""
         if self.diagnosis is None:
             return ""
         if self.diagnosis.verdict == "ambiguous":
-            return "several causes explain its takes equally well"
+            return "several causes explain the takes equally well"
         if self.diagnosis.verdict == "unknown" or self.diagnosis.unknown is not None:
-            return "it leaves something without a name"
+            return "something is left without a name"
         return ""
 
 
@@ -153,47 +166,17 @@ def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
 
 
 def _at_one_speed(one: ComparableModel, other: ComparableModel) -> tuple[ComparableModel, ComparableModel, list[str]]:
-    """Two models whose drag per speed, R_v, is that at the lower of their top speeds, and notes that say so.
-
-    R_v = R_1 + R_2 v is fitted at each take's own top speed, so that those of one car differ by R_2 times the
-    difference of these speeds.  Where the errors at another speed are not known, R_v is left out of both.
-    """
-    fits = [model.fit for model in (one, other)]
-    if not all("R_v" in model.constants for model in (one, other)) or None in fits:
+    """Two models whose drag per speed, R_v, is that at one speed, or left out of both, and notes that say so."""
+    if one.fit is None or other.fit is None or not all("R_v" in model.constants for model in (one, other)):
         return one, other, []
-    speeds = [float(fit.facts.get("top_speed_mps", 0.0)) for fit in fits if fit]
-    if speeds[0] == speeds[1]:
-        return one, other, []
-    drags = [_drag_at_speed(fit, min(speeds)) if min(speeds) > 0.0 else None for fit in fits if fit]
-    known = [drag for drag in drags if drag is not None]
-    fitted_at = f"R_v was fitted at {speeds[0]:.2f} and at {speeds[1]:.2f} m/s"
-    if len(known) < len(drags):
-        without = [{s: c for s, c in model.constants.items() if s != "R_v"} for model in (one, other)]
-        note = f"{fitted_at}, and is not compared: the fits do not say how sure it is at another speed"
-        return one._replace(constants=without[0]), other._replace(constants=without[1]), [note]
-    both = [m.constants | {"R_v": drag} for m, drag in zip((one, other), known, strict=True)]
-    note = f"{fitted_at}, and is compared at {min(speeds):.2f} m/s"
-    return one._replace(constants=both[0]), other._replace(constants=both[1]), [note]
-
-
-def _drag_at_speed(model: NewtonEuler, speed: float) -> KnownConstant | None:
-    """The drag over speed R_v of a fitted car at a `speed` (m/s) of at most its take's top speed V, with its error.
-
-    With a = speed / V it is (1 - a) R_1 + a R_v(V).  A correlation that the fit does not state is at most
-    LIMITS.min_correlation, for which the error is the largest.  None where the take does not show R_1.
-    """
-    facts, values = model.facts, values_of_constants(model.car, model.facts)
-    about, a = facts["fitted"], speed / float(facts["top_speed_mps"])
-    se = {s: about[s]["relative_se"] * abs(values[s]) for s in ("R_1", "R_v") if about.get(s, {}).get("relative_se")}
-    if a == 1.0:
-        return KnownConstant(values["R_v"], se["R_v"], about["R_v"]["unit"])
-    if "R_1" not in se or "R_1" in facts.get("at_bound", ()):
-        return None
-    stated = {frozenset(pair): rho for *pair, rho in facts.get("correlated", ())}
-    rho = stated.get(frozenset(("R_1", "R_v")), LIMITS.min_correlation)
-    low, high = (1.0 - a) * se["R_1"], a * se["R_v"]
-    error = math.sqrt(low**2 + high**2 + 2.0 * rho * low * high)
-    return KnownConstant(drag_per_speed(model.car, speed), error, about["R_v"]["unit"])
+    drags, note = drag_at_lower_speed(one.fit, other.fit)
+    if drags is None:
+        one, other = (m._replace(constants={s: c for s, c in m.constants.items() if s != "R_v"}) for m in (one, other))
+    else:
+        one, other = (
+            m._replace(constants=m.constants | {"R_v": drag}) for m, drag in zip((one, other), drags, strict=True)
+        )
+    return one, other, [note] if note else []
 
 
 def _constants_of_augmented(model: AugmentedNewtonEuler) -> dict[str, KnownConstant]:
@@ -224,11 +207,11 @@ def _from_diagnosis(folder: Path) -> ComparableModel:
 def compare_models(one: ComparableModel, other: ComparableModel) -> ModelComparison:
     """The differences between two models' constants and findings, with a verdict in words."""
     one, other, notes = _at_one_speed(one, other)
-    differences = list_differences(one.constants, other.constants)
-    needed = z_beyond_chance(len(differences))
-    lone = _lone_findings(one, other)
+    differences, cautions = list_differences(one.constants, other.constants), _cautions(one, other)
+    # an effect that only one run names is one more comparison, of its size with none
+    needed = z_beyond_chance(len(differences) + len(set(one.findings) ^ set(other.findings)))
+    lone = _lone_findings(one, other, needed, bool(cautions))
     differing = [d for d in differences if abs(d.z) > needed]
-    cautions = _cautions(one, other)
     verdict, sentence = _judge(differences, differing, lone, bool(cautions))
     return ModelComparison(
         one=one.name, other=other.name, verdict=verdict, sentence=sentence, z_needed=needed,
@@ -250,8 +233,14 @@ def _describe_difference(difference: ConstantDifference, needed: float) -> Const
     )  # fmt: skip
 
 
-def _lone_findings(one: ComparableModel, other: ComparableModel) -> tuple[LoneFinding, ...]:
-    """Effects that only one of two diagnoses names; none where either run was not diagnosed."""
+def _lone_findings(
+    one: ComparableModel, other: ComparableModel, needed: float, errors_are_doubtful: bool
+) -> tuple[LoneFinding, ...]:
+    """Effects that only one of two diagnoses names; none where either run was not diagnosed.
+
+    One decides if the other run would have named it, and its size is more than `needed` standard errors from zero, of
+    which nothing may be doubtful.
+    """
     if one.diagnosis is None or other.diagnosis is None:
         return ()
     sides = (("one", one, other), ("other", other, one))
@@ -260,8 +249,19 @@ def _lone_findings(one: ComparableModel, other: ComparableModel) -> tuple[LoneFi
         for side, found, without in sides
         for name, effect in found.findings.items()
         if name not in without.findings
-        for why in (without.why_silent(effect),)
+        for why in (without.why_silent(effect) or _why_chance(effect, needed, errors_are_doubtful),)
     )
+
+
+def _why_chance(effect: NamedEffect, needed: float, errors_are_doubtful: bool) -> str:
+    """Why an effect may be named by chance, in words; empty where its size is beyond `needed` standard errors."""
+    if errors_are_doubtful:
+        return "the ± of these runs are not to be relied upon"
+    sizes = [abs(q.value) / q.se for q in effect.parameters.values() if q.value is not None and q.se and not q.at_bound]
+    if not sizes:
+        return "the error of its size is not known"
+    chance = f"its size is {max(sizes):.1f} standard errors from none, of which chance makes up to {needed:.1f}"
+    return "" if max(sizes) > needed else chance
 
 
 def _judge(
@@ -276,9 +276,9 @@ def _judge(
     effect that the other run need not have named.
     """
     changes = [describe_change(d) for d in sorted(differing, key=lambda d: -abs(d.z))]
-    found = [f"{f.effect} is found in the {PLACES[f.found_in]} only" for f in lone if f.decides]
+    found = [f"{plain_name(f.effect)} is found in the {PLACES[f.found_in]} only" for f in lone if f.decides]
     silent = [
-        f"{f.effect} is found in the {PLACES[f.found_in]} only; of the other, {f.why_not}"
+        f"{plain_name(f.effect)} is found in the {PLACES[f.found_in]} only, which proves nothing, since {f.why_not}"
         for f in lone
         if not f.decides
     ]
@@ -327,6 +327,6 @@ def _cautions(one: ComparableModel, other: ComparableModel) -> list[str]:
     if biased:
         cautions.append(f"the {' and the '.join(biased)}: {BIASED_TWISTS}")
     for place, model in sides:
-        if model.open_end:
-            cautions.append(f"of the {place} diagnosis, {model.open_end}: its ± may be too small")
+        if model.unresolved_causes:
+            cautions.append(f"in the {place} diagnosis {model.unresolved_causes}: its ± may be too small")
     return cautions
