@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from exported_models import MODELS
 
 from bcid.cli.show_fits import ScoredFit, warnings_of_fits
 from bcid.errors import InputRefused
@@ -52,6 +53,16 @@ def test_a_wrong_constant_is_seen(tmp_path: Path, vehicle: Vehicle, tuning: Tuni
     told, right = (measure_residuals(m, [estimate]) for m in (wrong, model))
     assert told.show_missing_physics
     assert told.multiple > 1.3 * right.multiple
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_only_of_cars_without_effects_is_there_a_ratio(name: str, estimates: list[Estimate]) -> None:
+    """Kinematic models start from slip angles, others from many rows: what a wrong start makes of them is not known."""
+    told, is_car = measure_residuals(MODELS[name], estimates), name in ("newton-euler", "newton-euler-linear")
+    assert (told.ratio is not None, told.predictions > 0) == (is_car, is_car)
+    if not is_car:
+        assert told.as_json()["ratio"] is None
+        assert not told.show_missing_physics
 
 
 def test_takes_that_are_too_short_say_nothing(vehicle: Vehicle, estimates: list[Estimate]) -> None:
