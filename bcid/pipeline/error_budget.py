@@ -26,7 +26,7 @@ from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import predict_with_restarts
-from bcid.evaluation.error_budget import ErrorPart, apportion_error, errors_of_sets
+from bcid.evaluation.error_budget import ErrorPart, ErrorParts, apportion_error, errors_of_sets
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.marginal import Scales
 from bcid.likelihood.refit import Fit
@@ -38,12 +38,12 @@ from bcid.vehicle import Vehicle
 
 HORIZON_S = 2.0
 CORRECTIONS = "the base model's own simplifications"
-"""The name under which all corrections together are one thing."""
+"""The name under which all corrections together are one source."""
 
 CHANCE: tuple[Cause, ...] = ("noise", "disturbances")
 """Parts of the error that a perfect model would have, in the order of `_floor_squares`."""
 
-Things = dict[str, tuple[str, ...]]
+ErrorSources = dict[str, tuple[str, ...]]
 """Ids of the effects that are switched on together, by the name of what they are."""
 
 
@@ -53,33 +53,40 @@ def measure_error_budget(
     """What the held-out error (NMSE, HORIZON_S ahead) of the base model is made of, on a diagnosis's first recording.
 
     `estimate` is the recording's smoothed motion, with the `tuning` of the filter.  Where findings and corrections are
-    more than `LIMITS.max_budget_things`, the last findings are one thing together.  None where a set of them has no
+    more than `LIMITS.max_budget_sources`, the last findings are one together.  None where a set of them has no
     prediction that stays finite.
     """
-    things, block, fits = _things(diagnosis), _blocks(estimate, recording, diagnosis.take), _refitted(diagnosis)
+    sources, block, fits = _error_sources(diagnosis), _blocks(estimate, recording, diagnosis.take), _refitted(diagnosis)
     own = frozenset(diagnosis.naming.base.hypothesis.effects)
 
     def held_out_squares(chosen: frozenset[str]) -> Floats:
-        """Squared errors (K,) on held-out blocks of the car with the things `chosen` by name; NaN if it diverges."""
-        on = own.union(*(things[name] for name in chosen))
+        """Squared errors (K,) on held-out blocks of the car with the sources `chosen` by name; NaN if it diverges."""
+        on = own.union(*(sources[name] for name in chosen))
         ordered = tuple(name for name in diagnosis.fit.hypothesis.effects if name in on)
         fit = fits.get(on) or none_if_diverged(refit_with_effects, diagnosis.fit, diagnosis.take, ordered)
         return _held_out_squares(fit, diagnosis.take, estimate, block) if fit else np.full(len(estimate), np.nan)
 
     floor, floor_block = _floor_squares(diagnosis, recording, vehicle, tuning, estimate)
-    names = tuple(things)
     try:
-        parts = apportion_error(errors_of_sets(names, held_out_squares), block, floor, floor_block)
+        parts = apportion_error(errors_of_sets(tuple(sources), held_out_squares), block, floor, floor_block)
     except ValueError:
         return None
-    of_things = [
-        _share("corrections" if name == CORRECTIONS else "effect", part, things[name])
-        for name, part in zip(names, parts.explained, strict=True)
+    return ErrorBudget(horizon_s=HORIZON_S, nmse=parts.error, parts=_describe_parts(parts, sources))
+
+
+def _describe_parts(parts: ErrorParts, sources: ErrorSources) -> tuple[ErrorShare, ...]:
+    """The parts of an error as the document holds them, findings first, the largest first, and the rest last.
+
+    Without a floor what is left holds the noise, too, and is not called unexplained.
+    """
+    explained = [
+        _share("corrections" if name == CORRECTIONS else "effect", part, effects)
+        for (name, effects), part in zip(sources.items(), parts.explained, strict=True)
     ]
-    of_things.sort(key=lambda s: (s.cause == "corrections", -s.share))
+    explained.sort(key=lambda s: (s.cause == "corrections", -s.share))
     chance = [_share(cause, part) for cause, part in zip(CHANCE, parts.floor, strict=False)]
-    every = (*of_things, *chance, _share("unexplained", parts.unexplained))
-    return ErrorBudget(horizon_s=HORIZON_S, nmse=parts.error, parts=every)
+    rest = _share("unexplained" if parts.floor else "left-noise-included", parts.unexplained)
+    return (*explained, *chance, rest)
 
 
 def _share(cause: Cause, part: ErrorPart, effects: Iterable[str] = ()) -> ErrorShare:
@@ -87,14 +94,14 @@ def _share(cause: Cause, part: ErrorPart, effects: Iterable[str] = ()) -> ErrorS
     return ErrorShare(cause=cause, effects=tuple(effects), share=part.share, ci95=part.ci95)
 
 
-def _things(diagnosis: Diagnosis) -> Things:
-    """What is switched on and off: findings and, as one thing, corrections; of too many findings the last together."""
+def _error_sources(diagnosis: Diagnosis) -> ErrorSources:
+    """What is switched on and off: findings and, as one source, corrections; of too many findings the last together."""
     findings, corrections = [f.effect for f in diagnosis.judgement.findings], fitted_corrections(diagnosis.fit)
-    most = LIMITS.max_budget_things - bool(corrections)
+    most = LIMITS.max_budget_sources - bool(corrections)
     alone = findings if len(findings) <= most else findings[: most - 1]
-    things: Things = {name: (name,) for name in alone}
+    sources: ErrorSources = {name: (name,) for name in alone}
     rest = tuple(findings[len(alone) :])
-    return things | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
+    return sources | ({"+".join(rest): rest} if rest else {}) | ({CORRECTIONS: corrections} if corrections else {})
 
 
 def _refitted(diagnosis: Diagnosis) -> dict[frozenset[str], Fit]:
