@@ -22,6 +22,7 @@ from bcid.diagnosis.judge.prediction_error import (
 )
 from bcid.diagnosis.search.refits import fitted_corrections, refit_with_effects
 from bcid.documents.error_budget import Cause, ErrorBudget, ErrorShare
+from bcid.errors import InputRefused
 from bcid.estimate.run import estimate_motion
 from bcid.estimate.tuning import Tuning
 from bcid.estimate.types import Estimate
@@ -29,8 +30,8 @@ from bcid.evaluation.closed_loop import predict_with_restarts
 from bcid.evaluation.error_budget import ErrorPart, ErrorParts, apportion_error, errors_of_sets
 from bcid.likelihood.divergence import none_if_diverged
 from bcid.likelihood.marginal import Scales
-from bcid.likelihood.refit import Fit
-from bcid.likelihood.take import Take
+from bcid.likelihood.refit import Fit, refit
+from bcid.likelihood.take import Take, build_take
 from bcid.models.fitting.windows import inverse_spread
 from bcid.pipeline.limits import LIMITS
 from bcid.recording.types import Recording
@@ -57,14 +58,16 @@ def measure_error_budget(
     prediction that stays finite.
     """
     sources, block, fits = _error_sources(diagnosis), _blocks(estimate, recording, diagnosis.take), _refitted(diagnosis)
-    own = frozenset(diagnosis.naming.base.hypothesis.effects)
+    own, weights = frozenset(diagnosis.naming.base.hypothesis.effects), inverse_spread(estimate.twist)
 
     def held_out_squares(chosen: frozenset[str]) -> Floats:
         """Squared errors (K,) on held-out blocks of the car with the sources `chosen` by name; NaN if it diverges."""
         on = own.union(*(sources[name] for name in chosen))
         ordered = tuple(name for name in diagnosis.fit.hypothesis.effects if name in on)
         fit = fits.get(on) or none_if_diverged(refit_with_effects, diagnosis.fit, diagnosis.take, ordered)
-        return _held_out_squares(fit, diagnosis.take, estimate, block) if fit else np.full(len(estimate), np.nan)
+        return (
+            _held_out_squares(fit, diagnosis.take, estimate, block, weights) if fit else np.full(len(estimate), np.nan)
+        )
 
     floor, floor_block = _floor_squares(diagnosis, recording, vehicle, tuning, estimate)
     try:
@@ -117,12 +120,13 @@ def _blocks(estimate: Estimate, recording: Recording, take: Take) -> Ints:
     return np.asarray(begin_s // block_length_s(take), dtype=np.int64)
 
 
-def _held_out_squares(fit: Fit, take: Take, estimate: Estimate, block: Ints) -> Floats:
+def _held_out_squares(fit: Fit, take: Take, estimate: Estimate, block: Ints, weights: Floats) -> Floats:
     """Squared errors (K,) of a fitted car, each row predicted with parameters refitted to the blocks of the other half.
 
-    Where such a refit diverges, the parameters are those of the whole take.
+    Errors of the twist's components are multiplied by `weights` (3,).  Where such a refit diverges, the parameters are
+    those of the whole take.
     """
-    T, period_s, weights = float(take.length_s[0]), estimate.period_s, inverse_spread(estimate.twist)
+    T, period_s = float(take.length_s[0]), estimate.period_s
     models = [model_from_fit(refit_on_half_or_keep(fit, take, half), T, period_s) for half in split_halves(take)]
     predictions = [predict_with_restarts(model, estimate, HORIZON_S) for model in models]
     return np.where(block % 2 == 1, *(squared_errors(predicted, estimate, weights) for predicted in predictions))
@@ -131,21 +135,38 @@ def _held_out_squares(fit: Fit, take: Take, estimate: Estimate, block: Ints) -> 
 def _floor_squares(
     diagnosis: Diagnosis, recording: Recording, vehicle: Vehicle, tuning: Tuning, estimate: Estimate
 ) -> tuple[Floats, Ints]:
-    """Squared errors (2, K') of the fitted car predicting its own simulated drive, and the blocks (K',) of their rows.
+    """Squared errors (2, K') of the fitted car on its own simulated drive, and the blocks (K',) of their rows.
 
-    The first part is what the noise of the poses alone makes; the second what disturbances that look random add, of the
-    standard deviations that the fit found.  There are no parts, (0, K'), where the car cannot be simulated that long.
+    The first part is what the noise of the poses makes; the second what disturbances that look random add, of the
+    standard deviations that the fit found.  There are no parts, (0, K'), where the car cannot be simulated that long,
+    or its simulated drive cannot be fitted.
     """
-    fit, take, period_s = diagnosis.fit, diagnosis.take, estimate.period_s
-    model, weights = model_from_fit(fit, float(take.length_s[0]), period_s), inverse_spread(estimate.twist)
+    fit, take, weights = diagnosis.fit, diagnosis.take, inverse_spread(estimate.twist)
     still = replace(fit, scales=Scales(fit.scales.r, np.zeros_like(fit.scales.q)))
     rows = []
     for source in (still, fit):
         simulated = none_if_diverged(simulate_fitted_car, source, take, recording)
         if simulated is None:
             return np.zeros((0, len(estimate))), _blocks(estimate, recording, take)
-        again = estimate_motion(simulated, vehicle, tuning, period_s)
-        itself = predict_with_restarts(model, again, HORIZON_S)
-        rows.append((squared_errors(itself, again, weights), _blocks(again, simulated, take)))
+        again = estimate_motion(simulated, vehicle, tuning, estimate.period_s)
+        refitted = _refit_to_simulated(fit, simulated, again)
+        if refitted is None:
+            return np.zeros((0, len(estimate))), _blocks(estimate, recording, take)
+        block = _blocks(again, simulated, refitted[1])
+        rows.append((_held_out_squares(*refitted, again, block, weights), block))
     (noise, block), (both, _) = rows
     return np.stack([noise, both - noise]), block
+
+
+def _refit_to_simulated(fit: Fit, simulated: Recording, estimate: Estimate) -> tuple[Fit, Take] | None:
+    """The car of a `fit` fitted to its own simulated drive, and the take of that; None where it cannot be.
+
+    Its parameters are then as far off as those of the measured drive, by noise and disturbances.  Of several
+    recordings the first alone is simulated, so that they are a little farther off.
+    """
+    try:
+        take, _ = build_take([simulated], [estimate], fit.car(), fit.hypothesis.angle_limit)
+    except InputRefused:
+        return None
+    again = none_if_diverged(refit, take, fit.hypothesis, fit.phi, take.start, fit.scales)
+    return (again, take) if again else None
