@@ -372,7 +372,7 @@ def test_what_keeps_an_error_above_the_floor_is_said() -> None:
     d["fit"]["nmse_before"] = 0.0057
     said = verdict_sentence(d)
     assert said.startswith("Nothing is found that is missing, and no place or time stands out (p = 0.43), and yet 2 s")
-    assert "3.00 times what noise alone leaves. Neither an effect" in said
+    assert "3.00 times what noise and random disturbances leave. Neither an effect" in said
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -136,7 +136,7 @@ def test_no_error_has_no_parts(squares: Floats) -> None:
         apportion_error(squares, blocks(2, 10), np.zeros((1, 20)), blocks(2, 10))
 
 
-def test_without_a_floor_all_that_is_left_is_unexplained() -> None:
+def test_without_a_floor_what_is_left_holds_the_noise_too() -> None:
     squares = np.stack([np.full(20, 4.0), np.full(20, 1.0)])
     found = apportion_error(squares, blocks(2, 10), np.zeros((0, 20)), blocks(2, 10))
     assert (found.explained[0].share, found.floor, found.unexplained.share) == (0.75, (), 0.25)

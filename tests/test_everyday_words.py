@@ -99,3 +99,13 @@ def test_a_negative_size_turns_the_phrase_around() -> None:
 ])  # fmt: skip
 def test_what_is_not_known_is_not_said(finding: NamedEffect) -> None:
     assert size_in_words(finding) == ""
+
+
+@pytest.mark.parametrize(("d_x", "d_y", "place"), [
+    (0.05, 0.01, "5.0 ± 0.2 cm ahead and 1.0 ± 0.2 cm to the left of"),
+    (-0.05, -0.01, "5.0 ± 0.2 cm behind and 1.0 ± 0.2 cm to the right of"),
+])  # fmt: skip
+def test_where_the_tracked_point_lies(d_x: float, d_y: float, place: str) -> None:
+    offset = {s: Quantity(value=v, se=0.002, unit="m") for s, v in (("d_x", d_x), ("d_y", d_y))}
+    words = size_in_words(NamedEffect(effect="marker_offset", parameters=offset))
+    assert words == f"the tracked point lies {place} the centre of gravity"

@@ -75,7 +75,8 @@ def test_findings_are_told_in_everyday_words_the_largest_share_first() -> None:
 def test_a_finding_that_does_not_show_in_the_error_is_not_said_to_make_any() -> None:
     _, slope = finding_sentences(document(error_budget=budget(slope=-0.01)))
     assert "takes next to nothing off the error" in slope
-    assert "40 nats likelier" in slope
+    assert "it makes the recorded poses more than a million times likelier" in slope
+    assert "nats" not in slope
     assert "−1.0 %" not in slope
 
 
@@ -89,6 +90,18 @@ def test_what_is_left_is_said_only_where_it_is_certain() -> None:
     assert "10 % of the error (95 % interval 5.0 to 15 %) stay unexplained." in remainder_sentences(document())
     (sentence,) = remainder_sentences(document(error_budget=budget(certain=False)))
     assert sentence.startswith("Nothing of the error is left for certain")
+
+
+def test_where_the_noise_is_not_known_nothing_is_said_to_stay_unexplained() -> None:
+    """A car that cannot be simulated for the whole take leaves no floor: the rest is no lack of the model's."""
+    parts = (
+        ErrorShare(cause="effect", effects=("steering_backlash",), share=0.6, ci95=(0.5, 0.7)),
+        ErrorShare(cause="left-noise-included", share=0.4, ci95=(0.3, 0.5)),
+    )
+    (sentence,) = remainder_sentences(document(error_budget=ErrorBudget(horizon_s=2.0, nmse=0.01, parts=parts)))
+    assert sentence.startswith("40 % of the error (95 % interval 30 to 50 %) are left, noise included")
+    assert "unexplained" not in sentence
+    assert budget_rows(ErrorBudget(horizon_s=2.0, nmse=0.01, parts=parts))[-1].label == "left, noise included"
 
 
 def test_where_something_has_no_name_the_errors_are_said_to_be_too_small() -> None:
@@ -105,7 +118,7 @@ def test_what_to_do_next_names_deeds_drives_and_what_was_not_shown() -> None:
     assert "For floor slope: clear the floor" in text
     assert "Drive circle 2 times" in text
     assert "tells steering delay and steering lag apart" in text
-    assert "Of yaw scrub, load transfer, tether pull and 1 more" in text
+    assert "This drive hardly excites yaw scrub, load transfer, tether pull and 1 more, and shows them only if" in text
     assert "bcid plan yaw_scrub load_transfer tether_pull --vehicle" in text
 
 
@@ -148,12 +161,25 @@ def test_the_bar_and_the_table_hold_every_part() -> None:
     rows = budget_rows(budget())
     assert [r.label for r in rows] == ["steering backlash", "floor slope", "noise of the poses", "unexplained"]
     assert [r.share for r in rows] == ["60 %", "20 %", "10 %", "10 %"]
+    assert [r.remark for r in rows] == ["", "", "", ""]
+
     assert len({r.colour for r in rows}) == 4
     assert rows[0].colour == EFFECT_COLOURS[0]
     assert percent_range(-0.002, 0.5) == "−0.2 to 50 %"
     lengths = [r.length for r in budget_rows(budget(slope=-0.05, rest=0.2))]
     assert lengths[1] == 0.0
     assert sum(lengths) == pytest.approx(100.0)
+
+
+def test_a_share_that_may_be_nothing_is_said_to_be_so(tmp_path: Path) -> None:
+    shares = ((-0.012, (-0.03, 0.01)), (-0.05, (-0.08, -0.02)), (1.062, (0.9, 1.1)))
+    parts = tuple(ErrorShare(cause="effect", effects=("floor_slope",), share=s, ci95=ci95) for s, ci95 in shares)
+    told = ErrorBudget(horizon_s=2.0, nmse=0.01, parts=parts)
+    remarks = ["not distinguishable from nothing", "makes the error larger", ""]
+    assert [r.remark for r in budget_rows(told)] == remarks
+    write_diagnosis_page(document(error_budget=told), NOTHING, NOTHING, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert all(page.count(remark) == 1 for remark in remarks if remark)
 
 
 def test_the_page_holds_budget_and_card(tmp_path: Path) -> None:

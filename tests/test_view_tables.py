@@ -16,9 +16,10 @@ from viewed import patch_found
 
 from bcid.cli.app import app
 from bcid.documents.diagnosis import DiagnosisDocument
+from bcid.documents.error_budget import ErrorBudget, ErrorShare
 from bcid.documents.report import LossScore, Machine, ModelScore, ReportDocument, Validation, Weights
 from bcid.view.latex import escape_latex, format_symbol, table_as_latex
-from bcid.view.tables import Between, Estimated, ResultTable, diagnosis_tables, report_tables
+from bcid.view.tables import Between, Estimated, ResultTable, csv_cells, csv_header, diagnosis_tables, report_tables
 from bcid.view.write_tables import write_tables
 
 ROOT = Path(__file__).parent.parent
@@ -60,6 +61,21 @@ def columns_of(line: str) -> int:
     """How many columns a line of a LaTeX table fills."""
     cells = re.split(r"(?<!\\)&", line)
     return sum(int(m[1]) if (m := re.search(r"\\multicolumn\{(\d)\}", cell)) else 1 for cell in cells)
+
+
+def test_what_an_error_is_made_of_is_a_table() -> None:
+    parts = (
+        ErrorShare(cause="effect", effects=("yaw_scrub", "rear_toe"), share=0.75, ci95=(0.7, 0.8)),
+        ErrorShare(cause="unexplained", share=0.25, ci95=(-0.1, 0.3)),
+    )
+    found = DiagnosisDocument(verdict="named", error_budget=ErrorBudget(horizon_s=2.0, nmse=0.01, parts=parts))
+    (table,) = [t for t in diagnosis_tables(found) if t.name == "budget"]
+    assert csv_header(table) == ["cause", "effects", "share", "share low", "share high"]
+    assert [csv_cells(row) for row in table.rows] == [
+        ["effect", "yaw_scrub+rear_toe", "0.75", "0.7", "0.8"], ["unexplained", "", "0.25", "-0.1", "0.3"],
+    ]  # fmt: skip
+    assert "2 s ahead" in table.caption
+    assert not [t for t in diagnosis_tables(DiagnosisDocument(verdict="unknown")) if t.rows]
 
 
 @pytest.mark.parametrize("table", all_tables(), ids=lambda t: t.name)

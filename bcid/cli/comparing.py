@@ -36,6 +36,8 @@ def compare(
     for model in document.models:
         for text in model.cautions:
             sink.note(f"warning: {text}")
+        for text in model.notes:
+            sink.note(f"note: {text}")
 
 
 def _tables(document: ComparisonDocument) -> RenderableType:
@@ -75,7 +77,7 @@ def _lone_lines(model: ModelComparison) -> list[str]:
     """What only one of two diagnoses found, and which constants only one identifies, a line each."""
     lines = [
         f"only in the {'first' if f.found_in == 'one' else 'second'}: {f.sentence or f.effect}"
-        + (f" (of the other, {f.why_not})" if f.why_not else "")
+        + (f" (this proves nothing: {f.why_not})" if f.why_not else "")
         for f in model.lone_findings
     ]
     told = {f.effect for f in model.lone_findings}

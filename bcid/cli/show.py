@@ -82,9 +82,9 @@ def diagnosis_tables(document: DiagnosisDocument) -> Group:
     parts.append(plain_table(title, ["horizon", "before", "after", "noise floor", "after/before (95 %)"], judged, note))
     if document.error_budget:
         budget = document.error_budget
-        shares = [[row.label, row.share, row.interval] for row in budget_rows(budget)]
+        shares = [[row.label, row.share, row.interval, row.remark] for row in budget_rows(budget)]
         title = f"what the {budget.horizon_s:g} s error before is made of"
-        parts.append(plain_table(title, ["part", "share", "95 % interval"], shares))
+        parts.append(plain_table(title, ["part", "share", "95 % interval", ""], shares))
     if document.not_excited:
         unseen = ", ".join(
             f"{u.effect} at any size"

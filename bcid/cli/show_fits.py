@@ -13,7 +13,12 @@ from bcid.documents.report import EvaluationDocument
 from bcid.evaluation.residuals import ResidualsDocument
 from bcid.models.interface import Model
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import is_identified
+from bcid.models.newton_euler.parameters import (
+    BIASED_TWISTS,
+    errors_lack_bias,
+    is_identified,
+    values_of_constants,
+)
 from bcid.report.formats import format_with_error
 
 SCORE_COLUMNS = ("NMSE", "95 % interval", "v_x", "v_y", "yaw rate")
@@ -65,7 +70,7 @@ def constant_rows(model: object) -> list[list[str]]:
     if not isinstance(model, NewtonEuler):
         return []
     facts, rows = model.facts, list[list[str]]()
-    values = model.car._asdict() | {"R_v": model.car.R_1 + model.car.R_2 * facts.get("top_speed_mps", 0.0)}
+    values = values_of_constants(model.car, facts)
     for symbol, about in facts.get("fitted", {}).items():
         value, text = values[symbol], "not identified"
         if is_identified(symbol, facts):
@@ -75,12 +80,18 @@ def constant_rows(model: object) -> list[list[str]]:
 
 
 def warnings_of_fits(fitted: Iterable[ScoredFit]) -> list[str]:
-    """What must be known of fits that state standard errors, one sentence for each whose residuals are too large."""
-    return [
-        f"{f.name}: {text}"
-        for f in fitted
-        if f.residuals and constant_rows(f.model) and (text := describe_residuals(f.residuals))
-    ]
+    """What must be known of fits that state standard errors.
+
+    One sentence for each whose residuals are too large, one for each fitted by another loss than that of poses.
+    """
+    return [f"{f.name}: {text}" for f in fitted if constant_rows(f.model) for text in _doubts_of_errors(f)]
+
+
+def _doubts_of_errors(fit: ScoredFit) -> list[str]:
+    """Why the standard errors of a car's constants are not the whole of their errors, a sentence for each reason."""
+    biased = isinstance(fit.model, NewtonEuler) and errors_lack_bias(fit.model.facts)
+    lacking = describe_residuals(fit.residuals) if fit.residuals else ""
+    return [text for text in (lacking, BIASED_TWISTS if biased else "") if text]
 
 
 def describe_residuals(residuals: ResidualsDocument) -> str:

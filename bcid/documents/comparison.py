@@ -46,6 +46,7 @@ class ModelComparison(Part):
     only_other: tuple[str, ...] = ()
     lone_findings: tuple[LoneFinding, ...] = ()
     cautions: tuple[str, ...] = ()  # why the verdict may be worth less than it says
+    notes: tuple[str, ...] = ()  # what was brought to a common footing, or left out
 
 
 class ComparisonDocument(Document):

@@ -4,9 +4,10 @@ from typing import Literal
 
 from bcid.documents.document import Interval, Part
 
-Cause = Literal["effect", "corrections", "noise", "disturbances", "unexplained"]
+Cause = Literal["effect", "corrections", "noise", "disturbances", "unexplained", "left-noise-included"]
 """What makes a part of an error: a named effect, the base model's own simplifications, the noise of the poses,
-disturbances that look random, or what none of them is."""
+disturbances that look random, or what none of them is; where the fitted car cannot be simulated, so that nobody knows
+what noise makes, all that is left with the noise in it."""
 
 
 class ErrorShare(Part):

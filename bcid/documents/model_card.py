@@ -49,5 +49,6 @@ class ModelCard(Document):
     period_s: float | None = None  # of its steps
     parameters: tuple[BaseParameter, ...] = ()  # fitted ones
     noise: tuple[NoiseLevel, ...] = ()
-    spans: tuple[DataSpan, ...] = ()  # of motion and commands in the data
+    spans: tuple[DataSpan, ...] = ()  # of motion and commands in the data, without a validation take
+    validation_spans: tuple[DataSpan, ...] = ()  # in the take that only judges, of a comparison
     not_for: tuple[str, ...] = ()  # sentences

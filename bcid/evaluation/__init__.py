@@ -4,5 +4,6 @@
 error); `process_noise` (what explains the errors), `intervals` (of predictions, sampled from this noise),
 `noise_covariance` (of pose and twist, linearised), `validity` (process noise and range of the training data, saved
 beside a model), `residuals` (whether a model lacks physics, by its own takes), `seen_takes` (which takes these were),
-`parameter_differences` (whether constants of two fits differ by more than chance), `limits` (all numbers that decide).
+`parameter_differences` (whether constants of two fits differ by more than chance), `drag_at_one_speed` (where their
+drag can be compared), `limits` (all numbers that decide).
 """

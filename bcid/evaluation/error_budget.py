@@ -40,7 +40,7 @@ class ErrorParts(NamedTuple):
     error: float  # v(none)
     explained: tuple[ErrorPart, ...]  # by each of the n things
     floor: tuple[ErrorPart, ...]  # each part of what a perfect model would miss
-    unexplained: ErrorPart
+    unexplained: ErrorPart  # where no floor is known, with the noise in it
 
 
 def shapley_weights(things: int) -> Floats:

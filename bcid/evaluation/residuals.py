@@ -32,6 +32,8 @@ from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.process_noise import PredictionStart, list_prediction_starts
 from bcid.files.json import read_json, write_json
 from bcid.models.interface import History, Model, history_at
+from bcid.models.newton_euler.linear import NewtonEulerLinear
+from bcid.models.newton_euler.model import NewtonEuler
 
 FILE_NAME = "residuals.json"
 HORIZON_S = 1.0
@@ -43,7 +45,7 @@ class ResidualsDocument(Document):
     kind: Literal["bcid.residuals/1"] = Field("bcid.residuals/1", alias="schema")
     horizon_s: float
     predictions: int
-    ratio: Number  # null where no take is long enough, or predictions run away
+    ratio: Number  # null but of cars without effects, and where no take is long enough or predictions run away
 
     @property
     def multiple(self) -> float:
@@ -57,9 +59,14 @@ class ResidualsDocument(Document):
 
 
 def measure_residuals(model: Model, estimates: Sequence[Estimate]) -> ResidualsDocument:
-    """How a model's prediction errors after HORIZON_S, in the takes it was fitted on, compare with the measurement."""
+    """How a model's prediction errors after HORIZON_S, in the takes it was fitted on, compare with the measurement.
+
+    Only of cars without effects, which start from the twist and the steering angle of one row, is it known what errors
+    of the start make; other models start from slip angles, or from many rows, and have no ratio.
+    """
     steps = max(1, round(HORIZON_S / model.period_s))
-    starts = list_prediction_starts(estimates, steps, steps, model.lags)
+    is_car = isinstance(model, NewtonEuler | NewtonEulerLinear)
+    starts = list_prediction_starts(estimates, steps, steps, model.lags) if is_car else []
     ratio = _residual_ratio(model, starts, steps) if starts else math.nan
     return ResidualsDocument(horizon_s=steps * model.period_s, predictions=len(starts), ratio=ratio)
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from bcid.documents.comparison import ComparisonDocument, ConstantChange, LoneFinding, ModelComparison
-from bcid.documents.diagnosis import Quantity
+from bcid.documents.diagnosis import NamedEffect, Quantity
 from bcid.errors import UsageError
+from bcid.evaluation.drag_at_one_speed import drag_at_lower_speed
 from bcid.evaluation.parameter_differences import (
     ConstantDifference,
     chance_of_differences,
@@ -16,7 +17,9 @@ from bcid.evaluation.parameter_differences import (
     z_beyond_chance,
 )
 from bcid.evaluation.seen_takes import is_same_drive
+from bcid.models.newton_euler.parameters import BIASED_TWISTS, errors_lack_bias
 from bcid.pipeline.read_run import ComparableModel, read_run
+from bcid.report.formats import plain_name
 
 PLACES = {"one": "first", "other": "second"}
 
@@ -46,13 +49,28 @@ def compare_runs(one: str, other: str, workspace: Callable[[], Path | None]) -> 
     return ComparisonDocument(one=one, other=other, models=tuple(compare_models(a, b) for a, b in pairs))
 
 
+def _at_one_speed(one: ComparableModel, other: ComparableModel) -> tuple[ComparableModel, ComparableModel, list[str]]:
+    """Two models whose drag per speed, R_v, is that at one speed, or left out of both, and notes that say so."""
+    if one.fit is None or other.fit is None or not all("R_v" in model.constants for model in (one, other)):
+        return one, other, []
+    drags, note = drag_at_lower_speed(one.fit, other.fit)
+    if drags is None:
+        one, other = (m._replace(constants={s: c for s, c in m.constants.items() if s != "R_v"}) for m in (one, other))
+    else:
+        one, other = (
+            m._replace(constants=m.constants | {"R_v": drag}) for m, drag in zip((one, other), drags, strict=True)
+        )
+    return one, other, [note] if note else []
+
+
 def compare_models(one: ComparableModel, other: ComparableModel) -> ModelComparison:
     """The differences between two models' constants and findings, with a verdict in words."""
-    differences = list_differences(one.constants, other.constants)
-    needed = z_beyond_chance(len(differences))
-    lone = _lone_findings(one, other)
+    one, other, notes = _at_one_speed(one, other)
+    differences, cautions = list_differences(one.constants, other.constants), _cautions(one, other)
+    # an effect that only one run names is one more comparison, of its size with none
+    needed = z_beyond_chance(len(differences) + len(set(one.findings) ^ set(other.findings)))
+    lone = _lone_findings(one, other, needed, bool(cautions))
     differing = [d for d in differences if abs(d.z) > needed]
-    cautions = _cautions(one, other)
     verdict, sentence = _judge(differences, differing, lone, bool(cautions))
     return ModelComparison(
         one=one.name, other=other.name, verdict=verdict, sentence=sentence, z_needed=needed,
@@ -60,7 +78,7 @@ def compare_models(one: ComparableModel, other: ComparableModel) -> ModelCompari
         constants=tuple(_describe_difference(d, needed) for d in differences),
         only_one=tuple(s for s in one.constants if s not in other.constants),
         only_other=tuple(s for s in other.constants if s not in one.constants),
-        lone_findings=lone, cautions=tuple(cautions),
+        lone_findings=lone, cautions=tuple(cautions), notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -74,8 +92,14 @@ def _describe_difference(difference: ConstantDifference, needed: float) -> Const
     )  # fmt: skip
 
 
-def _lone_findings(one: ComparableModel, other: ComparableModel) -> tuple[LoneFinding, ...]:
-    """Effects that only one of two diagnoses names; none where either run was not diagnosed."""
+def _lone_findings(
+    one: ComparableModel, other: ComparableModel, needed: float, errors_are_doubtful: bool
+) -> tuple[LoneFinding, ...]:
+    """Effects that only one of two diagnoses names; none where either run was not diagnosed.
+
+    One decides if the other run would have named it, and its size is more than `needed` standard errors from zero, of
+    which nothing may be doubtful.
+    """
     if one.diagnosis is None or other.diagnosis is None:
         return ()
     sides = (("one", one, other), ("other", other, one))
@@ -84,8 +108,19 @@ def _lone_findings(one: ComparableModel, other: ComparableModel) -> tuple[LoneFi
         for side, found, without in sides
         for name, effect in found.findings.items()
         if name not in without.findings
-        for why in (without.why_silent(effect),)
+        for why in (without.why_silent(effect) or _why_chance(effect, needed, errors_are_doubtful),)
     )
+
+
+def _why_chance(effect: NamedEffect, needed: float, errors_are_doubtful: bool) -> str:
+    """Why an effect may be named by chance, in words; empty where its size is beyond `needed` standard errors."""
+    if errors_are_doubtful:
+        return "the ± of these runs are not to be relied upon"
+    sizes = [abs(q.value) / q.se for q in effect.parameters.values() if q.value is not None and q.se and not q.at_bound]
+    if not sizes:
+        return "the error of its size is not known"
+    chance = f"its size is {max(sizes):.1f} standard errors from none, of which chance makes up to {needed:.1f}"
+    return "" if max(sizes) > needed else chance
 
 
 def _judge(
@@ -100,9 +135,9 @@ def _judge(
     effect that the other run need not have named.
     """
     changes = [describe_change(d) for d in sorted(differing, key=lambda d: -abs(d.z))]
-    found = [f"{f.effect} is found in the {PLACES[f.found_in]} only" for f in lone if f.decides]
+    found = [f"{plain_name(f.effect)} is found in the {PLACES[f.found_in]} only" for f in lone if f.decides]
     silent = [
-        f"{f.effect} is found in the {PLACES[f.found_in]} only; of the other, {f.why_not}"
+        f"{plain_name(f.effect)} is found in the {PLACES[f.found_in]} only, which proves nothing, since {f.why_not}"
         for f in lone
         if not f.decides
     ]
@@ -147,7 +182,10 @@ def _cautions(one: ComparableModel, other: ComparableModel) -> list[str]:
             f"{' and '.join(f'{v:.1f}' for v in lacking.values())} times those of a model that lacks nothing: the ± "
             "are too small; compare diagnoses, which name what is missing"
         )
+    biased = [place for place, m in sides if m.fit and errors_lack_bias(m.fit.facts)]
+    if biased:
+        cautions.append(f"the {' and the '.join(biased)}: {BIASED_TWISTS}")
     for place, model in sides:
-        if model.open_end:
-            cautions.append(f"of the {place} diagnosis, {model.open_end}: its ± may be too small")
+        if model.unresolved_causes:
+            cautions.append(f"in the {place} diagnosis {model.unresolved_causes}: its ± may be too small")
     return cautions

@@ -11,7 +11,7 @@ class PipelineLimits:
     max_period_difference_s: float = 1e-9
     # Findings and corrections between which a prediction error is divided; the last of more are one together.  Each
     # doubles the sets to refit, of about 0.4 s each on a take of 150 s: five take 10 s, a tenth of their diagnosis.
-    max_budget_things: int = 5
+    max_budget_sources: int = 5
 
 
 LIMITS = PipelineLimits()

@@ -83,9 +83,15 @@ def describe_diagnosed_model(origin: Origin, diagnosis: DiagnosisDocument, folde
     )  # fmt: skip
 
 
-def describe_comparison(origin: Origin, driven: DataRange) -> ModelCard:
-    """The card of a comparison of models, whose takes, the validation's among them, cover what is `driven`."""
-    return origin.card(spans=_spans(driven), not_for=(BEYOND_RANGE, OTHER_CAR, OFF_THE_PLANE))
+def describe_comparison(origin: Origin, fitted: DataRange | None, validation: DataRange) -> ModelCard:
+    """The card of a comparison of models: what is driven in training takes, and in the validation take.
+
+    Where there is no training take, `fitted` is None.
+    """
+    spans = _spans(fitted) if fitted else ()
+    return origin.card(
+        spans=spans, validation_spans=_spans(validation), not_for=(BEYOND_RANGE, OTHER_CAR, OFF_THE_PLANE)
+    )
 
 
 def _noise_levels(model: Model) -> tuple[NoiseLevel, ...]:

@@ -6,16 +6,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect
+from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect, Quantity
 from bcid.errors import InputRefused
 from bcid.evaluation.parameter_differences import KnownConstant
 from bcid.evaluation.residuals import load_residuals
 from bcid.evaluation.seen_takes import TakeSteps, load_seen_takes
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import constant_units, is_identified
+from bcid.models.newton_euler.parameters import (
+    constant_units,
+    is_identified,
+    values_of_constants,
+)
 from bcid.models.saving import load_model
 from bcid.pipeline.named_models import DIAGNOSED, MODEL_FILES, find_model, saved_models
+from bcid.report.formats import plain_name
 
 DOCUMENT = "diagnosis.json"
 
@@ -28,6 +33,7 @@ class ComparableModel(NamedTuple):
     diagnosis: DiagnosisDocument | None
     takes: Sequence[TakeSteps]  # that it was made from; none where nobody knows
     residual_multiple: float | None  # of a model's that lacks nothing, where physics is missing
+    fit: NewtonEuler | None = None  # whose constants these are; of a diagnosis and of a car with effects none
 
     @property
     def findings(self) -> dict[str, NamedEffect]:
@@ -37,23 +43,37 @@ class ComparableModel(NamedTuple):
     def why_silent(self, effect: NamedEffect) -> str:
         """Why this run need not have named an effect though the car has it, in words; empty where it would have."""
         if self.diagnosis is None:
-            return "it was not diagnosed"
-        if effect.effect in {unseen.effect for unseen in self.diagnosis.not_excited}:
-            return "its takes would not have shown it"
+            return "the other run was not diagnosed"
+        if too_small := self._why_too_small(effect):
+            return too_small
         alike = [n for n, other in self.findings.items() if n in effect.twins or effect.effect in other.twins]
         if alike:
-            return f"it names {alike[0]}, which looks the same"
-        return f"{self.open_end}, which may be it" if self.open_end else ""
+            return f"the other run names {plain_name(alike[0])}, which looks the same"
+        return f"in the other run {self.unresolved_causes}, which may be it" if self.unresolved_causes else ""
+
+    def _why_too_small(self, effect: NamedEffect) -> str:
+        """That the takes of this run show an effect only at a larger size, in words; empty where they would show it."""
+        for unseen in self.diagnosis.not_excited if self.diagnosis else ():
+            if unseen.effect != effect.effect:
+                continue
+            smallest = unseen.smallest_detectable.value if unseen.smallest_detectable else None
+            size = effect.parameters.get(unseen.parameter, Quantity()).value
+            if smallest is None or size is None:
+                return "the takes of the other run would not have shown it"
+            if abs(size) < abs(smallest):
+                least = f"{smallest:.2g} {unseen.smallest_detectable.unit if unseen.smallest_detectable else ''}"
+                return f"the takes of the other run would show {least.rstrip()} or more, and this is {abs(size):.2g}"
+        return ""
 
     @property
-    def open_end(self) -> str:
+    def unresolved_causes(self) -> str:
         """What a diagnosis leaves open, in words; empty where it was not made, or is sure of all that it says."""
         if self.diagnosis is None:
             return ""
         if self.diagnosis.verdict == "ambiguous":
-            return "several causes explain its takes equally well"
+            return "several causes explain the takes equally well"
         if self.diagnosis.verdict == "unknown" or self.diagnosis.unknown is not None:
-            return "it leaves something without a name"
+            return "something is left without a name"
         return ""
 
 
@@ -94,13 +114,14 @@ def _from_model(name: str, folder: Path) -> ComparableModel | None:
         return None
     residuals = load_residuals(folder)
     multiple = residuals.multiple if residuals and residuals.show_missing_physics else None
-    return ComparableModel(name, constants, None, load_seen_takes(folder) or (), multiple)
+    fit = model if isinstance(model, NewtonEuler) else None
+    return ComparableModel(name, constants, None, load_seen_takes(folder) or (), multiple, fit)
 
 
 def _constants_of_fit(model: NewtonEuler) -> dict[str, KnownConstant]:
     """The constants of a fitted car that its takes identify."""
     facts = model.facts
-    values = model.car._asdict() | {"R_v": model.car.R_1 + model.car.R_2 * facts.get("top_speed_mps", 0.0)}
+    values = values_of_constants(model.car, facts)
     return {
         symbol: KnownConstant(values[symbol], about["relative_se"] * abs(values[symbol]), about["unit"])
         for symbol, about in facts.get("fitted", {}).items()

@@ -20,7 +20,7 @@ from bcid.models.interface import Model
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
-from bcid.models.newton_euler.parameters import is_identified
+from bcid.models.newton_euler.parameters import drag_per_speed, is_identified, values_of_constants
 from bcid.physics.car import Car
 
 
@@ -86,7 +86,7 @@ def _vary_car(model: NewtonEuler) -> Iterator[ConstantVariation]:
     """The variations of a fitted car's constants, each raised and lowered by its relative standard error."""
     facts, car = model.facts, model.car
     top_speed = float(facts.get("top_speed_mps", 0.0))
-    values = car._asdict() | {"R_v": car.R_1 + car.R_2 * top_speed}
+    values = values_of_constants(car, facts)
     for symbol in facts.get("fitted", {}):
         if not is_identified(symbol, facts) or (symbol == "R_v" and top_speed <= 0.0):
             continue
@@ -99,7 +99,7 @@ def _vary_car(model: NewtonEuler) -> Iterator[ConstantVariation]:
 
 def _car_with(car: Car, symbol: str, value: float, top_speed: float) -> Car:
     """The car with another value of a constant; the drag is known as R_1 and as R_v = R_1 + R_2 v at the top speed."""
-    R_v = car.R_1 + car.R_2 * top_speed
+    R_v = drag_per_speed(car, top_speed)
     if symbol == "R_v":
         return car._replace(R_2=(value - car.R_1) / top_speed)
     if symbol == "R_1" and top_speed > 0.0:

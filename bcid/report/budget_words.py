@@ -14,6 +14,7 @@ CAUSES = {
     "noise": ("noise of the poses", "var(--noise)"),
     "disturbances": ("disturbances that look random", "var(--disturbances)"),
     "unexplained": ("unexplained", "var(--unexplained)"),
+    "left-noise-included": ("left, noise included", "var(--unexplained)"),
 }
 """What else makes a part of the error, in words, and its colour."""
 
@@ -25,6 +26,7 @@ class BudgetRow(NamedTuple):
     colour: str
     share: str
     interval: str
+    remark: str  # that the share may be nothing, or is less; empty of any other
     length: float  # of its piece of the bar, percent of the whole bar; none where chance makes the share negative
 
 
@@ -40,10 +42,23 @@ def budget_rows(budget: ErrorBudget) -> list[BudgetRow]:
     colours, whole = _part_colours(budget.parts), sum(max(p.share, 0.0) for p in budget.parts)
     return [
         BudgetRow(
-            describe_cause(p), colour, percent(p.share), percent_range(*p.ci95), 100.0 * max(p.share, 0.0) / whole
+            describe_cause(p),
+            colour,
+            percent(p.share),
+            percent_range(*p.ci95),
+            describe_sign(p),
+            100.0 * max(p.share, 0.0) / whole,
         )
         for p, colour in zip(budget.parts, colours, strict=True)
     ]
+
+
+def describe_sign(part: ErrorShare) -> str:
+    """What it means that a share may be zero, or is below it, in words; empty where it is above zero for certain."""
+    low, high = part.ci95
+    if low > 0.0:
+        return ""
+    return "not distinguishable from nothing" if high >= 0.0 else "makes the error larger"
 
 
 def percent(share: float) -> str:

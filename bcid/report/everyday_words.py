@@ -27,6 +27,7 @@ class Size:
     symbols: tuple[str, ...]  # of which several are the components of a vector, whose length it is
     times: float = 1.0  # what they are multiplied by
     unit: str | None = None  # of the product, as powers such as "kg m s^-2"; None for the parameter's own
+    sides: tuple[str, str] = ("", "")  # words after a positive, and after a negative number
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,11 @@ PHRASES: dict[str, Phrase] = {
         "the clock of the poses loses {rho} in an hour to that of the commands", _at("rho", HOUR_S, "s"),
     ),
     "marker_offset": Phrase(
-        "the tracked point lies {d} beside the centre of gravity", sizes={"d": Size(("d_x", "d_y"))}
+        "the tracked point lies {x} and {y} the centre of gravity",
+        sizes={
+            "x": Size(("d_x",), sides=("ahead", "behind")),
+            "y": Size(("d_y",), sides=("to the left of", "to the right of")),
+        },
     ),
     "body_yaw_misalignment": Phrase(
         "the tracked body is turned by {psi} to the left of the car",
@@ -171,7 +176,7 @@ def size_in_words(finding: NamedEffect) -> str:
 
 
 def _size_text(size: Size, numbers: Mapping[str, Quantity]) -> str:
-    """The absolute value of a size with its standard error, in everyday units."""
+    """The absolute value of a size with its standard error, in everyday units, and the side that its sign says."""
     parts = [numbers[symbol] for symbol in size.symbols]
     values = [q.value or 0.0 for q in parts]
     length = hypot(*values)
@@ -180,7 +185,8 @@ def _size_text(size: Size, numbers: Mapping[str, Quantity]) -> str:
     errors = [q.se for q in parts if q.se is not None]
     se = hypot(*(s * e for s, e in zip(slopes, errors, strict=True))) if len(errors) == len(parts) else None
     unit = unit_in_words(size.unit) if size.unit else parts[0].unit
-    return in_everyday_units(length * size.times, None if se is None else se * size.times, unit)
+    text = in_everyday_units(length * size.times, None if se is None else se * size.times, unit)
+    return f"{text} {size.sides[values[0] < 0.0]}".rstrip()
 
 
 def in_everyday_units(value: float, se: float | None, unit: str) -> str:

@@ -1,16 +1,17 @@
 """What a diagnosis comes to, in plain sentences: how large each finding is, what is left and why, what to do next."""
 
 from collections.abc import Sequence
+from math import exp, log
 
 from bcid.documents.diagnosis import DiagnosisDocument, NamedEffect
 from bcid.documents.error_budget import ErrorShare
 from bcid.report.budget_words import percent, percent_range
 from bcid.report.everyday_words import size_in_words
-from bcid.report.formats import join_words, plain_name
+from bcid.report.formats import format_number, join_words, plain_name
 from bcid.report.limits import LIMITS
 from bcid.report.verdict_words import CHANNELS, stays_above_floor
 
-DEEDS = {
+REMEDIES = {
     "vehicle": "mend the car, or give it to the simulation",
     "environment": "clear the floor of it, or give it to the simulation where it is",
     "measurement": "correct the recording for it before anything is fitted, since the car itself is not like that",
@@ -37,10 +38,19 @@ def _finding_sentence(finding: NamedEffect, part: ErrorShare | None) -> str:
     if part is None:
         return f"{text}."
     if part.share < LIMITS.told_share:
-        nats = f", though it makes the poses {finding.gain_nats:.0f} nats likelier" if finding.gain_nats else ""
-        return f"{text}. That takes next to nothing off the error so far ahead{nats}."
+        odds = f", though it makes the recorded poses {_times(finding.gain_nats)} likelier" if finding.gain_nats else ""
+        return f"{text}. That takes next to nothing off the error so far ahead{odds}."
     own = "That makes" if len(part.effects) == 1 else f"With {join_words(_others(finding, part))} that makes"
     return f"{text}. {own} {percent(part.share)} of the error (95 % interval {percent_range(*part.ci95)})."
+
+
+def _times(nats: float) -> str:
+    """How many times likelier a gain of log-likelihood makes something, in words.
+
+    >>> _times(2.0), _times(40.0)
+    ('7.4 times', 'more than a million times')
+    """
+    return "more than a million times" if nats > log(1e6) else f"{format_number(exp(max(nats, 0.0)), 2)} times"
 
 
 def _others(finding: NamedEffect, part: ErrorShare) -> list[str]:
@@ -58,6 +68,12 @@ def remainder_sentences(d: DiagnosisDocument) -> list[str]:
     """What is left of the error, and why, as far as the recording says."""
     sentences, certain = [], True
     left = {p.cause: p for p in d.error_budget.parts} if d.error_budget else {}
+    if "left-noise-included" in left:
+        rest = left["left-noise-included"]
+        sentences.append(
+            f"{percent(rest.share)} of the error (95 % interval {percent_range(*rest.ci95)}) are left, noise included: "
+            "how much of them is noise is not known, since the fitted car does not drive the whole take in simulation."
+        )
     if "unexplained" in left:
         rest = left["unexplained"]
         certain = rest.ci95[0] > LIMITS.told_share
@@ -102,10 +118,10 @@ def next_sentences(d: DiagnosisDocument) -> list[str]:
     """What to do next: about the findings, about what is not told apart, and about what the drive did not show."""
     unclear = [f for f in d.findings if f.twins]
     sentences = _drive_sentences(d, unclear) if unclear else []
-    for kind, deed in DEEDS.items():
+    for kind, remedy in REMEDIES.items():
         names = [plain_name(f.effect) for f in d.findings if f.kind == kind and not f.twins]
         if names:
-            sentences.append(f"For {join_words(names)}: {deed}.")
+            sentences.append(f"For {join_words(names)}: {remedy}.")
     if d.findings or d.corrections:
         what = "all that was found" if d.findings else "its simplifications put right"
         sentences.append(
@@ -142,8 +158,8 @@ def _unseen_sentences(d: DiagnosisDocument) -> list[str]:
         return []
     few = unseen[: LIMITS.told_effects]
     others = [f"{len(unseen) - len(few)} more"] if len(unseen) > len(few) else []
-    shown = join_words([*map(plain_name, few), *others])
+    shown, them = join_words([*map(plain_name, few), *others]), "it" if len(unseen) == 1 else "them"
     return [
-        f"Of {shown} this drive would show unusually large sizes only: "
-        f"bcid plan {' '.join(few)} --vehicle VEHICLE.toml makes a drive that shows them."
+        f"This drive hardly excites {shown}, and shows {them} only if unusually large: "
+        f"bcid plan {' '.join(few)} --vehicle VEHICLE.toml makes a drive that shows {them}."
     ]

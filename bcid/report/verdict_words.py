@@ -118,7 +118,9 @@ def _word_absence_of_effects(d: DiagnosisDocument) -> str:
     if fit is None or fit.nmse_before is None or not fit.nmse_floor:
         return f"Nothing is missing beyond the noise floor{stands_out}."
     times = fit.nmse_before / fit.nmse_floor
-    error = f"{fit.horizon_s:g} s ahead the held-out error is {times:.2f} times what noise alone leaves"
+    error = (
+        f"{fit.horizon_s:g} s ahead the held-out error is {times:.2f} times what noise and random disturbances leave"
+    )
     if times < LIMITS.above_floor:
         return f"Nothing is missing beyond the noise floor: {error}{stands_out}."
     return f"Nothing is found that is missing{stands_out}, and yet {error}. {_explain_floor_distance(d)}"

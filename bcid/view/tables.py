@@ -84,7 +84,7 @@ def report_tables(report: ReportDocument) -> list[ResultTable]:
 
 
 def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
-    """The tables of a diagnosis: findings, the car's constants, errors by horizon, other figures, what is not seen."""
+    """The tables of a diagnosis: findings, constants, errors and their parts, other figures, what is not seen."""
     takes = ", ".join(diagnosis.recordings)
     findings = ResultTable(
         "findings",
@@ -117,6 +117,14 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
         {"horizon": "s"},
         {"horizon": "as given", **dict.fromkeys(("before", "after", "noise floor"), "thousandths")},
     )  # fmt: skip
+    told = diagnosis.error_budget
+    budget = ResultTable(
+        "budget",
+        f"What the closed-loop error {told.horizon_s if told else 0.0:g} s ahead before the findings is made of, on "
+        "held-out blocks: shares of it, whose sum is one",
+        ("cause", "effects", "share"),
+        tuple((p.cause, "+".join(p.effects), _between(p.share, p.ci95)) for p in (told.parts if told else ())),
+    )
     others = ResultTable(
         "other_figures",
         "Figures of the simulation that are others in the recording; ± is one standard error",
@@ -138,7 +146,7 @@ def diagnosis_tables(diagnosis: DiagnosisDocument) -> list[ResultTable]:
             for n in diagnosis.not_excited
         ),
     )  # fmt: skip
-    return [findings, constants, horizons, others, unseen]
+    return [findings, constants, horizons, budget, others, unseen]
 
 
 def heading(table: ResultTable, column: str) -> str:

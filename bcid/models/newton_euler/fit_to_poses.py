@@ -22,7 +22,13 @@ from bcid.likelihood.take import Take
 from bcid.models.interface import FitTask
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.initial_guess import guess_car
-from bcid.models.newton_euler.parameters import SATURATIONS, TOP_SPEED_QUANTILE, constant_facts, constants_to_fit
+from bcid.models.newton_euler.parameters import (
+    SATURATIONS,
+    TOP_SPEED_QUANTILE,
+    constant_facts,
+    constants_to_fit,
+    drag_per_speed,
+)
 from bcid.models.settings import NewtonEulerSettings
 from bcid.physics.car import Car
 
@@ -82,7 +88,7 @@ def relative_error_covariance(fit: Fit, top_speed: float) -> tuple[list[str], Fl
     """
     car, logs = fit.car(), list(fit.hypothesis.log_parameters)
     n, (unit_1, unit_2) = len(logs), fit.hypothesis.drag_units
-    R_v = car.R_1 + car.R_2 * top_speed
+    R_v = drag_per_speed(car, top_speed)
     # D (relative error of a constant) / D phi.
     J = np.zeros((n + 2, n + len(DRAG)))
     J[:n, :n] = np.eye(n)

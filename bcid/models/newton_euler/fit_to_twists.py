@@ -16,7 +16,13 @@ from bcid.models.fitting.windows import cut_windows, inverse_spread, loss_steps,
 from bcid.models.interface import FitTask
 from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.objective import TransposedWindows, chunk_normal_equations, predict_twists, twist_nmse
-from bcid.models.newton_euler.parameters import SATURATIONS, TOP_SPEED_QUANTILE, ConstantBox, constant_facts
+from bcid.models.newton_euler.parameters import (
+    BIASED_TWISTS,
+    SATURATIONS,
+    TOP_SPEED_QUANTILE,
+    ConstantBox,
+    constant_facts,
+)
 from bcid.models.settings import NewtonEulerSettings
 from bcid.physics.car import Car
 
@@ -122,8 +128,7 @@ def fit_car_to_twists(task: FitTask) -> tuple[Car, dict[str, Any]]:
         "optimiser": how,
         "loss": settings.loss,
         "nmse": best.cost,
-        "fit_quality": f"{settings.loss} NMSE of the training takes {best.cost:.3g}; ± without the bias of smoothed "
-        "velocities: for constants use --loss poses",
+        "fit_quality": f"{settings.loss} NMSE of the training takes {best.cost:.3g}; {BIASED_TWISTS}",
         "history": best.history,
         **constant_facts(about, covariance, np.sqrt(np.diag(covariance)) * box.log_range, at_bound),
         "top_speed_mps": top_speed,

@@ -15,6 +15,8 @@ from bcid.vehicle import Vehicle
 
 GRAVITY = 9.81  # m/s^2
 
+BIASED_TWISTS = "± without the bias of smoothed velocities: for constants use --loss poses"
+"""What must be known of the errors of constants that were fitted to smoothed velocities, by one of twists' losses."""
 TOP_SPEED_QUANTILE = 0.999  # of the speeds driven
 # Constants at which a force is cut off: predictions of a take that never reaches one do not depend on it.
 SATURATIONS = ("F_m_max", "F_f_max", "F_r_max")
@@ -42,6 +44,16 @@ class FittedConstant(NamedTuple):
     low: float
     high: float
     meaning: str
+
+
+def drag_per_speed(car: Car, speed_mps: float) -> float:
+    """Drag force over speed at `speed_mps`, R_v = R_1 + R_2 v (N s/m)."""
+    return car.R_1 + car.R_2 * speed_mps
+
+
+def values_of_constants(car: Car, facts: Mapping[str, Any]) -> dict[str, float]:
+    """The car's constants by symbol, with R_v at the top speed that the `facts` of its fit state."""
+    return car._asdict() | {"R_v": drag_per_speed(car, float(facts.get("top_speed_mps", 0.0)))}
 
 
 def constants_to_fit(vehicle: Vehicle, top_speed_mps: float) -> tuple[FittedConstant, ...]:
@@ -138,6 +150,11 @@ def constant_facts(
     }
 
 
+def errors_lack_bias(facts: Mapping[str, Any]) -> bool:
+    """Whether the `facts` of a fit state errors of constants that leave out a bias, as all but those of poses do."""
+    return bool(facts.get("fitted")) and facts.get("loss") != "poses"
+
+
 def is_identified(symbol: str, facts: Mapping[str, Any]) -> bool:
     """Whether the recordings identify the fitted constant `symbol`, by the `facts` of the fit.
 
@@ -153,8 +170,7 @@ def constant_lines(car: Car, facts: Mapping[str, Any]) -> list[str]:
     `facts` of the fit holds the errors; lines below the table name correlated pairs, a mass that is not given, and
     the optimiser.
     """
-    fitted = facts.get("fitted", {})
-    values = car._asdict() | {"R_v": car.R_1 + car.R_2 * facts.get("top_speed_mps", 0.0)}
+    fitted, values = facts.get("fitted", {}), values_of_constants(car, facts)
     lines = list[str]()
     for symbol, about in fitted.items():
         if is_identified(symbol, facts):

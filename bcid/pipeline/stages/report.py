@@ -69,8 +69,9 @@ def run_report_stage(
         results.append(ModelResult.read(labelled, judged.settings, judged.evaluation, len(take)))
     card = None
     if origin is not None:
-        driven = DataRange.from_estimates([load_estimate(estimate) for _, estimate, _ in takes])
-        card = describe_comparison(origin, driven)
+        *fitted, judged_on = (load_estimate(estimate) for _, estimate, _ in takes)
+        driven = DataRange.from_estimates(fitted) if fitted else None
+        card = describe_comparison(origin, driven, DataRange.from_estimates([judged_on]))
         card.write(folder / "model_card.json")
     content = ReportContent(
         vehicle=vehicle_name,

@@ -1,0 +1,32 @@
+"""What a card says of the data: what was driven to fit to, apart from what was driven to judge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bcid.documents.model_card import DataFile
+from bcid.evaluation.validity import QUANTITIES, DataRange
+from bcid.pipeline.model_card import Origin, describe_comparison
+from bcid.report.formats import SPAN_NAMES, format_number
+from bcid.report.templates import write_page
+
+
+def driven(top_speed: float) -> DataRange:
+    low, high = ((v,) * len(QUANTITIES) for v in (0.0, top_speed))
+    return DataRange(low, high)
+
+
+@pytest.mark.parametrize("trained", [True, False])
+def test_what_only_judges_is_told_apart(tmp_path: Path, trained: bool) -> None:
+    """A validation take at 3 m/s does not widen the range that models of 2 m/s were fitted in."""
+    origin = Origin("car", DataFile(name="car.toml", sha256="ab" * 32), (), "bcid report")
+    card = describe_comparison(origin, driven(2.0) if trained else None, driven(3.0))
+    assert {s.high for s in card.spans} == ({2.0} if trained else set())
+    assert {s.high for s in card.validation_spans} == {3.0}
+    page = tmp_path / "card.html"
+    write_page(page, "model_card.html.j2", {"number": format_number}, card=card, span_names=SPAN_NAMES)
+    text = page.read_text(encoding="utf-8")
+    assert ("driven in the training takes" in text) == trained
+    assert "driven in the validation take" in text
