@@ -88,11 +88,12 @@ class Pipeline:
 
     def _run_stage(
         self, stage: str, subject: str, inputs: Mapping[str, Any], settings: Mapping[str, Any],
-        make: Callable[[Path, Progress], None], *modules: str, seed: int | None = None,
+        make: Callable[[Path, Progress], None], *modules: str, seed: int | None = None, own_effects: bool = False,
     ) -> Artifact:  # fmt: skip
         """Return the stage's artifact, from the cache where it is there, else made by `make(folder, progress)`.
 
         `subject` stands after the stage's name in messages; `modules` run beside the stage's own and count in its key.
+        The user's file of effects is code: it is run, and in use, only where the stage needs `own_effects`.
         """
         recipe = Recipe(stage, inputs, settings, stage_code(f"bcid.pipeline.stages.{stage}", *modules), seed)
         title = f"{stage} {subject}".rstrip()
@@ -103,7 +104,7 @@ class Pipeline:
             raise NotMadeYet
 
         def watched(folder: Path) -> None:
-            with self.watcher.stage(title) as progress, self._own_effects_in_use():
+            with self.watcher.stage(title) as progress, self._own_effects_in_use(own_effects):
                 make(folder, progress)
 
         artifact = self.store.get_or_make(recipe, watched)
@@ -114,16 +115,43 @@ class Pipeline:
 
     @cached_property
     def _own_effects(self) -> OwnFile | None:
-        """The user's own effects, read and checked; None where the configuration names no file of them."""
+        """The user's own effects: of the file that the configuration names, read and checked, or of one in use already.
+
+        None where there is neither.
+
+        Raises:
+            InputRefused: the file is wrong, or nobody named it, nor the pipeline file that names it: it is code.
+        """
+        from bcid.effects.own_file import IN_USE, read_own_effects
+
         if self.config.effects is None:
-            return None
-        from bcid.effects.own_file import read_own_effects
+            return IN_USE[0] if IN_USE else None
+        self._refuse_unnamed_effects()
 
         return read_own_effects(self.config.effects)
 
-    def _own_effects_in_use(self) -> AbstractContextManager[None]:
-        """Context in which the vocabulary holds the user's own effects beside its own."""
-        if self._own_effects is None:
+    def _refuse_unnamed_effects(self) -> None:
+        """Raise `InputRefused` where the user's file of effects is named only by a pipeline file that nobody named."""
+        if self.config.effects is not None and not self.config.effects_named:
+            cause = f"names {self.config.effects}, a program that would be run; this pipeline file was only found here"
+            step = f"read that file; if you trust it, give --effects {self.config.effects}, or -p {self.config.source}"
+            raise InputRefused(self.config.source, "effects", cause, step)
+
+    def own_effects_of(self, model: Path) -> AbstractContextManager[None]:
+        """Context in which the model saved in the folder `model` can be loaded and used.
+
+        The user's own effects are in the vocabulary where the model has some.
+
+        Raises:
+            InputRefused: the user's file of effects is wrong, or nobody named it.
+        """
+        from bcid.models.saving import has_own_effects
+
+        return self._own_effects_in_use(has_own_effects(model))
+
+    def _own_effects_in_use(self, needed: bool) -> AbstractContextManager[None]:
+        """Context in which the vocabulary holds the user's own effects beside its own, if they are `needed`."""
+        if not needed or self._own_effects is None:
             return nullcontext()
         from bcid.effects.own_file import own_effects_in_use
 
@@ -372,7 +400,7 @@ class Pipeline:
         from bcid.evaluation.validity import FILE_NAME as VALIDITY_FILE
         from bcid.models.saving import FILES, load_model
 
-        with self._own_effects_in_use():
+        with self.own_effects_of(folder):
             model, period_s = load_model(folder), self.config.estimate.period_s
         if abs(model.period_s - period_s) > LIMITS.max_period_difference_s:
             cause = f"steps by {model.period_s:g} s, but the pipeline's grid has {period_s:g} s"
@@ -391,6 +419,8 @@ class Pipeline:
 
     def evaluate(self, model: ComparedModel) -> Artifact:
         """Artifact of one model's predictions of the validation recording, and their errors."""
+        from bcid.models.saving import has_own_effects
+
         validation = self.estimate(self._validation_recording())
         training = [self.estimate(p) for p in self.config.training]
         settings = {"restart_s": self.config.report.restart_s}
@@ -402,7 +432,8 @@ class Pipeline:
             takes = [a.folder for a in training]
             evaluate.run_evaluate_stage(folder, model.folder, validation.folder, takes, settings["restart_s"])
 
-        return self._run_stage("evaluate", model.label, inputs, settings, make, model.module)
+        own = has_own_effects(model.folder)
+        return self._run_stage("evaluate", model.label, inputs, settings, make, model.module, own_effects=own)
 
     def validation_name(self) -> str | None:
         """What the validation recording is called where several are shown; None where none is named."""
@@ -422,8 +453,12 @@ class Pipeline:
 
         What the `extent` leaves out is in the report all the same where it is there already.
         """
+        from bcid.models.saving import has_own_effects
+
         models = self.config.models if models is None else models
         self.refuse_untrainable(models)
+        if extent.diagnosis and self.config.diagnose:
+            self._refuse_unnamed_effects()
         self.refuse_unusable([*self.config.recordings(), *(self.config.diagnose if extent.diagnosis else ())])
         loaded = [self._mark_if_seen(self.load_for_comparison(folder)) for folder in dict.fromkeys(saved_models)]
         self._refuse_seen_validation()
@@ -461,7 +496,10 @@ class Pipeline:
                 diagnosis.folder if diagnosis else None, losses, names, origin,
             )  # fmt: skip
 
-        return self._run_stage("report", "", inputs, settings, make, *(c.module for c in candidates))
+        own = diagnosis is not None or any(has_own_effects(c.folder) for c in candidates)
+        return self._run_stage(
+            "report", "", inputs, settings, make, *(c.module for c in candidates), own_effects=own
+        )  # fmt: skip
 
     def _refuse_seen_validation(self) -> None:
         """Raise `InputRefused` where the validation recording is of the drive of a training recording."""
@@ -498,7 +536,7 @@ class Pipeline:
         `simulation` is a saved model's folder, a TOML file of parameters, another simulator's recording of the car, or
         module:function.
         """
-        recordings = list(self.config.diagnose) or self.config.recordings()
+        own_effects, recordings = self._own_effects, list(self.config.diagnose) or self.config.recordings()
         self.refuse_unusable([*recordings, *self.config.training])
         self._refuse_repeats(recordings, (), "diagnose", "name each take once: two would count as twice the evidence")
         takes, tuned = [(self.ingest(p), self.estimate(p)) for p in recordings], self.tune()
@@ -514,8 +552,8 @@ class Pipeline:
             "simulation": None if path is None or others else self._simulation_key(path),
             "names": names,
         }
-        if self._own_effects is not None:
-            inputs["effects"] = self._own_effects.sha256
+        if own_effects is not None:
+            inputs["effects"] = own_effects.sha256
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.evaluation.seen_takes import save_seen_takes
@@ -536,7 +574,7 @@ class Pipeline:
             )
             save_seen_takes([self._take_steps(p) for p in recordings], folder / "model")
 
-        return self._run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE)
+        return self._run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE, own_effects=True)
 
     def diagnosis_page(self, diagnosis: Artifact) -> Artifact:
         """Artifact of the page of a diagnosis of this pipeline's recordings, and of the card of its model.
@@ -552,7 +590,7 @@ class Pipeline:
 
             diagnosis_page.run_diagnosis_page_stage(folder, diagnosis.folder, origin)
 
-        return self._run_stage("diagnosis_page", "", inputs, {}, make)
+        return self._run_stage("diagnosis_page", "", inputs, {}, make, own_effects=True)
 
     def _origin(self, recordings: Sequence[Path]) -> Origin:
         """Where a result that was made from these recordings comes from, for its card."""
