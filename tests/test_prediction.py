@@ -262,6 +262,23 @@ def test_constants_that_no_take_shows_are_left_out_and_named() -> None:
     assert "the start" not in found.sources
 
 
+def test_a_parameter_a_hair_from_its_bound_varies_inward_as_one_at_the_bound() -> None:
+    """A symmetric change would be of that hair, and its prediction the rounding of a thousand million such changes."""
+    model = with_errors()["newton-euler-augmented"]
+    assert isinstance(model, AugmentedNewtonEuler)
+    history = start_from_state(State(v_x=1.0, delta=0.05), model, np.zeros(2)).history
+    found = []
+    for value in (1e-15, 1e-9, 0.01):
+        name = "rear_rolling_viscous__b"
+        near = replace(model, effects={**model.effects, name: value}, facts={"se": {name: 0.5}})
+        varied = vary_constants(near)
+        assert [v.symbol for v in varied.variations] == [name]
+        found.append(constants_covariance(varied, history, drive(50))[-1])
+    assert found[0][3, 3] > 0.0
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
+    np.testing.assert_allclose(found[0], found[2], rtol=0.1, atol=1e-2 * np.abs(found[0]).max())
+
+
 def test_strong_correlations_alone_still_make_a_matrix_of_correlations() -> None:
     """a with b, b with c, but not a with c: no such errors exist, and the nearest that do are taken."""
     found = correlation_matrix(["a", "b", "c"], [("a", "b", 0.95), ("b", "c", 0.95)])
@@ -382,6 +399,18 @@ def test_tables_hold_the_prediction(fitted: FittedModel, tmp_path: Path) -> None
     np.testing.assert_array_equal(csv["yaw_rate_high_radps"], found.interval[1][:, 5])
     with pytest.raises(UsageError, match="csv"):
         found.write(tmp_path / "p.xlsx")
+
+
+def test_a_table_is_not_written_over_unasked(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text("kept", encoding="utf-8")
+    found = gliding().predict(np.zeros((3, 2)), State(v_x=1.0))
+    with pytest.raises(InputRefused, match="force=True"):
+        found.write(path)
+    assert path.read_text(encoding="utf-8") == "kept"
+    found.write(path, force=True)
+    assert path.read_text(encoding="utf-8").startswith("t_s,")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_leaves_the_data_is_warned_of_once_for_each_quantity(fitted: FittedModel) -> None:

@@ -22,10 +22,11 @@ from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import is_identified
 from bcid.physics.car import Car
+from bcid.prediction.limits import LIMITS as PREDICTION_LIMITS
 
 
 class ConstantVariation(NamedTuple):
-    """A model with one constant raised, and lowered, and the standard error as a multiple of this change."""
+    """A model with one constant raised, and lowered, and the standard error over half their difference."""
 
     symbol: str
     raised: Model
@@ -115,13 +116,14 @@ def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
         if error is None or not (math.isfinite(error) and error > 0.0):
             continue
         if symbol in model.effects:
-            change = _change_within(bounds[symbol], model.effects[symbol], error)
-            if change > 0.0:
+            value = model.effects[symbol]
+            up, down = _changes_within(bounds[symbol], value, error)
+            # what hardly may change shows its rounding alone, which the factor would make large
+            if up + down >= PREDICTION_LIMITS.min_change_share * error:
                 raised, lowered = (
-                    replace(model, effects={**model.effects, symbol: model.effects[symbol] + sign * change})
-                    for sign in (1, -1)
+                    replace(model, effects={**model.effects, symbol: value + change}) for change in (up, -down)
                 )
-                yield ConstantVariation(symbol, raised, lowered, error / change)
+                yield ConstantVariation(symbol, raised, lowered, 2.0 * error / (up + down))
         elif symbol in Car._fields:
             value = getattr(model.car, symbol)
             # drag may pass through zero; of the others, an error of half the value says that no take shows them
@@ -132,6 +134,9 @@ def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
                 yield ConstantVariation(symbol, raised, lowered)
 
 
-def _change_within(parameter: Parameter, value: float, error: float) -> float:
-    """The standard error `error` of a parameter's value, or less, so that both ends of the change are within bounds."""
-    return max(0.0, min(error, value - parameter.low, parameter.high - value))
+def _changes_within(parameter: Parameter, value: float, error: float) -> tuple[float, float]:
+    """How far a parameter's value is raised, and lowered: by its standard error `error`, or to the bound on that side.
+
+    Near a bound the change is one-sided, inward.
+    """
+    return max(0.0, min(error, parameter.high - value)), max(0.0, min(error, value - parameter.low))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,12 +14,13 @@ from bcid.estimate.command_parts import mean_commands
 from bcid.evaluation.noise_covariance import NORMAL_FACTOR, noise_covariance, predict_motion
 from bcid.evaluation.process_noise import ProcessNoise
 from bcid.evaluation.validity import ModelValidity
+from bcid.files.outputs import write_output
 from bcid.models.interface import Model
 from bcid.models.limits import LIMITS
 from bcid.prediction.constants import vary_constants
 from bcid.prediction.covariance import constants_covariance, start_covariance
 from bcid.prediction.start import InitialState
-from bcid.prediction.table import write_prediction_table
+from bcid.prediction.table import check_ending, write_prediction_table
 
 CONDITION = "it holds as far as the vehicle drives as it did in the takes that the model was fitted on"
 
@@ -67,13 +69,25 @@ class Prediction:
         made_of = ", ".join(self.sources) or "nothing that is known"
         return f"the covariance is of {made_of}; {'; '.join([*self.caveats, CONDITION])}"
 
-    def write(self, path: Path | str) -> None:
+    def write(self, path: Path | str, *, force: bool = False) -> None:
         """Write all rows as CSV or Parquet, by the ending of the path; units stand in the names of the columns.
+
+        The file appears whole or not at all; `force` lets it replace one that is there already.
 
         Raises:
             UsageError: the ending is another one.
+            InputRefused: a file is there already and may not be replaced, or the folder cannot be written to.
         """
-        write_prediction_table(Path(path), self.time_s, self.pose, self.twist, self.covariance, self.interval)
+        target = Path(path)
+        check_ending(target)
+        other = "name another file, or replace this one by force=True"
+        if not force and os.path.lexists(target):
+            raise InputRefused(target, "output", "exists already and would be overwritten", other)
+        write_output(target, self.write_rows, lambda there: force, other)
+
+    def write_rows(self, path: Path) -> None:
+        """Write the table to a new file, which whoever calls it moves to its place."""
+        write_prediction_table(path, self.time_s, self.pose, self.twist, self.covariance, self.interval)
 
 
 def predict_from(
