@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from own_plant import drive_over_strip
 from test_export import needs_casadi, needs_compiler, worst_error
 from typer.testing import CliRunner
 
+import bcid
 from bcid.cli.app import app
+from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.own_file import IN_USE, own_effects_in_use
 from bcid.errors import InputRefused, UsageError
 from bcid.export.augmented_formulas import trace_augmented
@@ -201,6 +204,38 @@ def test_a_pipeline_file_that_was_only_found_runs_no_code(
     assert isinstance(named.exception, InputRefused)
     assert "of another file" in str(named.exception)
     assert (home / "sprung").exists()
+
+
+@pytest.mark.parametrize("by", ["argument", "pipeline file", "context"])
+def test_in_python_a_diagnosis_ends_with_the_model_that_has_the_effect(
+    saved: Path, vehicle_file: Path, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    """Its last line loads the model; the diagnosis itself, which takes minutes, is put in its place."""
+    home, effects = saved.parent, saved.parent / "effects.py"
+    seen = []
+
+    def diagnosed(work: Pipeline, simulation: str | None) -> SimpleNamespace:
+        assert work._own_effects is not None
+        seen.append(work._own_effects.sha256)
+        return SimpleNamespace(folder=home)
+
+    monkeypatch.setattr(Pipeline, "diagnose", diagnosed)
+    monkeypatch.setattr(DiagnosisDocument, "read", lambda path: None)
+    (home / "pipeline.toml").write_text(
+        f'effects = "effects.py"\nvehicle = "{vehicle_file}"\ntraining = ["take.csv"]\n', encoding="utf-8"
+    )
+    if by == "argument":
+        found = bcid.diagnose("take.csv", vehicle=vehicle_file, out=home / "work", effects=effects)
+    elif by == "pipeline file":
+        found = bcid.diagnose(pipeline=home / "pipeline.toml")
+    else:
+        with bcid.own_effects(effects):
+            found = bcid.diagnose("take.csv", vehicle=vehicle_file, out=home / "work")
+    with bcid.own_effects(effects):
+        prediction = bcid.predict(found.model, np.tile([0.2, 1.0], (5, 1)))
+        assert len(bcid.load(saved).predict(np.tile([0.2, 1.0], (5, 1)))) == len(prediction) == 6
+    assert seen == [own_file(home, MAGNET).sha256]
+    assert not IN_USE
 
 
 @pytest.mark.slow
