@@ -13,7 +13,7 @@ from bcid.errors import InputRefused
 from bcid.estimate.command_parts import mean_commands
 from bcid.evaluation.noise_covariance import NORMAL_FACTOR, noise_covariance, predict_motion
 from bcid.evaluation.process_noise import ProcessNoise
-from bcid.evaluation.validity import ModelValidity
+from bcid.evaluation.validity import STEERED, ModelValidity
 from bcid.files.outputs import write_output
 from bcid.models.interface import Model
 from bcid.models.limits import LIMITS
@@ -135,7 +135,7 @@ def predict_from(
         covariance,
         tuple(text for text, holds in sources.items() if holds),
         tuple(text for text, holds in caveats.items() if holds),
-        _describe_exits(model, validity, motion[:, 3:], parts, start.time_s),
+        _describe_exits(model, validity, motion[:, 3:], parts, start),
     )
 
 
@@ -149,15 +149,16 @@ def _tail_factors(noise: ProcessNoise) -> Floats:
 
 
 def _describe_exits(
-    model: Model, validity: ModelValidity | None, twist: Floats, parts: Floats, begin_s: float
+    model: Model, validity: ModelValidity | None, twist: Floats, parts: Floats, start: InitialState
 ) -> tuple[str, ...]:
-    """Where twists (N + 1, 3) or commands first leave the model's data, in words, once for each quantity.
+    """Where the start, twists (N + 1, 3) or commands first leave the model's data, in words, once for each quantity.
 
-    The times in them count as those of the prediction do, which begins at `begin_s` (s).
+    The times in them count as those of the prediction do, which begins at that of the `start`.
     """
     if validity is None:
         return ()
     driven = mean_commands(parts)
-    exits = validity.range.first_exits(twist, np.vstack([driven, driven[-1:]]))
-    first = round(begin_s / model.period_s)
+    steered = [e for e in validity.range.start_exits(twist[0], start.steering_angle) if e.quantity == STEERED]
+    exits = [*steered, *validity.range.first_exits(twist, np.vstack([driven, driven[-1:]]))]
+    first = round(start.time_s / model.period_s)
     return tuple(e._replace(step=first + e.step).describe(model.period_s) for e in exits)
