@@ -34,7 +34,7 @@ def correlation_fact(symbols: Sequence[str], covariance: Floats) -> dict[str, An
     sd = np.sqrt(variance[known])
     rho = covariance[np.ix_(known, known)] / np.outer(sd, sd)
     np.fill_diagonal(rho, 1.0)
-    return {"symbols": [symbols[k] for k in known], "matrix": as_correlation(0.5 * (rho + rho.T)).tolist()}
+    return {"symbols": [symbols[k] for k in known.tolist()], "matrix": as_correlation(0.5 * (rho + rho.T)).tolist()}
 
 
 def as_correlation(matrix: Floats) -> Floats:
