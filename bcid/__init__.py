@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "bcid.api": (
         "Comparison", "DiagnosedRecordings", "compare", "diagnose", "estimate_motion", "export_code", "fit", "load",
-        "predict", "read",
+        "own_effects", "predict", "read",
     ),
     "bcid.prediction.fitted_model": ("FittedModel",),
     "bcid.prediction.motion": ("Motion",),

@@ -6,6 +6,7 @@ from bcid.api import estimate_motion as estimate_motion
 from bcid.api import export_code as export_code
 from bcid.api import fit as fit
 from bcid.api import load as load
+from bcid.api import own_effects as own_effects
 from bcid.api import predict as predict
 from bcid.api import read as read
 from bcid.errors import BcidError as BcidError

@@ -6,7 +6,8 @@ keep it there: what was made once is read again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -52,6 +53,23 @@ class DiagnosedRecordings:
         from bcid.report.verdict_words import verdict_sentence
 
         return verdict_sentence(self.document)
+
+
+@contextmanager
+def own_effects(file: AnyPath) -> Iterator[None]:
+    """Context in which the effects of a Python file of yours can be diagnosed, and models that have them be used.
+
+    The file is run: name only one that you wrote or have read (docs/own_effects.md).  Load such a model, and predict
+    with it, within the context.
+
+    Raises:
+        InputRefused: the file or one of its effects is wrong.
+        UsageError: the effects of another file are in use.
+    """
+    from bcid.effects.own_file import own_effects_in_use, read_own_effects
+
+    with own_effects_in_use(read_own_effects(Path(file))):
+        yield
 
 
 def read(recording: AnyPath, vehicle: AnyPath, commands: AnyPath | None = None) -> Recording:
@@ -154,7 +172,7 @@ def compare(
         recordings: training takes, whose spread weighs the errors; none for those of the pipeline file.
         vehicle: the vehicle file; None for that of the pipeline file.
         out: the folder of what is kept; None for the workspace of the pipeline file.
-        pipeline: a pipeline file, whose settings and models hold.
+        pipeline: a pipeline file, whose settings hold; its models are compared where `models` names none.
 
     Raises:
         UsageError: arguments are missing or do not go together.
@@ -166,7 +184,7 @@ def compare(
     config = _configure(recordings, vehicle, out, pipeline)
     asked = [m.folder if isinstance(m, FittedModel) else m for m in models]
     names = [m for m in asked if isinstance(m, str) and m in FITTABLE]
-    update: dict[str, object] = {"models": names or (config.models if pipeline is not None else [])}
+    update: dict[str, object] = {"models": config.models if pipeline is not None and not asked else names}
     if validation is not None:
         update["validation"] = Path(validation)
     work = Pipeline(config.model_copy(update=update))
@@ -182,6 +200,7 @@ def diagnose(
     pipeline: AnyPath | None = None,
     simulation: AnyPath | FittedModel | None = None,
     ignore_health: bool = False,
+    effects: AnyPath | None = None,
 ) -> DiagnosedRecordings:
     """Name the physics that recordings show and a model lacks, as `bcid diagnose` does it.
 
@@ -194,6 +213,8 @@ def diagnose(
             simulator's recording of the same car, or module:function; None for newton-euler, refitted on the
             recordings.
         ignore_health: whether recordings whose check says no-go are used all the same.
+        effects: a Python file of effects of your own, which is run; None for that of the pipeline file.  A model in
+            which some were found is used within `own_effects`.
 
     Raises:
         UsageError: arguments are missing or do not go together.
@@ -202,17 +223,23 @@ def diagnose(
     from bcid.pipeline.run import Pipeline
 
     config = _configure(recordings, vehicle, out, pipeline).model_copy(update={"ignore_health": ignore_health})
+    if effects is not None:
+        config = config.model_copy(update={"effects": Path(effects)})
     against = simulation.folder if isinstance(simulation, FittedModel) else simulation
-    folder = Pipeline(config).diagnose(None if against is None else str(against)).folder
+    work = Pipeline(config)
+    folder = work.diagnose(None if against is None else str(against)).folder
     document = DiagnosisDocument.read(folder / "diagnosis.json")
-    return DiagnosedRecordings(document, load_fitted_model(folder / "model"), folder / "diagnosis.html")
+    with work.runner.own_effects_of(folder / "model"):
+        model = load_fitted_model(folder / "model")
+    return DiagnosedRecordings(document, model, folder / "diagnosis.html")
 
 
 def load(folder: AnyPath) -> FittedModel:
     """Load a saved model, with its process noise and the range of its data.
 
     Raises:
-        InputRefused: there is no model in the folder, or it is damaged.
+        InputRefused: there is no model in the folder, it is damaged, or it has effects of a user's own and their file
+            is not in use (`own_effects`).
     """
     return load_fitted_model(Path(folder))
 

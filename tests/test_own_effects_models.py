@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from own_plant import drive_over_strip
 from test_export import needs_casadi, needs_compiler, worst_error
 from typer.testing import CliRunner
 
+import bcid
 from bcid.cli.app import app
+from bcid.documents.diagnosis import DiagnosisDocument
 from bcid.effects.own_file import IN_USE, own_effects_in_use
 from bcid.errors import InputRefused, UsageError
 from bcid.export.augmented_formulas import trace_augmented
@@ -132,23 +135,30 @@ def test_effects_lists_those_of_a_file(tmp_path: Path) -> None:
     assert "worn_horn" not in run("effects").stdout
 
 
-def test_commands_that_read_a_model_ask_for_its_file(saved: Path, tmp_path: Path) -> None:
+def test_commands_that_use_a_model_ask_for_its_file(saved: Path, tmp_path: Path, vehicle_file: Path) -> None:
+    take = tmp_path / "strip.csv"
+    write_motive_take(take, drive_over_strip(STIFFNESS, 30.0, 4), 60.0, 0)
     effects, commands = tmp_path / "effects.py", tmp_path / "drive.commands.csv"
     rows = "".join(f"{0.1 * k:.1f},0.2,1.0\n" for k in range(50))
     commands.write_text(f"time_s,steering_rad,throttle_mps\n{rows}", encoding="utf-8")
     of_command: dict[str, list[str | Path]] = {
         "export": [saved, "--format", "python"],
         "simulate": ["driven", "--model", saved, "--commands", commands],
+        "predict": [saved, "--commands", commands],
+        "view": [take, "--vehicle", vehicle_file, "--model", saved],
+        "adapt": [saved, take, "--vehicle", vehicle_file],
     }
+    files = {"predict": "table.csv", "view": "take.mcap"}
     for command, words in of_command.items():
-        out = tmp_path / command
+        (tmp_path / command).mkdir()
+        out = tmp_path / command / files.get(command, "made")
         refused = run(command, *words, "--out", out)
         assert isinstance(refused.exception, InputRefused)
         assert "--effects" in str(refused.exception)
-        assert not out.exists()
+        assert not out.exists() or command == "adapt"  # which keeps the take's motion there
         done = run(command, *words, "--out", out, "--effects", effects)
-        assert done.exit_code == 0, (done.output, done.exception)
-        assert list(out.iterdir())
+        assert done.exit_code == 0, (command, done.output, done.exception)
+        assert out.is_file() or list(out.iterdir())
     alone = run("simulate", "--effects", effects)
     assert isinstance(alone.exception, UsageError)
 
@@ -166,6 +176,66 @@ def test_a_pipeline_file_names_a_file_of_effects(saved: Path, vehicle_file: Path
     (saved.parent / "effects.py").write_text("import os\n", encoding="utf-8")
     with pytest.raises(InputRefused, match="imports os"):
         Pipeline(read_pipeline_file(path)).load_for_comparison(saved)
+
+
+def test_a_pipeline_file_that_was_only_found_runs_no_code(
+    saved: Path, vehicle_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stages that need no effects never run the file, and others run it where a person named it or what names it."""
+    home = saved.parent
+    monkeypatch.chdir(home)
+    write_motive_take(home / "take.csv", drive_over_strip(STIFFNESS, 30.0, 4), 60.0, 0)
+    (home / "sprung.py").write_text(f"open({str(home / 'sprung')!r}, 'w').close()\n{MAGNET}", encoding="utf-8")
+    (home / "pipeline.toml").write_text(
+        f'effects = "sprung.py"\nvehicle = "{vehicle_file}"\ntraining = ["take.csv"]\nworkspace = "work"\n',
+        encoding="utf-8",
+    )
+    for words in (["ingest"], ["ingest", "-p", "pipeline.toml"], ["estimate"]):
+        done = run(*words)
+        assert done.exit_code == 0, (done.output, done.exception)
+    refused = run("diagnose")
+    assert isinstance(refused.exception, InputRefused)
+    assert "if you trust it, give --effects sprung.py, or -p pipeline.toml" in str(refused.exception)
+    refused = run("adapt", saved, "take.csv")
+    assert isinstance(refused.exception, InputRefused)
+    assert "sprung.py" in str(refused.exception)
+    assert not (home / "sprung").exists()
+    named = run("adapt", saved, "take.csv", "-p", "pipeline.toml")
+    assert isinstance(named.exception, InputRefused)
+    assert "of another file" in str(named.exception)
+    assert (home / "sprung").exists()
+
+
+@pytest.mark.parametrize("by", ["argument", "pipeline file", "context"])
+def test_in_python_a_diagnosis_ends_with_the_model_that_has_the_effect(
+    saved: Path, vehicle_file: Path, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    """Its last line loads the model; the diagnosis itself, which takes minutes, is put in its place."""
+    home, effects = saved.parent, saved.parent / "effects.py"
+    seen = []
+
+    def diagnosed(work: Pipeline, simulation: str | None) -> SimpleNamespace:
+        assert work._own_effects is not None
+        seen.append(work._own_effects.sha256)
+        return SimpleNamespace(folder=home)
+
+    monkeypatch.setattr(Pipeline, "diagnose", diagnosed)
+    monkeypatch.setattr(DiagnosisDocument, "read", lambda path: None)
+    (home / "pipeline.toml").write_text(
+        f'effects = "effects.py"\nvehicle = "{vehicle_file}"\ntraining = ["take.csv"]\n', encoding="utf-8"
+    )
+    if by == "argument":
+        found = bcid.diagnose("take.csv", vehicle=vehicle_file, out=home / "work", effects=effects)
+    elif by == "pipeline file":
+        found = bcid.diagnose(pipeline=home / "pipeline.toml")
+    else:
+        with bcid.own_effects(effects):
+            found = bcid.diagnose("take.csv", vehicle=vehicle_file, out=home / "work")
+    with bcid.own_effects(effects):
+        prediction = bcid.predict(found.model, np.tile([0.2, 1.0], (5, 1)))
+        assert len(bcid.load(saved).predict(np.tile([0.2, 1.0], (5, 1)))) == len(prediction) == 6
+    assert seen == [own_file(home, MAGNET).sha256]
+    assert not IN_USE
 
 
 @pytest.mark.slow

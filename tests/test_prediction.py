@@ -13,6 +13,7 @@ import pytest
 from exported_models import MODELS, PERIOD_S
 
 from bcid.aliases import Floats
+from bcid.diagnosis.judge.prediction_error import model_from_fit
 from bcid.errors import InputRefused, UsageError
 from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import integrate_poses
@@ -20,10 +21,17 @@ from bcid.evaluation.limits import LIMITS
 from bcid.evaluation.noise_covariance import NORMAL_FACTOR, calibrate_pose_factor, noise_covariance, predict_motion
 from bcid.evaluation.process_noise import ProcessNoise, sample_rollouts
 from bcid.evaluation.validity import DataRange, ModelValidity
+from bcid.files.json import read_json, write_json
 from bcid.files.parquet import read_columns
+from bcid.likelihood.hypothesis import Hypothesis
+from bcid.likelihood.marginal import Scales
+from bcid.likelihood.refit import Fit
+from bcid.likelihood.refit_state import Tangent
 from bcid.models.interface import History, Model, history_at
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
+from bcid.models.newton_euler.parameters import constant_facts
+from bcid.models.saving import load_model, save_model
 from bcid.prediction.commands import read_command_parts
 from bcid.prediction.constants import correlation_matrix, vary_constants
 from bcid.prediction.covariance import constants_covariance
@@ -234,6 +242,77 @@ def test_drawn_constants_make_the_linearised_covariance(name: str) -> None:
     assert_covariances_agree(np.array(draws)[:, ROWS], found[ROWS], allowed=0.1)
 
 
+def fit_with_correlations() -> Fit:
+    """A car with an effect, fitted: all errors of 3 %, of stiffness and grip, and of both drags, strongly dependent."""
+    car = MODELS["newton-euler-augmented"]
+    assert isinstance(car, AugmentedNewtonEuler)
+    hypothesis = Hypothesis(("rear_rolling_viscous",), car.car, car.angle_limit, car.constants)
+    phi, names = hypothesis.phi_of(car.car, [4.0]), hypothesis.parameter_names
+    rho = np.eye(len(names))
+    for a, b, r in (("C_f", "C_r", 0.9), ("R_1", "R_2", -0.8), ("K_t", "R_1", 0.25), ("R_1", names[-1], -0.2)):
+        i, j = names.index(a), names.index(b)
+        rho[i, j] = rho[j, i] = r
+    assert np.linalg.eigvalsh(rho)[0] > 0.0
+    sd = 0.03 * np.where(np.arange(len(names)) < len(hypothesis.log_parameters), 1.0, 2.0 * np.abs(phi))
+    scales = Scales(np.ones(3), np.ones(3))
+    nothing = np.zeros(0)
+    return Fit(
+        hypothesis, phi, nothing, scales, 0.0, nothing, rho * np.outer(sd, sd), Tangent(nothing, nothing)
+    )  # fmt: skip
+
+
+def test_parameters_drawn_from_a_fit_s_covariance_make_the_saved_model_s(tmp_path: Path) -> None:
+    fit, parts, rng = fit_with_correlations(), drive(100), np.random.default_rng(7)
+    save_model(model_from_fit(fit, 60.0, PERIOD_S), tmp_path)
+    model = load_model(tmp_path)
+    history = start_from_state(State(v_x=1.0, delta=0.05), model, parts[0, 0, 1:3]).history
+    varied = vary_constants(model)
+    assert varied.left_out == ()
+    found = constants_covariance(varied, history, parts)
+    drawn = [
+        predict_motion(model_from_fit(replace(fit, phi=phi), 60.0, PERIOD_S), history, parts)
+        for phi in rng.multivariate_normal(fit.phi, fit.covariance, DRAWS)
+    ]
+    assert_covariances_agree(np.array(drawn)[:, ROWS], found[ROWS], allowed=0.1)
+    # an earlier version's file is read, and counts them as independent, which is far off
+    data = read_json(tmp_path / "model.json")
+    data.pop("sha256", None)
+    del data["facts"]["correlation"]
+    write_json(tmp_path / "model.json", data)
+    independent = constants_covariance(vary_constants(load_model(tmp_path)), history, parts)
+    assert np.abs(independent[-1] / found[-1] - 1.0).max() > 0.3
+
+
+def test_a_fit_to_recordings_states_all_correlations_of_what_it_identifies() -> None:
+    covariance = np.array([[4.0, 1.2, np.nan], [1.2, 1.0, np.nan], [np.nan, np.nan, np.nan]])
+    about = {symbol: {"unit": "N/rad", "meaning": ""} for symbol in ("C_f", "C_r", "F_r_max")}
+    facts = constant_facts(about, covariance, np.array([0.02, 0.01, np.nan]), [])
+    assert facts["correlated"] == []
+    car = MODELS["newton-euler"]
+    assert isinstance(car, NewtonEuler)
+    varied = vary_constants(replace(car, facts={**facts, "top_speed_mps": 2.0}))
+    assert [v.symbol for v in varied.variations] == ["C_f", "C_r"]
+    np.testing.assert_allclose(varied.correlation, [[1.0, 0.6], [0.6, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("matrix", "said"),
+    [
+        ([[1.0, 0.5]], "one row and one column"), ([[1.0, 0.5], [0.4, 1.0]], "symmetric"),
+        ([[0.9, 0.5], [0.5, 1.0]], "diagonal"), ([[1.0, 1.5], [1.5, 1.0]], "less than or equal to 1"),
+    ],
+)  # fmt: skip
+def test_what_is_no_correlation_is_refused_where_a_model_is_read(
+    matrix: list[list[float]], said: str, tmp_path: Path
+) -> None:
+    model = with_errors()["newton-euler-augmented"]
+    assert isinstance(model, AugmentedNewtonEuler)
+    wrong = {"symbols": ["C_f", "K_t"], "matrix": matrix}
+    save_model(replace(model, facts={**model.facts, "correlation": wrong}), tmp_path)
+    with pytest.raises(InputRefused, match=said):
+        load_model(tmp_path)
+
+
 def changed(model: Model, errors: dict[str, float]) -> Model:
     """The model with its constants off by so many standard errors, written without the code under test."""
     if isinstance(model, AugmentedNewtonEuler):
@@ -260,6 +339,23 @@ def test_constants_that_no_take_shows_are_left_out_and_named() -> None:
     assert "no process noise is known of this model" in found.caveats
     assert "the constants" in found.sources
     assert "the start" not in found.sources
+
+
+def test_a_parameter_a_hair_from_its_bound_varies_inward_as_one_at_the_bound() -> None:
+    """A symmetric change would be of that hair, and its prediction the rounding of a thousand million such changes."""
+    model = with_errors()["newton-euler-augmented"]
+    assert isinstance(model, AugmentedNewtonEuler)
+    history = start_from_state(State(v_x=1.0, delta=0.05), model, np.zeros(2)).history
+    found = []
+    for value in (1e-15, 1e-9, 0.01):
+        name = "rear_rolling_viscous__b"
+        near = replace(model, effects={**model.effects, name: value}, facts={"se": {name: 0.5}})
+        varied = vary_constants(near)
+        assert [v.symbol for v in varied.variations] == [name]
+        found.append(constants_covariance(varied, history, drive(50))[-1])
+    assert found[0][3, 3] > 0.0
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
+    np.testing.assert_allclose(found[0], found[2], rtol=0.1, atol=1e-2 * np.abs(found[0]).max())
 
 
 def test_strong_correlations_alone_still_make_a_matrix_of_correlations() -> None:
@@ -382,6 +478,38 @@ def test_tables_hold_the_prediction(fitted: FittedModel, tmp_path: Path) -> None
     np.testing.assert_array_equal(csv["yaw_rate_high_radps"], found.interval[1][:, 5])
     with pytest.raises(UsageError, match="csv"):
         found.write(tmp_path / "p.xlsx")
+
+
+def test_a_start_beyond_the_data_is_warned_of(fitted: FittedModel) -> None:
+    """Also of what no command says: a wheel turned by 3 rad, where no take steered beyond 0.3 rad."""
+    narrow = replace(fitted, validity=ModelValidity(None, NARROW))
+    commands = np.tile([0.1, 0.5], (5, 1))
+    assert not any("delta" in text for text in narrow.predict_quietly(commands, State(v_x=0.5, delta=0.3), None).exits)
+    found = narrow.predict_quietly(commands, State(v_x=0.5, delta=3.0), None).exits
+    assert found[0] == "delta is 3 rad at 0.0 s, the takes go up to 0.3 rad"
+    with pytest.warns(BeyondData) as told:
+        car = narrow.begin(State(v_x=5.0, delta=-3.0))
+    assert [str(w.message).partition(": ")[2].split(" ")[0] for w in told] == ["delta", "v_x"]
+    assert {w.filename for w in told} == {__file__}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        narrow.begin(State(v_x=0.5, delta=-0.2))
+        # what was told once is not told again
+        assert car.warned == {"v_x", "delta"}
+        assert narrow.validity is not None
+        car.warn_of(narrow.validity.range.start_exits(car.twist, -3.0), 2)
+
+
+def test_a_table_is_not_written_over_unasked(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text("kept", encoding="utf-8")
+    found = gliding().predict(np.zeros((3, 2)), State(v_x=1.0))
+    with pytest.raises(InputRefused, match="force=True"):
+        found.write(path)
+    assert path.read_text(encoding="utf-8") == "kept"
+    found.write(path, force=True)
+    assert path.read_text(encoding="utf-8").startswith("t_s,")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_leaves_the_data_is_warned_of_once_for_each_quantity(fitted: FittedModel) -> None:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 DEFAULT_FOLDER = Path("adapted")
 DEFAULT_FORGET_S = 120.0
 NAME = "car"
+C_FILES = ("_adapt.h", "_adapt.c", "_adapt_test.c")
+"""What follows the name in those of the files in C."""
 
 
 def adapt(
@@ -56,17 +58,20 @@ def adapt(
     from bcid.adaptation.adapt import adapt as adapt_model
     from bcid.adaptation.adapt import as_adaptable
     from bcid.adaptation.recovery import errors_over_time
-    from bcid.adaptation.write import write_adaptation
+    from bcid.adaptation.write import DOCUMENT, TABLE, write_adaptation
     from bcid.cli.sink import Sink
     from bcid.estimate.saving import load_estimate
     from bcid.export.names import check_name
-    from bcid.files.outputs import staged_outputs
+    from bcid.files.outputs import refuse_to_overwrite, staged_outputs
     from bcid.models.saving import load_model, model_digest
     from bcid.pipeline.named_models import find_model
     from bcid.pipeline.run import Pipeline
     from bcid.recording.saving import load_recording
 
     sink, name = Sink(format), check_name(name)
+    refuse_to_overwrite(
+        [out / file for file in (TABLE, DOCUMENT, *(name + end for end in C_FILES))], lambda path: force
+    )
     # what is ingested and estimated lies in the pipeline file's workspace, or without one beside the results
     home = out if vehicle and not pipeline else None
     config = options.read_config(
@@ -76,7 +81,7 @@ def adapt(
     work = Pipeline(config, sink)
     work.refuse_unusable([recording])
     taken, estimated = work.ingest(recording), work.estimate(recording)
-    with sink.stage("adapt") as progress, options.own_effects(config.effects):
+    with sink.stage("adapt") as progress, work.runner.own_effects_of(folder):
         estimate = load_estimate(estimated.folder)
         car = as_adaptable(load_model(folder), work.vehicle, estimate)
         progress(0.1, "the filter")

@@ -141,6 +141,8 @@ def find_pipeline_file() -> Path | None:
 def read_pipeline(pipeline: Path | None, note: Note = lambda text: None) -> PipelineConfig:
     """The configuration of the pipeline file that is named, or that is found; `note` is told of one that is found.
 
+    The user's effects that a file names are code, and one that was only found runs none.
+
     Raises:
         InputRefused: there is none, or it has problems.
     """
@@ -149,7 +151,8 @@ def read_pipeline(pipeline: Path | None, note: Note = lambda text: None) -> Pipe
     chosen = pipeline or find_pipeline_file()
     if pipeline is None and chosen is not None:
         note(f"pipeline file: {chosen}")
-    return read_pipeline_file(chosen or PIPELINE_FILE)
+    config = read_pipeline_file(chosen or PIPELINE_FILE)
+    return config.model_copy(update={"effects_named": pipeline is not None})
 
 
 def workspace_of(pipeline: Path | None) -> Path | None:
@@ -199,7 +202,7 @@ def read_config(
     said: dict[str, Any] = {
         "allow_partial": allow_partial, "force": force, "ignore_health": ignore_health, "command": command_line(),
     }  # fmt: skip
-    said |= {} if effects is None else {"effects": effects}
+    said |= {} if effects is None else {"effects": effects, "effects_named": True}
     if not recordings:
         if vehicle or out or commands:
             raise UsageError("--vehicle, --out and --commands go with recordings\n  next: name recordings, or use -p")

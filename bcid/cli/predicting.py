@@ -84,14 +84,15 @@ def predict(
     if out.resolve() in given:
         raise UsageError(f"{out} would be written over\n  next: {OTHER_TABLE}")
     refuse_to_overwrite([out], lambda path: force, OTHER_TABLE)
+    # all that uses the model: its steps and the variations of its constants read the vocabulary, not the loading alone
     with options.own_effects(effects):
         fitted = load_fitted_model(find_model(model, lambda: options.workspace_of(pipeline)))
-    start: State | Moment = State.parse(state, sd)
-    if recording is not None and at is not None:
-        start = _estimate_moment(recording, at, vehicle, pipeline, fitted.period_s, sink)
-    with sink.stage("predict"):
-        prediction = fitted.predict_quietly(commands, start, duration)
-    write_output(out, prediction.write, lambda path: force, OTHER_TABLE)
+        start: State | Moment = State.parse(state, sd)
+        if recording is not None and at is not None:
+            start = _estimate_moment(recording, at, vehicle, pipeline, fitted.period_s, sink)
+        with sink.stage("predict"):
+            prediction = fitted.predict_quietly(commands, start, duration)
+    write_output(out, prediction.write_rows, lambda path: force, OTHER_TABLE)
     sink.result(_as_json(prediction, out), lambda: _table(prediction, fitted.name))
     for text in prediction.exits:
         sink.note(f"warning: beyond the data it was fitted on: {text}")

@@ -30,6 +30,10 @@ QUANTITIES = {
 }  # fmt: skip
 
 
+STEERED = "delta"
+"""The steering angle of a start, which no command led to; it is compared with the range of the steering command u_s."""
+
+
 class RangeExit(NamedTuple):
     """Where a rollout first leaves the range of one quantity."""
 
@@ -40,7 +44,7 @@ class RangeExit(NamedTuple):
 
     def describe(self, period_s: float) -> str:
         """The exit in words, with its time for steps of `period_s`."""
-        unit, side = QUANTITIES[self.quantity], "up to" if self.value > self.limit else "down to"
+        unit, side = (QUANTITIES | {STEERED: "rad"})[self.quantity], "up to" if self.value > self.limit else "down to"
         value, limit = (f"{v:.3g} {unit}".strip() for v in (self.value, self.limit))
         return f"{self.quantity} is {value} at {self.step * period_s:.1f} s, the takes go {side} {limit}"
 
@@ -66,6 +70,13 @@ class DataRange(NamedTuple):
             value = float(table[k, c])
             exits.append(RangeExit(k, list(QUANTITIES)[c], value, float(high[c] if value > high[c] else low[c])))
         return sorted(exits)
+
+    def start_exits(self, twist: Floats, delta: float) -> list[RangeExit]:
+        """What of a start is outside the range: its twist (3,), or the angle `delta` (rad) that is steered there."""
+        of_command = list(QUANTITIES).index("u_s")
+        u_m = 0.5 * (self.low[of_command + 1] + self.high[of_command + 1])
+        exits = self.first_exits(twist[None], np.array([[delta, u_m]]))
+        return [e._replace(quantity=STEERED) if e.quantity == "u_s" else e for e in exits]
 
     def share_outside(self, twist: Floats, command: Floats) -> float:
         """The share of rows of a motion at which any quantity is outside the range; twist (N, 3), command (N, 2)."""

@@ -60,6 +60,15 @@ def _require_own_effects(folder: Path, data: dict[str, Any], digest: object) -> 
     raise InputRefused(folder, _JSON, cause, f"name the file with which it was made; a copy of it is {copy}")
 
 
+def has_own_effects(folder: Path) -> bool:
+    """Whether the model saved in `folder` says that it has effects of a user's own; False where there is no model."""
+    try:
+        return OWN_DIGEST in read_json(folder / _JSON)
+    # whoever loads the model says what is wrong with the file
+    except (OSError, ValueError):
+        return False
+
+
 def model_digest(folder: Path) -> str:
     """The SHA-256 of the model saved in `folder`, which holds that of its arrays, in hex digits."""
     return file_sha256(folder / _JSON)

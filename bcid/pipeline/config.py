@@ -102,6 +102,7 @@ class PipelineConfig(PipelineFile):
     allow_partial: bool = False  # recordings of which a part cannot be read are used without it
     ignore_health: bool = False  # recordings whose check says no-go are used all the same
     command: str = ""  # the command line that asked for it, for the cards of what is made
+    effects_named: bool = True  # False where a pipeline file that was only found names `effects`: they are not run
     force: bool = False  # results replace files where they are published, whoever wrote those
 
     def recordings(self) -> list[Path]:

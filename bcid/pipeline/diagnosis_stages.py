@@ -47,7 +47,8 @@ class DiagnosisStages:
         `simulation` is a saved model's folder, a TOML file of parameters, another simulator's recording of the car, or
         module:function.
         """
-        recordings, vehicle = self.recordings(), self.runner.vehicle
+        # the user's effects are read before anybody has waited
+        own_effects, recordings, vehicle = self.runner.own_effects, self.recordings(), self.runner.vehicle
         self.takes.refuse_unusable([*recordings, *self.runner.config.training])
         twice = "name each take once: two would count as twice the evidence"
         self.takes.refuse_repeats(recordings, (), "diagnose", twice)
@@ -63,8 +64,8 @@ class DiagnosisStages:
             "simulation": None if path is None or simulated else self._simulation_key(path),
             "names": names,
         }
-        if self.runner.own_effects is not None:
-            inputs["effects"] = self.runner.own_effects.sha256
+        if own_effects is not None:
+            inputs["effects"] = own_effects.sha256
 
         def make(folder: Path, progress: Progress) -> None:
             from bcid.evaluation.seen_takes import save_seen_takes
@@ -77,7 +78,7 @@ class DiagnosisStages:
             )  # fmt: skip
             save_seen_takes([self.takes.steps(p) for p in recordings], folder / "model")
 
-        return self.runner.run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE)
+        return self.runner.run_stage("diagnose", "", inputs, {}, make, SEEN_TAKES_MODULE, own_effects=True)
 
     def find_diagnosis(self) -> Artifact | None:
         """Artifact of the diagnosis of the configuration's recordings; None where none was made of them as they are."""
@@ -103,7 +104,7 @@ class DiagnosisStages:
 
             diagnosis_page.run_diagnosis_page_stage(folder, diagnosis.folder, origin)
 
-        return self.runner.run_stage("diagnosis_page", "", inputs, {}, make)
+        return self.runner.run_stage("diagnosis_page", "", inputs, {}, make, own_effects=True)
 
     def _motion(self, recording: Path) -> IngestedMotion:
         """A recording, read, and its estimated motion."""

@@ -91,6 +91,8 @@ class ModelStages:
 
     def evaluate(self, model: ComparedModel) -> Artifact:
         """Artifact of one model's predictions of the validation recording, and their errors."""
+        from bcid.models.saving import has_own_effects
+
         config = self.runner.config
         validation = self.takes.estimate(self.takes.validation_recording())
         training = [self.takes.estimate(p) for p in config.training]
@@ -103,7 +105,10 @@ class ModelStages:
             takes = [a.folder for a in training]
             evaluate.run_evaluate_stage(folder, model.folder, validation.folder, takes, settings["restart_s"])
 
-        return self.runner.run_stage("evaluate", model.label, inputs, settings, make, model.module)
+        own = has_own_effects(model.folder)
+        return self.runner.run_stage(
+            "evaluate", model.label, inputs, settings, make, model.module, own_effects=own
+        )  # fmt: skip
 
     def score(self, model: ComparedModel) -> EvaluationDocument:
         """The closed-loop error of one model on the validation recording, the same as in the report.
@@ -133,7 +138,7 @@ class ModelStages:
         from bcid.evaluation.validity import FILE_NAME as VALIDITY_FILE
         from bcid.models.saving import FILES, load_model
 
-        with self.runner.own_effects_in_use():
+        with self.runner.own_effects_of(folder):
             model, period_s = load_model(folder), self.runner.config.estimate.period_s
         if abs(model.period_s - period_s) > LIMITS.max_period_difference_s:
             cause = f"steps by {model.period_s:g} s, but the pipeline's grid has {period_s:g} s"

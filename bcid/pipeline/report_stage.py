@@ -75,7 +75,11 @@ class ReportStage:
             UsageError: there is no model to compare.
             InputRefused: a recording or a saved model cannot be used, or the validation take is one of training.
         """
+        from bcid.models.saving import has_own_effects
+
         config = self.runner.config
+        if extent.diagnosis and config.diagnose:
+            self.runner.refuse_unnamed_effects()
         models = config.models if models is None else models
         self.models.refuse_untrainable(models)
         self.takes.refuse_unusable([*config.recordings(), *(config.diagnose if extent.diagnosis else ())])
@@ -86,7 +90,8 @@ class ReportStage:
             _write_report(folder, parts, settings)
 
         modules = [c.module for c, _ in parts.models]
-        return self.runner.run_stage("report", "", parts.inputs(), settings, make, *modules)
+        own = parts.diagnosis is not None or any(has_own_effects(c.folder) for c, _ in parts.models)
+        return self.runner.run_stage("report", "", parts.inputs(), settings, make, *modules, own_effects=own)
 
     def _gather(self, saved_models: Sequence[Path], models: Sequence[str], extent: ReportExtent) -> ReportParts:
         """Make or find all that the report is made from."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bcid.aliases import Progress
+from bcid.errors import InputRefused
 from bcid.files.source_code import stage_code
 from bcid.pipeline.config import PipelineConfig
 from bcid.pipeline.watching import Watcher
@@ -57,11 +58,12 @@ class StageRunner:
 
     def run_stage(
         self, stage: str, subject: str, inputs: Mapping[str, Any], settings: Mapping[str, Any],
-        make: Callable[[Path, Progress], None], *modules: str, seed: int | None = None,
+        make: Callable[[Path, Progress], None], *modules: str, seed: int | None = None, own_effects: bool = False,
     ) -> Artifact:  # fmt: skip
         """Return the stage's artifact, from the cache where it is there, else made by `make(folder, progress)`.
 
         `subject` stands after the stage's name in messages; `modules` run beside the stage's own and count in its key.
+        The user's file of effects is code: it is run, and in use, only where the stage needs `own_effects`.
 
         Raises:
             NotMadeYet: it is a fit or a diagnosis that is not there, and this runner only reuses such.
@@ -75,7 +77,7 @@ class StageRunner:
             raise NotMadeYet
 
         def watched(folder: Path) -> None:
-            with self.watcher.stage(title) as progress, self.own_effects_in_use():
+            with self.watcher.stage(title) as progress, self.own_effects_in_use(own_effects):
                 make(folder, progress)
 
         artifact = self.store.get_or_make(recipe, watched)
@@ -86,16 +88,43 @@ class StageRunner:
 
     @cached_property
     def own_effects(self) -> OwnFile | None:
-        """The user's own effects, read and checked; None where the configuration names no file of them."""
+        """The user's own effects: of the file that the configuration names, read and checked, or of one in use already.
+
+        None where there is neither.
+
+        Raises:
+            InputRefused: the file is wrong, or nobody named it, nor the pipeline file that names it: it is code.
+        """
+        from bcid.effects.own_file import IN_USE, read_own_effects
+
         if self.config.effects is None:
-            return None
-        from bcid.effects.own_file import read_own_effects
+            return IN_USE[0] if IN_USE else None
+        self.refuse_unnamed_effects()
 
         return read_own_effects(self.config.effects)
 
-    def own_effects_in_use(self) -> AbstractContextManager[None]:
-        """Context in which the vocabulary holds the user's own effects beside its own."""
-        if self.own_effects is None:
+    def refuse_unnamed_effects(self) -> None:
+        """Raise `InputRefused` where the user's file of effects is named only by a pipeline file that nobody named."""
+        if self.config.effects is not None and not self.config.effects_named:
+            cause = f"names {self.config.effects}, a program that would be run; this pipeline file was only found here"
+            step = f"read that file; if you trust it, give --effects {self.config.effects}, or -p {self.config.source}"
+            raise InputRefused(self.config.source, "effects", cause, step)
+
+    def own_effects_of(self, model: Path) -> AbstractContextManager[None]:
+        """Context in which the model saved in the folder `model` can be loaded and used.
+
+        The user's own effects are in the vocabulary where the model has some.
+
+        Raises:
+            InputRefused: the user's file of effects is wrong, or nobody named it.
+        """
+        from bcid.models.saving import has_own_effects
+
+        return self.own_effects_in_use(has_own_effects(model))
+
+    def own_effects_in_use(self, needed: bool) -> AbstractContextManager[None]:
+        """Context in which the vocabulary holds the user's own effects beside its own, if they are `needed`."""
+        if not needed or self.own_effects is None:
             return nullcontext()
         from bcid.effects.own_file import own_effects_in_use
 

@@ -1,7 +1,8 @@
 """How well a model's constants are known, as far as the model states it: pairs of models, one standard error apart.
 
-A Newton-Euler car states relative standard errors and the pairs of constants that are strongly correlated, a car with
-effects standard errors alone.  Other models state nothing of their numbers, whose error is in their process noise.
+A Newton-Euler car states relative standard errors and their correlations, a car with effects those of its parameters,
+too.  Of earlier versions the first states the pairs alone that are strongly correlated, the second no correlation.
+Other models state nothing of their numbers, whose error is in their process noise.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,11 +23,13 @@ from bcid.models.limits import LIMITS
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
 from bcid.models.newton_euler.model import NewtonEuler
 from bcid.models.newton_euler.parameters import drag_per_speed, is_identified, values_of_constants
+from bcid.models.newton_euler.saved_car import as_correlation
 from bcid.physics.car import Car
+from bcid.prediction.limits import LIMITS as PREDICTION_LIMITS
 
 
 class ConstantVariation(NamedTuple):
-    """A model with one constant raised, and lowered, and the standard error as a multiple of this change."""
+    """A model with one constant raised, and lowered, and the standard error over half their difference."""
 
     symbol: str
     raised: Model
@@ -50,23 +54,35 @@ def vary_constants(model: Model) -> VariedConstants:
         variations = {v.symbol: v for v in _vary_car(model)}
         return VariedConstants(
             tuple(variations.values()),
-            correlation_matrix(list(variations), model.facts.get("correlated", ())),
+            _stated_correlation(list(variations), model.facts),
             tuple(s for s in model.facts.get("fitted", {}) if s not in variations),
         )
     if isinstance(model, AugmentedNewtonEuler):
         variations = {v.symbol: v for v in _vary_augmented(model)}
         known = (*model.facts.get("fitted", ()), *model.effects)
         return VariedConstants(
-            tuple(variations.values()), np.eye(len(variations)), tuple(s for s in known if s not in variations)
+            tuple(variations.values()),
+            _stated_correlation(list(variations), model.facts),
+            tuple(s for s in known if s not in variations),
         )
     return VariedConstants((), np.empty((0, 0)), ())
 
 
-def correlation_matrix(symbols: list[str], pairs: object) -> Floats:
-    """The correlation (n, n) of n errors of which only strong `pairs` (symbol, symbol, correlation) are stated.
+def _stated_correlation(symbols: list[str], facts: Mapping[str, Any]) -> Floats:
+    """The correlation (n, n) of n constants' errors: as a model's facts state all of it, or strong pairs alone."""
+    whole = facts.get("correlation")
+    if whole is None:
+        return correlation_matrix(symbols, facts.get("correlated", ()))
+    rows, matrix = list(whole["symbols"]), whole["matrix"]
+    pairs = [(a, b, matrix[rows.index(a)][rows.index(b)]) for a, b in combinations(symbols, 2) if {a, b} <= {*rows}]
+    return correlation_matrix(symbols, pairs)
 
-    The others are zero; since such a matrix need not be one of correlations, it is replaced by the one of its positive
-    eigenvalues, scaled to a diagonal of ones.
+
+def correlation_matrix(symbols: list[str], pairs: object) -> Floats:
+    """The correlation (n, n) of n errors, of `pairs` (symbol, symbol, correlation); of others it is zero.
+
+    Where not all are stated, such a matrix need not be one of correlations: it is replaced by the one of its positive
+    eigenvalues, scaled to a diagonal of ones, which changes no matrix that is one.
     """
     stated: list[tuple[str, str, float]] = list(pairs)  # type: ignore[call-overload]
     matrix = np.eye(len(symbols))
@@ -74,12 +90,7 @@ def correlation_matrix(symbols: list[str], pairs: object) -> Floats:
         if one in symbols and other in symbols:
             i, j = symbols.index(one), symbols.index(other)
             matrix[i, j] = matrix[j, i] = rho
-    if not len(symbols):
-        return matrix
-    values, vectors = np.linalg.eigh(matrix)
-    positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    sd = np.sqrt(np.diag(positive))
-    return np.asarray(positive / np.outer(sd, sd))
+    return as_correlation(matrix)
 
 
 def _vary_car(model: NewtonEuler) -> Iterator[ConstantVariation]:
@@ -115,13 +126,14 @@ def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
         if error is None or not (math.isfinite(error) and error > 0.0):
             continue
         if symbol in model.effects:
-            change = _change_within(bounds[symbol], model.effects[symbol], error)
-            if change > 0.0:
+            value = model.effects[symbol]
+            up, down = _changes_within(bounds[symbol], value, error)
+            # what hardly may change shows its rounding alone, which the factor would make large
+            if up + down >= PREDICTION_LIMITS.min_change_share * error:
                 raised, lowered = (
-                    replace(model, effects={**model.effects, symbol: model.effects[symbol] + sign * change})
-                    for sign in (1, -1)
+                    replace(model, effects={**model.effects, symbol: value + change}) for change in (up, -down)
                 )
-                yield ConstantVariation(symbol, raised, lowered, error / change)
+                yield ConstantVariation(symbol, raised, lowered, 2.0 * error / (up + down))
         elif symbol in Car._fields:
             value = getattr(model.car, symbol)
             # drag may pass through zero; of the others, an error of half the value says that no take shows them
@@ -132,6 +144,9 @@ def _vary_augmented(model: AugmentedNewtonEuler) -> Iterator[ConstantVariation]:
                 yield ConstantVariation(symbol, raised, lowered)
 
 
-def _change_within(parameter: Parameter, value: float, error: float) -> float:
-    """The standard error `error` of a parameter's value, or less, so that both ends of the change are within bounds."""
-    return max(0.0, min(error, value - parameter.low, parameter.high - value))
+def _changes_within(parameter: Parameter, value: float, error: float) -> tuple[float, float]:
+    """How far a parameter's value is raised, and lowered: by its standard error `error`, or to the bound on that side.
+
+    Near a bound the change is one-sided, inward.
+    """
+    return max(0.0, min(error, parameter.high - value)), max(0.0, min(error, value - parameter.low))

@@ -93,6 +93,9 @@ class FittedModel:
     def begin(self, start: State | Moment = AT_REST) -> Motion:
         """The vehicle under way from a start, which `Motion.step` advances one period after the other.
 
+        Warns:
+            BeyondData: the start is outside the range of the data that the model was fitted on, once for each quantity.
+
         Raises:
             InputRefused: the moment is none of the recording.
         """
@@ -103,7 +106,9 @@ class FittedModel:
             initial = start_from_row(start.estimate, row, self.model.lags)
         history = initial.history
         carry = self.model.init(history)
-        return Motion(self.model, self.validity, carry, history.pose[-1], history.twist[-1], initial.time_s)
+        motion = Motion(self.model, self.validity, carry, history.pose[-1], history.twist[-1], initial.time_s)
+        beyond = self.validity.range.start_exits(motion.twist, initial.steering_angle) if self.validity else []
+        return motion.warn_of(beyond, stacklevel=3)
 
     def save(self, folder: Path | str) -> FittedModel:
         """Save the model, and where it holds, in a folder that has no model yet; returns it as loaded from there.

@@ -11,6 +11,8 @@ class PredictionLimits:
     max_predicted_s: float = 3600.0
     # Difference (s) of two periods below which they count as equal.
     max_period_difference_s: float = 1e-9
+    # Room of a parameter between its bounds, over its standard error, below which the error is not propagated.
+    min_change_share: float = 1e-3
 
 
 LIMITS = PredictionLimits()

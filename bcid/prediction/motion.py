@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from bcid.aliases import Floats
 from bcid.errors import UsageError
 from bcid.evaluation.closed_loop import integrate_poses
-from bcid.evaluation.validity import ModelValidity
+from bcid.evaluation.validity import ModelValidity, RangeExit
 from bcid.models.interface import Model
 from bcid.prediction.prediction import BeyondData
 
@@ -45,8 +45,12 @@ class Motion:
         pose = integrate_poses(self.pose, np.stack([self.twist, twist]), h)[-1]
         after = replace(self, carry=carry, pose=pose, twist=twist, time_s=self.time_s + h)
         exits = self.validity.range.first_exits(twist[None], given[None]) if self.validity else []
-        fresh = [e for e in exits if e.quantity not in self.warned]
+        return after.warn_of(exits, stacklevel=3)
+
+    def warn_of(self, exits: Iterable[RangeExit], stacklevel: int) -> Motion:
+        """This motion, after a warning of each quantity that is beyond the model's data now for the first time."""
+        h, fresh = self.model.period_s, [e for e in exits if e.quantity not in self.warned]
         for e in fresh:
-            text = e._replace(step=round(after.time_s / h)).describe(h)
-            warnings.warn(f"beyond the data of {self.model.name}: {text}", BeyondData, stacklevel=2)
-        return replace(after, warned=self.warned | {e.quantity for e in fresh})
+            text = e._replace(step=round(self.time_s / h)).describe(h)
+            warnings.warn(f"beyond the data of {self.model.name}: {text}", BeyondData, stacklevel=stacklevel)
+        return replace(self, warned=self.warned | {e.quantity for e in fresh})

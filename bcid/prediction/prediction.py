@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +13,14 @@ from bcid.errors import InputRefused
 from bcid.estimate.command_parts import mean_commands
 from bcid.evaluation.noise_covariance import NORMAL_FACTOR, noise_covariance, predict_motion
 from bcid.evaluation.process_noise import ProcessNoise
-from bcid.evaluation.validity import ModelValidity
+from bcid.evaluation.validity import STEERED, ModelValidity
+from bcid.files.outputs import write_output
 from bcid.models.interface import Model
 from bcid.models.limits import LIMITS
 from bcid.prediction.constants import vary_constants
 from bcid.prediction.covariance import constants_covariance, start_covariance
 from bcid.prediction.start import InitialState
-from bcid.prediction.table import write_prediction_table
+from bcid.prediction.table import check_ending, write_prediction_table
 
 CONDITION = "it holds as far as the vehicle drives as it did in the takes that the model was fitted on"
 
@@ -67,13 +69,25 @@ class Prediction:
         made_of = ", ".join(self.sources) or "nothing that is known"
         return f"the covariance is of {made_of}; {'; '.join([*self.caveats, CONDITION])}"
 
-    def write(self, path: Path | str) -> None:
+    def write(self, path: Path | str, *, force: bool = False) -> None:
         """Write all rows as CSV or Parquet, by the ending of the path; units stand in the names of the columns.
+
+        The file appears whole or not at all; `force` lets it replace one that is there already.
 
         Raises:
             UsageError: the ending is another one.
+            InputRefused: a file is there already and may not be replaced, or the folder cannot be written to.
         """
-        write_prediction_table(Path(path), self.time_s, self.pose, self.twist, self.covariance, self.interval)
+        target = Path(path)
+        check_ending(target)
+        other = "name another file, or replace this one by force=True"
+        if not force and os.path.lexists(target):
+            raise InputRefused(target, "output", "exists already and would be overwritten", other)
+        write_output(target, self.write_rows, lambda there: force, other)
+
+    def write_rows(self, path: Path) -> None:
+        """Write the table to a new file, which whoever calls it moves to its place."""
+        write_prediction_table(path, self.time_s, self.pose, self.twist, self.covariance, self.interval)
 
 
 def predict_from(
@@ -121,7 +135,7 @@ def predict_from(
         covariance,
         tuple(text for text, holds in sources.items() if holds),
         tuple(text for text, holds in caveats.items() if holds),
-        _describe_exits(model, validity, motion[:, 3:], parts, start.time_s),
+        _describe_exits(model, validity, motion[:, 3:], parts, start),
     )
 
 
@@ -135,15 +149,16 @@ def _tail_factors(noise: ProcessNoise) -> Floats:
 
 
 def _describe_exits(
-    model: Model, validity: ModelValidity | None, twist: Floats, parts: Floats, begin_s: float
+    model: Model, validity: ModelValidity | None, twist: Floats, parts: Floats, start: InitialState
 ) -> tuple[str, ...]:
-    """Where twists (N + 1, 3) or commands first leave the model's data, in words, once for each quantity.
+    """Where the start, twists (N + 1, 3) or commands first leave the model's data, in words, once for each quantity.
 
-    The times in them count as those of the prediction do, which begins at `begin_s` (s).
+    The times in them count as those of the prediction do, which begins at that of the `start`.
     """
     if validity is None:
         return ()
     driven = mean_commands(parts)
-    exits = validity.range.first_exits(twist, np.vstack([driven, driven[-1:]]))
-    first = round(begin_s / model.period_s)
+    steered = [e for e in validity.range.start_exits(twist[0], start.steering_angle) if e.quantity == STEERED]
+    exits = [*steered, *validity.range.first_exits(twist, np.vstack([driven, driven[-1:]]))]
+    first = round(start.time_s / model.period_s)
     return tuple(e._replace(step=first + e.step).describe(model.period_s) for e in exits)

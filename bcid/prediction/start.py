@@ -91,6 +91,11 @@ class InitialState:
     spread: Floats  # (m, 10) independent errors, one standard deviation each: pose, twist, kinematic state
     time_s: float
 
+    @property
+    def steering_angle(self) -> float:
+        """The angle (rad) of the front wheels from which the prediction starts."""
+        return float(self.history.kinematic[-1, 3])
+
     def shifted(self, error: Floats) -> History:
         """The history with all rows shifted by an `error` (10,) of pose, twist and kinematic state.
 

@@ -174,12 +174,16 @@ def models() -> dict[str, Model]:
     facts = {
         "optimiser": "levenberg-marquardt", "fit_quality": "good", "fitted": fitted, "at_bound": ["K_t"],
         "correlated": [["C_f", "K_t", 0.97]], "top_speed_mps": 2.0, "mass_given": False, "nmse": 0.1,
+        "correlation": {"symbols": ["C_f", "K_t"], "matrix": [[1.0, 0.97], [0.97, 1.0]]},
     }  # fmt: skip
     confidence = {"v_f": {"v": [1.0, 0.9, 1.1]}, "α_f": {"α_f": [0.5, -0.1, 0.2]}}
     sindy = replace(sindy, facts={"library": "published", "term_confidence": confidence})
     force = base.car._replace(sets_force=1.0, u_0=0.05, K_v=30.0, front_share=0.3)
     effects = {"steering_delay__tau": 0.12, "rear_rolling_viscous__b": 8.0, "pose_latency__tau": 0.02}
-    told = {"fitted": ["C_f", "R_1"], "se": {"C_f": 12.0, "rear_rolling_viscous__b": 0.3}}
+    told = {
+        "fitted": ["C_f", "R_1"], "se": {"C_f": 12.0, "rear_rolling_viscous__b": 0.3},
+        "correlation": {"symbols": ["C_f", "rear_rolling_viscous__b"], "matrix": [[1.0, -0.4], [-0.4, 1.0]]},
+    }  # fmt: skip
     return {
         "newton-euler": replace(base, facts=facts),
         "newton-euler, force": replace(base, car=force, facts={}),

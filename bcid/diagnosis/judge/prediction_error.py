@@ -16,12 +16,14 @@ from bcid.estimate.types import Estimate
 from bcid.evaluation.closed_loop import RestartedPrediction, predict_with_restarts
 from bcid.experiment.simulate import observe_states, simulate_states
 from bcid.likelihood.divergence import none_if_diverged
+from bcid.likelihood.hypothesis import DRAG
 from bcid.likelihood.nuisance import without_pushes
 from bcid.likelihood.prepare import effect_constants
 from bcid.likelihood.refit import Fit
 from bcid.likelihood.take import GROUP_S, Take
 from bcid.models.fitting.windows import inverse_spread
 from bcid.models.newton_euler.augmented import AugmentedNewtonEuler
+from bcid.models.newton_euler.saved_car import correlation_fact
 from bcid.recording.types import Recording, Stream
 from bcid.vehicle import Vehicle
 
@@ -47,10 +49,14 @@ def model_from_fit(fit: Fit, T: float, period_s: float) -> AugmentedNewtonEuler:
     hypothesis = fit.hypothesis
     se = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     car = fit.car()
-    errors = {s: float(getattr(car, s) * e) for s, e in zip(hypothesis.log_parameters, se, strict=False)}
+    fitted = [*hypothesis.log_parameters, *DRAG]
+    values = [*(getattr(car, s) for s in hypothesis.log_parameters), *hypothesis.drag_units]
+    errors = {s: float(value * e) for s, value, e in zip(fitted, values, se, strict=False)}
     errors |= {field: e for field, (_, e) in fit.effect_estimates().items()}
+    named = slice(hypothesis.named_size)
     facts = {
-        "fitted": [*hypothesis.log_parameters, "R_1", "R_2"], "se": errors, "log_likelihood": fit.log_likelihood,
+        "fitted": fitted, "se": errors, "log_likelihood": fit.log_likelihood,
+        "correlation": correlation_fact(list(errors), fit.covariance[named, named]),
         "noise": {"r": fit.scales.r.tolist(), "q": fit.scales.q.tolist()},
     }  # fmt: skip
     return AugmentedNewtonEuler(

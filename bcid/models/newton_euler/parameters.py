@@ -10,6 +10,7 @@ import numpy as np
 
 from bcid.aliases import Floats
 from bcid.models.limits import LIMITS
+from bcid.models.newton_euler.saved_car import correlation_fact
 from bcid.physics.car import Car
 from bcid.vehicle import Vehicle
 
@@ -128,11 +129,11 @@ class ConstantBox:
 def constant_facts(
     constants: Mapping[str, Mapping[str, Any]], covariance: Floats, relative_se: Floats, at_bound: list[str]
 ) -> dict[str, Any]:
-    """What a saved model states of its n fitted constants, under the keys `fitted`, `correlated` and `at_bound`.
+    """What a saved model states of n fitted constants: `fitted`, `correlation`, `correlated` and `at_bound`.
 
     `constants` gives each symbol's unit and meaning; `relative_se` (n,) are standard errors over values, NaN where
-    not identified.  `covariance` (n, n) of the errors, in any units, gives the pairs with a correlation beyond
-    LIMITS.min_correlation.
+    not identified.  `covariance` (n, n) of the errors, in any units, gives all correlations and, for people, the pairs
+    beyond LIMITS.min_correlation.
     """
     sd, symbols = np.sqrt(np.diag(covariance)), list(constants)
     rho = covariance / np.outer(sd, sd)
@@ -141,6 +142,7 @@ def constant_facts(
             symbol: {**about, "relative_se": float(se) if np.isfinite(se) else None}
             for (symbol, about), se in zip(constants.items(), relative_se, strict=True)
         },
+        "correlation": correlation_fact(symbols, covariance),
         "correlated": [
             (symbols[i], symbols[j], float(rho[i, j]))
             for i, j in itertools.combinations(range(len(symbols)), 2)
