@@ -24,7 +24,7 @@ from exported_models import (
 
 from bcid.effects.table import ENTRIES
 from bcid.export import check
-from bcid.export.c_source import _HELPERS, C
+from bcid.export.c_source import HELPERS, C
 from bcid.export.casadi_source import _HELPERS as CASADI_HELPERS
 from bcid.export.casadi_source import CASADI, write_casadi_source
 from bcid.export.check import C_FLAGS, find_compiler
@@ -129,7 +129,7 @@ def test_every_operation_in_c(tmp_path: Path) -> None:
     )
     results = "".join(f'printf("%.17g\\n", (double)({text}));\n' for text in program.results)
     rows = "".join(f"f({', '.join(map(repr, row))});\n" for row in NUMBERS)
-    source = "#include <math.h>\n#include <stdio.h>\n" + "\n".join(_HELPERS.values())
+    source = "#include <math.h>\n#include <stdio.h>\n" + "\n".join(HELPERS.values())
     source += f"\nstatic void f(double a, double b, double c)\n{{\n{lines}{results}}}\n"
     source += f"int main(void)\n{{\n{rows}return 0;\n}}\n"
     (tmp_path / "operations.c").write_text(source, encoding="utf-8")

@@ -6,8 +6,8 @@ from bcid.aliases import Progress
 
 # Shares that a diagnosis says of itself when a part of it begins, and the share of its time that has gone by then, of
 # drives of one to five minutes.
-SAID_SHARES = (0.0, 0.02, 0.05, 0.3, 0.8, 0.85, 0.92, 1.0)
-TIME_SHARES = (0.0, 0.01, 0.02, 0.05, 0.82, 0.84, 0.87, 1.0)
+SAID_SHARES = (0.0, 0.02, 0.05, 0.3, 0.8, 0.85, 0.92, 0.95, 1.0)
+TIME_SHARES = (0.0, 0.01, 0.02, 0.05, 0.8, 0.82, 0.85, 0.96, 1.0)
 SEARCH_SHARE = 0.3
 """The share that each round of the search for names says."""
 TYPICAL_ROUNDS = 10.0

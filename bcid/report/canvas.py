@@ -36,6 +36,8 @@ VARIABLES = {INK: "ink", MUTED: "muted", RULE: "rule", BEFORE: "before", AFTER: 
 # Neither light nor dark: for what is drawn into pixels, which no stylesheet recolours.
 DOT_COLOUR, UNDRIVEN_COLOUR = "#808080", "#80808040"
 WIDTH = 5.0  # of a panel (inches): its words have the size of the page's where a page is 360 px wide
+LONGEST_LABEL = 25
+"""Characters of a name beside a line, which leave the line most of the picture."""
 TEXT_SIZE = 10.0  # points
 DOTS_PER_INCH = 160  # of what is drawn into pixels
 UNCHANGED = "base model"  # the only stage where nothing was changed
@@ -129,6 +131,16 @@ def insert_gaps(points: Floats, starts: npt.NDArray[np.intp]) -> Floats:
     return np.insert(points, starts[starts > 0], np.nan, axis=0)
 
 
+def _shorten_middle(name: str) -> str:
+    """A name of at most LONGEST_LABEL characters: of longer ones beginning and end, by which models are told apart.
+
+    >>> _shorten_middle("newton-euler (a_folder_with_a_long_name/base)")
+    'newton-euler (…name/base)'
+    """
+    half = LONGEST_LABEL // 2
+    return name if len(name) <= LONGEST_LABEL else f"{name[: half + 2]}…{name[2 - half :]}"
+
+
 def label_line_ends(ax: Any, ends: Sequence[tuple[float, float, str, str]], log: bool = False) -> None:
     """Write names beside the right ends (x, y, name, colour) of lines, moved apart where they would overlap."""
     figure_height = ax.figure.get_figheight()
@@ -145,7 +157,7 @@ def label_line_ends(ax: Any, ends: Sequence[tuple[float, float, str, str]], log:
     for (x, y, name, colour), height in zip(ordered, heights, strict=True):
         at = float(np.exp(height)) if log else height
         ax.annotate(
-            name, (x, y), xytext=(1.03, at), textcoords=ax.get_yaxis_transform(), color=colour, va="center",
+            _shorten_middle(name), (x, y), xytext=(1.03, at), textcoords=ax.get_yaxis_transform(), color=colour, va="center",
             fontsize=TEXT_SIZE - 0.5, parse_math=False, annotation_clip=False,
             arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 1, "shrinkB": 3},
         )  # fmt: skip

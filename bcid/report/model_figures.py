@@ -134,7 +134,10 @@ def _draw_error_over_steering(content: ReportContent) -> Markup:
         last = np.flatnonzero(np.isfinite(rms))
         if len(last):
             ends.append((float(middle[last[-1]]), float(rms[last[-1]]), model.name, look.colour))
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = ax.get_ylim()
+    # a model that is lost stretches the axis over many decades
+    within_two_decades = high < 100.0 * low
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if within_two_decades else (1.0,), numticks=8))
     ax.yaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.set_xlabel("steering angle |δ| (rad)")
