@@ -157,7 +157,7 @@ def label_line_ends(ax: Any, ends: Sequence[tuple[float, float, str, str]], log:
     for (x, y, name, colour), height in zip(ordered, heights, strict=True):
         at = float(np.exp(height)) if log else height
         ax.annotate(
-            _shorten_middle(name), (x, y), xytext=(1.03, at), textcoords=ax.get_yaxis_transform(), color=colour, va="center",
-            fontsize=TEXT_SIZE - 0.5, parse_math=False, annotation_clip=False,
+            _shorten_middle(name), (x, y), xytext=(1.03, at), textcoords=ax.get_yaxis_transform(), color=colour,
+            va="center", fontsize=TEXT_SIZE - 0.5, parse_math=False, annotation_clip=False,
             arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "shrinkA": 1, "shrinkB": 3},
         )  # fmt: skip
