@@ -54,7 +54,7 @@ def _read_by_format(
     if kind == "mcap":
         from bcid.recording.formats.mcap import read_mcap
 
-        return read_mcap(path, vehicle, allow_partial)
+        return read_mcap(path, vehicle, allow_partial, cut)
     beside = find_commands_file(path, commands)
     if kind == "motive" and beside is not None:
         from bcid.recording.formats.motive import read_motive
