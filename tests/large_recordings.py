@@ -20,6 +20,29 @@ BLOCK_ROWS = 20_000  # that are written at a time
 MARKER_CELLS = 4  # X, Y, Z and quality of a marker of a body
 BODY_CELLS = 8  # of the tracked body: rotation, position and marker error
 
+VEHICLE = """
+name = "bumper-car"
+[body]
+mass_kg = 319.6
+cog_to_front_m = 0.54
+cog_to_rear_m = 0.33
+drive = "front"
+rear_track_m = 0.60
+[steering]
+max_angle_rad = 2.012
+max_rate_radps = 1.418
+time_constant_s = 0.155
+[motor]
+reference_speed_mps = 2.033
+[mocap]
+rigid_body = "bumper_car"
+up_axis = "Y"
+[topics]
+pose = "/pose"
+command = "/command"
+"""
+"""The vehicle file of the car that drives here."""
+
 
 def drive_commands(time_s: Floats) -> Floats:
     """Steering angle (rad) and speed (m/s), as commanded and driven without delay (N, 2), at times (N,) in s."""
