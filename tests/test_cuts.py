@@ -212,7 +212,7 @@ def test_what_was_read_is_written_as_tables(takes: dict[str, Path], vehicle_file
 
 def test_a_table_of_no_known_kind_is_refused_before_anything_is_read(tmp_path: Path) -> None:
     words = ["ingest", "none.csv", "--vehicle", "none.toml", "--out", str(tmp_path)]
-    with pytest.raises(UsageError, match=r"\.csv or a \.parquet"):
+    with pytest.raises(UsageError, match=r"a \.csv, a \.parquet or a folder"):
         CliRunner().invoke(app, [*words, "--table", "t.xlsx"], catch_exceptions=False)
     with pytest.raises(UsageError, match="--check writes nothing"):
         CliRunner().invoke(app, [*words[:-2], "--check", "--table", "t.csv"], catch_exceptions=False)
