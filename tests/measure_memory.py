@@ -1,9 +1,9 @@
 """`python tests/measure_memory.py KIND GIGABYTES HOURS [COMMAND]`: the memory that reading a large recording takes.
 
-A recording is written of the KIND motive, mcap, or mcap-json, of so many GIGABYTES (of 1e9 bytes), in which a car drives
-for so many HOURS at 240 Hz: the rest of the file is other bodies' markers, or the frames of a camera.  Then `bcid
-ingest`, or another COMMAND such as estimate, reads it in a process of its own, whose largest resident memory is printed
-as a row of JSON.
+A recording is written of the KIND motive, mcap, or mcap-json, of so many GIGABYTES (of 1e9 bytes), in which a car
+drives for so many HOURS at 240 Hz: the rest of the file is other bodies' markers, or the frames of a camera.  Then
+`bcid ingest`, or another COMMAND such as estimate, reads it in a process of its own, whose largest resident memory is
+printed as a row of JSON.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def main(kind: str, gigabytes: float, hours: float, command: str = "ingest") -> 
             "kind": kind, "command": command, "gigabytes": round(path.stat().st_size / 1e9, 2), "poses": count,
             "hours": hours, "exit": status, "peak_mib": round(peak), "seconds": round(seconds),
         }  # fmt: skip
-    print(json.dumps(row))
+    print(json.dumps(row))  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ WRITERS: dict[str, Callable[[Path, int], Path]] = {
 }
 SMALL, LARGE = 6_000, 30_000  # poses; a pose comes with 1.5 kB
 MOST_BYTES_A_BYTE = 0.8
-"""Resident bytes for each byte of a file whose poses are a small part of it; as text, a file takes seven times its size."""
+"""Resident bytes for each byte of a file whose poses are a small part; read as text, it takes seven times its size."""
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,7 @@ def _read_by_polars(folder: Path) -> dict[str, list[object]]:
 def _read_by_duckdb(folder: Path) -> dict[str, list[object]]:
     duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
     place = (folder / "*" / "*.parquet").as_posix()
-    table = duckdb.sql(f"SELECT * FROM read_parquet('{place}', hive_partitioning = true)").fetchnumpy()
+    table = duckdb.read_parquet(place, hive_partitioning=True).fetchnumpy()
     return {name: column.tolist() for name, column in table.items()}
 
 

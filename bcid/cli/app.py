@@ -77,8 +77,8 @@ def ingest(
     from bcid.cli import show
     from bcid.cli.checking import check_recordings
     from bcid.cli.sink import Sink
-    from bcid.pipeline.run import Pipeline
     from bcid.pipeline.partitioned_tables import write_partitioned_tables
+    from bcid.pipeline.run import Pipeline
     from bcid.pipeline.tidy_tables import check_table_name, names_folder, write_tidy_tables
     from bcid.recording.saving import RecordingSummary, load_recording
 

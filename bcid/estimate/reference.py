@@ -86,14 +86,14 @@ def run_forward(events: Events, grid: Ints, c: Chassis, Q: Floats, R: Floats) ->
     """The forward pass by filterpy as one block, in place of the compiled `blockwise.run_forward`."""
     whole = run_filter(events, c, Q, R)
     start = 0, np.zeros(N_STATE), np.zeros((N_STATE, N_STATE))
-    return ForwardPass([start], whole, whole.nis, whole.dof, whole.log_likelihood, whole.x[grid], whole.P[grid])
+    return ForwardPass(
+        (events, c, Q, R), [start], whole, whole.nis, whole.dof, whole.log_likelihood, whole.x[grid], whole.P[grid]
+    )  # fmt: skip
 
 
-def run_backward(
-    forward: ForwardPass, events: Events, grid: Ints, _c: Chassis, _Q: Floats, _R: Floats
-) -> tuple[Floats, Floats]:
+def run_backward(forward: ForwardPass, grid: Ints) -> tuple[Floats, Floats]:
     """Smoothed means (K, 7) and covariances (K, 7, 7) at the events `grid` (K,), by `run_smoother`."""
-    x, P = run_smoother(forward.last, events.restart)
+    x, P = run_smoother(forward.last, forward.task[0].restart)
     return x[grid], P[grid]
 
 

@@ -70,7 +70,7 @@ def _filter_and_smooth(
             cause = f"the velocity estimate loses the car {len(restarts)} times, first there"
             step = "check units and axes of the poses, or leave [estimate.noise] out so that the noise is identified"
             raise InputRefused(recording.sources[0].path, f"{restarts[0]:.3f} s", cause, step)
-    x, P = run_backward(filtered, timeline.events, timeline.grid, chassis, Q, R)
+    x, P = run_backward(filtered, timeline.grid)
     return _SmoothedPass(timeline, chassis, filtered, x, P, tuple(restarts))
 
 

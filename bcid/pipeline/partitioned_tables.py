@@ -4,8 +4,8 @@
     FOLDER/commands/recording=NAME/part-0.parquet     time_s, steering_rad, throttle_mps
     FOLDER/CHANNEL/recording=NAME/part-0.parquet      time_s, CHANNEL
 
-The folder's name gives the column `recording`, as Hive has it: pandas, polars, DuckDB and Spark read FOLDER/poses as one
-table, and of a query for one recording only its file.  Signs of a name that have a meaning there are written as %2F.
+The folder's name gives the column `recording`, as Hive has it: pandas, polars, DuckDB and Spark read FOLDER/poses as
+one table, and for a query of one recording only its file.  Signs of a name that have a meaning there read like %2F.
 One recording is in memory at a time.
 """
 

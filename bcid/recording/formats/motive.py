@@ -25,6 +25,7 @@ from bcid.vehicle import Vehicle
 
 EDGE_S = 1.0  # before and after a part of a take, within which poses are read with it
 
+
 class _FramesWithin:
     """Which frames lie within a part of a take, as far as their numbers tell; `first` is the take's first frame."""
 
@@ -84,7 +85,7 @@ def _frame_times(table: pd.DataFrame, clock: int, rate: float, path: Path, heade
     if not np.isfinite(frames).all():
         row = int(table.index[int(np.argmin(np.isfinite(frames)))])
         raise InputRefused(path, f"line {header.table_row + 2 + row}", "has no frame number", "export the take again")
-    time_s = frames / rate
+    time_s: Floats = frames / rate
     apart = np.abs(time_s - stated_s)
     k = int(np.nanargmax(apart)) if np.isfinite(apart).any() else 0
     if apart[k] > max(LIMITS.max_time_error_periods / rate, LIMITS.max_time_error_s):

@@ -125,7 +125,8 @@ def read_number_tables(
         own = np.flatnonzero(body == number)
         if len(own):
             tables[name] = NumberTable(len(fields.names))
-            tables[name].add_all(log_ns[own].tolist(), stamps[own].tolist(), rows if len(own) == len(rows) else rows[own])
+            own_rows = rows if len(own) == len(rows) else rows[own]
+            tables[name].add_all(log_ns[own].tolist(), stamps[own].tolist(), own_rows)
     return tables
 
 
